@@ -1,0 +1,28 @@
+"""What every value does at its door: check shapes, and make its arrays read-only."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from haptid.errors import ShapeError
+
+Array = NDArray[np.float64]
+
+
+def freeze(array: Array) -> Array:
+    """The same array made read-only, for an array that haptid itself has just made and nobody else holds."""
+    array.flags.writeable = False
+    return array
+
+
+def read_only(array: ArrayLike) -> Array:
+    """The array as float64 that cannot be written to; copied where the caller could still write to it."""
+    view = np.asarray(array, dtype=np.float64)
+    return freeze(view.copy(order="K")) if view.flags.writeable else view
+
+
+def expect(name: str, got: tuple[int, ...], wanted: tuple[int | None, ...]) -> None:
+    """Raise ShapeError unless `got` fits `wanted`, in which None stands for any length."""
+    if len(got) != len(wanted) or any(w is not None and g != w for g, w in zip(got, wanted, strict=True)):
+        raise ShapeError(name, got, wanted)
