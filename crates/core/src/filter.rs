@@ -1,0 +1,72 @@
+//! One symmetric (linear-phase) filter with decimation, the same for the torques and for every column of W.
+//!
+//! Being symmetric about its centre it has no delay, and being finite it has no state: a row needs only the samples
+//! under its window, so blocks, threads and machines can make their rows independently.
+
+use crate::dispatch::{Backend, dispatched};
+use crate::error::Error;
+use crate::lane::{Lane, MAX_WIDTH};
+
+/// The taps, padded with zeros to whole lanes.
+#[derive(Debug, Clone)]
+pub(crate) struct Filter {
+    padded: Vec<f64>,
+    taps: usize,
+    pub(crate) decimation: usize,
+}
+
+impl Filter {
+    pub(crate) fn new(taps: &[f64], decimation: usize) -> Result<Filter, Error> {
+        if taps.len().is_multiple_of(2) {
+            return Err(Error::Length { name: "taps (an odd number)", got: taps.len(), wanted: taps.len() + 1 });
+        }
+        if decimation == 0 {
+            return Err(Error::Index { name: "decimation less one", got: usize::MAX, limit: usize::MAX });
+        }
+        let mut padded = taps.to_vec();
+        padded.resize(taps.len().next_multiple_of(MAX_WIDTH), 0.0);
+        Ok(Filter { padded, taps: taps.len(), decimation })
+    }
+
+    /// Samples on either side of the centre.
+    pub(crate) fn half(&self) -> usize {
+        self.taps / 2
+    }
+
+    /// Numbers read after the first sample of a window.
+    pub(crate) fn reach(&self) -> usize {
+        self.padded.len()
+    }
+
+    /// Outputs `out[i] = sum_k taps[k] x[start + i * decimation + k]`.
+    ///
+    /// # Panics
+    /// When `x` ends before the last padded window.
+    pub(crate) fn apply(&self, backend: Backend, x: &[f64], start: usize, out: &mut [f64]) {
+        let Some(last) = out.len().checked_sub(1) else { return };
+        assert!(start + last * self.decimation + self.padded.len() <= x.len());
+        // SAFETY: the last window ends inside x.
+        unsafe { apply_raw(backend, &self.padded, self.decimation, x.as_ptr().add(start), out) }
+    }
+}
+
+dispatched! {
+    unsafe fn apply_raw = apply_in_lanes(taps: &[f64], decimation: usize, x: *const f64, out: &mut [f64])
+}
+
+#[inline(always)]
+unsafe fn apply_in_lanes<T: Lane>(taps: &[f64], decimation: usize, x: *const f64, out: &mut [f64]) {
+    for (i, out) in out.iter_mut().enumerate() {
+        let x = unsafe { x.add(i * decimation) };
+        // Two sums hide the latency of the fused multiply-add; the padded length is a multiple of two lanes or one.
+        let mut sums = [T::splat(0.0); 2];
+        let mut k = 0;
+        let mut turn = 0;
+        while k < taps.len() {
+            sums[turn] = unsafe { T::load(taps.as_ptr().add(k)).fma(T::load(x.add(k)), sums[turn]) };
+            turn ^= 1;
+            k += T::WIDTH;
+        }
+        *out = sums[0].add(sums[1]).sum();
+    }
+}

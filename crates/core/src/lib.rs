@@ -1,0 +1,25 @@
+//! Batched dynamics of trees and closed chains, in lanes of samples.
+//!
+//! The observation matrix W is never stored: its rows are made chunk by chunk ([`regressor`]), passed through one
+//! linear-phase filter and decimator ([`filter`]), and folded into one small triangle per motor and time block
+//! ([`triangle`], [`reduce`]). Everything works on plain slices; nothing here knows Python, files or clocks.
+//!
+//! Arrays of samples are "channel major": the samples of one coordinate are contiguous.
+
+mod dispatch;
+mod error;
+mod filter;
+mod lane;
+mod mechanism;
+mod reduce;
+mod regressor;
+mod terms;
+mod triangle;
+mod vector;
+
+pub use dispatch::Backend;
+pub use error::Error;
+pub use mechanism::{Closure, Joint, Mechanism};
+pub use reduce::{Reduction, Triangles, reduce};
+pub use regressor::{Motion, reach, regressor, torque};
+pub use terms::{Law, Term};

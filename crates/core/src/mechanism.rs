@@ -1,0 +1,218 @@
+//! A tree of links, the closure that ties its joints to a few coordinates, and the terms beside link inertia.
+
+use crate::dispatch::Backend;
+use crate::error::{Error, expect_length};
+use crate::terms::Term;
+
+/// Parameters of a link: XX XY XZ YY YZ ZZ MX MY MZ M, in the link's frame, Khalil's signs (XY = -integral of xy dm).
+pub const LINK_PARAMETERS: usize = 10;
+
+/// One joint and the link it carries, in normal form: the joint's frame is placed in the parent's link frame, then
+/// the link turns about, or slides along, its own z.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Joint {
+    /// The parent link; `None` is the base.
+    pub parent: Option<usize>,
+    /// Rotation from the joint's frame to the parent's, row-major.
+    pub rotation: [f64; 9],
+    /// Origin of the joint's frame in the parent's, m.
+    pub translation: [f64; 3],
+    pub prismatic: bool,
+}
+
+/// How the tree's joints follow the coordinates: `q = G c + offset`.
+///
+/// Loops that are not linear would give `G` and `dG/dt` sample by sample; the kernel asks for joint motions and
+/// rates only through [`Mechanism`], so that is where they enter.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Closure {
+    /// Rates `dq/dc`, joints x coordinates, row-major.
+    pub rates: Vec<f64>,
+    /// Joint positions at zero coordinates, rad or m.
+    pub offset: Vec<f64>,
+}
+
+impl Closure {
+    /// Every joint is its own coordinate.
+    pub fn open(joints: usize) -> Closure {
+        let mut rates = vec![0.0; joints * joints];
+        for j in 0..joints {
+            rates[j * joints + j] = 1.0;
+        }
+        Closure { rates, offset: vec![0.0; joints] }
+    }
+}
+
+/// How a constant rotation acts, so that the kernel can skip multiplications by 0 and 1.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(crate) enum Turn {
+    Identity,
+    /// The child's y is the parent's z.
+    AboutX,
+    /// The child's y is the parent's -z.
+    AboutMinusX,
+    General,
+}
+
+/// A link as the kernel wants it.
+#[derive(Debug, Clone)]
+pub(crate) struct Link {
+    pub parent: Option<usize>,
+    /// Rotation from the parent's frame to the joint's, row-major.
+    pub inverse: [f64; 9],
+    pub turn: Turn,
+    pub translation: [f64; 3],
+    /// The joint's origin is away from the parent's, or moves along its own axis.
+    pub displaced: bool,
+    pub prismatic: bool,
+    /// Joint position: offset plus these multiples of the coordinates.
+    pub offset: f64,
+    pub rates: Vec<(usize, f64)>,
+    /// The coordinates that move this link, and where their axes are in the workspace.
+    pub axes: Vec<Axis>,
+    /// Where this link's first axis is in the workspace.
+    pub first: usize,
+}
+
+/// The motion of one link due to one coordinate.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Axis {
+    pub coordinate: usize,
+    /// The same coordinate's axis on the parent, if it moves the parent.
+    pub above: Option<usize>,
+    /// Rate of this link's own joint with the coordinate.
+    pub rate: f64,
+}
+
+/// A tree or closed chain, ready for the kernels.
+#[derive(Debug, Clone)]
+pub struct Mechanism {
+    pub(crate) links: Vec<Link>,
+    pub(crate) coordinates: usize,
+    pub(crate) axes: usize,
+    pub(crate) gravity: [f64; 3],
+    pub(crate) terms: Vec<Term>,
+    pub(crate) externals: usize,
+    pub(crate) backend: Backend,
+}
+
+impl Mechanism {
+    /// Check the parts and put them together. `gravity` is in the base frame, m/s^2.
+    pub fn new(
+        joints: &[Joint],
+        closure: &Closure,
+        gravity: [f64; 3],
+        terms: Vec<Term>,
+        backend: Backend,
+    ) -> Result<Mechanism, Error> {
+        let n = joints.len();
+        expect_length("closure offset", closure.offset.len(), n)?;
+        let coordinates = closure.rates.len().checked_div(n).unwrap_or(0);
+        expect_length("closure rates", closure.rates.len(), n * coordinates)?;
+        check_finite("closure", closure.rates.iter().chain(&closure.offset))?;
+        check_finite("gravity", &gravity)?;
+        for term in &terms {
+            term.check(coordinates)?;
+        }
+        let externals = terms.iter().filter(|t| t.is_external()).count();
+        let mut mechanism = Mechanism { links: Vec::new(), coordinates, axes: 0, gravity, terms, externals, backend };
+        for (i, joint) in joints.iter().enumerate() {
+            let rates = &closure.rates[i * coordinates..][..coordinates];
+            mechanism.append(joint, rates, closure.offset[i])?;
+        }
+        Ok(mechanism)
+    }
+
+    fn append(&mut self, joint: &Joint, rates: &[f64], offset: f64) -> Result<(), Error> {
+        let index = self.links.len();
+        if let Some(parent) = joint.parent.filter(|&p| p >= index) {
+            return Err(Error::Index { name: "parent", got: parent, limit: index });
+        }
+        check_finite("placement", joint.rotation.iter().chain(&joint.translation))?;
+        check_rotation(&joint.rotation)?;
+        let above = |a| joint.parent.and_then(|p| self.links[p].axis(a));
+        let axes: Vec<Axis> = (0..self.coordinates)
+            .map(|a| Axis { coordinate: a, above: above(a), rate: rates[a] })
+            .filter(|axis| axis.above.is_some() || axis.rate != 0.0)
+            .collect();
+        let r = &joint.rotation;
+        let inverse = [r[0], r[3], r[6], r[1], r[4], r[7], r[2], r[5], r[8]];
+        let first = self.axes;
+        self.axes += axes.len();
+        self.links.push(Link {
+            parent: joint.parent,
+            inverse,
+            turn: Turn::of(&inverse),
+            translation: joint.translation,
+            displaced: joint.prismatic || joint.translation != [0.0; 3],
+            prismatic: joint.prismatic,
+            offset,
+            rates: rates.iter().copied().enumerate().filter(|r| r.1 != 0.0).collect(),
+            axes,
+            first,
+        });
+        Ok(())
+    }
+
+    /// Number of coordinates, which is also the number of torque rows.
+    pub fn coordinates(&self) -> usize {
+        self.coordinates
+    }
+
+    /// Number of columns that the caller computes itself.
+    pub fn externals(&self) -> usize {
+        self.externals
+    }
+
+    /// All columns of the regressor: ten for each link, then one for each term.
+    pub fn columns(&self) -> usize {
+        self.inertial_columns() + self.terms.len()
+    }
+
+    pub(crate) fn inertial_columns(&self) -> usize {
+        LINK_PARAMETERS * self.links.len()
+    }
+}
+
+impl Link {
+    /// Where the axis of coordinate `a` is in the workspace, if it moves this link.
+    fn axis(&self, a: usize) -> Option<usize> {
+        self.axes.iter().position(|axis| axis.coordinate == a).map(|k| self.first + k)
+    }
+}
+
+impl Turn {
+    fn of(inverse: &[f64; 9]) -> Turn {
+        // The bound is far below any effect on a torque and above the rounding of cos(pi/2).
+        let is = |wanted: [f64; 9]| inverse.iter().zip(wanted).all(|(x, y)| (x - y).abs() < 1e-15);
+        if is([1., 0., 0., 0., 1., 0., 0., 0., 1.]) {
+            Turn::Identity
+        } else if is([1., 0., 0., 0., 0., 1., 0., -1., 0.]) {
+            Turn::AboutX
+        } else if is([1., 0., 0., 0., 0., -1., 0., 1., 0.]) {
+            Turn::AboutMinusX
+        } else {
+            Turn::General
+        }
+    }
+}
+
+fn check_finite<'a>(name: &'static str, values: impl IntoIterator<Item = &'a f64>) -> Result<(), Error> {
+    match values.into_iter().find(|x| !x.is_finite()) {
+        Some(&got) => Err(Error::Value { name, got, wanted: "a finite number" }),
+        None => Ok(()),
+    }
+}
+
+/// Rows are orthonormal and right-handed to 1e-9: anything else is not a rotation.
+fn check_rotation(r: &[f64; 9]) -> Result<(), Error> {
+    let row = |i: usize| [r[3 * i], r[3 * i + 1], r[3 * i + 2]];
+    let dot = |a: [f64; 3], b: [f64; 3]| a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
+    let (x, y, z) = (row(0), row(1), row(2));
+    let normal = [x[1] * y[2] - x[2] * y[1], x[2] * y[0] - x[0] * y[2], x[0] * y[1] - x[1] * y[0]];
+    let errors = [dot(x, x) - 1.0, dot(y, y) - 1.0, dot(x, y), dot(normal, z) - 1.0];
+    match errors.into_iter().find(|e| e.abs() > 1e-9) {
+        Some(got) => Err(Error::Value { name: "rotation", got, wanted: "an orthonormal, right-handed matrix" }),
+        None => Ok(()),
+    }
+}

@@ -1,0 +1,244 @@
+//! Rows made, filtered, decimated and folded into one triangle per motor and time block, in one pass.
+
+use crate::error::{Error, expect_length};
+use crate::filter::Filter;
+use crate::lane::MAX_WIDTH;
+use crate::mechanism::Mechanism;
+use crate::regressor::{CHUNK, Motion, Places, Workspace, check_columns, reach, rows};
+use crate::triangle::fold;
+use rayon::prelude::*;
+
+/// Rows folded at a time.
+const FOLD: usize = 256;
+/// Starting threads costs more than this many samples' work.
+const SINGLE_THREAD: usize = 2000;
+/// Runs are padded so that their distance is no multiple of 4 KiB.
+const PAD: usize = MAX_WIDTH;
+
+/// What to reduce, and into which blocks.
+#[derive(Debug, Clone, Copy)]
+pub struct Reduction<'a> {
+    /// The chosen columns of the regressor.
+    pub columns: &'a [usize],
+    /// Torques, channel major like the motion.
+    pub torque: &'a [f64],
+    /// A symmetric filter, odd in length; `[1.0]` for none.
+    pub taps: &'a [f64],
+    pub decimation: usize,
+    /// Sample at the centre of the first row; row r is centred `decimation * r` samples later.
+    pub first: usize,
+    /// Number of rows per motor.
+    pub rows: usize,
+    /// Rows of a time block; the last block may have fewer.
+    pub block: usize,
+    /// Weight of each row, coordinates x rows, channel major; a zero drops the row. Empty for all ones.
+    pub weights: &'a [f64],
+}
+
+/// The triangles of one motor.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Triangles {
+    /// Which of the chosen columns the motor can reach, ascending; the torque is the last column of the triangle.
+    pub columns: Vec<usize>,
+    /// Per block an upper triangle [R z; 0 rest], row-major, (columns + 1) x (columns + 1).
+    pub blocks: Vec<Vec<f64>>,
+}
+
+/// Reduce the motion to one triangle per coordinate and block. The result does not depend on the number of threads.
+pub fn reduce(mechanism: &Mechanism, motion: &Motion, reduction: &Reduction) -> Result<Vec<Triangles>, Error> {
+    let filter = check(mechanism, motion, reduction)?;
+    let reached = reach(mechanism, reduction.columns)?;
+    let p = reduction.columns.len();
+    let rows_of: Vec<Vec<usize>> =
+        (0..mechanism.coordinates()).map(|a| (0..p).filter(|&c| reached[a * p + c]).collect()).collect();
+    let blocks = reduction.rows.div_ceil(reduction.block);
+    let threads = if reduction.rows * reduction.decimation < SINGLE_THREAD { 1 } else { rayon::current_num_threads() };
+    // A few parts per thread even out the load; each part reads one window more than its own samples.
+    let parts = if threads == 1 { 1 } else { (4 * threads).min(blocks.max(1)) };
+    let part = |k: usize| k * blocks / parts..(k + 1) * blocks / parts;
+    let run = |k: usize| {
+        let mut reducer = Reducer::new(mechanism, motion, reduction, &filter, &rows_of);
+        part(k).map(|block| reducer.block(block)).collect::<Vec<_>>()
+    };
+    let done: Vec<Vec<Vec<Vec<f64>>>> =
+        if parts == 1 { vec![run(0)] } else { (0..parts).into_par_iter().map(run).collect() };
+    let mut triangles: Vec<Triangles> =
+        rows_of.iter().map(|columns| Triangles { columns: columns.clone(), blocks: Vec::new() }).collect();
+    for block in done.into_iter().flatten() {
+        for (motor, triangle) in triangles.iter_mut().zip(block) {
+            motor.blocks.push(triangle);
+        }
+    }
+    Ok(triangles)
+}
+
+fn check(mechanism: &Mechanism, motion: &Motion, reduction: &Reduction) -> Result<Filter, Error> {
+    motion.check(mechanism)?;
+    check_columns(mechanism, reduction.columns)?;
+    let na = mechanism.coordinates();
+    expect_length("torque", reduction.torque.len(), na * motion.samples)?;
+    if !reduction.weights.is_empty() {
+        expect_length("weights", reduction.weights.len(), na * reduction.rows)?;
+    }
+    if reduction.block == 0 {
+        return Err(Error::Value { name: "block", got: 0.0, wanted: "at least one row" });
+    }
+    let filter = Filter::new(reduction.taps, reduction.decimation)?;
+    let half = filter.half() as i64;
+    let last = reduction.rows.saturating_sub(1).saturating_mul(reduction.decimation);
+    let (needed_from, needed_to) = (reduction.first as i64 - half, reduction.first as i64 + last as i64 + half);
+    if reduction.rows > 0 && (needed_from < 0 || needed_to >= motion.samples as i64) {
+        return Err(Error::Window { needed_from, needed_to, samples: motion.samples });
+    }
+    Ok(filter)
+}
+
+/// One thread's buffers: the raw columns under the filter's window, and the decimated rows to be folded.
+struct Reducer<'a> {
+    mechanism: &'a Mechanism,
+    motion: &'a Motion<'a>,
+    reduction: &'a Reduction<'a>,
+    filter: &'a Filter,
+    reached: &'a [Vec<usize>],
+    workspace: Workspace,
+    raw: Raw,
+    /// Decimated rows, FOLD + PAD apart, in the order of the raw runs.
+    decimated: Vec<f64>,
+}
+
+/// Raw columns, one run per entry (motor, reached column or torque), holding samples `from..from + held`.
+struct Raw {
+    numbers: Vec<f64>,
+    run: usize,
+    from: usize,
+    held: usize,
+    place: Vec<usize>,
+    /// First run of each motor, and one past the last.
+    motors: Vec<usize>,
+}
+
+impl Raw {
+    fn new(mechanism: &Mechanism, columns: &[usize], reached: &[Vec<usize>], filter: &Filter) -> Raw {
+        let all = mechanism.columns();
+        let run = (filter.reach() + filter.decimation.max(CHUNK) + CHUNK).next_multiple_of(MAX_WIDTH) + PAD;
+        let mut place = vec![0; mechanism.coordinates() * all]; // the first run takes what nobody wants
+        let mut motors = vec![1];
+        for (a, reached) in reached.iter().enumerate() {
+            let first = motors[a];
+            for (k, &c) in reached.iter().enumerate() {
+                place[a * all + columns[c]] = (first + k) * run;
+            }
+            motors.push(first + reached.len() + 1);
+        }
+        let runs = motors[motors.len() - 1];
+        Raw { numbers: vec![0.0; runs * run], run, from: 0, held: 0, place, motors }
+    }
+
+    /// Forget the samples before `from`.
+    fn drop_before(&mut self, from: usize) {
+        let gone = from.saturating_sub(self.from).min(self.held);
+        if gone > 0 {
+            let kept = self.held - gone;
+            for run in self.numbers.chunks_exact_mut(self.run) {
+                run.copy_within(gone..gone + kept, 0);
+            }
+            self.held = kept;
+        }
+        self.from = if self.held == 0 { from } else { self.from + gone };
+    }
+
+    /// Append the next samples, at most a chunk of them and none from `end` on.
+    fn extend(&mut self, reducer: (&Mechanism, &Motion, &Reduction), end: usize, workspace: &mut Workspace) {
+        let (mechanism, motion, reduction) = reducer;
+        let next = self.from + self.held;
+        let count = CHUNK.min(end - next);
+        let place: &[usize] = &self.place;
+        // SAFETY: a run has room for what the filter reaches back to, a chunk, and a lane.
+        unsafe {
+            let out = self.numbers.as_mut_ptr().add(self.held);
+            rows(mechanism, motion, next, count, &Places { place, out }, workspace);
+        }
+        for (a, motor) in self.motors.windows(2).enumerate() {
+            let torque = &reduction.torque[a * motion.samples + next..][..count];
+            self.numbers[(motor[1] - 1) * self.run + self.held..][..count].copy_from_slice(torque);
+        }
+        self.held += count;
+    }
+}
+
+impl<'a> Reducer<'a> {
+    fn new(
+        mechanism: &'a Mechanism,
+        motion: &'a Motion<'a>,
+        reduction: &'a Reduction<'a>,
+        filter: &'a Filter,
+        reached: &'a [Vec<usize>],
+    ) -> Reducer<'a> {
+        let raw = Raw::new(mechanism, reduction.columns, reached, filter);
+        let decimated = vec![0.0; raw.motors[raw.motors.len() - 1] * (FOLD + PAD)];
+        Reducer { mechanism, motion, reduction, filter, reached, workspace: Workspace::new(mechanism), raw, decimated }
+    }
+
+    /// The triangles of one time block, one per motor, row-major.
+    fn block(&mut self, block: usize) -> Vec<Vec<f64>> {
+        let begin = block * self.reduction.block;
+        let end = (begin + self.reduction.block).min(self.reduction.rows);
+        let mut triangles: Vec<Vec<f64>> = self.reached.iter().map(|c| vec![0.0; (c.len() + 1).pow(2)]).collect();
+        for from in (begin..end).step_by(FOLD) {
+            let to = end.min(from + FOLD);
+            self.decimate(from, to);
+            self.weigh(from, to);
+            for (a, triangle) in triangles.iter_mut().enumerate() {
+                let motor = self.raw.motors[a] * (FOLD + PAD)..self.raw.motors[a + 1] * (FOLD + PAD);
+                let columns = self.reached[a].len() + 1;
+                let rows = &mut self.decimated[motor];
+                fold(self.mechanism.backend, triangle, columns, rows, to - from, FOLD + PAD);
+            }
+        }
+        triangles.into_iter().zip(self.reached).map(|(t, c)| transpose(&t, c.len() + 1)).collect()
+    }
+
+    /// Rows `from..to`, filtered, into `decimated`, with zeros up to a whole lane after them.
+    fn decimate(&mut self, from: usize, to: usize) {
+        let Reduction { first, .. } = *self.reduction;
+        let (d, half) = (self.filter.decimation, self.filter.half());
+        let centre = |row: usize| first + row * d;
+        let samples = centre(to - 1) + half + 1;
+        let mut row = from;
+        while row < to {
+            self.raw.drop_before(centre(row) - half);
+            let reducer = (self.mechanism, self.motion, self.reduction);
+            self.raw.extend(reducer, samples, &mut self.workspace);
+            let seen = self.raw.from + self.raw.held;
+            let ready = if seen < centre(row) + half + 1 { row } else { (seen - half - 1 - first) / d + 1 };
+            let ready = ready.clamp(row, to);
+            let start = centre(row) - half - self.raw.from;
+            let runs = self.raw.numbers.chunks_exact(self.raw.run).zip(self.decimated.chunks_exact_mut(FOLD + PAD));
+            for (raw, decimated) in runs.skip(1) {
+                self.filter.apply(self.mechanism.backend, raw, start, &mut decimated[row - from..ready - from]);
+            }
+            row = ready;
+        }
+        for decimated in self.decimated.chunks_exact_mut(FOLD + PAD) {
+            decimated[to - from..(to - from).next_multiple_of(MAX_WIDTH)].fill(0.0);
+        }
+    }
+
+    fn weigh(&mut self, from: usize, to: usize) {
+        if self.reduction.weights.is_empty() {
+            return;
+        }
+        for (a, motor) in self.raw.motors.windows(2).enumerate() {
+            let weights = &self.reduction.weights[a * self.reduction.rows..][from..to];
+            for run in motor[0]..motor[1] {
+                let column = &mut self.decimated[run * (FOLD + PAD)..][..weights.len()];
+                column.iter_mut().zip(weights).for_each(|(x, w)| *x *= w);
+            }
+        }
+    }
+}
+
+/// A column-major square as row-major.
+fn transpose(square: &[f64], size: usize) -> Vec<f64> {
+    (0..size * size).map(|k| square[(k % size) * size + k / size]).collect()
+}

@@ -1,0 +1,97 @@
+//! Terms beside link inertia: columns that are linear in one parameter and depend on one coordinate's motion.
+
+use crate::error::{Error, expect_length};
+use crate::lane::Lane;
+
+/// What a column is, as a function of its coordinate's position x, velocity v and acceleration.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum Law {
+    /// Rotor inertia: the acceleration.
+    Rotor,
+    /// The velocity.
+    Viscous,
+    /// sgn v, or tanh(v / width) where a width is given.
+    Coulomb { width: f64 },
+    /// Coulomb friction of forward motion only: sgn v where v > 0.
+    CoulombForward { width: f64 },
+    /// Coulomb friction of backward motion only: sgn v where v < 0.
+    CoulombBackward { width: f64 },
+    /// sgn(v) exp(-(|v| / velocity)^exponent).
+    Stribeck { velocity: f64, exponent: f64, width: f64 },
+    /// One.
+    Offset,
+    /// x - rest.
+    Spring { rest: f64 },
+    /// Computed by the caller, sample by sample.
+    External,
+}
+
+/// A column: its law, and the coordinate it acts on, as a linear combination of the mechanism's coordinates.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Term {
+    pub law: Law,
+    pub weights: Vec<f64>,
+    /// Position of the term's coordinate at zero coordinates, rad or m.
+    pub offset: f64,
+}
+
+impl Term {
+    pub(crate) fn check(&self, coordinates: usize) -> Result<(), Error> {
+        expect_length("term weights", self.weights.len(), coordinates)?;
+        let positive = |name, got: f64| match got.is_finite() && got > 0.0 {
+            true => Ok(()),
+            false => Err(Error::Value { name, got, wanted: "a finite number above zero" }),
+        };
+        let width = |got: f64| if got == 0.0 { Ok(()) } else { positive("width", got) };
+        match self.law {
+            Law::Coulomb { width: w } | Law::CoulombForward { width: w } | Law::CoulombBackward { width: w } => {
+                width(w)
+            }
+            Law::Stribeck { velocity, exponent, width: w } => {
+                positive("Stribeck velocity", velocity)?;
+                positive("Stribeck exponent", exponent)?;
+                width(w)
+            }
+            _ => Ok(()),
+        }
+    }
+
+    pub(crate) fn is_external(&self) -> bool {
+        self.law == Law::External
+    }
+}
+
+#[inline(always)]
+fn sign(v: f64, width: f64) -> f64 {
+    if width > 0.0 {
+        (v / width).tanh()
+    } else {
+        // `f64::signum` is 1 at zero; a joint at rest has no Coulomb torque to tell.
+        f64::from(i8::from(v > 0.0) - i8::from(v < 0.0))
+    }
+}
+
+impl Law {
+    /// The column for one lane. `external` is the caller's own column, read only by [`Law::External`].
+    #[inline(always)]
+    pub(crate) fn column<T: Lane>(self, x: T, v: T, a: T, external: T) -> T {
+        match self {
+            Law::Rotor => a,
+            Law::Viscous => v,
+            Law::Coulomb { width: 0.0 } => {
+                let (zero, one) = (T::splat(0.0), T::splat(1.0));
+                let up = T::select_gt(v, zero, one, zero);
+                T::select_gt(zero, v, one.neg(), up)
+            }
+            Law::Coulomb { width } => v.map(|v| sign(v, width)),
+            Law::CoulombForward { width } => v.map(|v| sign(v.max(0.0), width)),
+            Law::CoulombBackward { width } => v.map(|v| sign(v.min(0.0), width)),
+            Law::Stribeck { velocity, exponent, width } => {
+                v.map(|v| sign(v, width) * (-(v.abs() / velocity).powf(exponent)).exp())
+            }
+            Law::Offset => T::splat(1.0),
+            Law::Spring { rest } => x.sub(T::splat(rest)),
+            Law::External => external,
+        }
+    }
+}

@@ -1,0 +1,21 @@
+//! Arrays in and out.
+
+use haptid_core::Triangles;
+use numpy::{IntoPyArray, PyArray3, PyArrayMethods, PyReadonlyArray2, PyUntypedArrayMethods};
+use pyo3::exceptions::PyValueError;
+use pyo3::prelude::*;
+
+/// A matrix's numbers, row by row. `as_slice` alone would take Fortran order too, and read it transposed.
+pub fn row_major<'a>(matrix: &'a PyReadonlyArray2<'_, f64>) -> PyResult<&'a [f64]> {
+    if !matrix.is_c_contiguous() {
+        return Err(PyValueError::new_err("matrix is not row-major; pass numpy.ascontiguousarray(matrix)"));
+    }
+    Ok(matrix.as_slice()?)
+}
+
+/// A motor's columns, and its triangles as one array (blocks, columns + 1, columns + 1).
+pub fn square_stack(py: Python<'_>, motor: Triangles) -> PyResult<(Vec<usize>, Bound<'_, PyArray3<f64>>)> {
+    let (blocks, size) = (motor.blocks.len(), motor.columns.len() + 1);
+    let stack = motor.blocks.concat().into_pyarray(py).reshape([blocks, size, size])?;
+    Ok((motor.columns, stack))
+}

@@ -1,0 +1,193 @@
+//! The seam between haptid-core and Python: borrow arrays, leave the interpreter, map the error. No arithmetic.
+
+mod arrays;
+
+use arrays::{row_major, square_stack};
+use haptid_core::{Backend, Closure, Error, Joint, Law, Mechanism, Motion, Reduction, Term};
+use numpy::{IntoPyArray, PyArray2, PyArray3, PyArrayMethods, PyReadonlyArray1, PyReadonlyArray2, PyReadonlyArray3};
+use pyo3::exceptions::PyValueError;
+use pyo3::prelude::*;
+
+fn to_python(error: Error) -> PyErr {
+    PyValueError::new_err(error.to_string())
+}
+
+/// A term as Python gives it: kind, weights, offset, and up to three settings.
+type TermArguments<'py> = (String, PyReadonlyArray1<'py, f64>, f64, f64, f64, f64);
+
+fn term((kind, weights, offset, a, b, c): TermArguments) -> PyResult<Term> {
+    let law = match kind.as_str() {
+        "rotor" => Law::Rotor,
+        "viscous" => Law::Viscous,
+        "coulomb" => Law::Coulomb { width: a },
+        "coulomb+" => Law::CoulombForward { width: a },
+        "coulomb-" => Law::CoulombBackward { width: a },
+        "stribeck" => Law::Stribeck { velocity: a, exponent: b, width: c },
+        "offset" => Law::Offset,
+        "spring" => Law::Spring { rest: a },
+        "external" => Law::External,
+        _ => return Err(PyValueError::new_err(format!("unknown kind of term {kind:?}"))),
+    };
+    Ok(Term { law, weights: weights.as_array().to_vec(), offset })
+}
+
+/// A tree or closed chain, ready for the kernels. See `_core.pyi`.
+#[pyclass(name = "Mechanism", frozen, module = "haptid._core")]
+struct PyMechanism(Mechanism);
+
+/// Position, velocity, acceleration and external columns, each (channels, samples).
+struct Borrowed<'py>([PyReadonlyArray2<'py, f64>; 4]);
+
+impl<'py> Borrowed<'py> {
+    fn motion(&self) -> PyResult<Motion<'_>> {
+        let [position, velocity, acceleration, external] = &self.0;
+        Ok(Motion {
+            samples: position.as_array().ncols(),
+            position: row_major(position)?,
+            velocity: row_major(velocity)?,
+            acceleration: row_major(acceleration)?,
+            external: row_major(external)?,
+        })
+    }
+}
+
+#[pymethods]
+impl PyMechanism {
+    #[new]
+    #[pyo3(signature = (parent, rotation, translation, prismatic, gravity, rates, offset, terms, backend=None))]
+    #[allow(clippy::too_many_arguments)]
+    fn new(
+        parent: Vec<isize>,
+        rotation: PyReadonlyArray3<'_, f64>,
+        translation: PyReadonlyArray2<'_, f64>,
+        prismatic: Vec<bool>,
+        gravity: [f64; 3],
+        rates: PyReadonlyArray2<'_, f64>,
+        offset: PyReadonlyArray1<'_, f64>,
+        terms: Vec<TermArguments<'_>>,
+        backend: Option<&str>,
+    ) -> PyResult<Self> {
+        let (rotation, translation) = (rotation.as_array(), translation.as_array());
+        let n = parent.len();
+        if rotation.shape() != [n, 3, 3] || translation.shape() != [n, 3] || prismatic.len() != n {
+            return Err(PyValueError::new_err(format!(
+                "{n} joints need rotation ({n}, 3, 3), translation ({n}, 3) and {n} prismatic flags"
+            )));
+        }
+        let joints: Vec<Joint> = (0..n)
+            .map(|i| Joint {
+                parent: usize::try_from(parent[i]).ok(),
+                rotation: core::array::from_fn(|k| rotation[[i, k / 3, k % 3]]),
+                translation: core::array::from_fn(|k| translation[[i, k]]),
+                prismatic: prismatic[i],
+            })
+            .collect();
+        let closure = Closure { rates: rates.as_array().iter().copied().collect(), offset: offset.as_array().to_vec() };
+        let terms = terms.into_iter().map(term).collect::<PyResult<_>>()?;
+        let backend = backend.map_or(Ok(Backend::best()), Backend::named).map_err(to_python)?;
+        Mechanism::new(&joints, &closure, gravity, terms, backend).map(PyMechanism).map_err(to_python)
+    }
+
+    /// Number of coordinates, and of torque rows.
+    #[getter]
+    fn coordinates(&self) -> usize {
+        self.0.coordinates()
+    }
+
+    /// Number of columns: ten for each link, one for each term.
+    #[getter]
+    fn columns(&self) -> usize {
+        self.0.columns()
+    }
+
+    #[pyo3(signature = (position, velocity, acceleration, external, columns))]
+    fn regressor<'py>(
+        &self,
+        py: Python<'py>,
+        position: PyReadonlyArray2<'py, f64>,
+        velocity: PyReadonlyArray2<'py, f64>,
+        acceleration: PyReadonlyArray2<'py, f64>,
+        external: PyReadonlyArray2<'py, f64>,
+        columns: Vec<usize>,
+    ) -> PyResult<Bound<'py, PyArray3<f64>>> {
+        let borrowed = Borrowed([position, velocity, acceleration, external]);
+        let motion = borrowed.motion()?;
+        let shape = [self.0.coordinates(), columns.len(), motion.samples];
+        let mut out = vec![0.0; shape.iter().product()];
+        py.detach(|| haptid_core::regressor(&self.0, &motion, &columns, &mut out)).map_err(to_python)?;
+        out.into_pyarray(py).reshape(shape)
+    }
+
+    #[pyo3(signature = (position, velocity, acceleration, external, columns, chi))]
+    #[allow(clippy::too_many_arguments)]
+    fn torque<'py>(
+        &self,
+        py: Python<'py>,
+        position: PyReadonlyArray2<'py, f64>,
+        velocity: PyReadonlyArray2<'py, f64>,
+        acceleration: PyReadonlyArray2<'py, f64>,
+        external: PyReadonlyArray2<'py, f64>,
+        columns: Vec<usize>,
+        chi: Vec<f64>,
+    ) -> PyResult<Bound<'py, PyArray2<f64>>> {
+        let borrowed = Borrowed([position, velocity, acceleration, external]);
+        let motion = borrowed.motion()?;
+        let shape = [self.0.coordinates(), motion.samples];
+        let mut out = vec![0.0; shape.iter().product()];
+        py.detach(|| haptid_core::torque(&self.0, &motion, &columns, &chi, &mut out)).map_err(to_python)?;
+        out.into_pyarray(py).reshape(shape)
+    }
+
+    /// Which of the chosen columns each coordinate's row can reach.
+    fn reach(&self, columns: Vec<usize>) -> PyResult<Vec<Vec<bool>>> {
+        let flat = haptid_core::reach(&self.0, &columns).map_err(to_python)?;
+        Ok((0..self.0.coordinates()).map(|a| flat[a * columns.len()..][..columns.len()].to_vec()).collect())
+    }
+
+    #[pyo3(signature = (position, velocity, acceleration, external, torque, columns, taps, decimation, first, rows, block, weights))]
+    #[allow(clippy::too_many_arguments, clippy::type_complexity)]
+    fn reduce<'py>(
+        &self,
+        py: Python<'py>,
+        position: PyReadonlyArray2<'py, f64>,
+        velocity: PyReadonlyArray2<'py, f64>,
+        acceleration: PyReadonlyArray2<'py, f64>,
+        external: PyReadonlyArray2<'py, f64>,
+        torque: PyReadonlyArray2<'py, f64>,
+        columns: Vec<usize>,
+        taps: PyReadonlyArray1<'py, f64>,
+        decimation: usize,
+        first: usize,
+        rows: usize,
+        block: usize,
+        weights: PyReadonlyArray2<'py, f64>,
+    ) -> PyResult<Vec<(Vec<usize>, Bound<'py, PyArray3<f64>>)>> {
+        let borrowed = Borrowed([position, velocity, acceleration, external]);
+        let motion = borrowed.motion()?;
+        let reduction = Reduction {
+            columns: &columns,
+            torque: row_major(&torque)?,
+            taps: taps.as_slice()?,
+            decimation,
+            first,
+            rows,
+            block,
+            weights: row_major(&weights)?,
+        };
+        let done = py.detach(|| haptid_core::reduce(&self.0, &motion, &reduction)).map_err(to_python)?;
+        done.into_iter().map(|motor| square_stack(py, motor)).collect()
+    }
+}
+
+/// Names of the instruction sets this machine can run, fastest first.
+#[pyfunction]
+fn backends() -> Vec<&'static str> {
+    Backend::available().into_iter().map(Backend::name).collect()
+}
+
+#[pymodule]
+fn _core(module: &Bound<'_, PyModule>) -> PyResult<()> {
+    module.add_class::<PyMechanism>()?;
+    module.add_function(wrap_pyfunction!(backends, module)?)?;
+    module.add("__version__", env!("CARGO_PKG_VERSION"))
+}
