@@ -1,0 +1,56 @@
+# The same commands as in CI. Each sets up what it needs; nothing is installed by hand.
+PYTHON ?= python3
+VENV := .venv
+BIN := $(VENV)/$(if $(filter Windows_NT,$(OS)),Scripts,bin)
+PIP := $(BIN)/python -m pip --disable-pip-version-check --quiet
+RUST := $(wildcard crates/*/src/*.rs crates/*/Cargo.toml) Cargo.toml Cargo.lock
+# One BLAS thread: the matrices are small, and the core has threads of its own.
+export OMP_NUM_THREADS ?= 1
+export OPENBLAS_NUM_THREADS ?= 1
+
+.PHONY: demo test check bench docs wheel clean
+
+demo: $(VENV)/.run
+	$(BIN)/python examples/demo.py --out demo
+
+test: $(VENV)/.test
+	$(BIN)/python -m pytest
+
+check: $(VENV)/.test
+	cargo fmt --all --check
+	cargo clippy --locked --all-targets --quiet -- -D warnings
+	cargo test --locked --release
+	$(BIN)/ruff check .
+	$(BIN)/ruff format --check .
+	$(BIN)/mypy
+
+bench: $(VENV)/.test
+	$(BIN)/python benchmarks/run.py
+
+docs: $(VENV)/.docs
+	$(BIN)/mkdocs build --strict
+
+wheel: $(VENV)/.run
+	$(PIP) install -c constraints.txt maturin
+	$(BIN)/maturin build --release --locked --out dist
+
+clean:
+	rm -rf $(VENV) target demo site dist
+
+$(VENV)/.made:
+	$(PYTHON) -c "import sys; sys.exit(0 if sys.version_info >= (3, 11) else 'haptid needs Python 3.11 or newer')"
+	$(PYTHON) -m venv $(VENV)
+	touch $@
+
+# The extension is built by maturin through pip, in release mode, with the locked crates.
+$(VENV)/.run: $(VENV)/.made pyproject.toml constraints.txt $(RUST)
+	$(PIP) install -c constraints.txt -e .
+	touch $@
+
+$(VENV)/.test: $(VENV)/.run
+	$(PIP) install -c constraints.txt -e ".[test,oracle,lint]"
+	touch $@
+
+$(VENV)/.docs: $(VENV)/.test
+	$(PIP) install -c constraints.txt -e ".[docs]"
+	touch $@

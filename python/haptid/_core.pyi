@@ -1,0 +1,86 @@
+"""The compiled core. All arrays are float64 and row-major; samples run along the last axis."""
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+
+__version__: str
+
+def backends() -> list[str]:
+    """Names of the instruction sets this machine can run, fastest first."""
+
+class Mechanism:
+    """A tree or closed chain, ready for the kernels.
+
+    Joint frames are in normal form (each link turns about, or slides along, its own z) and all joints follow the
+    coordinates, q = rates @ c + offset. Columns are ten for each link (XX XY XZ YY YZ ZZ MX MY MZ M), then one for
+    each term.
+    """
+
+    def __new__(
+        cls,
+        parent: Sequence[int],
+        rotation: Array,
+        translation: Array,
+        prismatic: Sequence[bool],
+        gravity: Sequence[float],
+        rates: Array,
+        offset: Array,
+        terms: Sequence[tuple[str, Array, float, float, float, float]],
+        backend: str | None = None,
+    ) -> Mechanism:
+        """Parents come before children, -1 is the base; rotation (n, 3, 3), translation (n, 3), rates (n, coordinates).
+
+        A term is (kind, weights (coordinates,), offset, a, b, c). ValueError where the parts do not fit.
+        """
+
+    @property
+    def coordinates(self) -> int:
+        """Number of coordinates, and of torque rows."""
+
+    @property
+    def columns(self) -> int:
+        """Number of columns."""
+
+    def regressor(
+        self, position: Array, velocity: Array, acceleration: Array, external: Array, columns: Sequence[int]
+    ) -> Array:
+        """The chosen columns of every coordinate's torque, (coordinates, columns, samples)."""
+
+    def torque(
+        self,
+        position: Array,
+        velocity: Array,
+        acceleration: Array,
+        external: Array,
+        columns: Sequence[int],
+        chi: Sequence[float],
+    ) -> Array:
+        """Torque of the chosen columns' parameters, (coordinates, samples)."""
+
+    def reach(self, columns: Sequence[int]) -> list[list[bool]]:
+        """Which of the chosen columns each coordinate's row can reach."""
+
+    def reduce(
+        self,
+        position: Array,
+        velocity: Array,
+        acceleration: Array,
+        external: Array,
+        torque: Array,
+        columns: Sequence[int],
+        taps: Array,
+        decimation: int,
+        first: int,
+        rows: int,
+        block: int,
+        weights: Array,
+    ) -> list[tuple[list[int], Array]]:
+        """Rows filtered, decimated, weighted, and folded into one triangle per coordinate and block.
+
+        Row r is centred on sample `first + r * decimation`; weights are (coordinates, rows). Returns for each
+        coordinate the chosen columns it reaches and its triangles [R z; 0 rest], (blocks, reached + 1, reached + 1).
+        """

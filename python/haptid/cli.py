@@ -1,0 +1,158 @@
+"""The command line: the same calls as the Python API."""
+
+from __future__ import annotations
+
+import json
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Annotated
+
+import typer
+from rich.console import Console
+from rich.progress import BarColumn, Progress, TaskProgressColumn, TextColumn, TimeElapsedColumn, TimeRemainingColumn
+
+import haptid
+from haptid import tables
+from haptid.errors import HaptidError
+from haptid.outputs import check_writable, publishing
+
+EXIT_CRITERIA, EXIT_ERROR = 1, 2
+
+app = typer.Typer(
+    help="Dynamic models of haptic devices and robots, identified from their own motion logs.",
+    no_args_is_help=True,
+    add_completion=False,
+    pretty_exceptions_enable=False,
+    context_settings={"help_option_names": ["-h", "--help"]},
+)
+out, err = Console(), Console(stderr=True)
+
+IDENTIFY_HELP = """\
+Identify a device from the logs a study names, and validate the model.
+
+The STUDY (a TOML file) names the device, the logs and what each is for, the channels in them with their units, the
+treatment, and the estimator. Writes into OUT:
+
+  result.json      every figure: parameters with 95 % intervals, groupings, errors, conditions, notes
+
+  parameters.csv   the table of parameters
+
+  torque-*.png     measured against predicted torque, one picture for each log
+
+Exit status: 0 when done (and the study's criteria, if it has any, are met), 1 when its criteria are not met, 2 when
+something is wrong with the study, the device or a log; the message says what to do.
+
+Example: haptid identify examples/emps/study.toml --data ../shared/data/emps --out emps-result
+"""
+
+
+@contextmanager
+def _errors_shown() -> Iterator[None]:
+    """haptid's own errors as one line, and the exit status for them."""
+    try:
+        yield
+    except HaptidError as error:
+        err.print(f"[bold red]error:[/] {error}", highlight=False, soft_wrap=True)
+        raise typer.Exit(EXIT_ERROR) from None
+
+
+def _progress(quiet: bool) -> Progress:
+    columns = (TextColumn("{task.description}"), BarColumn(), TaskProgressColumn(), TimeElapsedColumn())
+    return Progress(*columns, TimeRemainingColumn(), console=err, transient=True, disable=quiet)
+
+
+@app.command(help=IDENTIFY_HELP)
+def identify(
+    study: Annotated[Path, typer.Argument(help="the study file (TOML)", show_default=False)],
+    data: Annotated[
+        Path | None, typer.Option(help="where the study's relative log paths start (default: the study's folder)")
+    ] = None,
+    out_folder: Annotated[Path, typer.Option("--out", help="folder for the results")] = Path("haptid-result"),
+    quiet: Annotated[bool, typer.Option("--quiet", "-q", help="no progress, no tables")] = False,
+    as_json: Annotated[bool, typer.Option("--json", help="print result.json instead of tables")] = False,
+) -> None:
+    from haptid.identification import identify as walk
+    from haptid.plots import plot_torque
+    from haptid.prediction import predict
+    from haptid.result import finite, result, write_result
+    from haptid.study import read_study
+
+    with _errors_shown():
+        check_writable(out_folder)
+        plan = read_study(study)
+        with _progress(quiet or as_json) as progress, publishing(out_folder) as folder:
+            tasks: dict[str, object] = {}
+
+            def tell(what: str, share: float) -> None:
+                if what not in tasks:
+                    tasks[what] = progress.add_task(what, total=1.0)
+                progress.update(tasks[what], completed=share)  # type: ignore[arg-type]
+
+            found = walk(plan, data, tell)
+            write_result(found, folder)
+            for k, run in enumerate(found.runs):
+                name = f"torque-{k + 1}-{Path(run.entry.path).stem}.png"
+                tell(f"drawing {name}", 0.0)
+                kind = "rows of the fit" if run.direct else "unseen"
+                plot_torque(predict(found.estimate, run.motion), f"{plan.name}: {run.entry.path} ({kind})", folder / name)
+                tell(f"drawing {name}", 1.0)
+    if as_json:
+        sys.stdout.write(json.dumps(finite(result(found)), indent=1, allow_nan=False) + "\n")
+    elif not quiet:
+        tables.show_identification(out, found)
+        out.print(f"Results in {out_folder}", highlight=False)
+    if found.meets_criteria is False:
+        raise typer.Exit(EXIT_CRITERIA)
+
+
+@app.command()
+def model(
+    device: Annotated[str, typer.Argument(help="a device file (TOML) or the name of a shipped device", show_default=False)],
+    as_json: Annotated[bool, typer.Option("--json", help="the same as JSON")] = False,
+) -> None:
+    """Print a device's tree, loops, motors, base parameters and how the others regroup into them."""
+    from haptid.device import read_device
+
+    with _errors_shown():
+        read = read_device(device)
+        if as_json:
+            sys.stdout.write(json.dumps(tables.model_values(read), indent=1) + "\n")
+        else:
+            tables.show_model(out, read)
+
+
+@app.command()
+def devices() -> None:
+    """List the devices that come with haptid."""
+    from haptid.device import shipped_devices
+
+    for name, description in shipped_devices().items():
+        out.print(f"[bold]{name}[/]  {description}", highlight=False)
+
+
+@app.command()
+def schema(kind: Annotated[str, typer.Argument(help="device or study", show_default=False)]) -> None:
+    """Print the JSON Schema of device or study files, for editors."""
+    from haptid.device import device_schema
+    from haptid.study import study_schema
+
+    schemas = {"device": device_schema, "study": study_schema}
+    if kind not in schemas:
+        err.print(f"[bold red]error:[/] there is no schema {kind!r}; write device or study.", highlight=False)
+        raise typer.Exit(EXIT_ERROR)
+    sys.stdout.write(json.dumps(schemas[kind](), indent=1) + "\n")
+
+
+@app.callback(invoke_without_command=True)
+def version(show: Annotated[bool, typer.Option("--version", help="print the version")] = False) -> None:
+    """Dynamic models of haptic devices and robots, identified from their own motion logs."""
+    if show:
+        out.print(f"haptid {haptid.__version__}", highlight=False)
+        raise typer.Exit
+
+
+def main() -> None:
+    """Entry point of the `haptid` command."""
+    app()

@@ -1,0 +1,241 @@
+"""Arithmetic written as text in device files: parsed, checked node by node, and evaluated without ever being run."""
+
+from __future__ import annotations
+
+import ast
+import math
+import operator
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+from haptid._values import Array
+from haptid.device.place import Place
+from haptid.errors import ExpressionError, RelationError, UnknownNameError
+
+# Longest expression, characters: enough for any column, and short enough that parsing it cannot exhaust the stack.
+LONGEST = 400
+# Largest number in an expression, SI: beyond any device, and far from overflow.
+LARGEST = 1e30
+
+FUNCTIONS: Mapping[str, Callable[..., Any]] = {
+    "sin": np.sin,
+    "cos": np.cos,
+    "tan": np.tan,
+    "tanh": np.tanh,
+    "exp": np.exp,
+    "sqrt": np.sqrt,
+    "abs": np.abs,
+    "sign": np.sign,
+}
+RESERVED = ("pi", *FUNCTIONS)
+OPERATORS: Mapping[type[ast.operator], Callable[[Any, Any], Any]] = {
+    ast.Add: operator.add,
+    ast.Sub: operator.sub,
+    ast.Mult: operator.mul,
+    ast.Div: operator.truediv,
+    ast.Pow: operator.pow,
+}
+ARITHMETIC = 'Use numbers, pi, named lengths, + - * / and brackets, as in "-pi/2" or "d3 + 0.1".'
+COLUMN = "Use q_, v_, a_ followed by a joint's name, pi, named lengths, + - * / ** and " + ", ".join(FUNCTIONS) + "."
+LINEAR = 'Write a sum such as "q3 = pi/2 - q2 + q7", each q with a constant factor.'
+
+
+@dataclass(frozen=True)
+class Linear:
+    """A constant and a factor for every symbol: constant + sum factor * symbol."""
+
+    constant: float
+    factors: Mapping[str, float] = field(default_factory=dict)
+
+    def plus(self, other: Linear, sign: float = 1.0) -> Linear:
+        """The sum, or with sign -1 the difference."""
+        factors = dict(self.factors)
+        for name, factor in other.factors.items():
+            factors[name] = factors.get(name, 0.0) + sign * factor
+        return Linear(self.constant + sign * other.constant, factors)
+
+    def times(self, number: float) -> Linear:
+        """Every factor and the constant times a number."""
+        return Linear(self.constant * number, {name: factor * number for name, factor in self.factors.items()})
+
+
+@dataclass(frozen=True)
+class Column:
+    """A column expression over the joints' motion.
+
+    Attributes:
+        text: as written.
+        tree: as parsed; only names, numbers, arithmetic and FUNCTIONS are in it.
+        constants: values of named lengths that it uses, SI.
+    """
+
+    text: str
+    tree: ast.expr = field(repr=False, compare=False)
+    constants: Mapping[str, float] = field(repr=False, default_factory=dict)
+
+    def values(self, motion: Mapping[str, Array], samples: int) -> Array:
+        """The column, (samples,), from q_<joint>, v_<joint> and a_<joint>, each (samples,)."""
+        with np.errstate(all="ignore"):
+            made = _evaluate(self.tree, {**self.constants, "pi": np.float64(math.pi), **motion})
+        return np.broadcast_to(np.asarray(made, dtype=float), (samples,))
+
+
+def number(value: float | str, lengths: Mapping[str, float], place: Place) -> float:
+    """A number from the file: as it stands, or arithmetic over pi and named lengths.
+
+    Raises:
+        ExpressionError: the text is not such arithmetic, or its value is not finite.
+        UnknownNameError: it uses a name that is not a length.
+    """
+    if isinstance(value, str):
+        tree = _parse(value, place, ARITHMETIC)
+        known = {**lengths, "pi": math.pi}
+        _Rules(value, frozenset(known), place, ARITHMETIC).check(tree)
+        try:
+            made = float(_evaluate(tree, known))
+        except (ZeroDivisionError, OverflowError) as error:
+            raise ExpressionError(str(place), value, str(error), ARITHMETIC) from None
+    else:
+        made = float(value)
+    if not math.isfinite(made):
+        raise ExpressionError(str(place), str(value), f"its value is {made}", "Write a finite number.")
+    return made
+
+
+def column(text: str, joints: list[str], lengths: Mapping[str, float], place: Place) -> Column:
+    """A column expression, checked to use only known names.
+
+    Raises:
+        ExpressionError: the text is not such arithmetic.
+        UnknownNameError: it uses a name that is neither a joint's motion nor a length.
+    """
+    tree = _parse(text, place, COLUMN)
+    motion = {f"{letter}_{joint}" for joint in joints for letter in "qva"}
+    _Rules(text, frozenset({*lengths, *motion, "pi"}), place, COLUMN, functions=True).check(tree)
+    return Column(text, tree, dict(lengths))
+
+
+def relation(text: str, symbols: list[str], lengths: Mapping[str, float], place: Place) -> tuple[str, Linear]:
+    """The joint symbol on the left of a linear relation, and what it equals.
+
+    Raises:
+        RelationError: there is not one equals sign with one symbol on its left, or the right side is not linear.
+        UnknownNameError: it uses a name that is neither a joint's symbol nor a length.
+    """
+    left, equals, right = text.partition("=")
+    if not equals or "=" in right or not left.strip().isidentifier():
+        raise RelationError(str(place), f'"{text}" is not one joint symbol, an equals sign and a sum', LINEAR)
+    if left.strip() not in symbols:
+        raise UnknownNameError(str(place), "joint symbol", left.strip(), symbols)
+    tree = _parse(right.strip(), place, LINEAR)
+    known = {**lengths, "pi": math.pi}
+    _Rules(text, frozenset({*known, *symbols}), place, LINEAR).check(tree)
+    try:
+        made = _linear(tree, known)
+    except (ZeroDivisionError, OverflowError, _NotLinearError) as error:
+        raise RelationError(str(place), f'"{text}" is not linear: {error}', LINEAR) from None
+    if not all(math.isfinite(x) for x in (made.constant, *made.factors.values())):
+        raise RelationError(str(place), f'"{text}" has a factor that is not finite', LINEAR)
+    return left.strip(), made
+
+
+class _NotLinearError(ValueError):
+    """A product of symbols, or a division by one."""
+
+
+def _parse(text: str, place: Place, instead: str) -> ast.expr:
+    if len(text) > LONGEST:
+        raise ExpressionError(str(place), text[:40] + "...", f"it has {len(text)} characters, limit {LONGEST}", instead)
+    try:
+        return ast.parse(text.strip(), mode="eval").body
+    except (SyntaxError, ValueError, RecursionError, MemoryError):
+        raise ExpressionError(str(place), text, "it is not arithmetic", instead) from None
+
+
+@dataclass(frozen=True)
+class _Rules:
+    """What one kind of expression may hold, and how its errors begin and end."""
+
+    text: str
+    known: frozenset[str]
+    place: Place
+    instead: str
+    functions: bool = False
+
+    def refuse(self, node: ast.expr, why: str) -> ExpressionError:
+        """The error about one part of the expression."""
+        return ExpressionError(str(self.place), self.text, f"`{ast.unparse(node)}` {why}", self.instead)
+
+    def check(self, node: ast.expr) -> None:
+        """Raise unless every node is one that `_evaluate` knows, and every name is known."""
+        match node:
+            case ast.Constant(value=value) if type(value) in (int, float):
+                if abs(value) > LARGEST:
+                    raise self.refuse(node, f"is beyond {LARGEST:.0e}")
+            case ast.Name(id=name):
+                if name not in self.known:
+                    functions = FUNCTIONS if self.functions else ()
+                    raise UnknownNameError(str(self.place), "number", name, sorted({*self.known, *functions}))
+            case ast.UnaryOp(op=ast.USub() | ast.UAdd(), operand=operand):
+                self.check(operand)
+            case ast.BinOp(left=left, op=op, right=right) if self.allows(op):
+                self.check(left)
+                self.check(right)
+            case ast.Call(func=ast.Name(id=name), args=[argument], keywords=[]) if self.functions:
+                if name not in FUNCTIONS:
+                    raise UnknownNameError(str(self.place), "function", name, FUNCTIONS)
+                self.check(argument)
+            case _:
+                raise self.refuse(node, "is not allowed here")
+
+    def allows(self, op: ast.operator) -> bool:
+        """Whether an operator may stand in this kind of expression."""
+        return type(op) in OPERATORS and (self.functions or not isinstance(op, ast.Pow))
+
+
+def _evaluate(node: ast.expr, values: Mapping[str, Any]) -> Any:
+    match node:
+        case ast.Constant(value=value):
+            return float(value)  # type: ignore[arg-type]
+        case ast.Name(id=name):
+            return values[name]
+        case ast.UnaryOp(op=ast.USub(), operand=operand):
+            return -_evaluate(operand, values)
+        case ast.UnaryOp(operand=operand):
+            return _evaluate(operand, values)
+        case ast.BinOp(left=left, op=op, right=right):
+            return OPERATORS[type(op)](_evaluate(left, values), _evaluate(right, values))
+        case ast.Call(func=ast.Name(id=name), args=[argument]):
+            return FUNCTIONS[name](_evaluate(argument, values))
+    raise TypeError(f"{ast.dump(node)} was not checked")
+
+
+def _linear(node: ast.expr, constants: Mapping[str, float]) -> Linear:
+    match node:
+        case ast.Constant(value=value):
+            return Linear(float(value))  # type: ignore[arg-type]
+        case ast.Name(id=name):
+            return Linear(constants[name]) if name in constants else Linear(0.0, {name: 1.0})
+        case ast.UnaryOp(op=op, operand=operand):
+            return _linear(operand, constants).times(-1.0 if isinstance(op, ast.USub) else 1.0)
+        case ast.BinOp(left=left, op=op, right=right):
+            return _combined(_linear(left, constants), op, _linear(right, constants))
+    raise TypeError(f"{ast.dump(node)} was not checked")
+
+
+def _combined(left: Linear, op: ast.operator, right: Linear) -> Linear:
+    match op:
+        case ast.Add():
+            return left.plus(right)
+        case ast.Sub():
+            return left.plus(right, -1.0)
+        case ast.Mult() if not right.factors:
+            return left.times(right.constant)
+        case ast.Mult() if not left.factors:
+            return right.times(left.constant)
+        case ast.Div() if not right.factors:
+            return left.times(1.0 / right.constant)
+    raise _NotLinearError("it multiplies or divides by a joint position")

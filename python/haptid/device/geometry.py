@@ -1,0 +1,195 @@
+"""Geometry: modified and standard Denavit-Hartenberg tables and placements to one normal form; where links are."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+
+from haptid._values import Array, expect
+from haptid.device.expressions import number
+from haptid.device.model import Device, Frame, Joint
+from haptid.device.place import Place
+from haptid.device.schema import AnyJoint, BaseTable, FrameTable, ModifiedDHJoint, PlacementJoint, StandardDHJoint
+from haptid.errors import DegreesError, DeviceKeyError, DeviceValueError
+
+# Largest geometry angle, rad: a turn, and a little for rounding.
+FULL_TURN = 2 * math.pi * (1 + 1e-9)
+
+
+def turn_x(angle: float) -> Array:
+    """Homogeneous turn about x, (4, 4)."""
+    return _turn(angle, 1, 2)
+
+
+def turn_y(angle: float) -> Array:
+    """Homogeneous turn about y, (4, 4)."""
+    return _turn(angle, 2, 0)
+
+
+def turn_z(angle: float) -> Array:
+    """Homogeneous turn about z, (4, 4)."""
+    return _turn(angle, 0, 1)
+
+
+def shift(x: float = 0.0, y: float = 0.0, z: float = 0.0) -> Array:
+    """Homogeneous translation, (4, 4), m."""
+    made = np.eye(4)
+    made[:3, 3] = x, y, z
+    return made
+
+
+def _turn(angle: float, i: int, k: int) -> Array:
+    c, s = _cos_sin(angle)
+    made = np.eye(4)
+    made[i, i] = made[k, k] = c
+    made[i, k], made[k, i] = -s, s
+    return made
+
+
+def _cos_sin(angle: float) -> tuple[float, float]:
+    """Cosine and sine, exact at quarter turns, so that pi/2 in a file makes a zero and not 6e-17."""
+    quarters = angle / (math.pi / 2)
+    if abs(quarters - round(quarters)) < 1e-12:
+        return ((1.0, 0.0), (0.0, 1.0), (-1.0, 0.0), (0.0, -1.0))[round(quarters) % 4]
+    return math.cos(angle), math.sin(angle)
+
+
+def modified_dh(gamma: float, b: float, alpha: float, d: float, theta: float, r: float) -> Array:
+    """Rz(gamma) Tz(b) Rx(alpha) Tx(d) Rz(theta) Tz(r), (4, 4) (Khalil and Kleinfinger 1986)."""
+    return turn_z(gamma) @ shift(z=b) @ turn_x(alpha) @ shift(x=d) @ turn_z(theta) @ shift(z=r)
+
+
+def placed(xyz: Sequence[float], rpy: Sequence[float]) -> Array:
+    """A placement as in URDF, (4, 4): roll, pitch, yaw about the fixed axes x, y, z."""
+    return shift(*xyz) @ turn_z(rpy[2]) @ turn_y(rpy[1]) @ turn_x(rpy[0])
+
+
+def least_turn(axis: Array) -> Array:
+    """The least turn that takes z onto a unit axis, (4, 4); about x where the axis is -z."""
+    c = axis[2]
+    if c < -1 + 1e-12:
+        return turn_x(math.pi)
+    v = np.array([-axis[1], axis[0], 0.0])  # z x axis
+    K = np.array([[0, -v[2], v[1]], [v[2], 0, -v[0]], [-v[1], v[0], 0]])
+    made = np.eye(4)
+    made[:3, :3] += K + K @ K / (1 + c)
+    return made
+
+
+class Reader:
+    """Numbers of one file's geometry: expressions evaluated, angles checked."""
+
+    def __init__(self, lengths: Mapping[str, float]) -> None:
+        self.lengths = lengths
+
+    def number(self, value: float | str, place: Place) -> float:
+        """Any number."""
+        return number(value, self.lengths, place)
+
+    def angle(self, value: float | str, place: Place) -> float:
+        """An angle of the geometry, rad.
+
+        Raises:
+            DegreesError: it is more than a turn.
+        """
+        made = number(value, self.lengths, place)
+        if abs(made) > FULL_TURN:
+            raise DegreesError(str(place), made)
+        return made
+
+    def triple(self, values: Sequence[float | str], place: Place) -> list[float]:
+        """Three numbers."""
+        return [self.number(value, place.at(k)) for k, value in enumerate(values)]
+
+    def placement(self, table: BaseTable | PlacementJoint, place: Place) -> Array:
+        """xyz and rpy, (4, 4)."""
+        rpy = [self.angle(value, place.at("rpy", k)) for k, value in enumerate(table.rpy)]
+        return placed(self.triple(table.xyz, place.at("xyz")), rpy)
+
+    def frame(self, table: FrameTable, place: Place) -> Array:
+        """A frame on a link, (4, 4).
+
+        Raises:
+            DeviceKeyError: it is given both ways.
+        """
+        given = table.model_dump(exclude_none=True)
+        mixed = [key for key in given if key not in ("xyz", "rpy")]
+        if len(mixed) < len(given) and mixed:
+            raise DeviceKeyError(
+                str(place), f"xyz or rpy stands beside {', '.join(mixed)}", "Use either xyz and rpy, or gamma b alpha d theta r."
+            )
+        if mixed:
+            return self.modified(given, place)
+        zero = [0.0, 0.0, 0.0]
+        return self.placement(BaseTable(xyz=given.get("xyz", zero), rpy=given.get("rpy", zero)), place)
+
+    def modified(self, given: Mapping[str, float | str], place: Place) -> Array:
+        """Modified Denavit-Hartenberg keys, (4, 4)."""
+        angles = {key: self.angle(given.get(key, 0.0), place.at(key)) for key in ("gamma", "alpha", "theta")}
+        lengths = {key: self.number(given.get(key, 0.0), place.at(key)) for key in ("b", "d", "r")}
+        return modified_dh(**angles, **lengths)
+
+    def joint(self, table: AnyJoint, place: Place) -> tuple[Array, Array]:
+        """Placement of a joint's frame in its parent's convention frame, and the convention's link frame in it.
+
+        Returns:
+            both (4, 4); the first at q = 0 with z the joint axis.
+        """
+        if isinstance(table, ModifiedDHJoint):
+            return self.modified(table.model_dump(), place), np.eye(4)
+        if isinstance(table, StandardDHJoint):
+            theta, alpha = (self.angle(getattr(table, key), place.at(key)) for key in ("theta", "alpha"))
+            d, a = (self.number(getattr(table, key), place.at(key)) for key in ("d", "a"))
+            return turn_z(theta) @ shift(z=d), shift(x=a) @ turn_x(alpha)
+        axis = np.array(self.triple(table.axis, place.at("axis")))
+        length = float(np.linalg.norm(axis))
+        if length < 1e-9:
+            raise DeviceValueError(str(place.at("axis")), f"found {list(axis)}", "Write a direction, such as [0, 0, 1].")
+        onto = least_turn(axis / length)
+        return self.placement(table, place) @ onto, onto.T
+
+
+def frame_on(joints: Sequence[Joint], link: int, local: Array, base: Array) -> Frame:
+    """A frame given in a link's convention frame, as a frame in its normal form; link -1 is the base."""
+    convention = base
+    if link >= 0:
+        convention = np.eye(4)
+        convention[:3, :3], convention[:3, 3] = joints[link].frame_rotation, joints[link].frame_translation
+    made = convention @ local
+    return Frame(link, made[:3, :3], made[:3, 3])
+
+
+def poses(device: Device, q_tree: Array) -> Array:
+    """Poses of all links in the base frame, (samples, joints, 4, 4), m.
+
+    Args:
+        device: the mechanism.
+        q_tree: positions of all joints, (samples, joints), rad or m.
+    """
+    return joint_poses(device.joints, q_tree)
+
+
+def joint_poses(joints: Sequence[Joint], q_tree: Array) -> Array:
+    """Poses of links of a tree, (samples, joints, 4, 4), from joint positions (samples, joints)."""
+    q = np.asarray(q_tree, dtype=float)
+    expect("q_tree", q.shape, (None, len(joints)))
+    made = np.zeros((len(q), len(joints), 4, 4))
+    made[..., 3, 3] = 1.0
+    for j, joint in enumerate(joints):
+        R, p = joint.rotation, joint.translation
+        if joint.parent >= 0:
+            above = made[:, joint.parent]
+            R, p = above[:, :3, :3] @ R, above[:, :3, :3] @ p + above[:, :3, 3]
+        R, p = np.broadcast_to(R, (len(q), 3, 3)), np.broadcast_to(p, (len(q), 3))
+        if joint.prismatic:
+            made[:, j, :3, :3] = R
+            made[:, j, :3, 3] = p + R[:, :, 2] * q[:, j, None]
+        else:
+            c, s = np.cos(q[:, j, None]), np.sin(q[:, j, None])
+            made[:, j, :3, 0] = c * R[:, :, 0] + s * R[:, :, 1]
+            made[:, j, :3, 1] = c * R[:, :, 1] - s * R[:, :, 0]
+            made[:, j, :3, 2] = R[:, :, 2]
+            made[:, j, :3, 3] = p
+    return made

@@ -1,0 +1,296 @@
+"""The device as a value: what is known of a mechanism before any data."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cached_property
+from typing import TYPE_CHECKING, Any, Literal
+
+import numpy as np
+
+from haptid._values import Array, expect, freeze, read_only
+from haptid.device.parameters import StandardParameters, Symmetry
+from haptid.device.terms import DRY, TermColumn, external_columns
+
+if TYPE_CHECKING:
+    from haptid.base import BaseParameters
+
+Convention = Literal["modified-dh", "dh", "placement"]
+
+
+@dataclass(frozen=True, eq=False)
+class Joint:
+    """A joint and the link it moves, in normal form: the link turns about, or slides along, its own z axis.
+
+    Pose of link i = pose of its parent * (rotation, translation) * Rz(q) or Tz(q).
+
+    Attributes:
+        name: of the joint and of its link.
+        parent: index of the parent's joint, -1 for the base.
+        prismatic: whether it slides.
+        rotation, translation: its placement in the parent's link frame where q = 0, (3, 3) and (3,), m.
+        body: whether its link has inertia.
+        position_limits: rad or m, None if unknown.
+        velocity_limit: rad/s or m/s, None if unknown.
+        torque_limit: N m or N, None if unknown.
+        frame_rotation, frame_translation: the link frame of the file's own convention, seen in the link frame of the
+            normal form, (3, 3) and (3,), m; the identity for modified-dh.
+    """
+
+    name: str
+    parent: int
+    prismatic: bool
+    rotation: Array
+    translation: Array
+    body: bool
+    position_limits: tuple[float, float] | None
+    velocity_limit: float | None
+    torque_limit: float | None
+    frame_rotation: Array
+    frame_translation: Array
+
+    def __post_init__(self) -> None:
+        for name, shape in (("rotation", (3, 3)), ("frame_rotation", (3, 3))):
+            expect(name, getattr(self, name).shape, shape)
+            object.__setattr__(self, name, read_only(getattr(self, name)))
+        for name in ("translation", "frame_translation"):
+            expect(name, getattr(self, name).shape, (3,))
+            object.__setattr__(self, name, read_only(getattr(self, name)))
+
+
+@dataclass(frozen=True, eq=False)
+class Frame:
+    """A frame fixed to a link.
+
+    Attributes:
+        link: index of its joint, -1 for the base.
+        rotation, translation: in the link frame, (3, 3) and (3,), m.
+    """
+
+    link: int
+    rotation: Array
+    translation: Array
+
+    def __post_init__(self) -> None:
+        expect("rotation", self.rotation.shape, (3, 3))
+        expect("translation", self.translation.shape, (3,))
+        for name in ("rotation", "translation"):
+            object.__setattr__(self, name, read_only(getattr(self, name)))
+
+
+class Handle(Frame):
+    """The frame at which the hand holds the device."""
+
+
+@dataclass(frozen=True)
+class Cut:
+    """A joint of a loop that was cut to leave a tree.
+
+    Attributes:
+        prismatic: False: origins and z axes of the two frames coincide. True: z axes are one line, orientations equal.
+        frame, twin: the two frames that the joint brings together.
+    """
+
+    prismatic: bool
+    frame: Frame
+    twin: Frame
+
+
+@dataclass(frozen=True, eq=False)
+class Closure:
+    """How all joints follow the active ones: q_tree = G qa + offset.
+
+    Attributes:
+        G: (joints, active).
+        offset: (joints,), rad or m.
+        error: greatest closure error over random poses, m; 0 where there is no cut to test.
+        relations: readable, such as "q3 = pi/2 - q2 + q7"; one for each passive joint.
+        cuts: the joints that were cut.
+    """
+
+    G: Array
+    offset: Array
+    error: float
+    relations: tuple[str, ...]
+    cuts: tuple[Cut, ...]
+
+    def __post_init__(self) -> None:
+        expect("offset", self.offset.shape, (self.G.shape[0],))
+        for name in ("G", "offset"):
+            object.__setattr__(self, name, read_only(getattr(self, name)))
+
+
+@dataclass(frozen=True, eq=False)
+class Motor:
+    """A motor and the joint-side coordinate it drives.
+
+    Attributes:
+        name: of the motor; of the joint where there is none.
+        gear: shaft position = gear * coordinate.
+        gain: shaft torque per unit of command, N m or N; torque on the coordinate = gear * gain * command.
+        unit: of the command: N m, N, V, A or counts.
+        row: the coordinate as a combination of the active joints' positions, (active,).
+        motorised: False for an active joint without motor.
+    """
+
+    name: str
+    gear: float
+    gain: float
+    unit: str
+    row: Array
+    motorised: bool = True
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "row", read_only(self.row))
+
+
+@dataclass(frozen=True)
+class Prior:
+    """What is known of a standard parameter beforehand: value and standard deviation (None: unknown), SI."""
+
+    value: float
+    sd: float | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class Device:
+    """A mechanism, its transmission and its terms; see `read_device`.
+
+    Attributes:
+        name, description, source: what it is, and where its geometry comes from.
+        convention: how the file describes frames.
+        gravity: in the base frame, (3,), m/s^2.
+        joints: parents before children.
+        active: indices of the independent joints, in the file's order.
+        closure: how the other joints follow them.
+        drives: one joint-side coordinate for each active joint: the motors in order, then active joints without motor.
+        terms: columns beside link inertia, in the core's order.
+        parameters: the standard parameters.
+        symmetry: what is known of them beforehand.
+        lengths: named lengths, m.
+        handle: where the hand holds the device, None if unknown.
+        prior: by raw parameter name.
+        keep: parameters preferred as base parameters.
+        base_tolerance: relative length below which a column counts as a combination of others.
+        notes: sentences worth showing.
+    """
+
+    name: str
+    description: str
+    source: str
+    convention: Convention
+    gravity: Array
+    joints: tuple[Joint, ...]
+    active: tuple[int, ...]
+    closure: Closure
+    drives: tuple[Motor, ...]
+    terms: tuple[TermColumn, ...]
+    parameters: StandardParameters
+    symmetry: tuple[Symmetry, ...]
+    lengths: Mapping[str, float]
+    handle: Handle | None
+    prior: Mapping[str, Prior]
+    keep: tuple[str, ...]
+    base_tolerance: float
+    notes: tuple[str, ...]
+
+    def __post_init__(self) -> None:
+        expect("gravity", self.gravity.shape, (3,))
+        expect("closure.G", self.closure.G.shape, (len(self.joints), len(self.active)))
+        expect("drives", (len(self.drives),), (len(self.active),))
+        object.__setattr__(self, "gravity", read_only(self.gravity))
+
+    @cached_property
+    def joint_names(self) -> tuple[str, ...]:
+        """Names of all joints, in order."""
+        return tuple(joint.name for joint in self.joints)
+
+    @property
+    def motors(self) -> tuple[Motor, ...]:
+        """The drives that have a motor."""
+        return tuple(drive for drive in self.drives if drive.motorised)
+
+    @cached_property
+    def coupling(self) -> Array:
+        """N in c = N qa, drives' coordinates from active joints' positions, (active, active)."""
+        return freeze(np.array([drive.row for drive in self.drives], dtype=float))
+
+    @cached_property
+    def rates(self) -> Array:
+        """G N^-1: all joints' rates from the drives' coordinates' rates, (joints, active)."""
+        return freeze(np.ascontiguousarray(np.linalg.solve(self.coupling.T, self.closure.G.T).T))
+
+    @cached_property
+    def coordinate_units(self) -> tuple[str, ...]:
+        """Unit of every drive's coordinate: rad or m, after the first joint it moves."""
+        first = [self.joints[self.active[int(np.argmax(drive.row != 0))]] for drive in self.drives]
+        return tuple("m" if joint.prismatic else "rad" for joint in first)
+
+    @property
+    def torque_units(self) -> tuple[str, ...]:
+        """Unit of every drive's joint-side torque: N m or N."""
+        return tuple("N" if unit == "m" else "N m" for unit in self.coordinate_units)
+
+    @cached_property
+    def externals(self) -> tuple[TermColumn, ...]:
+        """The terms whose columns Python computes."""
+        return tuple(term for term in self.terms if term.kind == "external")
+
+    def tree(self, qa: Array, qda: Array, qdda: Array) -> tuple[Array, Array, Array]:
+        """Position, velocity and acceleration of all joints, each (joints, samples), from the active ones'.
+
+        Args:
+            qa, qda, qdda: of the active joints, each (active, samples).
+        """
+        for name, array in (("qa", qa), ("qda", qda), ("qdda", qdda)):
+            expect(name, array.shape, (len(self.active), qa.shape[1]))
+        G = self.closure.G
+        return G @ qa + self.closure.offset[:, None], G @ qda, G @ qdda
+
+    def external(self, qa: Array, qda: Array, qdda: Array) -> Array:
+        """Columns that Python computes (counterbalances, a user's own), (externals, samples).
+
+        Args:
+            qa, qda, qdda: position, velocity, acceleration of the active joints, each (active, samples), SI.
+        """
+        return external_columns(self.externals, self.joint_names, self.tree(qa, qda, qdda))
+
+    def coulomb_directions(self, drive: int) -> tuple[Array, ...]:
+        """Coordinates whose sign of velocity matters to a drive's torque, each as weights over the drives, (active,)."""
+        found: list[Array] = []
+        for term in self.terms:
+            felt = term.kind in DRY and term.weights[drive] != 0
+            if felt and not any(np.array_equal(np.abs(term.weights), np.abs(known)) for known in found):
+                found.append(term.weights)
+        return tuple(found)
+
+    @cached_property
+    def chi_prior(self) -> Array:
+        """Prior value of every free standard parameter, NaN where unknown, (p,), SI.
+
+        Where several raw parameters are one by symmetry, the mean of those that are known.
+        """
+        known = [[self.prior[n].value for n in names if n in self.prior] for names in self.parameters.members]
+        return freeze(np.array([np.mean(values) if values else np.nan for values in known], dtype=float))
+
+    @cached_property
+    def mechanism(self) -> Any:
+        """The compiled mechanism, `haptid._core.Mechanism`."""
+        from haptid.device.mechanism import mechanism
+
+        return mechanism(self)
+
+    @cached_property
+    def base(self) -> BaseParameters:
+        """Base parameters."""
+        from haptid.base import base_parameters
+
+        return base_parameters(self)
+
+    @cached_property
+    def base_prior(self) -> tuple[tuple[float, float | None] | None, ...]:
+        """Value and deviation of every base parameter known beforehand, None where a member is not known."""
+        from haptid.device.prior import base_prior
+
+        return base_prior(self)

@@ -1,0 +1,305 @@
+"""The tables of a device file, as pydantic models: keys and kinds of values. Meaning is checked where it is used."""
+
+from __future__ import annotations
+
+import math
+from typing import Annotated, Any, Literal
+
+from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, TypeAdapter, WithJsonSchema
+
+
+def _quantity(value: Any) -> float | str:
+    if isinstance(value, str):
+        return value
+    if isinstance(value, bool) or not isinstance(value, int | float):
+        raise ValueError("write a number, or arithmetic as text")
+    try:
+        number = float(value)
+    except OverflowError:
+        number = math.inf
+    if not math.isfinite(number):
+        raise ValueError("write a finite number")
+    return number
+
+
+# A number, or arithmetic over pi and named lengths as text.
+Quantity = Annotated[
+    Any,
+    BeforeValidator(_quantity),
+    WithJsonSchema({"anyOf": [{"type": "number"}, {"type": "string", "examples": ["-pi/2", "d3 + 0.1"]}]}),
+]
+Triple = Annotated[list[Quantity], Field(min_length=3, max_length=3)]
+Name = Annotated[str, Field(pattern=r"^[A-Za-z0-9_]+$", max_length=40)]
+Names = Annotated[list[Name], Field(min_length=1)]
+Text = Annotated[str, Field(min_length=1, max_length=2000)]
+
+
+class Table(BaseModel):
+    """A table whose keys are all known."""
+
+    model_config = ConfigDict(strict=True, extra="forbid", frozen=True, populate_by_name=True)
+
+
+class Limits(Table):
+    """What a joint can do."""
+
+    position: Annotated[list[Quantity], Field(min_length=2, max_length=2)] | None = None
+    velocity: Quantity | None = None
+    torque: Quantity | None = None
+
+
+class JointTable(Table):
+    """What joints of every convention have."""
+
+    name: Name
+    parent: Name | None = None
+    type: Literal["revolute", "prismatic"] = "revolute"
+    body: bool = True
+    active: bool | None = None
+    limits: Limits = Limits()
+
+
+class ModifiedDHJoint(JointTable):
+    """Khalil-Kleinfinger: Rz(gamma) Tz(b) Rx(alpha) Tx(d) Rz(theta) Tz(r)."""
+
+    gamma: Quantity = 0.0
+    b: Quantity = 0.0
+    alpha: Quantity = 0.0
+    d: Quantity = 0.0
+    theta: Quantity = 0.0
+    r: Quantity = 0.0
+
+
+class StandardDHJoint(JointTable):
+    """Standard Denavit-Hartenberg: Rz(theta) Tz(d) Tx(a) Rx(alpha)."""
+
+    theta: Quantity = 0.0
+    d: Quantity = 0.0
+    a: Quantity = 0.0
+    alpha: Quantity = 0.0
+
+
+class PlacementJoint(JointTable):
+    """A placement as in URDF, and an axis."""
+
+    xyz: Triple = [0.0, 0.0, 0.0]
+    rpy: Triple = [0.0, 0.0, 0.0]
+    axis: Triple = [0.0, 0.0, 1.0]
+
+
+class FrameTable(Table):
+    """A frame fixed to a link: modified Denavit-Hartenberg keys, or xyz and rpy."""
+
+    gamma: Quantity | None = None
+    b: Quantity | None = None
+    alpha: Quantity | None = None
+    d: Quantity | None = None
+    theta: Quantity | None = None
+    r: Quantity | None = None
+    xyz: Triple | None = None
+    rpy: Triple | None = None
+
+
+class CutTable(Table):
+    """The joint at which a loop is cut."""
+
+    type: Literal["revolute", "prismatic"] = "revolute"
+    on: Name
+    frame: FrameTable = FrameTable()
+    with_: Name = Field(alias="with")
+    twin: FrameTable = FrameTable()
+
+
+class LoopTable(Table):
+    """Passive joints, by relations, by a cut joint, or both."""
+
+    relations: list[Text] = []
+    passive: list[Name] = []
+    cut: CutTable | None = None
+    guess: dict[Name, Quantity] = {}
+
+
+class MotorTable(Table):
+    """A motor and its transmission."""
+
+    name: Name
+    drives: dict[Name, Quantity] | None = None
+    gear: Quantity = 1.0
+    gain: Quantity = 1.0
+    unit: Literal["N m", "N", "V", "A", "counts"] = "N m"
+
+
+class TermTable(Table):
+    """What every kind of term has."""
+
+    joints: Names | Literal["all", "active", "motorised"] | None = None
+    motors: Names | Literal["all"] | None = None
+    prefix: Annotated[str, Field(pattern=r"^[A-Za-z][A-Za-z0-9_]*$", max_length=20)] | None = None
+
+
+class PlainTerm(TermTable):
+    """A term without settings."""
+
+    kind: Literal["rotor", "viscous", "offset"]
+
+
+class CoulombTerm(TermTable):
+    """Dry friction; width smooths its sign, rad/s or m/s."""
+
+    kind: Literal["coulomb", "coulomb-by-direction"]
+    width: Quantity = 0.0
+
+
+class StribeckTerm(TermTable):
+    """Friction that fades with speed: sgn(v) exp(-(|v| / velocity)^exponent)."""
+
+    kind: Literal["stribeck"]
+    velocity: Quantity
+    exponent: Quantity = 2.0
+    width: Quantity = 0.0
+
+
+class SpringTerm(TermTable):
+    """Stiffness about a rest position."""
+
+    kind: Literal["spring"]
+    rest: Quantity = 0.0
+
+
+class CounterbalanceTerm(TermTable):
+    """A strut between link and parent."""
+
+    kind: Literal["counterbalance"]
+    crank: Quantity
+    base: Quantity
+    angle: Quantity = 0.0
+    law: Literal["spring", "gas"]
+    stroke: Quantity | None = None
+    sign: Literal[-1, 1] = 1
+
+
+class ColumnTerm(TermTable):
+    """A user's own column."""
+
+    kind: Literal["column"]
+    name: Name
+    unit: Text
+    expression: Text
+
+
+AnyTerm = Annotated[
+    PlainTerm | CoulombTerm | StribeckTerm | SpringTerm | CounterbalanceTerm | ColumnTerm, Field(discriminator="kind")
+]
+
+
+class AboutTable(Table):
+    """A body symmetric about an axis of its link frame."""
+
+    link: Name
+    axis: Literal["x", "y", "z"]
+
+
+class SymmetryTable(Table):
+    """What is known of parameters beforehand, and why."""
+
+    reason: Text
+    zero: list[Name] = []
+    equal: list[Annotated[list[Name], Field(min_length=2)]] = []
+    about: AboutTable | None = None
+    identical: list[Name] = []
+
+
+class BaseTable(Table):
+    """Placement of the first frame in the frame that gravity is given in."""
+
+    xyz: Triple = [0.0, 0.0, 0.0]
+    rpy: Triple = [0.0, 0.0, 0.0]
+
+
+class HandleTable(BaseTable):
+    """Where the hand holds the device."""
+
+    link: Name
+
+
+class PriorTable(Table):
+    """A value with its deviation."""
+
+    value: Quantity
+    sd: Quantity | None = None
+
+
+class PriorBodyTable(Table):
+    """A body as CAD gives it: inertia XX YY ZZ XY XZ YZ about its centre of mass."""
+
+    link: Name
+    mass: Quantity
+    com: Triple
+    inertia: Annotated[list[Quantity], Field(min_length=6, max_length=6)] | None = None
+    sd_percent: Quantity | None = None
+
+
+class BaseParametersTable(Table):
+    """How base parameters are chosen."""
+
+    keep: list[Name] = []
+    tolerance: Quantity = 1e-9
+
+
+class DeviceTable(Table):
+    """What device files of every convention have."""
+
+    version: Literal[1] = Field(default=1, alias="schema")
+    name: Text
+    description: str = ""
+    source: str = ""
+    gravity: Triple
+    base: BaseTable = BaseTable()
+    lengths: dict[Annotated[str, Field(pattern=r"^[A-Za-z_][A-Za-z0-9_]*$")], Quantity] = {}
+    loops: list[LoopTable] = []
+    motors: list[MotorTable] = []
+    terms: list[AnyTerm] = []
+    symmetry: list[SymmetryTable] = []
+    handle: HandleTable | None = None
+    prior: dict[Name, Annotated[PriorTable | Quantity, Field(union_mode="left_to_right")]] = {}
+    prior_bodies: list[PriorBodyTable] = []
+    base_parameters: BaseParametersTable = BaseParametersTable()
+
+
+class ModifiedDHDevice(DeviceTable):
+    """A device described after Khalil and Kleinfinger."""
+
+    convention: Literal["modified-dh"] = "modified-dh"
+    joints: Annotated[list[ModifiedDHJoint], Field(min_length=1, max_length=200)]
+
+
+class StandardDHDevice(DeviceTable):
+    """A device described by standard Denavit-Hartenberg parameters."""
+
+    convention: Literal["dh"]
+    joints: Annotated[list[StandardDHJoint], Field(min_length=1, max_length=200)]
+
+
+class PlacementDevice(DeviceTable):
+    """A device described by placements and axes."""
+
+    convention: Literal["placement"]
+    joints: Annotated[list[PlacementJoint], Field(min_length=1, max_length=200)]
+
+
+AnyDevice = ModifiedDHDevice | StandardDHDevice | PlacementDevice
+AnyJoint = ModifiedDHJoint | StandardDHJoint | PlacementJoint
+CONVENTIONS: dict[str, type[ModifiedDHDevice] | type[StandardDHDevice] | type[PlacementDevice]] = {
+    "modified-dh": ModifiedDHDevice,
+    "dh": StandardDHDevice,
+    "placement": PlacementDevice,
+}
+
+
+def device_schema() -> dict[str, Any]:
+    """JSON Schema of a device file, for editors that complete and check TOML."""
+    return {
+        "$schema": "https://json-schema.org/draft/2020-12/schema",
+        "title": "haptid device",
+        **TypeAdapter(AnyDevice).json_schema(by_alias=True),
+    }

@@ -1,0 +1,131 @@
+"""Terms beside link inertia: each a column of one parameter, acting on a joint or on a motor's coordinate."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from haptid._values import Array, read_only
+from haptid.device.expressions import Column
+from haptid.errors import ColumnValueError
+
+# Unit of a column's parameter, for a turning and for a sliding coordinate.
+UNITS: Mapping[str, tuple[str, str]] = {
+    "rotor": ("kg m^2", "kg"),
+    "viscous": ("N m s/rad", "N s/m"),
+    "coulomb": ("N m", "N"),
+    "coulomb+": ("N m", "N"),
+    "coulomb-": ("N m", "N"),
+    "stribeck": ("N m", "N"),
+    "offset": ("N m", "N"),
+    "spring": ("N m/rad", "N/m"),
+}
+# Kinds in which the sign of a velocity matters.
+DRY = ("coulomb", "coulomb+", "coulomb-", "stribeck")
+
+
+@dataclass(frozen=True)
+class Counterbalance:
+    """A strut between link and parent that pulls on a crank: torque per unit of its parameter.
+
+    With delta = q + angle, the strut is sqrt(base^2 + crank^2 - 2 base crank cos delta) long, has lengthened by dl from
+    its shortest, and pulls with the lever arm base crank sin(delta) / length.
+
+    Attributes:
+        joint: index of the joint it turns about.
+        crank, base: distances of its two ends from the joint axis, m.
+        angle: added to the joint position, rad.
+        sign: 1 or -1.
+        force: "constant" (parameter N), "linear" in dl (parameter N/m), or "gas": 1 / (1 - dl / stroke) (parameter N).
+        stroke: lengthening at which the gas volume would vanish, m.
+    """
+
+    joint: int
+    crank: float
+    base: float
+    angle: float
+    sign: float
+    force: str
+    stroke: float = np.inf
+
+    def values(self, q: Array) -> Array:
+        """The column, (samples,), from the positions of all joints, (joints, samples)."""
+        delta = q[self.joint] + self.angle
+        length = np.sqrt(self.base**2 + self.crank**2 - 2 * self.base * self.crank * np.cos(delta))
+        lengthening = length - abs(self.base - self.crank)
+        lever = self.sign * self.base * self.crank * np.sin(delta) / length
+        if self.force == "linear":
+            return np.asarray(lever * lengthening)
+        if self.force == "gas":
+            return np.asarray(lever / (1 - lengthening / self.stroke))
+        return np.asarray(lever)
+
+
+@dataclass(frozen=True, eq=False)
+class TermColumn:
+    """One column of the regressor beside link inertia.
+
+    Attributes:
+        name: of its parameter, such as FV1.
+        unit: of its parameter.
+        kind: the core's: rotor viscous coulomb coulomb+ coulomb- stribeck offset spring external.
+        on: what it acts on: "joint 3" or "motor 6".
+        weights: its coordinate as a combination of the drives' coordinates, (na,).
+        offset: position of its coordinate where the drives' are zero, rad or m.
+        settings: the core's a, b, c; see architecture of the term: coulomb (width, 0, 0), stribeck
+            (velocity, exponent, width), spring (rest, 0, 0).
+        shape: how an external column is computed, None for the others.
+    """
+
+    name: str
+    unit: str
+    kind: str
+    on: str
+    weights: Array
+    offset: float = 0.0
+    settings: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    shape: Counterbalance | Column | None = None
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "weights", read_only(self.weights))
+
+    @property
+    def for_core(self) -> tuple[str, Array, float, float, float, float]:
+        """The term as `haptid._core.Mechanism` takes it."""
+        return (self.kind, self.weights, self.offset, *self.settings)
+
+
+def external_columns(
+    terms: tuple[TermColumn, ...], joints: tuple[str, ...], motion: tuple[Array, Array, Array]
+) -> Array:
+    """Columns that Python computes for the core, (columns, samples).
+
+    Args:
+        terms: the external ones, in the core's order.
+        joints: names of all joints.
+        motion: position, velocity and acceleration of all joints, each (joints, samples).
+
+    Raises:
+        ColumnValueError: a column is not finite somewhere.
+    """
+    samples = motion[0].shape[1]
+    named = dict(_named(joints, motion))
+    made = np.empty((len(terms), samples))
+    for row, term in zip(made, terms, strict=True):
+        if isinstance(term.shape, Counterbalance):
+            row[:] = term.shape.values(motion[0])
+        elif term.shape is not None:
+            row[:] = term.shape.values(named, samples)
+        if not np.isfinite(row).all():
+            sample = int(np.argmin(np.isfinite(row)))
+            cause = f"its expression is {term.shape.text}" if isinstance(term.shape, Column) else "the motion is not"
+            raise ColumnValueError(term.name, sample, float(row[sample]), cause)
+    return made
+
+
+def _named(joints: tuple[str, ...], motion: tuple[Array, Array, Array]) -> Iterator[tuple[str, Array]]:
+    for letter, values in zip("qva", motion, strict=True):
+        for joint, row in zip(joints, values, strict=True):
+            yield f"{letter}_{joint}", row

@@ -1,0 +1,180 @@
+"""`estimate(observation, method)`: value and covariance together."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Protocol
+
+import numpy as np
+from scipy import stats
+
+from haptid._values import Array, read_only
+from haptid.base import BaseParameters
+from haptid.device import Device
+from haptid.estimators.jackknife import jackknife
+from haptid.estimators.solve import solve
+from haptid.observation import Observation
+
+# Scaled condition number above which single parameters are not to be trusted one by one (Gautier's rule).
+WELL_CONDITIONED = 200.0
+
+
+class Method(Protocol):
+    """How rows are weighted: a small frozen type, its settings its fields."""
+
+    @property
+    def name(self) -> str:
+        """Short name, as in tables and the result file."""
+
+    @property
+    def unit_residual(self) -> bool:
+        """Whether the weighted residual has unit variance, or its variance is still to be estimated."""
+
+    def weights(self, observation: Observation) -> Array:
+        """Weight of each motor's rows, (motors,)."""
+
+
+@dataclass(frozen=True)
+class Parameter:
+    """One base parameter as identified.
+
+    Attributes:
+        name, unit, grouping: ZZ1R, kg m^2, and what regroups into it.
+        value, sd: and its honest deviation, SI.
+        textbook_sd: its deviation if the residual were white.
+        interval: the honest 95 % interval.
+        prior: value and deviation known beforehand, or None.
+    """
+
+    name: str
+    unit: str
+    grouping: str
+    value: float
+    sd: float
+    textbook_sd: float
+    interval: tuple[float, float]
+    prior: tuple[float, float | None] | None
+
+    @property
+    def relative_sd(self) -> float:
+        """100 sd / |value|, per cent (Janot et al. 2007, eq. 17, with the absolute value it lacks)."""
+        return 100 * self.sd / abs(self.value) if self.value else float("inf")
+
+
+@dataclass(frozen=True, eq=False)
+class Estimate:
+    """Base parameters from an observation.
+
+    Attributes:
+        observation: the rows it was made from.
+        method: how.
+        beta: (p,), SI.
+        covariance: by the block jackknife, (p, p).
+        textbook_covariance: if the residual were white, (p, p).
+        freedom: degrees of freedom of each interval, (p,).
+        weights: of each motor's rows, (motors,).
+        status: "ok", or what is wrong with it.
+        notes: sentences a user should read.
+    """
+
+    observation: Observation
+    method: Method
+    beta: Array
+    covariance: Array
+    textbook_covariance: Array
+    freedom: Array
+    weights: Array
+    status: str
+    notes: tuple[str, ...]
+
+    def __post_init__(self) -> None:
+        for name in ("beta", "covariance", "textbook_covariance", "freedom", "weights"):
+            object.__setattr__(self, name, read_only(getattr(self, name)))
+
+    @property
+    def device(self) -> Device:
+        return self.observation.device
+
+    @property
+    def base(self) -> BaseParameters:
+        return self.observation.base
+
+    @property
+    def sd(self) -> Array:
+        """Honest deviations, (p,)."""
+        return np.sqrt(np.diag(self.covariance))
+
+    @property
+    def interval95(self) -> Array:
+        """Honest 95 % intervals, (p, 2)."""
+        half = stats.t.ppf(0.975, self.freedom) * self.sd
+        return np.column_stack([self.beta - half, self.beta + half])
+
+    @cached_property
+    def parameters(self) -> tuple[Parameter, ...]:
+        """The estimate, parameter by parameter."""
+        textbook = np.sqrt(np.diag(self.textbook_covariance))
+        return tuple(
+            Parameter(
+                name=name,
+                unit=self.base.units[k],
+                grouping=self.base.groupings[k],
+                value=float(self.beta[k]),
+                sd=float(self.sd[k]),
+                textbook_sd=float(textbook[k]),
+                interval=(float(self.interval95[k, 0]), float(self.interval95[k, 1])),
+                prior=self.device.base_prior[k],
+            )
+            for k, name in enumerate(self.base.names)
+        )
+
+    def __getitem__(self, name: str) -> Parameter:
+        return self.parameters[self.base.names.index(name)]
+
+
+def estimate(observation: Observation, method: Method) -> Estimate:
+    """Base parameters with honest intervals.
+
+    Args:
+        observation: the rows.
+        method: `OLS()`, `WLS()`, ...
+
+    Raises:
+        TooFewRowsError: fewer rows than parameters.
+        UnexcitedError: the log leaves a direction of the parameters in the dark.
+    """
+    weights = method.weights(observation)
+    solution = solve(observation, weights)
+    jack = jackknife(observation, weights, solution)
+    raw, scaled = observation.condition
+    notes = list(observation_notes(observation))
+    status = "ok"
+    if scaled > WELL_CONDITIONED:
+        status = "weak"
+        notes.append(
+            f"The motion tells some parameters apart only weakly (condition number {scaled:.0f} with unit columns, "
+            f"{raw:.0f} raw): trust the torque, and of single parameters only those with a small deviation."
+        )
+    if len(jack.alone):
+        names = ", ".join(observation.base.names[k] for k in jack.alone)
+        notes.append(f"One stretch of the log alone tells {names}: its interval is a lower bound of the doubt.")
+    return Estimate(
+        observation=observation,
+        method=method,
+        beta=solution.beta,
+        covariance=jack.covariance,
+        textbook_covariance=solution.textbook_covariance(method.unit_residual),
+        freedom=jack.freedom,
+        weights=weights,
+        status=status,
+        notes=tuple(notes),
+    )
+
+
+def observation_notes(observation: Observation) -> tuple[str, ...]:
+    """What the values this observation came from have to say, each sentence once."""
+    sentences = list(observation.device.notes)
+    for motion in observation.motions:
+        sentences += motion.log.notes if motion.log else ()
+    return tuple(dict.fromkeys(sentences))

@@ -1,0 +1,123 @@
+"""Walking a study: from its logs to an estimate and what it predicts of rows it has not seen."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import reduce
+from operator import add
+from pathlib import Path
+
+from haptid.device import Device, read_device
+from haptid.estimators import Estimate, estimate
+from haptid.log import read_log
+from haptid.observation import Observation, observe
+from haptid.study import LogEntry, Study
+from haptid.treatment import Motion, treat
+from haptid.validation import Validation, direct, validate
+
+Progress = Callable[[str, float], None]
+
+
+@dataclass(frozen=True)
+class Run:
+    """One log of a study, observed, and what was predicted of it.
+
+    Attributes:
+        entry: the study's entry.
+        observation: its rows.
+        direct: errors of the final estimate, where the fit saw the log.
+        unseen: errors of fits that had not seen the rows: of the final estimate for a validation log, of the fold's
+            own fit where rows were held out.
+    """
+
+    entry: LogEntry
+    observation: Observation
+    direct: Validation | None
+    unseen: tuple[Validation, ...]
+
+    @property
+    def motion(self) -> Motion:
+        return self.observation.motions[0]
+
+
+@dataclass(frozen=True)
+class Identification:
+    """A study walked to its end.
+
+    Attributes:
+        study, device: what was asked, of what.
+        estimate: from all logs with role "identify".
+        runs: log by log.
+    """
+
+    study: Study
+    device: Device
+    estimate: Estimate
+    runs: tuple[Run, ...]
+
+    @property
+    def unseen(self) -> tuple[Validation, ...]:
+        """Every validation on rows that its fit had not seen."""
+        return tuple(v for run in self.runs for v in run.unseen)
+
+    @property
+    def meets_criteria(self) -> bool | None:
+        """Whether every unseen prediction is within the study's limit; None where it sets none."""
+        limit = self.study.largest_error
+        if limit is None:
+            return None
+        return bool(self.unseen) and all(v.relative <= limit for v in self.unseen)
+
+
+def identify(study: Study, data: Path | None = None, progress: Progress | None = None) -> Identification:
+    """Read, treat, observe, estimate and validate.
+
+    Args:
+        study: what to do.
+        data: where the study's relative log paths start; the study's own folder where None.
+        progress: called with what is being done and the share of it done.
+
+    Raises:
+        HaptidError: one of the errors of the rooms it walks through.
+    """
+    tell = progress or (lambda what, share: None)
+    device = read_device(study.device)
+    observations = [_observe(study, device, entry, data or study.path.parent, tell) for entry in study.logs]
+    fitted = [o for o, entry in zip(observations, study.logs, strict=True) if entry.role == "identify"]
+    tell("estimating", 0.0)
+    final = estimate(reduce(add, fitted), study.method)
+    runs = []
+    for entry, observation in zip(study.logs, observations, strict=True):
+        if entry.role == "validate":
+            runs.append(Run(entry, observation, None, (validate(final, observation),)))
+        else:
+            others = [o for o in fitted if o is not observation]
+            runs.append(Run(entry, observation, direct(final, observation), held_out(study, observation, others)))
+    tell("estimating", 1.0)
+    return Identification(study, device, final, tuple(runs))
+
+
+def _observe(study: Study, device: Device, entry: LogEntry, data: Path, tell: Progress) -> Observation:
+    name = Path(entry.path).name
+    tell(f"reading {name}", 0.0)
+    log = read_log(data / entry.path, entry.channels, stretch=entry.stretch)
+    device.check_log(log)
+    tell(f"reading {name}", 1.0)
+    tell(f"treating {name}", 0.0)
+    motion = treat(log, study.treatment)
+    tell(f"treating {name}", 1.0)
+    return observe(device, motion, progress=lambda share: tell(f"observing {name}", share))
+
+
+def held_out(study: Study, observation: Observation, others: list[Observation]) -> tuple[Validation, ...]:
+    """Predictions of this log's rows by fits that have not seen them, as the study's holdout says."""
+    if study.holdout == "each-log":
+        return (validate(estimate(reduce(add, others), study.method), observation),)
+    if study.holdout == "alternate":
+        halves = observation.alternate()
+        return tuple(
+            validate(estimate(reduce(add, others, fit), study.method), unseen)
+            for fit, unseen in (halves, halves[::-1])
+        )
+    return ()

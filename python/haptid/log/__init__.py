@@ -1,0 +1,7 @@
+"""Logs: what was recorded, read from CSV, Parquet, MAT, NPZ and HDF5, checked, in SI and on a uniform grid."""
+
+from haptid.log.limits import check_against
+from haptid.log.model import Channels, Log, Signal
+from haptid.log.reading import read_log
+
+__all__ = ["Channels", "Log", "Signal", "check_against", "read_log"]

@@ -1,0 +1,85 @@
+"""Units of what a log holds: their scale to SI, and what was probably meant by an unknown one."""
+
+from __future__ import annotations
+
+import difflib
+import math
+from typing import Literal
+
+from haptid.errors import UnknownUnitError, WrongKindOfUnitError
+
+Quantity = Literal["position", "torque", "time"]
+
+# unit -> (what a log keeps, how much of it); counts keep their name, and their gain says what one is.
+POSITION = {
+    "rad": ("rad", 1.0),
+    "deg": ("rad", math.pi / 180),
+    "turn": ("rad", 2 * math.pi),
+    "m": ("m", 1.0),
+    "mm": ("m", 1e-3),
+    "um": ("m", 1e-6),
+    "counts": ("counts", 1.0),
+}
+TORQUE = {
+    "N m": ("N m", 1.0),
+    "mN m": ("N m", 1e-3),
+    "N": ("N", 1.0),
+    "V": ("V", 1.0),
+    "mV": ("V", 1e-3),
+    "A": ("A", 1.0),
+    "mA": ("A", 1e-3),
+    "counts": ("counts", 1.0),
+}
+TIME = {"s": ("s", 1.0), "ms": ("s", 1e-3), "us": ("s", 1e-6), "ns": ("s", 1e-9)}
+TABLES: dict[Quantity, dict[str, tuple[str, float]]] = {"position": POSITION, "torque": TORQUE, "time": TIME}
+
+# The jump of a wrapped channel, in its own unit; counters wrap at a power of two.
+PERIODS = {"rad": 2 * math.pi, "deg": 360.0, "turn": 1.0}
+
+SPELLINGS = {
+    "rad": ("radian", "radians", "rads"),
+    "deg": ("degree", "degrees", "degs", "°"),
+    "turn": ("turns", "rev", "revs", "revolution", "revolutions"),
+    "m": ("meter", "metre", "meters", "metres"),
+    "mm": ("millimeter", "millimetre", "millimeters", "millimetres"),
+    "um": ("µm", "μm", "micron", "microns", "micrometer", "micrometre"),
+    "counts": ("count", "tick", "ticks", "inc", "increments", "lsb", "raw"),
+    "N m": ("nm", "n.m", "n*m", "n·m", "newtonmeter", "newton meter", "newton metre"),
+    "mN m": ("mnm", "mn.m", "mn*m", "mn·m"),
+    "N": ("newton", "newtons"),
+    "V": ("volt", "volts"),
+    "mV": ("millivolt", "millivolts"),
+    "A": ("amp", "amps", "ampere", "amperes"),
+    "mA": ("milliamp", "milliamps", "milliampere"),
+    "s": ("sec", "secs", "second", "seconds"),
+    "ms": ("msec", "millisecond", "milliseconds"),
+    "us": ("µs", "μs", "usec", "microsecond", "microseconds"),
+    "ns": ("nsec", "nanosecond", "nanoseconds"),
+}
+
+
+def meant(unit: str, quantity: Quantity) -> str | None:
+    """The known unit of this quantity that was probably meant; None where nothing is close."""
+    known = TABLES[quantity]
+    plain = unit.strip().lower()
+    for name, spellings in SPELLINGS.items():
+        if name in known and (plain == name.lower() or plain in spellings):
+            return name
+    close = difflib.get_close_matches(unit, known, n=1, cutoff=0.6)
+    return close[0] if close else None
+
+
+def scale(unit: str, quantity: Quantity) -> tuple[str, float]:
+    """SI unit and the factor to it.
+
+    Raises:
+        WrongKindOfUnitError: a unit of another quantity.
+        UnknownUnitError: a unit of none.
+    """
+    if unit in TABLES[quantity]:
+        return TABLES[quantity][unit]
+    known = tuple(TABLES[quantity])
+    for other, table in TABLES.items():
+        if unit in table:
+            raise WrongKindOfUnitError(unit, quantity, other, known)
+    raise UnknownUnitError(unit, quantity, known, meant(unit, quantity))

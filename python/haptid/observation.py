@@ -1,0 +1,340 @@
+"""From a motion to an observation: y = W beta + rho, kept as one small triangle per motor and time block.
+
+W is never stored: the core makes its rows, filters and decimates them together with the torques, and folds them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+
+from haptid._values import Array, expect, freeze, read_only
+from haptid.base import BaseParameters
+from haptid.device import Device
+from haptid.errors import DifferentModelError, MotionTooShortError, NoRowsError, SameRowsError
+from haptid.signals import coordinate_torque, coordinates, external
+from haptid.treatment import Motion
+
+# Samples handed to the core at a time: enough to keep its threads busy, little beside a log.
+SEGMENT = 1 << 16
+# Blocks of one motor that are kept apart; beyond this they are merged in pairs.
+MOST_BLOCKS = 512
+# What is left outside the guard around a row weighs less than this share of the parallel filter.
+OUTSIDE_GUARD = 0.1
+
+
+@dataclass(frozen=True)
+class Block:
+    """A stretch of one log: rows between two times.
+
+    Attributes:
+        log: SHA-256 of the log, or a name for a motion without one.
+        start, stop: s.
+    """
+
+    log: str
+    start: float
+    stop: float
+
+    def overlaps(self, other: Block) -> bool:
+        """Whether the two share rows."""
+        return self.log == other.log and self.start < other.stop and other.start < self.stop
+
+
+@dataclass(frozen=True, eq=False)
+class MotorRows:
+    """The rows of one motor, reduced by QR, block by block: R beta = z, and what is left over.
+
+    Attributes:
+        name: of the motor.
+        unit: of its torque, N m or N.
+        columns: base parameters that this motor's rows can reach, (p,).
+        triangles: per block the upper triangle [R z; 0 rest], (blocks, p + 1, p + 1), SI.
+        rows: rows reduced into each block, (blocks,).
+    """
+
+    name: str
+    unit: str
+    columns: np.ndarray
+    triangles: Array
+    rows: np.ndarray
+
+    def __post_init__(self) -> None:
+        size = len(self.columns) + 1
+        object.__setattr__(self, "triangles", read_only(self.triangles))
+        expect("triangles", self.triangles.shape, (None, size, size))
+        expect("rows", np.shape(self.rows), (len(self.triangles),))
+
+    @cached_property
+    def whole(self) -> Array:
+        """The triangle of all blocks together, (p + 1, p + 1)."""
+        return freeze(triangle(self.triangles.reshape(-1, self.triangles.shape[-1])))
+
+    def residual(self, beta: Array) -> float:
+        """Norm of y - W beta over the motor's rows, for all base parameters beta, N m or N."""
+        return float(np.linalg.norm(self.whole @ np.append(-beta[self.columns], 1.0)))
+
+    @property
+    def norm(self) -> float:
+        """Norm of y over the motor's rows, N m or N."""
+        return float(np.linalg.norm(self.whole[:, -1]))
+
+    def pick(self, blocks: np.ndarray) -> MotorRows:
+        """Only those blocks."""
+        return replace(self, triangles=self.triangles[blocks], rows=self.rows[blocks])
+
+    def paired(self) -> MotorRows:
+        """Neighbouring blocks merged in pairs."""
+        starts = range(0, len(self.rows), 2)
+        size = self.triangles.shape[-1]
+        triangles = np.stack([triangle(self.triangles[k : k + 2].reshape(-1, size)) for k in starts])
+        return replace(self, triangles=freeze(triangles), rows=np.add.reduceat(self.rows, starts))
+
+
+def triangle(rows: Array) -> Array:
+    """The square upper triangle R with R'R = rows'rows, (columns, columns)."""
+    size = rows.shape[1]
+    R = np.linalg.qr(rows, mode="r")
+    return np.vstack([R, np.zeros((size - len(R), size))]) if len(R) < size else np.asarray(R)
+
+
+@dataclass(frozen=True, eq=False)
+class Observation:
+    """All motors' rows of one or several motions, in one device's base parameters.
+
+    Attributes:
+        device: the mechanism.
+        motors: rows by motor.
+        blocks: where and when each block's rows are from, (blocks,).
+        motions: what they were made from.
+    """
+
+    device: Device
+    motors: tuple[MotorRows, ...]
+    blocks: tuple[Block, ...]
+    motions: tuple[Motion, ...]
+
+    @property
+    def base(self) -> BaseParameters:
+        """The parameters that the columns stand for."""
+        return self.device.base
+
+    @property
+    def rows(self) -> int:
+        """Rows of all motors."""
+        return int(sum(motor.rows.sum() for motor in self.motors))
+
+    def __add__(self, other: Observation) -> Observation:
+        """Both together: observations of one device add."""
+        if other.device is not self.device:
+            raise DifferentModelError(self.device.name, other.device.name)
+        shared = self.shares_rows_with(other)
+        if shared is not None:
+            raise SameRowsError(shared.log, shared.start, shared.stop)
+        pairs = zip(self.motors, other.motors, strict=True)
+        motors = tuple(
+            replace(
+                a,
+                triangles=freeze(np.concatenate([a.triangles, b.triangles])),
+                rows=np.concatenate([a.rows, b.rows]),
+            )
+            for a, b in pairs
+        )
+        return Observation(self.device, motors, self.blocks + other.blocks, self.motions + other.motions)
+
+    def shares_rows_with(self, other: Observation) -> Block | None:
+        """A block of this observation whose rows are also in the other, if there is one."""
+        for block in self.blocks:
+            if any(block.overlaps(b) for b in other.blocks):
+                return block
+        return None
+
+    def alternate(self) -> tuple[Observation, Observation]:
+        """Every other block: the first, third, ... and the second, fourth, ..."""
+        index = np.arange(len(self.blocks))
+        even, odd = (self.pick(index[index % 2 == parity]) for parity in (0, 1))
+        return even, odd
+
+    def pick(self, blocks: np.ndarray) -> Observation:
+        """Only those blocks."""
+        motors = tuple(motor.pick(blocks) for motor in self.motors)
+        return replace(self, motors=motors, blocks=tuple(self.blocks[k] for k in blocks))
+
+    def stack(self, weights: Array | None = None) -> Array:
+        """The triangle of all rows [R z; 0 rest], each motor's rows multiplied by its weight, (p + 1, p + 1)."""
+        p = len(self.base)
+        parts = []
+        for k, motor in enumerate(self.motors):
+            wide = np.zeros((len(motor.whole), p + 1))
+            wide[:, np.append(motor.columns, p)] = motor.whole * (1.0 if weights is None else weights[k])
+            parts.append(wide)
+        return triangle(np.concatenate(parts))
+
+    @cached_property
+    def condition(self) -> tuple[float, float]:
+        """Condition number of W: as it is, and with its columns scaled to unit length."""
+        R = self.stack()[:-1, :-1]
+        lengths = np.linalg.norm(R, axis=0)
+        return _condition(R), _condition(R / np.where(lengths > 0, lengths, 1.0))
+
+
+def _condition(R: Array) -> float:
+    singular = np.linalg.svd(R, compute_uv=False)
+    return float(singular[0] / singular[-1]) if len(singular) and singular[-1] > 0 else float("inf")
+
+
+def observe(device: Device, motion: Motion, progress: Callable[[float], None] | None = None) -> Observation:
+    """Reduce a motion to triangles in the device's base parameters.
+
+    Args:
+        device: the mechanism.
+        motion: treated signals; its channels are the device's joints or motors, in order.
+        progress: called with the share of the work done, 0 to 1.
+
+    Raises:
+        ChannelCountError: the log has more or fewer channels than the device has coordinates or motors.
+        MotionTooShortError: not one row fits between the filters' ends.
+        NoRowsError: every row of a motor was dropped as too slow.
+    """
+    plan = Plan.of(device, motion)
+    stacks: list[list[tuple[np.ndarray, Array]]] = []
+    counts = []
+    for start, stop in plan.segments():
+        triangles, rows = plan.reduce(start, stop)
+        stacks.append(triangles)
+        counts.append(rows)
+        if progress:
+            progress(stop / plan.rows)
+    rows = np.concatenate(counts, axis=1)
+    name = motion.log.sha256 if motion.log else f"motion {id(motion):x}"
+    blocks = plan.blocks(name)
+    if not all(many.any() for many in rows):
+        raise NoRowsError(device.drives[int(np.argmin(rows.any(axis=1)))].name, motion.treatment.low_speed)
+    motors = []
+    for k, drive in enumerate(device.drives):
+        if not drive.motorised:
+            continue
+        columns = stacks[0][k][0]
+        triangles = freeze(np.concatenate([stack[k][1] for stack in stacks]))
+        motors.append(MotorRows(drive.name, device.torque_units[k], columns, triangles, rows[k]))
+    return _thinned(Observation(device, tuple(motors), blocks, (motion,)))
+
+
+def _thinned(observation: Observation) -> Observation:
+    """Blocks merged in pairs until there are at most MOST_BLOCKS."""
+    while len(observation.blocks) > MOST_BLOCKS:
+        blocks = observation.blocks
+        pairs = tuple(replace(a, stop=b.stop) for a, b in zip(blocks[::2], blocks[1::2] + blocks[-1:], strict=False))
+        motors = tuple(motor.paired() for motor in observation.motors)
+        observation = replace(observation, motors=motors, blocks=pairs)
+    return observation
+
+
+@dataclass(frozen=True, eq=False)
+class Plan:
+    """Which rows a motion gives, and which columns of the core they need.
+
+    Attributes:
+        first: sample at the centre of row 0.
+        rows: rows of each motor.
+        block: rows of a time block.
+        taps: the parallel filter.
+        guard: samples around a row's centre in which the motion must not be slow.
+        columns: the core's columns that the base parameters need, and `selection` that makes them so.
+    """
+
+    device: Device
+    motion: Motion
+    taps: Array
+    first: int
+    rows: int
+    block: int
+    guard: int
+    columns: tuple[int, ...]
+    selection: Array
+
+    @staticmethod
+    def of(device: Device, motion: Motion) -> Plan:
+        """Fit the rows between the ends that the filters leave."""
+        treatment = motion.treatment
+        taps = treatment.taps(motion.dt)
+        half, (low, high) = len(taps) // 2, motion.usable
+        rows = (high - low - 2 * half - 1) // treatment.decimation + 1
+        if rows < 1:
+            raise MotionTooShortError(len(motion) * motion.dt, (len(motion) - (high - low) + len(taps)) * motion.dt,
+                                      "the filters' ends")
+        block = max(1, round(treatment.block / (treatment.decimation * motion.dt)))
+        selection = device.parameters.S[:, list(device.base.kept)]
+        columns = tuple(int(c) for c in np.flatnonzero(selection.any(axis=1)))
+        tail = np.cumsum(np.abs(taps)) / np.abs(taps).sum()
+        guard = half - int(np.argmax(tail > OUTSIDE_GUARD / 2)) if half else 0
+        return Plan(device, motion, taps, low + half, rows, block, guard, columns, selection[list(columns)])
+
+    def segments(self) -> Iterator[tuple[int, int]]:
+        """Rows start..stop, whole blocks at a time."""
+        step = self.block * max(1, SEGMENT // (self.block * self.motion.treatment.decimation))
+        for start in range(0, self.rows, step):
+            yield start, min(start + step, self.rows)
+
+    def window(self, start: int, stop: int) -> tuple[int, int]:
+        """Samples that rows start..stop need."""
+        d, half = self.motion.treatment.decimation, len(self.taps) // 2
+        return self.first + start * d - half, self.first + (stop - 1) * d + half + 1
+
+    def blocks(self, log: str) -> tuple[Block, ...]:
+        """When each block's rows are from."""
+        step = self.motion.treatment.decimation * self.motion.dt
+        begin = self.motion.t0 + self.first * self.motion.dt - 0.5 * step
+        edges = [*range(0, self.rows, self.block), self.rows]
+        return tuple(
+            Block(log, begin + a * step, begin + b * step) for a, b in zip(edges[:-1], edges[1:], strict=True)
+        )
+
+    def reduce(self, start: int, stop: int) -> tuple[list[tuple[np.ndarray, Array]], np.ndarray]:
+        """Triangles of rows start..stop by coordinate (columns, stack), and how many rows went into each block."""
+        low, high = self.window(start, stop)
+        c, cd, cdd = coordinates(self.device, self.motion, low, high)
+        weights = self.weights(cd, stop - start)
+        made = self.device.mechanism.reduce(
+            c,
+            cd,
+            cdd,
+            external(self.device, c, cd, cdd),
+            coordinate_torque(self.device, self.motion, low, high),
+            list(self.columns),
+            self.taps,
+            self.motion.treatment.decimation,
+            len(self.taps) // 2,
+            stop - start,
+            self.block,
+            weights,
+        )
+        blocks = np.arange(0, stop - start, self.block)
+        return [self.selected(np.array(a), T) for a, T in made], np.add.reduceat(weights > 0, blocks, axis=1, dtype=int)
+
+    def selected(self, reached: np.ndarray, triangles: Array) -> tuple[np.ndarray, Array]:
+        """Triangles over the core's columns as triangles over base parameters, which may be sums of several."""
+        chosen = self.selection[reached]
+        base = np.flatnonzero(chosen.any(axis=0))
+        if chosen.shape == (len(base), len(base)) and (chosen[:, base] == np.eye(len(base))).all():
+            return base, triangles
+        mix = np.zeros((len(reached) + 1, len(base) + 1))
+        mix[:-1, :-1], mix[-1, -1] = chosen[:, base], 1.0
+        return base, np.stack([triangle(T @ mix) for T in triangles])
+
+    def weights(self, cd: Array, rows: int) -> Array:
+        """One for a row that counts, zero for one that is too slow for sgn to be known, (coordinates, rows)."""
+        device, treatment = self.device, self.motion.treatment
+        speeds = np.broadcast_to(np.asarray(treatment.low_speed, dtype=float), (len(device.drives),))
+        weights = np.ones((len(device.drives), rows))
+        half, d = len(self.taps) // 2, treatment.decimation
+        centres = half + d * np.arange(rows)
+        for motor, speed in enumerate(speeds):
+            for direction in device.coulomb_directions(motor) if speed > 0 else ():
+                slow = np.abs(direction @ cd) < speed
+                before = np.concatenate([[0], np.cumsum(slow)])
+                weights[motor, before[centres + self.guard + 1] > before[centres - self.guard]] = 0.0
+        return weights

@@ -1,0 +1,126 @@
+"""The result file: `result.json`, a contract that other programs read, and the same table as CSV."""
+
+from __future__ import annotations
+
+import csv
+import dataclasses
+import json
+import math
+from pathlib import Path
+from typing import Any
+
+from haptid._core import __version__
+from haptid.estimators import Estimate, Parameter
+from haptid.identification import Identification, Run
+from haptid.validation import Validation
+
+SCHEMA = 1
+
+
+def result(identification: Identification) -> dict[str, Any]:
+    """The result as plain values. Relative errors are of the treated torque, referred to the joint side."""
+    study, estimate = identification.study, identification.estimate
+    raw, scaled = estimate.observation.condition
+    return {
+        "schema": SCHEMA,
+        "haptid": __version__,
+        "device": identification.device.name,
+        "study": study.name,
+        "logs": [log(run) for run in identification.runs],
+        "treatment": dataclasses.asdict(study.treatment),
+        "observation": {
+            "rows": estimate.observation.rows,
+            "parameters": len(estimate.device.parameters.names),
+            "rank": len(estimate.base),
+            "condition": {"raw": raw, "scaled": scaled},
+            "no_effect": list(estimate.base.no_effect),
+            "blocks": len(estimate.observation.blocks),
+        },
+        "estimate": {
+            "method": estimate.method.name,
+            "status": estimate.status,
+            "interval": "CR3 jackknife over motor and time block, Student t with Satterthwaite degrees of freedom",
+            "parameters": [parameter(p) for p in estimate.parameters],
+        },
+        "validation": [entry for run in identification.runs for entry in validations(run)],
+        "criteria": {
+            "relative_error_percent": study.largest_error,
+            "met": identification.meets_criteria,
+        },
+        "notes": notes(estimate),
+    }
+
+
+def log(run: Run) -> dict[str, Any]:
+    """One log: what was read, from where, and what for."""
+    read = run.motion.log
+    assert read is not None  # a study's motions all come from logs
+    return {
+        "path": run.entry.path,
+        "sha256": read.sha256,
+        "role": run.entry.role,
+        "samples": len(read.t),
+        "dt": run.motion.dt,
+        "notes": list(read.notes),
+    }
+
+
+def parameter(p: Parameter) -> dict[str, Any]:
+    """One base parameter. `essential` is null: no reduction to essential parameters was asked for."""
+    return {
+        "name": p.name,
+        "value": p.value,
+        "sd": p.sd,
+        "interval95": list(p.interval),
+        "relative_sd_percent": p.relative_sd,
+        "textbook_sd": p.textbook_sd,
+        "unit": p.unit,
+        "grouping": p.grouping,
+        "essential": None,
+        "prior": None if p.prior is None else {"value": p.prior[0], "sd": p.prior[1]},
+    }
+
+
+def validations(run: Run) -> list[dict[str, Any]]:
+    """Errors by motor and over all of them: on the rows of the fit, and on unseen ones."""
+    found = [v for v in (run.direct, *run.unseen) if v is not None]
+    return [entry for v in found for entry in errors(run.entry.path, v)]
+
+
+def errors(path: str, validation: Validation) -> list[dict[str, Any]]:
+    """One validation, motor by motor, then all motors (whose RMSE would mix units, and is null)."""
+    kind = "fit" if validation.seen else "unseen"
+    rows: list[dict[str, Any]] = [
+        {"log": path, "rows": kind, "motor": m.motor, "relative_error_percent": m.relative, "rmse": m.rmse, "unit": m.unit}
+        for m in validation.motors
+    ]
+    whole = {"log": path, "rows": kind, "motor": "all", "relative_error_percent": validation.relative}
+    return [*rows, {**whole, "rmse": None, "unit": None}]
+
+
+def notes(estimate: Estimate) -> list[str]:
+    """Sentences that go with the figures."""
+    return [
+        *estimate.notes,
+        "relative_error_percent is 100 norm(y - y_hat) / norm(y) of the treated torque, referred to the joint side.",
+    ]
+
+
+def write_result(identification: Identification, folder: Path) -> None:
+    """Write `result.json` and `parameters.csv` into a folder."""
+    text = json.dumps(finite(result(identification)), indent=1, ensure_ascii=False, allow_nan=False)
+    (folder / "result.json").write_text(text + "\n", encoding="utf-8")
+    with (folder / "parameters.csv").open("w", newline="", encoding="utf-8") as file:
+        table = csv.writer(file)
+        table.writerow(["name", "value", "sd", "low95", "high95", "relative_sd_percent", "textbook_sd", "unit", "grouping"])
+        for p in identification.estimate.parameters:
+            table.writerow([p.name, p.value, p.sd, *p.interval, p.relative_sd, p.textbook_sd, p.unit, p.grouping])
+
+
+def finite(value: Any) -> Any:
+    """The same values with null for what JSON cannot say: infinities and not-a-numbers."""
+    if isinstance(value, dict):
+        return {key: finite(item) for key, item in value.items()}
+    if isinstance(value, (list, tuple)):
+        return [finite(item) for item in value]
+    return None if isinstance(value, float) and not math.isfinite(value) else value

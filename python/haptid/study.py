@@ -1,0 +1,274 @@
+"""A study: the corridor from device and logs to a validated estimate, written down as TOML."""
+
+from __future__ import annotations
+
+import tomllib
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+from pydantic import BaseModel, ConfigDict, Field, ValidationError
+
+from haptid.errors import StudyFileError, StudyLogsError
+from haptid.estimators import OLS, WLS, Method
+from haptid.log import Channels, Signal
+from haptid.treatment import Treatment
+
+Role = Literal["identify", "validate"]
+# A study is a page of text; anything much larger is not one.
+LARGEST_FILE = 1 << 20
+
+Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
+Finite = Annotated[float, Field(allow_inf_nan=False)]
+
+
+class _Table(BaseModel):
+    model_config = ConfigDict(extra="forbid", frozen=True, strict=True)
+
+
+class SignalTable(_Table):
+    """Which channels are the positions, or the torques, and in what unit."""
+
+    channels: list[str] = Field(min_length=1, description="one channel for each joint or motor, in the device's order")
+    unit: str = Field(description="rad, deg, turn, m, mm, counts; N m, mN m, N, V, mV, A, mA, counts")
+    side: Literal["joint", "motor"] = Field("joint", description="measured at the joint or at the motor's shaft")
+    gain: Finite | list[Finite] = Field(1.0, description="the channel is multiplied by this first")
+    offset: Finite | list[Finite] = Field(0.0, description="added after the gain and the unit, SI")
+    unwrap: bool = Field(False, description="the angle jumps by a whole turn: put the turns back")
+    constant_ok: bool = Field(False, description="a channel that never changes is meant to")
+    allow_saturation: bool = Field(False, description="a torque held at its limit is meant to be used")
+
+
+class ChannelsTable(_Table):
+    """Where time, positions and torques are in the log files."""
+
+    time: str | None = Field(None, description="channel of the sample times; or give rate_hz")
+    time_unit: str = Field("s", description="s, ms, us or ns")
+    rate_hz: Positive | None = Field(None, description="sampling rate, where the log has no times")
+    position: SignalTable
+    torque: SignalTable
+
+
+class LogTable(_Table):
+    """One log and what it is for."""
+
+    path: str = Field(description="relative to --data, or to the study file")
+    role: Role = Field("identify", description="identify: the fit sees it; validate: it is only predicted")
+    stretch: list[Finite] | None = Field(None, min_length=2, max_length=2, description="only from .. to, s")
+    channels: ChannelsTable | None = Field(None, description="where this log's channels differ from the study's")
+
+
+class TreatmentTable(_Table):
+    """How logs become rows; see `haptid.Treatment`."""
+
+    cutoff_hz: Positive | Literal["none"] = Field(40.0, description="-3 dB of the position filter, Hz, or 'none'")
+    order: int = Field(4, ge=1, le=12, description="order of one pass of the Butterworth filter")
+    decimation: int = Field(1, ge=1, description="one row is kept of so many samples")
+    parallel_cutoff_hz: Positive | None = Field(None, description="-3 dB of the filter that torque and W share, Hz")
+    low_speed: Finite | list[Finite] = Field(0.0, description="rows slower than this are dropped, rad/s or m/s")
+    block: Positive = Field(1.0, description="length of a time block, s")
+
+
+class HoldoutTable(_Table):
+    """Rows that are predicted by a fit that has not seen them."""
+
+    pattern: Literal["alternate", "each-log"] = Field(
+        description="alternate: every other time block; each-log: every log in turn"
+    )
+
+
+class EstimateTable(_Table):
+    """The estimator."""
+
+    method: Literal["OLS", "WLS"] = Field("WLS", description="OLS, or WLS: weighted by each motor's residual")
+    passes: int = Field(2, ge=1, description="WLS: times the weights are made anew")
+
+
+class CriteriaTable(_Table):
+    """What the result must meet; the exit status of `haptid identify` says whether it does."""
+
+    relative_error_percent: Positive | None = Field(None, description="largest relative error on unseen rows")
+
+
+class StudyTable(_Table):
+    """A study file."""
+
+    schema_: Literal[1] = Field(alias="schema", description="version of this format: 1")
+    name: str = Field(min_length=1)
+    device: str = Field(description="name of a shipped device, or path of a device file, relative to the study")
+    channels: ChannelsTable | None = None
+    logs: list[LogTable] = Field(min_length=1)
+    treatment: TreatmentTable = TreatmentTable.model_construct(**{
+        name: field.default for name, field in TreatmentTable.model_fields.items()
+    })
+    holdout: HoldoutTable | None = None
+    estimate: EstimateTable = EstimateTable.model_construct(method="WLS", passes=2)
+    criteria: CriteriaTable = CriteriaTable.model_construct(relative_error_percent=None)
+
+
+@dataclass(frozen=True)
+class LogEntry:
+    """A log of a study: where it is, what it is for, how its channels are mapped."""
+
+    path: str
+    role: Role
+    stretch: tuple[float, float] | None
+    channels: Channels | None
+
+
+@dataclass(frozen=True)
+class Study:
+    """A study file, read and checked.
+
+    Attributes:
+        name, path: of the study.
+        device: name of a shipped device, or path of a device file.
+        logs: the logs, in the file's order.
+        treatment, method: how they are treated and estimated.
+        holdout: how rows are held out of the fit for validation, if at all.
+        largest_error: largest relative error on unseen rows that is good enough, per cent; None for no limit.
+    """
+
+    name: str
+    path: Path
+    device: str | Path
+    logs: tuple[LogEntry, ...]
+    treatment: Treatment
+    method: Method
+    holdout: Literal["alternate", "each-log"] | None
+    largest_error: float | None
+
+
+def study_schema() -> dict[str, Any]:
+    """JSON Schema of study files, for editors."""
+    return StudyTable.model_json_schema(by_alias=True)
+
+
+def read_study(path: str | Path) -> Study:
+    """Read a study file.
+
+    Raises:
+        StudyFileError: the file cannot be read, or a key in it is missing, unknown or wrong; says which.
+        StudyLogsError: the logs cannot serve the study: none to identify from, or one named twice.
+    """
+    path = Path(path)
+    table = _parse(path)
+    logs = tuple(_log(path, k, log, table.channels) for k, log in enumerate(table.logs))
+    _check_logs(path, logs, table.holdout)
+    settings = table.treatment.model_dump()
+    settings["cutoff_hz"] = None if settings["cutoff_hz"] == "none" else settings["cutoff_hz"]
+    if isinstance(settings["low_speed"], list):
+        settings["low_speed"] = tuple(settings["low_speed"])
+    method: Method = OLS() if table.estimate.method == "OLS" else WLS(table.estimate.passes)
+    return Study(
+        name=table.name,
+        path=path,
+        device=_device(path, table.device),
+        logs=logs,
+        treatment=Treatment(**settings),
+        method=method,
+        holdout=table.holdout.pattern if table.holdout else None,
+        largest_error=table.criteria.relative_error_percent,
+    )
+
+
+def _parse(path: Path) -> StudyTable:
+    try:
+        if path.stat().st_size > LARGEST_FILE:
+            raise StudyFileError(path, "", f"the file is larger than {LARGEST_FILE >> 20} MiB, so it is no study")
+        data = tomllib.loads(path.read_text(encoding="utf-8"))
+    except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
+        raise StudyFileError(path, "", str(error)) from error
+    try:
+        return StudyTable.model_validate(data)
+    except ValidationError as error:
+        first = error.errors()[0]
+        where = ".".join(str(part) for part in first["loc"])
+        raise StudyFileError(path, where, _sentence(first), known=_known(where)) from error
+
+
+def _sentence(error: Any) -> str:
+    found = "" if error["type"] == "missing" else f" (found {str(error.get('input'))[:60]!r})"
+    text = {"missing": "this key is missing", "extra_forbidden": "there is no such key"}.get(error["type"])
+    return (text or str(error["msg"])) + found
+
+
+def _known(where: str) -> list[str]:
+    """Keys that the table around `where` knows."""
+    model: Any = StudyTable
+    for part in where.split(".")[:-1]:
+        fields = {f.alias or name: f for name, f in model.model_fields.items()} if hasattr(model, "model_fields") else {}
+        if part in fields:
+            model = _inner(fields[part].annotation)
+    return [f.alias or name for name, f in model.model_fields.items()] if hasattr(model, "model_fields") else []
+
+
+def _inner(annotation: Any) -> Any:
+    """The table type inside `X | None` or `list[X]`."""
+    for part in getattr(annotation, "__args__", ()):
+        if isinstance(part, type) and issubclass(part, BaseModel):
+            return part
+    return annotation
+
+
+def _device(study: Path, text: str) -> str | Path:
+    """A path where the study means one, else the name of a shipped device."""
+    return study.parent / text if text.endswith(".toml") or "/" in text or "\\" in text else text
+
+
+def _log(study: Path, index: int, log: LogTable, common: ChannelsTable | None) -> LogEntry:
+    table = log.channels or common
+    stretch = (log.stretch[0], log.stretch[1]) if log.stretch else None
+    if stretch and stretch[0] >= stretch[1]:
+        raise StudyFileError(study, f"logs.{index}.stretch", f"ends at {stretch[1]} before it begins at {stretch[0]}")
+    channels = None
+    if table:
+        where = f"logs.{index}.channels" if log.channels else "channels"
+        if (table.time is None) == (table.rate_hz is None):
+            raise StudyFileError(study, where, "give `time` (a channel) or `rate_hz`, one of the two")
+        channels = Channels(
+            position=_signal(study, f"{where}.position", table.position),
+            torque=_signal(study, f"{where}.torque", table.torque),
+            time=table.time,
+            time_unit=table.time_unit,
+            rate_hz=table.rate_hz,
+        )
+    return LogEntry(log.path, log.role, stretch, channels)
+
+
+def _signal(study: Path, where: str, table: SignalTable) -> Signal:
+    def spread(name: str, value: float | list[float]) -> tuple[float, ...]:
+        values = tuple(value) if isinstance(value, list) else (value,) * len(table.channels)
+        if len(values) != len(table.channels):
+            raise StudyFileError(study, f"{where}.{name}", f"{len(values)} figures for {len(table.channels)} channels")
+        return values
+
+    return Signal(
+        channels=tuple(table.channels),
+        unit=table.unit,
+        side=table.side,
+        gain=spread("gain", table.gain),
+        offset=spread("offset", table.offset),
+        unwrap=table.unwrap,
+        constant_ok=table.constant_ok,
+        allow_saturation=table.allow_saturation,
+    )
+
+
+def _check_logs(study: Path, logs: tuple[LogEntry, ...], holdout: HoldoutTable | None) -> None:
+    fitted = [log for log in logs if log.role == "identify"]
+    if not fitted:
+        raise StudyLogsError(study, "no log has role 'identify', so there is nothing to fit")
+    seen: dict[str, list[LogEntry]] = {}
+    for log in logs:
+        earlier = seen.setdefault(log.path, [])
+        if any(_overlap(log.stretch, other.stretch) for other in earlier):
+            raise StudyLogsError(study, f"{log.path!r} is named twice; give the two entries stretches that do not overlap")
+        earlier.append(log)
+    if holdout and holdout.pattern == "each-log" and len(fitted) < 2:
+        raise StudyLogsError(study, "holdout pattern 'each-log' needs at least two logs with role 'identify'")
+
+
+def _overlap(a: tuple[float, float] | None, b: tuple[float, float] | None) -> bool:
+    return a is None or b is None or (a[0] < b[1] and b[0] < a[1])
+

@@ -1,0 +1,144 @@
+"""Values as tables that a person reads in a terminal."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from rich.console import Console
+from rich.table import Table
+
+from haptid.device import Device
+from haptid.device.summary import summary_lines
+from haptid.estimators import Estimate, Parameter
+from haptid.identification import Identification, Run
+from haptid.validation import Validation
+
+
+def show_identification(console: Console, found: Identification) -> None:
+    """Parameters, errors, notes."""
+    observation = found.estimate.observation
+    raw, scaled = observation.condition
+    console.print(f"\n[bold]{found.study.name}[/]: {found.device.name}", highlight=False)
+    console.print(
+        f"{observation.rows} rows, {len(observation.base)} base parameters of "
+        f"{len(found.device.parameters.names)}, condition {raw:.4g} raw, {scaled:.4g} with unit columns, "
+        f"{found.estimate.method.name}\n",
+        highlight=False,
+    )
+    console.print(parameter_table(found.estimate))
+    console.print(error_table(found.runs))
+    for note in found.estimate.notes:
+        console.print(f"- {note}", highlight=False)
+    console.print(f"\n{verdict(found)}", highlight=False)
+
+
+def parameter_table(estimate: Estimate) -> Table:
+    """Base parameters with their honest intervals; the textbook deviation beside them."""
+    table = Table(title="Base parameters", title_justify="left", box=None, pad_edge=False)
+    for heading in ("parameter", "value", "95 % interval", "sd", "sd %", "textbook sd", "prior", "unit"):
+        table.add_column(heading, justify="left" if heading in ("parameter", "unit") else "right", no_wrap=True)
+    table.add_column("grouping", overflow="fold")
+    for p in estimate.parameters:
+        table.add_row(*parameter_cells(p), style="dim" if p.relative_sd > 50 else None)
+    return table
+
+
+def parameter_cells(p: Parameter) -> list[str]:
+    """One row of the table, as many digits as the deviation allows."""
+    percent = f"{p.relative_sd:.2g}" if p.relative_sd < 1000 else ">1000"
+    return [
+        p.name,
+        with_digits(p.value, p.sd),
+        f"[dim]{with_digits(p.interval[0], p.sd)}[/] .. [dim]{with_digits(p.interval[1], p.sd)}[/]",
+        f"{p.sd:.2g}",
+        percent,
+        f"{p.textbook_sd:.2g}",
+        "" if p.prior is None else f"{p.prior[0]:.4g}",
+        p.unit,
+        "" if p.grouping == p.name else p.grouping,
+    ]
+
+
+def with_digits(value: float, sd: float) -> str:
+    """A figure to two digits of its deviation."""
+    if not (sd > 0 and abs(value) < 1e6 and sd > 1e-9):
+        return f"{value:.6g}"
+    decimals = 1
+    while decimals < 12 and 10.0**-decimals * 10 > sd:
+        decimals += 1
+    return f"{value:.{decimals}f}"
+
+
+def error_table(runs: tuple[Run, ...]) -> Table:
+    """Relative error by log and motor."""
+    motors = [m.motor for m in runs[0].observation.motors]
+    table = Table(title="\nRelative error of the torque, %", title_justify="left", box=None, pad_edge=False)
+    table.add_column("log")
+    table.add_column("rows")
+    table.add_column("all", justify="right")
+    for motor in motors if len(motors) > 1 else ():
+        table.add_column(f"motor {motor}", justify="right")
+    for run in runs:
+        for validation in (run.direct, *run.unseen):
+            if validation is not None:
+                table.add_row(run.entry.path, *error_cells(validation, len(motors)))
+    return table
+
+
+def error_cells(validation: Validation, motors: int) -> list[str]:
+    """Which rows, all motors, each motor."""
+    kind = "of the fit" if validation.seen else "[bold]unseen[/]"
+    each = [f"{m.relative:.2f}" for m in validation.motors] if motors > 1 else []
+    return [kind, f"{validation.relative:.2f}", *each]
+
+
+def verdict(found: Identification) -> str:
+    """One sentence: what the model is good for, judged on unseen rows."""
+    if not found.unseen:
+        return (
+            "No unseen rows: this fit is not validated. Give the study a log with role 'validate', or a [holdout]."
+        )
+    worst = max(v.relative for v in found.unseen)
+    text = f"On rows that its fit had not seen the model misses {worst:.2f} % of the torque at worst."
+    if found.meets_criteria is None:
+        return text
+    limit = found.study.largest_error
+    return f"{text} The study allows {limit:g} %: [bold]{'met' if found.meets_criteria else 'not met'}[/]."
+
+
+def show_model(console: Console, device: Device) -> None:
+    """Tree, loops, motors, terms, base parameters and regroupings."""
+    for line in summary_lines(device):
+        console.print(line, highlight=False, markup=False)
+    base = device.base
+    table = Table(title=f"\n{len(base)} base parameters of {len(base.standard)}", title_justify="left", box=None, pad_edge=False)
+    table.add_column("parameter")
+    table.add_column("unit")
+    table.add_column("regroups", overflow="fold")
+    for name, unit, grouping in zip(base.names, base.units, base.groupings, strict=True):
+        table.add_row(name, unit, grouping)
+    console.print(table)
+    if base.no_effect:
+        console.print(f"\nWithout effect: {' '.join(base.no_effect)}", highlight=False)
+    console.print(
+        f"\nRank: least independent column kept {base.gap[0]:.1e}, most independent dropped {base.gap[1]:.1e} "
+        f"(relative, limit {base.tolerance:.0e})" + ("" if base.is_clear else "  - NOT CLEAR: check the geometry"),
+        highlight=False,
+    )
+
+
+def model_values(device: Device) -> dict[str, Any]:
+    """What `haptid model --json` prints."""
+    base = device.base
+    return {
+        "device": device.name,
+        "relations": list(device.closure.relations),
+        "closure_error": device.closure.error,
+        "base_parameters": [
+            {"name": name, "unit": unit, "grouping": dict(zip(base.standard, row.tolist(), strict=True))}
+            for name, unit, row in zip(base.names, base.units, base.regrouping, strict=True)
+        ],
+        "no_effect": list(base.no_effect),
+        "tolerance": base.tolerance,
+        "gap": list(base.gap),
+    }

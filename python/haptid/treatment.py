@@ -1,0 +1,225 @@
+"""From a log to a motion: zero-phase low-pass, central differences, and the filter that torque and W will share.
+
+Source: Gautier, Janot and Vandanjon (2013), IEEE Trans. Control Systems Technology 21(2), section III: position
+through a zero-phase Butterworth filter, rates by central differences, and the *same* low-pass and decimation on the
+torque and on every column of the observation matrix.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from functools import cached_property
+
+import numpy as np
+from scipy import optimize, signal
+
+from haptid._values import Array, expect, freeze, read_only
+from haptid.errors import CutoffError, MotionTooShortError, TreatmentValueError
+from haptid.log import Log
+
+# The impulse response of a filter is taken to have died out where what is left of it weighs less than this.
+SETTLED = 1e-3
+# Kaiser window of the parallel filter: about 60 dB of stop band.
+KAISER_BETA = 5.65
+# Half length of the parallel filter, in decimated samples.
+HALF_LENGTH = 10
+
+
+@dataclass(frozen=True)
+class Treatment:
+    """How a log becomes a motion and its rows.
+
+    Attributes:
+        cutoff_hz: the position filter's gain is -3 dB here, both passes counted, Hz; None leaves positions as they are.
+        order: order of one pass of the Butterworth filter.
+        decimation: one row is kept of so many samples.
+        parallel_cutoff_hz: -3 dB of the filter that torque and columns share, Hz; None is 0.8 of what decimation
+            can carry, and no filter at all where `decimation` is 1.
+        low_speed: a motor's row is dropped where a coordinate with Coulomb friction moves slower than this anywhere
+            near the row, rad/s or m/s; one figure, or one for each motor.
+        block: length of a time block, s.
+    """
+
+    cutoff_hz: float | None = 40.0
+    order: int = 4
+    decimation: int = 1
+    parallel_cutoff_hz: float | None = None
+    low_speed: float | tuple[float, ...] = 0.0
+    block: float = 1.0
+
+    def __post_init__(self) -> None:
+        if isinstance(self.low_speed, (list, tuple)):
+            object.__setattr__(self, "low_speed", tuple(float(v) for v in self.low_speed))
+        for name in ("cutoff_hz", "parallel_cutoff_hz", "block"):
+            value = getattr(self, name)
+            if value is not None and not (np.isfinite(value) and value > 0):
+                raise TreatmentValueError(name, value, "a finite number above zero")
+        if not (isinstance(self.order, int) and 1 <= self.order <= 12):
+            raise TreatmentValueError("order", self.order, "a whole number from 1 to 12")
+        if not (isinstance(self.decimation, int) and self.decimation >= 1):
+            raise TreatmentValueError("decimation", self.decimation, "a whole number, 1 or more")
+        if not all(np.isfinite(v) and v >= 0 for v in np.atleast_1d(self.low_speed)):
+            raise TreatmentValueError("low_speed", self.low_speed, "finite speeds, 0 or more")
+
+    def position_filter(self, dt: float) -> Array | None:
+        """Second-order sections of one pass, such that two passes together have -3 dB at `cutoff_hz`; None for none."""
+        if self.cutoff_hz is None:
+            return None
+        nyquist = 0.5 / dt
+        # Two passes of |H|^2 = 1/(1 + x^2n) are -3 dB where x^2n = sqrt(2) - 1; x is in prewarped frequency.
+        stretch = (np.sqrt(2.0) - 1.0) ** (-0.5 / self.order)
+        one_pass = 2 * np.arctan(stretch * np.tan(0.5 * np.pi * self.cutoff_hz / nyquist)) / np.pi
+        if self.cutoff_hz >= nyquist or one_pass > 0.98:
+            raise CutoffError("cutoff_hz", self.cutoff_hz, nyquist)
+        return np.asarray(signal.butter(self.order, one_pass, output="sos"))
+
+    def taps(self, dt: float) -> Array:
+        """The symmetric filter that torque and columns share, (odd,), unit sum; [1] where there is none."""
+        cutoff, nyquist = self.parallel_cutoff_hz, 0.5 / dt
+        if cutoff is None:
+            if self.decimation == 1:
+                return np.ones(1)
+            cutoff = 0.8 * nyquist / self.decimation
+        limit = nyquist / self.decimation
+        if cutoff >= limit:
+            raise CutoffError("parallel_cutoff_hz", cutoff, limit)
+        width = max(self.decimation, nyquist / cutoff * 0.8)
+        return low_pass(cutoff, nyquist, 2 * round(HALF_LENGTH * width) + 1)
+
+
+def low_pass(cutoff_hz: float, nyquist_hz: float, taps: int) -> Array:
+    """A linear-phase low-pass with exactly -3 dB at the cut-off, (taps,), unit sum.
+
+    A window design is -6 dB at the frequency it is given, so that frequency is solved for.
+    """
+
+    def design(corner: float) -> Array:
+        return np.asarray(signal.firwin(taps, corner, fs=2 * nyquist_hz, window=("kaiser", KAISER_BETA)))
+
+    def excess(corner: float) -> float:
+        _, gain = signal.freqz(design(corner), worN=[cutoff_hz], fs=2 * nyquist_hz)
+        return float(abs(gain[0]) - np.sqrt(0.5))
+
+    highest = min(2 * cutoff_hz, 0.999 * nyquist_hz)
+    return design(float(optimize.brentq(excess, 0.5 * cutoff_hz, highest, xtol=1e-9 * cutoff_hz)))
+
+
+@dataclass(frozen=True, eq=False)
+class Motion:
+    """Treated signals on a uniform grid, and how they were made.
+
+    Attributes:
+        dt: step, s.
+        q: positions as the log has them, at the joints or at the motors, (n, coordinates), rad or m.
+        tau: torques as the log has them, (n, motors), in the unit of the log's command.
+        treatment: how it was treated.
+        log: the log it came from; None for a motion made from formulas.
+        t0: time of the first sample, s.
+        rates: exact velocities and accelerations where they are known, each like q; None for central differences.
+    """
+
+    dt: float
+    q: Array
+    tau: Array
+    treatment: Treatment
+    log: Log | None = None
+    t0: float = 0.0
+    rates: tuple[Array, Array] | None = field(default=None)
+
+    def __post_init__(self) -> None:
+        for name in ("q", "tau"):
+            object.__setattr__(self, name, read_only(getattr(self, name)))
+        expect("q", self.q.shape, (None, None))
+        expect("tau", self.tau.shape, (len(self.q), None))
+        if self.rates is not None:
+            rates = tuple(read_only(rate) for rate in self.rates)
+            for name, rate in zip(("qd", "qdd"), rates, strict=True):
+                expect(name, rate.shape, self.q.shape)
+            object.__setattr__(self, "rates", rates)
+
+    def __len__(self) -> int:
+        return len(self.q)
+
+    @property
+    def t(self) -> Array:
+        """Sample times, (n,), s."""
+        return freeze(self.t0 + self.dt * np.arange(len(self)))
+
+    @property
+    def qd(self) -> Array:
+        """Velocities, (n, coordinates); by central differences the first and last sample repeat their neighbours."""
+        return freeze(self._whole()[1].T)
+
+    @property
+    def qdd(self) -> Array:
+        """Accelerations, (n, coordinates); as for `qd` at the ends."""
+        return freeze(self._whole()[2].T)
+
+    def _whole(self) -> tuple[Array, Array, Array]:
+        if self.rates is not None:
+            return self.q.T.copy(), self.rates[0].T.copy(), self.rates[1].T.copy()
+        inner = self.kinematics(1, len(self) - 1)
+        q, qd, qdd = (np.pad(x, ((0, 0), (1, 1)), mode="edge") for x in inner)
+        return q, qd, qdd
+
+    @cached_property
+    def usable(self) -> tuple[int, int]:
+        """First sample and one past the last whose rates are good: the ends, where the filters settle, are dropped."""
+        if self.rates is not None:
+            return 0, len(self)
+        sections = self.treatment.position_filter(self.dt)
+        edge = 1 if sections is None else 1 + settling(sections, len(self))
+        if len(self) - 2 * edge < 2:
+            raise MotionTooShortError(len(self) * self.dt, 2 * edge * self.dt, "the position filter's ends")
+        return edge, len(self) - edge
+
+    def kinematics(self, start: int, stop: int) -> tuple[Array, Array, Array]:
+        """Positions, velocities and accelerations of samples start..stop, each (coordinates, stop - start)."""
+        if self.rates is not None:
+            q, qd, qdd = (np.ascontiguousarray(x[start:stop].T) for x in (self.q, *self.rates))
+            return q, qd, qdd
+        wide = np.ascontiguousarray(self.q[start - 1 : stop + 1].T)
+        before, here, after = wide[:, :-2], wide[:, 1:-1], wide[:, 2:]
+        qd = (after - before) / (2 * self.dt)
+        qdd = (after - 2 * here + before) / self.dt**2
+        return np.ascontiguousarray(here), qd, qdd
+
+
+def settling(sections: Array, longest: int) -> int:
+    """Samples after which the two-pass impulse response weighs less than SETTLED of the whole, at most `longest`."""
+    half = 256
+    while True:
+        impulse = np.zeros(2 * half + 1)
+        impulse[half] = 1.0
+        response = np.abs(signal.sosfiltfilt(sections, impulse, padlen=0))[half:]
+        settled = int(np.argmax(np.cumsum(response) > (1 - SETTLED) * response.sum()))
+        if settled < half // 2:
+            return min(settled, longest)
+        if half > longest:
+            return longest
+        half *= 2
+
+
+def treat(log: Log, treatment: Treatment | None = None) -> Motion:
+    """Filter a log's positions without delay, and keep its torques for the parallel filter.
+
+    Args:
+        log: what was recorded.
+        treatment: how; the default where None.
+
+    Raises:
+        CutoffError: a cut-off at or above what the sampling rate can carry.
+        MotionTooShortError: the log is shorter than the filter's own ends.
+    """
+    treatment = treatment or Treatment()
+    dt = float(log.dt)
+    sections = treatment.position_filter(dt)
+    n = len(log.t)
+    q = np.empty((log.position.shape[1], n))
+    if sections is not None and n <= 3 * (2 * len(sections) + 1):
+        raise MotionTooShortError(n * dt, 3 * (2 * len(sections) + 1) * dt, "the position filter")
+    for channel, out in zip(log.position.T, q, strict=True):
+        out[:] = channel if sections is None else signal.sosfiltfilt(sections, channel)
+    motion = Motion(dt, freeze(q).T, log.torque, treatment, log, float(log.t[0]))
+    motion.usable  # noqa: B018 - a log too short for its filter is an error here, not later
+    return motion
