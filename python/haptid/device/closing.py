@@ -1,0 +1,259 @@
+"""Closing cut joints numerically: many poses and many starts at once, by damped Gauss-Newton steps."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from haptid._values import Array
+from haptid.device.geometry import joint_poses
+from haptid.device.model import Cut, Frame, Joint
+
+# Poses of the active joints, and starts of the passive ones at each, from which solutions are sought.
+REFERENCES = 8
+STARTS = 64
+STEPS = 60
+# Largest step of a passive joint, rad (or mechanism sizes).
+STRIDE = 0.7
+# Damping, relative: far below what slows the last steps down.
+DAMPING = 1e-13
+# A direction of the passive joints that the cuts hold less than this, relatively, is free.
+HELD = 1e-7
+# Two solutions whose constants and rates differ by less than this are one.
+SAME = 1e-4
+
+
+@dataclass(frozen=True, eq=False)
+class Branch:
+    """A linear motion, q_tree = G qa + offset; (joints, active) and (joints,)."""
+
+    G: Array
+    offset: Array
+
+
+@dataclass(frozen=True, eq=False)
+class Search:
+    """What was found.
+
+    Attributes:
+        closed: tangents of the motions that close at some pose.
+        linear: distinct motions that close at all poses.
+        free: directions of the passive joints that the cuts leave free.
+        best: least gap that was reached, m.
+        starts: number of starts.
+    """
+
+    closed: tuple[Branch, ...]
+    linear: tuple[Branch, ...]
+    free: int
+    best: float
+    starts: int
+
+
+@dataclass(frozen=True, eq=False)
+class Chain:
+    """A tree with the joints cut out of its loops.
+
+    Attributes:
+        joints: of the tree.
+        cuts: joints cut.
+        active: indices of the independent joints.
+        size: longest of its lengths, m; orientations are weighed with it.
+        above: whether joint k carries link j, (joints, joints).
+    """
+
+    joints: tuple[Joint, ...]
+    cuts: tuple[Cut, ...]
+    active: tuple[int, ...]
+    size: float
+    above: np.ndarray
+
+    @staticmethod
+    def of(joints: Sequence[Joint], cuts: tuple[Cut, ...], active: tuple[int, ...]) -> Chain:
+        """Measure the tree."""
+        frames = [frame for cut in cuts for frame in (cut.frame, cut.twin)]
+        lengths = [np.linalg.norm(part.translation) for part in (*joints, *frames)]
+        above = np.eye(len(joints), dtype=bool)
+        for j, joint in enumerate(joints):
+            if joint.parent >= 0:
+                above[j] |= above[joint.parent]
+        return Chain(tuple(joints), cuts, active, float(max(lengths)) or 1.0, above)
+
+    def random_poses(self, count: int, seed: int) -> Array:
+        """Positions of the active joints within their limits, or a whole turn, (count, active)."""
+        limits = [self.joints[k].position_limits or self._range(k) for k in self.active]
+        low, high = np.array(limits).reshape(-1, 2).T
+        return np.random.default_rng(seed).uniform(low, high, (count, len(self.active)))
+
+    def random_starts(self, joints: Sequence[int], count: int, seed: int) -> Array:
+        """Positions of passive joints, (count, joints)."""
+        low, high = np.array([self._range(j) for j in joints]).T
+        return np.random.default_rng(seed).uniform(low, high, (count, len(joints)))
+
+    def _range(self, joint: int) -> tuple[float, float]:
+        reach = self.size if self.joints[joint].prismatic else np.pi
+        return -reach, reach
+
+    def gap(self, G: Array, offset: Array, count: int) -> float:
+        """Greatest gap of the cuts over random poses, m; an angle counts as an arc at the mechanism's size."""
+        q = self.random_poses(count, seed=1) @ G.T + offset
+        return float(np.abs(self.residual(q)[0]).max())
+
+    def residual(self, q: Array) -> tuple[Array, Array]:
+        """Gaps of all cuts, (n, m), m, and their Jacobian, (n, m, joints), at joint positions (n, joints)."""
+        links = joint_poses(self.joints, q)
+        parts = [self._mismatch(cut, links) for cut in self.cuts]
+        return np.concatenate([r for r, _ in parts], axis=1), np.concatenate([J for _, J in parts], axis=1)
+
+    def _mismatch(self, cut: Cut, links: Array) -> tuple[Array, Array]:
+        (p, R, dp, dR), (o, U, do, dU) = (self._frame(frame, links) for frame in (cut.frame, cut.twin))
+        apart, rate = p - o, dp - do
+        if cut.prismatic:  # z axes one line: no gap across the twin's x and y; then x and z axes the same
+            across = U[:, :, :2]
+            gap = np.einsum("nik,ni->nk", across, apart)
+            slope = np.einsum("nik,nij->nkj", across, rate) + np.einsum("nikj,ni->nkj", dU[:, :, :2], apart)
+            turned, turning = R[:, :, [0, 2]] - U[:, :, [0, 2]], dR[:, :, [0, 2]] - dU[:, :, [0, 2]]
+            turned, turning = turned.reshape(len(R), 6), turning.reshape(len(R), 6, -1)
+        else:
+            gap, slope = apart, rate
+            turned, turning = R[:, :, 2] - U[:, :, 2], dR[:, :, 2] - dU[:, :, 2]
+        return (
+            np.concatenate([gap, self.size * turned], axis=1),
+            np.concatenate([slope, self.size * turning], axis=1),
+        )
+
+    def _frame(self, frame: Frame, links: Array) -> tuple[Array, Array, Array, Array]:
+        """A frame's origin (n, 3) and axes (n, 3, 3), and their rates by joint, (n, 3, joints) and (n, 3, 3, joints)."""
+        n, joints = links.shape[:2]
+        if frame.link < 0:
+            R = np.broadcast_to(frame.rotation, (n, 3, 3))
+            p = np.broadcast_to(frame.translation, (n, 3))
+            return p, R, np.zeros((n, 3, joints)), np.zeros((n, 3, 3, joints))
+        link = links[:, frame.link]
+        R = link[:, :3, :3] @ frame.rotation
+        p = link[:, :3, :3] @ frame.translation + link[:, :3, 3]
+        dp, dR = np.zeros((n, 3, joints)), np.zeros((n, 3, 3, joints))
+        for j in np.flatnonzero(self.above[frame.link]):
+            z = links[:, j, :3, 2]
+            if self.joints[j].prismatic:
+                dp[:, :, j] = z
+            else:
+                dp[:, :, j] = np.cross(z, p - links[:, j, :3, 3])
+                dR[:, :, :, j] = np.cross(z[:, :, None], R, axis=1)
+        return p, R, dp, dR
+
+
+def solve(chain: Chain, q: Array, unknown: Sequence[int], steps: int = STEPS) -> Array:
+    """Joint positions with the unknown joints moved to close the cuts as well as they can, (n, joints)."""
+    q = q.copy()
+    columns = list(unknown)
+    for _ in range(steps):
+        r, J = chain.residual(q)
+        A = J[:, :, columns]
+        H = A.transpose(0, 2, 1) @ A
+        scale = np.trace(H, axis1=1, axis2=2)[:, None, None] + np.finfo(float).tiny
+        step = -np.linalg.solve(H + DAMPING * scale * np.eye(len(columns)), A.transpose(0, 2, 1) @ r[:, :, None])[..., 0]
+        longest = np.abs(step).max(axis=1, keepdims=True)
+        q[:, columns] += step * np.minimum(1.0, STRIDE / np.maximum(longest, STRIDE))
+        if longest.max() < 1e-14:
+            break
+    return q
+
+
+def find_branches(
+    chain: Chain, G: Array, offset: Array, unknown: list[int], guess: Mapping[int, float], closed: float
+) -> Search:
+    """Every linear motion of the unknown joints that closes the cuts.
+
+    A linear motion is its own tangent: each solution found at some pose is extended along its tangent, and kept if that
+    closes at all poses.
+
+    Args:
+        chain: the tree and its cuts.
+        G, offset: motion of the joints already settled; rows of the unknown ones are ignored.
+        unknown: indices of joints to settle.
+        guess: positions near which to start.
+        closed: largest gap, in mechanism sizes.
+    """
+    qa = np.repeat(chain.random_poses(REFERENCES, seed=0), STARTS, axis=0)
+    q = qa @ G.T + offset
+    q[:, unknown] = chain.random_starts(unknown, len(q), seed=0)
+    q[::STARTS, unknown] = [guess.get(j, 0.0) for j in unknown]
+    q = solve(chain, q, unknown)
+    gaps = np.abs(chain.residual(q)[0]).max(axis=1)
+    found = gaps < closed * chain.size
+    tangents, free = _tangents(chain, q[found], qa[found], G, offset, unknown)
+    linear = [_polished(chain, branch, unknown) for branch in tangents]
+    linear = [branch for branch in linear if chain.gap(branch.G, branch.offset, 64) < closed * chain.size]
+    best = float(gaps.min())
+    return Search(tuple(tangents), tuple(_distinct(chain, linear, unknown)), free, best, len(q))
+
+
+def rates(chain: Chain, q: Array, G: Array, unknown: list[int]) -> tuple[Array, Array]:
+    """Rates of the unknown joints by active one, (n, unknown, active), and how well they are held, (n, unknown)."""
+    J = chain.residual(q)[1]
+    A = J[:, :, unknown]
+    settled = G.copy()
+    settled[unknown] = 0.0
+    held = np.linalg.svd(A, compute_uv=False)
+    return -np.linalg.pinv(A, rcond=HELD) @ (J @ settled), held
+
+
+def variation_of_rates(chain: Chain, branch: Branch, unknown: list[int]) -> float:
+    """How far the rates change along the motion that starts at a branch's own pose, at worst over nearby poses."""
+    start = np.linalg.lstsq(branch.G[list(chain.active)], -branch.offset[list(chain.active)], rcond=None)[0]
+    rng = np.random.default_rng(2)
+    qa = start + rng.uniform(-0.3, 0.3, (32, len(chain.active)))
+    q = solve(chain, qa @ branch.G.T + branch.offset, unknown)
+    good = np.abs(chain.residual(q)[0]).max(axis=1) < 1e-9 * chain.size
+    if not good.any():
+        return float("nan")
+    made, _ = rates(chain, q[good], branch.G, unknown)
+    return float(np.abs(made - branch.G[unknown]).max())
+
+
+def _tangents(
+    chain: Chain, q: Array, qa: Array, G: Array, offset: Array, unknown: list[int]
+) -> tuple[list[Branch], int]:
+    """The distinct tangents at solutions, and how many directions of the unknown joints are free at all of them."""
+    if not len(q):
+        return [], 0
+    made, held = rates(chain, q, G, unknown)
+    free = (held < HELD * chain.size).sum(axis=1) + max(0, len(unknown) - held.shape[1])
+    branches = []
+    for k in np.flatnonzero(free == free.min()):
+        whole, constant = G.copy(), offset.copy()
+        whole[unknown] = made[k]
+        constant[unknown] = q[k, unknown] - made[k] @ qa[k]
+        branches.append(Branch(whole, constant))
+    return _distinct(chain, branches, unknown), int(free.min())
+
+
+def _polished(chain: Chain, branch: Branch, unknown: list[int]) -> Branch:
+    """The linear motion refitted to solutions at many poses, where it does close there."""
+    qa = chain.random_poses(64, seed=3)
+    start = qa @ branch.G.T + branch.offset
+    if np.abs(chain.residual(start)[0]).max() > 1e-3 * chain.size:
+        return branch
+    q = solve(chain, start, unknown, steps=8)
+    fit = np.linalg.lstsq(np.column_stack([qa, np.ones(len(qa))]), q[:, unknown], rcond=None)[0]
+    G, offset = branch.G.copy(), branch.offset.copy()
+    G[unknown], offset[unknown] = fit[:-1].T, fit[-1]
+    return Branch(G, offset)
+
+
+def _distinct(chain: Chain, branches: list[Branch], unknown: list[int]) -> list[Branch]:
+    """One of each, whole turns of a turning joint's constant left out of account."""
+    turning = np.array([not chain.joints[j].prismatic for j in unknown])
+    kept: list[Branch] = []
+    for branch in branches:
+        for other in kept:
+            apart = branch.offset[unknown] - other.offset[unknown]
+            apart[turning] = np.angle(np.exp(1j * apart[turning]))
+            if max(np.abs(apart).max(), np.abs(branch.G - other.G).max()) < SAME:
+                break
+        else:
+            kept.append(branch)
+    return kept
