@@ -1,1 +1,68 @@
-"""haptid: dynamic models of haptic devices and robots from their own motion logs."""
+"""haptid: dynamic models of haptic devices and robots from their own motion logs.
+
+The corridor, one value after the other:
+
+    device = haptid.read_device("stylus.toml")
+    motion = haptid.treat(haptid.read_log("sweep.csv"), haptid.Treatment(cutoff_hz=40.0, decimation=10))
+    observation = haptid.observe(device, motion)
+    estimate = haptid.estimate(observation, haptid.WLS())
+    validation = haptid.validate(estimate, haptid.observe(device, unseen))
+"""
+
+from haptid import errors
+from haptid._core import __version__
+from haptid.base import BaseParameters, base_parameters
+from haptid.device import Device, device_schema, read_device, shipped_devices
+from haptid.dynamics import inverse_dynamics
+from haptid.estimators import OLS, WLS, Estimate, Method, Parameter, estimate
+from haptid.identification import Identification, Run, identify
+from haptid.log import Channels, Log, Signal, read_log
+from haptid.observation import Block, MotorRows, Observation, observe
+from haptid.prediction import Prediction, predict
+from haptid.result import result, write_result
+from haptid.study import Study, read_study, study_schema
+from haptid.treatment import Motion, Treatment, treat
+from haptid.validation import MotorError, Validation, direct, validate
+
+__all__ = [
+    "OLS",
+    "WLS",
+    "BaseParameters",
+    "Block",
+    "Channels",
+    "Device",
+    "Estimate",
+    "Identification",
+    "Log",
+    "Method",
+    "Motion",
+    "MotorError",
+    "MotorRows",
+    "Observation",
+    "Parameter",
+    "Prediction",
+    "Run",
+    "Signal",
+    "Study",
+    "Treatment",
+    "Validation",
+    "__version__",
+    "base_parameters",
+    "device_schema",
+    "direct",
+    "errors",
+    "estimate",
+    "identify",
+    "inverse_dynamics",
+    "observe",
+    "predict",
+    "read_device",
+    "read_log",
+    "read_study",
+    "result",
+    "shipped_devices",
+    "study_schema",
+    "treat",
+    "validate",
+    "write_result",
+]

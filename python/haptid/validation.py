@@ -8,7 +8,8 @@ import numpy as np
 
 from haptid.errors import DifferentModelError, SeenRowsError
 from haptid.estimators import Estimate
-from haptid.observation import Observation
+from haptid.observation import Observation, observe
+from haptid.treatment import Motion
 
 
 @dataclass(frozen=True)
@@ -56,17 +57,19 @@ class Validation:
         return "\n".join(lines)
 
 
-def validate(estimate: Estimate, unseen: Observation) -> Validation:
+def validate(estimate: Estimate, unseen: Motion | Observation) -> Validation:
     """Cross validation: predict rows that the fit has not seen.
 
     Args:
         estimate: what predicts.
-        unseen: an observation of the same device.
+        unseen: a motion of the same device, or an observation of one.
 
     Raises:
         SeenRowsError: rows of the observation were in the fit.
         DifferentModelError: the observation is of another device.
     """
+    if isinstance(unseen, Motion):
+        unseen = observe(estimate.device, unseen)
     shared = unseen.shares_rows_with(estimate.observation)
     if shared is not None:
         raise SeenRowsError(shared.log, shared.start, shared.stop)

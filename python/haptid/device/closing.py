@@ -27,10 +27,16 @@ SAME = 1e-4
 
 @dataclass(frozen=True, eq=False)
 class Branch:
-    """A linear motion, q_tree = G qa + offset; (joints, active) and (joints,)."""
+    """A linear motion, q_tree = G qa + offset, and a pose of the active joints at which it closes.
+
+    Attributes:
+        G, offset: (joints, active) and (joints,), rad or m.
+        at: (active,), rad or m.
+    """
 
     G: Array
     offset: Array
+    at: Array
 
 
 @dataclass(frozen=True, eq=False)
@@ -153,7 +159,7 @@ def solve(chain: Chain, q: Array, unknown: Sequence[int], steps: int = STEPS) ->
         r, J = chain.residual(q)
         A = J[:, :, columns]
         H = A.transpose(0, 2, 1) @ A
-        scale = np.trace(H, axis1=1, axis2=2)[:, None, None] + np.finfo(float).tiny
+        scale = np.maximum(np.trace(H, axis1=1, axis2=2), 1e-100)[:, None, None]
         step = -np.linalg.solve(H + DAMPING * scale * np.eye(len(columns)), A.transpose(0, 2, 1) @ r[:, :, None])[..., 0]
         longest = np.abs(step).max(axis=1, keepdims=True)
         q[:, columns] += step * np.minimum(1.0, STRIDE / np.maximum(longest, STRIDE))
@@ -203,15 +209,15 @@ def rates(chain: Chain, q: Array, G: Array, unknown: list[int]) -> tuple[Array, 
 
 def variation_of_rates(chain: Chain, branch: Branch, unknown: list[int]) -> float:
     """How far the rates change along the motion that starts at a branch's own pose, at worst over nearby poses."""
-    start = np.linalg.lstsq(branch.G[list(chain.active)], -branch.offset[list(chain.active)], rcond=None)[0]
     rng = np.random.default_rng(2)
-    qa = start + rng.uniform(-0.3, 0.3, (32, len(chain.active)))
-    q = solve(chain, qa @ branch.G.T + branch.offset, unknown)
-    good = np.abs(chain.residual(q)[0]).max(axis=1) < 1e-9 * chain.size
-    if not good.any():
-        return float("nan")
-    made, _ = rates(chain, q[good], branch.G, unknown)
-    return float(np.abs(made - branch.G[unknown]).max())
+    for reach in (0.3, 0.03, 0.003):
+        qa = branch.at + rng.uniform(-reach, reach, (32, len(chain.active)))
+        q = solve(chain, qa @ branch.G.T + branch.offset, unknown)
+        good = np.abs(chain.residual(q)[0]).max(axis=1) < 1e-9 * chain.size
+        if good.any():
+            made, _ = rates(chain, q[good], branch.G, unknown)
+            return float(np.abs(made - branch.G[unknown]).max())
+    return float("inf")
 
 
 def _tangents(
@@ -227,7 +233,7 @@ def _tangents(
         whole, constant = G.copy(), offset.copy()
         whole[unknown] = made[k]
         constant[unknown] = q[k, unknown] - made[k] @ qa[k]
-        branches.append(Branch(whole, constant))
+        branches.append(Branch(whole, constant, qa[k]))
     return _distinct(chain, branches, unknown), int(free.min())
 
 
@@ -241,7 +247,7 @@ def _polished(chain: Chain, branch: Branch, unknown: list[int]) -> Branch:
     fit = np.linalg.lstsq(np.column_stack([qa, np.ones(len(qa))]), q[:, unknown], rcond=None)[0]
     G, offset = branch.G.copy(), branch.offset.copy()
     G[unknown], offset[unknown] = fit[:-1].T, fit[-1]
-    return Branch(G, offset)
+    return Branch(G, offset, branch.at)
 
 
 def _distinct(chain: Chain, branches: list[Branch], unknown: list[int]) -> list[Branch]:

@@ -211,7 +211,7 @@ def _nice(chain: Chain, branch: Branch, unknown: list[int], guess: Mapping[int, 
             offset[j] = nearest(offset[j] - 2 * math.pi * turns, math.pi / 12)
         elif abs(offset[j]) < NICE:
             offset[j] = 0.0
-    return Branch(G, offset)
+    return Branch(G, offset, branch.at)
 
 
 def nearest(value: float, step: float) -> float:

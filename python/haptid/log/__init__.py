@@ -1,4 +1,4 @@
-"""Logs: what was recorded, read from CSV, Parquet, MAT, NPZ and HDF5, checked, in SI and on a uniform grid."""
+"""Logs: recordings in CSV, Parquet, MAT, NPZ or HDF5, checked, in SI and on a uniform grid."""
 
 from haptid.log.limits import check_against
 from haptid.log.model import Channels, Log, Signal

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from haptid._values import Array, expect, freeze, read_only
-from haptid.errors import CountsGainError, MappedTwiceError, SignalError, TimeBaseError
+from haptid.errors import CountsGainError, LogTooShortError, MappedTwiceError, SignalError, TimeBaseError
 from haptid.log import units
 
 Side = Literal["joint", "motor"]
@@ -50,8 +50,6 @@ class Signal:
             raise SignalError("channels", repr(self.channels), "at least one name, and no empty one")
         if self.side not in ("joint", "motor"):
             raise SignalError("side", repr(self.side), "'joint' or 'motor'")
-        if self.unit == "counts" and self.gain == () and self.period is None:
-            pass  # torques may be in raw counts; positions are checked where they are known to be positions
         if self.period is not None and not (math.isfinite(self.period) and self.period > 0):
             raise SignalError("period", repr(self.period), "a finite number above zero")
         object.__setattr__(self, "channels", names)
@@ -146,6 +144,8 @@ class Log:
         object.__setattr__(self, "path", Path(self.path))
         object.__setattr__(self, "t", read_only(self.t))
         expect("t", self.t.shape, (None,))
+        if self.t.size < 2:
+            raise LogTooShortError(self.path, self.t.size, 2)
         for name, signal in (("position", self.channels.position), ("torque", self.channels.torque)):
             expect(name, np.shape(getattr(self, name)), (self.t.size, len(signal.channels)))
             object.__setattr__(self, name, _channel_major(getattr(self, name)))

@@ -1,0 +1,37 @@
+"""`make bench`: every benchmark, ratios against peers in one run, kept under `benchmarks/results/`."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import platform
+import subprocess
+from pathlib import Path
+
+import coverage
+import kernel
+import long_log
+
+from haptid import _core
+
+HERE = Path(__file__).parent
+STUDIES = {"kernel": kernel.run, "long-log": long_log.run, "coverage": coverage.run}
+
+
+def main() -> None:
+    """Run what was asked for, print it, keep it."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("names", nargs="*", choices=[*STUDIES, []], help="which; all where none is named")
+    for name in parser.parse_args().names or STUDIES:
+        figures = STUDIES[name]()
+        commit = subprocess.run(["git", "rev-parse", "--short", "HEAD"], capture_output=True, text=True, cwd=HERE, check=False)
+        where = {"machine": platform.machine(), "backend": _core.backends()[0], "commit": commit.stdout.strip()}
+        print(f"\n{name} ({', '.join(where.values())})")
+        for what, figure in figures.items():
+            print(f"  {what:50s} {figure:12.4g}")
+        text = json.dumps({"where": where, "figures": figures}, indent=1)
+        (HERE / "results" / f"{name}.json").write_text(text + "\n", encoding="utf-8")
+
+
+if __name__ == "__main__":
+    main()

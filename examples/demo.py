@@ -1,0 +1,54 @@
+"""The main job from beginning to end: make logs of a haptic device, identify it, look at how near the truth it came.
+
+    python examples/demo.py --out demo
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import subprocess
+import sys
+from pathlib import Path
+
+from rich.console import Console
+from rich.table import Table
+
+HERE = Path(__file__).parent
+
+
+def main() -> int:
+    """Run the demo; its exit status is that of `haptid identify`."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--out", type=Path, default=Path("demo"), help="folder for logs and results")
+    folder = parser.parse_args().out
+    logs, out = folder / "logs", folder / "result"
+    console = Console()
+    console.print("[bold]1[/] Two motions of a PHANToM Premium 1.5, recorded with encoder steps and torque noise")
+    subprocess.run([sys.executable, str(HERE / "phantom" / "make_logs.py"), str(logs)], check=True)
+    console.print("[bold]2[/] haptid identify examples/phantom/study.toml", highlight=False)
+    study = str(HERE / "phantom" / "study.toml")
+    command = [sys.executable, "-m", "haptid", "identify", study, "--data", str(logs), "--out", str(out)]
+    status = subprocess.run(command, check=False).returncode
+    if (out / "result.json").exists():
+        console.print("\n[bold]3[/] Against the truth the logs were made from")
+        console.print(against_truth(json.loads((logs / "truth.json").read_text()), out / "result.json"))
+        console.print(f"Pictures: {', '.join(str(p) for p in sorted(out.glob('*.png')))}", highlight=False)
+    return status
+
+
+def against_truth(truth: dict[str, float], result: Path) -> Table:
+    """Parameter, truth, interval, and whether the one is in the other."""
+    table = Table(box=None)
+    for heading in ("parameter", "truth", "identified", "95 % interval", ""):
+        table.add_column(heading, justify="right")
+    for p in json.loads(result.read_text())["estimate"]["parameters"]:
+        low, high = p["interval95"]
+        inside = low <= truth[p["name"]] <= high
+        row = (f"{truth[p['name']]:.3e}", f"{p['value']:.3e}", f"{low:.3e} .. {high:.3e}", "inside" if inside else "outside")
+        table.add_row(p["name"], *row)
+    return table
+
+
+if __name__ == "__main__":
+    sys.exit(main())

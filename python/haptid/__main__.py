@@ -1,0 +1,5 @@
+"""`python -m haptid`."""
+
+from haptid.cli import main
+
+main()

@@ -1,0 +1,227 @@
+"""Term columns from a file's [[terms]]: whom each acts on, its names, units and settings."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from haptid._values import Array
+from haptid.device.expressions import column
+from haptid.device.geometry import Reader
+from haptid.device.model import Joint, Motor
+from haptid.device.place import Place
+from haptid.device.schema import (
+    AnyTerm,
+    ColumnTerm,
+    CoulombTerm,
+    CounterbalanceTerm,
+    SpringTerm,
+    StribeckTerm,
+    TermTable,
+)
+from haptid.device.terms import UNITS, Counterbalance, TermColumn
+from haptid.errors import DeviceKeyError, DeviceValueError, UnknownNameError
+
+# Stem of the parameter's name, by kind.
+STEMS = {
+    "rotor": "IA",
+    "viscous": "FV",
+    "coulomb": "FC",
+    "coulomb-by-direction": "FC",
+    "stribeck": "FS",
+    "offset": "OFF",
+    "spring": "K",
+    "counterbalance": "CB",
+}
+
+
+@dataclass(frozen=True, eq=False)
+class Target:
+    """What a term acts on: a joint, or a motor's joint-side coordinate.
+
+    Attributes:
+        name: of the joint or motor.
+        joint: index of the joint, None for a motor.
+        prismatic: whether the coordinate is a length.
+        weights: the coordinate as a combination of the drives' coordinates, (na,).
+        offset: its position where the drives' are zero.
+    """
+
+    name: str
+    joint: int | None
+    prismatic: bool
+    weights: Array
+    offset: float
+
+    @property
+    def on(self) -> str:
+        """As in TermColumn.on."""
+        return f"{'motor' if self.joint is None else 'joint'} {self.name}"
+
+    def column(
+        self,
+        name: str,
+        kind: str,
+        unit: str | None = None,
+        settings: tuple[float, float, float] = (0.0, 0.0, 0.0),
+    ) -> TermColumn:
+        """A column on this target that the core computes, its unit by its kind."""
+        unit = unit or UNITS[kind][self.prismatic]
+        return TermColumn(name, unit, kind, self.on, self.weights, self.offset, settings)
+
+    def external(self, name: str, unit: str, shape: Counterbalance | object) -> TermColumn:
+        """A column on this target that Python computes."""
+        return TermColumn(name, unit, "external", self.on, self.weights, self.offset, shape=shape)  # type: ignore[arg-type]
+
+
+@dataclass(frozen=True, eq=False)
+class Targets:
+    """Every joint and motor that a term may act on."""
+
+    joints: tuple[Target, ...]
+    active: tuple[str, ...]
+    motorised: tuple[str, ...]
+    motors: tuple[Target, ...]
+
+    @staticmethod
+    def of(
+        joints: Sequence[Joint], active: Sequence[int], drives: Sequence[Motor], rates: Array, offset: Array
+    ) -> Targets:
+        """From joints, drives, and G N^-1 with its offset."""
+        moved = np.any([drive.row != 0 for drive in drives if drive.motorised], axis=0)
+        names = [joints[j].name for j in active]
+        first = [joints[active[int(np.argmax(drive.row != 0))]] for drive in drives]
+        unit = np.eye(len(drives))
+        return Targets(
+            tuple(
+                Target(joint.name, j, joint.prismatic, rates[j], float(offset[j])) for j, joint in enumerate(joints)
+            ),
+            tuple(names),
+            tuple(name for name, driven in zip(names, np.atleast_1d(moved), strict=True) if driven),
+            tuple(
+                Target(drive.name, None, first[k].prismatic, unit[k], 0.0)
+                for k, drive in enumerate(drives)
+                if drive.motorised
+            ),
+        )
+
+    def chosen(self, table: TermTable, place: Place) -> list[Target]:
+        """The targets that a term names, in the device's order.
+
+        Raises:
+            DeviceKeyError: it names none.
+            UnknownNameError: it names one that is not there.
+        """
+        if table.joints is None and table.motors is None:
+            found = "the term acts on nothing"
+            raise DeviceKeyError(str(place), found, 'Add joints = "all", joints = ["1"] or motors = ["1"].')
+        words = {"all": [t.name for t in self.joints], "active": self.active, "motorised": self.motorised, None: ()}
+        joints = table.joints if isinstance(table.joints, list) else words[table.joints]
+        motors = table.motors if isinstance(table.motors, list) else [t.name for t in self.motors if table.motors]
+        made: list[Target] = []
+        for what, wanted, known in (("joint", joints, self.joints), ("motor", motors, self.motors)):
+            names = [target.name for target in known]
+            for k, name in enumerate(wanted):
+                if name not in names:
+                    raise UnknownNameError(str(place.at(f"{what}s", k)), what, name, names)
+            made += [target for target in known if target.name in wanted]
+        return made
+
+
+def read_terms(tables: Sequence[AnyTerm], targets: Targets, reader: Reader, place: Place) -> tuple[TermColumn, ...]:
+    """All columns beside link inertia, in declared order, by joint within each table."""
+    made: list[TermColumn] = []
+    for k, table in enumerate(tables):
+        here = place.at(k)
+        for target in targets.chosen(table, here):
+            made += _columns(table, target, targets, reader, here)
+    return tuple(made)
+
+
+def _columns(table: AnyTerm, target: Target, targets: Targets, reader: Reader, place: Place) -> list[TermColumn]:
+    if isinstance(table, ColumnTerm):
+        _alone(table, targets, place)
+        joints = [joint.name for joint in targets.joints]
+        shape = column(table.expression, joints, reader.lengths, place.at("expression"))
+        return [target.external(table.name, table.unit, shape)]
+    motor = table.prefix is None and target.joint is None
+    stem = table.prefix or STEMS[table.kind]
+
+    def name(suffix: str = "") -> str:
+        return f"{stem}{suffix}{'M' if motor else ''}{target.name}"
+
+    match table:
+        case CoulombTerm(kind=kind):
+            width = _not_negative(table.width, reader, place.at("width"))
+            if kind == "coulomb":
+                return [target.column(name(), kind, settings=(width, 0.0, 0.0))]
+            signs = (("P", "coulomb+"), ("N", "coulomb-"))
+            return [target.column(name(suffix), kind, settings=(width, 0.0, 0.0)) for suffix, kind in signs]
+        case StribeckTerm():
+            velocity, exponent = (_positive(getattr(table, k), reader, place.at(k)) for k in ("velocity", "exponent"))
+            width = _not_negative(table.width, reader, place.at("width"))
+            return [target.column(name(), "stribeck", settings=(velocity, exponent, width))]
+        case SpringTerm():
+            return [target.column(name(), "spring", settings=(reader.number(table.rest, place.at("rest")), 0.0, 0.0))]
+        case CounterbalanceTerm():
+            _alone(table, targets, place)
+            suffixes = {"spring": (("F", "constant"), ("K", "linear")), "gas": (("", "gas"),)}[table.law]
+            return [
+                target.external(name(suffix), "N/m" if force == "linear" else "N", shape)
+                for suffix, force in suffixes
+                for shape in [_counterbalance(table, target, force, reader, place)]
+            ]
+        case _:
+            return [target.column(name(), table.kind)]
+
+
+def _alone(table: TermTable, targets: Targets, place: Place) -> None:
+    if len(targets.chosen(table, place)) != 1:
+        raise DeviceValueError(
+            str(place), "this term acts on more than one joint or motor", "Name one, and repeat the term for the others."
+        )
+
+
+def _counterbalance(
+    table: CounterbalanceTerm, target: Target, force: str, reader: Reader, place: Place
+) -> Counterbalance:
+    if target.joint is None or target.prismatic:
+        raise DeviceValueError(
+            str(place), f"a counterbalance cannot act on {target.on}", "Name one revolute joint in joints."
+        )
+    crank, base = (_positive(getattr(table, key), reader, place.at(key)) for key in ("crank", "base"))
+    if crank == base:
+        raise DeviceValueError(
+            str(place.at("crank")), f"crank and base are both {crank:g} m", "Make them differ: the strut would vanish."
+        )
+    stroke = np.inf
+    if table.law == "gas":
+        if table.stroke is None:
+            raise DeviceKeyError(str(place.at("stroke")), "this key is missing", "Write stroke = ... (m) for a gas law.")
+        stroke, most = reader.number(table.stroke, place.at("stroke")), 2 * min(crank, base)
+        if stroke <= most:
+            raise DeviceValueError(
+                str(place.at("stroke")),
+                f"found {stroke:g} m, but the strut lengthens by up to {most:g} m",
+                f"Write a stroke above {most:g}.",
+            )
+    elif table.stroke is not None:
+        raise DeviceKeyError(str(place.at("stroke")), "stroke has no meaning for a spring", 'Remove it, or write law = "gas".')
+    angle = reader.angle(table.angle, place.at("angle"))
+    return Counterbalance(target.joint, crank, base, angle, float(table.sign), force, float(stroke))
+
+
+def _positive(value: float | str, reader: Reader, place: Place) -> float:
+    made = reader.number(value, place)
+    if made <= 0:
+        raise DeviceValueError(str(place), f"found {made:g}", "Write a number above zero.")
+    return made
+
+
+def _not_negative(value: float | str, reader: Reader, place: Place) -> float:
+    made = reader.number(value, place)
+    if made < 0:
+        raise DeviceValueError(str(place), f"found {made:g}", "Write zero or a number above it.")
+    return made

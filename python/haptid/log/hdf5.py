@@ -1,0 +1,85 @@
+"""HDF5 logs, and MAT 7.3 which is HDF5: groups and structs joined by points, datasets of numbers."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import h5py
+import numpy as np
+
+from haptid.errors import ForeignDataError, NotNumericError
+from haptid.log.content import Address, Column, addresses, guard, numeric, opened, require
+
+KIND = "HDF5"
+# Classes of MATLAB that are stored as integers and are not numbers.
+MATLAB_OTHER = frozenset({b"char", b"cell", b"logical", b"function_handle", b"struct"})
+
+
+def names(path: Path) -> list[str]:
+    """Names of the channels of all datasets of numbers."""
+    require(path, KIND, "HDF5", "MAT 7.3")
+    with opened(path, KIND), h5py.File(path, "r", locking=False) as file:
+        return [name for dataset in _datasets(file) for name in _channels(dataset)]
+
+
+def columns(path: Path, wanted: Sequence[str]) -> dict[str, Column]:
+    """Those wanted channels that the file has, each (n,), read one after the other.
+
+    MATLAB writes its arrays transposed; since channels run along the shorter side of an array, their names are the
+    same as in a MAT 5 file.
+
+    Raises:
+        NotNumericError: a wanted dataset holds texts, objects or records.
+        ForeignDataError: a wanted dataset is a view of another file.
+        OversizedLogError: a dataset declares far more than is stored of it.
+    """
+    require(path, KIND, "HDF5", "MAT 7.3")
+    out: dict[str, Column] = {}
+    with opened(path, KIND), h5py.File(path, "r", locking=False) as file:
+        for dataset in _datasets(file):
+            name = _flat(dataset)
+            found = _channels(dataset)
+            asked = [w for w in wanted if w in found or w == name]
+            if not asked:
+                continue
+            if not _numbers(dataset):
+                raise NotNumericError(path, name, f"values of type {dataset.dtype}")
+            if dataset.external or dataset.is_virtual:
+                raise ForeignDataError(path, name)
+            guard(
+                path,
+                f"dataset {name!r}",
+                dataset.size * dataset.dtype.itemsize,
+                dataset.id.get_storage_size(),
+            )
+            out.update((w, np.asarray(dataset[found[w]])) for w in asked if w in found)
+    return out
+
+
+def _datasets(file: h5py.File) -> list[Any]:
+    """Every dataset of the file itself; links to other files are not followed."""
+    found: list[Any] = []
+
+    def visit(name: str, item: object) -> None:
+        if isinstance(item, h5py.Dataset) and not name.startswith("#"):
+            found.append(item)
+
+    file.visititems(visit)
+    return found
+
+
+def _flat(dataset: Any) -> str:
+    return str(dataset.name).strip("/").replace("/", ".")
+
+
+def _numbers(dataset: Any) -> bool:
+    matlab = dataset.attrs.get("MATLAB_class")
+    return numeric(dataset.dtype) and (matlab is None or bytes(matlab) not in MATLAB_OTHER)
+
+
+def _channels(dataset: Any) -> dict[str, Address]:
+    if not _numbers(dataset) or dataset.shape is None or "MATLAB_empty" in dataset.attrs:
+        return {}
+    return addresses(_flat(dataset), dataset.shape)
