@@ -1,0 +1,101 @@
+"""The treatment does to signals what it says, in hertz."""
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy import signal
+
+import haptid
+from haptid.errors import CutoffError, MotionTooShortError, TreatmentValueError
+
+
+def gain(filtered, t, frequency):
+    """Amplitude of a unit sine after a filter, by projection on sine and cosine."""
+    basis = np.column_stack([np.sin(2 * np.pi * frequency * t), np.cos(2 * np.pi * frequency * t)])
+    inner = slice(len(t) // 4, 3 * len(t) // 4)
+    found = np.linalg.lstsq(basis[inner], filtered[inner], rcond=None)[0]
+    return np.hypot(*found), np.arctan2(found[1], found[0])
+
+
+@settings(max_examples=40, deadline=None)
+@given(st.floats(0.004, 0.4), st.integers(1, 8), st.floats(50.0, 5000.0))
+def test_position_filter_is_3_db_down_at_its_cutoff_and_has_no_delay(share, order, rate):
+    cutoff = share * rate / 2
+    sections = haptid.Treatment(cutoff_hz=cutoff, order=order).position_filter(1 / rate)
+    t = np.arange(0, 60 / cutoff, 1 / rate)
+    size, phase = gain(signal.sosfiltfilt(sections, np.sin(2 * np.pi * cutoff * t)), t, cutoff)
+    assert size == pytest.approx(np.sqrt(0.5), rel=1e-6)
+    assert abs(phase) < 1e-6
+
+
+@settings(max_examples=30, deadline=None)
+@given(st.integers(2, 60), st.floats(0.3, 0.9), st.floats(100.0, 5000.0))
+def test_parallel_filter_is_3_db_down_at_its_cutoff_and_stops_what_would_alias(decimation, share, rate):
+    cutoff = share * 0.5 * rate / decimation
+    taps = haptid.Treatment(decimation=decimation, parallel_cutoff_hz=cutoff).taps(1 / rate)
+    assert len(taps) % 2 == 1
+    np.testing.assert_allclose(taps, taps[::-1], rtol=0, atol=1e-15)
+    assert taps.sum() == pytest.approx(1.0)
+    _, response = signal.freqz(taps, worN=[cutoff, 1.5 * 0.5 * rate / decimation], fs=rate)
+    assert abs(response[0]) == pytest.approx(np.sqrt(0.5), abs=1e-6)
+    assert abs(response[1]) < 1e-2
+
+
+def test_default_parallel_filter_passes_four_fifths_of_what_decimation_carries():
+    taps = haptid.Treatment(decimation=10).taps(1e-3)
+    _, response = signal.freqz(taps, worN=[10.0, 40.0, 50.0], fs=1000.0)
+    assert abs(response[0]) == pytest.approx(1.0, abs=2e-3)
+    assert abs(response[1]) == pytest.approx(np.sqrt(0.5), abs=1e-6)
+    assert abs(response[2]) < 0.05
+    assert np.array_equal(haptid.Treatment(decimation=1).taps(1e-3), [1.0])
+
+
+def test_rates_of_a_parabola_are_exact():
+    t = 0.01 * np.arange(200)
+    q = np.column_stack([1 + 2 * t + 3 * t**2, -4 * t])
+    motion = haptid.Motion(0.01, q, np.zeros((200, 1)), haptid.Treatment(cutoff_hz=None))
+    assert motion.usable == (1, 199)
+    np.testing.assert_allclose(motion.qd[1:-1], np.column_stack([2 + 6 * t, 0 * t - 4])[1:-1], atol=1e-10)
+    np.testing.assert_allclose(motion.qdd[1:-1], np.column_stack([0 * t + 6, 0 * t])[1:-1], atol=1e-8)
+
+
+def test_a_motion_keeps_what_it_was_given_and_nobody_can_write_to_it():
+    q = np.zeros((100, 1))
+    motion = haptid.Motion(0.01, q, q, haptid.Treatment(cutoff_hz=None))
+    q[0] = 1.0
+    assert motion.q[0] == 0.0
+    with pytest.raises(ValueError, match="read-only"):
+        motion.q[0] = 1.0
+
+
+@pytest.mark.parametrize(
+    "settings_",
+    [
+        {"cutoff_hz": -1.0},
+        {"cutoff_hz": float("nan")},
+        {"order": 0},
+        {"order": 2.5},
+        {"decimation": 0},
+        {"low_speed": -0.1},
+        {"low_speed": (0.1, float("inf"))},
+        {"block": 0.0},
+        {"parallel_cutoff_hz": 0.0},
+    ],
+)
+def test_settings_that_mean_nothing_are_refused(settings_):
+    with pytest.raises(TreatmentValueError, match=next(iter(settings_))):
+        haptid.Treatment(**settings_)
+
+
+def test_a_cutoff_the_rate_cannot_carry_is_refused():
+    with pytest.raises(CutoffError, match=r"cutoff_hz is 600 Hz.*below 500 Hz"):
+        haptid.Treatment(cutoff_hz=600.0).position_filter(1e-3)
+    with pytest.raises(CutoffError, match=r"parallel_cutoff_hz is 60 Hz.*below 50 Hz"):
+        haptid.Treatment(decimation=10, parallel_cutoff_hz=60.0).taps(1e-3)
+
+
+def test_a_motion_shorter_than_its_filter_is_refused():
+    motion = haptid.Motion(1e-3, np.zeros((100, 1)), np.zeros((100, 1)), haptid.Treatment(cutoff_hz=1.0))
+    with pytest.raises(MotionTooShortError, match=r"lasts 0\.1 s"):
+        motion.usable  # noqa: B018
