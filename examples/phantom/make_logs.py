@@ -46,7 +46,7 @@ def motion(seed: int) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
 def main(folder: Path) -> None:
     """Write sweep.parquet, check.parquet and truth.json."""
     device = haptid.read_device("phantom_premium_15")
-    chi = device.chi_prior.copy()
+    chi = np.nan_to_num(device.chi_prior)  # what is not known of a link is taken as zero
     for name, value in FRICTION.items():
         chi[device.parameters.index[name]] = value
     beta = device.base.of(chi)

@@ -27,7 +27,9 @@ app = typer.Typer(
     pretty_exceptions_enable=False,
     context_settings={"help_option_names": ["-h", "--help"]},
 )
-out, err = Console(), Console(stderr=True)
+# Where the output is no terminal, lines are as long as the tables need, not cut at 80.
+WIDE = None if sys.stdout.isatty() else 140
+out, err = Console(width=WIDE), Console(stderr=True)
 
 IDENTIFY_HELP = """\
 Identify a device from the logs a study names, and validate the model.

@@ -97,7 +97,7 @@ class MissingParentError(DeviceError):
 
     def __init__(self, where: str, joint: str, parent: str, known: Iterable[str], later: bool) -> None:
         if later:
-            reason = f'its parent "{parent}" is declared further down; move joint "{parent}" above joint "{joint}".'
+            reason = f'its parent "{parent}" is declared further down; move it above joint "{joint}".'
         else:
             reason = f'no joint declared above it is named "{parent}". {suggestion(parent, known)}'
         super().__init__(f'{where}: joint "{joint}" has no parent yet: {reason}')
@@ -126,7 +126,7 @@ class DegreesError(DeviceError):
 
     def __init__(self, where: str, value: float) -> None:
         super().__init__(
-            f"{where}: the angle {value:g} is more than a turn (limit 2 pi = 6.283 rad), so it looks like degrees. "
+            f"{where}: the angle {value:g} is more than a turn (limit 2 pi rad), so it looks like degrees. "
             f'Write it in radians: {math.radians(value):.6g}, or as "{value:g}*pi/180".'
         )
 
@@ -165,8 +165,8 @@ class NonlinearLoopError(DeviceError):
         super().__init__(
             f"{where}: the loop closes, but the passive joints do not follow the active ones linearly: "
             f"G = dq/dqa varies by {variation:.3g} over the motion (limit {limit:.1e}). Only linear loops "
-            f"(parallelograms, mimic joints, couplings) are handled in this version; if this one is meant to be a "
-            f"parallelogram, make its opposite sides equal."
+            f"(parallelograms, mimic joints, couplings) are handled in this version; if this one is meant "
+            f"to be a parallelogram, make its opposite sides equal."
         )
 
 
@@ -175,8 +175,8 @@ class UndeterminedLoopError(DeviceError):
 
     def __init__(self, where: str, free: int, passive: int) -> None:
         super().__init__(
-            f"{where}: the cuts settle only {passive - free} of the {passive} passive joints; {free} can still move "
-            f"while the active joints stand still. Declare {free} more of them active, or add the missing cut."
+            f"{where}: the cuts settle only {passive - free} of {passive} passive joints; {free} can still "
+            f"move while the active ones stand still. Make {free} more of them active, or add a cut."
         )
 
 
@@ -206,17 +206,22 @@ class ColumnValueError(DeviceError):
 
     def __init__(self, name: str, sample: int, value: float, cause: str) -> None:
         super().__init__(
-            f"column {name} is {value} at sample {sample}: {cause}. Correct the expression, or keep the motion where "
-            f"it is defined."
+            f"column {name} is {value} at sample {sample}: {cause}. Correct the expression, or keep the "
+            f"motion where it is defined."
         )
 
 
 # --- log --------------------------------------------------------------------------------------------------------
 
-def _some(names: Sequence[str], limit: int = 12) -> str:
-    """The first names of a list, and how many more there are."""
-    shown = ", ".join(names[:limit])
-    return f"{shown} and {len(names) - limit} more" if len(names) > limit else shown or "none"
+def _some(names: Sequence[str], limit: int = 24) -> str:
+    """The first names of a list, columns of one matrix as `name[1..n]`, and how many more there are."""
+    counts: dict[str, int] = {}
+    for name in names:
+        array, bracket, _ = name.rpartition("[")
+        counts[array if bracket else name] = counts.get(array, 0) + 1 if bracket else 0
+    groups = [f"{name}[1..{n}]" if n else name for name, n in counts.items()]
+    shown = ", ".join(groups[:limit])
+    return f"{shown} and {len(groups) - limit} more" if len(groups) > limit else shown or "none"
 
 
 class LogNotFoundError(LogError):
@@ -346,9 +351,9 @@ class MissingChannelError(LogError):
     """A channel that the file does not have."""
 
     def __init__(self, path: object, name: str, names: Sequence[str]) -> None:
-        parts = [n for n in names if n.startswith(f"{name}[") or n.rpartition(".")[2] == name]
-        close = parts[:6] or difflib.get_close_matches(name, names, n=3, cutoff=0.6)
-        meant = f"Closest: {', '.join(close)}. " if close else ""
+        parts = [n for n in names if name in (n.rpartition("[")[0], n.split("[")[0].rpartition(".")[2])]
+        close = parts or difflib.get_close_matches(name, names, n=3, cutoff=0.6)
+        meant = f"Closest: {_some(close, 3)}. " if close else ""
         super().__init__(f"{path} has no channel {name!r}. {meant}Channels of this file: {_some(names)}.")
 
 

@@ -102,7 +102,6 @@ def _observe(study: Study, device: Device, entry: LogEntry, data: Path, tell: Pr
     name = Path(entry.path).name
     tell(f"reading {name}", 0.0)
     log = read_log(data / entry.path, entry.channels, stretch=entry.stretch)
-    device.check_log(log)
     tell(f"reading {name}", 1.0)
     tell(f"treating {name}", 0.0)
     motion = treat(log, study.treatment)

@@ -15,7 +15,7 @@ from haptid._values import Array, expect, freeze, read_only
 from haptid.base import BaseParameters
 from haptid.device import Device
 from haptid.errors import DifferentModelError, MotionTooShortError, NoRowsError, SameRowsError
-from haptid.signals import coordinate_torque, coordinates, external
+from haptid.signals import check_log, coordinate_torque, coordinates, external
 from haptid.treatment import Motion
 
 # Samples handed to the core at a time: enough to keep its threads busy, little beside a log.
@@ -110,12 +110,14 @@ class Observation:
         motors: rows by motor.
         blocks: where and when each block's rows are from, (blocks,).
         motions: what they were made from.
+        notes: sentences a user should read.
     """
 
     device: Device
     motors: tuple[MotorRows, ...]
     blocks: tuple[Block, ...]
     motions: tuple[Motion, ...]
+    notes: tuple[str, ...] = ()
 
     @property
     def base(self) -> BaseParameters:
@@ -143,7 +145,13 @@ class Observation:
             )
             for a, b in pairs
         )
-        return Observation(self.device, motors, self.blocks + other.blocks, self.motions + other.motions)
+        return Observation(
+            self.device,
+            motors,
+            self.blocks + other.blocks,
+            self.motions + other.motions,
+            self.notes + other.notes,
+        )
 
     def shares_rows_with(self, other: Observation) -> Block | None:
         """A block of this observation whose rows are also in the other, if there is one."""
@@ -196,9 +204,11 @@ def observe(device: Device, motion: Motion, progress: Callable[[float], None] | 
 
     Raises:
         ChannelCountError: the log has more or fewer channels than the device has coordinates or motors.
+        LooksLikeDegreesError, LooksLikeRadiansError, SwappedChannelsError: positions that do not fit the joints.
         MotionTooShortError: not one row fits between the filters' ends.
         NoRowsError: every row of a motor was dropped as too slow.
     """
+    doubts = check_log(device, motion.log) if motion.log else ()
     plan = Plan.of(device, motion)
     stacks: list[list[tuple[np.ndarray, Array]]] = []
     counts = []
@@ -220,7 +230,7 @@ def observe(device: Device, motion: Motion, progress: Callable[[float], None] | 
         columns = stacks[0][k][0]
         triangles = freeze(np.concatenate([stack[k][1] for stack in stacks]))
         motors.append(MotorRows(drive.name, device.torque_units[k], columns, triangles, rows[k]))
-    return _thinned(Observation(device, tuple(motors), blocks, (motion,)))
+    return _thinned(Observation(device, tuple(motors), blocks, (motion,), doubts))
 
 
 def _thinned(observation: Observation) -> Observation:

@@ -36,7 +36,7 @@ def draw_motor(panel: Axes, prediction: Prediction, k: int) -> None:
     """Measured, predicted, residual of one motor; stretches that do not count are shaded."""
     measured, predicted = prediction.measured[k], prediction.predicted[k]
     for y, colour, name, width in (
-        (measured, MEASURED, "measured", 1.4),
+        (measured, MEASURED, "measured", 2.2),
         (predicted, PREDICTED, "predicted", 0.9),
         (measured - predicted, RESIDUAL, "residual", 0.7),
     ):

@@ -7,7 +7,25 @@ import numpy as np
 from haptid._values import Array
 from haptid.device import Device
 from haptid.errors import ChannelCountError, CommandUnitError
+from haptid.log import Log, check_against
 from haptid.treatment import Motion
+
+
+def check_log(device: Device, log: Log) -> tuple[str, ...]:
+    """Compare a log with the joints it is said to be of; returns a sentence for each doubt.
+
+    Raises:
+        ChannelCountError: more or fewer channels than the device has coordinates or motors.
+        LooksLikeDegreesError, LooksLikeRadiansError, SwappedChannelsError: positions that do not fit the joints.
+    """
+    joints = [device.joints[k] for k in device.active]
+    if log.position.shape[1] != len(joints):
+        raise ChannelCountError("position", log.position.shape[1], [joint.name for joint in joints])
+    motors = [drive.name for drive in device.motors]
+    if log.torque.shape[1] != len(motors):
+        raise ChannelCountError("torque", log.torque.shape[1], motors)
+    ranges = [joint.position_limits for joint in joints]
+    return check_against(log, ranges, [joint.prismatic for joint in joints], [joint.name for joint in joints])
 
 
 def coordinates(device: Device, motion: Motion, start: int, stop: int) -> tuple[Array, Array, Array]:
@@ -71,11 +89,11 @@ def torque_gain(device: Device, motion: Motion, k: int) -> float:
     drive = device.drives[k]
     if motion.log is None:
         return 1.0
-    signal = motion.log.channels.torque
-    if signal.side == "joint":
-        if signal.unit != device.torque_units[k]:
-            raise CommandUnitError(drive.name, signal.unit, device.torque_units[k], "joint")
+    side, unit = motion.log.channels.torque.side, motion.log.channels.torque_unit
+    if side == "joint":
+        if unit != device.torque_units[k]:
+            raise CommandUnitError(drive.name, unit, device.torque_units[k], "joint")
         return 1.0
-    if signal.unit != drive.unit:
-        raise CommandUnitError(drive.name, signal.unit, drive.unit, "motor")
+    if unit != drive.unit:
+        raise CommandUnitError(drive.name, unit, drive.unit, "motor")
     return float(drive.gear * drive.gain)

@@ -26,6 +26,7 @@ def show_identification(console: Console, found: Identification) -> None:
         highlight=False,
     )
     console.print(parameter_table(found.estimate))
+    console.print("Rows in grey: the deviation is over half the value. Groupings: result.json, or `haptid model`.", style="dim")
     console.print(error_table(found.runs))
     for note in found.estimate.notes:
         console.print(f"- {note}", highlight=False)
@@ -35,9 +36,8 @@ def show_identification(console: Console, found: Identification) -> None:
 def parameter_table(estimate: Estimate) -> Table:
     """Base parameters with their honest intervals; the textbook deviation beside them."""
     table = Table(title="Base parameters", title_justify="left", box=None, pad_edge=False)
-    for heading in ("parameter", "value", "95 % interval", "sd", "sd %", "textbook sd", "prior", "unit"):
-        table.add_column(heading, justify="left" if heading in ("parameter", "unit") else "right", no_wrap=True)
-    table.add_column("grouping", overflow="fold")
+    for heading in ("", "value", "95 % interval", "sd %", "textbook %", "prior", "unit"):
+        table.add_column(heading, justify="left" if heading in ("", "unit") else "right", no_wrap=True)
     for p in estimate.parameters:
         table.add_row(*parameter_cells(p), style="dim" if p.relative_sd > 50 else None)
     return table
@@ -45,18 +45,22 @@ def parameter_table(estimate: Estimate) -> Table:
 
 def parameter_cells(p: Parameter) -> list[str]:
     """One row of the table, as many digits as the deviation allows."""
-    percent = f"{p.relative_sd:.2g}" if p.relative_sd < 1000 else ">1000"
+    low, high = (with_digits(end, p.sd) for end in p.interval)
     return [
         p.name,
         with_digits(p.value, p.sd),
-        f"[dim]{with_digits(p.interval[0], p.sd)}[/] .. [dim]{with_digits(p.interval[1], p.sd)}[/]",
-        f"{p.sd:.2g}",
-        percent,
-        f"{p.textbook_sd:.2g}",
-        "" if p.prior is None else f"{p.prior[0]:.4g}",
+        f"{low} .. {high}",
+        short_percent(p.sd, p.value),
+        short_percent(p.textbook_sd, p.value),
+        "" if p.prior is None else with_digits(p.prior[0], p.sd),
         p.unit,
-        "" if p.grouping == p.name else p.grouping,
     ]
+
+
+def short_percent(part: float, whole: float) -> str:
+    """Two digits of a percentage, as far as anyone cares."""
+    percent = 100 * part / abs(whole) if whole else float("inf")
+    return f"{percent:#.2g}".rstrip(".") if percent < 99.5 else ("> 100" if percent < 1000 else "> 1000")
 
 
 def with_digits(value: float, sd: float) -> str:
@@ -71,7 +75,7 @@ def with_digits(value: float, sd: float) -> str:
 
 def error_table(runs: tuple[Run, ...]) -> Table:
     """Relative error by log and motor."""
-    motors = [m.motor for m in runs[0].observation.motors]
+    motors = [m.name for m in runs[0].observation.motors]
     table = Table(title="\nRelative error of the torque, %", title_justify="left", box=None, pad_edge=False)
     table.add_column("log")
     table.add_column("rows")

@@ -80,7 +80,9 @@ class Chain:
     def of(joints: Sequence[Joint], cuts: tuple[Cut, ...], active: tuple[int, ...]) -> Chain:
         """Measure the tree."""
         frames = [frame for cut in cuts for frame in (cut.frame, cut.twin)]
-        lengths = [np.linalg.norm(part.translation) for part in (*joints, *frames)]
+        lengths = [
+            np.linalg.norm(p) for p in (*(j.translation for j in joints), *(f.translation for f in frames))
+        ]
         above = np.eye(len(joints), dtype=bool)
         for j, joint in enumerate(joints):
             if joint.parent >= 0:
@@ -103,7 +105,7 @@ class Chain:
         return -reach, reach
 
     def gap(self, G: Array, offset: Array, count: int) -> float:
-        """Greatest gap of the cuts over random poses, m; an angle counts as an arc at the mechanism's size."""
+        """Greatest gap of the cuts over random poses, m; an angle counts as an arc at `size`."""
         q = self.random_poses(count, seed=1) @ G.T + offset
         return float(np.abs(self.residual(q)[0]).max())
 
@@ -131,7 +133,7 @@ class Chain:
         )
 
     def _frame(self, frame: Frame, links: Array) -> tuple[Array, Array, Array, Array]:
-        """A frame's origin (n, 3) and axes (n, 3, 3), and their rates by joint, (n, 3, joints) and (n, 3, 3, joints)."""
+        """A frame's origin (n, 3) and axes (n, 3, 3), and their rates by joint, one axis more."""
         n, joints = links.shape[:2]
         if frame.link < 0:
             R = np.broadcast_to(frame.rotation, (n, 3, 3))
@@ -160,7 +162,9 @@ def solve(chain: Chain, q: Array, unknown: Sequence[int], steps: int = STEPS) ->
         A = J[:, :, columns]
         H = A.transpose(0, 2, 1) @ A
         scale = np.maximum(np.trace(H, axis1=1, axis2=2), 1e-100)[:, None, None]
-        step = -np.linalg.solve(H + DAMPING * scale * np.eye(len(columns)), A.transpose(0, 2, 1) @ r[:, :, None])[..., 0]
+        step = -np.linalg.solve(
+            H + DAMPING * scale * np.eye(len(columns)), A.transpose(0, 2, 1) @ r[:, :, None]
+        )[..., 0]
         longest = np.abs(step).max(axis=1, keepdims=True)
         q[:, columns] += step * np.minimum(1.0, STRIDE / np.maximum(longest, STRIDE))
         if longest.max() < 1e-14:
@@ -173,8 +177,8 @@ def find_branches(
 ) -> Search:
     """Every linear motion of the unknown joints that closes the cuts.
 
-    A linear motion is its own tangent: each solution found at some pose is extended along its tangent, and kept if that
-    closes at all poses.
+    A linear motion is its own tangent: each solution found at some pose is extended along its tangent, and
+    kept if that closes at all poses.
 
     Args:
         chain: the tree and its cuts.
@@ -198,17 +202,17 @@ def find_branches(
 
 
 def rates(chain: Chain, q: Array, G: Array, unknown: list[int]) -> tuple[Array, Array]:
-    """Rates of the unknown joints by active one, (n, unknown, active), and how well they are held, (n, unknown)."""
+    """Rates of the unknown joints by active one, (n, unknown, active), and their hold, (n, unknown)."""
     J = chain.residual(q)[1]
     A = J[:, :, unknown]
     settled = G.copy()
     settled[unknown] = 0.0
     held = np.linalg.svd(A, compute_uv=False)
-    return -np.linalg.pinv(A, rcond=HELD) @ (J @ settled), held
+    return np.asarray(-np.linalg.pinv(A, rcond=HELD) @ (J @ settled)), np.asarray(held)
 
 
 def variation_of_rates(chain: Chain, branch: Branch, unknown: list[int]) -> float:
-    """How far the rates change along the motion that starts at a branch's own pose, at worst over nearby poses."""
+    """How far the rates change, at worst, along the motion that starts at a branch's own pose."""
     rng = np.random.default_rng(2)
     for reach in (0.3, 0.03, 0.003):
         qa = branch.at + rng.uniform(-reach, reach, (32, len(chain.active)))
@@ -223,7 +227,7 @@ def variation_of_rates(chain: Chain, branch: Branch, unknown: list[int]) -> floa
 def _tangents(
     chain: Chain, q: Array, qa: Array, G: Array, offset: Array, unknown: list[int]
 ) -> tuple[list[Branch], int]:
-    """The distinct tangents at solutions, and how many directions of the unknown joints are free at all of them."""
+    """The distinct tangents at solutions, and how many directions of the unknown joints are always free."""
     if not len(q):
         return [], 0
     made, held = rates(chain, q, G, unknown)

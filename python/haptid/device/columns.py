@@ -96,7 +96,8 @@ class Targets:
         unit = np.eye(len(drives))
         return Targets(
             tuple(
-                Target(joint.name, j, joint.prismatic, rates[j], float(offset[j])) for j, joint in enumerate(joints)
+                Target(joint.name, j, joint.prismatic, rates[j], float(offset[j]))
+                for j, joint in enumerate(joints)
             ),
             tuple(names),
             tuple(name for name, driven in zip(names, np.atleast_1d(moved), strict=True) if driven),
@@ -117,9 +118,16 @@ class Targets:
         if table.joints is None and table.motors is None:
             found = "the term acts on nothing"
             raise DeviceKeyError(str(place), found, 'Add joints = "all", joints = ["1"] or motors = ["1"].')
-        words = {"all": [t.name for t in self.joints], "active": self.active, "motorised": self.motorised, None: ()}
+        words = {
+            "all": [t.name for t in self.joints],
+            "active": self.active,
+            "motorised": self.motorised,
+            None: (),
+        }
         joints = table.joints if isinstance(table.joints, list) else words[table.joints]
-        motors = table.motors if isinstance(table.motors, list) else [t.name for t in self.motors if table.motors]
+        motors = (
+            table.motors if isinstance(table.motors, list) else [t.name for t in self.motors if table.motors]
+        )
         made: list[Target] = []
         for what, wanted, known in (("joint", joints, self.joints), ("motor", motors, self.motors)):
             names = [target.name for target in known]
@@ -130,7 +138,9 @@ class Targets:
         return made
 
 
-def read_terms(tables: Sequence[AnyTerm], targets: Targets, reader: Reader, place: Place) -> tuple[TermColumn, ...]:
+def read_terms(
+    tables: Sequence[AnyTerm], targets: Targets, reader: Reader, place: Place
+) -> tuple[TermColumn, ...]:
     """All columns beside link inertia, in declared order, by joint within each table."""
     made: list[TermColumn] = []
     for k, table in enumerate(tables):
@@ -140,7 +150,9 @@ def read_terms(tables: Sequence[AnyTerm], targets: Targets, reader: Reader, plac
     return tuple(made)
 
 
-def _columns(table: AnyTerm, target: Target, targets: Targets, reader: Reader, place: Place) -> list[TermColumn]:
+def _columns(
+    table: AnyTerm, target: Target, targets: Targets, reader: Reader, place: Place
+) -> list[TermColumn]:
     if isinstance(table, ColumnTerm):
         _alone(table, targets, place)
         joints = [joint.name for joint in targets.joints]
@@ -160,11 +172,17 @@ def _columns(table: AnyTerm, target: Target, targets: Targets, reader: Reader, p
             signs = (("P", "coulomb+"), ("N", "coulomb-"))
             return [target.column(name(suffix), kind, settings=(width, 0.0, 0.0)) for suffix, kind in signs]
         case StribeckTerm():
-            velocity, exponent = (_positive(getattr(table, k), reader, place.at(k)) for k in ("velocity", "exponent"))
+            velocity, exponent = (
+                _positive(getattr(table, k), reader, place.at(k)) for k in ("velocity", "exponent")
+            )
             width = _not_negative(table.width, reader, place.at("width"))
             return [target.column(name(), "stribeck", settings=(velocity, exponent, width))]
         case SpringTerm():
-            return [target.column(name(), "spring", settings=(reader.number(table.rest, place.at("rest")), 0.0, 0.0))]
+            return [
+                target.column(
+                    name(), "spring", settings=(reader.number(table.rest, place.at("rest")), 0.0, 0.0)
+                )
+            ]
         case CounterbalanceTerm():
             _alone(table, targets, place)
             suffixes = {"spring": (("F", "constant"), ("K", "linear")), "gas": (("", "gas"),)}[table.law]
@@ -180,7 +198,9 @@ def _columns(table: AnyTerm, target: Target, targets: Targets, reader: Reader, p
 def _alone(table: TermTable, targets: Targets, place: Place) -> None:
     if len(targets.chosen(table, place)) != 1:
         raise DeviceValueError(
-            str(place), "this term acts on more than one joint or motor", "Name one, and repeat the term for the others."
+            str(place),
+            "this term acts on more than one joint or motor",
+            "Name one, and repeat the term for the others.",
         )
 
 
@@ -194,12 +214,16 @@ def _counterbalance(
     crank, base = (_positive(getattr(table, key), reader, place.at(key)) for key in ("crank", "base"))
     if crank == base:
         raise DeviceValueError(
-            str(place.at("crank")), f"crank and base are both {crank:g} m", "Make them differ: the strut would vanish."
+            str(place.at("crank")),
+            f"crank and base are both {crank:g} m",
+            "Make them differ: the strut would vanish.",
         )
     stroke = np.inf
     if table.law == "gas":
         if table.stroke is None:
-            raise DeviceKeyError(str(place.at("stroke")), "this key is missing", "Write stroke = ... (m) for a gas law.")
+            raise DeviceKeyError(
+                str(place.at("stroke")), "this key is missing", "Write stroke = ... (m) for a gas law."
+            )
         stroke, most = reader.number(table.stroke, place.at("stroke")), 2 * min(crank, base)
         if stroke <= most:
             raise DeviceValueError(
@@ -208,7 +232,9 @@ def _counterbalance(
                 f"Write a stroke above {most:g}.",
             )
     elif table.stroke is not None:
-        raise DeviceKeyError(str(place.at("stroke")), "stroke has no meaning for a spring", 'Remove it, or write law = "gas".')
+        raise DeviceKeyError(
+            str(place.at("stroke")), "stroke has no meaning for a spring", 'Remove it, or write law = "gas".'
+        )
     angle = reader.angle(table.angle, place.at("angle"))
     return Counterbalance(target.joint, crank, base, angle, float(table.sign), force, float(stroke))
 

@@ -1,4 +1,4 @@
-"""Arithmetic written as text in device files: parsed, checked node by node, and evaluated without ever being run."""
+"""Arithmetic written as text in device files: parsed, checked node by node, evaluated without being run."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from haptid._values import Array
 from haptid.device.place import Place
 from haptid.errors import ExpressionError, RelationError, UnknownNameError
 
-# Longest expression, characters: enough for any column, and short enough that parsing it cannot exhaust the stack.
+# Longest expression, characters: enough for any column, too short to exhaust the stack.
 LONGEST = 400
 # Largest number in an expression, SI: beyond any device, and far from overflow.
 LARGEST = 1e30
@@ -39,7 +39,11 @@ OPERATORS: Mapping[type[ast.operator], Callable[[Any, Any], Any]] = {
     ast.Pow: operator.pow,
 }
 ARITHMETIC = 'Use numbers, pi, named lengths, + - * / and brackets, as in "-pi/2" or "d3 + 0.1".'
-COLUMN = "Use q_, v_, a_ followed by a joint's name, pi, named lengths, + - * / ** and " + ", ".join(FUNCTIONS) + "."
+COLUMN = (
+    "Use q_, v_, a_ followed by a joint's name, pi, named lengths, + - * / ** and "
+    + ", ".join(FUNCTIONS)
+    + "."
+)
 LINEAR = 'Write a sum such as "q3 = pi/2 - q2 + q7", each q with a constant factor.'
 
 
@@ -59,7 +63,9 @@ class Linear:
 
     def times(self, number: float) -> Linear:
         """Every factor and the constant times a number."""
-        return Linear(self.constant * number, {name: factor * number for name, factor in self.factors.items()})
+        return Linear(
+            self.constant * number, {name: factor * number for name, factor in self.factors.items()}
+        )
 
 
 @dataclass(frozen=True)
@@ -122,7 +128,7 @@ def relation(text: str, symbols: list[str], lengths: Mapping[str, float], place:
     """The joint symbol on the left of a linear relation, and what it equals.
 
     Raises:
-        RelationError: there is not one equals sign with one symbol on its left, or the right side is not linear.
+        RelationError: it is not one symbol, an equals sign and a linear sum.
         UnknownNameError: it uses a name that is neither a joint's symbol nor a length.
     """
     left, equals, right = text.partition("=")
@@ -148,7 +154,9 @@ class _NotLinearError(ValueError):
 
 def _parse(text: str, place: Place, instead: str) -> ast.expr:
     if len(text) > LONGEST:
-        raise ExpressionError(str(place), text[:40] + "...", f"it has {len(text)} characters, limit {LONGEST}", instead)
+        raise ExpressionError(
+            str(place), text[:40] + "...", f"it has {len(text)} characters, limit {LONGEST}", instead
+        )
     try:
         return ast.parse(text.strip(), mode="eval").body
     except (SyntaxError, ValueError, RecursionError, MemoryError):
@@ -173,7 +181,7 @@ class _Rules:
         """Raise unless every node is one that `_evaluate` knows, and every name is known."""
         match node:
             case ast.Constant(value=value) if type(value) in (int, float):
-                if abs(value) > LARGEST:
+                if abs(value) > LARGEST:  # type: ignore[arg-type]
                     raise self.refuse(node, f"is beyond {LARGEST:.0e}")
             case ast.Name(id=name):
                 if name not in self.known:

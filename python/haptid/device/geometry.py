@@ -1,4 +1,4 @@
-"""Geometry: modified and standard Denavit-Hartenberg tables and placements to one normal form; where links are."""
+"""Geometry: Denavit-Hartenberg tables and placements to one normal form, and where links then are."""
 
 from __future__ import annotations
 
@@ -11,7 +11,14 @@ from haptid._values import Array, expect
 from haptid.device.expressions import number
 from haptid.device.model import Device, Frame, Joint
 from haptid.device.place import Place
-from haptid.device.schema import AnyJoint, BaseTable, FrameTable, ModifiedDHJoint, PlacementJoint, StandardDHJoint
+from haptid.device.schema import (
+    AnyJoint,
+    BaseTable,
+    FrameTable,
+    ModifiedDHJoint,
+    PlacementJoint,
+    StandardDHJoint,
+)
 from haptid.errors import DegreesError, DeviceKeyError, DeviceValueError
 
 # Largest geometry angle, rad: a turn, and a little for rounding.
@@ -118,7 +125,9 @@ class Reader:
         mixed = [key for key in given if key not in ("xyz", "rpy")]
         if len(mixed) < len(given) and mixed:
             raise DeviceKeyError(
-                str(place), f"xyz or rpy stands beside {', '.join(mixed)}", "Use either xyz and rpy, or gamma b alpha d theta r."
+                str(place),
+                f"xyz or rpy stands beside {', '.join(mixed)}",
+                "Use either xyz and rpy, or gamma b alpha d theta r.",
             )
         if mixed:
             return self.modified(given, place)
@@ -132,7 +141,7 @@ class Reader:
         return modified_dh(**angles, **lengths)
 
     def joint(self, table: AnyJoint, place: Place) -> tuple[Array, Array]:
-        """Placement of a joint's frame in its parent's convention frame, and the convention's link frame in it.
+        """Placement of a joint's frame in its parent's convention frame, and that convention in it.
 
         Returns:
             both (4, 4); the first at q = 0 with z the joint axis.
@@ -146,7 +155,9 @@ class Reader:
         axis = np.array(self.triple(table.axis, place.at("axis")))
         length = float(np.linalg.norm(axis))
         if length < 1e-9:
-            raise DeviceValueError(str(place.at("axis")), f"found {list(axis)}", "Write a direction, such as [0, 0, 1].")
+            raise DeviceValueError(
+                str(place.at("axis")), f"found {list(axis)}", "Write a direction, such as [0, 0, 1]."
+            )
         onto = least_turn(axis / length)
         return self.placement(table, place) @ onto, onto.T
 

@@ -1,4 +1,4 @@
-"""Loops: how passive joints follow active ones, from relations that are given, or derived from the joints cut."""
+"""Loops: how passive joints follow active ones, by relations that are given or derived from joints cut."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ from haptid.errors import (
 
 # A loop closes where its gap stays below this share of the mechanism's size.
 CLOSED = 1e-6
-# Constants this close to a multiple of pi / 12, and rates this close to a multiple of 1 / 12, are taken as that.
+# Constants this close to a multiple of pi / 12, rates this close to one of 1 / 12, are taken as that.
 NICE = 1e-9
 # G varies where it changes by more than this from pose to pose.
 RATES_VARY = 1e-6
@@ -42,7 +42,7 @@ class Loops:
         passive: indices of the joints that loops move.
         known: what relations say of passive joints, as joint index -> linear in symbols q<name>.
         cuts: joints cut.
-        guess: positions of passive joints near which the solution is wanted, where the active joints are at zero.
+        guess: wanted positions of passive joints, roughly, where the active joints are at zero.
         place: of the loops in the file.
     """
 
@@ -66,10 +66,14 @@ def read_loops(
         here = place.at(k)
         named = [(name, here.at("passive", i)) for i, name in enumerate(table.passive)]
         for i, text in enumerate(table.relations):
-            symbol, linear = relation(text, [f"q{name}" for name in index], reader.lengths, here.at("relations", i))
+            symbol, linear = relation(
+                text, [f"q{name}" for name in index], reader.lengths, here.at("relations", i)
+            )
             if index[symbol[1:]] in known:
                 raise RelationError(
-                    str(here.at("relations", i)), f"{symbol} already has a relation", "Keep one for each passive joint."
+                    str(here.at("relations", i)),
+                    f"{symbol} already has a relation",
+                    "Keep one for each passive joint.",
                 )
             known[index[symbol[1:]]] = linear
             named.append((symbol[1:], here.at("relations", i)))
@@ -88,21 +92,29 @@ def read_loops(
             cuts.append(Cut(table.cut.type == "prismatic", *frames))
         elif not table.relations:
             raise RelationError(
-                str(here), "this loop has neither relations nor a cut", 'Add relations = ["q3 = ..."] or cut = {...}.'
+                str(here),
+                "this loop has neither relations nor a cut",
+                'Add relations = ["q3 = ..."] or cut = {...}.',
             )
         elif missing := [name for name in table.passive if index[name] not in known]:
             raise RelationError(
-                str(here), f"nothing says how {', '.join(missing)} move", f'Add "q{missing[0]} = ..." to its relations.'
+                str(here),
+                f"nothing says how {', '.join(missing)} move",
+                f'Add "q{missing[0]} = ..." to its relations.',
             )
     for j in guess:
         if j not in passive:
             raise RelationError(
-                str(place), f"guess names joint {joints[j].name}, which no loop moves", "Guess passive joints only."
+                str(place),
+                f"guess names joint {joints[j].name}, which no loop moves",
+                "Guess passive joints only.",
             )
     return Loops(tuple(sorted(passive)), known, tuple(cuts), guess, place)
 
 
-def active_joints(joints: Sequence[Joint], declared: Sequence[bool | None], loops: Loops, place: Place) -> tuple[int, ...]:
+def active_joints(
+    joints: Sequence[Joint], declared: Sequence[bool | None], loops: Loops, place: Place
+) -> tuple[int, ...]:
     """Indices of the independent joints: those that no loop moves.
 
     Raises:
@@ -115,7 +127,9 @@ def active_joints(joints: Sequence[Joint], declared: Sequence[bool | None], loop
             raise ActiveJointError(at, joint.name, found, "Remove active = true, or the joint from the loop.")
         if active is False and j not in loops.passive:
             found = "is declared passive, but no loop says how it moves"
-            raise ActiveJointError(at, joint.name, found, "Add it to a loop's passive list, or give it a relation.")
+            raise ActiveJointError(
+                at, joint.name, found, "Add it to a loop's passive list, or give it a relation."
+            )
     return tuple(j for j in range(len(joints)) if j not in loops.passive)
 
 
@@ -151,7 +165,9 @@ def _found(name: str, index: Mapping[str, int], place: Place) -> int:
     return index[name]
 
 
-def _from_relations(names: list[str], active: tuple[int, ...], loops: Loops) -> tuple[Array, Array, list[int]]:
+def _from_relations(
+    names: list[str], active: tuple[int, ...], loops: Loops
+) -> tuple[Array, Array, list[int]]:
     """G and offset of active joints and of those with a relation; rows of the others are zero."""
     n, settled = len(names), sorted(loops.known)
     G, offset = np.zeros((n, len(active))), np.zeros(n)
@@ -170,7 +186,9 @@ def _from_relations(names: list[str], active: tuple[int, ...], loops: Loops) -> 
     among = np.eye(len(settled)) - factors[:, settled]
     if np.linalg.matrix_rank(among) < len(settled):
         raise RelationError(
-            str(loops.place), "the relations go round in a circle", "Write passive joints in terms of active ones."
+            str(loops.place),
+            "the relations go round in a circle",
+            "Write passive joints in terms of active ones.",
         )
     G[settled] = np.linalg.solve(among, factors[:, list(active)])
     offset[settled] = np.linalg.solve(among, [loops.known[j].constant for j in settled])
@@ -226,7 +244,9 @@ def _preference(branch: Branch, unknown: list[int], guess: Mapping[int, float]) 
     return round(float(away), 6), round(float(np.abs(branch.offset[unknown]).sum()), 6)
 
 
-def relation_text(names: Sequence[str], joint: int, active: tuple[int, ...], row: Array, constant: float) -> str:
+def relation_text(
+    names: Sequence[str], joint: int, active: tuple[int, ...], row: Array, constant: float
+) -> str:
     """A relation as the file would have it, such as `q3 = pi/2 - q2 + q7`."""
     parts = [("-" if constant < 0 else "+", _angle(abs(constant)))] if constant else []
     for k, factor in zip(active, row, strict=True):
@@ -236,7 +256,9 @@ def relation_text(names: Sequence[str], joint: int, active: tuple[int, ...], row
     if not parts:
         return f"q{names[joint]} = 0"
     (sign, first), *rest = parts
-    return f"q{names[joint]} = {'-' if sign == '-' else ''}{first}" + "".join(f" {s} {text}" for s, text in rest)
+    return f"q{names[joint]} = {'-' if sign == '-' else ''}{first}" + "".join(
+        f" {s} {text}" for s, text in rest
+    )
 
 
 def _angle(value: float) -> str:

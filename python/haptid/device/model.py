@@ -21,7 +21,7 @@ Convention = Literal["modified-dh", "dh", "placement"]
 
 @dataclass(frozen=True, eq=False)
 class Joint:
-    """A joint and the link it moves, in normal form: the link turns about, or slides along, its own z axis.
+    """A joint and the link it moves, in normal form: it turns about, or slides along, its own z axis.
 
     Pose of link i = pose of its parent * (rotation, translation) * Rz(q) or Tz(q).
 
@@ -34,7 +34,7 @@ class Joint:
         position_limits: rad or m, None if unknown.
         velocity_limit: rad/s or m/s, None if unknown.
         torque_limit: N m or N, None if unknown.
-        frame_rotation, frame_translation: the link frame of the file's own convention, seen in the link frame of the
+        frame_rotation, frame_translation: the link frame of the file's own convention, seen in that of the
             normal form, (3, 3) and (3,), m; the identity for modified-dh.
     """
 
@@ -88,7 +88,7 @@ class Cut:
     """A joint of a loop that was cut to leave a tree.
 
     Attributes:
-        prismatic: False: origins and z axes of the two frames coincide. True: z axes are one line, orientations equal.
+        prismatic: False: the frames' origins and z axes coincide. True: z axes one line, orientations equal.
         frame, twin: the two frames that the joint brings together.
     """
 
@@ -147,7 +147,7 @@ class Motor:
 
 @dataclass(frozen=True)
 class Prior:
-    """What is known of a standard parameter beforehand: value and standard deviation (None: unknown), SI."""
+    """What is known of a standard parameter beforehand: value and deviation (None: unknown), SI."""
 
     value: float
     sd: float | None = None
@@ -164,7 +164,7 @@ class Device:
         joints: parents before children.
         active: indices of the independent joints, in the file's order.
         closure: how the other joints follow them.
-        drives: one joint-side coordinate for each active joint: the motors in order, then active joints without motor.
+        drives: one joint-side coordinate for each active joint: the motors, then active joints without motor.
         terms: columns beside link inertia, in the core's order.
         parameters: the standard parameters.
         symmetry: what is known of them beforehand.
@@ -257,7 +257,7 @@ class Device:
         return external_columns(self.externals, self.joint_names, self.tree(qa, qda, qdda))
 
     def coulomb_directions(self, drive: int) -> tuple[Array, ...]:
-        """Coordinates whose sign of velocity matters to a drive's torque, each as weights over the drives, (active,)."""
+        """Coordinates whose sign of velocity a drive's torque depends on, as weights over drives, (."""
         found: list[Array] = []
         for term in self.terms:
             felt = term.kind in DRY and term.weights[drive] != 0

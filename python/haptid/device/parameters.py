@@ -11,8 +11,8 @@ import numpy as np
 from haptid._values import Array, expect, read_only
 from haptid.device.terms import TermColumn
 
-# The ten inertial parameters of a link, in the order of every array of haptid: inertia tensor about the link frame's
-# origin (XY = -integral of xy dm), first moments, mass.
+# The ten inertial parameters of a link, in the order of every array of haptid: inertia tensor about the link
+# frame's origin (XY = -integral of xy dm), first moments, mass.
 INERTIAL = ("XX", "XY", "XZ", "YY", "YZ", "ZZ", "MX", "MY", "MZ", "M")
 INERTIAL_UNITS = ("kg m^2",) * 6 + ("kg m",) * 3 + ("kg",)
 
@@ -36,8 +36,8 @@ class Symmetry:
 class StandardParameters:
     """The standard parameters chi of a device and their order, of which this is the only owner.
 
-    `raw` is every column of the core: ten per link, massless or not, then one per term. What remains after massless
-    links, zeros and equalities are the free parameters: chi_raw = S chi.
+    `raw` is every column of the core: ten per link, massless or not, then one per term. What remains after
+    massless links, zeros and equalities are the free parameters: chi_raw = S chi.
 
     Attributes:
         raw: names of the core's columns, (r,).
@@ -80,7 +80,10 @@ def raw_names(joints: Sequence[str], terms: Sequence[TermColumn]) -> tuple[str, 
 
 
 def standard_parameters(
-    joints: Sequence[str], bodies: Sequence[bool], terms: Sequence[TermColumn], symmetries: Sequence[Symmetry] = ()
+    joints: Sequence[str],
+    bodies: Sequence[bool],
+    terms: Sequence[TermColumn],
+    symmetries: Sequence[Symmetry] = (),
 ) -> StandardParameters:
     """Free parameters after massless links, zeros and equalities.
 

@@ -1,4 +1,4 @@
-"""What is known of a device's parameters beforehand: CAD bodies and named values, in haptid's own parameters."""
+"""What is known of a device's parameters beforehand: CAD bodies and named values as standard parameters."""
 
 from __future__ import annotations
 
@@ -61,8 +61,9 @@ def inertial_parameters(body: Body, joint: Joint) -> Array:
 def body_prior(body: Body, joint: Joint, sd_percent: float | None) -> dict[str, Prior]:
     """Priors of a link's ten parameters, without those that are unknown.
 
-    With `sd_percent`, the deviation of the mass is that share of the mass; of a first moment, that share of the longest
-    of the first moments and of the mass times the radius of gyration; of a tensor entry, that share of the largest.
+    With `sd_percent`, the deviation of the mass is that share of the mass; of a first moment, that share of
+    the greatest first moment, or of mass times radius of gyration; of a tensor entry, that share of the
+    largest entry.
     """
     chi = inertial_parameters(body, joint)
     scale = np.empty(10)

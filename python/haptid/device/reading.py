@@ -13,14 +13,27 @@ from haptid.device.expressions import RESERVED
 from haptid.device.geometry import Reader, frame_on
 from haptid.device.loops import active_joints, close, read_loops
 from haptid.device.model import Closure, Device, Handle, Joint, Prior
-from haptid.device.parameters import INERTIAL, INERTIAL_UNITS, Symmetry, raw_names, standard_parameters
+from haptid.device.parameters import (
+    INERTIAL,
+    INERTIAL_UNITS,
+    StandardParameters,
+    Symmetry,
+    raw_names,
+    standard_parameters,
+)
 from haptid.device.place import Place
 from haptid.device.prior import Body, body_prior, tensor
 from haptid.device.schema import AnyDevice, AnyJoint, PriorBodyTable, PriorTable, SymmetryTable
 from haptid.device.tables import read_tables
 from haptid.device.terms import TermColumn
 from haptid.device.transmission import read_drives
-from haptid.errors import CycleError, DeviceValueError, DuplicateNameError, MissingParentError, UnknownNameError
+from haptid.errors import (
+    CycleError,
+    DeviceValueError,
+    DuplicateNameError,
+    MissingParentError,
+    UnknownNameError,
+)
 
 # Name of the fixed link.
 BASE = "base"
@@ -66,20 +79,30 @@ def read_device(path: str | Path) -> Device:
         lengths=reader.lengths,
         handle=_handle(tables, joints, base, reader, place.at("handle")),
         prior=prior,
-        keep=_keep(tables, parameters.index, parameters.raw, place.at("base_parameters")),
+        keep=_keep(tables, parameters, place.at("base_parameters")),
         base_tolerance=_tolerance(tables, reader, place.at("base_parameters", "tolerance")),
-        notes=(*parameters.leaving, *notes, *_contradictions(prior, parameters.index), *_closing_note(closure)),
+        notes=(
+            *parameters.leaving,
+            *notes,
+            *_contradictions(prior, parameters.index),
+            *_closing_note(closure),
+        ),
     )
 
 
 def _lengths(tables: AnyDevice, place: Place) -> dict[str, float]:
     """Named lengths, each of which may use those above it."""
-    taken = {**dict.fromkeys(RESERVED, "arithmetic"), **{f"q{j.name}": f"joint {j.name}" for j in tables.joints}}
+    taken = dict.fromkeys(RESERVED, "arithmetic")
+    taken |= {
+        prefix + j.name: f"the motion of joint {j.name}"
+        for j in tables.joints
+        for prefix in ("q", "q_", "v_", "a_")
+    }
     made: dict[str, float] = {}
     for name, value in tables.lengths.items():
         here = place.at("lengths", name)
-        if name in taken or name[:2] in ("q_", "v_", "a_"):
-            raise DuplicateNameError(str(here), "name", name, taken.get(name, "the joints' motion in column expressions"))
+        if name in taken:
+            raise DuplicateNameError(str(here), "name", name, taken[name])
         made[name] = Reader(made).number(value, here)
     return made
 
@@ -92,7 +115,10 @@ def _joints(tables: Sequence[AnyJoint], base: Array, reader: Reader, place: Plac
         placement, frame = reader.joint(table, place.at(k))
         placement = (base if parent < 0 else frames[parent]) @ placement
         frames.append(frame)
-        limits = {key: _limit(getattr(table.limits, key), reader, place.at(k, "limits", key)) for key in ("velocity", "torque")}
+        limits = {
+            key: _limit(getattr(table.limits, key), reader, place.at(k, "limits", key))
+            for key in ("velocity", "torque")
+        }
         made.append(
             Joint(
                 name=table.name,
@@ -101,7 +127,9 @@ def _joints(tables: Sequence[AnyJoint], base: Array, reader: Reader, place: Plac
                 rotation=placement[:3, :3],
                 translation=placement[:3, 3],
                 body=table.body,
-                position_limits=_position_limits(table.limits.position, reader, place.at(k, "limits", "position")),
+                position_limits=_position_limits(
+                    table.limits.position, reader, place.at(k, "limits", "position")
+                ),
                 velocity_limit=limits["velocity"],
                 torque_limit=limits["torque"],
                 frame_rotation=frame[:3, :3],
@@ -140,12 +168,16 @@ def _refuse_cycles(names: list[str], parents: list[str], place: Place) -> None:
             trail.append(parent)
 
 
-def _position_limits(values: Sequence[float | str] | None, reader: Reader, place: Place) -> tuple[float, float] | None:
+def _position_limits(
+    values: Sequence[float | str] | None, reader: Reader, place: Place
+) -> tuple[float, float] | None:
     if values is None:
         return None
     low, high = (reader.number(value, place.at(k)) for k, value in enumerate(values))
     if low >= high:
-        raise DeviceValueError(str(place), f"found [{low:g}, {high:g}]", "Write the lower limit first, below the upper.")
+        raise DeviceValueError(
+            str(place), f"found [{low:g}, {high:g}]", "Write the lower limit first, below the upper."
+        )
     return low, high
 
 
@@ -167,7 +199,9 @@ def _symmetry(
     for k, name in enumerate(raw):
         if name in raw[:k]:
             first = f"{raw.index(name) + 1}. of the standard parameters"
-            raise DuplicateNameError(str(place.at("terms")), "parameter", name, f"the {first}; set prefix or name")
+            raise DuplicateNameError(
+                str(place.at("terms")), "parameter", name, f"the {first}; set prefix or name"
+            )
     return tuple(_rule(table, names, raw, units, place.at("symmetry", k)) for k, table in enumerate(tables))
 
 
@@ -176,7 +210,9 @@ def _rule(
 ) -> Symmetry:
     zero, equal = list(table.zero), [tuple(group) for group in table.equal]
     named = [(name, place.at("zero", k)) for k, name in enumerate(zero)]
-    named += [(name, place.at("equal", k, i)) for k, group in enumerate(equal) for i, name in enumerate(group)]
+    named += [
+        (name, place.at("equal", k, i)) for k, group in enumerate(equal) for i, name in enumerate(group)
+    ]
     for name, at in named:
         if name not in raw:
             raise UnknownNameError(str(at), "parameter", name, raw)
@@ -184,7 +220,9 @@ def _rule(
         kinds = {_unit(name, raw, units) for name in group}
         if len(kinds) > 1:
             raise DeviceValueError(
-                str(place.at("equal", k)), f"{' and '.join(group)} have units {', '.join(sorted(kinds))}", "Equate like with like."
+                str(place.at("equal", k)),
+                f"{' and '.join(group)} have units {', '.join(sorted(kinds))}",
+                "Equate like with like.",
             )
     linked = [(name, place.at("identical", k)) for k, name in enumerate(table.identical)]
     linked += [(table.about.link, place.at("about", "link"))] if table.about else []
@@ -198,7 +236,9 @@ def _rule(
     if len(table.identical) > 1:
         equal += [tuple(kind + link for link in table.identical) for kind in INERTIAL]
     if not zero and not equal:
-        raise DeviceValueError(str(place), "this symmetry says nothing", "Add zero, equal, about or identical.")
+        raise DeviceValueError(
+            str(place), "this symmetry says nothing", "Add zero, equal, about or identical."
+        )
     return Symmetry(table.reason, tuple(zero), tuple(equal))
 
 
@@ -206,7 +246,9 @@ def _unit(name: str, raw: tuple[str, ...], units: Mapping[str, str]) -> str:
     return units.get(name) or INERTIAL_UNITS[raw.index(name) % 10]
 
 
-def _handle(tables: AnyDevice, joints: Sequence[Joint], base: Array, reader: Reader, place: Place) -> Handle | None:
+def _handle(
+    tables: AnyDevice, joints: Sequence[Joint], base: Array, reader: Reader, place: Place
+) -> Handle | None:
     if tables.handle is None:
         return None
     names = [joint.name for joint in joints]
@@ -242,7 +284,9 @@ def _named_prior(value: PriorTable | float | str, reader: Reader, place: Place) 
         return Prior(reader.number(value, place))
     sd = None if value.sd is None else reader.number(value.sd, place.at("sd"))
     if sd is not None and sd <= 0:
-        raise DeviceValueError(str(place.at("sd")), f"found {sd:g}", "Write a standard deviation above zero, or none.")
+        raise DeviceValueError(
+            str(place.at("sd")), f"found {sd:g}", "Write a standard deviation above zero, or none."
+        )
     return Prior(reader.number(value.value, place.at("value")), sd)
 
 
@@ -250,25 +294,31 @@ def _body(table: PriorBodyTable, reader: Reader, place: Place) -> Body:
     """A CAD body, refused where no body can have such a mass or inertia."""
     mass = reader.number(table.mass, place.at("mass"))
     if mass < 0:
-        raise DeviceValueError(str(place.at("mass")), f"found {mass:g} kg", "Write zero or a number above it.")
+        raise DeviceValueError(
+            str(place.at("mass")), f"found {mass:g} kg", "Write zero or a number above it."
+        )
     inertia = None
     if table.inertia is not None:
-        inertia = tensor(np.array([reader.number(v, place.at("inertia", k)) for k, v in enumerate(table.inertia)]))
+        inertia = tensor(
+            np.array([reader.number(v, place.at("inertia", k)) for k, v in enumerate(table.inertia)])
+        )
         least = float(np.linalg.eigvalsh(inertia)[0])
         if least < -1e-9 * float(np.trace(np.abs(inertia))):
             found = f"the least principal moment is {least:.3g} kg m^2"
             raise DeviceValueError(
-                str(place.at("inertia")), found, "Write XX YY ZZ XY XZ YZ of the tensor about the centre of mass."
+                str(place.at("inertia")),
+                found,
+                "Write XX YY ZZ XY XZ YZ of the tensor about the centre of mass.",
             )
     return Body(mass, np.array(reader.triple(table.com, place.at("com"))), inertia)
 
 
-def _keep(tables: AnyDevice, index: Mapping[str, int], raw: tuple[str, ...], place: Place) -> tuple[str, ...]:
+def _keep(tables: AnyDevice, parameters: StandardParameters, place: Place) -> tuple[str, ...]:
+    """Names of the free parameters to keep; one that stands for several may be called by any of them."""
     for k, name in enumerate(tables.base_parameters.keep):
-        if name not in index:
-            raise UnknownNameError(str(place.at("keep", k)), "free parameter", name, index)
-    names = {index[name]: name for name in reversed(raw) if name in index}
-    return tuple(names[index[name]] for name in tables.base_parameters.keep)
+        if name not in parameters.index:
+            raise UnknownNameError(str(place.at("keep", k)), "free parameter", name, parameters.index)
+    return tuple(parameters.names[parameters.index[name]] for name in tables.base_parameters.keep)
 
 
 def _tolerance(tables: AnyDevice, reader: Reader, place: Place) -> float:
@@ -281,8 +331,12 @@ def _tolerance(tables: AnyDevice, reader: Reader, place: Place) -> float:
 def _contradictions(prior: Mapping[str, Prior], index: Mapping[str, int]) -> list[str]:
     """Priors of parameters that symmetry or massless links say are zero."""
     lost = [name for name, known in prior.items() if name not in index and known.value]
-    return [f"prior of {', '.join(lost)} is not used: these parameters are zero in this device"] if lost else []
+    return (
+        [f"prior of {', '.join(lost)} is not used: these parameters are zero in this device"] if lost else []
+    )
 
 
 def _closing_note(closure: Closure) -> list[str]:
-    return [f"loops close within {closure.error:.1e} m: {'; '.join(closure.relations)}"] if closure.cuts else []
+    return (
+        [f"loops close within {closure.error:.1e} m: {'; '.join(closure.relations)}"] if closure.cuts else []
+    )

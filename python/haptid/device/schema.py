@@ -1,4 +1,4 @@
-"""The tables of a device file, as pydantic models: keys and kinds of values. Meaning is checked where it is used."""
+"""The tables of a device file, as pydantic models: keys and kinds of values, not yet what they mean."""
 
 from __future__ import annotations
 
@@ -188,7 +188,8 @@ class ColumnTerm(TermTable):
 
 
 AnyTerm = Annotated[
-    PlainTerm | CoulombTerm | StribeckTerm | SpringTerm | CounterbalanceTerm | ColumnTerm, Field(discriminator="kind")
+    PlainTerm | CoulombTerm | StribeckTerm | SpringTerm | CounterbalanceTerm | ColumnTerm,
+    Field(discriminator="kind"),
 ]
 
 

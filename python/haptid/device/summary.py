@@ -11,7 +11,9 @@ from haptid.device.terms import TermColumn
 def summary_lines(device: Device) -> tuple[str, ...]:
     """The device as lines of text, without markup."""
     lines = [device.name]
-    lines += [text for text in (device.description, f"source: {device.source}" if device.source else "") if text]
+    lines += [
+        text for text in (device.description, f"source: {device.source}" if device.source else "") if text
+    ]
     gravity = ", ".join(f"{g:g}" for g in device.gravity)
     lines += [f"gravity [{gravity}] m/s^2, described by {device.convention}", "", "Tree"]
     lines += _table(
@@ -71,7 +73,9 @@ def _terms(terms: Iterable[TermColumn]) -> list[str]:
             lines[-1] += f" {term.name}"
             continue
         last = key
-        settings = {"stribeck": "velocity {}, exponent {}, width {}", "spring": "rest {}"}.get(term.kind, "width {}")
+        settings = {"stribeck": "velocity {}, exponent {}, width {}", "spring": "rest {}"}.get(
+            term.kind, "width {}"
+        )
         shown = f" ({settings.format(*(f'{s:g}' for s in term.settings))})" if any(term.settings) else ""
         lines.append(f"  {term.kind}{shown} [{term.unit}] on {key[3]}s: {term.name}")
     return lines

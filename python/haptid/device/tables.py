@@ -1,4 +1,4 @@
-"""A device file as checked tables: TOML, then keys and kinds of values; what is wrong becomes one clear error."""
+"""A device file as checked tables: TOML, then keys and kinds of values; each fault becomes one error."""
 
 from __future__ import annotations
 
@@ -31,17 +31,21 @@ FIRST = ("extra_forbidden", "missing")
 def shipped_devices() -> tuple[str, ...]:
     """Names of the devices that come with haptid."""
     folder = files("haptid") / "devices"
-    return tuple(sorted(entry.name.removesuffix(".toml") for entry in folder.iterdir() if entry.name.endswith(".toml")))
+    return tuple(
+        sorted(entry.name.removesuffix(".toml") for entry in folder.iterdir() if entry.name.endswith(".toml"))
+    )
 
 
 def read_tables(path: str | Path) -> tuple[AnyDevice, str]:
-    """The checked tables of a device file, or of a shipped device by its name; and how errors call the file."""
+    """The checked tables of a device file, or of a shipped device by name; and how errors call the file."""
     file, content = _content(path)
     data = _parsed(file, content)
     convention = data.get("convention", "modified-dh")
     if not isinstance(convention, str) or convention not in CONVENTIONS:
         raise DeviceValueError(
-            f"{file}: convention", f"found {convention!r}", f"Write one of {', '.join(f'{c!r}' for c in CONVENTIONS)}."
+            f"{file}: convention",
+            f"found {convention!r}",
+            f"Write one of {', '.join(f'{c!r}' for c in CONVENTIONS)}.",
         )
     try:
         return CONVENTIONS[convention].model_validate(data), file
@@ -53,17 +57,25 @@ def _content(path: str | Path) -> tuple[str, bytes]:
     source: Any = Path(path)
     if isinstance(path, str) and not source.exists() and not source.suffix and "/" not in path:
         if path not in shipped_devices():
-            raise DeviceFileError(path, "there is no such file, nor a shipped device of that name", suggestion(path, shipped_devices()))
+            raise DeviceFileError(
+                path,
+                "there is no such file, nor a shipped device of that name",
+                suggestion(path, shipped_devices()),
+            )
         source = files("haptid") / "devices" / f"{path}.toml"
     try:
         with source.open("rb") as stream:
             content: bytes = stream.read(LARGEST_FILE + 1)
     except OSError as error:
         reason = error.strerror or type(error).__name__
-        raise DeviceFileError(str(path), f"cannot be opened ({reason})", "Give the path of a device's TOML file.") from None
+        raise DeviceFileError(
+            str(path), f"cannot be opened ({reason})", "Give the path of a device's TOML file."
+        ) from None
     if len(content) > LARGEST_FILE:
         raise DeviceFileError(
-            str(path), f"has more than {LARGEST_FILE} bytes", "A device file is some kilobytes: is this a log?"
+            str(path),
+            f"has more than {LARGEST_FILE} bytes",
+            "A device file is some kilobytes: is this a log?",
         )
     return str(path), content
 
@@ -82,7 +94,9 @@ def _parsed(file: str, content: bytes) -> dict[str, Any]:
         lines = text.splitlines() or [""]
         line, column = (int(position[1]), int(position[2])) if position else (len(lines), len(lines[-1]) + 1)
         found = re.sub(r" \(at .*\)$", "", str(error))
-        raise DeviceSyntaxError(file, line, column, found, lines[min(line, len(lines)) - 1].strip()[:80]) from None
+        raise DeviceSyntaxError(
+            file, line, column, found, lines[min(line, len(lines)) - 1].strip()[:80]
+        ) from None
 
 
 def _first_error(error: ValidationError, file: str, data: Any, model: type[BaseModel]) -> Exception:
@@ -94,19 +108,27 @@ def _first_error(error: ValidationError, file: str, data: Any, model: type[BaseM
     kind, context = detail["type"], detail.get("ctx", {})
     if kind == "extra_forbidden":
         known = _keys(model, steps[:-1], data)
-        return DeviceKeyError(str(place), f'there is no key "{steps[-1]}" here', suggestion(str(steps[-1]), known))
+        return DeviceKeyError(
+            str(place), f'there is no key "{steps[-1]}" here', suggestion(str(steps[-1]), known)
+        )
     if kind == "missing":
-        return DeviceKeyError(str(place), "this key is missing", f"Write {steps[-1]} = ... in {_table(steps[:-1])}.")
+        return DeviceKeyError(
+            str(place), "this key is missing", f"Write {steps[-1]} = ... in {_table(steps[:-1])}."
+        )
     if kind == "union_tag_not_found":
-        return DeviceKeyError(str(place.at("kind")), "this key is missing", f"Write kind = ..., one of {_kinds()}.")
+        return DeviceKeyError(
+            str(place.at("kind")), "this key is missing", f"Write kind = ..., one of {_kinds()}."
+        )
     if kind == "union_tag_invalid":
         return UnknownNameError(str(place.at("kind")), "kind of term", str(context["tag"]), _kinds())
     wanted = detail["msg"].removeprefix("Value error, ")
-    return DeviceValueError(str(place), f"found {_shown(detail['input'])}", f"{wanted[:1].upper()}{wanted[1:]}.")
+    return DeviceValueError(
+        str(place), f"found {_shown(detail['input'])}", f"{wanted[:1].upper()}{wanted[1:]}."
+    )
 
 
 def _steps(loc: tuple[int | str, ...], data: Any) -> list[str | int]:
-    """A pydantic location without the names of unions' branches: only steps that the data has, and the last key."""
+    """A pydantic location without the names of unions' branches: steps that the data has, then the last."""
     steps: list[str | int] = []
     here = data
     for k, step in enumerate(loc):
@@ -164,5 +186,3 @@ def _table(steps: list[str | int]) -> str:
 def _shown(value: Any) -> str:
     text = repr(value)
     return text if len(text) <= 60 else text[:57] + "..."
-
-

@@ -30,15 +30,15 @@ DRY = ("coulomb", "coulomb+", "coulomb-", "stribeck")
 class Counterbalance:
     """A strut between link and parent that pulls on a crank: torque per unit of its parameter.
 
-    With delta = q + angle, the strut is sqrt(base^2 + crank^2 - 2 base crank cos delta) long, has lengthened by dl from
-    its shortest, and pulls with the lever arm base crank sin(delta) / length.
+    With delta = q + angle, the strut is sqrt(base^2 + crank^2 - 2 base crank cos delta) long, has lengthened
+    by dl from its shortest, and pulls with the lever arm base crank sin(delta) / length.
 
     Attributes:
         joint: index of the joint it turns about.
         crank, base: distances of its two ends from the joint axis, m.
         angle: added to the joint position, rad.
         sign: 1 or -1.
-        force: "constant" (parameter N), "linear" in dl (parameter N/m), or "gas": 1 / (1 - dl / stroke) (parameter N).
+        force: "constant" (parameter N), "linear" in dl (N/m), or "gas", 1 / (1 - dl / stroke) (N).
         stroke: lengthening at which the gas volume would vanish, m.
     """
 
@@ -74,8 +74,8 @@ class TermColumn:
         on: what it acts on: "joint 3" or "motor 6".
         weights: its coordinate as a combination of the drives' coordinates, (na,).
         offset: position of its coordinate where the drives' are zero, rad or m.
-        settings: the core's a, b, c; see architecture of the term: coulomb (width, 0, 0), stribeck
-            (velocity, exponent, width), spring (rest, 0, 0).
+        settings: the core's a, b, c: coulomb (width, 0, 0), stribeck (velocity, exponent, width), spring
+            (rest, 0, 0).
         shape: how an external column is computed, None for the others.
     """
 
@@ -120,7 +120,11 @@ def external_columns(
             row[:] = term.shape.values(named, samples)
         if not np.isfinite(row).all():
             sample = int(np.argmin(np.isfinite(row)))
-            cause = f"its expression is {term.shape.text}" if isinstance(term.shape, Column) else "the motion is not"
+            cause = (
+                f"its expression is {term.shape.text}"
+                if isinstance(term.shape, Column)
+                else "the motion is not"
+            )
             raise ColumnValueError(term.name, sample, float(row[sample]), cause)
     return made
 

@@ -19,7 +19,11 @@ SINGULAR = 1e-9
 
 
 def read_drives(
-    tables: Sequence[MotorTable], joints: Sequence[Joint], active: tuple[int, ...], reader: Reader, place: Place
+    tables: Sequence[MotorTable],
+    joints: Sequence[Joint],
+    active: tuple[int, ...],
+    reader: Reader,
+    place: Place,
 ) -> tuple[Motor, ...]:
     """The motors in order, then a drive without motor for every active joint that no motor drives.
 
@@ -32,7 +36,10 @@ def read_drives(
     names = [joints[j].name for j in active]
     if not tables:
         units = ["N" if joints[j].prismatic else "N m" for j in active]
-        return tuple(Motor(n, 1.0, 1.0, unit, row) for n, unit, row in zip(names, units, np.eye(len(names)), strict=True))
+        return tuple(
+            Motor(n, 1.0, 1.0, unit, row)
+            for n, unit, row in zip(names, units, np.eye(len(names)), strict=True)
+        )
     drives: list[Motor] = []
     for k, table in enumerate(tables):
         taken = [drive.name for drive in drives]
@@ -41,10 +48,13 @@ def read_drives(
             raise DuplicateNameError(str(place.at(k, "name")), "motor", table.name, first)
         drives.append(_motor(table, names, [joint.name for joint in joints], reader, place.at(k)))
     driven = np.any([drive.row != 0 for drive in drives], axis=0)
-    for k in np.flatnonzero(~driven):
+    for k in np.flatnonzero(~driven).tolist():
         if names[k] in [drive.name for drive in drives]:
             raise DuplicateNameError(
-                str(place), "motor", names[k], f"joint {names[k]}, which has no motor and is a drive of its own"
+                str(place),
+                "motor",
+                names[k],
+                f"joint {names[k]}, which has no motor and is a drive of its own",
             )
         unit = "N" if joints[active[k]].prismatic else "N m"
         drives.append(Motor(names[k], 1.0, 1.0, unit, np.eye(len(names))[k], motorised=False))

@@ -177,4 +177,5 @@ def observation_notes(observation: Observation) -> tuple[str, ...]:
     sentences = list(observation.device.notes)
     for motion in observation.motions:
         sentences += motion.log.notes if motion.log else ()
+    sentences += observation.notes
     return tuple(dict.fromkeys(sentences))

@@ -93,8 +93,8 @@ def numeric(dtype: np.dtype[Any]) -> bool:
 def addresses(name: str, shape: tuple[int, ...]) -> dict[str, Address]:
     """The channels of an array, each with its index into it.
 
-    A vector, a single row or a single column is one channel of the array's own name. Any other matrix has the channels
-    `name[1]`, `name[2]`, ... along its shorter side (along its columns where it is square).
+    A vector, a single row or a single column is one channel of the array's own name. Any other matrix has the
+    channels `name[1]`, `name[2]`, ... along its shorter side (along its columns where it is square).
     """
     every = slice(None)
     if len(shape) == 1:

@@ -21,7 +21,7 @@ from haptid.errors import (
     RepeatedNameError,
     TextCellError,
 )
-from haptid.log.content import Column, require
+from haptid.log.content import Column, opened, require
 
 KIND = "CSV"
 SEPARATORS = (";", "\t", ",")
@@ -54,7 +54,8 @@ class Dialect:
 
 def names(path: Path) -> list[str]:
     """Names of the columns."""
-    return list(dict.fromkeys(_dialect(path).names))
+    with opened(path, KIND):
+        return list(dict.fromkeys(_dialect(path).names))
 
 
 def columns(path: Path, wanted: Sequence[str]) -> dict[str, Column]:
@@ -65,7 +66,8 @@ def columns(path: Path, wanted: Sequence[str]) -> dict[str, Column]:
         RaggedRowError: a line with more or fewer cells than the header.
         TextCellError: a cell of a wanted column is not a number.
     """
-    dialect = _dialect(path)
+    with opened(path, KIND):
+        dialect = _dialect(path)
     indices = {name: dialect.names.index(name) for name in wanted if name in dialect.names}
     for name in indices:
         if dialect.names.count(name) > 1:
@@ -140,7 +142,7 @@ def _found(header: list[str], separator: str, body: list[str], lines: int, start
 
 
 def _separate(header: str, body: list[str]) -> tuple[str, list[str]]:
-    """The separator that splits the header and most of the first rows into equally many cells, and the header."""
+    """The separator that splits header and first rows into equally many cells, and the header's cells."""
 
     def quality(separator: str) -> tuple[bool, int, int]:
         count = len(_cells(header, separator))
@@ -173,7 +175,7 @@ def _row_bound(path: Path, dialect: Dialect) -> int:
 
 
 def _fault(path: Path, dialect: Dialect, indices: dict[str, int]) -> LogError | None:
-    """The first line that is not what the header promises; found slowly, once it is known that there is one."""
+    """The first line that is not what the header promises: a slow search, for when there is one."""
     width = len(dialect.names)
     with path.open(encoding="utf-8", errors="replace") as file:
         rows = csv.reader(file, delimiter=dialect.separator)

@@ -27,8 +27,8 @@ def names(path: Path) -> list[str]:
 def columns(path: Path, wanted: Sequence[str]) -> dict[str, Column]:
     """Those wanted channels that the file has, each (n,), read one after the other.
 
-    MATLAB writes its arrays transposed; since channels run along the shorter side of an array, their names are the
-    same as in a MAT 5 file.
+    MATLAB writes its arrays transposed; since channels run along the shorter side of an array, their names
+    are the same as in a MAT 5 file.
 
     Raises:
         NotNumericError: a wanted dataset holds texts, objects or records.

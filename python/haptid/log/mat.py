@@ -1,4 +1,4 @@
-"""MATLAB logs: MAT 5 (version 6 and 7 files) and MAT 7.3, told apart by their content; structs joined by points."""
+"""MATLAB logs: MAT 5 and MAT 7.3, told apart by their content; structs are joined by points."""
 
 from __future__ import annotations
 
@@ -66,7 +66,7 @@ def _load(path: Path, variables: list[str] | None) -> dict[str, Any]:
 
 
 def _leaves(name: str, value: object) -> Iterator[tuple[str, Column]]:
-    """Plain arrays with their full names; struct arrays of several elements, objects and sparse matrices are left out."""
+    """Plain arrays with their full names; arrays of structs, objects and sparse matrices are left out."""
     if type(value) is not np.ndarray:
         return
     if value.dtype.names is None:
@@ -79,8 +79,8 @@ def _leaves(name: str, value: object) -> Iterator[tuple[str, Column]]:
 def _check_elements(path: Path) -> None:
     """Walk over the file's elements without reading them.
 
-    Source: MathWorks, MAT-File Format, Level 5: a header of 128 bytes, then elements of an 8-byte tag (type, bytes)
-    and data; a compressed element holds one whole element, whose own tag declares its size.
+    Source: MathWorks, MAT-File Format, Level 5: a header of 128 bytes, then elements of an 8-byte tag (type,
+    bytes) and data; a compressed element holds one whole element, whose own tag declares its size.
 
     Raises:
         CorruptLogError: an element runs past the end of the file.

@@ -25,11 +25,11 @@ class Signal:
         channels: name in the file of each, in the order of the device's active joints or motors.
         unit: position: rad, deg, turn, m, mm, um, counts; torque: N m, mN m, N, V, mV, A, mA, counts.
         side: measured at the joint or at the motor's shaft.
-        gain: one for each channel, or one for all; none is 1. Positions in counts need it: rad or m in one count.
+        gain: one for each channel, or one for all; none is 1. Counts of position need it: rad or m each.
         offset: one for each channel, or one for all; none is 0; in SI, after the gain.
         unwrap: the channel jumps by its period: put the turns back.
-        period: the jump of a wrapped channel in its own unit; None is one turn, and for counts the power of two
-            nearest to the largest jump.
+        period: the jump of a wrapped channel in its own unit; None is one turn, and for counts the power of
+            two nearest to the largest jump.
         constant_ok: a channel that never changes is meant to.
         allow_saturation: a torque held at its limit is meant to be used.
     """

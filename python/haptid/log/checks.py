@@ -1,0 +1,190 @@
+"""What is wrong with samples: each check takes a raw channel, in the unit of the file."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from itertools import combinations
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from haptid._values import Array
+from haptid.errors import (
+    DeadChannelError,
+    IdenticalChannelsError,
+    NonFiniteError,
+    PositionJumpError,
+    RepeatedStampError,
+    SaturatedTorqueError,
+    UnequalChannelsError,
+    WrappedPositionError,
+)
+from haptid.log.content import Column
+from haptid.log.model import Signal
+from haptid.log.units import PERIODS
+
+# A step is a jump if it is longer than this many of the steps that only one in a thousand exceeds,
+JUMP = 50.0
+# and than this many of the smallest ones (a coarse encoder moves by whole counts),
+JUMP_COUNTS = 20.0
+# and than this many rad or m. A few steps may be jumps, so the largest JUMPS_ASIDE never count as usual.
+JUMP_SI = 1e-3
+JUMPS_ASIDE = 4
+# Counters that wrap have at least this many bits.
+SMALLEST_PERIOD = 2.0**10
+# A torque is saturated if it stays at its extreme for so many samples in a row, for this share of the log,
+HELD_SAMPLES = 5
+HELD_SHARE = 0.01
+# and if it takes the value next to the extreme this much more rarely: at the crest of a coarse but unclipped
+# sine the next level is taken at least sqrt(2) - 1 = 0.41 times as often as the extreme.
+NEXT_SHARE = 0.25
+# Points at which two channels are compared before they are compared everywhere.
+PROBES = 64
+
+
+def lengths(path: Path, columns: Mapping[str, Column]) -> int:
+    """The common number of samples."""
+    (first, column), *others = columns.items()
+    for name, other in others:
+        if other.size != column.size:
+            raise UnequalChannelsError(path, first, column.size, name, other.size)
+    return column.size
+
+
+def finite(path: Path, name: str, column: Column, stamps: Array) -> None:
+    """Refuse NaN and infinities."""
+    if column.dtype.kind != "f":
+        return
+    bad = ~np.isfinite(column)
+    count = int(np.count_nonzero(bad))
+    if count:
+        first = int(np.argmax(bad))
+        raise NonFiniteError(path, name, count, first, float(stamps[first]))
+
+
+def repeats(path: Path, columns: Mapping[str, Column], stamps: Array, repeated: NDArray[np.intp]) -> None:
+    """Refuse equal stamps on samples that differ."""
+    for name, column in columns.items():
+        differing = repeated[column[repeated] != column[repeated - 1]]
+        if differing.size:
+            first = int(differing[0])
+            raise RepeatedStampError(path, repeated.size, stamps.size, first, float(stamps[first]), name)
+
+
+def constant(path: Path, name: str, column: Column, quantity: str, ok: bool) -> str | None:
+    """Refuse a channel that never changes, unless it is meant to; then say so."""
+    if column.min() != column.max():
+        return None
+    if not ok:
+        raise DeadChannelError(path, name, float(column[0]), quantity)
+    return f"{quantity} channel {name!r} is {column[0]:.6g} in every sample, as allowed"
+
+
+def identical(path: Path, columns: Mapping[str, Column]) -> None:
+    """Refuse two channels that are equal in every sample and not constant."""
+    moving = [(name, column) for name, column in columns.items() if column.min() != column.max()]
+    for (name, column), (other, rival) in combinations(moving, 2):
+        probe = slice(None, None, max(1, column.size // PROBES))
+        if np.array_equal(column[probe], rival[probe]) and np.array_equal(column, rival):
+            raise IdenticalChannelsError(path, name, other)
+
+
+def period(signal: Signal, largest: float) -> float | None:
+    """The jump of a wrapped channel in its own unit; None where the unit has none.
+
+    Args:
+        signal: the positions.
+        largest: the longest step, in their unit.
+    """
+    if signal.period is not None:
+        return signal.period
+    if signal.unit == "counts":
+        return max(SMALLEST_PERIOD, float(2.0 ** np.rint(np.log2(largest)))) if largest > 0 else None
+    return PERIODS.get(signal.unit)
+
+
+def jumps(path: Path, name: str, column: Array, stamps: Array, signal: Signal, si: float) -> None:
+    """Refuse a position that leaps.
+
+    Args:
+        path, name: of the file and of the channel.
+        column: (m,), in the unit of the file.
+        stamps: (m,), s.
+        signal: the positions.
+        si: rad or m in one of that unit.
+    """
+    steps = np.diff(column)
+    np.abs(steps, out=steps)
+    k = int(np.argmax(steps))
+    largest = float(steps[k])
+    turn = period(signal, largest)
+    if turn is not None and largest >= 0.5 * turn:
+        wraps = steps >= 0.5 * turn
+        usual = float(steps.max(where=~wraps, initial=0.0))
+        if usual <= turn / 8 and abs(largest - turn) <= 2 * usual + 1e-3 * turn:
+            first = int(np.argmax(wraps)) + 1
+            count = int(np.count_nonzero(wraps))
+            raise WrappedPositionError(path, name, float(stamps[first]), turn, signal.unit, count)
+    rank = max(min(int(0.999 * (steps.size - 1)), steps.size - 1 - JUMPS_ASIDE), 0)
+    usual = float(np.partition(steps, rank)[rank])
+    if largest > JUMP * usual and largest * abs(si) > JUMP_SI:
+        smallest = float(steps.min(where=steps > 0, initial=np.inf))
+        if largest > JUMP_COUNTS * smallest:
+            raise PositionJumpError(path, name, float(stamps[k + 1]), largest, signal.unit, usual)
+
+
+def unwrapped(column: Array, signal: Signal) -> tuple[Array, int]:
+    """The column with whole periods put back, (m,), and the number of jumps."""
+    steps = np.diff(column)
+    turn = period(signal, float(np.abs(steps).max()))
+    if turn is None:
+        return column, 0
+    turns = np.rint(np.divide(steps, turn, out=steps), out=steps)
+    count = int(np.count_nonzero(turns))
+    if count == 0:
+        return column, 0
+    shift = np.cumsum(turns, out=turns)
+    shift *= turn
+    straight = column.copy()
+    straight[1:] -= shift
+    return straight, count
+
+
+def saturated(path: Path, name: str, column: Array, moving: NDArray[np.bool_], signal: Signal) -> str | None:
+    """Refuse a torque that was cut off at its extreme, unless that is allowed; then say so.
+
+    A coarse torque also repeats its extreme, see `NEXT_SHARE`, and so does one at rest, which does not count.
+
+    Args:
+        path, name: of the file and of the channel.
+        column: (m,), in the unit of the file.
+        moving: whether a position changed at the sample, (m,).
+        signal: the torques.
+    """
+    for extreme, sign in ((float(column.max()), 1.0), (float(column.min()), -1.0)):
+        at = column == extreme
+        level = int(np.count_nonzero(at))
+        if level <= HELD_SHARE * column.size or level == column.size:
+            continue
+        beside = column.max(where=~at, initial=-np.inf) if sign > 0 else column.min(where=~at, initial=np.inf)
+        if np.count_nonzero(column == beside) >= NEXT_SHARE * level:
+            continue
+        share = _held(at, moving) / column.size
+        if share > HELD_SHARE:
+            if not signal.allow_saturation:
+                raise SaturatedTorqueError(path, name, extreme, signal.unit, share, HELD_SHARE)
+            return (
+                f"torque channel {name!r} is saturated at {extreme:.6g} {signal.unit} for "
+                f"{100 * share:.2g} % of the samples, as allowed"
+            )
+    return None
+
+
+def _held(at: NDArray[np.bool_], moving: NDArray[np.bool_]) -> int:
+    """Number of samples in runs of at least `HELD_SAMPLES` during which something moves."""
+    edges = np.flatnonzero(np.diff(at, prepend=False, append=False))
+    begin, end = edges[::2], edges[1::2]
+    moved = np.insert(np.cumsum(moving), 0, 0)
+    counts = (end - begin >= HELD_SAMPLES) & (moved[end] > moved[np.minimum(begin + 1, end)])
+    return int((end - begin)[counts].sum())

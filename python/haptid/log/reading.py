@@ -1,0 +1,204 @@
+"""From a file to a log: find the channels, check what they hold, put it on a uniform grid in SI."""
+
+from __future__ import annotations
+
+import hashlib
+import os
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from haptid._values import Array, freeze
+from haptid.errors import (
+    EmptyLogError,
+    LogAccessError,
+    LogFolderError,
+    LogFormatError,
+    LogNotFoundError,
+    MissingChannelError,
+)
+from haptid.log import checks, csv, hdf5, mat, npz, parquet, time, units
+from haptid.log.content import Column
+from haptid.log.guess import guess
+from haptid.log.model import Channels, Log, Signal
+
+
+@dataclass(frozen=True)
+class Format:
+    """A kind of file: its name, its suffixes, and the two functions that read it."""
+
+    name: str
+    suffixes: tuple[str, ...]
+    names: Callable[[Path], list[str]]
+    columns: Callable[[Path, Sequence[str]], dict[str, Column]]
+
+
+FORMATS = (
+    Format("CSV", (".csv", ".tsv", ".txt"), csv.names, csv.columns),
+    Format("Parquet", (".parquet", ".pq"), parquet.names, parquet.columns),
+    Format("MATLAB", (".mat",), mat.names, mat.columns),
+    Format("NumPy", (".npz",), npz.names, npz.columns),
+    Format("HDF5", (".h5", ".hdf5"), hdf5.names, hdf5.columns),
+)
+
+
+def read_log(
+    path: str | os.PathLike[str],
+    channels: Channels | None = None,
+    stretch: tuple[float, float] | None = None,
+) -> Log:
+    """Read, check and bring to a uniform grid what was recorded.
+
+    Channels of structs and groups are named with points, `rec.q`; those of a matrix with numbers from 1 along
+    its shorter side, `q[1]`. What is done to the samples (repeated ones dropped, short gaps filled, irregular
+    ones resampled, turns put back) is in the log's notes; what cannot be mended is an error.
+
+    Args:
+        path: CSV, Parquet, MAT, NPZ or HDF5.
+        channels: which channels are what; None takes t, q1..qn in rad and tau1..taun in N m at the joints.
+        stretch: the part to keep, (from, to) in s from the file's first sample; None keeps all.
+
+    Raises:
+        LogError: one class for each cause; see `haptid.errors`.
+    """
+    path = Path(path)
+    kind, sha256 = _format(path), _sha256(path)
+    notes: list[str] = []
+    if channels is None:
+        channels, sentence = guess(path, kind.names(path))
+        notes.append(sentence)
+    columns = kind.columns(path, channels.sources)
+    for name in channels.sources:
+        if name not in columns:
+            raise MissingChannelError(path, name, kind.names(path))
+    if checks.lengths(path, columns) == 0:
+        raise EmptyLogError(path, "channels and no rows")
+    base, rows, seconds = _time_base(path, channels, columns, stretch, notes)
+    columns = {name: column[rows] for name, column in columns.items()}
+    _check_raw(path, columns, seconds, base.repeated)
+    del seconds
+    assembly = _Assembly(path, columns, base, notes)
+    position = assembly.block(channels.position, "position")
+    torque = assembly.block(channels.torque, "torque")
+    return Log(path, sha256, base.t, position.T, torque.T, channels, tuple(notes))
+
+
+def _format(path: Path) -> Format:
+    """The format of the suffix, for a file that is there and can be read."""
+    try:
+        if path.is_dir():
+            raise LogFolderError(path)
+        if not path.exists():
+            raise LogNotFoundError(path)
+        if not path.is_file():
+            raise LogAccessError(path, "it is not a regular file")
+        with path.open("rb") as file:
+            first = file.read(1)
+    except (OSError, ValueError) as error:
+        raise LogAccessError(path, str(error)) from error
+    if not first:
+        raise EmptyLogError(path, "0 bytes")
+    for kind in FORMATS:
+        if path.suffix.lower() in kind.suffixes:
+            return kind
+    raise LogFormatError(path, path.suffix, [f"{kind.name} ({', '.join(kind.suffixes)})" for kind in FORMATS])
+
+
+def _sha256(path: Path) -> str:
+    with path.open("rb") as file:
+        return hashlib.file_digest(file, "sha256").hexdigest()
+
+
+def _time_base(
+    path: Path,
+    channels: Channels,
+    columns: dict[str, Column],
+    stretch: tuple[float, float] | None,
+    notes: list[str],
+) -> tuple[time.TimeBase, slice, Array]:
+    """The time base, the rows of the stretch and their stamps; takes time out of the columns."""
+    count = checks.lengths(path, columns)
+    if channels.time is None:
+        rate = float(channels.rate_hz or 0.0)
+        rows = time.part(path, np.arange(count) / rate, stretch)
+        base = time.from_rate(path, rows, rate)
+        seconds = base.stamps
+    else:
+        raw, scale = columns.pop(channels.time), units.scale(channels.time_unit, "time")[1]
+        seconds = time.since_first(path, channels.time, raw, scale)
+        rows = time.part(path, seconds, stretch)
+        seconds = seconds[rows]
+        kept = raw[rows]
+        fineness = time.resolution(kept) * scale if np.isfinite(kept).all() else 0.0
+        base = time.from_stamps(path, channels.time, seconds, fineness)
+        if raw[0] != 0:
+            notes.append(f"times count from the file's first stamp, {raw[0] * scale:.9g} s")
+    if stretch is not None:
+        kept_count = rows.stop - rows.start
+        notes.append(f"kept from {stretch[0]:g} to {stretch[1]:g} s: {kept_count} of {count} samples")
+    notes.extend(base.notes)
+    return base, rows, seconds
+
+
+def _check_raw(path: Path, columns: Mapping[str, Column], seconds: Array, repeated: NDArray[np.intp]) -> None:
+    """What is wrong with the samples as they are in the file."""
+    for name, column in columns.items():
+        checks.finite(path, name, column, seconds)
+    if repeated.size:
+        checks.repeats(path, columns, seconds, repeated)
+    checks.identical(path, columns)
+
+
+class _Assembly:
+    """Raw columns on their way into a log: each is checked, put on the grid, scaled to SI, and let go.
+
+    Attributes:
+        path: the file.
+        columns: those not used yet, each of the rows that are kept.
+        base: where they go.
+        notes: grows.
+        moving: whether any position differs from the sample before, (m,); known once the positions are done.
+    """
+
+    def __init__(self, path: Path, columns: dict[str, Column], base: time.TimeBase, notes: list[str]) -> None:
+        self.path, self.columns, self.base, self.notes = path, columns, base, notes
+        self.moving = np.zeros(base.stamps.size, dtype=bool)
+
+    def block(self, signal: Signal, kind: Literal["position", "torque"]) -> Array:
+        """The channels of a signal on the grid, (channels, n), SI."""
+        scale = units.scale(signal.unit, kind)[1]
+        block = np.empty((len(signal.channels), self.base.t.size))
+        for name, gain, offset, out in zip(signal.channels, signal.gain, signal.offset, block, strict=True):
+            column = self.columns.pop(name)
+            if self.base.repeated.size:
+                column = np.delete(column, self.base.repeated)
+            column = column.astype(np.float64, copy=False)
+            self._note(checks.constant(self.path, name, column, kind, signal.constant_ok))
+            if kind == "position":
+                column = self._position(name, column, signal, scale * gain)
+            else:
+                self._note(checks.saturated(self.path, name, column, self.moving, signal))
+            if self.base.regular:
+                out[:] = column
+            else:
+                time.interpolate(self.base, column, kind, out)
+            out *= scale * gain
+            out += offset
+        return freeze(block)
+
+    def _position(self, name: str, column: Array, signal: Signal, si: float) -> Array:
+        """The column with its turns put back where that is asked for, and checked for jumps."""
+        self.moving[1:] |= column[1:] != column[:-1]
+        if signal.unwrap:
+            column, count = checks.unwrapped(column, signal)
+            self._note(f"position channel {name!r} unwrapped at {count} jumps" if count else None)
+        checks.jumps(self.path, name, column, self.base.stamps, signal, si)
+        return column
+
+    def _note(self, sentence: str | None) -> None:
+        if sentence:
+            self.notes.append(sentence)
