@@ -91,7 +91,8 @@ def base_parameters(device: Device, seed: int = 0) -> BaseParameters:
     """Base parameters of a device, from the regressor at random states.
 
     Columns are taken in order of preference and kept when they are independent of those kept before: the user's own
-    first choices, then link by link ZZ XX XY XZ YZ MX MY IA YY MZ M, then the other terms.
+    first choices, then link by link ZZ XX XY XZ YZ MX MY IA YY MZ M, then the other terms, those of motors and
+    active joints before those of passive joints.
 
     Args:
         device: the mechanism.
@@ -144,7 +145,10 @@ def preference(device: Device) -> list[int]:
     def key(k: int) -> tuple[int, int, int, int]:
         kind, link = parameters.kinds[k], parameters.links[k]
         chosen = first.get(parameters.names[k], len(first))
-        return (chosen, link if kind in rank else len(device.joints), rank.get(kind, 0), k)
+        if kind in rank:
+            return (chosen, link, rank[kind], k)
+        passive = link >= 0 and link not in device.active
+        return (chosen, len(device.joints), passive, k)
 
     return sorted(range(len(parameters.names)), key=key)
 

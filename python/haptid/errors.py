@@ -352,8 +352,8 @@ class MissingChannelError(LogError):
 
     def __init__(self, path: object, name: str, names: Sequence[str]) -> None:
         parts = [n for n in names if name in (n.rpartition("[")[0], n.split("[")[0].rpartition(".")[2])]
-        close = parts or difflib.get_close_matches(name, names, n=3, cutoff=0.6)
-        meant = f"Closest: {_some(close, 3)}. " if close else ""
+        close = _some(parts, 3) if parts else ", ".join(difflib.get_close_matches(name, names, n=3, cutoff=0.6))
+        meant = f"Closest: {close}. " if close else ""
         super().__init__(f"{path} has no channel {name!r}. {meant}Channels of this file: {_some(names)}.")
 
 
@@ -461,7 +461,7 @@ class NonFiniteError(LogError):
         when = "" if time is None else f" (t = {time:.6g} s)"
         samples = "1 sample" if count == 1 else f"{count} samples"
         super().__init__(
-            f"{path}: channel {name!r} is missing or not finite at {samples}, first at sample "
+            f"{path}: channel {name!r} is missing, infinite or beyond 1e30 at {samples}, first at sample "
             f"{index}{when}. Use `stretch` to keep a part without them, or repair the log."
         )
 

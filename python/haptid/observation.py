@@ -20,7 +20,7 @@ from haptid.treatment import Motion
 
 # Samples handed to the core at a time: enough to keep its threads busy, little beside a log.
 SEGMENT = 1 << 16
-# Blocks of one motor that are kept apart; beyond this they are merged in pairs.
+# Blocks of one motion that are kept apart; a longer one has blocks of twice, four times, ... the length.
 MOST_BLOCKS = 512
 # What is left outside the guard around a row weighs less than this share of the parallel filter.
 OUTSIDE_GUARD = 0.1
@@ -85,13 +85,6 @@ class MotorRows:
     def pick(self, blocks: np.ndarray) -> MotorRows:
         """Only those blocks."""
         return replace(self, triangles=self.triangles[blocks], rows=self.rows[blocks])
-
-    def paired(self) -> MotorRows:
-        """Neighbouring blocks merged in pairs."""
-        starts = range(0, len(self.rows), 2)
-        size = self.triangles.shape[-1]
-        triangles = np.stack([triangle(self.triangles[k : k + 2].reshape(-1, size)) for k in starts])
-        return replace(self, triangles=freeze(triangles), rows=np.add.reduceat(self.rows, starts))
 
 
 def triangle(rows: Array) -> Array:
@@ -230,17 +223,7 @@ def observe(device: Device, motion: Motion, progress: Callable[[float], None] | 
         columns = stacks[0][k][0]
         triangles = freeze(np.concatenate([stack[k][1] for stack in stacks]))
         motors.append(MotorRows(drive.name, device.torque_units[k], columns, triangles, rows[k]))
-    return _thinned(Observation(device, tuple(motors), blocks, (motion,), doubts))
-
-
-def _thinned(observation: Observation) -> Observation:
-    """Blocks merged in pairs until there are at most MOST_BLOCKS."""
-    while len(observation.blocks) > MOST_BLOCKS:
-        blocks = observation.blocks
-        pairs = tuple(replace(a, stop=b.stop) for a, b in zip(blocks[::2], blocks[1::2] + blocks[-1:], strict=False))
-        motors = tuple(motor.paired() for motor in observation.motors)
-        observation = replace(observation, motors=motors, blocks=pairs)
-    return observation
+    return Observation(device, tuple(motors), blocks, (motion,), doubts)
 
 
 @dataclass(frozen=True, eq=False)
@@ -274,9 +257,11 @@ class Plan:
         half, (low, high) = len(taps) // 2, motion.usable
         rows = (high - low - 2 * half - 1) // treatment.decimation + 1
         if rows < 1:
-            raise MotionTooShortError(len(motion) * motion.dt, (len(motion) - (high - low) + len(taps)) * motion.dt,
-                                      "the filters' ends")
+            ends = len(motion) - (high - low) + len(taps)
+            raise MotionTooShortError(len(motion) * motion.dt, ends * motion.dt, "the filters' ends")
         block = max(1, round(treatment.block / (treatment.decimation * motion.dt)))
+        while rows > MOST_BLOCKS * block:
+            block *= 2
         selection = device.parameters.S[:, list(device.base.kept)]
         columns = tuple(int(c) for c in np.flatnonzero(selection.any(axis=1)))
         tail = np.cumsum(np.abs(taps)) / np.abs(taps).sum()

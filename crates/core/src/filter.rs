@@ -28,6 +28,11 @@ impl Filter {
         Ok(Filter { padded, taps: taps.len(), decimation })
     }
 
+    /// Neither filter nor decimation.
+    pub(crate) fn is_identity(&self) -> bool {
+        self.decimation == 1 && self.taps == 1 && self.padded[0] == 1.0
+    }
+
     /// Samples on either side of the centre.
     pub(crate) fn half(&self) -> usize {
         self.taps / 2

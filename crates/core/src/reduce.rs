@@ -8,8 +8,8 @@ use crate::regressor::{CHUNK, Motion, Places, Workspace, check_columns, reach, r
 use crate::triangle::fold;
 use rayon::prelude::*;
 
-/// Rows folded at a time.
-const FOLD: usize = 256;
+/// Rows folded at a time; without a filter, also made at a time.
+const FOLD: usize = CHUNK;
 /// Starting threads costs more than this many samples' work.
 const SINGLE_THREAD: usize = 2000;
 /// Runs are padded so that their distance is no multiple of 4 KiB.
@@ -120,7 +120,8 @@ struct Raw {
 impl Raw {
     fn new(mechanism: &Mechanism, columns: &[usize], reached: &[Vec<usize>], filter: &Filter) -> Raw {
         let all = mechanism.columns();
-        let run = (filter.reach() + filter.decimation.max(CHUNK) + CHUNK).next_multiple_of(MAX_WIDTH) + PAD;
+        let longest = filter.reach() + filter.decimation.max(CHUNK) + CHUNK;
+        let run = if filter.is_identity() { FOLD + PAD } else { longest.next_multiple_of(MAX_WIDTH) + PAD };
         let mut place = vec![0; mechanism.coordinates() * all]; // the first run takes what nobody wants
         let mut motors = vec![1];
         for (a, reached) in reached.iter().enumerate() {
@@ -200,6 +201,25 @@ impl<'a> Reducer<'a> {
 
     /// Rows `from..to`, filtered, into `decimated`, with zeros up to a whole lane after them.
     fn decimate(&mut self, from: usize, to: usize) {
+        if self.filter.is_identity() {
+            self.copy(from, to)
+        } else {
+            self.filter(from, to)
+        }
+        for decimated in self.decimated.chunks_exact_mut(FOLD + PAD) {
+            decimated[to - from..(to - from).next_multiple_of(MAX_WIDTH)].fill(0.0);
+        }
+    }
+
+    /// Without a filter the raw columns are the rows: no need to copy them.
+    fn copy(&mut self, from: usize, to: usize) {
+        (self.raw.from, self.raw.held) = (self.reduction.first + from, 0);
+        let reducer = (self.mechanism, self.motion, self.reduction);
+        self.raw.extend(reducer, self.reduction.first + to, &mut self.workspace);
+        std::mem::swap(&mut self.raw.numbers, &mut self.decimated);
+    }
+
+    fn filter(&mut self, from: usize, to: usize) {
         let Reduction { first, .. } = *self.reduction;
         let (d, half) = (self.filter.decimation, self.filter.half());
         let centre = |row: usize| first + row * d;
@@ -218,9 +238,6 @@ impl<'a> Reducer<'a> {
                 self.filter.apply(self.mechanism.backend, raw, start, &mut decimated[row - from..ready - from]);
             }
             row = ready;
-        }
-        for decimated in self.decimated.chunks_exact_mut(FOLD + PAD) {
-            decimated[to - from..(to - from).next_multiple_of(MAX_WIDTH)].fill(0.0);
         }
     }
 

@@ -17,6 +17,8 @@ STARTS = 64
 STEPS = 60
 # Largest step of a passive joint, rad (or mechanism sizes).
 STRIDE = 0.7
+# A step shorter than this, rad (or m), is the last one.
+SETTLED = 1e-12
 # Damping, relative: far below what slows the last steps down.
 DAMPING = 1e-13
 # A direction of the passive joints that the cuts hold less than this, relatively, is free.
@@ -156,18 +158,18 @@ class Chain:
 def solve(chain: Chain, q: Array, unknown: Sequence[int], steps: int = STEPS) -> Array:
     """Joint positions with the unknown joints moved to close the cuts as well as they can, (n, joints)."""
     q = q.copy()
-    columns = list(unknown)
+    busy, columns = np.arange(len(q)), np.array(unknown)
     for _ in range(steps):
-        r, J = chain.residual(q)
+        r, J = chain.residual(q[busy])
         A = J[:, :, columns]
         H = A.transpose(0, 2, 1) @ A
         scale = np.maximum(np.trace(H, axis1=1, axis2=2), 1e-100)[:, None, None]
-        step = -np.linalg.solve(
-            H + DAMPING * scale * np.eye(len(columns)), A.transpose(0, 2, 1) @ r[:, :, None]
-        )[..., 0]
-        longest = np.abs(step).max(axis=1, keepdims=True)
-        q[:, columns] += step * np.minimum(1.0, STRIDE / np.maximum(longest, STRIDE))
-        if longest.max() < 1e-14:
+        slope = A.transpose(0, 2, 1) @ r[:, :, None]
+        step = -np.linalg.solve(H + DAMPING * scale * np.eye(len(columns)), slope)[..., 0]
+        longest = np.abs(step).max(axis=1)
+        q[busy[:, None], columns] += step * np.minimum(1.0, STRIDE / np.maximum(longest, STRIDE))[:, None]
+        busy = busy[longest > SETTLED]
+        if not len(busy):
             break
     return q
 
@@ -195,7 +197,7 @@ def find_branches(
     gaps = np.abs(chain.residual(q)[0]).max(axis=1)
     found = gaps < closed * chain.size
     tangents, free = _tangents(chain, q[found], qa[found], G, offset, unknown)
-    linear = [_polished(chain, branch, unknown) for branch in tangents]
+    linear = [_polished(chain, branch, unknown) for branch in ([] if free else tangents)]
     linear = [branch for branch in linear if chain.gap(branch.G, branch.offset, 64) < closed * chain.size]
     best = float(gaps.min())
     return Search(tuple(tangents), tuple(_distinct(chain, linear, unknown)), free, best, len(q))
@@ -256,14 +258,17 @@ def _polished(chain: Chain, branch: Branch, unknown: list[int]) -> Branch:
 
 def _distinct(chain: Chain, branches: list[Branch], unknown: list[int]) -> list[Branch]:
     """One of each, whole turns of a turning joint's constant left out of account."""
+    if not branches:
+        return []
     turning = np.array([not chain.joints[j].prismatic for j in unknown])
-    kept: list[Branch] = []
-    for branch in branches:
-        for other in kept:
-            apart = branch.offset[unknown] - other.offset[unknown]
-            apart[turning] = np.angle(np.exp(1j * apart[turning]))
-            if max(np.abs(apart).max(), np.abs(branch.G - other.G).max()) < SAME:
-                break
-        else:
-            kept.append(branch)
+    offsets = np.array([branch.offset[unknown] for branch in branches])
+    G = np.array([branch.G for branch in branches])
+    left, kept = np.arange(len(branches)), []
+    while len(left):
+        first = left[0]
+        apart = offsets[left] - offsets[first]
+        apart[:, turning] = np.angle(np.exp(1j * apart[:, turning]))
+        differs = np.maximum(np.abs(apart).max(axis=1), np.abs(G[left] - G[first]).max(axis=(1, 2))) >= SAME
+        kept.append(branches[first])
+        left = left[differs]
     return kept

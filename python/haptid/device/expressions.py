@@ -85,7 +85,7 @@ class Column:
     def values(self, motion: Mapping[str, Array], samples: int) -> Array:
         """The column, (samples,), from q_<joint>, v_<joint> and a_<joint>, each (samples,)."""
         with np.errstate(all="ignore"):
-            made = _evaluate(self.tree, {**self.constants, "pi": np.float64(math.pi), **motion})
+            made = _evaluate(self.tree, {**self.constants, "pi": math.pi, **motion})
         return np.broadcast_to(np.asarray(made, dtype=float), (samples,))
 
 
@@ -100,10 +100,8 @@ def number(value: float | str, lengths: Mapping[str, float], place: Place) -> fl
         tree = _parse(value, place, ARITHMETIC)
         known = {**lengths, "pi": math.pi}
         _Rules(value, frozenset(known), place, ARITHMETIC).check(tree)
-        try:
+        with np.errstate(all="ignore"):
             made = float(_evaluate(tree, known))
-        except (ZeroDivisionError, OverflowError) as error:
-            raise ExpressionError(str(place), value, str(error), ARITHMETIC) from None
     else:
         made = float(value)
     if not math.isfinite(made):
@@ -205,11 +203,12 @@ class _Rules:
 
 
 def _evaluate(node: ast.expr, values: Mapping[str, Any]) -> Any:
+    """The value of a checked expression, in NumPy's arithmetic: 1/0 is infinite, not an exception."""
     match node:
         case ast.Constant(value=value):
-            return float(value)  # type: ignore[arg-type]
+            return np.float64(value)  # type: ignore[arg-type]
         case ast.Name(id=name):
-            return values[name]
+            return np.asarray(values[name], dtype=float)[()]
         case ast.UnaryOp(op=ast.USub(), operand=operand):
             return -_evaluate(operand, values)
         case ast.UnaryOp(operand=operand):

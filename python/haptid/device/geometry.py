@@ -75,13 +75,13 @@ def placed(xyz: Sequence[float], rpy: Sequence[float]) -> Array:
 
 def least_turn(axis: Array) -> Array:
     """The least turn that takes z onto a unit axis, (4, 4); about x where the axis is -z."""
-    c = axis[2]
-    if c < -1 + 1e-12:
+    c, across = axis[2], axis[0] ** 2 + axis[1] ** 2
+    if c < 0 and across < 1e-24:
         return turn_x(math.pi)
     v = np.array([-axis[1], axis[0], 0.0])  # z x axis
     K = np.array([[0, -v[2], v[1]], [v[2], 0, -v[0]], [-v[1], v[0], 0]])
     made = np.eye(4)
-    made[:3, :3] += K + K @ K / (1 + c)
+    made[:3, :3] += K + K @ K * (1 / (1 + c) if c > 0 else (1 - c) / across)  # 1 + c cancels near -z
     return made
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 
 from haptid.device.model import Device, Joint, Motor
-from haptid.device.terms import TermColumn
+from haptid.device.terms import Counterbalance, TermColumn
 
 
 def summary_lines(device: Device) -> tuple[str, ...]:
@@ -68,17 +68,26 @@ def _terms(terms: Iterable[TermColumn]) -> list[str]:
     lines: list[str] = []
     last: tuple[object, ...] = ()
     for term in terms:
-        key = (term.kind, term.settings, term.unit, term.on.partition(" ")[0])
+        key = (_words(term), term.unit, term.on.partition(" ")[0])
         if key == last:
             lines[-1] += f" {term.name}"
             continue
         last = key
-        settings = {"stribeck": "velocity {}, exponent {}, width {}", "spring": "rest {}"}.get(
-            term.kind, "width {}"
-        )
-        shown = f" ({settings.format(*(f'{s:g}' for s in term.settings))})" if any(term.settings) else ""
-        lines.append(f"  {term.kind}{shown} [{term.unit}] on {key[3]}s: {term.name}")
+        lines.append(f"  {_words(term)} [{term.unit}] on {key[-1]}s: {term.name}")
     return lines
+
+
+def _words(term: TermColumn) -> str:
+    """A term's kind and settings."""
+    if isinstance(term.shape, Counterbalance):
+        return f"counterbalance, {term.shape.force} force"
+    if term.shape is not None:
+        return f"column {term.shape.text}"
+    settings = {"stribeck": "velocity {}, exponent {}, width {}", "spring": "rest {}"}.get(
+        term.kind, "width {}"
+    )
+    shown = f" ({settings.format(*(f'{s:g}' for s in term.settings))})" if any(term.settings) else ""
+    return f"{term.kind}{shown}"
 
 
 def _table(head: Sequence[str], rows: Sequence[Sequence[str]]) -> list[str]:

@@ -7,7 +7,7 @@ import tomllib
 from collections.abc import Iterable
 from importlib.resources import files
 from pathlib import Path
-from typing import Any
+from typing import Any, get_origin
 
 from pydantic import BaseModel, ValidationError
 
@@ -24,8 +24,18 @@ from haptid.errors import (
 
 # A device file is some kilobytes; a file beyond this is something else.
 LARGEST_FILE = 1_000_000
-# Errors of these types are shown before the others: a misspelt key is the cause of the missing one.
-FIRST = ("extra_forbidden", "missing")
+# Errors of these types are shown before the others: a misspelt key is the cause of the missing one, and where a key
+# takes one kind of value or another, these say more than that it is not the other.
+FIRST = ("extra_forbidden", "missing", "value_error")
+# What to write instead, where pydantic's own words are not a user's.
+INSTEAD = {
+    "string_type": 'Write a text in double quotes, such as "1"',
+    "string_pattern_mismatch": "Write a name of letters, digits and underscores",
+    "list_type": "Write a list in square brackets",
+    "bool_type": "Write true or false",
+    "model_type": "Write a table",
+    "dict_type": "Write a table",
+}
 
 
 def shipped_devices() -> tuple[str, ...]:
@@ -102,7 +112,7 @@ def _parsed(file: str, content: bytes) -> dict[str, Any]:
 def _first_error(error: ValidationError, file: str, data: Any, model: type[BaseModel]) -> Exception:
     """The one pydantic error that a user should read first, in haptid's words."""
     details = error.errors(include_url=False)
-    detail = min(details, key=lambda d: FIRST.index(d["type"]) if d["type"] in FIRST else len(FIRST))
+    detail = min(details, key=_rank)
     steps = _steps(detail["loc"], data)
     place = Place(file).at(*steps)
     kind, context = detail["type"], detail.get("ctx", {})
@@ -145,18 +155,19 @@ def _steps(loc: tuple[int | str, ...], data: Any) -> list[str | int]:
 def _keys(model: type[BaseModel], steps: list[str | int], data: Any) -> list[str]:
     """The keys that may stand in the table at `steps`."""
     here: Any = model
+    entry_of_dict = False
     for k, step in enumerate(steps):
-        if isinstance(step, int):
+        if isinstance(step, int) or entry_of_dict:
+            entry_of_dict = False
             continue
         if steps[0] == "terms" and k == 0 and len(steps) > 1:
             here = _term_model(data["terms"][steps[1]].get("kind"))
             continue
         field = next((f for name, f in here.model_fields.items() if step in (name, f.alias)), None)
-        if field is None:
+        here = next(iter(_models(field.annotation)), None) if field else None
+        if field is None or here is None:
             return []
-        here = next(iter(_models(field.annotation)), None)
-        if here is None:
-            return []
+        entry_of_dict = get_origin(field.annotation) is dict
     return [field.alias or name for name, field in here.model_fields.items()]
 
 

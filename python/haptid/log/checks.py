@@ -20,7 +20,7 @@ from haptid.errors import (
     UnequalChannelsError,
     WrappedPositionError,
 )
-from haptid.log.content import Column
+from haptid.log.content import Column, usable
 from haptid.log.model import Signal
 from haptid.log.units import PERIODS
 
@@ -56,7 +56,7 @@ def finite(path: Path, name: str, column: Column, stamps: Array) -> None:
     """Refuse NaN and infinities."""
     if column.dtype.kind != "f":
         return
-    bad = ~np.isfinite(column)
+    bad = ~usable(column)
     count = int(np.count_nonzero(bad))
     if count:
         first = int(np.argmax(bad))
@@ -159,7 +159,7 @@ def saturated(path: Path, name: str, column: Array, moving: NDArray[np.bool_], s
     Args:
         path, name: of the file and of the channel.
         column: (m,), in the unit of the file.
-        moving: whether a position changed at the sample, (m,).
+        moving: whether its position, or any where they are not in pairs, changed at the sample, (m,).
         signal: the torques.
     """
     for extreme, sign in ((float(column.max()), 1.0), (float(column.min()), -1.0)):

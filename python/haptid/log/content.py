@@ -21,6 +21,9 @@ RATIO_LIMIT = 200.0
 # An array whose shorter side is longer than this is a matrix and not a set of channels.
 MOST_CHANNELS = 1000
 
+# No quantity of a robot is larger in any unit; what is comes from damaged bytes, and its square would overflow.
+LARGEST = 1e30
+
 MAGIC = (
     (b"PAR1", "Parquet"),
     (b"PK\x03\x04", "a ZIP archive"),
@@ -83,6 +86,12 @@ def opened(path: Path, kind: str) -> Iterator[None]:
     except Exception as error:
         why = str(error).splitlines()[0] if str(error).strip() else type(error).__name__
         raise CorruptLogError(path, kind, why) from error
+
+
+def usable(column: Column) -> NDArray[np.bool_]:
+    """Where a column holds a number that can be reckoned with: finite, and not beyond `LARGEST`."""
+    with np.errstate(invalid="ignore"):
+        return np.asarray(np.abs(column) < LARGEST)
 
 
 def numeric(dtype: np.dtype[Any]) -> bool:

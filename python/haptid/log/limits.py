@@ -18,7 +18,7 @@ MOST_TURNS = 4 * math.pi
 # A joint this many times beyond its limits is taken for one in degrees, if a radian's worth less fits them.
 BEYOND = 2.0
 # No joint covers more than this: taken for radians, deg. Motion that small identifies nothing either.
-LEAST_SPAN_DEG = 2.0
+LEAST_SPAN_DEG = 3.0
 # With limits: no joint covers this share of its range, and 57.3 times more still fits.
 LEAST_SHARE = 0.02
 # A position may be this share of the range outside its limits: stops are soft, and zeros are not exact.

@@ -22,7 +22,7 @@ from haptid.errors import (
     MissingChannelError,
 )
 from haptid.log import checks, csv, hdf5, mat, npz, parquet, time, units
-from haptid.log.content import Column
+from haptid.log.content import Column, usable
 from haptid.log.guess import guess
 from haptid.log.model import Channels, Log, Signal
 
@@ -133,7 +133,7 @@ def _time_base(
         rows = time.part(path, seconds, stretch)
         seconds = seconds[rows]
         kept = raw[rows]
-        fineness = time.resolution(kept) * scale if np.isfinite(kept).all() else 0.0
+        fineness = time.resolution(kept) * scale if usable(kept).all() else 0.0
         base = time.from_stamps(path, channels.time, seconds, fineness)
         if raw[0] != 0:
             notes.append(f"times count from the file's first stamp, {raw[0] * scale:.9g} s")
@@ -161,12 +161,12 @@ class _Assembly:
         columns: those not used yet, each of the rows that are kept.
         base: where they go.
         notes: grows.
-        moving: whether any position differs from the sample before, (m,); known once the positions are done.
+        moving: where each position differs from the sample before, (m,); known once the positions are done.
     """
 
     def __init__(self, path: Path, columns: dict[str, Column], base: time.TimeBase, notes: list[str]) -> None:
         self.path, self.columns, self.base, self.notes = path, columns, base, notes
-        self.moving = np.zeros(base.stamps.size, dtype=bool)
+        self.moving: list[NDArray[np.bool_]] = []
 
     def block(self, signal: Signal, kind: Literal["position", "torque"]) -> Array:
         """The channels of a signal on the grid, (channels, n), SI."""
@@ -181,7 +181,7 @@ class _Assembly:
             if kind == "position":
                 column = self._position(name, column, signal, scale * gain)
             else:
-                self._note(checks.saturated(self.path, name, column, self.moving, signal))
+                self._torque(name, column, signal)
             if self.base.regular:
                 out[:] = column
             else:
@@ -192,12 +192,18 @@ class _Assembly:
 
     def _position(self, name: str, column: Array, signal: Signal, si: float) -> Array:
         """The column with its turns put back where that is asked for, and checked for jumps."""
-        self.moving[1:] |= column[1:] != column[:-1]
+        self.moving.append(np.diff(column, prepend=column[0]) != 0)
         if signal.unwrap:
             column, count = checks.unwrapped(column, signal)
             self._note(f"position channel {name!r} unwrapped at {count} jumps" if count else None)
         checks.jumps(self.path, name, column, self.base.stamps, signal, si)
         return column
+
+    def _torque(self, name: str, column: Array, signal: Signal) -> None:
+        """Check for saturation: as many torques as positions are pairs, otherwise any motion counts."""
+        paired = len(self.moving) == len(signal.channels)
+        moving = self.moving[signal.channels.index(name)] if paired else np.logical_or.reduce(self.moving)
+        self._note(checks.saturated(self.path, name, column, moving, signal))
 
     def _note(self, sentence: str | None) -> None:
         if sentence:

@@ -20,7 +20,7 @@ from haptid.errors import (
     StretchError,
     TimeBackwardsError,
 )
-from haptid.log.content import Column
+from haptid.log.content import Column, usable
 
 FEWEST_SAMPLES = 50
 # Stamps this close to a uniform grid, in steps, are on it.
@@ -64,10 +64,11 @@ def since_first(path: Path, name: str, raw: Column, scale: float) -> Array:
     if raw.dtype.kind in "iu":
         whole = raw.astype(np.int64)
         seconds = np.subtract(whole, whole[0], out=whole).astype(np.float64)
-    elif np.isfinite(raw[0]):
-        seconds = np.subtract(raw, raw[0], dtype=np.float64)
+    elif usable(raw[:1]).all():
+        with np.errstate(invalid="ignore"):
+            seconds = np.subtract(raw, raw[0], dtype=np.float64)
     else:
-        raise NonFiniteError(path, name, int(np.count_nonzero(~np.isfinite(raw))), 0, None)
+        raise NonFiniteError(path, name, int(np.count_nonzero(~usable(raw))), 0, None)
     seconds *= scale
     return seconds
 
@@ -155,7 +156,7 @@ def from_stamps(path: Path, name: str, seconds: Array, fineness: float) -> TimeB
 
 
 def _check_order(path: Path, name: str, seconds: Array) -> None:
-    bad = ~np.isfinite(seconds)
+    bad = ~usable(seconds)
     if bad.any():
         raise NonFiniteError(path, name, int(np.count_nonzero(bad)), int(np.argmax(bad)), None)
     back = np.flatnonzero(seconds[1:] < seconds[:-1])
@@ -167,7 +168,8 @@ def _check_order(path: Path, name: str, seconds: Array) -> None:
 def _grid(path: Path, seconds: Array, fineness: float) -> tuple[Array, Array, bool, list[str]]:
     """Stamps as they count, the uniform grid, whether the samples are on it, and what was found."""
     steps = np.diff(seconds)
-    gaps = np.flatnonzero(steps > GAP * np.median(steps) + fineness)
+    median = float(np.median(steps))
+    gaps = np.flatnonzero(steps > GAP * median + min(fineness, 0.25 * median))
     ordinary = (seconds[-1] - seconds[0] - steps[gaps].sum()) / (steps.size - gaps.size)
     missing = _missing(path, seconds, steps, gaps, ordinary)
     n = seconds.size + missing
@@ -179,7 +181,7 @@ def _grid(path: Path, seconds: Array, fineness: float) -> tuple[Array, Array, bo
     slots = np.rint(places)
     off = float(np.abs(np.subtract(places, slots, out=places)).max())
     distinct = bool((np.diff(slots) > 0).all())
-    rounded = fineness < 0.5 * step and off * step <= fineness
+    rounded = off < 0.5 and off * step <= fineness * (1 + UNIFORM)
     notes: list[str] = []
     if missing:
         longest = gaps[np.argmax(steps[gaps])]

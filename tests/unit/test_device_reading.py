@@ -1,0 +1,399 @@
+"""Reading device files: what is wrong is said once, with the place, the finding and what to write instead."""
+
+from __future__ import annotations
+
+import inspect
+import re
+from pathlib import Path
+
+import haptid.device
+import pytest
+from haptid import errors
+from haptid.device import device_schema, read_device, shipped_devices
+from haptid.device.tables import LARGEST_FILE
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+
+ARM = """
+schema = 1
+name = "arm"
+gravity = [0.0, 0.0, -9.81]
+[lengths]
+d3 = 0.45
+[[joints]]
+name = "1"
+[[joints]]
+name = "2"
+alpha = "-pi/2"
+[[joints]]
+name = "3"
+d = "d3"
+limits = { position = [-1.0, 2.0] }
+[[terms]]
+kind = "viscous"
+joints = "all"
+[[terms]]
+kind = "coulomb"
+joints = ["1", "2"]
+width = 0.1
+"""
+PASSIVE = '[[loops]]\nrelations = ["q3 = -q2"]\n'
+BALANCE = (
+    '[[terms]]\nkind = "counterbalance"\njoints = ["2"]\ncrank = 0.1\nbase = 0.5\nlaw = "gas"\nstroke = 0.3\n'
+)
+
+
+def add(text: str) -> str:
+    return ARM + text
+
+
+def swap(old: str, new: str) -> str:
+    assert old in ARM
+    return ARM.replace(old, new, 1)
+
+
+# One or more broken files per class: (class, file, what the sentence must hold).
+BROKEN = [
+    ("DeviceSyntaxError", swap("d3 = 0.45", "d3 = "), ["line 6, column 6", "d3 ="]),
+    ("DeviceSyntaxError", add("[[joints"), ["line ", "[[joints"]),
+    ("DeviceSyntaxError", add('name = "again"\nname = "again"'), ["line ", "verwrite"]),
+    ("DeviceKeyError", swap("alpha", "aplha"), ["joints[1].aplha", 'Did you mean "alpha"']),
+    ("DeviceKeyError", swap("width", "wdith"), ["terms[1].wdith", 'Did you mean "width"']),
+    ("DeviceKeyError", swap("gravity = [0.0, 0.0, -9.81]", ""), ["gravity", "missing", "top of the file"]),
+    ("DeviceKeyError", swap('name = "2"', ""), ["joints[1].name", "missing", "[[joints]]"]),
+    (
+        "DeviceKeyError",
+        swap("limits = { position", "limits = { positon"),
+        ["joints[2].limits.positon", '"position"'],
+    ),
+    ("DeviceKeyError", add('[[terms]]\njoints = "all"'), ["terms[2].kind", "missing", "viscous"]),
+    ("DeviceKeyError", add('[[terms]]\nkind = "offset"'), ["terms[2]", "acts on nothing"]),
+    ("DeviceKeyError", add('[[terms]]\nkind = "stribeck"\njoints = ["1"]'), ["terms[2].velocity", "missing"]),
+    ("DeviceKeyError", add("[handel]"), ["handel", 'Did you mean "handle"']),
+    ("DeviceKeyError", add(BALANCE.replace("stroke = 0.3\n", "")), ["terms[2].stroke", "missing"]),
+    ("DeviceKeyError", add(BALANCE.replace("gas", "spring")), ["terms[2].stroke", "no meaning"]),
+    (
+        "DeviceKeyError",
+        add('[[loops]]\npassive = ["3"]\ncut = { on = "3", with = "1", frame = { d = 1, xyz = [0, 0, 0] } }'),
+        ["loops[0].cut.frame", "xyz or rpy stands beside d"],
+    ),
+    (
+        "DeviceValueError",
+        swap("[0.0, 0.0, -9.81]", "[0.0, -9.81]"),
+        ["gravity", "found [0.0, -9.81]", "at least 3"],
+    ),
+    ("DeviceValueError", swap("[0.0, 0.0, -9.81]", "9.81"), ["gravity", "found 9.81", "list"]),
+    ("DeviceValueError", swap("0.45", "nan"), ["lengths.d3", "found nan", "finite"]),
+    ("DeviceValueError", swap("-9.81", "-inf"), ["gravity[2]", "found -inf", "finite"]),
+    ("DeviceValueError", swap("0.45", "true"), ["lengths.d3", "found True", "number"]),
+    ("DeviceValueError", swap("0.45", "1" + "0" * 400), ["lengths.d3", "finite"]),
+    (
+        "DeviceValueError",
+        swap("[-1.0, 2.0]", "[2.0, -1.0]"),
+        ["joints[2].limits.position", "[2, -1]", "lower"],
+    ),
+    (
+        "DeviceValueError",
+        swap("position = [-1.0, 2.0]", "velocity = 0"),
+        ["joints[2].limits.velocity", "above zero"],
+    ),
+    ("DeviceValueError", swap('name = "2"', 'name = "2 b"'), ["joints[1].name", "'2 b'", "pattern"]),
+    (
+        "DeviceValueError",
+        swap('name = "2"', 'name = "2"\ntype = "spherical"'),
+        ["joints[1].type", "'spherical'"],
+    ),
+    ("DeviceValueError", swap("schema = 1", "schema = 2"), ["schema", "found 2"]),
+    ("DeviceValueError", swap("schema = 1", 'convention = "mdh"'), ["convention", "'mdh'", "modified-dh"]),
+    ("DeviceValueError", swap("width = 0.1", "width = -0.1"), ["terms[1].width", "-0.1", "zero"]),
+    ("DeviceValueError", add('[[motors]]\nname = "1"\ngear = 0'), ["motors[0].gear", "not zero"]),
+    ("DeviceValueError", add('[[symmetry]]\nreason = "x"'), ["symmetry[0]", "says nothing"]),
+    (
+        "DeviceValueError",
+        add('[[symmetry]]\nreason = "x"\nequal = [["XX1", "M1"]]'),
+        ["symmetry[0].equal[0]", "kg m^2"],
+    ),
+    (
+        "DeviceValueError",
+        add('[[prior_bodies]]\nlink = "1"\nmass = -1\ncom = [0, 0, 0]'),
+        ["prior_bodies[0].mass"],
+    ),
+    (
+        "DeviceValueError",
+        add('[[prior_bodies]]\nlink = "1"\nmass = 1\ncom = [0, 0, 0]\ninertia = [1, 1, -3, 0, 0, 0]'),
+        ["prior_bodies[0].inertia", "-3"],
+    ),
+    ("DeviceValueError", add("[prior]\nM1 = { value = 1, sd = 0 }"), ["prior.M1.sd", "above zero"]),
+    ("DeviceValueError", add("[base_parameters]\ntolerance = 2"), ["base_parameters.tolerance", "found 2"]),
+    ("DeviceValueError", add(BALANCE.replace("0.3", "0.2")), ["terms[2].stroke", "up to 0.2 m"]),
+    ("DeviceValueError", add(BALANCE.replace("0.5", "0.1")), ["terms[2].crank", "differ"]),
+    ("DeviceValueError", add(BALANCE.replace('["2"]', '["1", "2"]')), ["terms[2]", "more than one"]),
+    ("DeviceValueError", add(BALANCE.replace('joints = ["2"]', 'motors = ["2"]')), ["terms[2]", "motor 2"]),
+    (
+        "DeviceValueError",
+        'name = "p"\ngravity = [0, 0, 0]\nconvention = "placement"\n[[joints]]\nname = "1"\naxis = [0, 0, 0]',
+        ["joints[0].axis", "direction"],
+    ),
+    (
+        "DeviceValueError",
+        swap('joints = ["1", "2"]', "joints = [1, 2]"),
+        ["terms[1].joints[0]", "double quotes"],
+    ),
+    ("DeviceValueError", swap('joints = "all"', 'joints = "every"'), ["terms[0].joints", "'motorised'"]),
+    ("DeviceValueError", swap('name = "2"', "name = 2"), ["joints[1].name", "found 2", "double quotes"]),
+    ("DeviceValueError", add("[prior]\nM1 = true"), ["prior.M1", "found True", "number"]),
+    ("DeviceKeyError", add("[prior]\nM1 = { valeu = 1 }"), ["prior.M1.valeu", 'Did you mean "value"']),
+    ("UnknownNameError", swap('["1", "2"]', '["1", "4"]'), ["terms[1].joints[1]", '"4"', "Known: 1, 2, 3"]),
+    ("UnknownNameError", swap('"viscous"', '"viscouse"'), ["terms[0].kind", 'Did you mean "viscous"']),
+    ("UnknownNameError", swap('"d3"', '"d4"'), ["joints[2].d", '"d4"', "Known: d3, pi"]),
+    (
+        "UnknownNameError",
+        add('[[terms]]\nkind = "offset"\nmotors = ["m6"]'),
+        ["terms[2].motors[0]", "no motor"],
+    ),
+    (
+        "UnknownNameError",
+        add('[[symmetry]]\nreason = "x"\nzero = ["MXX1"]'),
+        ["symmetry[0].zero[0]", 'Did you mean "'],
+    ),
+    (
+        "UnknownNameError",
+        add('[[symmetry]]\nreason = "x"\nequal = [["M1", "M9"]]'),
+        ["symmetry[0].equal[0][1]", "M9"],
+    ),
+    (
+        "UnknownNameError",
+        add('[[symmetry]]\nreason = "x"\nidentical = ["1", "9"]'),
+        ["symmetry[0].identical[1]"],
+    ),
+    (
+        "UnknownNameError",
+        add('[[symmetry]]\nreason = "x"\nabout = { link = "9", axis = "x" }'),
+        ["symmetry[0].about.link", '"9"'],
+    ),
+    ("UnknownNameError", add("[prior]\nFV9 = 1"), ["prior.FV9", 'Did you mean "FV']),
+    (
+        "UnknownNameError",
+        add('[[prior_bodies]]\nlink = "9"\nmass = 1\ncom = [0, 0, 0]'),
+        ["prior_bodies[0].link"],
+    ),
+    ("UnknownNameError", add('[handle]\nlink = "hand"'), ["handle.link", '"hand"']),
+    ("UnknownNameError", add('[base_parameters]\nkeep = ["ZZ9"]'), ["base_parameters.keep[0]", "ZZ9"]),
+    ("UnknownNameError", add('[[loops]]\nrelations = ["q3 = -q9"]'), ["loops[0].relations[0]", '"q9"']),
+    ("UnknownNameError", add('[[loops]]\nrelations = ["q9 = -q1"]'), ["loops[0].relations[0]", '"q9"']),
+    (
+        "UnknownNameError",
+        add('[[loops]]\npassive = ["9"]\ncut = { on = "3", with = "1" }'),
+        ["loops[0].passive[0]"],
+    ),
+    (
+        "UnknownNameError",
+        add('[[loops]]\npassive = ["3"]\ncut = { on = "9", with = "1" }'),
+        ["loops[0].cut.on"],
+    ),
+    (
+        "UnknownNameError",
+        add('[[terms]]\nkind = "column"\njoints = ["1"]\nname = "C1"\nunit = "N m"\nexpression = "sin(q_9)"'),
+        ["terms[2].expression", '"q_9"'],
+    ),
+    ("DuplicateNameError", swap('name = "2"', 'name = "1"'), ["joints[1].name", "joints[0]"]),
+    ("DuplicateNameError", swap('name = "1"', 'name = "base"'), ["joints[0].name", "the base"]),
+    (
+        "DuplicateNameError",
+        add('[[motors]]\nname = "1"\n[[motors]]\nname = "1"'),
+        ["motors[1].name", "motors[0]"],
+    ),
+    ("DuplicateNameError", add('[[motors]]\nname = "3"\ndrives = { 1 = 1 }'), ["motors", "joint 3"]),
+    ("DuplicateNameError", add('[[terms]]\nkind = "viscous"\njoints = ["2"]'), ["FV2"]),
+    ("DuplicateNameError", swap("d3 = 0.45", "d3 = 0.45\npi = 3"), ["lengths.pi"]),
+    ("DuplicateNameError", swap("d3 = 0.45", "d3 = 0.45\nq_2 = 3"), ["lengths.q_2", "joint 2"]),
+    (
+        "DuplicateNameError",
+        add('[[prior_bodies]]\nlink = "1"\nmass = 1\ncom = [0, 0, 0]\n' * 2),
+        ["prior_bodies[1].link"],
+    ),
+    ("MissingParentError", swap('name = "2"', 'name = "2"\nparent = "4"'), ["joints[1].parent", '"4"']),
+    (
+        "MissingParentError",
+        swap('name = "2"', 'name = "2"\nparent = "3"').replace('d = "d3"', 'parent = "1"'),
+        ["joints[1].parent", "further down"],
+    ),
+    ("CycleError", swap('name = "2"', 'name = "2"\nparent = "3"'), ["2 -> 3 -> 2", "[[loops]]"]),
+    ("CycleError", swap('name = "1"', 'name = "1"\nparent = "1"'), ["1 -> 1"]),
+    ("ExpressionError", swap('"-pi/2"', '"-pi/2)"'), ["joints[1].alpha", '"-pi/2)"', "not arithmetic"]),
+    ("ExpressionError", swap('"-pi/2"', '"sin(1)"'), ["joints[1].alpha", "sin(1)", "not allowed"]),
+    ("ExpressionError", swap('"-pi/2"', '"1/0"'), ["joints[1].alpha", "inf"]),
+    ("DegreesError", swap('"-pi/2"', "-90"), ["joints[1].alpha", "-90", "-1.5708", "degrees"]),
+    ("DegreesError", add("[base]\nrpy = [180, 0, 0]"), ["base.rpy[0]", "180*pi/180"]),
+    ("RelationError", add('[[loops]]\nrelations = ["q3 = q2*q1"]'), ["loops[0].relations[0]", "not linear"]),
+    ("RelationError", add('[[loops]]\nrelations = ["q3 + q2 = 0"]'), ["loops[0].relations[0]"]),
+    (
+        "ActiveJointError",
+        add(PASSIVE).replace('d = "d3"', "active = true"),
+        ["joints[2].active", '"3"', "passive"],
+    ),
+    ("ActiveJointError", swap('d = "d3"', "active = false"), ["joints[2].active", "no loop"]),
+    (
+        "LoopOpenError",
+        add('[[loops]]\npassive = ["3"]\ncut = { on = "3", frame = { d = 0.1 }, with = "1" }'),
+        ["loops: ", "does not close", " m "],
+    ),
+    (
+        "NonlinearLoopError",
+        'name = "b"\ngravity = [0, 0, 0]\n[[joints]]\nname = "1"\n[[joints]]\nname = "2"\nd = 0.2\n[[joints]]\nname = "3"\n'
+        'd = 0.5\n[[loops]]\npassive = ["2", "3"]\n'
+        'cut = { on = "3", frame = { d = 0.25 }, with = "base", twin = { d = 0.5 } }',
+        ["loops: ", "Only linear loops", "varies by"],
+    ),
+    (
+        "UndeterminedLoopError",
+        add('[[loops]]\npassive = ["2", "3"]\ncut = { on = "1", with = "1" }'),
+        ["loops: ", "settle only 0 of 2"],
+    ),
+    (
+        "IdleMotorError",
+        add('[[motors]]\nname = "m"\ndrives = { 1 = 0 }'),
+        ["motors[0]", "drives no active joint"],
+    ),
+    ("IdleMotorError", add('[[motors]]\nname = "m"'), ["motors[0].name", "no joint", "1, 2, 3"]),
+    (
+        "IdleMotorError",
+        add(PASSIVE + '[[motors]]\nname = "3"'),
+        ["motors[0].name", "a passive joint", "1, 2."],
+    ),
+    (
+        "TransmissionError",
+        add(
+            '[[motors]]\nname = "a"\ndrives = { 1 = 1, 2 = 1 }\n[[motors]]\nname = "b"\ndrives = { 1 = 2, 2 = 2 }'
+        ),
+        ["motors: ", "rank 2, wanted 3"],
+    ),
+    (
+        "TransmissionError",
+        add('[[motors]]\nname = "a"\ndrives = { 1 = 1, 2 = 1 }'),
+        ["motors: ", "1 motor coordinates"],
+    ),
+]
+
+
+@pytest.mark.parametrize(
+    ("kind", "text", "parts"), BROKEN, ids=[f"{k}-{i}" for i, (k, _, _) in enumerate(BROKEN)]
+)
+def test_each_cause_has_its_error_and_says_what_to_do(
+    tmp_path: Path, kind: str, text: str, parts: list[str]
+) -> None:
+    path = tmp_path / "arm.toml"
+    path.write_text(text)
+    with pytest.raises(errors.DeviceError) as caught:
+        read_device(path)
+    assert type(caught.value).__name__ == kind, str(caught.value)
+    sentence = str(caught.value)
+    assert sentence.startswith(str(path)), sentence
+    for part in parts:
+        assert part in sentence
+    assert sentence.rstrip().endswith((".", "`")), sentence
+
+
+def test_every_device_error_is_tested() -> None:
+    classes = {
+        name
+        for name, kind in inspect.getmembers(errors, inspect.isclass)
+        if issubclass(kind, errors.DeviceError) and kind is not errors.DeviceError
+    }
+    elsewhere = {"DeviceFileError", "ColumnValueError"}  # below, and with the terms
+    assert classes == {kind for kind, _, _ in BROKEN} | elsewhere
+
+
+def test_the_unbroken_file_reads(tmp_path: Path) -> None:
+    path = tmp_path / "arm.toml"
+    path.write_text(ARM + BALANCE)
+    device = read_device(path)
+    assert [joint.name for joint in device.joints] == ["1", "2", "3"]
+    assert device.joints[2].position_limits == (-1.0, 2.0)
+    assert device.joints[0].position_limits is None
+    assert read_device(str(path)).parameters.names == device.parameters.names
+
+
+def test_files_that_cannot_be_taken_in(tmp_path: Path) -> None:
+    with pytest.raises(errors.DeviceFileError, match='Did you mean "staubli_tx40"'):
+        read_device("staubli_tx4")
+    with pytest.raises(errors.DeviceFileError, match=r"no\.toml: cannot be opened \(No such file"):
+        read_device(tmp_path / "no.toml")
+    with pytest.raises(errors.DeviceFileError, match="cannot be opened"):
+        read_device(tmp_path)
+    large = tmp_path / "large.toml"
+    large.write_bytes(b"#" * (LARGEST_FILE + 1))
+    with pytest.raises(errors.DeviceFileError, match="more than 1000000 bytes"):
+        read_device(large)
+    latin = tmp_path / "latin.toml"
+    latin.write_bytes('name = "Stäubli"'.encode("latin-1"))
+    with pytest.raises(errors.DeviceFileError, match="byte 10 is not UTF-8"):
+        read_device(latin)
+
+
+def test_reading_gives_frozen_values() -> None:
+    device = read_device("phantom_premium_15")
+    for array in (device.gravity, device.closure.G, device.coupling, device.rates, device.parameters.S):
+        assert not array.flags.writeable
+    with pytest.raises(AttributeError):
+        device.name = "other"  # type: ignore[misc]
+
+
+def outcome(path: Path) -> str:
+    """What comes of reading: "device", or the sentence of the error; any other exception is a failure."""
+    try:
+        return type(read_device(path)).__name__.lower()
+    except errors.DeviceError as error:
+        return str(error)
+
+
+JUNK = st.sampled_from(
+    [
+        "nan",
+        "-inf",
+        '"pi"',
+        '"q1"',
+        "[]",
+        "{}",
+        "true",
+        "1e300",
+        '""',
+        '"base"',
+        "0",
+        "-1",
+        '["1", "1"]',
+        '"3"',
+        "[[1]]",
+    ]
+)
+
+
+@settings(max_examples=120, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@given(
+    st.sampled_from(["rx90", "staubli_tx40", "phantom_premium_15", "kuka_kr300"]),
+    st.integers(0, 10_000),
+    JUNK,
+)
+def test_a_damaged_file_is_a_device_or_one_clear_error(
+    tmp_path: Path, name: str, line: int, junk: str
+) -> None:
+    folder = Path(haptid.device.__file__).parent.parent / "devices"
+    lines = (folder / f"{name}.toml").read_text().splitlines()
+    line %= len(lines)
+    lines[line] = re.sub(r"= .*", f"= {junk}", lines[line]) if "= " in lines[line] else ""
+    path = tmp_path / "damaged.toml"
+    path.write_text("\n".join(lines))
+    assert outcome(path) == "device" or outcome(path).startswith(str(path))
+
+
+def test_the_schema_knows_every_key() -> None:
+    schema = device_schema()
+    assert len(schema["anyOf"]) == 3
+    joint = schema["$defs"]["ModifiedDHJoint"]
+    assert set(joint["properties"]) >= {"name", "parent", "alpha", "d", "r", "limits"}
+    assert joint["additionalProperties"] is False
+    assert "with" in schema["$defs"]["CutTable"]["properties"]
+
+
+def test_shipped_devices_are_listed() -> None:
+    assert {"emps", "rx90", "sr400", "puma560", "arm7"} <= set(shipped_devices())

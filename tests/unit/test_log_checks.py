@@ -1,0 +1,296 @@
+"""Checks: each fault is named with its channel and its size, and sound but coarse logs pass."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from pathlib import Path
+
+import numpy as np
+import pytest
+from haptid import errors
+from haptid.log import Channels, Log, Signal, read_log
+from haptid.log.units import SPELLINGS, TABLES, meant
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+
+QUICK = settings(max_examples=40, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+T = np.arange(4000) / 1000
+POSITION = np.sin(2 * np.pi * T)
+TORQUE = 3 * np.cos(2 * np.pi * T) + 0.1 * np.sin(300 * T)
+
+
+def read(
+    folder: Path,
+    q: np.ndarray | None = None,
+    tau: np.ndarray | None = None,
+    position: dict[str, object] | None = None,
+    torque: dict[str, object] | None = None,
+) -> Log:
+    """The log of one joint at 1 kHz with these samples, 4 s of a sine where None."""
+    path = folder / "log.npz"
+    q = POSITION if q is None else q
+    np.savez(path, q=q, tau=TORQUE[: q.size] if tau is None else tau)
+    settings = {"channels": "q", "unit": "rad"} | (position or {})
+    return read_log(
+        path,
+        Channels(
+            Signal(**settings),  # type: ignore[arg-type]
+            Signal(**({"channels": "tau", "unit": "N m"} | (torque or {}))),  # type: ignore[arg-type]
+            rate_hz=1000,
+        ),
+    )
+
+
+def test_missing_samples_are_counted(tmp_path: Path) -> None:
+    tau = TORQUE.copy()
+    tau[[17, 40, 41]] = np.nan, np.inf, 1e40
+    with pytest.raises(
+        errors.NonFiniteError, match=r"'tau' .* 3 samples, first at sample 17 \(t = 0\.017 s\)"
+    ) as caught:
+        read(tmp_path, tau=tau)
+    assert (caught.value.channel, caught.value.count, caught.value.index) == ("tau", 3, 17)
+
+
+def test_dead_channels(tmp_path: Path) -> None:
+    dead = np.full(T.size, 0.25)
+    with pytest.raises(errors.DeadChannelError, match=r"position channel 'q' is 0\.25 in every sample"):
+        read(tmp_path, q=dead)
+    with pytest.raises(errors.DeadChannelError, match=r"torque channel 'tau' is 0\.25 in every sample"):
+        read(tmp_path, tau=dead)
+    log = read(tmp_path, q=dead, tau=dead, position={"constant_ok": True}, torque={"constant_ok": True})
+    assert len(log.notes) == 2
+
+
+def test_identical_channels(tmp_path: Path) -> None:
+    with pytest.raises(errors.IdenticalChannelsError, match="'q' and 'tau' are equal in every sample"):
+        read(tmp_path, tau=POSITION)
+    nearly = POSITION.copy()
+    nearly[1234] += 1e-3
+    assert read(tmp_path, tau=nearly)
+
+
+# --- saturation ---
+
+
+@pytest.mark.parametrize("sign", [1, -1])
+def test_saturated_torque(tmp_path: Path, sign: int) -> None:
+    tau = sign * np.minimum(TORQUE, 2.5)
+    with pytest.raises(
+        errors.SaturatedTorqueError, match=rf"'tau' stays exactly at its extreme {2.5 * sign} N m for"
+    ):
+        read(tmp_path, tau=tau)
+    log = read(tmp_path, tau=tau, torque={"allow_saturation": True})
+    assert "is saturated at" in log.notes[0]
+
+
+@QUICK
+@given(share=st.floats(0.3, 0.93), step=st.floats(1e-4, 0.02), phase=st.floats(0, 1))
+def test_a_clipped_converter_is_caught(tmp_path: Path, share: float, step: float, phase: float) -> None:
+    tau = np.clip(np.sin(2 * np.pi * (T + phase)), -share, share)
+    with pytest.raises(errors.SaturatedTorqueError):
+        read(tmp_path, tau=np.round(tau / step))
+
+
+@QUICK
+@given(
+    levels=st.floats(3, 4000),
+    frequency=st.floats(0.5, 5),
+    phase=st.floats(0, 1),
+    offset=st.floats(-1, 1),
+    hold=st.integers(1, 20),
+)
+def test_coarse_torques_are_not_saturated(
+    tmp_path: Path, levels: float, frequency: float, phase: float, offset: float, hold: int
+) -> None:
+    smooth = np.sin(2 * np.pi * (frequency * T + phase)) + offset + 0.2 * np.sin(40 * T)
+    held = np.repeat(smooth[::hold], hold)[: T.size]
+    assert read(tmp_path, tau=np.round(held * levels / 2))
+
+
+def test_a_torque_at_rest_is_not_saturated(tmp_path: Path) -> None:
+    q, tau = POSITION.copy(), TORQUE.copy()
+    q[:600], tau[:600] = q[600], 5.0
+    assert read(tmp_path, q=q, tau=tau)
+
+
+# --- jumps and wraps ---
+
+
+@QUICK
+@given(place=st.integers(5, 3990), jump=st.floats(0.5, 1.5), spike=st.booleans())
+def test_position_jumps(tmp_path: Path, place: int, jump: float, spike: bool) -> None:
+    q = POSITION.copy()
+    q[place : place + 1 if spike else None] += jump
+    with pytest.raises(errors.PositionJumpError, match="position channel 'q' jumps by") as caught:
+        read(tmp_path, q=q)
+    assert "lost counts" in str(caught.value)
+
+
+@QUICK
+@given(counts=st.floats(2, 1e5), speed=st.floats(0.01, 10))
+def test_coarse_positions_do_not_jump(tmp_path: Path, counts: float, speed: float) -> None:
+    q = np.round(counts * np.sin(speed * T)).astype(np.int32)
+    if q.min() != q.max():
+        assert read(tmp_path, q=q, position={"unit": "counts", "gain": (2 * math.pi / 4000,)})
+
+
+WRAPS = [
+    ("rad", 2 * np.pi, 1.0),
+    ("deg", 360.0, 1.0),
+    ("turn", 1.0, 1.0),
+    ("counts", 4096.0, 2 * np.pi / 4096),
+]
+
+
+@pytest.mark.parametrize(("unit", "turn", "gain"), WRAPS)
+@QUICK
+@given(speed=st.floats(2.0, 100.0), start=st.floats(0, 1))
+def test_wrapped_angles_are_recognised_and_straightened(
+    tmp_path: Path, unit: str, turn: float, gain: float, speed: float, start: float
+) -> None:
+    straight = turn * (start + speed * T * (1 + 0.1 * np.sin(T)))
+    wrapped = np.mod(straight, turn)
+    options = {"unit": unit, "gain": (gain,)}
+    with pytest.raises(errors.WrappedPositionError, match=r"whole period.*unwrap=True"):
+        read(tmp_path, q=wrapped, position=options)
+    log = read(tmp_path, q=wrapped, position=options | {"unwrap": True})
+    scale = 2 * np.pi / turn
+    travel = (straight - straight[0]) * scale
+    np.testing.assert_allclose(
+        log.position[:, 0] - log.position[0, 0], travel, rtol=0, atol=1e-9 * travel[-1]
+    )
+    assert "unwrapped at" in log.notes[0]
+
+
+def test_a_period_that_is_no_power_of_two(tmp_path: Path) -> None:
+    straight = 50_000 * 3 * T
+    options: dict[str, object] = {"unit": "counts", "gain": (2 * math.pi / 50_000,), "period": 50_000}
+    with pytest.raises(errors.WrappedPositionError, match="period of 50000 counts"):
+        read(tmp_path, q=np.mod(straight, 50_000), position=options)
+    log = read(tmp_path, q=np.mod(straight, 50_000), position=options | {"unwrap": True})
+    np.testing.assert_allclose(log.position[:, 0], 6 * np.pi * T, atol=1e-9)
+
+
+# --- units, gains, mapping ---
+
+
+@pytest.mark.parametrize(
+    ("unit", "si"),
+    [("rad", 1), ("deg", math.pi / 180), ("turn", 2 * math.pi), ("m", 1), ("mm", 1e-3), ("um", 1e-6)],
+)
+def test_positions_are_in_si(tmp_path: Path, unit: str, si: float) -> None:
+    log = read(tmp_path, q=POSITION / si * 0.3, position={"unit": unit, "gain": (2.0,), "offset": (0.5,)})
+    np.testing.assert_allclose(log.position[:, 0], 0.6 * POSITION + 0.5, rtol=1e-12, atol=1e-14)
+
+
+@pytest.mark.parametrize(
+    ("unit", "base", "si"),
+    [
+        ("N m", "N m", 1),
+        ("mN m", "N m", 0.001),
+        ("N", "N", 1),
+        ("V", "V", 1),
+        ("mV", "V", 0.001),
+        ("A", "A", 1),
+        ("mA", "A", 0.001),
+        ("counts", "counts", 1),
+    ],
+)
+def test_torques_are_in_the_base_unit(tmp_path: Path, unit: str, base: str, si: float) -> None:
+    log = read(tmp_path, torque={"unit": unit, "gain": (-1.0,)})
+    np.testing.assert_allclose(log.torque[:, 0], -si * TORQUE, rtol=1e-12)
+    assert log.channels.torque_unit == base
+
+
+def test_unknown_units_say_what_was_meant() -> None:
+    for quantity, table in TABLES.items():
+        for unit in table:
+            for spelling in SPELLINGS[unit]:
+                assert meant(spelling, quantity) == unit
+    with pytest.raises(
+        errors.UnknownUnitError, match=r"'Nm' of the torque is not known\. Write 'N m'\. Known: N m"
+    ):
+        Channels(Signal("q", "rad"), Signal("tau", "Nm"), "t")
+    with pytest.raises(errors.UnknownUnitError, match=r"'furlong' of the position is not known\. Known: rad"):
+        Channels(Signal("q", "furlong"), Signal("tau", "N m"), "t")
+    with pytest.raises(errors.UnknownUnitError, match="'min' of the time"):
+        Channels(Signal("q", "rad"), Signal("tau", "N m"), "t", time_unit="min")
+
+
+def test_units_of_something_else() -> None:
+    with pytest.raises(errors.WrongKindOfUnitError, match="'N m' of the position is a unit of torque"):
+        Channels(Signal("q", "N m"), Signal("tau", "N m"), "t")
+    with pytest.raises(errors.WrongKindOfUnitError, match="'deg' of the torque is a unit of position"):
+        Channels(Signal("q", "rad"), Signal("tau", "deg"), "t")
+
+
+def test_counts_need_a_gain() -> None:
+    with pytest.raises(errors.CountsGainError, match="rad or m of one count"):
+        Channels(Signal("q", "counts"), Signal("tau", "N m"), "t")
+
+
+def test_time_is_given_once() -> None:
+    q, tau = Signal("q", "rad"), Signal("tau", "N m")
+    with pytest.raises(errors.TimeBaseError, match="neither"):
+        Channels(q, tau)
+    with pytest.raises(errors.TimeBaseError, match="time='t' and rate_hz=100"):
+        Channels(q, tau, "t", rate_hz=100)
+
+
+@pytest.mark.parametrize(
+    "wrong",
+    [
+        {"channels": ()},
+        {"channels": ("q", "")},
+        {"side": "link"},
+        {"gain": (1.0, 2.0)},
+        {"gain": (0.0,)},
+        {"gain": (math.nan,)},
+        {"offset": (math.inf,)},
+        {"period": -1.0},
+    ],
+)
+def test_signals_that_contradict_themselves(wrong: dict[str, object]) -> None:
+    with pytest.raises(errors.SignalError, match="wanted"):
+        Signal(**({"channels": ("q",), "unit": "rad"} | wrong))  # type: ignore[arg-type]
+    with pytest.raises(errors.SignalError, match="rate_hz"):
+        Channels(Signal("q", "rad"), Signal("tau", "N m"), rate_hz=-1)
+
+
+def test_one_figure_stands_for_all_channels() -> None:
+    signal = Signal(["a", "b"], "rad", gain=(2.0,))  # type: ignore[arg-type]
+    assert (signal.channels, signal.gain, signal.offset) == (("a", "b"), (2.0, 2.0), (0.0, 0.0))
+
+
+@pytest.mark.parametrize(("names", "time"), [(("q", "q"), "t"), (("q", "tau"), "t"), (("q", "t"), "t")])
+def test_one_channel_in_two_places(names: tuple[str, ...], time: str) -> None:
+    with pytest.raises(errors.MappedTwiceError, match="is mapped twice"):
+        Channels(Signal(names, "rad"), Signal("tau", "N m"), time)
+
+
+# --- the value ---
+
+
+def test_a_log_keeps_its_channels_contiguous_and_unwritable() -> None:
+    channels = Channels(Signal(("a", "b"), "rad"), Signal("tau", "N m"), rate_hz=10)
+    position = np.arange(20.0).reshape(10, 2)
+    log = Log(Path("x"), "", np.arange(10) / 10, position, np.ones((10, 1)), channels)
+    position[0, 0] = 99
+    assert log.position[0, 0] == 0
+    assert log.position.T.flags.c_contiguous
+    assert (log.dt, log.rate_hz) == pytest.approx((0.1, 10))
+    with pytest.raises(ValueError, match="read-only"):
+        log.position[0, 0] = 1
+    with pytest.raises(dataclasses.FrozenInstanceError):
+        log.t = position[:, 0]  # type: ignore[misc]
+    with pytest.raises(errors.ShapeError, match="position"):
+        Log(Path("x"), "", np.arange(10) / 10, position.T, np.ones((10, 1)), channels)
+    with pytest.raises(errors.LogTooShortError):
+        Log(Path("x"), "", np.zeros(1), np.zeros((1, 2)), np.ones((1, 1)), channels)
+
+
+def test_every_error_of_a_log_is_tested() -> None:
+    tests = "".join(path.read_text() for path in Path(__file__).parent.glob("test_log_*.py"))
+    names = [cls.__name__ for cls in errors.LogError.__subclasses__()]
+    assert [name for name in names if f"errors.{name}" not in tests] == []

@@ -1,0 +1,72 @@
+"""What only the device can tell: degrees for radians, radians for degrees, exchanged channels."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from haptid import errors
+from haptid.log import Channels, Log, Signal, check_against
+from haptid.log.model import Side
+
+T = np.arange(500) / 100
+NAMES = ("A", "B")
+RANGES = ((-1.5, 1.5), (0.0, 3.0))
+
+
+def log(position: np.ndarray, unit: str = "rad", side: Side = "joint") -> Log:
+    """A log of two joints whose positions, (n, 2), are already in SI."""
+    channels = Channels(Signal(("q1", "q2"), unit, side), Signal("tau", "N m"), rate_hz=100)
+    return Log(Path("log"), "", T, position, np.ones((T.size, 1)), channels)
+
+
+def motion(scale: float = 1.0) -> np.ndarray:
+    return scale * np.column_stack([1.2 * np.sin(T), 1.5 + 1.2 * np.cos(T)])
+
+
+def test_sound_positions_pass() -> None:
+    for ranges in (RANGES, (None, None)):
+        assert check_against(log(motion()), ranges, (False, False), NAMES) == ()
+        assert check_against(log(motion(), "deg"), ranges, (False, False), NAMES) == ()
+
+
+def test_degrees_passed_as_radians() -> None:
+    with pytest.raises(
+        errors.LooksLikeDegreesError, match=r"joint A .* far beyond its limits -1\.5 \.\. 1\.5 rad"
+    ):
+        check_against(log(motion(57.3)), RANGES, (False, False), NAMES)
+    with pytest.raises(errors.LooksLikeDegreesError, match="turns; divided by"):
+        check_against(log(motion(57.3)), (None, None), (False, False), NAMES)
+
+
+def test_many_turns_within_limits_are_meant() -> None:
+    turns = np.column_stack([20 * np.sin(T), 1.5 + np.cos(T)])
+    assert check_against(log(turns), ((-25.0, 25.0), (0.0, 3.0)), (False, False), NAMES) == ()
+
+
+def test_sliding_joints_have_no_degrees() -> None:
+    assert check_against(log(motion(57.3)), (None, None), (True, True), NAMES) == ()
+    assert check_against(log(motion(0.001), "m"), (None, None), (True, True), NAMES) == ()
+
+
+def test_radians_passed_as_degrees() -> None:
+    for ranges in (RANGES, (None, None)):
+        with pytest.raises(errors.LooksLikeRadiansError, match="Give the position signal unit='rad'"):
+            check_against(log(motion(np.pi / 180), "deg"), ranges, (False, False), NAMES)
+
+
+def test_exchanged_channels() -> None:
+    a, b = np.column_stack([1.2 * np.sin(T), 2.0 + 0.5 * np.cos(T)]).T
+    ranges = ((-1.5, 1.5), (1.0, 3.0))
+    with pytest.raises(errors.SwappedChannelsError, match=r"joint A \(channel 'q1'\) reaches 2\.5"):
+        check_against(log(np.column_stack([b, a])), ranges, (False, False), NAMES)
+
+
+def test_a_joint_outside_its_limits_is_only_mentioned() -> None:
+    (sentence,) = check_against(log(motion()), ((-1.0, 1.0), (0.0, 3.0)), (False, False), NAMES)
+    assert "joint A runs from -1.2 to 1.2, outside its limits -1 .. 1" in sentence
+
+
+def test_motor_side_positions_are_not_compared() -> None:
+    assert check_against(log(motion(57.3), side="motor"), RANGES, (False, False), NAMES) == ()

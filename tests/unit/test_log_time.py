@@ -1,0 +1,215 @@
+"""Time base: a motion comes back from irregular, rounded, repeated and missing stamps."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from haptid import errors
+from haptid.log import Channels, Log, Signal, read_log
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+
+QUICK = settings(max_examples=25, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+
+
+def record(
+    folder: Path,
+    t: np.ndarray,
+    unit: str = "s",
+    rate_hz: float | None = None,
+    stretch: tuple[float, float] | None = None,
+    taken: np.ndarray | None = None,
+) -> Log:
+    """Read a motion of 1 rad at 1 Hz that was sampled at `taken` (s; the stamps where None) and stamped t."""
+    real = np.asarray(t, dtype=float) if taken is None else taken
+    path = folder / "log.npz"
+    np.savez(path, t=t, q=np.sin(2 * np.pi * real), tau=np.cos(2 * np.pi * real))
+    time = {"rate_hz": rate_hz} if rate_hz else {"time": "t", "time_unit": unit}
+    return read_log(path, Channels(Signal("q", "rad"), Signal("tau", "N m"), **time), stretch)  # type: ignore[arg-type]
+
+
+def error(log: Log, start: float = 0.0) -> tuple[float, float]:
+    """Largest error of position and of torque against the motion on the log's own grid."""
+    t = log.t + start
+    return (
+        float(np.abs(log.position[:, 0] - np.sin(2 * np.pi * t)).max()),
+        float(np.abs(log.torque[:, 0] - np.cos(2 * np.pi * t)).max()),
+    )
+
+
+@QUICK
+@given(
+    seed=st.integers(0, 2**32 - 1), jitter=st.floats(1e-5, 0.12), rate=st.sampled_from([200.0, 1000.0, 333.3])
+)
+def test_a_sine_with_irregular_stamps_is_recovered(
+    tmp_path: Path, seed: int, jitter: float, rate: float
+) -> None:
+    n = 1000
+    t = (np.arange(n) + np.random.default_rng(seed).uniform(-jitter, jitter, n)) / rate
+    t -= t[0]
+    log = record(tmp_path, t)
+    h = 2 * np.pi / rate
+    assert error(log) < (2 * h**4, 2 * h**2)
+    assert "irregular" in log.notes[0]
+    assert log.t.size == n
+    np.testing.assert_allclose(np.diff(log.t), log.dt, rtol=1e-9)
+    assert log.t[-1] == pytest.approx(t[-1], rel=1e-12)
+
+
+def test_irregular_stamps_of_a_long_log_go_piece_by_piece(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    t = (np.arange(3000) + np.random.default_rng(0).uniform(-0.1, 0.1, 3000)) / 1000
+    t -= t[0]
+    whole = record(tmp_path, t)
+    monkeypatch.setattr("haptid.log.time.PIECE", 256)
+    pieces = record(tmp_path, t)
+    np.testing.assert_allclose(pieces.position, whole.position, rtol=0, atol=1e-14)
+    np.testing.assert_allclose(pieces.torque, whole.torque, rtol=0, atol=1e-14)
+
+
+def test_regular_stamps_leave_the_samples_alone(tmp_path: Path) -> None:
+    t = np.arange(5000) * 0.0002 + 12.5
+    log = record(tmp_path, t)
+    np.testing.assert_array_equal(log.position[:, 0], np.sin(2 * np.pi * t))
+    assert log.notes == ("times count from the file's first stamp, 12.5 s",)
+    assert log.t[0] == 0
+
+
+@pytest.mark.parametrize(("unit", "per_second"), [("s", 1), ("ms", 1e3), ("us", 1e6), ("ns", 1e9)])
+def test_units_of_time(tmp_path: Path, unit: str, per_second: float) -> None:
+    log = record(tmp_path, np.arange(500) * 0.01 * per_second, unit, taken=np.arange(500) * 0.01)
+    assert log.rate_hz == pytest.approx(100, rel=1e-12)
+
+
+def test_stamps_of_the_epoch_in_nanoseconds_are_not_rounded(tmp_path: Path) -> None:
+    taken = np.arange(500) * 1_000_000
+    log = record(tmp_path, 1_700_000_000_123_456_789 + taken, "ns", taken=taken * 1e-9)
+    assert log.rate_hz == pytest.approx(1000, rel=1e-12)
+    assert error(log) < (1e-12, 1e-12)
+    assert all("irregular" not in note for note in log.notes)
+
+
+@pytest.mark.parametrize("rounding", [np.round, lambda t, d: np.floor(t * 10.0**d) / 10.0**d])
+def test_stamps_that_are_only_rounded_are_regular(tmp_path: Path, rounding: object) -> None:
+    taken = np.arange(1501) / 300
+    log = record(tmp_path, rounding(taken, 3), taken=taken)  # type: ignore[operator]
+    np.testing.assert_array_equal(log.position[:, 0], np.sin(2 * np.pi * taken))
+    assert log.rate_hz == pytest.approx(300, rel=1e-3)
+    assert "written to" in log.notes[0]
+
+
+def test_single_precision_stamps_of_a_long_log_are_regular(tmp_path: Path) -> None:
+    taken = np.arange(400_000) / 1000
+    log = record(tmp_path, taken.astype(np.float32), taken=taken)
+    assert log.rate_hz == pytest.approx(1000, rel=1e-6)
+    np.testing.assert_array_equal(log.torque[:, 0], np.cos(2 * np.pi * taken))
+
+
+@QUICK
+@given(places=st.lists(st.integers(1, 97), min_size=1, max_size=3, unique=True), length=st.integers(1, 3))
+def test_short_gaps_are_filled(tmp_path: Path, places: list[int], length: int) -> None:
+    t = np.arange(1000) / 200
+    lost = np.concatenate([np.arange(10 * p, 10 * p + length) for p in places])
+    log = record(tmp_path, np.delete(t, lost))
+    np.testing.assert_allclose(log.t, t, atol=1e-12)
+    assert error(log) < (1e-4, 2e-2)
+    kept = np.delete(np.arange(1000), lost)
+    np.testing.assert_allclose(log.position[kept, 0], np.sin(2 * np.pi * t[kept]), rtol=0, atol=1e-12)
+    assert f"{lost.size} missing samples" in log.notes[0]
+
+
+def test_gaps_in_rounded_stamps_are_filled_on_the_true_grid(tmp_path: Path) -> None:
+    taken = np.delete(np.arange(1501) / 300, [700, 701, 1200])
+    log = record(tmp_path, np.round(taken, 3), taken=taken)
+    assert log.t.size == 1501
+    assert error(log)[0] < 1e-4
+    assert len(log.notes) == 2
+
+
+def test_long_gap(tmp_path: Path) -> None:
+    t = np.delete(np.arange(1000) / 100, slice(400, 420))
+    with pytest.raises(
+        errors.GapError, match=r"no samples for 0\.21 s from t = 3\.99 s, 21 steps of 0\.01 s"
+    ) as caught:
+        record(tmp_path, t)
+    assert caught.value.length == pytest.approx(0.21)
+    assert record(tmp_path, t, stretch=(4.2, 9)).t.size == 481
+
+
+def test_many_short_gaps(tmp_path: Path) -> None:
+    t = np.delete(np.arange(1000) / 100, slice(5, None, 50))
+    with pytest.raises(errors.MissingSamplesError, match=r"20 samples are missing in 20 short gaps, 2 %"):
+        record(tmp_path, t)
+
+
+def test_backwards(tmp_path: Path) -> None:
+    t = np.concatenate([np.arange(200), np.arange(100)]) / 100
+    with pytest.raises(errors.TimeBackwardsError, match=r"at sample 200, from 1\.99 to 0 s"):
+        record(tmp_path, t)
+    with pytest.raises(errors.TimeBackwardsError, match="and at 1 more places"):
+        record(tmp_path, np.concatenate([t, np.arange(100) / 100]))
+
+
+def test_overflowed_unsigned_counter_runs_backwards(tmp_path: Path) -> None:
+    t = (np.arange(200, dtype=np.uint64) * 1000 + 2**32 - 50_000).astype(np.uint32)
+    with pytest.raises(errors.TimeBackwardsError, match="at sample 50"):
+        record(tmp_path, t, "us")
+
+
+def test_repeated_rows_are_dropped(tmp_path: Path) -> None:
+    t = np.insert(np.arange(1000) / 100, [300, 301, 302, 600], np.array([299, 300, 301, 599]) / 100)
+    log = record(tmp_path, t)
+    np.testing.assert_allclose(log.t, np.arange(1000) / 100, atol=1e-12)
+    assert error(log) < (1e-12, 1e-12)
+    assert "4 samples repeat the one before, first at t = 2.99 s" in log.notes[0]
+
+
+def test_repeated_stamps_on_other_samples(tmp_path: Path) -> None:
+    taken = np.arange(1000) / 100
+    t = taken.copy()
+    t[500] = t[499]
+    with pytest.raises(errors.RepeatedStampError, match=r"sample 500 .* channel 'q' has different values"):
+        record(tmp_path, t, taken=taken)
+
+
+def test_stamps_coarser_than_the_sampling(tmp_path: Path) -> None:
+    taken = np.arange(1000) / 2000
+    with pytest.raises(errors.RepeatedStampError, match=r"above the limit of 1 %.*give `rate_hz`"):
+        record(tmp_path, np.floor(taken * 1000), "ms", taken=taken)
+
+
+def test_missing_stamps(tmp_path: Path) -> None:
+    for k in (0, 7):
+        t = np.arange(100) / 100
+        t[k] = np.nan
+        with pytest.raises(errors.NonFiniteError, match=f"'t' .* 1 sample, first at sample {k}"):
+            record(tmp_path, t, taken=np.arange(100) / 100)
+
+
+def test_a_rate_in_place_of_stamps(tmp_path: Path) -> None:
+    taken = np.arange(500) / 250
+    log = record(tmp_path, np.zeros(500), rate_hz=250, taken=taken, stretch=(0.5, 1.5))
+    np.testing.assert_allclose(log.t, np.arange(125, 376) / 250)
+    assert error(log) < (1e-12, 1e-12)
+
+
+def test_stretch(tmp_path: Path) -> None:
+    t = 3 + np.arange(1000) / 100
+    log = record(tmp_path, t, stretch=(2, 5))
+    assert (log.t[0], log.t[-1]) == pytest.approx((2, 5))
+    assert error(log, start=3.0) < (1e-12, 1e-12)
+    assert "kept from 2 to 5 s: 301 of 1000 samples" in log.notes
+    for stretch in ((5, 2), (20, 30), (np.nan, 1), (3, 3.005)):
+        with pytest.raises((errors.StretchError, errors.LogTooShortError)):
+            record(tmp_path, t, stretch=stretch)
+    with pytest.raises(errors.StretchError, match=r"\(20, 30\) s\. The log runs from 0 to 9\.99 s"):
+        record(tmp_path, t, stretch=(20, 30))
+
+
+def test_too_short(tmp_path: Path) -> None:
+    with pytest.raises(errors.LogTooShortError, match="49 samples, below the limit of 50"):
+        record(tmp_path, np.arange(49) / 100)
+    assert record(tmp_path, np.arange(50) / 100).t.size == 50
