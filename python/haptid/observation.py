@@ -266,6 +266,8 @@ class Plan:
         columns = tuple(int(c) for c in np.flatnonzero(selection.any(axis=1)))
         tail = np.cumsum(np.abs(taps)) / np.abs(taps).sum()
         guard = half - int(np.argmax(tail > OUTSIDE_GUARD / 2)) if half else 0
+        if treatment.guard is not None:
+            guard = min(half, round(treatment.guard / motion.dt))
         return Plan(device, motion, taps, low + half, rows, block, guard, columns, selection[list(columns)])
 
     def segments(self) -> Iterator[tuple[int, int]]:

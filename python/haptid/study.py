@@ -66,6 +66,9 @@ class TreatmentTable(_Table):
     decimation: int = Field(1, ge=1, description="one row is kept of so many samples")
     parallel_cutoff_hz: Positive | None = Field(None, description="-3 dB of the filter that torque and W share, Hz")
     low_speed: Finite | list[Finite] = Field(0.0, description="rows slower than this are dropped, rad/s or m/s")
+    guard: Annotated[float, Field(ge=0, allow_inf_nan=False)] | None = Field(
+        None, description="rows this near slow motion are dropped too, s; default: the parallel filter's half width"
+    )
     block: Positive = Field(1.0, description="length of a time block, s")
 
 

@@ -19,10 +19,11 @@ from haptid.log import Log
 
 # The impulse response of a filter is taken to have died out where what is left of it weighs less than this.
 SETTLED = 1e-3
-# Kaiser window of the parallel filter: about 60 dB of stop band.
-KAISER_BETA = 5.65
-# Half length of the parallel filter, in decimated samples.
-HALF_LENGTH = 10
+# Kaiser window of the parallel filter: about 50 dB of stop band.
+KAISER_BETA = 4.5
+# Half length of the parallel filter, in decimated samples. A longer one is sharper, and spreads every disturbance
+# (a reversal, an end of the log, a held-out block's edge) over more rows.
+HALF_LENGTH = 5
 
 
 @dataclass(frozen=True)
@@ -36,7 +37,8 @@ class Treatment:
         parallel_cutoff_hz: -3 dB of the filter that torque and columns share, Hz; None is 0.8 of what decimation
             can carry, and no filter at all where `decimation` is 1.
         low_speed: a motor's row is dropped where a coordinate with Coulomb friction moves slower than this anywhere
-            near the row, rad/s or m/s; one figure, or one for each motor.
+            within `guard` of the row, rad/s or m/s; one figure, or one for each row of torque.
+        guard: s; None is the half width of the parallel filter's main part.
         block: length of a time block, s.
     """
 
@@ -45,6 +47,7 @@ class Treatment:
     decimation: int = 1
     parallel_cutoff_hz: float | None = None
     low_speed: float | tuple[float, ...] = 0.0
+    guard: float | None = None
     block: float = 1.0
 
     def __post_init__(self) -> None:
@@ -54,6 +57,8 @@ class Treatment:
             value = getattr(self, name)
             if value is not None and not (np.isfinite(value) and value > 0):
                 raise TreatmentValueError(name, value, "a finite number above zero")
+        if self.guard is not None and not (np.isfinite(self.guard) and self.guard >= 0):
+            raise TreatmentValueError("guard", self.guard, "a finite time, 0 or more")
         if not (isinstance(self.order, int) and 1 <= self.order <= 12):
             raise TreatmentValueError("order", self.order, "a whole number from 1 to 12")
         if not (isinstance(self.decimation, int) and self.decimation >= 1):

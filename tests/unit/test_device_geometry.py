@@ -78,7 +78,8 @@ def test_placement_turns_about_its_axis(
 ) -> None:
     xyz, rpy, axis = list(row[:3]), list(row[3:6]), np.array(row[6:])
     text = (
-        f'convention = "placement"\n[[joints]]\nname = "a"\ntype = "{"prismatic" if slides else "revolute"}"\n'
+        'convention = "placement"\n[[joints]]\nname = "a"\n'
+        f'type = "{"prismatic" if slides else "revolute"}"\n'
         f"xyz = {xyz}\nrpy = {rpy}\naxis = {axis.tolist()}\n[handle]\nlink = 'a'\nxyz = [0.1, 0.2, 0.3]\n"
     )
     device = read_device(written(tmp_path_factory.mktemp("g"), text))

@@ -15,8 +15,9 @@ from hypothesis import strategies as st
 LENGTH = st.floats(0.05, 1.0)
 
 
-def four_bar(arm: float, lever: float, coupler: float, end: float, extra: str = "", loop: str = "") -> str:
-    """Arm and lever on one axis, a forearm on the arm, a coupler on the lever; cut between coupler and forearm."""
+def four_bar(arm: float, lever: float, coupler: float, end: float, loop: str = "") -> str:
+    """Arm and lever on one axis, a forearm on the arm, a coupler on the lever, joined by the cut."""
+    frames = f'frame = {{ d = {coupler!r} }}, with = "forearm", twin = {{ d = {end!r} }}'
     return f"""
 name = "four-bar"
 gravity = [0, -9.81, 0]
@@ -33,10 +34,9 @@ d = {arm!r}
 name = "coupler"
 parent = "lever"
 d = {lever!r}
-{extra}
 [[loops]]
 passive = ["forearm", "coupler"]
-{loop or f'cut = {{ on = "coupler", frame = {{ d = {coupler!r} }}, with = "forearm", twin = {{ d = {end!r} }} }}'}
+{loop or f'cut = {{ on = "coupler", {frames} }}'}
 """
 
 
@@ -129,7 +129,7 @@ def test_one_relation_given_and_the_other_derived(tmp_path: Path) -> None:
 def test_a_loop_that_cannot_close_says_by_how_much(tmp_path: Path) -> None:
     with pytest.raises(LoopOpenError, match="does not close") as caught:
         device_of(tmp_path, four_bar(0.1, 0.1, 1.0, 0.1))
-    # Arm, lever and forearm reach 0.3 of the coupler's 1.0; the solver's least squares spread what is missing.
+    # Arm, lever and forearm reach 0.3 of the coupler's 1.0; least squares spread what is missing.
     assert 0.2 < caught.value.gap < 0.71
 
 

@@ -97,7 +97,7 @@ BROKEN = [
         swap("position = [-1.0, 2.0]", "velocity = 0"),
         ["joints[2].limits.velocity", "above zero"],
     ),
-    ("DeviceValueError", swap('name = "2"', 'name = "2 b"'), ["joints[1].name", "'2 b'", "pattern"]),
+    ("DeviceValueError", swap('name = "2"', 'name = "2 b"'), ["joints[1].name", "'2 b'", "underscores"]),
     (
         "DeviceValueError",
         swap('name = "2"', 'name = "2"\ntype = "spherical"'),
@@ -240,7 +240,8 @@ BROKEN = [
     ),
     (
         "NonlinearLoopError",
-        'name = "b"\ngravity = [0, 0, 0]\n[[joints]]\nname = "1"\n[[joints]]\nname = "2"\nd = 0.2\n[[joints]]\nname = "3"\n'
+        'name = "b"\ngravity = [0, 0, 0]\n[[joints]]\nname = "1"\n[[joints]]\nname = "2"\nd = 0.2\n'
+        '[[joints]]\nname = "3"\n'
         'd = 0.5\n[[loops]]\npassive = ["2", "3"]\n'
         'cut = { on = "3", frame = { d = 0.25 }, with = "base", twin = { d = 0.5 } }',
         ["loops: ", "Only linear loops", "varies by"],
@@ -264,7 +265,8 @@ BROKEN = [
     (
         "TransmissionError",
         add(
-            '[[motors]]\nname = "a"\ndrives = { 1 = 1, 2 = 1 }\n[[motors]]\nname = "b"\ndrives = { 1 = 2, 2 = 2 }'
+            '[[motors]]\nname = "a"\ndrives = { 1 = 1, 2 = 1 }\n'
+            '[[motors]]\nname = "b"\ndrives = { 1 = 2, 2 = 2 }'
         ),
         ["motors: ", "rank 2, wanted 3"],
     ),

@@ -131,7 +131,7 @@ def test_tx40_groupings_are_the_published_ones() -> None:
 
 
 def test_phantom_priors_give_the_torque_of_the_published_constants() -> None:
-    # Golden numbers of the corrected model of Tahmasebi et al. (2005) with Cavusoglu's constants, no friction.
+    # Corrected model of Tahmasebi et al. (2005) with Cavusoglu's constants, without friction.
     device = read_device("phantom_premium_15")
     q, v, a = (np.array([row]).T for row in ([0.3, 0.4, 0.5], [0.7, -0.5, 0.9], [1.1, -0.8, 0.6]))
     raw = list(range(len(device.parameters.raw)))

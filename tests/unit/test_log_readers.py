@@ -306,7 +306,7 @@ def test_content_counts_and_not_the_suffix(tmp_path: Path, kind: str, suffix: st
         read_log(path.rename(tmp_path / f"renamed{suffix}"))
 
 
-@pytest.mark.parametrize("kind", [".parquet", ".npz", ".h5", ".mat", ".mat struct", ".mat 7.3"])
+@pytest.mark.parametrize("kind", [".csv", ".parquet", ".npz", ".h5", ".mat", ".mat struct", ".mat 7.3"])
 @QUICK
 @given(
     share=st.floats(0.0, 0.999),
@@ -325,7 +325,7 @@ def test_damaged_files_are_haptid_errors_or_fine(
         read_log(path, channels)
     except errors.LogError:
         return
-    assert flips, "a file cut short cannot be read"
+    assert flips or kind == ".csv", "a binary file cut short cannot be read"
 
 
 def test_corrupt_file_is_chained_from_its_library(tmp_path: Path) -> None:

@@ -80,6 +80,7 @@ def test_a_motion_keeps_what_it_was_given_and_nobody_can_write_to_it():
         {"low_speed": -0.1},
         {"low_speed": (0.1, float("inf"))},
         {"block": 0.0},
+        {"guard": -0.1},
         {"parallel_cutoff_hz": 0.0},
     ],
 )

@@ -93,7 +93,7 @@ def number(value: float | str, lengths: Mapping[str, float], place: Place) -> fl
     """A number from the file: as it stands, or arithmetic over pi and named lengths.
 
     Raises:
-        ExpressionError: the text is not such arithmetic, or its value is not finite.
+        ExpressionError: the text is not such arithmetic, or its value is not finite or beyond LARGEST.
         UnknownNameError: it uses a name that is not a length.
     """
     if isinstance(value, str):
@@ -104,8 +104,9 @@ def number(value: float | str, lengths: Mapping[str, float], place: Place) -> fl
             made = float(_evaluate(tree, known))
     else:
         made = float(value)
-    if not math.isfinite(made):
-        raise ExpressionError(str(place), str(value), f"its value is {made}", "Write a finite number.")
+    if not abs(made) <= LARGEST:  # nan is not
+        found = f"its value is {made:g}, limit {LARGEST:.0e}"
+        raise ExpressionError(str(place), str(value), found, "Write a finite number, in SI units.")
     return made
 
 

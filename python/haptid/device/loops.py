@@ -14,7 +14,7 @@ from haptid.device.expressions import Linear, relation
 from haptid.device.geometry import Reader, frame_on
 from haptid.device.model import Closure, Cut, Joint
 from haptid.device.place import Place
-from haptid.device.schema import LoopTable
+from haptid.device.schema import CutTable, LoopTable
 from haptid.errors import (
     ActiveJointError,
     LoopOpenError,
@@ -82,14 +82,7 @@ def read_loops(
         for name, value in table.guess.items():
             guess[_found(name, index, here.at("guess", name))] = reader.number(value, here.at("guess", name))
         if table.cut is not None:
-            frames = [
-                frame_on(joints, _found(name, {**index, "base": -1}, here.at("cut", key)), local, base)
-                for key, name, local in (
-                    ("on", table.cut.on, reader.frame(table.cut.frame, here.at("cut", "frame"))),
-                    ("with", table.cut.with_, reader.frame(table.cut.twin, here.at("cut", "twin"))),
-                )
-            ]
-            cuts.append(Cut(table.cut.type == "prismatic", *frames))
+            cuts.append(_cut(table.cut, joints, base, reader, here.at("cut")))
         elif not table.relations:
             raise RelationError(
                 str(here),
@@ -157,6 +150,17 @@ def close(joints: Sequence[Joint], active: tuple[int, ...], loops: Loops) -> tup
             raise LoopOpenError(str(loops.place), error, CLOSED * chain.size, how)
     relations = tuple(relation_text(names, j, active, G[j], offset[j]) for j in loops.passive)
     return Closure(G, offset, error, relations, loops.cuts), notes
+
+
+def _cut(table: CutTable, joints: Sequence[Joint], base: Array, reader: Reader, place: Place) -> Cut:
+    """A cut joint, its two frames in normal form."""
+    index = {"base": -1, **{joint.name: k for k, joint in enumerate(joints)}}
+    on, twin = _found(table.on, index, place.at("on")), _found(table.with_, index, place.at("with"))
+    return Cut(
+        table.type == "prismatic",
+        frame_on(joints, on, reader.frame(table.frame, place.at("frame")), base),
+        frame_on(joints, twin, reader.frame(table.twin, place.at("twin")), base),
+    )
 
 
 def _found(name: str, index: Mapping[str, int], place: Place) -> int:

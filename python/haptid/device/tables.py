@@ -24,8 +24,8 @@ from haptid.errors import (
 
 # A device file is some kilobytes; a file beyond this is something else.
 LARGEST_FILE = 1_000_000
-# Errors of these types are shown before the others: a misspelt key is the cause of the missing one, and where a key
-# takes one kind of value or another, these say more than that it is not the other.
+# Errors of these types are shown before the others: a misspelt key is the cause of the missing one, and where
+# a key takes one kind of value or another, these say more than that it is not the other.
 FIRST = ("extra_forbidden", "missing", "value_error")
 # What to write instead, where pydantic's own words are not a user's.
 INSTEAD = {
@@ -123,18 +123,26 @@ def _first_error(error: ValidationError, file: str, data: Any, model: type[BaseM
         )
     if kind == "missing":
         return DeviceKeyError(
-            str(place), "this key is missing", f"Write {steps[-1]} = ... in {_table(steps[:-1])}."
+            str(place), "this key is missing", f"Write {steps[-1]} = ... {_table(steps[:-1])}."
         )
     if kind == "union_tag_not_found":
         return DeviceKeyError(
-            str(place.at("kind")), "this key is missing", f"Write kind = ..., one of {_kinds()}."
+            str(place.at("kind")), "this key is missing", f"Write kind = ..., one of {', '.join(_kinds())}."
         )
     if kind == "union_tag_invalid":
         return UnknownNameError(str(place.at("kind")), "kind of term", str(context["tag"]), _kinds())
-    wanted = detail["msg"].removeprefix("Value error, ")
+    wanted = INSTEAD.get(kind, detail["msg"].removeprefix("Value error, "))
     return DeviceValueError(
         str(place), f"found {_shown(detail['input'])}", f"{wanted[:1].upper()}{wanted[1:]}."
     )
+
+
+def _rank(detail: Any) -> int:
+    """Place in the queue of one of several errors; a wrong word is told by the words that there are."""
+    kind = detail["type"]
+    if kind == "literal_error" and isinstance(detail["input"], str):
+        return len(FIRST)
+    return FIRST.index(kind) if kind in FIRST else len(FIRST) + 1 + (kind == "literal_error")
 
 
 def _steps(loc: tuple[int | str, ...], data: Any) -> list[str | int]:
@@ -190,8 +198,8 @@ def _kinds() -> list[str]:
 def _table(steps: list[str | int]) -> str:
     names = [str(step) for step in steps if isinstance(step, str)]
     if not names:
-        return "the top of the file"
-    return f"[[{'.'.join(names)}]]" if isinstance(steps[-1], int) else f"[{'.'.join(names)}]"
+        return "at the top of the file"
+    return f"in [[{'.'.join(names)}]]" if isinstance(steps[-1], int) else f"in [{'.'.join(names)}]"
 
 
 def _shown(value: Any) -> str:

@@ -31,6 +31,8 @@ JUMP_COUNTS = 20.0
 # and than this many rad or m. A few steps may be jumps, so the largest JUMPS_ASIDE never count as usual.
 JUMP_SI = 1e-3
 JUMPS_ASIDE = 4
+# From that many steps on, every other one, or third, ... tells what is usual.
+SAMPLED = 2**18
 # Counters that wrap have at least this many bits.
 SMALLEST_PERIOD = 2.0**10
 # A torque is saturated if it stays at its extreme for so many samples in a row, for this share of the log,
@@ -126,8 +128,9 @@ def jumps(path: Path, name: str, column: Array, stamps: Array, signal: Signal, s
             first = int(np.argmax(wraps)) + 1
             count = int(np.count_nonzero(wraps))
             raise WrappedPositionError(path, name, float(stamps[first]), turn, signal.unit, count)
-    rank = max(min(int(0.999 * (steps.size - 1)), steps.size - 1 - JUMPS_ASIDE), 0)
-    usual = float(np.partition(steps, rank)[rank])
+    sample = steps[:: max(1, steps.size // SAMPLED)]
+    rank = max(min(int(0.999 * (sample.size - 1)), sample.size - 1 - JUMPS_ASIDE), 0)
+    usual = float(np.partition(sample, rank)[rank])
     if largest > JUMP * usual and largest * abs(si) > JUMP_SI:
         smallest = float(steps.min(where=steps > 0, initial=np.inf))
         if largest > JUMP_COUNTS * smallest:
@@ -151,7 +154,7 @@ def unwrapped(column: Array, signal: Signal) -> tuple[Array, int]:
     return straight, count
 
 
-def saturated(path: Path, name: str, column: Array, moving: NDArray[np.bool_], signal: Signal) -> str | None:
+def saturated(path: Path, name: str, column: Array, bits: NDArray[np.uint8], signal: Signal) -> str | None:
     """Refuse a torque that was cut off at its extreme, unless that is allowed; then say so.
 
     A coarse torque also repeats its extreme, see `NEXT_SHARE`, and so does one at rest, which does not count.
@@ -159,7 +162,8 @@ def saturated(path: Path, name: str, column: Array, moving: NDArray[np.bool_], s
     Args:
         path, name: of the file and of the channel.
         column: (m,), in the unit of the file.
-        moving: whether its position, or any where they are not in pairs, changed at the sample, (m,).
+        bits: whether its position changed from each sample to the next (any position, where they are not in
+            pairs), packed, (m - 1,).
         signal: the torques.
     """
     for extreme, sign in ((float(column.max()), 1.0), (float(column.min()), -1.0)):
@@ -170,6 +174,7 @@ def saturated(path: Path, name: str, column: Array, moving: NDArray[np.bool_], s
         beside = column.max(where=~at, initial=-np.inf) if sign > 0 else column.min(where=~at, initial=np.inf)
         if np.count_nonzero(column == beside) >= NEXT_SHARE * level:
             continue
+        moving = np.unpackbits(bits, count=column.size - 1).view(bool)
         share = _held(at, moving) / column.size
         if share > HELD_SHARE:
             if not signal.allow_saturation:
@@ -185,6 +190,7 @@ def _held(at: NDArray[np.bool_], moving: NDArray[np.bool_]) -> int:
     """Number of samples in runs of at least `HELD_SAMPLES` during which something moves."""
     edges = np.flatnonzero(np.diff(at, prepend=False, append=False))
     begin, end = edges[::2], edges[1::2]
-    moved = np.insert(np.cumsum(moving), 0, 0)
-    counts = (end - begin >= HELD_SAMPLES) & (moved[end] > moved[np.minimum(begin + 1, end)])
+    moves = np.flatnonzero(moving)  # the sample before each move
+    moved = np.searchsorted(moves, end - 1) > np.searchsorted(moves, begin)
+    counts = (end - begin >= HELD_SAMPLES) & moved
     return int((end - begin)[counts].sum())

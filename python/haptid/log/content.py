@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, TypeAlias
@@ -15,13 +15,13 @@ from haptid.errors import CorruptLogError, LogError, OversizedLogError, WrongCon
 Column: TypeAlias = NDArray[Any]
 Address: TypeAlias = tuple[slice | int, ...]
 
-# A member that is larger than this once unpacked, and by more than this ratio to what is stored, is refused.
+# A member larger than this once unpacked, and by more than this ratio to its stored bytes, is refused.
 SIZE_LIMIT = 2**30
 RATIO_LIMIT = 200.0
 # An array whose shorter side is longer than this is a matrix and not a set of channels.
 MOST_CHANNELS = 1000
 
-# No quantity of a robot is larger in any unit; what is comes from damaged bytes, and its square would overflow.
+# No quantity of a robot is larger in any unit; what is comes from damaged bytes, and powers of it overflow.
 LARGEST = 1e30
 
 MAGIC = (
@@ -97,6 +97,51 @@ def usable(column: Column) -> NDArray[np.bool_]:
 def numeric(dtype: np.dtype[Any]) -> bool:
     """Whether an array of this type can be a channel."""
     return dtype.kind in "iuf"
+
+
+def collect(wanted: Sequence[str], columns: Iterator[tuple[str, Column]]) -> dict[str, Column]:
+    """Columns as they come, gathered as rows of one float64 block in the order they are wanted.
+
+    A signal's channels are then contiguous and are used where they are: a log is never in memory twice.
+    Integers stay apart (stamps in ns need all their digits), and so do channels that lie in a block already.
+    """
+    places = {name: k for k, name in enumerate(dict.fromkeys(wanted))}
+    block: NDArray[np.float64] | None = None
+    out: dict[str, Column] = {}
+    for name, column in columns:
+        if block is None and column.dtype.kind == "f":
+            block = np.empty((len(places), column.size))
+        if (
+            block is None
+            or column.dtype.kind != "f"
+            or column.size != block.shape[1]
+            or block_of([column], len(places)) is not None
+        ):
+            out[name] = column
+        else:
+            out[name] = block[places[name]]
+            out[name][:] = column
+    return out
+
+
+def block_of(columns: Sequence[Column], most: int) -> NDArray[np.float64] | None:
+    """The block, (columns, n), whose rows the columns are in order; None where they do not follow each other.
+
+    Args:
+        columns: each (n,); only writable float64 can be a block.
+        most: a block this many times larger than a column is not worth keeping in memory for them.
+    """
+    head = columns[0]
+    owner = head.base
+    owned = owner.nbytes if isinstance(owner, np.ndarray) else len(owner) if isinstance(owner, bytes) else 0
+    if not 0 < owned <= most * head.nbytes:
+        return None
+    for k, column in enumerate(columns):
+        follows = column.base is owner and column.ctypes.data == head.ctypes.data + k * head.nbytes
+        plain = column.dtype == np.float64 and column.flags.c_contiguous and column.flags.writeable
+        if not (follows and plain and column.size == head.size):
+            return None
+    return np.lib.stride_tricks.as_strided(head, (len(columns), head.size), (head.nbytes, head.itemsize))
 
 
 def addresses(name: str, shape: tuple[int, ...]) -> dict[str, Address]:

@@ -26,7 +26,8 @@ from haptid.log.content import Column, opened, require
 KIND = "CSV"
 SEPARATORS = (";", "\t", ",")
 HEAD_BYTES = 2**20
-BLOCK_BYTES = 2**22
+# Longer than any row, and short: the reader holds about forty blocks.
+BLOCK_BYTES = 2**19
 COMMENT = re.compile(r"\s*[#%]")
 NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?|[+-]?(nan|inf|infinity)", re.IGNORECASE)
 DECIMAL_COMMA = re.compile(r"[+-]?\d*,\d+([eE][+-]?\d+)?")
@@ -75,7 +76,7 @@ def columns(path: Path, wanted: Sequence[str]) -> dict[str, Column]:
     if not indices:
         return {}
     bound = _row_bound(path, dialect)
-    out = {name: np.empty(bound) for name in indices}
+    out = dict(zip(indices, np.empty((len(indices), bound)), strict=True))
     row = 0
     try:
         for batch in _batches(path, dialect, [str(k) for k in indices.values()]):
@@ -157,21 +158,22 @@ def _cells(text: str, separator: str) -> list[str]:
 
 
 def _row_bound(path: Path, dialect: Dialect) -> int:
-    """At least the number of rows.
+    """The number of rows, and of blank lines between them.
 
     Raises:
         EmptyLogError: a header without rows.
     """
-    newlines, returns, blank = 0, 0, True
+    newlines, returns, blank, last = 0, 0, True, b""
     with path.open("rb") as file:
         file.seek(dialect.start)
         while block := file.read(BLOCK_BYTES):
             newlines += block.count(b"\n")
             returns += block.count(b"\r") if not newlines else 0
             blank = blank and not block.strip()
+            last = block[-1:]
     if blank:
         raise EmptyLogError(path, "a header and no rows")
-    return max(newlines, returns) + 1
+    return max(newlines, returns) + (last not in b"\r\n")
 
 
 def _fault(path: Path, dialect: Dialect, indices: dict[str, int]) -> LogError | None:

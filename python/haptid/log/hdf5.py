@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -10,7 +10,7 @@ import h5py
 import numpy as np
 
 from haptid.errors import ForeignDataError, NotNumericError
-from haptid.log.content import Address, Column, addresses, guard, numeric, opened, require
+from haptid.log.content import Address, Column, addresses, collect, guard, numeric, opened, require
 
 KIND = "HDF5"
 # Classes of MATLAB that are stored as integers and are not numbers.
@@ -36,26 +36,22 @@ def columns(path: Path, wanted: Sequence[str]) -> dict[str, Column]:
         OversizedLogError: a dataset declares far more than is stored of it.
     """
     require(path, KIND, "HDF5", "MAT 7.3")
-    out: dict[str, Column] = {}
     with opened(path, KIND), h5py.File(path, "r", locking=False) as file:
-        for dataset in _datasets(file):
-            name = _flat(dataset)
-            found = _channels(dataset)
-            asked = [w for w in wanted if w in found or w == name]
-            if not asked:
-                continue
-            if not _numbers(dataset):
-                raise NotNumericError(path, name, f"values of type {dataset.dtype}")
-            if dataset.external or dataset.is_virtual:
-                raise ForeignDataError(path, name)
-            guard(
-                path,
-                f"dataset {name!r}",
-                dataset.size * dataset.dtype.itemsize,
-                dataset.id.get_storage_size(),
-            )
-            out.update((w, np.asarray(dataset[found[w]])) for w in asked if w in found)
-    return out
+        return collect(wanted, _columns(path, file, wanted))
+
+
+def _columns(path: Path, file: h5py.File, wanted: Sequence[str]) -> Iterator[tuple[str, Column]]:
+    for dataset in _datasets(file):
+        name, found = _flat(dataset), _channels(dataset)
+        asked = [w for w in wanted if w in found or w == name]
+        if not asked:
+            continue
+        if not _numbers(dataset):
+            raise NotNumericError(path, name, f"values of type {dataset.dtype}")
+        if dataset.external or dataset.is_virtual:
+            raise ForeignDataError(path, name)
+        guard(path, f"dataset {name!r}", dataset.size * dataset.dtype.itemsize, dataset.id.get_storage_size())
+        yield from ((w, np.asarray(dataset[found[w]])) for w in asked if w in found)
 
 
 def _datasets(file: h5py.File) -> list[Any]:

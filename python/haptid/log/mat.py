@@ -14,7 +14,7 @@ from scipy import io
 
 from haptid.errors import CorruptLogError, NotNumericError
 from haptid.log import hdf5
-from haptid.log.content import Column, addresses, guard, numeric, opened, require
+from haptid.log.content import Column, addresses, collect, guard, numeric, opened, require
 
 KIND = "MAT"
 HEADER_BYTES = 128
@@ -40,15 +40,18 @@ def columns(path: Path, wanted: Sequence[str]) -> dict[str, Column]:
     """
     if require(path, KIND, "MAT 5", "MAT 7.3", "HDF5") != "MAT 5":
         return hdf5.columns(path, wanted)
-    variables = sorted({name.split(".")[0].split("[")[0] for name in wanted})
-    out: dict[str, Column] = {}
-    for variable, value in _load(path, variables).items():
-        for name, array in _leaves(variable, value):
+    return collect(wanted, _columns(path, wanted))
+
+
+def _columns(path: Path, wanted: Sequence[str]) -> Iterator[tuple[str, Column]]:
+    """Variable by variable, so that only one is in memory beside what is collected."""
+    for variable in dict.fromkeys(name.split(".")[0].split("[")[0] for name in wanted):
+        leaves = (leaf for name, value in _load(path, [variable]).items() for leaf in _leaves(name, value))
+        for name, array in leaves:
             found = addresses(name, array.shape) if numeric(array.dtype) else {}
             if name in wanted and not numeric(array.dtype):
                 raise NotNumericError(path, name, f"values of type {array.dtype}")
-            out.update((channel, array[index]) for channel, index in found.items() if channel in wanted)
-    return out
+            yield from ((channel, array[index]) for channel, index in found.items() if channel in wanted)
 
 
 def _load(path: Path, variables: list[str] | None) -> dict[str, Any]:

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.lib import format as npy
 
 from haptid.errors import CorruptLogError, NotNumericError, PickledLogError, RepeatedNameError
-from haptid.log.content import Column, addresses, guard, numeric, opened, require
+from haptid.log.content import Column, addresses, collect, guard, numeric, opened, require
 
 KIND = "NPZ"
 
@@ -47,15 +47,17 @@ def columns(path: Path, wanted: Sequence[str]) -> dict[str, Column]:
         OversizedLogError: an array declares far more than is stored of it.
     """
     require(path, KIND, "a ZIP archive")
-    out: dict[str, Column] = {}
     with opened(path, KIND), zipfile.ZipFile(path) as archive:
-        for name, info in _members(path, archive).items():
-            asked = [w for w in wanted if w == name or w.startswith(f"{name}[")]
-            if asked:
-                array = _array(path, archive, name, info)
-                found = addresses(name, array.shape)
-                out.update((w, array[found[w]]) for w in asked if w in found)
-    return out
+        return collect(wanted, _columns(path, archive, wanted))
+
+
+def _columns(path: Path, archive: zipfile.ZipFile, wanted: Sequence[str]) -> Iterator[tuple[str, Column]]:
+    for name, info in _members(path, archive).items():
+        asked = [w for w in wanted if w == name or w.startswith(f"{name}[")]
+        if asked:
+            array = _array(path, archive, name, info)
+            found = addresses(name, array.shape)
+            yield from ((w, array[found[w]]) for w in asked if w in found)
 
 
 def _members(path: Path, archive: zipfile.ZipFile) -> dict[str, zipfile.ZipInfo]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -10,9 +10,11 @@ import pyarrow as pa
 from pyarrow import parquet, types
 
 from haptid.errors import NotNumericError, RepeatedNameError
-from haptid.log.content import Column, guard, opened, require
+from haptid.log.content import Column, collect, guard, opened, require
 
 KIND = "Parquet"
+BATCH_ROWS = 2**16
+BUFFER_BYTES = 2**20
 
 
 def names(path: Path) -> list[str]:
@@ -30,19 +32,21 @@ def columns(path: Path, wanted: Sequence[str]) -> dict[str, Column]:
         OversizedLogError: a column declares far more rows than its bytes can be taken to hold.
     """
     require(path, KIND, "Parquet")
-    out: dict[str, Column] = {}
-    with opened(path, KIND), parquet.ParquetFile(path) as file:
-        schema, stored = file.schema_arrow, _stored(file.metadata)
-        for name in wanted:
-            if name not in schema.names or name in out:
-                continue
-            if schema.names.count(name) > 1:
-                raise RepeatedNameError(path, name)
-            if not _numeric(schema.field(name).type):
-                raise NotNumericError(path, name, str(schema.field(name).type))
-            guard(path, f"column {name!r}", 8 * file.metadata.num_rows, stored.get(name, 0))
-            out[name] = _column(file, name)
-    return out
+    with opened(path, KIND), parquet.ParquetFile(path, pre_buffer=False, buffer_size=BUFFER_BYTES) as file:
+        return collect(wanted, _columns(path, file, wanted))
+
+
+def _columns(path: Path, file: parquet.ParquetFile, wanted: Sequence[str]) -> Iterator[tuple[str, Column]]:
+    schema, stored = file.schema_arrow, _stored(file.metadata)
+    for name in wanted:
+        if name not in schema.names:
+            continue
+        if schema.names.count(name) > 1:
+            raise RepeatedNameError(path, name)
+        if not _numeric(schema.field(name).type):
+            raise NotNumericError(path, name, str(schema.field(name).type))
+        guard(path, f"column {name!r}", 8 * file.metadata.num_rows, stored.get(name, 0))
+        yield name, _column(file, name, schema.field(name).type)
 
 
 def _numeric(kind: pa.DataType) -> bool:
@@ -59,8 +63,14 @@ def _stored(metadata: parquet.FileMetaData) -> dict[str, int]:
     return stored
 
 
-def _column(file: parquet.ParquetFile, name: str) -> Column:
-    chunked = file.read(columns=[name], use_threads=False).column(0)
-    if types.is_decimal(chunked.type) or (chunked.null_count and types.is_integer(chunked.type)):
-        chunked = chunked.cast(pa.float64())
-    return np.asarray(chunked.to_numpy())
+def _column(file: parquet.ParquetFile, name: str, kind: pa.DataType) -> Column:
+    """One column, batch by batch; integers stay integers unless one of them is missing."""
+    column: Column = np.empty(file.metadata.num_rows, np.int64 if types.is_integer(kind) else np.float64)
+    row = 0
+    for batch in file.iter_batches(batch_size=BATCH_ROWS, columns=[name], use_threads=False):
+        values = batch.column(0).cast(pa.float64()) if types.is_decimal(kind) else batch.column(0)
+        if values.null_count and column.dtype != np.float64:
+            column = column.astype(np.float64)
+        column[row : row + len(values)] = values.to_numpy(zero_copy_only=False)
+        row += len(values)
+    return column[:row]

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import hashlib
 import os
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from importlib import import_module
 from pathlib import Path
 from typing import Literal
 
@@ -21,28 +22,37 @@ from haptid.errors import (
     LogNotFoundError,
     MissingChannelError,
 )
-from haptid.log import checks, csv, hdf5, mat, npz, parquet, time, units
-from haptid.log.content import Column, usable
+from haptid.log import checks, time, units
+from haptid.log.content import Column, block_of
 from haptid.log.guess import guess
 from haptid.log.model import Channels, Log, Signal
 
 
 @dataclass(frozen=True)
 class Format:
-    """A kind of file: its name, its suffixes, and the two functions that read it."""
+    """A kind of file: its name, its suffixes, and the module that reads it, loaded when needed."""
 
     name: str
     suffixes: tuple[str, ...]
-    names: Callable[[Path], list[str]]
-    columns: Callable[[Path, Sequence[str]], dict[str, Column]]
+    module: str
+
+    def names(self, path: Path) -> list[str]:
+        """Every channel of the file."""
+        found: list[str] = import_module(f"haptid.log.{self.module}").names(path)
+        return found
+
+    def columns(self, path: Path, wanted: Sequence[str]) -> dict[str, Column]:
+        """Those wanted channels that the file has, each (n,)."""
+        found: dict[str, Column] = import_module(f"haptid.log.{self.module}").columns(path, wanted)
+        return found
 
 
 FORMATS = (
-    Format("CSV", (".csv", ".tsv", ".txt"), csv.names, csv.columns),
-    Format("Parquet", (".parquet", ".pq"), parquet.names, parquet.columns),
-    Format("MATLAB", (".mat",), mat.names, mat.columns),
-    Format("NumPy", (".npz",), npz.names, npz.columns),
-    Format("HDF5", (".h5", ".hdf5"), hdf5.names, hdf5.columns),
+    Format("CSV", (".csv", ".tsv", ".txt"), "csv"),
+    Format("Parquet", (".parquet", ".pq"), "parquet"),
+    Format("MATLAB", (".mat",), "mat"),
+    Format("NumPy", (".npz",), "npz"),
+    Format("HDF5", (".h5", ".hdf5"), "hdf5"),
 )
 
 
@@ -129,14 +139,13 @@ def _time_base(
         seconds = base.stamps
     else:
         raw, scale = columns.pop(channels.time), units.scale(channels.time_unit, "time")[1]
+        first, fineness = raw[0] * scale, time.resolution(raw) * scale
         seconds = time.since_first(path, channels.time, raw, scale)
         rows = time.part(path, seconds, stretch)
         seconds = seconds[rows]
-        kept = raw[rows]
-        fineness = time.resolution(kept) * scale if usable(kept).all() else 0.0
         base = time.from_stamps(path, channels.time, seconds, fineness)
-        if raw[0] != 0:
-            notes.append(f"times count from the file's first stamp, {raw[0] * scale:.9g} s")
+        if first != 0:
+            notes.append(f"times count from the file's first stamp, {first:.9g} s")
     if stretch is not None:
         kept_count = rows.stop - rows.start
         notes.append(f"kept from {stretch[0]:g} to {stretch[1]:g} s: {kept_count} of {count} samples")
@@ -161,17 +170,17 @@ class _Assembly:
         columns: those not used yet, each of the rows that are kept.
         base: where they go.
         notes: grows.
-        moving: where each position differs from the sample before, (m,); known once the positions are done.
+        moving: where each position differs from the sample before, as bits; complete after the positions.
     """
 
     def __init__(self, path: Path, columns: dict[str, Column], base: time.TimeBase, notes: list[str]) -> None:
         self.path, self.columns, self.base, self.notes = path, columns, base, notes
-        self.moving: list[NDArray[np.bool_]] = []
+        self.moving: list[NDArray[np.uint8]] = []
 
     def block(self, signal: Signal, kind: Literal["position", "torque"]) -> Array:
         """The channels of a signal on the grid, (channels, n), SI."""
         scale = units.scale(signal.unit, kind)[1]
-        block = np.empty((len(signal.channels), self.base.t.size))
+        block, in_place = self._room(signal)
         for name, gain, offset, out in zip(signal.channels, signal.gain, signal.offset, block, strict=True):
             column = self.columns.pop(name)
             if self.base.repeated.size:
@@ -185,14 +194,22 @@ class _Assembly:
             if self.base.regular:
                 out[:] = column
             else:
-                time.interpolate(self.base, column, kind, out)
+                time.interpolate(self.base, column.copy() if in_place else column, kind, out)
             out *= scale * gain
             out += offset
         return freeze(block)
 
+    def _room(self, signal: Signal) -> tuple[Array, bool]:
+        """Where the signal goes, (channels, n), and whether its raw columns are there already."""
+        n, count = self.base.t.size, len(signal.channels)
+        block = block_of([self.columns[name] for name in signal.channels], 2 * count + 1)
+        if block is None or block.shape[1] != n:
+            return np.empty((count, n)), False
+        return block, True
+
     def _position(self, name: str, column: Array, signal: Signal, si: float) -> Array:
         """The column with its turns put back where that is asked for, and checked for jumps."""
-        self.moving.append(np.diff(column, prepend=column[0]) != 0)
+        self.moving.append(np.packbits(column[1:] != column[:-1]))
         if signal.unwrap:
             column, count = checks.unwrapped(column, signal)
             self._note(f"position channel {name!r} unwrapped at {count} jumps" if count else None)
@@ -202,8 +219,8 @@ class _Assembly:
     def _torque(self, name: str, column: Array, signal: Signal) -> None:
         """Check for saturation: as many torques as positions are pairs, otherwise any motion counts."""
         paired = len(self.moving) == len(signal.channels)
-        moving = self.moving[signal.channels.index(name)] if paired else np.logical_or.reduce(self.moving)
-        self._note(checks.saturated(self.path, name, column, moving, signal))
+        bits = self.moving[signal.channels.index(name)] if paired else np.bitwise_or.reduce(self.moving)
+        self._note(checks.saturated(self.path, name, column, bits, signal))
 
     def _note(self, sentence: str | None) -> None:
         if sentence:

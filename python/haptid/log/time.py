@@ -30,6 +30,8 @@ GAP = 1.5
 LONGEST_GAP = 10.0
 MISSING_LIMIT = 0.01
 REPEATED_LIMIT = 0.01
+# From that many steps on, every other one, or third, ... tells the median.
+SAMPLED = 2**18
 # Interpolation goes piece by piece; a cubic spline forgets what is k samples away as (2 - sqrt(3))^k.
 PIECE = 2**16
 MARGIN = 40
@@ -57,6 +59,8 @@ class TimeBase:
 def since_first(path: Path, name: str, raw: Column, scale: float) -> Array:
     """Stamps counted from the first one, (n,), s; whole stamps are subtracted as such, so none is rounded.
 
+    Stamps in float64 are overwritten.
+
     Raises:
         NonFiniteError: the first stamp is missing.
     """
@@ -66,7 +70,8 @@ def since_first(path: Path, name: str, raw: Column, scale: float) -> Array:
         seconds = np.subtract(whole, whole[0], out=whole).astype(np.float64)
     elif usable(raw[:1]).all():
         with np.errstate(invalid="ignore"):
-            seconds = np.subtract(raw, raw[0], dtype=np.float64)
+            own = raw.dtype == np.float64 and raw.flags.writeable
+            seconds = np.subtract(raw, raw[0], out=raw if own else None, dtype=np.float64)
     else:
         raise NonFiniteError(path, name, int(np.count_nonzero(~usable(raw))), 0, None)
     seconds *= scale
@@ -91,21 +96,22 @@ def resolution(raw: Column) -> float:
     """How finely stamps are written, in their own unit: a decimal place, or what their type resolves."""
     if raw.dtype.kind in "iu":
         return 1.0
-    largest = np.abs(raw).max()
-    if raw.dtype == np.float32 or np.array_equal(raw, raw.astype(np.float32)):
-        finest = float(np.spacing(np.float32(largest)))
-    else:
-        finest = float(np.spacing(np.float64(largest)))
+    if not usable(raw).all():
+        return 0.0
+    largest = max(abs(float(raw.min())), abs(float(raw.max())))
+    pieces = [raw[start : start + PIECE] for start in range(0, raw.size, PIECE)]
+    single = all(np.array_equal(piece, piece.astype(np.float32)) for piece in pieces)
+    finest = float(np.spacing(np.float32(largest))) if single else float(np.spacing(largest))
     for place in range(10):
-        if all(_has_places(piece, place) for piece in (raw[:1000], raw)):
+        if all(_has_places(piece, place, largest) for piece in pieces):
             return max(finest, 10.0**-place)
     return finest
 
 
-def _has_places(raw: Column, place: int) -> bool:
+def _has_places(raw: Column, place: int, largest: float) -> bool:
     shifted = raw * 10.0**place
     error = np.abs(shifted - np.rint(shifted)).max()
-    return bool(error <= 4 * np.spacing(np.abs(shifted).max()))
+    return bool(error <= 4 * np.spacing(largest * 10.0**place))
 
 
 def check_length(path: Path, samples: int) -> None:
@@ -168,19 +174,14 @@ def _check_order(path: Path, name: str, seconds: Array) -> None:
 def _grid(path: Path, seconds: Array, fineness: float) -> tuple[Array, Array, bool, list[str]]:
     """Stamps as they count, the uniform grid, whether the samples are on it, and what was found."""
     steps = np.diff(seconds)
-    median = float(np.median(steps))
+    median = float(np.median(steps[:: max(1, steps.size // SAMPLED)]))
     gaps = np.flatnonzero(steps > GAP * median + min(fineness, 0.25 * median))
     ordinary = (seconds[-1] - seconds[0] - steps[gaps].sum()) / (steps.size - gaps.size)
     missing = _missing(path, seconds, steps, gaps, ordinary)
     n = seconds.size + missing
     step = (seconds[-1] - seconds[0]) / (n - 1)
-    t = np.arange(n, dtype=np.float64)
-    t *= step
-    t += seconds[0]
-    places = (seconds - seconds[0]) / step
-    slots = np.rint(places)
-    off = float(np.abs(np.subtract(places, slots, out=places)).max())
-    distinct = bool((np.diff(slots) > 0).all())
+    slots, off = _slots(seconds, step)
+    distinct = missing == 0 or bool((np.diff(slots) > 0).all())
     rounded = off < 0.5 and off * step <= fineness * (1 + UNIFORM)
     notes: list[str] = []
     if missing:
@@ -195,14 +196,39 @@ def _grid(path: Path, seconds: Array, fineness: float) -> tuple[Array, Array, bo
                 f"stamps are regular within the {fineness:.2g} s that they are written to; "
                 f"samples taken as regular at {1 / step:.6g} Hz"
             )
-        return (t[slots.astype(np.intp)] if missing else t), t, missing == 0, notes
-    relative = np.delete(steps, gaps) / ordinary - 1.0
+        del steps
+        t = _uniform(float(seconds[0]), step, n)
+        return (t[slots] if missing else t), t, missing == 0, notes
+    del slots
+    relative = np.delete(steps, gaps) if gaps.size else steps
+    relative /= ordinary
+    relative -= 1.0
+    worst = max(abs(float(relative.min())), abs(float(relative.max())))
     notes.append(
-        f"sample times are irregular: steps deviate by up to {100 * np.abs(relative).max():.2g} % "
-        f"(standard deviation {100 * relative.std():.2g} %); resampled at {1 / step:.6g} Hz, positions by a "
-        f"cubic spline, torques by a monotone cubic"
+        f"sample times are irregular: steps deviate by up to {100 * worst:.2g} % (standard deviation "
+        f"{100 * relative.std():.2g} %); resampled at {1 / step:.6g} Hz, positions by a cubic spline, "
+        f"torques by a monotone cubic"
     )
-    return seconds, t, False, notes
+    del relative, steps
+    return seconds, _uniform(float(seconds[0]), step, n), False, notes
+
+
+def _uniform(first: float, step: float, n: int) -> Array:
+    t = np.arange(n, dtype=np.float64)
+    t *= step
+    t += first
+    return t
+
+
+def _slots(seconds: Array, step: float) -> tuple[NDArray[np.int32], float]:
+    """The place on the grid nearest to each stamp, and the largest distance to it in steps."""
+    slots, off = np.empty(seconds.size, np.int32), 0.0
+    for start in range(0, seconds.size, PIECE):
+        places = (seconds[start : start + PIECE] - seconds[0]) / step
+        nearest = np.rint(places)
+        off = max(off, float(np.abs(places - nearest).max()))
+        slots[start : start + PIECE] = nearest
+    return slots, off
 
 
 def _missing(path: Path, seconds: Array, steps: Array, gaps: NDArray[np.intp], ordinary: float) -> int:
