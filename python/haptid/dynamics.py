@@ -11,7 +11,7 @@ from haptid.signals import external
 
 
 def inverse_dynamics(device: Device, beta: ArrayLike, qa: Array, qda: Array, qdda: Array) -> Array:
-    """Joint-side torque of every drive, (drives, samples), N m or N.
+    """Torque of every row (motor or joint, as the device says), at the joint side, (rows, samples), N m or N.
 
     Args:
         device: the mechanism.
@@ -25,7 +25,7 @@ def inverse_dynamics(device: Device, beta: ArrayLike, qa: Array, qda: Array, qdd
     expect("beta", beta.shape, (len(device.base),))
     for name, array in (("qa", qa), ("qda", qda), ("qdda", qdda)):
         expect(name, np.shape(array), (len(device.active), qa.shape[1]))
-    c, cd, cdd = (np.ascontiguousarray(device.coupling @ x) for x in (qa, qda, qdda))
+    c, cd, cdd = (np.ascontiguousarray(device.frame @ x) for x in (qa, qda, qdda))
     S = device.parameters.S[:, list(device.base.kept)]
     columns = [int(k) for k in np.flatnonzero(S.any(axis=1))]
     chi = (S @ beta)[columns]

@@ -213,6 +213,7 @@ class ColumnValueError(DeviceError):
 
 # --- log --------------------------------------------------------------------------------------------------------
 
+
 def _some(names: Sequence[str], limit: int = 24) -> str:
     """The first names of a list, columns of one matrix as `name[1..n]`, and how many more there are."""
     counts: dict[str, int] = {}
@@ -352,7 +353,8 @@ class MissingChannelError(LogError):
 
     def __init__(self, path: object, name: str, names: Sequence[str]) -> None:
         parts = [n for n in names if name in (n.rpartition("[")[0], n.split("[")[0].rpartition(".")[2])]
-        close = _some(parts, 3) if parts else ", ".join(difflib.get_close_matches(name, names, n=3, cutoff=0.6))
+        near = difflib.get_close_matches(name, names, n=3, cutoff=0.6)
+        close = _some(parts, 3) if parts else ", ".join(near)
         meant = f"Closest: {close}. " if close else ""
         super().__init__(f"{path} has no channel {name!r}. {meant}Channels of this file: {_some(names)}.")
 

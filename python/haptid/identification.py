@@ -14,7 +14,7 @@ from haptid.log import read_log
 from haptid.observation import Observation, observe
 from haptid.study import LogEntry, Study
 from haptid.treatment import Motion, treat
-from haptid.validation import Validation, direct, validate
+from haptid.validation import Validation, direct, pooled, validate
 
 Progress = Callable[[str, float], None]
 
@@ -115,8 +115,9 @@ def held_out(study: Study, observation: Observation, others: list[Observation]) 
         return (validate(estimate(reduce(add, others), study.method), observation),)
     if study.holdout == "alternate":
         halves = observation.alternate()
-        return tuple(
+        folds = (
             validate(estimate(reduce(add, others, fit), study.method), unseen)
             for fit, unseen in (halves, halves[::-1])
         )
+        return (pooled(*folds),)
     return ()

@@ -215,14 +215,12 @@ def observe(device: Device, motion: Motion, progress: Callable[[float], None] | 
     name = motion.log.sha256 if motion.log else f"motion {id(motion):x}"
     blocks = plan.blocks(name)
     if not all(many.any() for many in rows):
-        raise NoRowsError(device.drives[int(np.argmin(rows.any(axis=1)))].name, motion.treatment.low_speed)
+        raise NoRowsError(device.row_names[int(np.argmin(rows.any(axis=1)))], motion.treatment.low_speed)
     motors = []
-    for k, drive in enumerate(device.drives):
-        if not drive.motorised:
-            continue
+    for k in np.flatnonzero(device.measured):
         columns = stacks[0][k][0]
         triangles = freeze(np.concatenate([stack[k][1] for stack in stacks]))
-        motors.append(MotorRows(drive.name, device.torque_units[k], columns, triangles, rows[k]))
+        motors.append(MotorRows(device.row_names[k], device.torque_units[k], columns, triangles, rows[k]))
     return Observation(device, tuple(motors), blocks, (motion,), doubts)
 
 

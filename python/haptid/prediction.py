@@ -54,9 +54,9 @@ def predict(estimate: Estimate, motion: Motion) -> Prediction:
         measured = coordinate_torque(device, motion, low, high)
         parts.append((decimate(measured, taps, d), decimate(tau, taps, d), plan.weights(cd, stop - start) > 0))
     measured, predicted, used = (np.concatenate(part, axis=1) for part in zip(*parts, strict=True))
-    motors = [k for k, drive in enumerate(device.drives) if drive.motorised]
+    motors = np.flatnonzero(device.measured).tolist()
     return Prediction(
-        motors=tuple(device.drives[k].name for k in motors),
+        motors=tuple(device.row_names[k] for k in motors),
         units=tuple(device.torque_units[k] for k in motors),
         t=motion.t0 + motion.dt * (plan.first + d * np.arange(plan.rows)),
         measured=measured[motors],

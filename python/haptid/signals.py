@@ -18,38 +18,99 @@ def check_log(device: Device, log: Log) -> tuple[str, ...]:
         ChannelCountError: more or fewer channels than the device has coordinates or motors.
         LooksLikeDegreesError, LooksLikeRadiansError, SwappedChannelsError: positions that do not fit the joints.
     """
+    for kind, count, names in (
+        ("position", log.position.shape[1], position_channels(device, log.channels.position.side)),
+        ("torque", log.torque.shape[1], torque_channels(device, log.channels.torque.side)),
+    ):
+        if count != len(names):
+            raise ChannelCountError(kind, count, names)
     joints = [device.joints[k] for k in device.active]
-    if log.position.shape[1] != len(joints):
-        raise ChannelCountError("position", log.position.shape[1], [joint.name for joint in joints])
-    motors = [drive.name for drive in device.motors]
-    if log.torque.shape[1] != len(motors):
-        raise ChannelCountError("torque", log.torque.shape[1], motors)
     ranges = [joint.position_limits for joint in joints]
     return check_against(log, ranges, [joint.prismatic for joint in joints], [joint.name for joint in joints])
+
+
+def position_channels(device: Device, side: str) -> list[str]:
+    """What each position channel is of: active joints, or motors' shafts."""
+    if side == "joint":
+        return [device.joints[k].name for k in device.active]
+    return [drive.name for drive in device.drives]
+
+
+def torque_channels(device: Device, side: str) -> list[str]:
+    """What each torque channel is of: measured joints, or motors."""
+    if side == "motor":
+        return [drive.name for drive in device.motors]
+    return [device.joints[j].name for k, j in enumerate(device.active) if _joint_measured(device)[k]]
+
+
+def _joint_measured(device: Device) -> np.ndarray:
+    """Whether each active joint's torque is known: all drives that load it have a motor."""
+    blind = np.array([not drive.motorised for drive in device.drives])
+    return ~(device.coupling[blind] != 0).any(axis=0)
 
 
 def coordinates(device: Device, motion: Motion, start: int, stop: int) -> tuple[Array, Array, Array]:
     """Position, velocity and acceleration of the device's coordinates, each (coordinates, stop - start).
 
-    A motor's shaft angle is divided by its gear; joint positions go through the coupling of the transmission.
-
     Raises:
         ChannelCountError: the motion has more or fewer position channels than the device has coordinates.
     """
-    if motion.q.shape[1] != len(device.drives):
-        raise ChannelCountError("position", motion.q.shape[1], [drive.name for drive in device.drives])
+    side = motion.log.channels.position.side if motion.log else "joint"
+    names = position_channels(device, side)
+    if motion.q.shape[1] != len(names):
+        raise ChannelCountError("position", motion.q.shape[1], names)
     q, qd, qdd = motion.kinematics(start, stop)
-    to_coordinates = scale(device, motion)
-    if (to_coordinates == np.eye(len(q))).all():
+    change = np.asarray(device.frame)
+    if side == "motor":
+        shafts = np.diag([1.0 / drive.gear for drive in device.drives])
+        change = change @ np.linalg.solve(device.coupling, shafts)
+    if (change == np.eye(len(q))).all():
         return q, qd, qdd
-    return to_coordinates @ q, to_coordinates @ qd, to_coordinates @ qdd
+    return change @ q, change @ qd, change @ qdd
+
+
+def coordinate_torque(device: Device, motion: Motion, start: int, stop: int) -> Array:
+    """Torque of every coordinate, at the joint side, (coordinates, stop - start), N m or N; zero where not measured.
+
+    A motion without a log has the coordinates' torques; a log has the motors' commands, or joint torques.
+
+    Raises:
+        ChannelCountError: the motion has more or fewer torque channels than the device has motors.
+        CommandUnitError: the log's unit of torque is not the unit of the device's command.
+    """
+    known = [name for name, measured in zip(device.row_names, device.measured, strict=True) if measured]
+    names = torque_channels(device, motion.log.channels.torque.side) if motion.log else known
+    if motion.tau.shape[1] != len(names):
+        raise ChannelCountError("torque", motion.tau.shape[1], names)
+    measured = np.ascontiguousarray(motion.tau[start:stop].T)
+    if motion.log is None:
+        tau = np.zeros((len(device.drives), stop - start))
+        tau[list(device.measured)] = measured
+        return tau
+    return np.ascontiguousarray(torque_map(device, motion.log) @ measured)
+
+
+def torque_map(device: Device, log: Log) -> Array:
+    """Matrix from torque channels to the coordinates' torques, (coordinates, channels)."""
+    unit = log.channels.torque_unit
+    if log.channels.torque.side == "motor":
+        for drive in device.motors:
+            if unit != drive.unit:
+                raise CommandUnitError(drive.name, unit, drive.unit, "motor")
+        moved = device.drive_rates[[drive.motorised for drive in device.drives]]
+        return np.asarray(moved.T * [drive.gear * drive.gain for drive in device.motors])
+    for k, j in enumerate(device.active):
+        wanted = "N" if device.joints[j].prismatic else "N m"
+        if _joint_measured(device)[k] and unit != wanted:
+            raise CommandUnitError(device.joints[j].name, unit, wanted, "joint")
+    return np.asarray(np.linalg.inv(device.frame).T[:, _joint_measured(device)])
 
 
 def external(device: Device, c: Array, cd: Array, cdd: Array) -> Array:
     """Columns that the device computes itself (counterbalances, a user's own), (columns, samples)."""
     if not device.externals:
         return np.zeros((0, c.shape[1]))
-    to_joints = np.linalg.inv(device.coupling)
+    to_joints = np.linalg.inv(device.frame)
     return np.ascontiguousarray(device.external(to_joints @ c, to_joints @ cd, to_joints @ cdd))
 
 
@@ -58,42 +119,3 @@ def rows(device: Device, c: Array, cd: Array, cdd: Array) -> Array:
     mechanism = device.mechanism
     columns = list(range(mechanism.columns))
     return np.asarray(mechanism.regressor(c, cd, cdd, external(device, c, cd, cdd), columns))
-
-
-def scale(device: Device, motion: Motion) -> Array:
-    """Matrix from position channels to coordinates."""
-    side = motion.log.channels.position.side if motion.log else "joint"
-    if side == "motor":
-        return np.diag([1.0 / drive.gear for drive in device.drives])
-    return np.asarray(device.coupling)
-
-
-def coordinate_torque(device: Device, motion: Motion, start: int, stop: int) -> Array:
-    """Joint-side torque of every coordinate, (coordinates, stop - start), N m or N; zero where there is no motor.
-
-    Raises:
-        ChannelCountError: the motion has more or fewer torque channels than the device has motors.
-        CommandUnitError: the log's unit of torque is not the unit of the device's command.
-    """
-    motors = [k for k, drive in enumerate(device.drives) if drive.motorised]
-    if motion.tau.shape[1] != len(motors):
-        raise ChannelCountError("torque", motion.tau.shape[1], [device.drives[k].name for k in motors])
-    tau = np.zeros((len(device.drives), stop - start))
-    for k, channel in zip(motors, motion.tau.T, strict=True):
-        tau[k] = channel[start:stop] * torque_gain(device, motion, k)
-    return tau
-
-
-def torque_gain(device: Device, motion: Motion, k: int) -> float:
-    """Joint-side torque of coordinate k per unit of its torque channel."""
-    drive = device.drives[k]
-    if motion.log is None:
-        return 1.0
-    side, unit = motion.log.channels.torque.side, motion.log.channels.torque_unit
-    if side == "joint":
-        if unit != device.torque_units[k]:
-            raise CommandUnitError(drive.name, unit, device.torque_units[k], "joint")
-        return 1.0
-    if unit != drive.unit:
-        raise CommandUnitError(drive.name, unit, drive.unit, "motor")
-    return float(drive.gear * drive.gain)

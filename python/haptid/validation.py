@@ -18,35 +18,46 @@ class MotorError:
 
     Attributes:
         motor, unit: N m or N.
-        relative: 100 norm(y - y_hat) / norm(y) of the treated torque, per cent.
-        rmse: in the motor's unit, at the joint side.
+        residual, measured: norm(y - y_hat) and norm(y) of the treated torque, at the joint side.
         rows: compared.
     """
 
     motor: str
     unit: str
-    relative: float
-    rmse: float
+    residual: float
+    measured: float
     rows: int
 
+    @property
+    def relative(self) -> float:
+        """100 norm(y - y_hat) / norm(y), per cent."""
+        return percent(self.residual, self.measured)
 
-@dataclass(frozen=True, eq=False)
+    @property
+    def rmse(self) -> float:
+        """In the motor's unit."""
+        return self.residual / float(np.sqrt(max(self.rows, 1)))
+
+
+@dataclass(frozen=True)
 class Validation:
-    """Predicted against measured torque on one observation.
+    """Predicted against measured torque.
 
     Attributes:
-        estimate: what predicts.
-        observation: what was measured.
-        seen: whether these are the rows of the fit (a direct comparison) or unseen ones (a cross validation).
         motors: errors by motor.
-        relative: of all motors' rows together, per cent.
+        seen: whether these are the rows of the fit (a direct comparison) or unseen ones (a cross validation).
     """
 
-    estimate: Estimate
-    observation: Observation
-    seen: bool
     motors: tuple[MotorError, ...]
-    relative: float
+    seen: bool
+
+    @property
+    def relative(self) -> float:
+        """Of all motors' rows together, per cent."""
+        return percent(
+            float(np.linalg.norm([m.residual for m in self.motors])),
+            float(np.linalg.norm([m.measured for m in self.motors])),
+        )
 
     def summary(self) -> str:
         """A table as text: motor, relative error, RMSE, rows."""
@@ -85,13 +96,26 @@ def compare(estimate: Estimate, observation: Observation, seen: bool) -> Validat
     """Errors by motor, from the triangles alone."""
     if observation.device is not estimate.device:
         raise DifferentModelError(estimate.device.name, observation.device.name)
-    errors, residual, measured = [], 0.0, 0.0
-    for motor in observation.motors:
-        rest, norm, rows = motor.residual(estimate.beta), motor.norm, int(motor.rows.sum())
-        residual, measured = np.hypot(residual, rest), np.hypot(measured, norm)
-        relative = percent(rest, norm)
-        errors.append(MotorError(motor.name, motor.unit, relative, rest / np.sqrt(max(rows, 1)), rows))
-    return Validation(estimate, observation, seen, tuple(errors), percent(residual, measured))
+    errors = tuple(
+        MotorError(motor.name, motor.unit, motor.residual(estimate.beta), motor.norm, int(motor.rows.sum()))
+        for motor in observation.motors
+    )
+    return Validation(errors, seen)
+
+
+def pooled(*parts: Validation) -> Validation:
+    """The errors of several validations together, each row counted once: the folds of a cross validation."""
+    motors = tuple(
+        MotorError(
+            same[0].motor,
+            same[0].unit,
+            float(np.linalg.norm([m.residual for m in same])),
+            float(np.linalg.norm([m.measured for m in same])),
+            sum(m.rows for m in same),
+        )
+        for same in zip(*(part.motors for part in parts), strict=True)
+    )
+    return Validation(motors, any(part.seen for part in parts))
 
 
 def percent(part: float, whole: float) -> float:

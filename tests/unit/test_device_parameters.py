@@ -169,10 +169,11 @@ def test_terms_on_passive_joints_follow_the_loop() -> None:
     assert [list(w) for w in directions] == [[0, 1, 0], [0, -1, 1]]
 
 
-def test_rates_turn_drives_into_joints() -> None:
+def test_rates_turn_coordinates_into_joints_and_drives() -> None:
     for name in ("staubli_tx40", "sr400", "phantom_premium_15"):
         device = read_device(name)
-        np.testing.assert_allclose(device.rates @ device.coupling, device.closure.G, atol=1e-15)
+        np.testing.assert_allclose(device.rates @ device.frame, device.closure.G, atol=1e-15)
+        np.testing.assert_allclose(device.drive_rates @ device.frame, device.coupling, atol=1e-15)
 
 
 @settings(max_examples=40)

@@ -10,7 +10,7 @@ import numpy as np
 from haptid._values import Array
 from haptid.device.expressions import column
 from haptid.device.geometry import Reader
-from haptid.device.model import Joint, Motor
+from haptid.device.model import Closure, Joint, Motor
 from haptid.device.place import Place
 from haptid.device.schema import (
     AnyTerm,
@@ -45,8 +45,8 @@ class Target:
         name: of the joint or motor.
         joint: index of the joint, None for a motor.
         prismatic: whether the coordinate is a length.
-        weights: the coordinate as a combination of the drives' coordinates, (na,).
-        offset: its position where the drives' are zero.
+        weights: the target's position as a combination of the coordinates, (na,).
+        offset: its position where the coordinates are zero.
     """
 
     name: str
@@ -87,22 +87,28 @@ class Targets:
 
     @staticmethod
     def of(
-        joints: Sequence[Joint], active: Sequence[int], drives: Sequence[Motor], rates: Array, offset: Array
+        joints: Sequence[Joint],
+        active: Sequence[int],
+        drives: Sequence[Motor],
+        joint_rows: bool,
+        closure: Closure,
     ) -> Targets:
-        """From joints, drives, and G N^-1 with its offset."""
+        """From joints, drives and closure; the coordinates are the active joints', or else the drives'."""
+        coupling = np.array([drive.row for drive in drives])
+        frame = np.eye(len(drives)) if joint_rows else coupling
+        rates, motors = (np.linalg.solve(frame.T, x.T).T for x in (closure.G, coupling))
         moved = np.any([drive.row != 0 for drive in drives if drive.motorised], axis=0)
         names = [joints[j].name for j in active]
         first = [joints[active[int(np.argmax(drive.row != 0))]] for drive in drives]
-        unit = np.eye(len(drives))
         return Targets(
             tuple(
-                Target(joint.name, j, joint.prismatic, rates[j], float(offset[j]))
+                Target(joint.name, j, joint.prismatic, rates[j], float(closure.offset[j]))
                 for j, joint in enumerate(joints)
             ),
             tuple(names),
             tuple(name for name, driven in zip(names, np.atleast_1d(moved), strict=True) if driven),
             tuple(
-                Target(drive.name, None, first[k].prismatic, unit[k], 0.0)
+                Target(drive.name, None, first[k].prismatic, motors[k], 0.0)
                 for k, drive in enumerate(drives)
                 if drive.motorised
             ),

@@ -19,8 +19,8 @@ class MechanismArguments(NamedTuple):
         rotation, translation: placements, (joints, 3, 3) and (joints, 3), m.
         prismatic: whether each joint slides.
         gravity: (3,), m/s^2.
-        rates: all joints' rates from the drives', (joints, active).
-        offset: all joints' positions where the drives' are zero, (joints,).
+        rates: all joints' rates from the coordinates', (joints, active).
+        offset: all joints' positions where the device's coordinates are zero, (joints,).
         terms: (kind, weights, offset, a, b, c) of every column beside link inertia.
     """
 

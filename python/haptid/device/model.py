@@ -17,6 +17,7 @@ if TYPE_CHECKING:
     from haptid.base import BaseParameters
 
 Convention = Literal["modified-dh", "dh", "placement"]
+TorqueRows = Literal["motor", "joint"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -165,6 +166,7 @@ class Device:
         active: indices of the independent joints, in the file's order.
         closure: how the other joints follow them.
         drives: one joint-side coordinate for each active joint: the motors, then active joints without motor.
+        torque_rows: whether rows of torque are the motors' or the joints'; they differ where motors are coupled.
         terms: columns beside link inertia, in the core's order.
         parameters: the standard parameters.
         symmetry: what is known of them beforehand.
@@ -185,6 +187,7 @@ class Device:
     active: tuple[int, ...]
     closure: Closure
     drives: tuple[Motor, ...]
+    torque_rows: TorqueRows
     terms: tuple[TermColumn, ...]
     parameters: StandardParameters
     symmetry: tuple[Symmetry, ...]
@@ -213,23 +216,49 @@ class Device:
 
     @cached_property
     def coupling(self) -> Array:
-        """N in c = N qa, drives' coordinates from active joints' positions, (active, active)."""
+        """N in N qa, drives' coordinates from active joints' positions, (active, active)."""
         return freeze(np.array([drive.row for drive in self.drives], dtype=float))
 
     @cached_property
+    def frame(self) -> Array:
+        """B in c = B qa: the coordinates that torque rows belong to, from active joints' positions, (active, active).
+
+        The coupling N where rows are the motors', the identity where they are the joints'.
+        """
+        return self.coupling if self.torque_rows == "motor" else freeze(np.eye(len(self.active)))
+
+    @cached_property
     def rates(self) -> Array:
-        """G N^-1: all joints' rates from the drives' coordinates' rates, (joints, active)."""
-        return freeze(np.ascontiguousarray(np.linalg.solve(self.coupling.T, self.closure.G.T).T))
+        """G B^-1: all joints' rates from the coordinates' rates, (joints, active)."""
+        return freeze(np.ascontiguousarray(np.linalg.solve(self.frame.T, self.closure.G.T).T))
+
+    @cached_property
+    def drive_rates(self) -> Array:
+        """N B^-1: all drives' rates from the coordinates' rates, (active, active)."""
+        return freeze(np.ascontiguousarray(np.linalg.solve(self.frame.T, self.coupling.T).T))
+
+    @cached_property
+    def row_names(self) -> tuple[str, ...]:
+        """Names of the torque rows: motors, or active joints."""
+        if self.torque_rows == "motor":
+            return tuple(drive.name for drive in self.drives)
+        return tuple(self.joints[j].name for j in self.active)
+
+    @cached_property
+    def measured(self) -> tuple[bool, ...]:
+        """Whether the torque of each row is known: a motor's own; a joint's if all drives that load it have a motor."""
+        blind = np.array([not drive.motorised for drive in self.drives])
+        return tuple(bool(known) for known in ~(self.drive_rates[blind] != 0).any(axis=0))
 
     @cached_property
     def coordinate_units(self) -> tuple[str, ...]:
-        """Unit of every drive's coordinate: rad or m, after the first joint it moves."""
-        first = [self.joints[self.active[int(np.argmax(drive.row != 0))]] for drive in self.drives]
+        """Unit of every coordinate: rad or m, after the first joint in it."""
+        first = [self.joints[self.active[int(np.argmax(row != 0))]] for row in self.frame]
         return tuple("m" if joint.prismatic else "rad" for joint in first)
 
     @property
     def torque_units(self) -> tuple[str, ...]:
-        """Unit of every drive's joint-side torque: N m or N."""
+        """Unit of every torque row, at the joint side: N m or N."""
         return tuple("N" if unit == "m" else "N m" for unit in self.coordinate_units)
 
     @cached_property
@@ -256,11 +285,11 @@ class Device:
         """
         return external_columns(self.externals, self.joint_names, self.tree(qa, qda, qdda))
 
-    def coulomb_directions(self, drive: int) -> tuple[Array, ...]:
-        """Coordinates whose sign of velocity a drive's torque depends on, as weights over drives, (."""
+    def coulomb_directions(self, row: int) -> tuple[Array, ...]:
+        """Directions whose sign of velocity a torque row depends on, as weights over the coordinates, each (active,)."""
         found: list[Array] = []
         for term in self.terms:
-            felt = term.kind in DRY and term.weights[drive] != 0
+            felt = term.kind in DRY and term.weights[row] != 0
             if felt and not any(np.array_equal(np.abs(term.weights), np.abs(known)) for known in found):
                 found.append(term.weights)
         return tuple(found)

@@ -57,8 +57,8 @@ def read_device(path: str | Path) -> Device:
     active = active_joints(joints, [table.active for table in tables.joints], loops, place.at("joints"))
     closure, notes = close(joints, active, loops)
     drives = read_drives(tables.motors, joints, active, reader, place.at("motors"))
-    rates = np.linalg.solve(np.array([d.row for d in drives]).T, closure.G.T).T
-    targets = Targets.of(joints, active, drives, rates, closure.offset)
+    rows = tables.transmission.torque_rows
+    targets = Targets.of(joints, active, drives, rows == "joint", closure)
     terms = read_terms(tables.terms, targets, reader, place.at("terms"))
     symmetry = _symmetry(tables.symmetry, joints, terms, place)
     parameters = standard_parameters([j.name for j in joints], [j.body for j in joints], terms, symmetry)
@@ -73,6 +73,7 @@ def read_device(path: str | Path) -> Device:
         active=active,
         closure=closure,
         drives=drives,
+        torque_rows=rows,
         terms=terms,
         parameters=parameters,
         symmetry=symmetry,

@@ -119,6 +119,12 @@ class LoopTable(Table):
     guess: dict[Name, Quantity] = {}
 
 
+class TransmissionTable(Table):
+    """How motors and joints go together."""
+
+    torque_rows: Literal["motor", "joint"] = "motor"
+
+
 class MotorTable(Table):
     """A motor and its transmission."""
 
@@ -258,6 +264,7 @@ class DeviceTable(Table):
     base: BaseTable = BaseTable()
     lengths: dict[Annotated[str, Field(pattern=r"^[A-Za-z_][A-Za-z0-9_]*$")], Quantity] = {}
     loops: list[LoopTable] = []
+    transmission: TransmissionTable = TransmissionTable()
     motors: list[MotorTable] = []
     terms: list[AnyTerm] = []
     symmetry: list[SymmetryTable] = []

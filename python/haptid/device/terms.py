@@ -72,8 +72,8 @@ class TermColumn:
         unit: of its parameter.
         kind: the core's: rotor viscous coulomb coulomb+ coulomb- stribeck offset spring external.
         on: what it acts on: "joint 3" or "motor 6".
-        weights: its coordinate as a combination of the drives' coordinates, (na,).
-        offset: position of its coordinate where the drives' are zero, rad or m.
+        weights: its coordinate as a combination of the device's coordinates, (na,).
+        offset: position of its coordinate where the device's coordinates are zero, rad or m.
         settings: the core's a, b, c: coulomb (width, 0, 0), stribeck (velocity, exponent, width), spring
             (rest, 0, 0).
         shape: how an external column is computed, None for the others.
