@@ -47,7 +47,9 @@ def noise(samples: int, phi: float, rng: np.random.Generator) -> np.ndarray:
     return np.asarray(signal.lfilter([1.0], [1.0, -phi], white, axis=0))[burn:]
 
 
-def shares(phi: float, treatment: haptid.Treatment, runs: int, seconds: float = SECONDS) -> tuple[np.ndarray, np.ndarray]:
+def shares(
+    phi: float, treatment: haptid.Treatment, runs: int, seconds: float = SECONDS
+) -> tuple[np.ndarray, np.ndarray]:
     """Share of runs whose interval holds the truth, by parameter: the default interval's, and the textbook's."""
     device = haptid.read_device("phantom_premium_15")
     rng = np.random.default_rng(1)

@@ -53,10 +53,14 @@ def run() -> dict[str, float]:
 
     def peer(count: int) -> np.ndarray:
         columns = (np.array(inertial) // 10) * 10 + np.array(FROM_PINOCCHIO)[np.array(inertial) % 10]
-        rows = [pin.computeJointTorqueRegressor(model, data, q[:, k], qd[:, k], qdd[:, k])[:, columns] for k in range(count)]
+        rows = [
+            pin.computeJointTorqueRegressor(model, data, q[:, k], qd[:, k], qdd[:, k])[:, columns] for k in range(count)
+        ]
         return np.array(rows)
 
-    ours = device.mechanism.regressor(q[:, :some].copy(), qd[:, :some].copy(), qdd[:, :some].copy(), none[:, :some], inertial)
+    ours = device.mechanism.regressor(
+        q[:, :some].copy(), qd[:, :some].copy(), qdd[:, :some].copy(), none[:, :some], inertial
+    )
     agreement = np.abs(peer(some).transpose(1, 2, 0) - ours).max() / np.abs(ours).max()
     assert agreement < 1e-12, agreement
 

@@ -66,8 +66,8 @@ def run(samples: int = SAMPLES, decimation: int = 10) -> dict[str, float]:
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
         # Written in a process of its own, so that its memory is not counted.
-        make = f"import sys; sys.path.insert(0, {str(Path(__file__).parent)!r}); import long_log; from pathlib import Path; "
-        subprocess.run([sys.executable, "-c", make + f"long_log.write_log(Path({name!r}), {samples})"], check=True)
+        make = "import sys, pathlib, long_log; long_log.write_log(pathlib.Path(sys.argv[1]), int(sys.argv[2]))"
+        subprocess.run([sys.executable, "-c", make, name, str(samples)], check=True, cwd=Path(__file__).parent)
         study = folder / "study.toml"
         names = {"positions": [f"q{k}" for k in range(1, 7)], "torques": [f"tau{k}" for k in range(1, 7)]}
         study.write_text(STUDY.format(decimation=decimation, **{k: json.dumps(v) for k, v in names.items()}))

@@ -11,7 +11,6 @@ from pathlib import Path
 import coverage
 import kernel
 import long_log
-
 from haptid import _core
 
 HERE = Path(__file__).parent
@@ -24,8 +23,14 @@ def main() -> None:
     parser.add_argument("names", nargs="*", choices=[*STUDIES, []], help="which; all where none is named")
     for name in parser.parse_args().names or STUDIES:
         figures = STUDIES[name]()
-        commit = subprocess.run(["git", "rev-parse", "--short", "HEAD"], capture_output=True, text=True, cwd=HERE, check=False)
-        where = {"machine": platform.machine(), "backend": _core.backends()[0], "commit": commit.stdout.strip()}
+        commit = subprocess.run(
+            ["git", "rev-parse", "--short", "HEAD"], capture_output=True, text=True, cwd=HERE, check=False
+        )
+        where = {
+            "machine": platform.machine(),
+            "backend": _core.backends()[0],
+            "commit": commit.stdout.strip(),
+        }
         print(f"\n{name} ({', '.join(where.values())})")
         for what, figure in figures.items():
             print(f"  {what:50s} {figure:12.4g}")

@@ -1,6 +1,6 @@
 """The main job from beginning to end: make logs of a haptic device, identify it, look at how near the truth it came.
 
-    python examples/demo.py --out demo
+python examples/demo.py --out demo
 """
 
 from __future__ import annotations
@@ -45,7 +45,12 @@ def against_truth(truth: dict[str, float], result: Path) -> Table:
     for p in json.loads(result.read_text())["estimate"]["parameters"]:
         low, high = p["interval95"]
         inside = low <= truth[p["name"]] <= high
-        row = (f"{truth[p['name']]:.3e}", f"{p['value']:.3e}", f"{low:.3e} .. {high:.3e}", "inside" if inside else "outside")
+        row = (
+            f"{truth[p['name']]:.3e}",
+            f"{p['value']:.3e}",
+            f"{low:.3e} .. {high:.3e}",
+            "inside" if inside else "outside",
+        )
         table.add_row(p["name"], *row)
     return table
 

@@ -12,8 +12,11 @@ from scipy.spatial.transform import Rotation
 from haptid import _core
 
 INERTIA = ((0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2))
-QUARTER_TURNS = [np.eye(3), Rotation.from_euler("x", 90, degrees=True).as_matrix(),
-                 Rotation.from_euler("x", -90, degrees=True).as_matrix()]
+QUARTER_TURNS = [
+    np.eye(3),
+    Rotation.from_euler("x", 90, degrees=True).as_matrix(),
+    Rotation.from_euler("x", -90, degrees=True).as_matrix(),
+]
 
 
 @dataclass(frozen=True, eq=False)
@@ -40,8 +43,15 @@ class Random:
 
     def core(self, backend: str | None = None, terms: tuple = ()) -> _core.Mechanism:
         return _core.Mechanism(
-            self.parent, self.rotation, self.translation, self.prismatic, list(self.gravity), self.rates, self.offset,
-            list(terms), backend,
+            self.parent,
+            self.rotation,
+            self.translation,
+            self.prismatic,
+            list(self.gravity),
+            self.rates,
+            self.offset,
+            list(terms),
+            backend,
         )
 
     @cached_property

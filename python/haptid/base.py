@@ -77,13 +77,13 @@ class BaseParameters:
 
 def formula(coefficients: Array, names: tuple[str, ...], first: int) -> str:
     """A linear combination as text, the named entry first, then in the parameters' own order."""
-    order = [first, *(k for k in np.flatnonzero(coefficients) if k != first)]
+    others = [int(k) for k in np.flatnonzero(coefficients) if k != first]
     text = ""
-    for k in order:
+    for k in (first, *others):
         value = float(coefficients[k])
         size = "" if np.isclose(abs(value), 1.0, rtol=1e-9) else f"{abs(value):.6g} "
-        sign = "-" if value < 0 else "+"
-        text += f" {sign} {size}{names[k]}" if text else ("-" if value < 0 else "") + size + names[k]
+        sign = ("- " if value < 0 else "+ ") if text else ("-" if value < 0 else "")
+        text += f"{' ' if text else ''}{sign}{size}{names[k]}"
     return text
 
 
@@ -107,7 +107,8 @@ def base_parameters(device: Device, seed: int = 0) -> BaseParameters:
     kept = sorted(kept)  # shown in the parameters' own order
     regrouping = regroup(W, Q, kept, effective)
     names = tuple(
-        parameters.names[k] + ("R" if np.count_nonzero(row) > 1 else "") for k, row in zip(kept, regrouping, strict=True)
+        parameters.names[k] + ("R" if np.count_nonzero(row) > 1 else "")
+        for k, row in zip(kept, regrouping, strict=True)
     )
     return BaseParameters(
         names=names,

@@ -11,7 +11,14 @@ from typing import Annotated
 
 import typer
 from rich.console import Console
-from rich.progress import BarColumn, Progress, TaskProgressColumn, TextColumn, TimeElapsedColumn, TimeRemainingColumn
+from rich.progress import (
+    BarColumn,
+    Progress,
+    TaskProgressColumn,
+    TextColumn,
+    TimeElapsedColumn,
+    TimeRemainingColumn,
+)
 
 import haptid
 from haptid import tables
@@ -69,15 +76,17 @@ def _progress(quiet: bool) -> Progress:
 def identify(
     study: Annotated[Path, typer.Argument(help="the study file (TOML)", show_default=False)],
     data: Annotated[
-        Path | None, typer.Option(help="where the study's relative log paths start (default: the study's folder)")
+        Path | None,
+        typer.Option(help="where the study's relative log paths start (default: the study's folder)"),
     ] = None,
     out_folder: Annotated[Path, typer.Option("--out", help="folder for the results")] = Path("haptid-result"),
     quiet: Annotated[bool, typer.Option("--quiet", "-q", help="no progress, no tables")] = False,
     as_json: Annotated[bool, typer.Option("--json", help="print result.json instead of tables")] = False,
 ) -> None:
     from haptid.identification import identify as walk
+    from haptid.observation import Plan
     from haptid.plots import plot_torque
-    from haptid.prediction import predict
+    from haptid.prediction import predictions
     from haptid.result import finite, result, write_result
     from haptid.study import read_study
 
@@ -98,7 +107,9 @@ def identify(
                 name = f"torque-{k + 1}-{Path(run.entry.path).stem}.png"
                 tell(f"drawing {name}", 0.0)
                 kind = "rows of the fit" if run.direct else "unseen"
-                plot_torque(predict(found.estimate, run.motion), f"{plan.name}: {run.entry.path} ({kind})", folder / name)
+                title = f"{plan.name}: {run.entry.path} ({kind})"
+                parts = predictions(found.estimate, run.motion)
+                plot_torque(parts, Plan.of(found.device, run.motion).rows, title, folder / name)
                 tell(f"drawing {name}", 1.0)
     if as_json:
         sys.stdout.write(json.dumps(finite(result(found)), indent=1, allow_nan=False) + "\n")
@@ -111,7 +122,9 @@ def identify(
 
 @app.command()
 def model(
-    device: Annotated[str, typer.Argument(help="a device file (TOML) or the name of a shipped device", show_default=False)],
+    device: Annotated[
+        str, typer.Argument(help="a device file (TOML) or the name of a shipped device", show_default=False)
+    ],
     as_json: Annotated[bool, typer.Option("--json", help="the same as JSON")] = False,
 ) -> None:
     """Print a device's tree, loops, motors, base parameters and how the others regroup into them."""
@@ -128,10 +141,11 @@ def model(
 @app.command()
 def devices() -> None:
     """List the devices that come with haptid."""
-    from haptid.device import shipped_devices
+    from haptid.device import read_device, shipped_devices
 
-    for name, description in shipped_devices().items():
-        out.print(f"[bold]{name}[/]  {description}", highlight=False)
+    names = shipped_devices()
+    for name in names:
+        out.print(f"[bold]{name:{max(map(len, names))}}[/]  {read_device(name).description}", highlight=False)
 
 
 @app.command()

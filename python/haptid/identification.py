@@ -81,7 +81,7 @@ def identify(study: Study, data: Path | None = None, progress: Progress | None =
     Raises:
         HaptidError: one of the errors of the rooms it walks through.
     """
-    tell = progress or (lambda what, share: None)
+    tell = progress or _silent
     device = read_device(study.device)
     observations = [_observe(study, device, entry, data or study.path.parent, tell) for entry in study.logs]
     fitted = [o for o, entry in zip(observations, study.logs, strict=True) if entry.role == "identify"]
@@ -96,6 +96,10 @@ def identify(study: Study, data: Path | None = None, progress: Progress | None =
             runs.append(Run(entry, observation, direct(final, observation), held_out(study, observation, others)))
     tell("estimating", 1.0)
     return Identification(study, device, final, tuple(runs))
+
+
+def _silent(_what: str, _share: float) -> None:
+    """Progress that nobody wants to see."""
 
 
 def _observe(study: Study, device: Device, entry: LogEntry, data: Path, tell: Progress) -> Observation:
@@ -116,8 +120,7 @@ def held_out(study: Study, observation: Observation, others: list[Observation]) 
     if study.holdout == "alternate":
         halves = observation.alternate()
         folds = (
-            validate(estimate(reduce(add, others, fit), study.method), unseen)
-            for fit, unseen in (halves, halves[::-1])
+            validate(estimate(reduce(add, others, fit), study.method), unseen) for fit, unseen in (halves, halves[::-1])
         )
         return (pooled(*folds),)
     return ()

@@ -8,6 +8,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from functools import cached_property
+from itertools import pairwise
 
 import numpy as np
 
@@ -206,9 +207,9 @@ def observe(device: Device, motion: Motion, progress: Callable[[float], None] | 
     stacks: list[list[tuple[np.ndarray, Array]]] = []
     counts = []
     for start, stop in plan.segments():
-        triangles, rows = plan.reduce(start, stop)
-        stacks.append(triangles)
-        counts.append(rows)
+        stack, many = plan.reduce(start, stop)
+        stacks.append(stack)
+        counts.append(many)
         if progress:
             progress(stop / plan.rows)
     rows = np.concatenate(counts, axis=1)
@@ -284,9 +285,7 @@ class Plan:
         step = self.motion.treatment.decimation * self.motion.dt
         begin = self.motion.t0 + self.first * self.motion.dt - 0.5 * step
         edges = [*range(0, self.rows, self.block), self.rows]
-        return tuple(
-            Block(log, begin + a * step, begin + b * step) for a, b in zip(edges[:-1], edges[1:], strict=True)
-        )
+        return tuple(Block(log, begin + a * step, begin + b * step) for a, b in pairwise(edges))
 
     def reduce(self, start: int, stop: int) -> tuple[list[tuple[np.ndarray, Array]], np.ndarray]:
         """Triangles of rows start..stop by coordinate (columns, stack), and how many rows went into each block."""

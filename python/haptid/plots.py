@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
+from dataclasses import dataclass
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
@@ -14,48 +17,76 @@ from haptid.prediction import Prediction
 
 # Colours that colour-blind readers tell apart (Okabe and Ito 2008).
 MEASURED, PREDICTED, RESIDUAL = "#000000", "#0072B2", "#D55E00"
-# More points than this cannot be seen: below it every row is drawn, above it the extremes of each pixel.
+# Rows that do not count are shaded.
+DROPPED = "0.85"
+# More stretches than this cannot be told apart: below it every row is drawn, above it the extremes of each stretch.
 PIXELS = 2000
 
 
-def plot_torque(prediction: Prediction, title: str, path: Path) -> None:
-    """One panel for each motor: measured and predicted torque, and the residual, against time."""
-    motors = len(prediction.motors)
-    figure = Figure(figsize=(10, 1.2 + 1.9 * motors), layout="constrained")
+def plot_torque(parts: Iterable[Prediction], rows: int, title: str, path: Path) -> None:
+    """One panel for each motor: measured and predicted torque, and the residual, against time.
+
+    Args:
+        parts: stretches of one prediction, in order.
+        rows: of all of them together, which decides how finely each is drawn.
+        title, path: of the picture.
+    """
+    drawn = [outline(part, rows) for part in parts]
+    motors, units = drawn[0].motors, drawn[0].units
+    figure = Figure(figsize=(10, 1.2 + 1.9 * len(motors)), layout="constrained")
     FigureCanvasAgg(figure)
     figure.suptitle(title)
-    panels = np.atleast_1d(figure.subplots(motors, 1, sharex=True))
+    panels = np.atleast_1d(figure.subplots(len(motors), 1, sharex=True))
     for k, panel in enumerate(panels):
-        draw_motor(panel, prediction, k)
+        draw_motor(panel, drawn, k)
+        panel.set_ylabel(f"{motors[k]}\n{units[k]}")
     panels[-1].set_xlabel("time, s")
     panels[0].legend(loc="upper right", ncols=3, fontsize="small", framealpha=0.9)
     figure.savefig(path, dpi=120)
 
 
-def draw_motor(panel: Axes, prediction: Prediction, k: int) -> None:
+@dataclass(frozen=True, eq=False)
+class Outline:
+    """What can be seen of a stretch: for each motor and curve, times and values; and where rows do not count."""
+
+    motors: tuple[str, ...]
+    units: tuple[str, ...]
+    curves: tuple[tuple[tuple[Array, Array], ...], ...]
+    dropped: tuple[tuple[Array, np.ndarray], ...]
+
+
+def outline(part: Prediction, rows: int) -> Outline:
+    """A stretch of a prediction of so many rows, thinned to what can be seen."""
+    bins = max(1, round(PIXELS * len(part.t) / max(rows, 1))) if rows > 2 * PIXELS else len(part.t)
+    curves = [
+        tuple(thinned(part.t, y, bins) for y in (measured, predicted, measured - predicted))
+        for measured, predicted in zip(part.measured, part.predicted, strict=True)
+    ]
+    every = slice(None, None, max(1, len(part.t) // (2 * bins)))
+    dropped = tuple((part.t[every], ~used[every]) for used in part.used)
+    return Outline(part.motors, part.units, tuple(curves), dropped)
+
+
+def draw_motor(panel: Axes, drawn: list[Outline], k: int) -> None:
     """Measured, predicted, residual of one motor; stretches that do not count are shaded."""
-    measured, predicted = prediction.measured[k], prediction.predicted[k]
-    for y, colour, name, width in (
-        (measured, MEASURED, "measured", 2.2),
-        (predicted, PREDICTED, "predicted", 0.9),
-        (measured - predicted, RESIDUAL, "residual", 0.7),
-    ):
-        panel.plot(*thinned(prediction.t, y), color=colour, label=name, linewidth=width)
-    low, high = panel.get_ylim()
-    dropped = ~prediction.used[k]
+    styles = ((MEASURED, "measured", 2.2), (PREDICTED, "predicted", 0.9), (RESIDUAL, "residual", 0.7))
+    for curve, (colour, name, width) in enumerate(styles):
+        t, y = (np.concatenate([part.curves[k][curve][axis] for part in drawn]) for axis in (0, 1))
+        panel.plot(t, y, color=colour, label=name, linewidth=width)
+    t, dropped = (np.concatenate([part.dropped[k][axis] for part in drawn]) for axis in (0, 1))
     if dropped.any():
-        panel.fill_between(prediction.t, low, high, where=dropped, color="0.85", linewidth=0, zorder=0)
+        low, high = panel.get_ylim()
+        panel.fill_between(t, low, high, where=dropped, color=DROPPED, linewidth=0, zorder=0)
         panel.set_ylim(low, high)
-    panel.set_ylabel(f"motor {prediction.motors[k]}\n{prediction.units[k]}")
     panel.margins(x=0)
     panel.grid(alpha=0.3)
 
 
-def thinned(t: Array, y: Array) -> tuple[Array, Array]:
-    """The least and greatest of each of PIXELS stretches, in order, where there are more points than can be seen."""
-    if len(y) <= 2 * PIXELS:
+def thinned(t: Array, y: Array, bins: int) -> tuple[Array, Array]:
+    """The least and greatest of each bin, in order of time, where there are more points than that."""
+    if len(y) <= 2 * bins:
         return t, y
-    edges = np.linspace(0, len(y), PIXELS + 1).astype(int)
-    picks = [np.sort([a + np.argmin(y[a:b]), a + np.argmax(y[a:b])]) for a, b in zip(edges[:-1], edges[1:], strict=True)]
+    edges = np.linspace(0, len(y), bins + 1).astype(int)
+    picks = [np.sort([a + np.argmin(y[a:b]), a + np.argmax(y[a:b])]) for a, b in pairwise(edges)]
     chosen = np.concatenate(picks)
     return t[chosen], y[chosen]

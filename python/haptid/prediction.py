@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
 
-from haptid._values import Array, read_only
+from haptid._values import Array, freeze, read_only
 from haptid.estimators import Estimate
 from haptid.observation import Plan
 from haptid.signals import coordinate_torque, coordinates, external
@@ -18,7 +19,7 @@ class Prediction:
     """Measured and predicted torque of the treated rows.
 
     Attributes:
-        motors: names, (motors,).
+        motors: what each row is of, "motor 1" or "joint 5", (motors,).
         units: N m or N, (motors,).
         t: (rows,), s.
         measured, predicted: joint-side torque, (motors, rows).
@@ -42,27 +43,35 @@ def predict(estimate: Estimate, motion: Motion) -> Prediction:
 
     The filter is linear, so filtering the predicted torque is the same as filtering every column of W.
     """
+    parts = list(predictions(estimate, motion))
+    measured, predicted, used = (
+        np.concatenate([getattr(part, name) for part in parts], axis=1) for name in ("measured", "predicted", "used")
+    )
+    t = np.concatenate([part.t for part in parts])
+    return Prediction(parts[0].motors, parts[0].units, t, freeze(measured), freeze(predicted), used)
+
+
+def predictions(estimate: Estimate, motion: Motion) -> Iterator[Prediction]:
+    """The same, stretch after stretch: for motions whose rows would not fit in memory together."""
     device = estimate.device
     plan = Plan.of(device, motion)
     chi = plan.selection @ estimate.beta
     d, taps = motion.treatment.decimation, plan.taps
-    parts = []
+    rows = [k for k, known in enumerate(device.measured) if known]
+    names, units = (tuple(every[k] for k in rows) for every in (device.row_labels, device.torque_units))
     for start, stop in plan.segments():
         low, high = plan.window(start, stop)
         c, cd, cdd = coordinates(device, motion, low, high)
         tau = device.mechanism.torque(c, cd, cdd, external(device, c, cd, cdd), list(plan.columns), list(chi))
         measured = coordinate_torque(device, motion, low, high)
-        parts.append((decimate(measured, taps, d), decimate(tau, taps, d), plan.weights(cd, stop - start) > 0))
-    measured, predicted, used = (np.concatenate(part, axis=1) for part in zip(*parts, strict=True))
-    motors = np.flatnonzero(device.measured).tolist()
-    return Prediction(
-        motors=tuple(device.row_names[k] for k in motors),
-        units=tuple(device.torque_units[k] for k in motors),
-        t=motion.t0 + motion.dt * (plan.first + d * np.arange(plan.rows)),
-        measured=measured[motors],
-        predicted=predicted[motors],
-        used=used[motors],
-    )
+        yield Prediction(
+            motors=names,
+            units=units,
+            t=np.asarray(motion.t0 + motion.dt * (plan.first + d * np.arange(start, stop)), dtype=np.float64),
+            measured=decimate(measured, taps, d)[rows],
+            predicted=decimate(tau, taps, d)[rows],
+            used=plan.weights(cd, stop - start)[rows] > 0,
+        )
 
 
 def decimate(signals: Array, taps: Array, decimation: int) -> Array:

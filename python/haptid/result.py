@@ -91,7 +91,14 @@ def errors(path: str, validation: Validation) -> list[dict[str, Any]]:
     """One validation, motor by motor, then all motors (whose RMSE would mix units, and is null)."""
     kind = "fit" if validation.seen else "unseen"
     rows: list[dict[str, Any]] = [
-        {"log": path, "rows": kind, "motor": m.motor, "relative_error_percent": m.relative, "rmse": m.rmse, "unit": m.unit}
+        {
+            "log": path,
+            "rows": kind,
+            "motor": m.motor,
+            "relative_error_percent": m.relative,
+            "rmse": m.rmse,
+            "unit": m.unit,
+        }
         for m in validation.motors
     ]
     whole = {"log": path, "rows": kind, "motor": "all", "relative_error_percent": validation.relative}
@@ -112,7 +119,19 @@ def write_result(identification: Identification, folder: Path) -> None:
     (folder / "result.json").write_text(text + "\n", encoding="utf-8")
     with (folder / "parameters.csv").open("w", newline="", encoding="utf-8") as file:
         table = csv.writer(file)
-        table.writerow(["name", "value", "sd", "low95", "high95", "relative_sd_percent", "textbook_sd", "unit", "grouping"])
+        table.writerow(
+            [
+                "name",
+                "value",
+                "sd",
+                "low95",
+                "high95",
+                "relative_sd_percent",
+                "textbook_sd",
+                "unit",
+                "grouping",
+            ]
+        )
         for p in identification.estimate.parameters:
             table.writerow([p.name, p.value, p.sd, *p.interval, p.relative_sd, p.textbook_sd, p.unit, p.grouping])
 

@@ -46,7 +46,7 @@ def torque_channels(device: Device, side: str) -> list[str]:
 def _joint_measured(device: Device) -> np.ndarray:
     """Whether each active joint's torque is known: all drives that load it have a motor."""
     blind = np.array([not drive.motorised for drive in device.drives])
-    return ~(device.coupling[blind] != 0).any(axis=0)
+    return np.asarray(~(device.coupling[blind] != 0).any(axis=0))
 
 
 def coordinates(device: Device, motion: Motion, start: int, stop: int) -> tuple[Array, Array, Array]:

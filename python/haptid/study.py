@@ -67,7 +67,8 @@ class TreatmentTable(_Table):
     parallel_cutoff_hz: Positive | None = Field(None, description="-3 dB of the filter that torque and W share, Hz")
     low_speed: Finite | list[Finite] = Field(0.0, description="rows slower than this are dropped, rad/s or m/s")
     guard: Annotated[float, Field(ge=0, allow_inf_nan=False)] | None = Field(
-        None, description="rows this near slow motion are dropped too, s; default: the parallel filter's half width"
+        None,
+        description="rows this near slow motion are dropped too, s; default: the parallel filter's half width",
     )
     block: Positive = Field(1.0, description="length of a time block, s")
 
@@ -101,9 +102,9 @@ class StudyTable(_Table):
     device: str = Field(description="name of a shipped device, or path of a device file, relative to the study")
     channels: ChannelsTable | None = None
     logs: list[LogTable] = Field(min_length=1)
-    treatment: TreatmentTable = TreatmentTable.model_construct(**{
-        name: field.default for name, field in TreatmentTable.model_fields.items()
-    })
+    treatment: TreatmentTable = TreatmentTable.model_construct(
+        **{name: field.default for name, field in TreatmentTable.model_fields.items()}
+    )
     holdout: HoldoutTable | None = None
     estimate: EstimateTable = EstimateTable.model_construct(method="WLS", passes=2)
     criteria: CriteriaTable = CriteriaTable.model_construct(relative_error_percent=None)
@@ -200,7 +201,9 @@ def _known(where: str) -> list[str]:
     """Keys that the table around `where` knows."""
     model: Any = StudyTable
     for part in where.split(".")[:-1]:
-        fields = {f.alias or name: f for name, f in model.model_fields.items()} if hasattr(model, "model_fields") else {}
+        fields = (
+            {f.alias or name: f for name, f in model.model_fields.items()} if hasattr(model, "model_fields") else {}
+        )
         if part in fields:
             model = _inner(fields[part].annotation)
     return [f.alias or name for name, f in model.model_fields.items()] if hasattr(model, "model_fields") else []
@@ -266,7 +269,9 @@ def _check_logs(study: Path, logs: tuple[LogEntry, ...], holdout: HoldoutTable |
     for log in logs:
         earlier = seen.setdefault(log.path, [])
         if any(_overlap(log.stretch, other.stretch) for other in earlier):
-            raise StudyLogsError(study, f"{log.path!r} is named twice; give the two entries stretches that do not overlap")
+            raise StudyLogsError(
+                study, f"{log.path!r} is named twice; give the two entries stretches that do not overlap"
+            )
         earlier.append(log)
     if holdout and holdout.pattern == "each-log" and len(fitted) < 2:
         raise StudyLogsError(study, "holdout pattern 'each-log' needs at least two logs with role 'identify'")
@@ -274,4 +279,3 @@ def _check_logs(study: Path, logs: tuple[LogEntry, ...], holdout: HoldoutTable |
 
 def _overlap(a: tuple[float, float] | None, b: tuple[float, float] | None) -> bool:
     return a is None or b is None or (a[0] < b[1] and b[0] < a[1])
-

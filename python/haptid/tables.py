@@ -26,8 +26,11 @@ def show_identification(console: Console, found: Identification) -> None:
         highlight=False,
     )
     console.print(parameter_table(found.estimate))
-    console.print("Rows in grey: the deviation is over half the value. Groupings: result.json, or `haptid model`.", style="dim")
-    console.print(error_table(found.runs))
+    console.print(
+        "Rows in grey: the deviation is over half the value. Groupings: result.json, or `haptid model`.",
+        style="dim",
+    )
+    console.print(error_table(found.runs, found.device.torque_rows))
     for note in found.estimate.notes:
         console.print(f"- {note}", highlight=False)
     console.print(f"\n{verdict(found)}", highlight=False)
@@ -73,7 +76,7 @@ def with_digits(value: float, sd: float) -> str:
     return f"{value:.{decimals}f}"
 
 
-def error_table(runs: tuple[Run, ...]) -> Table:
+def error_table(runs: tuple[Run, ...], row: str) -> Table:
     """Relative error by log and motor."""
     motors = [m.name for m in runs[0].observation.motors]
     table = Table(title="\nRelative error of the torque, %", title_justify="left", box=None, pad_edge=False)
@@ -81,7 +84,7 @@ def error_table(runs: tuple[Run, ...]) -> Table:
     table.add_column("rows")
     table.add_column("all", justify="right")
     for motor in motors if len(motors) > 1 else ():
-        table.add_column(f"motor {motor}", justify="right")
+        table.add_column(f"{row} {motor}", justify="right")
     for run in runs:
         for validation in (run.direct, *run.unseen):
             if validation is not None:
@@ -99,9 +102,7 @@ def error_cells(validation: Validation, motors: int) -> list[str]:
 def verdict(found: Identification) -> str:
     """One sentence: what the model is good for, judged on unseen rows."""
     if not found.unseen:
-        return (
-            "No unseen rows: this fit is not validated. Give the study a log with role 'validate', or a [holdout]."
-        )
+        return "No unseen rows: this fit is not validated. Give the study a log with role 'validate', or a [holdout]."
     worst = max(v.relative for v in found.unseen)
     text = f"On rows that its fit had not seen the model misses {worst:.2f} % of the torque at worst."
     if found.meets_criteria is None:
@@ -115,7 +116,12 @@ def show_model(console: Console, device: Device) -> None:
     for line in summary_lines(device):
         console.print(line, highlight=False, markup=False)
     base = device.base
-    table = Table(title=f"\n{len(base)} base parameters of {len(base.standard)}", title_justify="left", box=None, pad_edge=False)
+    table = Table(
+        title=f"\n{len(base)} base parameters of {len(base.standard)}",
+        title_justify="left",
+        box=None,
+        pad_edge=False,
+    )
     table.add_column("parameter")
     table.add_column("unit")
     table.add_column("regroups", overflow="fold")

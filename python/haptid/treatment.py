@@ -148,7 +148,7 @@ class Motion:
     @property
     def t(self) -> Array:
         """Sample times, (n,), s."""
-        return freeze(self.t0 + self.dt * np.arange(len(self)))
+        return freeze(np.asarray(self.t0 + self.dt * np.arange(len(self)), dtype=np.float64))
 
     @property
     def qd(self) -> Array:

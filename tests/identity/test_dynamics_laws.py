@@ -2,8 +2,9 @@
 
 import numpy as np
 from hypothesis import given, settings
-from mechanisms import Random, mechanisms, states
 from scipy.integrate import solve_ivp
+
+from mechanisms import Random, mechanisms, states
 
 
 @settings(max_examples=40, deadline=None)
@@ -15,7 +16,9 @@ def test_torque_is_linear_in_the_parameters(mechanism):
     one, other = rng.normal(size=(2, len(columns)))
     core = mechanism.core()
     both = core.torque(*motion, none, columns, list(2.0 * one - 3.0 * other))
-    apart = 2.0 * core.torque(*motion, none, columns, list(one)) - 3.0 * core.torque(*motion, none, columns, list(other))
+    apart = 2.0 * core.torque(*motion, none, columns, list(one)) - 3.0 * core.torque(
+        *motion, none, columns, list(other)
+    )
     np.testing.assert_allclose(both, apart, rtol=0, atol=1e-12 * np.abs(apart).max() + 1e-300)
 
 

@@ -4,12 +4,21 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from motions import motion, truth
 from scipy import signal
 
 import haptid
+from motions import motion, truth
 
-DEVICES = ["phantom_premium_15", "cea_medical_branch", "rx90", "sr400", "puma560", "staubli_tx40", "arm7", "emps"]
+DEVICES = [
+    "phantom_premium_15",
+    "cea_medical_branch",
+    "rx90",
+    "sr400",
+    "puma560",
+    "staubli_tx40",
+    "arm7",
+    "emps",
+]
 
 
 @pytest.mark.parametrize("name", DEVICES)

@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from mechanisms import draw, mechanisms
 
 from haptid import _core
+from mechanisms import draw, mechanisms
 
 FILTERS = st.sampled_from([(1, 1), (3, 1), (21, 1), (201, 10), (11, 50), (1, 7), (33, 4)])
 
@@ -30,7 +30,10 @@ def test_triangles_are_those_of_the_filtered_rows(mechanism, shape, rows, block,
     size, decimation = shape
     rng = np.random.default_rng(rows)
     na = mechanism.coordinates
-    terms = [("viscous", np.eye(na)[0], 0.0, 0.0, 0.0, 0.0), ("external", rng.normal(size=na), 0.0, 0.0, 0.0, 0.0)]
+    terms = [
+        ("viscous", np.eye(na)[0], 0.0, 0.0, 0.0, 0.0),
+        ("external", rng.normal(size=na), 0.0, 0.0, 0.0, 0.0),
+    ]
     core = mechanism.core(backend, tuple(terms))
     taps = rng.normal(size=size) / size
     taps = taps + taps[::-1]
@@ -65,8 +68,18 @@ def test_the_result_does_not_depend_on_where_the_parts_were_cut():
     whole = core.reduce(*motion, none, torque, columns, taps, 5, 20, 3990, 100, np.ones((4, 3990)))
     cut = 20 * 100
     tail = [np.ascontiguousarray(x[:, cut * 5 :]) for x in motion]
-    later = core.reduce(*tail, none[:, cut * 5 :], np.ascontiguousarray(torque[:, cut * 5 :]), columns, taps, 5, 20,
-                        1990, 100, np.ones((4, 1990)))
+    later = core.reduce(
+        *tail,
+        none[:, cut * 5 :],
+        np.ascontiguousarray(torque[:, cut * 5 :]),
+        columns,
+        taps,
+        5,
+        20,
+        1990,
+        100,
+        np.ones((4, 1990)),
+    )
     for (_, a), (_, b) in zip(whole, later, strict=True):
         np.testing.assert_allclose(a[20:], b, rtol=0, atol=1e-12 * np.abs(a).max())
 
@@ -102,7 +115,15 @@ def test_a_matrix_in_fortran_order_is_refused_rather_than_read_transposed():
 def test_what_does_not_fit_together_is_refused(change, message):
     core = draw(1, joints=2, closed=False).core()
     x = np.zeros((2, 50))
-    given_ = {"torque": x, "columns": [0], "taps": np.ones(9), "decimation": 1, "first": 4, "rows": 42, "block": 10,
-              "weights": np.ones((2, 42))} | change
+    given_ = {
+        "torque": x,
+        "columns": [0],
+        "taps": np.ones(9),
+        "decimation": 1,
+        "first": 4,
+        "rows": 42,
+        "block": 10,
+        "weights": np.ones((2, 42)),
+    } | change
     with pytest.raises(ValueError, match=message):
         core.reduce(x, x, x, np.zeros((0, 50)), **given_)

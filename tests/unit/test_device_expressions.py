@@ -7,11 +7,12 @@ from collections.abc import Callable
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
 from haptid.device.expressions import column, number, relation
 from haptid.device.place import Place
 from haptid.errors import DeviceError, ExpressionError, RelationError, UnknownNameError
-from hypothesis import given
-from hypothesis import strategies as st
 
 HERE = Place("arm.toml", "joints[0].alpha")
 LENGTHS = {"d3": 0.45, "_r": -2.0}
@@ -120,12 +121,7 @@ def test_columns_see_the_joints_and_the_lengths() -> None:
     made = column("d3*sin(3*q_2) + v_2**2 - abs(a_1)/2 + sign(v_2)", ["1", "2"], LENGTHS, HERE)
     rng = np.random.default_rng(0)
     motion = {f"{x}_{j}": rng.normal(size=5) for x in "qva" for j in "12"}
-    want = (
-        0.45 * np.sin(3 * motion["q_2"])
-        + motion["v_2"] ** 2
-        - np.abs(motion["a_1"]) / 2
-        + np.sign(motion["v_2"])
-    )
+    want = 0.45 * np.sin(3 * motion["q_2"]) + motion["v_2"] ** 2 - np.abs(motion["a_1"]) / 2 + np.sign(motion["v_2"])
     np.testing.assert_allclose(made.values(motion, 5), want, rtol=1e-14)
     np.testing.assert_array_equal(column("2", ["1"], {}, HERE).values(motion, 5), np.full(5, 2.0))
 

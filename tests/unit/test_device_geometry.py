@@ -6,11 +6,12 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
 from haptid.device import poses, read_device
 from haptid.device.geometry import least_turn, modified_dh, placed, shift, turn_x, turn_y, turn_z
 from haptid.errors import ShapeError
-from hypothesis import given, settings
-from hypothesis import strategies as st
 
 ANGLES = st.floats(-3, 3)
 HEAD = 'name = "t"\ngravity = [0, 0, -9.81]\n'
@@ -24,9 +25,7 @@ def written(folder: Path, text: str) -> Path:
 
 @settings(max_examples=25, deadline=None)
 @given(st.lists(st.tuples(*[ANGLES] * 6, st.booleans()), min_size=1, max_size=4), st.integers(0, 99))
-def test_modified_dh_is_khalils_product(
-    tmp_path_factory: pytest.TempPathFactory, rows: list, seed: int
-) -> None:
+def test_modified_dh_is_khalils_product(tmp_path_factory: pytest.TempPathFactory, rows: list, seed: int) -> None:
     keys = ("gamma", "b", "alpha", "d", "theta", "r")
     text = 'convention = "modified-dh"\n' + "".join(
         f'[[joints]]\nname = "{k}"\ntype = "{"prismatic" if row[6] else "revolute"}"\n'
@@ -46,9 +45,7 @@ def test_modified_dh_is_khalils_product(
 
 @settings(max_examples=25, deadline=None)
 @given(st.lists(st.tuples(*[ANGLES] * 4, st.booleans()), min_size=1, max_size=4), st.integers(0, 99))
-def test_standard_dh_links_are_found_back(
-    tmp_path_factory: pytest.TempPathFactory, rows: list, seed: int
-) -> None:
+def test_standard_dh_links_are_found_back(tmp_path_factory: pytest.TempPathFactory, rows: list, seed: int) -> None:
     text = 'convention = "dh"\n[base]\nrpy = [0.1, 0.2, 0.3]\nxyz = [1, 2, 3]\n' + "".join(
         f'[[joints]]\nname = "{k}"\ntype = "{"prismatic" if slides else "revolute"}"\n'
         f"theta = {theta!r}\nd = {d!r}\na = {a!r}\nalpha = {alpha!r}\n"
@@ -105,9 +102,7 @@ def test_least_turn_takes_z_onto_the_axis(axis: tuple[float, float, float]) -> N
     R = least_turn(unit)[:3, :3]
     np.testing.assert_allclose(R[:, 2], unit, atol=1e-9)
     np.testing.assert_allclose(R @ R.T, np.eye(3), atol=1e-9)
-    assert np.trace(R) == pytest.approx(
-        1 + 2 * unit[2], abs=1e-9
-    )  # turned by the angle between them, no more
+    assert np.trace(R) == pytest.approx(1 + 2 * unit[2], abs=1e-9)  # turned by the angle between them, no more
 
 
 def test_least_turn_of_minus_z_is_a_half_turn_about_x() -> None:

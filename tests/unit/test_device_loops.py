@@ -6,11 +6,12 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
 from haptid.device import poses, read_device
 from haptid.device.geometry import joint_poses
 from haptid.errors import LoopOpenError, NonlinearLoopError, RelationError, UndeterminedLoopError
-from hypothesis import given, settings
-from hypothesis import strategies as st
 
 LENGTH = st.floats(0.05, 1.0)
 
@@ -120,9 +121,7 @@ def test_relations_are_verified_against_the_cut(tmp_path: Path) -> None:
 
 def test_one_relation_given_and_the_other_derived(tmp_path: Path) -> None:
     cut = 'cut = { on = "coupler", frame = { d = 0.3 }, with = "forearm", twin = { d = 0.1 } }\n'
-    device = device_of(
-        tmp_path, four_bar(0.3, 0.1, 0.3, 0.1, loop=cut + 'relations = ["qforearm = qlever - qarm"]')
-    )
+    device = device_of(tmp_path, four_bar(0.3, 0.1, 0.3, 0.1, loop=cut + 'relations = ["qforearm = qlever - qarm"]'))
     assert device.closure.relations[1] == "qcoupler = qarm - qlever"
 
 

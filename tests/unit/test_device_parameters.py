@@ -6,14 +6,15 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
 from haptid.device import INERTIAL, Counterbalance, Device, read_device
 from haptid.device.geometry import placed
 from haptid.device.model import Joint
 from haptid.device.parameters import Symmetry, standard_parameters
 from haptid.device.prior import Body, body_prior, inertial_parameters
 from haptid.errors import ColumnValueError
-from hypothesis import given, settings
-from hypothesis import strategies as st
 
 NAMES = [kind + joint for joint in "123" for kind in INERTIAL]
 GROUPS = st.lists(st.lists(st.sampled_from(NAMES), min_size=2, max_size=4).map(tuple), max_size=4).map(tuple)
@@ -32,9 +33,7 @@ def test_free_parameters_obey_every_zero_and_equality(equal: tuple, zero: tuple,
     raw = dict(zip(made.raw, made.S @ np.random.default_rng(0).uniform(1, 2, len(made)), strict=True))
     assert all(raw[name] == 0 for name in zero)
     assert all(raw[group[0]] == raw[name] for group in equal for name in group)
-    assert all(
-        raw[kind + j] == 0 for j, body in zip("123", bodies, strict=True) if not body for kind in INERTIAL
-    )
+    assert all(raw[kind + j] == 0 for j, body in zip("123", bodies, strict=True) if not body for kind in INERTIAL)
     assert set(np.unique(made.S)) <= {0.0, 1.0}
     assert (made.S.sum(axis=1) <= 1).all()
     # Nothing else left, and each is named after the first it stands for.
@@ -239,9 +238,7 @@ def test_a_prior_body_keeps_its_kinetic_energy(seed: int) -> None:
     energy = 0.5 * body.mass * at_com @ at_com + 0.5 * wf @ body.inertia @ wf
     xx, xy, xz, yy, yz, zz, mx, my, mz, m = inertial_parameters(body, joint)
     J = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
-    assert 0.5 * m * v @ v + v @ np.cross(w, [mx, my, mz]) + 0.5 * w @ J @ w == pytest.approx(
-        energy, rel=1e-9
-    )
+    assert 0.5 * m * v @ v + v @ np.cross(w, [mx, my, mz]) + 0.5 * w @ J @ w == pytest.approx(energy, rel=1e-9)
 
 
 def test_prior_deviations_are_never_zero() -> None:

@@ -6,13 +6,14 @@ import inspect
 import re
 from pathlib import Path
 
-import haptid.device
 import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+
+import haptid.device
 from haptid import errors
 from haptid.device import device_schema, read_device, shipped_devices
 from haptid.device.tables import LARGEST_FILE
-from hypothesis import HealthCheck, given, settings
-from hypothesis import strategies as st
 
 ARM = """
 schema = 1
@@ -38,9 +39,7 @@ joints = ["1", "2"]
 width = 0.1
 """
 PASSIVE = '[[loops]]\nrelations = ["q3 = -q2"]\n'
-BALANCE = (
-    '[[terms]]\nkind = "counterbalance"\njoints = ["2"]\ncrank = 0.1\nbase = 0.5\nlaw = "gas"\nstroke = 0.3\n'
-)
+BALANCE = '[[terms]]\nkind = "counterbalance"\njoints = ["2"]\ncrank = 0.1\nbase = 0.5\nlaw = "gas"\nstroke = 0.3\n'
 
 
 def add(text: str) -> str:
@@ -264,10 +263,7 @@ BROKEN = [
     ),
     (
         "TransmissionError",
-        add(
-            '[[motors]]\nname = "a"\ndrives = { 1 = 1, 2 = 1 }\n'
-            '[[motors]]\nname = "b"\ndrives = { 1 = 2, 2 = 2 }'
-        ),
+        add('[[motors]]\nname = "a"\ndrives = { 1 = 1, 2 = 1 }\n[[motors]]\nname = "b"\ndrives = { 1 = 2, 2 = 2 }'),
         ["motors: ", "rank 2, wanted 3"],
     ),
     (
@@ -278,12 +274,8 @@ BROKEN = [
 ]
 
 
-@pytest.mark.parametrize(
-    ("kind", "text", "parts"), BROKEN, ids=[f"{k}-{i}" for i, (k, _, _) in enumerate(BROKEN)]
-)
-def test_each_cause_has_its_error_and_says_what_to_do(
-    tmp_path: Path, kind: str, text: str, parts: list[str]
-) -> None:
+@pytest.mark.parametrize(("kind", "text", "parts"), BROKEN, ids=[f"{k}-{i}" for i, (k, _, _) in enumerate(BROKEN)])
+def test_each_cause_has_its_error_and_says_what_to_do(tmp_path: Path, kind: str, text: str, parts: list[str]) -> None:
     path = tmp_path / "arm.toml"
     path.write_text(text)
     with pytest.raises(errors.DeviceError) as caught:
@@ -376,9 +368,7 @@ JUNK = st.sampled_from(
     st.integers(0, 10_000),
     JUNK,
 )
-def test_a_damaged_file_is_a_device_or_one_clear_error(
-    tmp_path: Path, name: str, line: int, junk: str
-) -> None:
+def test_a_damaged_file_is_a_device_or_one_clear_error(tmp_path: Path, name: str, line: int, junk: str) -> None:
     folder = Path(haptid.device.__file__).parent.parent / "devices"
     lines = (folder / f"{name}.toml").read_text().splitlines()
     line %= len(lines)

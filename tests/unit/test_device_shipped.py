@@ -4,9 +4,10 @@ from __future__ import annotations
 
 from pathlib import Path
 
-import haptid.device
 import numpy as np
 import pytest
+
+import haptid.device
 from haptid.device import Device, mechanism_arguments, poses, read_device, shipped_devices, summary_lines
 
 DRY_OR_BIAS = ("FV", "FC", "OFF", "CB")
@@ -68,9 +69,7 @@ def test_the_core_and_pinocchio_agree(device: Device) -> None:
         3,
         0,
     ]  # XX XY XZ YY YZ ZZ MX MY MZ M in Pinocchio's M MX MY MZ XX XY YY XZ YZ ZZ
-    want = given.rates.T @ np.concatenate(
-        [Y[:, 10 * k + np.array(order)] for k in range(len(device.joints))], axis=1
-    )
+    want = given.rates.T @ np.concatenate([Y[:, 10 * k + np.array(order)] for k in range(len(device.joints))], axis=1)
     np.testing.assert_allclose(made, want, atol=1e-12 * np.abs(want).max())
 
 
@@ -165,9 +164,7 @@ def test_kuka_counterbalance_is_the_authors_formula() -> None:
     D, k, area, delta = 0.8, 0.2, 0.0016689710972195777, q[1] - np.pi / 2 + np.radians(95)
     dl = np.sqrt(D**2 + k**2 - 2 * D * k * np.cos(delta)) - (D - k)
     pressure = 1.01 * 296.8 * 328 * 0.159 / (0.00096 - dl * area)
-    np.testing.assert_allclose(
-        made, np.sin(delta) * D * k / (dl + D - k) * pressure * area, rtol=1e-12, atol=1e-9
-    )
+    np.testing.assert_allclose(made, np.sin(delta) * D * k / (dl + D - k) * pressure * area, rtol=1e-12, atol=1e-9)
 
 
 def test_drives_match_the_logs_of_the_data() -> None:

@@ -8,11 +8,12 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+
 from haptid import errors
 from haptid.log import Channels, Log, Signal, read_log
 from haptid.log.units import SPELLINGS, TABLES, meant
-from hypothesis import HealthCheck, given, settings
-from hypothesis import strategies as st
 
 QUICK = settings(max_examples=40, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
 T = np.arange(4000) / 1000
@@ -76,9 +77,7 @@ def test_identical_channels(tmp_path: Path) -> None:
 @pytest.mark.parametrize("sign", [1, -1])
 def test_saturated_torque(tmp_path: Path, sign: int) -> None:
     tau = sign * np.minimum(TORQUE, 2.5)
-    with pytest.raises(
-        errors.SaturatedTorqueError, match=rf"'tau' stays exactly at its extreme {2.5 * sign} N m for"
-    ):
+    with pytest.raises(errors.SaturatedTorqueError, match=rf"'tau' stays exactly at its extreme {2.5 * sign} N m for"):
         read(tmp_path, tau=tau)
     log = read(tmp_path, tau=tau, torque={"allow_saturation": True})
     assert "is saturated at" in log.notes[0]
@@ -157,9 +156,7 @@ def test_wrapped_angles_are_recognised_and_straightened(
     log = read(tmp_path, q=wrapped, position=options | {"unwrap": True})
     scale = 2 * np.pi / turn
     travel = (straight - straight[0]) * scale
-    np.testing.assert_allclose(
-        log.position[:, 0] - log.position[0, 0], travel, rtol=0, atol=1e-9 * travel[-1]
-    )
+    np.testing.assert_allclose(log.position[:, 0] - log.position[0, 0], travel, rtol=0, atol=1e-9 * travel[-1])
     assert "unwrapped at" in log.notes[0]
 
 
@@ -208,9 +205,7 @@ def test_unknown_units_say_what_was_meant() -> None:
         for unit in table:
             for spelling in SPELLINGS[unit]:
                 assert meant(spelling, quantity) == unit
-    with pytest.raises(
-        errors.UnknownUnitError, match=r"'Nm' of the torque is not known\. Write 'N m'\. Known: N m"
-    ):
+    with pytest.raises(errors.UnknownUnitError, match=r"'Nm' of the torque is not known\. Write 'N m'\. Known: N m"):
         Channels(Signal("q", "rad"), Signal("tau", "Nm"), "t")
     with pytest.raises(errors.UnknownUnitError, match=r"'furlong' of the position is not known\. Known: rad"):
         Channels(Signal("q", "furlong"), Signal("tau", "N m"), "t")

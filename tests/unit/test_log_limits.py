@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+
 from haptid import errors
 from haptid.log import Channels, Log, Signal, check_against
 from haptid.log.model import Side
@@ -32,9 +33,7 @@ def test_sound_positions_pass() -> None:
 
 
 def test_degrees_passed_as_radians() -> None:
-    with pytest.raises(
-        errors.LooksLikeDegreesError, match=r"joint A .* far beyond its limits -1\.5 \.\. 1\.5 rad"
-    ):
+    with pytest.raises(errors.LooksLikeDegreesError, match=r"joint A .* far beyond its limits -1\.5 \.\. 1\.5 rad"):
         check_against(log(motion(57.3)), RANGES, (False, False), NAMES)
     with pytest.raises(errors.LooksLikeDegreesError, match="turns; divided by"):
         check_against(log(motion(57.3)), (None, None), (False, False), NAMES)

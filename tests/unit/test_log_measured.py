@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+
 from haptid import errors
 from haptid.log import Channels, Signal, read_log
 
@@ -30,7 +31,7 @@ def test_positioning_axis(shared_data: Path, name: str) -> None:
     assert log.rate_hz == pytest.approx(1000, rel=1e-6)
     assert log.t[-1] == pytest.approx(24.84, rel=1e-6)
     assert log.channels.torque_unit == "V"
-    assert "irregular" in log.notes[0]
+    assert log.notes == ()  # its stamps jitter by 24 ns, which moves no position
 
 
 def test_positioning_axis_gives_the_published_parameters_roughly(shared_data: Path) -> None:
@@ -54,9 +55,7 @@ def test_positioning_axis_gives_the_published_parameters_roughly(shared_data: Pa
 
 
 def test_six_axis_arm_of_the_motor_side(shared_data: Path) -> None:
-    channels = Channels(
-        Signal(numbered("qm{}"), "rad", "motor"), Signal(numbered("taum{}"), "N m", "motor"), time="t"
-    )
+    channels = Channels(Signal(numbered("qm{}"), "rad", "motor"), Signal(numbered("taum{}"), "N m", "motor"), time="t")
     log = read_log(shared_data / "staubli_tx40" / "tx40_log.parquet", channels)
     assert log.position.shape == log.torque.shape == (45000, 6)
     assert log.rate_hz == pytest.approx(5000, rel=1e-9)
@@ -81,9 +80,7 @@ def test_encoders_that_are_not_fitted_are_named(shared_data: Path) -> None:
 
 
 def test_no_check_fires_on_a_part_of_a_measured_log(shared_data: Path) -> None:
-    channels = Channels(
-        Signal(numbered("qm{}"), "rad", "motor"), Signal(numbered("taum{}"), "N m", "motor"), time="t"
-    )
+    channels = Channels(Signal(numbered("qm{}"), "rad", "motor"), Signal(numbered("taum{}"), "N m", "motor"), time="t")
     path = shared_data / "staubli_tx40" / "tx40_log.parquet"
     for start in range(7):
         assert read_log(path, channels, stretch=(start, start + 1)).t.size == 5001

@@ -14,13 +14,14 @@ import numpy as np
 import pyarrow as pa
 import pytest
 import scipy.io
-from haptid import errors
-from haptid.log import Channels, Signal, content, read_log
-from haptid.log.reading import FORMATS
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 from pyarrow import parquet
+
+from haptid import errors
+from haptid.log import Channels, Signal, content, read_log
+from haptid.log.reading import FORMATS
 
 QUICK = settings(max_examples=25, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
 BY_SUFFIX = {suffix: kind for kind in FORMATS for suffix in kind.suffixes}
@@ -42,8 +43,7 @@ def samples(n: int = 200) -> dict[str, np.ndarray]:
 def text(data: dict[str, np.ndarray], separator: str = ",", decimal: str = ".") -> str:
     rows = [separator.join(data)]
     rows += [
-        separator.join(repr(float(v)).replace(".", decimal) for v in row)
-        for row in zip(*data.values(), strict=True)
+        separator.join(repr(float(v)).replace(".", decimal) for v in row) for row in zip(*data.values(), strict=True)
     ]
     return "\n".join(rows) + "\n"
 
@@ -54,9 +54,7 @@ def write(path: Path, kind: str, data: dict[str, np.ndarray]) -> tuple[Path, dic
     path = path / f"log{kind.split()[0]}"
     matrix = np.column_stack(list(data.values()))
     numbered = (
-        {name: f"run.x[{k}]" for k, name in enumerate(data, 1)}
-        if len(data) > 1
-        else dict.fromkeys(data, "run.x")
+        {name: f"run.x[{k}]" for k, name in enumerate(data, 1)} if len(data) > 1 else dict.fromkeys(data, "run.x")
     )
     if kind == ".csv":
         path.write_text(text(data))
@@ -222,9 +220,7 @@ def broken(tmp_path: Path, line: int, new: str | None, separator: str = ",") -> 
 
 
 def test_ragged_row_names_its_line(tmp_path: Path) -> None:
-    with pytest.raises(
-        errors.RaggedRowError, match=r"line 17: 3 cells where the header has 5\. Correct"
-    ) as caught:
+    with pytest.raises(errors.RaggedRowError, match=r"line 17: 3 cells where the header has 5\. Correct") as caught:
         read_log(broken(tmp_path, 17, "1,2,3"))
     assert caught.value.__cause__ is not None
     with pytest.raises(errors.RaggedRowError, match=r"line 201: 2 cells .* cut short"):

@@ -4,7 +4,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from motions import motion, truth
 from scipy import stats
 
 import haptid
@@ -18,6 +17,7 @@ from haptid.errors import (
     UnexcitedError,
 )
 from haptid.signals import rows
+from motions import motion, truth
 
 
 @pytest.fixture(scope="module")
@@ -66,7 +66,9 @@ def test_weighted_least_squares_weighs_motors_by_their_residual(device, beta):
     reached = [motor.columns.size for motor in found.observation.motors]
     sigma = np.linalg.norm(y - W @ first, axis=1) / np.sqrt(y.shape[1] - np.array(reached))
     np.testing.assert_allclose(found.weights, 1 / sigma, rtol=1e-8)
-    wanted = np.linalg.lstsq((W / sigma[:, None, None]).reshape(-1, len(beta)), (y / sigma[:, None]).ravel(), rcond=None)[0]
+    wanted = np.linalg.lstsq(
+        (W / sigma[:, None, None]).reshape(-1, len(beta)), (y / sigma[:, None]).ravel(), rcond=None
+    )[0]
     np.testing.assert_allclose(found.beta, wanted, rtol=1e-8)
 
 

@@ -82,9 +82,7 @@ class Chain:
     def of(joints: Sequence[Joint], cuts: tuple[Cut, ...], active: tuple[int, ...]) -> Chain:
         """Measure the tree."""
         frames = [frame for cut in cuts for frame in (cut.frame, cut.twin)]
-        lengths = [
-            np.linalg.norm(p) for p in (*(j.translation for j in joints), *(f.translation for f in frames))
-        ]
+        lengths = [np.linalg.norm(p) for p in (*(j.translation for j in joints), *(f.translation for f in frames))]
         above = np.eye(len(joints), dtype=bool)
         for j, joint in enumerate(joints):
             if joint.parent >= 0:

@@ -131,9 +131,7 @@ class Targets:
             None: (),
         }
         joints = table.joints if isinstance(table.joints, list) else words[table.joints]
-        motors = (
-            table.motors if isinstance(table.motors, list) else [t.name for t in self.motors if table.motors]
-        )
+        motors = table.motors if isinstance(table.motors, list) else [t.name for t in self.motors if table.motors]
         made: list[Target] = []
         for what, wanted, known in (("joint", joints, self.joints), ("motor", motors, self.motors)):
             names = [target.name for target in known]
@@ -144,9 +142,7 @@ class Targets:
         return made
 
 
-def read_terms(
-    tables: Sequence[AnyTerm], targets: Targets, reader: Reader, place: Place
-) -> tuple[TermColumn, ...]:
+def read_terms(tables: Sequence[AnyTerm], targets: Targets, reader: Reader, place: Place) -> tuple[TermColumn, ...]:
     """All columns beside link inertia, in declared order, by joint within each table."""
     made: list[TermColumn] = []
     for k, table in enumerate(tables):
@@ -156,9 +152,7 @@ def read_terms(
     return tuple(made)
 
 
-def _columns(
-    table: AnyTerm, target: Target, targets: Targets, reader: Reader, place: Place
-) -> list[TermColumn]:
+def _columns(table: AnyTerm, target: Target, targets: Targets, reader: Reader, place: Place) -> list[TermColumn]:
     if isinstance(table, ColumnTerm):
         _alone(table, targets, place)
         joints = [joint.name for joint in targets.joints]
@@ -178,17 +172,11 @@ def _columns(
             signs = (("P", "coulomb+"), ("N", "coulomb-"))
             return [target.column(name(suffix), kind, settings=(width, 0.0, 0.0)) for suffix, kind in signs]
         case StribeckTerm():
-            velocity, exponent = (
-                _positive(getattr(table, k), reader, place.at(k)) for k in ("velocity", "exponent")
-            )
+            velocity, exponent = (_positive(getattr(table, k), reader, place.at(k)) for k in ("velocity", "exponent"))
             width = _not_negative(table.width, reader, place.at("width"))
             return [target.column(name(), "stribeck", settings=(velocity, exponent, width))]
         case SpringTerm():
-            return [
-                target.column(
-                    name(), "spring", settings=(reader.number(table.rest, place.at("rest")), 0.0, 0.0)
-                )
-            ]
+            return [target.column(name(), "spring", settings=(reader.number(table.rest, place.at("rest")), 0.0, 0.0))]
         case CounterbalanceTerm():
             _alone(table, targets, place)
             suffixes = {"spring": (("F", "constant"), ("K", "linear")), "gas": (("", "gas"),)}[table.law]

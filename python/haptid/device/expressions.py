@@ -39,11 +39,7 @@ OPERATORS: Mapping[type[ast.operator], Callable[[Any, Any], Any]] = {
     ast.Pow: operator.pow,
 }
 ARITHMETIC = 'Use numbers, pi, named lengths, + - * / and brackets, as in "-pi/2" or "d3 + 0.1".'
-COLUMN = (
-    "Use q_, v_, a_ followed by a joint's name, pi, named lengths, + - * / ** and "
-    + ", ".join(FUNCTIONS)
-    + "."
-)
+COLUMN = "Use q_, v_, a_ followed by a joint's name, pi, named lengths, + - * / ** and " + ", ".join(FUNCTIONS) + "."
 LINEAR = 'Write a sum such as "q3 = pi/2 - q2 + q7", each q with a constant factor.'
 
 
@@ -63,9 +59,7 @@ class Linear:
 
     def times(self, number: float) -> Linear:
         """Every factor and the constant times a number."""
-        return Linear(
-            self.constant * number, {name: factor * number for name, factor in self.factors.items()}
-        )
+        return Linear(self.constant * number, {name: factor * number for name, factor in self.factors.items()})
 
 
 @dataclass(frozen=True)
@@ -153,9 +147,7 @@ class _NotLinearError(ValueError):
 
 def _parse(text: str, place: Place, instead: str) -> ast.expr:
     if len(text) > LONGEST:
-        raise ExpressionError(
-            str(place), text[:40] + "...", f"it has {len(text)} characters, limit {LONGEST}", instead
-        )
+        raise ExpressionError(str(place), text[:40] + "...", f"it has {len(text)} characters, limit {LONGEST}", instead)
     try:
         return ast.parse(text.strip(), mode="eval").body
     except (SyntaxError, ValueError, RecursionError, MemoryError):

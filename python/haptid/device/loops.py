@@ -66,9 +66,7 @@ def read_loops(
         here = place.at(k)
         named = [(name, here.at("passive", i)) for i, name in enumerate(table.passive)]
         for i, text in enumerate(table.relations):
-            symbol, linear = relation(
-                text, [f"q{name}" for name in index], reader.lengths, here.at("relations", i)
-            )
+            symbol, linear = relation(text, [f"q{name}" for name in index], reader.lengths, here.at("relations", i))
             if index[symbol[1:]] in known:
                 raise RelationError(
                     str(here.at("relations", i)),
@@ -120,9 +118,7 @@ def active_joints(
             raise ActiveJointError(at, joint.name, found, "Remove active = true, or the joint from the loop.")
         if active is False and j not in loops.passive:
             found = "is declared passive, but no loop says how it moves"
-            raise ActiveJointError(
-                at, joint.name, found, "Add it to a loop's passive list, or give it a relation."
-            )
+            raise ActiveJointError(at, joint.name, found, "Add it to a loop's passive list, or give it a relation.")
     return tuple(j for j in range(len(joints)) if j not in loops.passive)
 
 
@@ -169,9 +165,7 @@ def _found(name: str, index: Mapping[str, int], place: Place) -> int:
     return index[name]
 
 
-def _from_relations(
-    names: list[str], active: tuple[int, ...], loops: Loops
-) -> tuple[Array, Array, list[int]]:
+def _from_relations(names: list[str], active: tuple[int, ...], loops: Loops) -> tuple[Array, Array, list[int]]:
     """G and offset of active joints and of those with a relation; rows of the others are zero."""
     n, settled = len(names), sorted(loops.known)
     G, offset = np.zeros((n, len(active))), np.zeros(n)
@@ -248,9 +242,7 @@ def _preference(branch: Branch, unknown: list[int], guess: Mapping[int, float]) 
     return round(float(away), 6), round(float(np.abs(branch.offset[unknown]).sum()), 6)
 
 
-def relation_text(
-    names: Sequence[str], joint: int, active: tuple[int, ...], row: Array, constant: float
-) -> str:
+def relation_text(names: Sequence[str], joint: int, active: tuple[int, ...], row: Array, constant: float) -> str:
     """A relation as the file would have it, such as `q3 = pi/2 - q2 + q7`."""
     parts = [("-" if constant < 0 else "+", _angle(abs(constant)))] if constant else []
     for k, factor in zip(active, row, strict=True):
@@ -260,9 +252,7 @@ def relation_text(
     if not parts:
         return f"q{names[joint]} = 0"
     (sign, first), *rest = parts
-    return f"q{names[joint]} = {'-' if sign == '-' else ''}{first}" + "".join(
-        f" {s} {text}" for s, text in rest
-    )
+    return f"q{names[joint]} = {'-' if sign == '-' else ''}{first}" + "".join(f" {s} {text}" for s, text in rest)
 
 
 def _angle(value: float) -> str:

@@ -244,6 +244,11 @@ class Device:
             return tuple(drive.name for drive in self.drives)
         return tuple(self.joints[j].name for j in self.active)
 
+    @property
+    def row_labels(self) -> tuple[str, ...]:
+        """What to write beside a torque row: "motor 1", "joint 5"."""
+        return tuple(f"{self.torque_rows} {name}" for name in self.row_names)
+
     @cached_property
     def measured(self) -> tuple[bool, ...]:
         """Whether the torque of each row is known: a motor's own; a joint's if all drives that load it have a motor."""
@@ -286,7 +291,7 @@ class Device:
         return external_columns(self.externals, self.joint_names, self.tree(qa, qda, qdda))
 
     def coulomb_directions(self, row: int) -> tuple[Array, ...]:
-        """Directions whose sign of velocity a torque row depends on, as weights over the coordinates, each (active,)."""
+        """Directions whose sign of velocity a torque row depends on, as weights over coordinates, each (active,)."""
         found: list[Array] = []
         for term in self.terms:
             felt = term.kind in DRY and term.weights[row] != 0

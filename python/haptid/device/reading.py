@@ -95,9 +95,7 @@ def _lengths(tables: AnyDevice, place: Place) -> dict[str, float]:
     """Named lengths, each of which may use those above it."""
     taken = dict.fromkeys(RESERVED, "arithmetic")
     taken |= {
-        prefix + j.name: f"the motion of joint {j.name}"
-        for j in tables.joints
-        for prefix in ("q", "q_", "v_", "a_")
+        prefix + j.name: f"the motion of joint {j.name}" for j in tables.joints for prefix in ("q", "q_", "v_", "a_")
     }
     made: dict[str, float] = {}
     for name, value in tables.lengths.items():
@@ -128,9 +126,7 @@ def _joints(tables: Sequence[AnyJoint], base: Array, reader: Reader, place: Plac
                 rotation=placement[:3, :3],
                 translation=placement[:3, 3],
                 body=table.body,
-                position_limits=_position_limits(
-                    table.limits.position, reader, place.at(k, "limits", "position")
-                ),
+                position_limits=_position_limits(table.limits.position, reader, place.at(k, "limits", "position")),
                 velocity_limit=limits["velocity"],
                 torque_limit=limits["torque"],
                 frame_rotation=frame[:3, :3],
@@ -169,9 +165,7 @@ def _refuse_cycles(names: list[str], parents: list[str], place: Place) -> None:
             trail.append(parent)
 
 
-def _position_limits(
-    values: Sequence[float | str] | None, reader: Reader, place: Place
-) -> tuple[float, float] | None:
+def _position_limits(values: Sequence[float | str] | None, reader: Reader, place: Place) -> tuple[float, float] | None:
     if values is None:
         return None
     low, high = (reader.number(value, place.at(k)) for k, value in enumerate(values))
@@ -200,9 +194,7 @@ def _symmetry(
     for k, name in enumerate(raw):
         if name in raw[:k]:
             first = f"{raw.index(name) + 1}. of the standard parameters"
-            raise DuplicateNameError(
-                str(place.at("terms")), "parameter", name, f"the {first}; set prefix or name"
-            )
+            raise DuplicateNameError(str(place.at("terms")), "parameter", name, f"the {first}; set prefix or name")
     return tuple(_rule(table, names, raw, units, place.at("symmetry", k)) for k, table in enumerate(tables))
 
 
@@ -211,9 +203,7 @@ def _rule(
 ) -> Symmetry:
     zero, equal = list(table.zero), [tuple(group) for group in table.equal]
     named = [(name, place.at("zero", k)) for k, name in enumerate(zero)]
-    named += [
-        (name, place.at("equal", k, i)) for k, group in enumerate(equal) for i, name in enumerate(group)
-    ]
+    named += [(name, place.at("equal", k, i)) for k, group in enumerate(equal) for i, name in enumerate(group)]
     for name, at in named:
         if name not in raw:
             raise UnknownNameError(str(at), "parameter", name, raw)
@@ -237,9 +227,7 @@ def _rule(
     if len(table.identical) > 1:
         equal += [tuple(kind + link for link in table.identical) for kind in INERTIAL]
     if not zero and not equal:
-        raise DeviceValueError(
-            str(place), "this symmetry says nothing", "Add zero, equal, about or identical."
-        )
+        raise DeviceValueError(str(place), "this symmetry says nothing", "Add zero, equal, about or identical.")
     return Symmetry(table.reason, tuple(zero), tuple(equal))
 
 
@@ -247,9 +235,7 @@ def _unit(name: str, raw: tuple[str, ...], units: Mapping[str, str]) -> str:
     return units.get(name) or INERTIAL_UNITS[raw.index(name) % 10]
 
 
-def _handle(
-    tables: AnyDevice, joints: Sequence[Joint], base: Array, reader: Reader, place: Place
-) -> Handle | None:
+def _handle(tables: AnyDevice, joints: Sequence[Joint], base: Array, reader: Reader, place: Place) -> Handle | None:
     if tables.handle is None:
         return None
     names = [joint.name for joint in joints]
@@ -285,9 +271,7 @@ def _named_prior(value: PriorTable | float | str, reader: Reader, place: Place) 
         return Prior(reader.number(value, place))
     sd = None if value.sd is None else reader.number(value.sd, place.at("sd"))
     if sd is not None and sd <= 0:
-        raise DeviceValueError(
-            str(place.at("sd")), f"found {sd:g}", "Write a standard deviation above zero, or none."
-        )
+        raise DeviceValueError(str(place.at("sd")), f"found {sd:g}", "Write a standard deviation above zero, or none.")
     return Prior(reader.number(value.value, place.at("value")), sd)
 
 
@@ -295,14 +279,10 @@ def _body(table: PriorBodyTable, reader: Reader, place: Place) -> Body:
     """A CAD body, refused where no body can have such a mass or inertia."""
     mass = reader.number(table.mass, place.at("mass"))
     if mass < 0:
-        raise DeviceValueError(
-            str(place.at("mass")), f"found {mass:g} kg", "Write zero or a number above it."
-        )
+        raise DeviceValueError(str(place.at("mass")), f"found {mass:g} kg", "Write zero or a number above it.")
     inertia = None
     if table.inertia is not None:
-        inertia = tensor(
-            np.array([reader.number(v, place.at("inertia", k)) for k, v in enumerate(table.inertia)])
-        )
+        inertia = tensor(np.array([reader.number(v, place.at("inertia", k)) for k, v in enumerate(table.inertia)]))
         least = float(np.linalg.eigvalsh(inertia)[0])
         if least < -1e-9 * float(np.trace(np.abs(inertia))):
             found = f"the least principal moment is {least:.3g} kg m^2"
@@ -332,12 +312,8 @@ def _tolerance(tables: AnyDevice, reader: Reader, place: Place) -> float:
 def _contradictions(prior: Mapping[str, Prior], index: Mapping[str, int]) -> list[str]:
     """Priors of parameters that symmetry or massless links say are zero."""
     lost = [name for name, known in prior.items() if name not in index and known.value]
-    return (
-        [f"prior of {', '.join(lost)} is not used: these parameters are zero in this device"] if lost else []
-    )
+    return [f"prior of {', '.join(lost)} is not used: these parameters are zero in this device"] if lost else []
 
 
 def _closing_note(closure: Closure) -> list[str]:
-    return (
-        [f"loops close within {closure.error:.1e} m: {'; '.join(closure.relations)}"] if closure.cuts else []
-    )
+    return [f"loops close within {closure.error:.1e} m: {'; '.join(closure.relations)}"] if closure.cuts else []

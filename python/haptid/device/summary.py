@@ -11,9 +11,7 @@ from haptid.device.terms import Counterbalance, TermColumn
 def summary_lines(device: Device) -> tuple[str, ...]:
     """The device as lines of text, without markup."""
     lines = [device.name]
-    lines += [
-        text for text in (device.description, f"source: {device.source}" if device.source else "") if text
-    ]
+    lines += [text for text in (device.description, f"source: {device.source}" if device.source else "") if text]
     gravity = ", ".join(f"{g:g}" for g in device.gravity)
     lines += [f"gravity [{gravity}] m/s^2, described by {device.convention}", "", "Tree"]
     lines += _table(
@@ -83,9 +81,7 @@ def _words(term: TermColumn) -> str:
         return f"counterbalance, {term.shape.force} force"
     if term.shape is not None:
         return f"column {term.shape.text}"
-    settings = {"stribeck": "velocity {}, exponent {}, width {}", "spring": "rest {}"}.get(
-        term.kind, "width {}"
-    )
+    settings = {"stribeck": "velocity {}, exponent {}, width {}", "spring": "rest {}"}.get(term.kind, "width {}")
     shown = f" ({settings.format(*(f'{s:g}' for s in term.settings))})" if any(term.settings) else ""
     return f"{term.kind}{shown}"
 

@@ -19,8 +19,8 @@ from haptid.errors import (
     DeviceSyntaxError,
     DeviceValueError,
     UnknownNameError,
-    suggestion,
 )
+from haptid.errors.devices import suggestion
 
 # A device file is some kilobytes; a file beyond this is something else.
 LARGEST_FILE = 1_000_000
@@ -41,9 +41,7 @@ INSTEAD = {
 def shipped_devices() -> tuple[str, ...]:
     """Names of the devices that come with haptid."""
     folder = files("haptid") / "devices"
-    return tuple(
-        sorted(entry.name.removesuffix(".toml") for entry in folder.iterdir() if entry.name.endswith(".toml"))
-    )
+    return tuple(sorted(entry.name.removesuffix(".toml") for entry in folder.iterdir() if entry.name.endswith(".toml")))
 
 
 def read_tables(path: str | Path) -> tuple[AnyDevice, str]:
@@ -104,9 +102,7 @@ def _parsed(file: str, content: bytes) -> dict[str, Any]:
         lines = text.splitlines() or [""]
         line, column = (int(position[1]), int(position[2])) if position else (len(lines), len(lines[-1]) + 1)
         found = re.sub(r" \(at .*\)$", "", str(error))
-        raise DeviceSyntaxError(
-            file, line, column, found, lines[min(line, len(lines)) - 1].strip()[:80]
-        ) from None
+        raise DeviceSyntaxError(file, line, column, found, lines[min(line, len(lines)) - 1].strip()[:80]) from None
 
 
 def _first_error(error: ValidationError, file: str, data: Any, model: type[BaseModel]) -> Exception:
@@ -118,13 +114,9 @@ def _first_error(error: ValidationError, file: str, data: Any, model: type[BaseM
     kind, context = detail["type"], detail.get("ctx", {})
     if kind == "extra_forbidden":
         known = _keys(model, steps[:-1], data)
-        return DeviceKeyError(
-            str(place), f'there is no key "{steps[-1]}" here', suggestion(str(steps[-1]), known)
-        )
+        return DeviceKeyError(str(place), f'there is no key "{steps[-1]}" here', suggestion(str(steps[-1]), known))
     if kind == "missing":
-        return DeviceKeyError(
-            str(place), "this key is missing", f"Write {steps[-1]} = ... {_table(steps[:-1])}."
-        )
+        return DeviceKeyError(str(place), "this key is missing", f"Write {steps[-1]} = ... {_table(steps[:-1])}.")
     if kind == "union_tag_not_found":
         return DeviceKeyError(
             str(place.at("kind")), "this key is missing", f"Write kind = ..., one of {', '.join(_kinds())}."
@@ -132,9 +124,7 @@ def _first_error(error: ValidationError, file: str, data: Any, model: type[BaseM
     if kind == "union_tag_invalid":
         return UnknownNameError(str(place.at("kind")), "kind of term", str(context["tag"]), _kinds())
     wanted = INSTEAD.get(kind, detail["msg"].removeprefix("Value error, "))
-    return DeviceValueError(
-        str(place), f"found {_shown(detail['input'])}", f"{wanted[:1].upper()}{wanted[1:]}."
-    )
+    return DeviceValueError(str(place), f"found {_shown(detail['input'])}", f"{wanted[:1].upper()}{wanted[1:]}.")
 
 
 def _rank(detail: Any) -> int:

@@ -120,11 +120,7 @@ def external_columns(
             row[:] = term.shape.values(named, samples)
         if not np.isfinite(row).all():
             sample = int(np.argmin(np.isfinite(row)))
-            cause = (
-                f"its expression is {term.shape.text}"
-                if isinstance(term.shape, Column)
-                else "the motion is not"
-            )
+            cause = f"its expression is {term.shape.text}" if isinstance(term.shape, Column) else "the motion is not"
             raise ColumnValueError(term.name, sample, float(row[sample]), cause)
     return made
 

@@ -37,8 +37,7 @@ def read_drives(
     if not tables:
         units = ["N" if joints[j].prismatic else "N m" for j in active]
         return tuple(
-            Motor(n, 1.0, 1.0, unit, row)
-            for n, unit, row in zip(names, units, np.eye(len(names)), strict=True)
+            Motor(n, 1.0, 1.0, unit, row) for n, unit, row in zip(names, units, np.eye(len(names)), strict=True)
         )
     drives: list[Motor] = []
     for k, table in enumerate(tables):

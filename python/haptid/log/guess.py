@@ -25,11 +25,7 @@ def guess(path: Path, names: Sequence[str]) -> tuple[Channels, str]:
     """
     times = [(name, match) for name in names if (match := TIME.fullmatch(name))]
     if len(times) != 1:
-        found = (
-            "no time channel"
-            if not times
-            else f"{len(times)} time channels ({', '.join(n for n, _ in times)})"
-        )
+        found = "no time channel" if not times else f"{len(times)} time channels ({', '.join(n for n, _ in times)})"
         raise ChannelGuessError(path, f"{found} found by name", names)
     (time, match) = times[0]
     position = _numbered(path, names, POSITION, "position")
@@ -50,9 +46,7 @@ def _numbered(path: Path, names: Sequence[str], pattern: re.Pattern[str], kind: 
         if match := pattern.fullmatch(name):
             family = families.setdefault((match["where"], match["family"].lower()), {})
             if family.setdefault(int(match["number"]), name) != name:
-                raise ChannelGuessError(
-                    path, f"{family[int(match['number'])]} and {name} have one number", names
-                )
+                raise ChannelGuessError(path, f"{family[int(match['number'])]} and {name} have one number", names)
     if not families:
         alone = [name for name in names if name.rpartition(".")[2].lower() in SINGLE[kind]]
         if len(alone) == 1:
@@ -60,9 +54,7 @@ def _numbered(path: Path, names: Sequence[str], pattern: re.Pattern[str], kind: 
         raise ChannelGuessError(path, f"no {kind} channels found by name", names)
     if len(families) > 1:
         firsts = ", ".join(family[min(family)] for family in families.values())
-        raise ChannelGuessError(
-            path, f"more than one set of {kind} channels ({firsts}, ...) found by name", names
-        )
+        raise ChannelGuessError(path, f"more than one set of {kind} channels ({firsts}, ...) found by name", names)
     (family,) = families.values()
     order = sorted(family)
     if order[0] > 1 or order[-1] - order[0] + 1 != len(order):

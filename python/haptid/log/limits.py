@@ -47,10 +47,7 @@ def check_against(
         SwappedChannelsError: two channels, each of which fits the other's limits and not its own.
     """
     count = len(log.channels.position.channels)
-    if (
-        log.channels.position.side != "joint"
-        or not len(position_ranges) == len(prismatic) == len(names) == count
-    ):
+    if log.channels.position.side != "joint" or not len(position_ranges) == len(prismatic) == len(names) == count:
         return ()
     spans: list[Range] = [(float(q.min()), float(q.max())) for q in log.position.T]
     angles = [k for k in range(count) if not prismatic[k]]
@@ -61,8 +58,7 @@ def check_against(
             _check_degrees(names[k], log.channels.position.channels[k], spans[k], position_ranges[k])
     _check_swapped(log, spans, position_ranges, prismatic, names)
     return tuple(
-        f"joint {name} runs from {low:.4g} to {high:.4g}, outside its limits "
-        f"{limits[0]:.4g} .. {limits[1]:.4g}"
+        f"joint {name} runs from {low:.4g} to {high:.4g}, outside its limits {limits[0]:.4g} .. {limits[1]:.4g}"
         for name, (low, high), limits in zip(names, spans, position_ranges, strict=True)
         if limits is not None and not _inside((low, high), limits)
     )

@@ -26,9 +26,7 @@ def names(path: Path) -> list[str]:
     if require(path, KIND, "MAT 5", "MAT 7.3", "HDF5") != "MAT 5":
         return hdf5.names(path)
     leaves = (leaf for name, value in _load(path, None).items() for leaf in _leaves(name, value))
-    return [
-        channel for name, array in leaves if numeric(array.dtype) for channel in addresses(name, array.shape)
-    ]
+    return [channel for name, array in leaves if numeric(array.dtype) for channel in addresses(name, array.shape)]
 
 
 def columns(path: Path, wanted: Sequence[str]) -> dict[str, Column]:
@@ -59,13 +57,9 @@ def _load(path: Path, variables: list[str] | None) -> dict[str, Any]:
     with opened(path, KIND):
         _check_elements(path)
         with warnings.catch_warnings():
-            warnings.simplefilter(
-                "ignore"
-            )  # a variable saved twice, an unknown class: not about the wanted ones
+            warnings.simplefilter("ignore")  # a variable saved twice, an unknown class: not about the wanted ones
             loaded = io.loadmat(str(path), variable_names=variables, appendmat=False)
-    return {
-        name: value for name, value in loaded.items() if isinstance(name, str) and not name.startswith("__")
-    }
+    return {name: value for name, value in loaded.items() if isinstance(name, str) and not name.startswith("__")}
 
 
 def _leaves(name: str, value: object) -> Iterator[tuple[str, Column]]:

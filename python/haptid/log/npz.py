@@ -92,9 +92,7 @@ def _array(path: Path, archive: zipfile.ZipFile, name: str, info: zipfile.ZipInf
         raise NotNumericError(path, name, f"values of type {dtype}")
     declared = dtype.itemsize * int(np.prod(shape, dtype=object)) if shape else dtype.itemsize
     if declared != info.file_size - offset:
-        raise CorruptLogError(
-            path, KIND, f"{name} should have {declared} bytes and has {info.file_size - offset}"
-        )
+        raise CorruptLogError(path, KIND, f"{name} should have {declared} bytes and has {info.file_size - offset}")
     with archive.open(info) as member:
         array = npy.read_array(member, allow_pickle=False)
         member.read()  # to the end, where the archive compares its check sum

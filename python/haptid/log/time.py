@@ -23,8 +23,8 @@ from haptid.errors import (
 from haptid.log.content import Column, usable
 
 FEWEST_SAMPLES = 50
-# Stamps this close to a uniform grid, in steps, are on it.
-UNIFORM = 1e-6
+# Stamps this close to a uniform grid, in steps, are on it: what that moves a position by is below any encoder.
+UNIFORM = 1e-4
 # A step longer than this many ordinary ones is a gap; one longer than LONGEST_GAP is not filled.
 GAP = 1.5
 LONGEST_GAP = 10.0
@@ -152,8 +152,7 @@ def from_stamps(path: Path, name: str, seconds: Array, fineness: float) -> TimeB
             first = int(repeated[0])
             raise RepeatedStampError(path, repeated.size, seconds.size, first, float(seconds[first]), None)
         notes.append(
-            f"{repeated.size} samples repeat the one before, first at t = {seconds[repeated[0]]:.6g} s: "
-            f"dropped"
+            f"{repeated.size} samples repeat the one before, first at t = {seconds[repeated[0]]:.6g} s: dropped"
         )
         seconds = np.delete(seconds, repeated)
         check_length(path, seconds.size)

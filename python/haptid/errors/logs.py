@@ -1,217 +1,11 @@
-"""Every error haptid raises: one class per cause, each saying what, how much, the limit, and what to do."""
+"""What can be wrong with a log file or its samples."""
 
 from __future__ import annotations
 
 import difflib
-import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 
-
-class HaptidError(Exception):
-    """Root of haptid's errors."""
-
-
-class DeviceError(HaptidError):
-    """Something about a device file or a mechanism."""
-
-
-class LogError(HaptidError):
-    """Something about a log file or its samples."""
-
-
-class StudyError(HaptidError):
-    """Something about a study file or the corridor it asks for."""
-
-
-class TreatmentError(HaptidError):
-    """Something about filtering, differentiation or decimation."""
-
-
-class EstimationError(HaptidError):
-    """Something about observation, estimation or validation."""
-
-
-# --- device -----------------------------------------------------------------------------------------------------
-
-
-def suggestion(name: str, known: Iterable[str]) -> str:
-    """What was probably meant, and what is known: the tail of an error about a name."""
-    names = list(dict.fromkeys(known))
-    close = difflib.get_close_matches(name, names, n=1, cutoff=0.6)
-    meant = f'Did you mean "{close[0]}"? ' if close else ""
-    shown = ", ".join(names[:24]) + (f" and {len(names) - 24} more" if len(names) > 24 else "")
-    return f"{meant}Known: {shown or 'none'}."
-
-
-class DeviceFileError(DeviceError):
-    """A device file that cannot be taken in at all: absent, too large, not text."""
-
-    def __init__(self, path: str, found: str, instead: str) -> None:
-        super().__init__(f"{path}: {found}. {instead}")
-
-
-class DeviceSyntaxError(DeviceError):
-    """A device file that is not TOML."""
-
-    def __init__(self, path: str, line: int, column: int, found: str, text: str) -> None:
-        self.line, self.column = line, column
-        super().__init__(
-            f"{path}, line {line}, column {column}: not TOML: {found}, in `{text}`. "
-            f"Correct this line; texts and expressions need double quotes."
-        )
-
-
-class DeviceKeyError(DeviceError):
-    """A key that does not belong where it stands, or one that is missing."""
-
-    def __init__(self, where: str, found: str, instead: str) -> None:
-        super().__init__(f"{where}: {found}. {instead}")
-
-
-class DeviceValueError(DeviceError):
-    """A value that cannot be what its key says."""
-
-    def __init__(self, where: str, found: str, instead: str) -> None:
-        super().__init__(f"{where}: {found}. {instead}")
-
-
-class UnknownNameError(DeviceError):
-    """A name that nothing in the device carries."""
-
-    def __init__(self, where: str, what: str, name: str, known: Iterable[str]) -> None:
-        self.name = name
-        super().__init__(f'{where}: no {what} is named "{name}". {suggestion(name, known)}')
-
-
-class DuplicateNameError(DeviceError):
-    """The same name twice."""
-
-    def __init__(self, where: str, what: str, name: str, first: str) -> None:
-        super().__init__(
-            f'{where}: the {what} "{name}" is already taken by {first}. Give one of them another name.'
-        )
-
-
-class MissingParentError(DeviceError):
-    """A joint whose parent is not there, or only further down the file."""
-
-    def __init__(self, where: str, joint: str, parent: str, known: Iterable[str], later: bool) -> None:
-        if later:
-            reason = f'its parent "{parent}" is declared further down; move it above joint "{joint}".'
-        else:
-            reason = f'no joint declared above it is named "{parent}". {suggestion(parent, known)}'
-        super().__init__(f'{where}: joint "{joint}" has no parent yet: {reason}')
-
-
-class CycleError(DeviceError):
-    """Joints that are each other's ancestors."""
-
-    def __init__(self, where: str, names: Iterable[str]) -> None:
-        ring = " -> ".join(names)
-        super().__init__(
-            f"{where}: these joints hang on one another: {ring}. Hang one of them on the base or on a joint "
-            f"outside the ring, and close the ring with [[loops]] and a cut joint."
-        )
-
-
-class ExpressionError(DeviceError):
-    """A text that is not the arithmetic it should be."""
-
-    def __init__(self, where: str, text: str, found: str, instead: str) -> None:
-        super().__init__(f'{where}: cannot read "{text}": {found}. {instead}')
-
-
-class DegreesError(DeviceError):
-    """An angle that can only have been meant in degrees."""
-
-    def __init__(self, where: str, value: float) -> None:
-        super().__init__(
-            f"{where}: the angle {value:g} is more than a turn (limit 2 pi rad), so it looks like degrees. "
-            f'Write it in radians: {math.radians(value):.6g}, or as "{value:g}*pi/180".'
-        )
-
-
-class RelationError(DeviceError):
-    """A relation between joint positions that is not linear, or does not settle its joints."""
-
-    def __init__(self, where: str, found: str, instead: str) -> None:
-        super().__init__(f"{where}: {found}. {instead}")
-
-
-class ActiveJointError(DeviceError):
-    """A joint that is declared active but moved by a loop, or declared passive but moved by nothing."""
-
-    def __init__(self, where: str, joint: str, found: str, instead: str) -> None:
-        super().__init__(f'{where}: joint "{joint}" {found}. {instead}')
-
-
-class LoopOpenError(DeviceError):
-    """Loops whose cut frames do not meet."""
-
-    def __init__(self, where: str, gap: float, limit: float, how: str) -> None:
-        self.gap = gap
-        super().__init__(
-            f"{where}: the loop does not close: {how} its cut frames still miss each other by {gap:.3g} m "
-            f"(limit {limit:.1e} m). Check the lengths and frames of the cut, and that the active joints can "
-            f"move independently of each other."
-        )
-
-
-class NonlinearLoopError(DeviceError):
-    """Loops that close, but not by a linear relation."""
-
-    def __init__(self, where: str, variation: float, limit: float) -> None:
-        self.variation = variation
-        super().__init__(
-            f"{where}: the loop closes, but the passive joints do not follow the active ones linearly: "
-            f"G = dq/dqa varies by {variation:.3g} over the motion (limit {limit:.1e}). Only linear loops "
-            f"(parallelograms, mimic joints, couplings) are handled in this version; if this one is meant "
-            f"to be a parallelogram, make its opposite sides equal."
-        )
-
-
-class UndeterminedLoopError(DeviceError):
-    """Loops that leave a passive joint free."""
-
-    def __init__(self, where: str, free: int, passive: int) -> None:
-        super().__init__(
-            f"{where}: the cuts settle only {passive - free} of {passive} passive joints; {free} can still "
-            f"move while the active ones stand still. Make {free} more of them active, or add a cut."
-        )
-
-
-class IdleMotorError(DeviceError):
-    """A motor that drives no active joint."""
-
-    def __init__(self, where: str, motor: str, found: str, active: Iterable[str]) -> None:
-        super().__init__(
-            f'{where}: motor "{motor}" {found}. Name active joints with non-zero factors; '
-            f"the active joints are {', '.join(active)}."
-        )
-
-
-class TransmissionError(DeviceError):
-    """Motors whose coordinates do not determine the active joints."""
-
-    def __init__(self, where: str, motors: int, active: int, rank: int) -> None:
-        super().__init__(
-            f"{where}: {motors} motor coordinates cannot be turned into the {active} active joint positions: "
-            f"the transmission matrix has rank {rank}, wanted {active} rows of rank {active}. "
-            f"Give each motor its own combination of active joints."
-        )
-
-
-class ColumnValueError(DeviceError):
-    """A column that is not a number somewhere in the motion."""
-
-    def __init__(self, name: str, sample: int, value: float, cause: str) -> None:
-        super().__init__(
-            f"column {name} is {value} at sample {sample}: {cause}. Correct the expression, or keep the "
-            f"motion where it is defined."
-        )
-
-
-# --- log --------------------------------------------------------------------------------------------------------
+from haptid.errors.roots import LogError
 
 
 def _some(names: Sequence[str], limit: int = 24) -> str:
@@ -440,9 +234,7 @@ class MappedTwiceError(LogError):
     """One channel in two places of the mapping."""
 
     def __init__(self, name: str, first: str, second: str) -> None:
-        super().__init__(
-            f"channel {name!r} is mapped twice, as {first} and as {second}. Give each its own channel."
-        )
+        super().__init__(f"channel {name!r} is mapped twice, as {first} and as {second}. Give each its own channel.")
 
 
 class StretchError(LogError):
@@ -484,9 +276,7 @@ class TimeBackwardsError(LogError):
 class RepeatedStampError(LogError):
     """The same stamp on samples that are not the same, or too often."""
 
-    def __init__(
-        self, path: object, count: int, samples: int, index: int, time: float, differing: str | None
-    ) -> None:
+    def __init__(self, path: object, count: int, samples: int, index: int, time: float, differing: str | None) -> None:
         why = (
             f"channel {differing!r} has different values at one of them"
             if differing
@@ -501,9 +291,7 @@ class RepeatedStampError(LogError):
 class GapError(LogError):
     """A hole in the log that is too long to be filled."""
 
-    def __init__(
-        self, path: object, time: float, length: float, step: float, count: int, longest: float
-    ) -> None:
+    def __init__(self, path: object, time: float, length: float, step: float, count: int, longest: float) -> None:
         self.time, self.length = time, length
         more = f" It is the first of {count}." if count > 1 else ""
         super().__init__(
@@ -529,9 +317,7 @@ class LogTooShortError(LogError):
     """Too few samples for anything."""
 
     def __init__(self, path: object, samples: int, limit: int) -> None:
-        super().__init__(
-            f"{path}: {samples} samples, below the limit of {limit}. Record longer, or widen `stretch`."
-        )
+        super().__init__(f"{path}: {samples} samples, below the limit of {limit}. Record longer, or widen `stretch`.")
 
 
 class DeadChannelError(LogError):
@@ -592,9 +378,7 @@ class IdenticalChannelsError(LogError):
 class LooksLikeDegreesError(LogError):
     """Positions read as radians that make sense as degrees."""
 
-    def __init__(
-        self, name: str, channel: str, low: float, high: float, limits: tuple[float, float] | None
-    ) -> None:
+    def __init__(self, name: str, channel: str, low: float, high: float, limits: tuple[float, float] | None) -> None:
         why = (
             f"far beyond its limits {limits[0]:.4g} .. {limits[1]:.4g} rad"
             if limits
@@ -621,158 +405,9 @@ class LooksLikeRadiansError(LogError):
 class SwappedChannelsError(LogError):
     """Two position channels, each of which fits the other's joint."""
 
-    def __init__(
-        self, first: str, second: str, a: str, b: str, value: float, limits: tuple[float, float]
-    ) -> None:
+    def __init__(self, first: str, second: str, a: str, b: str, value: float, limits: tuple[float, float]) -> None:
         super().__init__(
             f"joint {first} (channel {a!r}) reaches {value:.4g}, outside its limits {limits[0]:.4g} .. "
             f"{limits[1]:.4g}, while channel {b!r} of joint {second} fits them and the other way round. "
             "Exchange the two channels, or correct the limits."
         )
-
-
-# --- study, treatment, estimation -------------------------------------------------------------------------------
-
-
-class StudyFileError(StudyError):
-    """A study file that cannot be read, or a key in it that is wrong."""
-
-    def __init__(self, path: object, where: str, what: str, known: list[str] | None = None) -> None:
-        place = f"{path}, key `{where}`" if where else f"{path}"
-        keys = f" Keys here: {', '.join(known)}." if known else ""
-        super().__init__(f"{place}: {what}.{keys}")
-
-
-class StudyLogsError(StudyError):
-    """Logs that cannot serve the study."""
-
-    def __init__(self, path: object, what: str) -> None:
-        super().__init__(f"{path}, key `logs`: {what}.")
-
-
-class OutputError(StudyError):
-    """A folder that results cannot be written to."""
-
-    def __init__(self, path: object, why: str) -> None:
-        super().__init__(f"cannot write results to {path}: {why}. Choose another folder with --out.")
-
-
-class TreatmentValueError(TreatmentError):
-    """A setting of the treatment that means nothing."""
-
-    def __init__(self, name: str, value: object, wanted: str) -> None:
-        super().__init__(f"treatment {name} is {value!r}; write {wanted}.")
-
-
-class CutoffError(TreatmentError):
-    """A cut-off that the sampling rate, or the decimation, cannot carry."""
-
-    def __init__(self, name: str, cutoff_hz: float, limit_hz: float) -> None:
-        super().__init__(
-            f"{name} is {cutoff_hz:g} Hz, and the rate that is left carries only what is well below {limit_hz:g} Hz. "
-            f"Lower {name}, or decimate less."
-        )
-
-
-class MotionTooShortError(TreatmentError):
-    """A motion shorter than the ends its filters need."""
-
-    def __init__(self, seconds: float, needed: float, what: str) -> None:
-        super().__init__(
-            f"the motion lasts {seconds:.3g} s, and {what} alone take {needed:.3g} s. Record a longer motion, raise "
-            f"the cut-off, or decimate less."
-        )
-
-
-class ChannelCountError(EstimationError):
-    """A log with more or fewer channels than the device has."""
-
-    def __init__(self, what: str, got: int, names: list[str]) -> None:
-        super().__init__(
-            f"the log has {got} {what} channels, and the device wants {len(names)}: {', '.join(names)}. "
-            f"Map one channel for each, in this order."
-        )
-
-
-class CommandUnitError(EstimationError):
-    """A torque channel in a unit that the device's motors are not driven in."""
-
-    def __init__(self, motor: str, got: str, wanted: str, side: str) -> None:
-        super().__init__(
-            f"the torque channel of motor {motor} is in {got!r} at the {side} side, and the device file says {wanted!r}. "
-            f"Give the channel that unit, or change the motor's `unit` and `gain` in the device file."
-        )
-
-
-class NoRowsError(EstimationError):
-    """A motor whose rows were all dropped."""
-
-    def __init__(self, motor: str, low_speed: object) -> None:
-        super().__init__(
-            f"every row of motor {motor} is slower than low_speed = {low_speed}, so none is left. Lower `low_speed`, "
-            f"or record motion that turns this joint faster."
-        )
-
-
-class TooFewRowsError(EstimationError):
-    """Fewer rows than parameters."""
-
-    def __init__(self, rows: int, parameters: int) -> None:
-        super().__init__(
-            f"{rows} rows cannot tell {parameters} parameters. Record a longer motion, or decimate less."
-        )
-
-
-class UnexcitedError(EstimationError):
-    """A parameter that the log says nothing about."""
-
-    def __init__(self, name: str, ratio: float, limit: float) -> None:
-        super().__init__(
-            f"base parameter {name} is not excited by this log: its direction carries {ratio:.1e} of the largest one, "
-            f"below the limit {limit:.1e}. Record motion that turns its link, or leave the term out of the device file."
-        )
-
-
-class MethodSettingError(EstimationError):
-    """A setting of an estimator that means nothing."""
-
-    def __init__(self, method: str, name: str, value: object, wanted: str) -> None:
-        super().__init__(f"{method}: {name} is {value!r}; write {wanted}.")
-
-
-class DifferentModelError(EstimationError):
-    """Two values of different devices put together."""
-
-    def __init__(self, one: str, other: str) -> None:
-        super().__init__(
-            f"these are of two devices, {one!r} and {other!r}, or of one device read twice. Read the device once, and "
-            f"make every observation with it."
-        )
-
-
-class SameRowsError(EstimationError):
-    """The same stretch of a log counted twice."""
-
-    def __init__(self, log: str, start: float, stop: float) -> None:
-        super().__init__(
-            f"both observations hold the rows from {start:.3f} to {stop:.3f} s of log {log[:12]}: counting them twice "
-            f"would halve every variance. Leave one out."
-        )
-
-
-class SeenRowsError(EstimationError):
-    """Rows of the fit offered as unseen ones."""
-
-    def __init__(self, log: str, start: float, stop: float) -> None:
-        super().__init__(
-            f"the rows from {start:.3f} to {stop:.3f} s of log {log[:12]} were in the fit, so they prove nothing. "
-            f"Validate on another log, or hold blocks out of this one before the fit."
-        )
-
-
-class ShapeError(HaptidError):
-    """An array whose shape is not what the call needs."""
-
-    def __init__(self, name: str, got: tuple[int, ...], wanted: tuple[int | None, ...]) -> None:
-        shown = tuple("any" if n is None else n for n in wanted)
-        super().__init__(f"{name} has shape {got}, wanted {shown}; pass it with that shape.")

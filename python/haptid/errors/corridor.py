@@ -1,0 +1,139 @@
+"""What can be wrong from a study to its estimate."""
+
+from __future__ import annotations
+
+from haptid.errors.roots import EstimationError, StudyError, TreatmentError
+
+
+class StudyFileError(StudyError):
+    """A study file that cannot be read, or a key in it that is wrong."""
+
+    def __init__(self, path: object, where: str, what: str, known: list[str] | None = None) -> None:
+        place = f"{path}, key `{where}`" if where else f"{path}"
+        keys = f" Keys here: {', '.join(known)}." if known else ""
+        super().__init__(f"{place}: {what}.{keys}")
+
+
+class StudyLogsError(StudyError):
+    """Logs that cannot serve the study."""
+
+    def __init__(self, path: object, what: str) -> None:
+        super().__init__(f"{path}, key `logs`: {what}.")
+
+
+class OutputError(StudyError):
+    """A folder that results cannot be written to."""
+
+    def __init__(self, path: object, why: str) -> None:
+        super().__init__(f"cannot write results to {path}: {why}. Choose another folder with --out.")
+
+
+class TreatmentValueError(TreatmentError):
+    """A setting of the treatment that means nothing."""
+
+    def __init__(self, name: str, value: object, wanted: str) -> None:
+        super().__init__(f"treatment {name} is {value!r}; write {wanted}.")
+
+
+class CutoffError(TreatmentError):
+    """A cut-off that the sampling rate, or the decimation, cannot carry."""
+
+    def __init__(self, name: str, cutoff_hz: float, limit_hz: float) -> None:
+        super().__init__(
+            f"{name} is {cutoff_hz:g} Hz, and the rate that is left carries only what is well below {limit_hz:g} Hz. "
+            f"Lower {name}, or decimate less."
+        )
+
+
+class MotionTooShortError(TreatmentError):
+    """A motion shorter than the ends its filters need."""
+
+    def __init__(self, seconds: float, needed: float, what: str) -> None:
+        super().__init__(
+            f"the motion lasts {seconds:.3g} s, and {what} alone take {needed:.3g} s. Record a longer motion, raise "
+            f"the cut-off, or decimate less."
+        )
+
+
+class ChannelCountError(EstimationError):
+    """A log with more or fewer channels than the device has."""
+
+    def __init__(self, what: str, got: int, names: list[str]) -> None:
+        super().__init__(
+            f"the log has {got} {what} channels, and the device wants {len(names)}: {', '.join(names)}. "
+            f"Map one channel for each, in this order."
+        )
+
+
+class CommandUnitError(EstimationError):
+    """A torque channel in a unit that the device's motors are not driven in."""
+
+    def __init__(self, motor: str, got: str, wanted: str, side: str) -> None:
+        super().__init__(
+            f"the torque channel of {motor} is in {got!r} at the {side} side, and the device file says {wanted!r}. "
+            f"Give the channel that unit, or change the motor's `unit` and `gain` in the device file."
+        )
+
+
+class NoRowsError(EstimationError):
+    """A motor whose rows were all dropped."""
+
+    def __init__(self, motor: str, low_speed: object) -> None:
+        super().__init__(
+            f"every row of motor {motor} is slower than low_speed = {low_speed}, so none is left. Lower `low_speed`, "
+            f"or record motion that turns this joint faster."
+        )
+
+
+class TooFewRowsError(EstimationError):
+    """Fewer rows than parameters."""
+
+    def __init__(self, rows: int, parameters: int) -> None:
+        super().__init__(f"{rows} rows cannot tell {parameters} parameters. Record a longer motion, or decimate less.")
+
+
+class UnexcitedError(EstimationError):
+    """A parameter that the log says nothing about."""
+
+    def __init__(self, name: str, ratio: float, limit: float) -> None:
+        super().__init__(
+            f"base parameter {name} is not excited by this log: its direction carries {ratio:.1e} of the largest one, "
+            f"below the limit {limit:.1e}. Record motion that turns its link, or leave the term out of the device file."
+        )
+
+
+class MethodSettingError(EstimationError):
+    """A setting of an estimator that means nothing."""
+
+    def __init__(self, method: str, name: str, value: object, wanted: str) -> None:
+        super().__init__(f"{method}: {name} is {value!r}; write {wanted}.")
+
+
+class DifferentModelError(EstimationError):
+    """Two values of different devices put together."""
+
+    def __init__(self, one: str, other: str) -> None:
+        super().__init__(
+            f"these are of two devices, {one!r} and {other!r}, or of one device read twice. Read the device once, and "
+            f"make every observation with it."
+        )
+
+
+class SameRowsError(EstimationError):
+    """The same stretch of a log counted twice."""
+
+    def __init__(self, log: str, start: float, stop: float) -> None:
+        super().__init__(
+            f"both observations hold the rows from {start:.3f} to {stop:.3f} s of log {log[:12]}: counting them twice "
+            f"would halve every variance. Leave one out."
+        )
+
+
+class SeenRowsError(EstimationError):
+    """Rows of the fit offered as unseen ones."""
+
+    def __init__(self, log: str, start: float, stop: float) -> None:
+        super().__init__(
+            f"the rows from {start:.3f} to {stop:.3f} s of log {log[:12]} were in the fit, so they prove nothing. "
+            f"Validate on another log, or hold blocks out of this one before the fit."
+        )

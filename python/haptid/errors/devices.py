@@ -1,0 +1,184 @@
+"""What can be wrong with a device file or a mechanism."""
+
+from __future__ import annotations
+
+import difflib
+import math
+from collections.abc import Iterable
+
+from haptid.errors.roots import DeviceError
+
+
+def suggestion(name: str, known: Iterable[str]) -> str:
+    """What was probably meant, and what is known: the tail of an error about a name."""
+    names = list(dict.fromkeys(known))
+    close = difflib.get_close_matches(name, names, n=1, cutoff=0.6)
+    meant = f'Did you mean "{close[0]}"? ' if close else ""
+    shown = ", ".join(names[:24]) + (f" and {len(names) - 24} more" if len(names) > 24 else "")
+    return f"{meant}Known: {shown or 'none'}."
+
+
+class DeviceFileError(DeviceError):
+    """A device file that cannot be taken in at all: absent, too large, not text."""
+
+    def __init__(self, path: str, found: str, instead: str) -> None:
+        super().__init__(f"{path}: {found}. {instead}")
+
+
+class DeviceSyntaxError(DeviceError):
+    """A device file that is not TOML."""
+
+    def __init__(self, path: str, line: int, column: int, found: str, text: str) -> None:
+        self.line, self.column = line, column
+        super().__init__(
+            f"{path}, line {line}, column {column}: not TOML: {found}, in `{text}`. "
+            f"Correct this line; texts and expressions need double quotes."
+        )
+
+
+class DeviceKeyError(DeviceError):
+    """A key that does not belong where it stands, or one that is missing."""
+
+    def __init__(self, where: str, found: str, instead: str) -> None:
+        super().__init__(f"{where}: {found}. {instead}")
+
+
+class DeviceValueError(DeviceError):
+    """A value that cannot be what its key says."""
+
+    def __init__(self, where: str, found: str, instead: str) -> None:
+        super().__init__(f"{where}: {found}. {instead}")
+
+
+class UnknownNameError(DeviceError):
+    """A name that nothing in the device carries."""
+
+    def __init__(self, where: str, what: str, name: str, known: Iterable[str]) -> None:
+        self.name = name
+        super().__init__(f'{where}: no {what} is named "{name}". {suggestion(name, known)}')
+
+
+class DuplicateNameError(DeviceError):
+    """The same name twice."""
+
+    def __init__(self, where: str, what: str, name: str, first: str) -> None:
+        super().__init__(f'{where}: the {what} "{name}" is already taken by {first}. Give one of them another name.')
+
+
+class MissingParentError(DeviceError):
+    """A joint whose parent is not there, or only further down the file."""
+
+    def __init__(self, where: str, joint: str, parent: str, known: Iterable[str], later: bool) -> None:
+        if later:
+            reason = f'its parent "{parent}" is declared further down; move it above joint "{joint}".'
+        else:
+            reason = f'no joint declared above it is named "{parent}". {suggestion(parent, known)}'
+        super().__init__(f'{where}: joint "{joint}" has no parent yet: {reason}')
+
+
+class CycleError(DeviceError):
+    """Joints that are each other's ancestors."""
+
+    def __init__(self, where: str, names: Iterable[str]) -> None:
+        ring = " -> ".join(names)
+        super().__init__(
+            f"{where}: these joints hang on one another: {ring}. Hang one of them on the base or on a joint "
+            f"outside the ring, and close the ring with [[loops]] and a cut joint."
+        )
+
+
+class ExpressionError(DeviceError):
+    """A text that is not the arithmetic it should be."""
+
+    def __init__(self, where: str, text: str, found: str, instead: str) -> None:
+        super().__init__(f'{where}: cannot read "{text}": {found}. {instead}')
+
+
+class DegreesError(DeviceError):
+    """An angle that can only have been meant in degrees."""
+
+    def __init__(self, where: str, value: float) -> None:
+        super().__init__(
+            f"{where}: the angle {value:g} is more than a turn (limit 2 pi rad), so it looks like degrees. "
+            f'Write it in radians: {math.radians(value):.6g}, or as "{value:g}*pi/180".'
+        )
+
+
+class RelationError(DeviceError):
+    """A relation between joint positions that is not linear, or does not settle its joints."""
+
+    def __init__(self, where: str, found: str, instead: str) -> None:
+        super().__init__(f"{where}: {found}. {instead}")
+
+
+class ActiveJointError(DeviceError):
+    """A joint that is declared active but moved by a loop, or declared passive but moved by nothing."""
+
+    def __init__(self, where: str, joint: str, found: str, instead: str) -> None:
+        super().__init__(f'{where}: joint "{joint}" {found}. {instead}')
+
+
+class LoopOpenError(DeviceError):
+    """Loops whose cut frames do not meet."""
+
+    def __init__(self, where: str, gap: float, limit: float, how: str) -> None:
+        self.gap = gap
+        super().__init__(
+            f"{where}: the loop does not close: {how} its cut frames still miss each other by {gap:.3g} m "
+            f"(limit {limit:.1e} m). Check the lengths and frames of the cut, and that the active joints can "
+            f"move independently of each other."
+        )
+
+
+class NonlinearLoopError(DeviceError):
+    """Loops that close, but not by a linear relation."""
+
+    def __init__(self, where: str, variation: float, limit: float) -> None:
+        self.variation = variation
+        super().__init__(
+            f"{where}: the loop closes, but the passive joints do not follow the active ones linearly: "
+            f"G = dq/dqa varies by {variation:.3g} over the motion (limit {limit:.1e}). Only linear loops "
+            f"(parallelograms, mimic joints, couplings) are handled in this version; if this one is meant "
+            f"to be a parallelogram, make its opposite sides equal."
+        )
+
+
+class UndeterminedLoopError(DeviceError):
+    """Loops that leave a passive joint free."""
+
+    def __init__(self, where: str, free: int, passive: int) -> None:
+        super().__init__(
+            f"{where}: the cuts settle only {passive - free} of {passive} passive joints; {free} can still "
+            f"move while the active ones stand still. Make {free} more of them active, or add a cut."
+        )
+
+
+class IdleMotorError(DeviceError):
+    """A motor that drives no active joint."""
+
+    def __init__(self, where: str, motor: str, found: str, active: Iterable[str]) -> None:
+        super().__init__(
+            f'{where}: motor "{motor}" {found}. Name active joints with non-zero factors; '
+            f"the active joints are {', '.join(active)}."
+        )
+
+
+class TransmissionError(DeviceError):
+    """Motors whose coordinates do not determine the active joints."""
+
+    def __init__(self, where: str, motors: int, active: int, rank: int) -> None:
+        super().__init__(
+            f"{where}: {motors} motor coordinates cannot be turned into the {active} active joint positions: "
+            f"the transmission matrix has rank {rank}, wanted {active} rows of rank {active}. "
+            f"Give each motor its own combination of active joints."
+        )
+
+
+class ColumnValueError(DeviceError):
+    """A column that is not a number somewhere in the motion."""
+
+    def __init__(self, name: str, sample: int, value: float, cause: str) -> None:
+        super().__init__(
+            f"column {name} is {value} at sample {sample}: {cause}. Correct the expression, or keep the "
+            f"motion where it is defined."
+        )

@@ -1,0 +1,35 @@
+"""The roots of haptid's errors, by which a caller can catch a whole kind."""
+
+from __future__ import annotations
+
+
+class HaptidError(Exception):
+    """Root of haptid's errors."""
+
+
+class DeviceError(HaptidError):
+    """Something about a device file or a mechanism."""
+
+
+class LogError(HaptidError):
+    """Something about a log file or its samples."""
+
+
+class StudyError(HaptidError):
+    """Something about a study file or the corridor it asks for."""
+
+
+class TreatmentError(HaptidError):
+    """Something about filtering, differentiation or decimation."""
+
+
+class EstimationError(HaptidError):
+    """Something about observation, estimation or validation."""
+
+
+class ShapeError(HaptidError):
+    """An array whose shape is not what the call needs."""
+
+    def __init__(self, name: str, got: tuple[int, ...], wanted: tuple[int | None, ...]) -> None:
+        shown = tuple("any" if n is None else n for n in wanted)
+        super().__init__(f"{name} has shape {got}, wanted {shown}; pass it with that shape.")
