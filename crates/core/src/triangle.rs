@@ -100,8 +100,8 @@ unsafe fn factor<T: Lane>(
             true => unsafe { product::<T>(v, a.add((first + j) * stride), rows) },
             false => 0.0,
         });
-        for j in 0..k {
-            t[j][k] = -tau * (j..k).map(|l| t[j][l] * inner[l]).sum::<f64>();
+        for (j, row) in t.iter_mut().enumerate().take(k) {
+            row[k] = -tau * (j..k).map(|l| row[l] * inner[l]).sum::<f64>();
         }
     }
     Panel { first, width, t }
