@@ -270,3 +270,43 @@ pub fn sin_cos<T: Lane>(x: T) -> (T, T) {
         T::select_gt(centred.mul(centred), s(1.0), swapped_cosine, swapped_cosine.neg()),
     )
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::dispatch::{Backend, dispatched};
+
+    dispatched! {
+        unsafe fn evaluate = evaluate_in_lanes(x: &[f64], sine: &mut [f64], cosine: &mut [f64])
+    }
+
+    #[inline(always)]
+    unsafe fn evaluate_in_lanes<T: Lane>(x: &[f64], sine: &mut [f64], cosine: &mut [f64]) {
+        for k in (0..x.len()).step_by(T::WIDTH) {
+            // SAFETY: the test's arrays are whole lanes long.
+            unsafe {
+                let (s, c) = sin_cos(T::load(x.as_ptr().add(k)));
+                s.store(sine.as_mut_ptr().add(k));
+                c.store(cosine.as_mut_ptr().add(k));
+            }
+        }
+    }
+
+    #[test]
+    fn sine_and_cosine_are_the_libraries_within_two_units_in_the_last_place_of_one() {
+        let fine = (-40_000..40_000).map(|k| f64::from(k) * 1e-3);
+        let quarters = (-2_000..2_000).map(|k| f64::from(k) * std::f64::consts::FRAC_PI_2);
+        let wide = (-2_000..2_000).map(|k| f64::from(k) * 49.37);
+        let x: Vec<f64> = fine.chain(quarters).chain(wide).collect();
+        assert_eq!(x.len() % MAX_WIDTH, 0);
+        for backend in Backend::available() {
+            let (mut sine, mut cosine) = (vec![0.0; x.len()], vec![0.0; x.len()]);
+            // SAFETY: all three are equally long, and whole lanes.
+            unsafe { evaluate(backend, &x, &mut sine, &mut cosine) };
+            for (k, &x) in x.iter().enumerate() {
+                let worst = (sine[k] - x.sin()).abs().max((cosine[k] - x.cos()).abs());
+                assert!(worst <= 2.0 * f64::EPSILON, "{backend:?} at {x}: {worst:e}");
+            }
+        }
+    }
+}
