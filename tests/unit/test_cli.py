@@ -1,0 +1,147 @@
+"""The command line, as a user types it."""
+
+import json
+import subprocess
+import sys
+
+import pytest
+from typer.testing import CliRunner
+
+import haptid
+from haptid.cli import app
+from haptid.tables import short_percent, with_digits
+
+
+def call(*arguments):
+    return CliRunner().invoke(app, [str(a) for a in arguments])
+
+
+@pytest.fixture(scope="module")
+def phantom(tmp_path_factory, request):
+    """The example's logs and its result folder, made by the commands that the README gives."""
+    examples = request.config.rootpath / "examples" / "phantom"
+    folder = tmp_path_factory.mktemp("phantom")
+    subprocess.run([sys.executable, examples / "make_logs.py", folder / "logs"], check=True)
+    done = call("identify", examples / "study.toml", "--data", folder / "logs", "--out", folder / "result")
+    assert done.exit_code == 0, done.output
+    return folder, done
+
+
+def test_help_says_what_goes_in_and_what_comes_out():
+    text = call("identify", "--help").stdout
+    for part in ("STUDY", "--data", "--out", "result.json", "Exit status", "Example"):
+        assert part in text
+    assert "identify" in call("--help").stdout
+
+
+def test_version():
+    assert call("--version").stdout.strip() == f"haptid {haptid.__version__}"
+
+
+def test_devices_are_listed_and_each_can_be_printed():
+    listed = [line.split()[0] for line in call("devices").stdout.splitlines()]
+    assert listed == list(haptid.shipped_devices())
+    for name in listed:
+        done = call("model", name)
+        assert done.exit_code == 0
+        assert "base parameters" in done.stdout
+
+
+def test_model_shows_tree_loop_motors_and_regroupings():
+    text = call("model", "sr400").stdout
+    assert "q3 = pi/2 - q2 + q7" in text
+    assert "q8 = q2 - q7" in text
+    assert "42 base parameters" in text
+    assert "Without effect" in text
+    rows = {line.split()[0]: line for line in text.splitlines() if line.strip()}
+    assert "+ IA1" in rows["ZZ1R"]
+
+
+def test_model_as_json_has_the_groupings_as_data():
+    values = json.loads(call("model", "phantom_premium_15", "--json").stdout)
+    groups = {p["name"]: p["grouping"] for p in values["base_parameters"]}
+    assert groups["ZZbeR"]["Ma"] == pytest.approx(0.215**2)
+    assert values["closure_error"] < 1e-12
+
+
+@pytest.mark.parametrize("kind", ["device", "study"])
+def test_schemas_are_json_schemas(kind):
+    schema = json.loads(call("schema", kind).stdout)
+    assert "$defs" in schema or "properties" in schema
+
+
+def test_unknown_schema_and_unknown_device():
+    assert call("schema", "log").exit_code == 2
+    done = call("model", "phantom")
+    assert done.exit_code == 2
+    assert "phantom_premium_15" in done.stderr
+
+
+def test_tables_show_parameters_errors_and_verdict(phantom):
+    _, done = phantom
+    for part in ("95 % interval", "ZZbaR", "FC3", "unseen", "condition", "met", "symmetry"):
+        assert part in done.stdout
+
+
+def test_result_file_keeps_its_contract(phantom):
+    folder, _ = phantom
+    found = json.loads((folder / "result" / "result.json").read_text())
+    assert found["schema"] == 1
+    assert found["haptid"] == haptid.__version__
+    for log, role in zip(found["logs"], ("identify", "validate"), strict=True):
+        assert log["role"] == role
+        assert len(log["sha256"]) == 64
+    observation = found["observation"]
+    assert observation["rank"] == len(found["estimate"]["parameters"]) == 14
+    assert observation["parameters"] > observation["rank"]
+    assert 1 < observation["condition"]["scaled"] < observation["condition"]["raw"]
+    assert found["estimate"]["method"] == "WLS"
+    assert found["estimate"]["status"] == "ok"
+    for p in found["estimate"]["parameters"]:
+        assert set(p) >= {
+            "name", "value", "sd", "interval95", "relative_sd_percent", "unit", "grouping", "essential", "prior",
+        }  # fmt: skip
+        assert p["interval95"][0] < p["value"] < p["interval95"][1]
+        assert p["sd"] > 0
+    for v in found["validation"]:
+        assert set(v) >= {"log", "motor", "relative_error_percent", "rmse", "unit"}
+    assert {v["rows"] for v in found["validation"]} == {"fit", "unseen"}
+    assert all(isinstance(note, str) for note in found["notes"])
+
+
+def test_truth_is_inside_its_interval(phantom):
+    folder, _ = phantom
+    truth = json.loads((folder / "logs" / "truth.json").read_text())
+    found = json.loads((folder / "result" / "result.json").read_text())
+    inside = [p["interval95"][0] <= truth[p["name"]] <= p["interval95"][1] for p in found["estimate"]["parameters"]]
+    assert sum(inside) >= 13  # of 14 at 95 %
+
+
+def test_json_goes_to_standard_output_alone(phantom, request):
+    folder, _ = phantom
+    study = request.config.rootpath / "examples" / "phantom" / "study.toml"
+    done = call("identify", study, "--data", folder / "logs", "--out", folder / "again", "--json")
+    assert json.loads(done.stdout) == json.loads((folder / "again" / "result.json").read_text())
+    quiet = call("identify", study, "--data", folder / "logs", "--out", folder / "again", "--quiet")
+    assert quiet.stdout == ""
+
+
+def test_the_same_study_gives_the_same_result_bit_for_bit(phantom, request):
+    folder, _ = phantom
+    study = request.config.rootpath / "examples" / "phantom" / "study.toml"
+    call("identify", study, "--data", folder / "logs", "--out", folder / "twice", "--quiet")
+    first, second = (json.loads((folder / name / "result.json").read_text()) for name in ("result", "twice"))
+    assert first == second
+
+
+@pytest.mark.parametrize(
+    ("value", "sd", "shown"),
+    [(1.23456, 0.012, "1.235"), (203.48, 7.4, "203.5"), (1e-7, 3e-10, "1e-07"), (0.0, 0.0, "0"), (-0.00226491, 2e-6, "-0.0022649")],
+)  # fmt: skip
+def test_digits_follow_the_deviation(value, sd, shown):
+    assert with_digits(value, sd) == shown
+
+
+@pytest.mark.parametrize(("part", "whole", "shown"), [(1, 200, "0.50"), (1, 3, "33"), (2, 1, "> 100"), (1, 0, "> 1000")])
+def test_percentages_are_short(part, whole, shown):
+    assert short_percent(part, whole) == shown
