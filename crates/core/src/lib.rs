@@ -1,6 +1,6 @@
 //! Batched dynamics of trees and closed chains, in lanes of samples.
 //!
-//! The observation matrix W is never stored: its rows are made chunk by chunk ([`regressor`]), passed through one
+//! The observation matrix W is never stored: its rows are made chunk by chunk ([`rows`]), passed through one
 //! linear-phase filter and decimator ([`filter`]), and folded into one small triangle per motor and time block
 //! ([`triangle`], [`reduce`]). Everything works on plain slices; nothing here knows Python, files or clocks.
 //!
@@ -10,9 +10,11 @@ mod dispatch;
 mod error;
 mod filter;
 mod lane;
+mod link;
 mod mechanism;
 mod reduce;
 mod regressor;
+mod rows;
 mod terms;
 mod triangle;
 mod vector;

@@ -4,7 +4,8 @@ use crate::error::{Error, expect_length};
 use crate::filter::Filter;
 use crate::lane::MAX_WIDTH;
 use crate::mechanism::Mechanism;
-use crate::regressor::{CHUNK, Motion, Places, Workspace, check_columns, reach, rows};
+use crate::regressor::{Motion, check_columns, reach};
+use crate::rows::{CHUNK, Places, Workspace, rows};
 use crate::triangle::fold;
 use rayon::prelude::*;
 

@@ -1,6 +1,6 @@
 //! Terms beside link inertia: columns that are linear in one parameter and depend on one coordinate's motion.
 
-use crate::error::{Error, expect_length};
+use crate::error::Error;
 use crate::lane::Lane;
 
 /// What a column is, as a function of its coordinate's position x, velocity v and acceleration.
@@ -30,14 +30,29 @@ pub enum Law {
 #[derive(Debug, Clone, PartialEq)]
 pub struct Term {
     pub law: Law,
-    pub weights: Vec<f64>,
+    /// Coordinates and their weights; no weight is zero.
+    pub weights: Vec<(usize, f64)>,
     /// Position of the term's coordinate at zero coordinates, rad or m.
     pub offset: f64,
 }
 
 impl Term {
     pub(crate) fn check(&self, coordinates: usize) -> Result<(), Error> {
-        expect_length("term weights", self.weights.len(), coordinates)?;
+        for &(a, weight) in &self.weights {
+            if a >= coordinates {
+                return Err(Error::Index { name: "term coordinate", got: a, limit: coordinates });
+            }
+            if !weight.is_finite() || weight == 0.0 {
+                return Err(Error::Value {
+                    name: "term weight",
+                    got: weight,
+                    wanted: "a finite number other than zero",
+                });
+            }
+        }
+        if !self.offset.is_finite() {
+            return Err(Error::Value { name: "term offset", got: self.offset, wanted: "a finite number" });
+        }
         let positive = |name, got: f64| match got.is_finite() && got > 0.0 {
             true => Ok(()),
             false => Err(Error::Value { name, got, wanted: "a finite number above zero" }),
@@ -51,6 +66,9 @@ impl Term {
                 positive("Stribeck velocity", velocity)?;
                 positive("Stribeck exponent", exponent)?;
                 width(w)
+            }
+            Law::Spring { rest } if !rest.is_finite() => {
+                Err(Error::Value { name: "spring rest", got: rest, wanted: "a finite number" })
             }
             _ => Ok(()),
         }

@@ -28,7 +28,8 @@ fn term((kind, weights, offset, a, b, c): TermArguments) -> PyResult<Term> {
         "external" => Law::External,
         _ => return Err(PyValueError::new_err(format!("unknown kind of term {kind:?}"))),
     };
-    Ok(Term { law, weights: weights.as_array().to_vec(), offset })
+    let weights = weights.as_array().iter().copied().enumerate().filter(|w| w.1 != 0.0).collect();
+    Ok(Term { law, weights, offset })
 }
 
 /// A tree or closed chain, ready for the kernels. See `_core.pyi`.

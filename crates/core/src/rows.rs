@@ -1,0 +1,212 @@
+//! Rows of the observation matrix, a chunk of samples at a time, by axes carried forward.
+//!
+//! The axis of every coordinate is carried from link to link in the links' own frames and contracted there with the
+//! link's wrench, `Y[a, i] = s_i^a . A_i(v_i, a_i)`; the 6 x 10 map A_i is never written out. Carrying the axes of
+//! the *coordinates* rather than of the joints, `s_i^a = X_i s_parent^a + G[i, a] z`, projects a closed chain's
+//! torques onto its motors at no cost (Khalil and Dombre 2002, chapter 10, done without forming the tree's rows).
+
+use crate::dispatch::dispatched;
+use crate::lane::{Lane, MAX_WIDTH};
+use crate::link::{JointMotion, LINK_NUMBERS, LinkMotion, contract, contract_slide, contract_turn, link_motion};
+use crate::mechanism::{LINK_PARAMETERS, Mechanism};
+use crate::regressor::Motion;
+
+/// Samples made at a time: the inputs and a row's columns stay in the first caches.
+pub(crate) const CHUNK: usize = 256;
+
+/// What one thread needs to make rows; made once, then reused for every chunk.
+pub(crate) struct Workspace {
+    /// A chunk of the motion, every channel padded to whole lanes.
+    staged: Vec<f64>,
+    /// Link motions and axes, as many numbers as the widest lane needs.
+    links: Vec<LinkSlot>,
+    axes: Vec<AxisSlot>,
+}
+
+/// Staged channels are this far apart.
+const STAGE: usize = CHUNK + MAX_WIDTH;
+
+type LinkSlot = [[f64; MAX_WIDTH]; LINK_NUMBERS];
+type AxisSlot = [[f64; MAX_WIDTH]; 6];
+
+impl Workspace {
+    pub(crate) fn new(mechanism: &Mechanism) -> Workspace {
+        let channels = 3 * mechanism.coordinates + mechanism.externals;
+        Workspace {
+            staged: vec![0.0; channels * STAGE],
+            links: vec![[[0.0; MAX_WIDTH]; LINK_NUMBERS]; mechanism.links.len()],
+            axes: vec![[[0.0; MAX_WIDTH]; 6]; mechanism.axes],
+        }
+    }
+
+    /// Copy samples `from..from + count` in, and repeat the last one up to a whole lane.
+    fn stage(&mut self, mechanism: &Mechanism, motion: &Motion, from: usize, count: usize) {
+        let (na, ne, n) = (mechanism.coordinates, mechanism.externals, motion.samples);
+        let groups = [(motion.position, na), (motion.velocity, na), (motion.acceleration, na), (motion.external, ne)];
+        let channels = groups.iter().flat_map(|&(data, many)| (0..many).map(move |a| &data[a * n..][..n]));
+        for (source, staged) in channels.zip(self.staged.chunks_exact_mut(STAGE)) {
+            staged[..count].copy_from_slice(&source[from..from + count]);
+            let last = staged[count - 1];
+            staged[count..count + MAX_WIDTH].fill(last);
+        }
+    }
+}
+
+/// Where the rows go: entry (row a, column c) of sample k is written at `place[a * columns + c] + k`. Columns that
+/// are not wanted share a place that is never read.
+pub(crate) struct Places<'a> {
+    pub place: &'a [usize],
+    pub out: *mut f64,
+}
+
+/// Make the rows of samples `from..from + count`, at most [`CHUNK`] of them. Up to a lane more is written after them.
+///
+/// # Safety
+/// Every place has room for `count` rounded up to whole lanes of [`MAX_WIDTH`].
+pub(crate) unsafe fn rows(
+    mechanism: &Mechanism,
+    motion: &Motion,
+    from: usize,
+    count: usize,
+    places: &Places,
+    workspace: &mut Workspace,
+) {
+    debug_assert!(count <= CHUNK && places.place.len() == mechanism.coordinates * mechanism.columns());
+    if count > 0 {
+        workspace.stage(mechanism, motion, from, count);
+        unsafe { chunk(mechanism.backend, mechanism, count, places, workspace) }
+    }
+}
+
+dispatched! {
+    unsafe fn chunk = chunk_in_lanes(mechanism: &Mechanism, count: usize, places: &Places, workspace: &mut Workspace)
+}
+
+#[inline(always)]
+unsafe fn chunk_in_lanes<T: Lane>(mechanism: &Mechanism, count: usize, places: &Places, workspace: &mut Workspace) {
+    let mut k = 0;
+    while k < count {
+        // SAFETY: the staged channels are padded to whole lanes, and the places too.
+        unsafe { sample::<T>(mechanism, k, places, workspace) };
+        k += T::WIDTH;
+    }
+}
+
+/// Numbers of a workspace slot as lanes of the back end in use.
+///
+/// # Safety
+/// `slot` has room for `N` lanes, which [`Workspace`] gives every slot.
+#[inline(always)]
+unsafe fn get<T: Lane, const N: usize>(slot: &[[f64; MAX_WIDTH]]) -> [T; N] {
+    debug_assert!(slot.len() >= N);
+    core::array::from_fn(|k| unsafe { T::load(slot.as_ptr().add(k).cast()) })
+}
+
+#[inline(always)]
+unsafe fn put<T: Lane, const N: usize>(slot: &mut [[f64; MAX_WIDTH]], lanes: [T; N]) {
+    debug_assert!(slot.len() >= N);
+    for (k, lane) in lanes.into_iter().enumerate() {
+        unsafe { lane.store(slot.as_mut_ptr().add(k).cast()) };
+    }
+}
+
+/// A lane of the staged motion, and where its rows go.
+struct Sample<'a> {
+    mechanism: &'a Mechanism,
+    staged: *const f64,
+    places: &'a Places<'a>,
+    /// First sample of the lane in the chunk.
+    k: usize,
+}
+
+impl Sample<'_> {
+    /// A lane of a staged channel: coordinates' positions, velocities, accelerations, then external columns.
+    ///
+    /// # Safety
+    /// The channel was staged, and k is inside its chunk.
+    #[inline(always)]
+    unsafe fn channel<T: Lane>(&self, channel: usize) -> T {
+        unsafe { T::load(self.staged.add(channel * STAGE + self.k)) }
+    }
+
+    /// Position, velocity and acceleration of a combination of the coordinates.
+    #[inline(always)]
+    unsafe fn combine<T: Lane>(&self, offset: f64, weights: &[(usize, f64)]) -> [T; 3] {
+        let na = self.mechanism.coordinates;
+        let mut x = [T::splat(offset), T::splat(0.0), T::splat(0.0)];
+        for &(a, weight) in weights {
+            let weight = T::splat(weight);
+            for (order, x) in x.iter_mut().enumerate() {
+                *x = unsafe { self.channel::<T>(order * na + a) }.fma(weight, *x);
+            }
+        }
+        x
+    }
+
+    /// Write a lane of the entry of row a and column c.
+    #[inline(always)]
+    unsafe fn put<T: Lane>(&self, a: usize, c: usize, entry: T) {
+        let at = self.places.place[a * self.mechanism.columns() + c];
+        unsafe { entry.store(self.places.out.add(at + self.k)) };
+    }
+}
+
+/// The rows of one lane of samples: ten columns for each link and axis, then the terms.
+#[inline(always)]
+unsafe fn sample<T: Lane>(mechanism: &Mechanism, k: usize, places: &Places, workspace: &mut Workspace) {
+    let Workspace { staged, links, axes } = workspace;
+    let sample = Sample { mechanism, staged: staged.as_ptr(), places, k };
+    // SAFETY: the channels are staged, the slots are as many as links and axes, and the places have room for a lane.
+    unsafe {
+        for i in 0..mechanism.links.len() {
+            link_rows::<T>(&sample, i, links, axes);
+        }
+        term_rows::<T>(&sample);
+    }
+}
+
+#[inline(always)]
+unsafe fn link_rows<T: Lane>(sample: &Sample, i: usize, links: &mut [LinkSlot], axes: &mut [AxisSlot]) {
+    let link = &sample.mechanism.links[i];
+    let [q, v, acceleration] = unsafe { sample.combine::<T>(link.offset, &link.rates) };
+    let joint = JointMotion::new(link, q);
+    let parent = link.parent.map(|p| LinkMotion::of(unsafe { get(&links[p]) }));
+    let motion = link_motion(sample.mechanism, link, &joint, parent, v, acceleration);
+    unsafe { put(&mut links[i], motion.flat()) };
+    for (slot, axis) in link.axes.iter().enumerate() {
+        let (x, u) = match axis.above {
+            Some(above) => {
+                let s: [T; 6] = unsafe { get(&axes[above]) };
+                joint.carry(link, [s[0], s[1], s[2]], [s[3], s[4], s[5]], axis.rate)
+            }
+            None => joint.own(link, axis.rate),
+        };
+        unsafe { put(&mut axes[link.first + slot], [x[0], x[1], x[2], u[0], u[1], u[2]]) };
+        let entries = match axis.above {
+            Some(_) => contract(&motion, x, u),
+            None if link.prismatic => contract_slide(&motion, u[2]),
+            None => contract_turn(&motion, x[2]),
+        };
+        for (parameter, entry) in entries.into_iter().enumerate() {
+            unsafe { sample.put(axis.coordinate, LINK_PARAMETERS * i + parameter, entry) };
+        }
+    }
+}
+
+#[inline(always)]
+unsafe fn term_rows<T: Lane>(sample: &Sample) {
+    let mechanism = sample.mechanism;
+    let mut external = 3 * mechanism.coordinates;
+    for (t, term) in mechanism.terms.iter().enumerate() {
+        let [x, v, a] = unsafe { sample.combine::<T>(term.offset, &term.weights) };
+        let mut own = T::splat(0.0);
+        if term.is_external() {
+            own = unsafe { sample.channel(external) };
+            external += 1;
+        }
+        let column = term.law.column(x, v, a, own);
+        for &(a, weight) in &term.weights {
+            unsafe { sample.put(a, mechanism.inertial_columns() + t, column.mul(T::splat(weight))) };
+        }
+    }
+}

@@ -1,0 +1,275 @@
+"""What README.md and docs/*.md say is so: commands and Python run, files are read, links lead somewhere, no key is missing.
+
+A page is walked from top to bottom in a folder of its own, beside a copy of the examples. A `toml` block that begins with
+`# name.toml` is saved under that name; a `text` block is what the block before it printed, figures aside, with `...` where
+lines are left out. A command is expected to succeed unless its line ends in `# exit status N`.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import io
+import json
+import os
+import re
+import shutil
+import subprocess
+import sys
+import tomllib
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+import haptid
+
+PROJECT = Path(__file__).resolve().parents[2]
+PAGES = [PROJECT / "README.md", *sorted((PROJECT / "docs").glob("*.md"))]
+FENCE = re.compile(r"^```(\w*)[^\n]*\n(.*?)^```$", re.MULTILINE | re.DOTALL)
+LINK = re.compile(r"!?\[[^\]]*\]\(([^)\s]+)\)")
+FIGURE = re.compile(r"[-+]?\d+\.?\d*(?:e[-+]?\d+)?")
+STATUS = re.compile(r"\s*# exit status (\d)$")
+SHARED = "../shared/data"
+# Of each recording: the parameters that the README quotes, with their form, and the form of its errors.
+QUOTED = {
+    "emps": ({"M1": ".2f", "FV1": ".1f", "FC1": ".2f", "OFF1": ".2f"}, ".2f"),
+    "staubli_tx40": ({f"FC{k}": ".2f" for k in range(1, 6)}, ".2f"),
+    "kuka_kr300": ({"FV1": ".0f", "FV2": ".0f"}, ".1f"),
+}
+
+
+@dataclass(frozen=True)
+class Block:
+    """A fenced block of a page: what it is written in, its text, and the line it begins on."""
+
+    page: Path
+    language: str
+    text: str
+    line: int
+
+    def __str__(self) -> str:
+        return f"{self.page.name}:{self.line}"
+
+    @property
+    def file(self) -> str | None:
+        """Name that the block is saved under, where its first line is a comment that is one."""
+        named = re.match(r"# (\S+\.toml)\n", self.text)
+        return named[1] if named else None
+
+    @property
+    def kind(self) -> str:
+        """Of a toml block: device, study, or part of one."""
+        keys = set(tomllib.loads(self.text))
+        if {"name", "gravity", "joints"} <= keys:
+            return "device"
+        return "study" if {"schema", "name", "device", "logs"} <= keys else "part"
+
+
+def blocks(page: Path, *languages: str) -> list[Block]:
+    text = page.read_text(encoding="utf-8")
+    found = [Block(page, m[1], m[2], text.count("\n", 0, m.start()) + 1) for m in FENCE.finditer(text)]
+    return [block for block in found if not languages or block.language in languages]
+
+
+def every(*languages: str) -> list[Any]:
+    """Blocks of all pages, as parameters of a test."""
+    return [pytest.param(block, id=str(block)) for page in PAGES for block in blocks(page, *languages)]
+
+
+# --- commands and Python ----------------------------------------------------------------------------------------
+
+
+@pytest.fixture
+def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """A working folder like a fresh clone, as far as the pages use one; the recordings beside it, where they are."""
+    work = tmp_path / "haptid"
+    shutil.copytree(PROJECT / "examples", work / "examples")
+    if (PROJECT.parent / "shared").is_dir():
+        (tmp_path / "shared").symlink_to(PROJECT.parent / "shared")
+    monkeypatch.chdir(work)
+    monkeypatch.setenv("PATH", os.pathsep.join([str(Path(sys.executable).parent), os.environ["PATH"]]))
+    for threads in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
+        monkeypatch.setenv(threads, "1")
+    return work
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
+def test_page_runs_from_top_to_bottom(page, folder):
+    names: dict[str, Any] = {}
+    printed, cause = "", None
+    for block in blocks(page):
+        if block.language == "bash" and SHARED not in block.text:
+            printed, cause = run_commands(block), block
+        elif block.language == "python":
+            printed, cause = run_python(block, names), block
+        elif block.language == "toml" and block.file:
+            (folder / block.file).write_text(block.text, encoding="utf-8")
+        elif block.language == "text" and cause:
+            check_output(block, printed)
+
+
+@pytest.mark.parametrize("block", [b for b in every("bash") if SHARED in b.values[0].text])
+@pytest.mark.usefixtures("shared_data")
+def test_commands_on_the_recordings_run_and_reach_the_figures_quoted(block, folder):
+    run_commands(block)
+    for line in block.text.splitlines():
+        if match := re.search(r"examples/(\w+)/study.toml .*--out (\S+)", line):
+            quoted_figures(match[1], json.loads((folder / match[2] / "result.json").read_text(encoding="utf-8")))
+
+
+def run_commands(block: Block) -> str:
+    """Run a block line by line; what its commands printed."""
+    printed = ""
+    for line in block.text.splitlines():
+        wanted = STATUS.search(line)
+        command = line[: wanted.start()] if wanted else line.partition("  # ")[0].strip()
+        if command.startswith("make "):
+            printed += run_make(command.removeprefix("make ").split()[0])
+        elif command == ". .venv/bin/activate":
+            assert "VENV := .venv" in (PROJECT / "Makefile").read_text(encoding="utf-8")
+        elif command:
+            done = run(["bash", "-c", command])
+            assert done.returncode == int(wanted[1] if wanted else 0), f"{block}: {line}\n{done.stdout}{done.stderr}"
+            printed += done.stdout + done.stderr
+    return printed
+
+
+def run_make(target: str) -> str:
+    """Targets are only looked up; of the demo the script is run, since pages use the logs that it leaves."""
+    assert re.search(rf"^{target}:", (PROJECT / "Makefile").read_text(encoding="utf-8"), re.MULTILINE), target
+    if target != "demo":
+        return ""
+    done = run([sys.executable, "examples/demo.py", "--out", "demo"])
+    assert done.returncode == 0, done.stderr
+    return done.stdout
+
+
+def run(command: list[str]) -> subprocess.CompletedProcess[str]:
+    return subprocess.run(command, capture_output=True, text=True, encoding="utf-8", check=False, timeout=60)
+
+
+def run_python(block: Block, names: dict[str, Any]) -> str:
+    """Run a block with the names that earlier ones of its page have made; what it printed."""
+    printed = io.StringIO()
+    with contextlib.redirect_stdout(printed):
+        exec(compile("\n" * block.line + block.text, str(block.page), "exec"), names)
+    return printed.getvalue()
+
+
+def check_output(block: Block, printed: str) -> None:
+    """Every stretch of the block between lines of `...` was printed, whatever its figures, widths and line breaks."""
+    for part in re.split(r"^\.\.\.$", block.text, flags=re.MULTILINE):
+        assert plain(part) in plain(printed), f"{block} is not what the block before it prints:\n{part}\n---\n{printed}"
+
+
+def plain(text: str) -> str:
+    return " ".join(FIGURE.sub("#", text).split())
+
+
+def quoted_figures(example: str, result: dict[str, Any]) -> None:
+    """The README's table of recordings has the figures of this result."""
+    values = {p["name"]: p["value"] for p in result["estimate"]["parameters"]}
+    unseen = [v["relative_error_percent"] for v in result["validation"] if (v["rows"], v["motor"]) == ("unseen", "all")]
+    parameters, error = QUOTED[example]
+    figures = [format(values[name], form) for name, form in parameters.items()]
+    figures += [format(value, error) for value in (min(unseen), max(unseen))]
+    table = re.findall(r"-?\d+(?:\.\d+)?", (PROJECT / "README.md").read_text(encoding="utf-8"))
+    assert not set(figures) - set(table), f"README.md does not have these figures of {example}"
+
+
+# --- device and study files -------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("block", every("toml"))
+def test_device_and_study_files_are_read(block, tmp_path):
+    """Whole files as they stand; parts of one in the place of the same keys in the page's first whole file."""
+    wholes = [other for other in blocks(block.page, "toml") if other.kind != "part"]
+    text, kind = block.text, block.kind
+    if kind == "part":
+        text, kind = together(wholes[0].text, text), wholes[0].kind
+    path = tmp_path / "file.toml"
+    path.write_text(text, encoding="utf-8")
+    if kind == "device":
+        assert len(haptid.read_device(path).base) > 0
+    else:
+        assert haptid.read_study(path).logs
+
+
+def together(whole: str, part: str) -> str:
+    return "".join(f"{key} = {toml(value)}\n" for key, value in (tomllib.loads(whole) | tomllib.loads(part)).items())
+
+
+def toml(value: Any) -> str:
+    if isinstance(value, dict):
+        return "{ " + ", ".join(f"{json.dumps(key)} = {toml(item)}" for key, item in value.items()) + " }"
+    return f"[{', '.join(map(toml, value))}]" if isinstance(value, list) else json.dumps(value)
+
+
+# --- links ------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
+def test_relative_links_lead_somewhere(page):
+    for target in LINK.findall(FENCE.sub("", page.read_text(encoding="utf-8"))):
+        if not target.startswith(("https://", "http://", "mailto:")):
+            name, _, heading = target.partition("#")
+            file = (page.parent / name).resolve() if name else page
+            assert file.exists(), f"{page.name} links to {target}, which is not there"
+            assert not heading or heading in headings(file), f"{page.name} links to {target}, which has no such heading"
+
+
+def headings(page: Path) -> set[str]:
+    """Anchors of a page's headings, as web sites make them."""
+    titles = re.findall(r"^#+ (.+)$", FENCE.sub("", page.read_text(encoding="utf-8")), re.MULTILINE)
+    return {re.sub(r"[^\w\- ]", "", title.lower()).strip().replace(" ", "-") for title in titles}
+
+
+def test_navigation_has_every_page():
+    listed = re.findall(r": (\S+\.md)$", (PROJECT / "mkdocs.yml").read_text(encoding="utf-8"), re.MULTILINE)
+    assert {page.name for page in PAGES[1:]} <= set(listed)
+    for name in listed:
+        assert (PROJECT / "docs" / name).exists()
+
+
+# --- keys -------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("page", "schema"), [("device-files.md", haptid.device_schema), ("studies.md", haptid.study_schema)]
+)
+def test_every_key_is_documented_and_no_other(page, schema):
+    """A table of keys is headed `| keys of `[[joints]]` |`, one of those at the top of the file `| keys |`."""
+    known: dict[str, set[str]] = {}
+    for table, key in keys(schema(), schema(), ""):
+        known.setdefault(table, set()).add(key)
+    assert documented(PROJECT / "docs" / page) == known
+
+
+def keys(node: Any, schema: dict[str, Any], table: str) -> Iterator[tuple[str, str]]:
+    """Each table and a key of it: `joints.limits`, `velocity`. Names that a user chooses are none."""
+    node = schema["$defs"][node["$ref"].rpartition("/")[2]] if "$ref" in node else node
+    for part in (*node.get("anyOf", ()), *node.get("oneOf", ())):
+        yield from keys(part, schema, table)
+    for inner in (node.get("items"), node.get("additionalProperties")):
+        if isinstance(inner, dict):
+            yield from keys(inner, schema, table)
+    for key, value in node.get("properties", {}).items():
+        yield table, key
+        yield from keys(value, schema, f"{table}.{key}".lstrip("."))
+
+
+def documented(page: Path) -> dict[str, set[str]]:
+    found: dict[str, set[str]] = {}
+    tables: list[str] = []
+    for line in page.read_text(encoding="utf-8").splitlines():
+        first = line.split("|")[1].strip() if line.startswith("|") else ""
+        named = [name.strip("[]") for name in re.findall(r"`([^`]+)`", first)]
+        if first.startswith("keys"):
+            tables = named or [""]
+        elif not first:
+            tables = []
+        for table in tables if named and not first.startswith("keys") else ():
+            found.setdefault(table, set()).update(named)
+    return found
