@@ -9,10 +9,12 @@ pub enum Error {
     Length { name: &'static str, got: usize, wanted: usize },
     /// An index outside what it points into.
     Index { name: &'static str, got: usize, limit: usize },
+    /// An index that stands twice where each may stand once.
+    Repeated { name: &'static str, got: usize },
     /// A number that must be finite, or inside a range, and is not.
     Value { name: &'static str, got: f64, wanted: &'static str },
     /// Rows asked for that the filter cannot make from the samples given.
-    Window { needed_from: i64, needed_to: i64, samples: usize },
+    Window { first: usize, rows: usize, half: usize, decimation: usize, samples: usize },
     /// A backend that this machine does not have.
     Backend { name: String },
 }
@@ -22,10 +24,13 @@ impl fmt::Display for Error {
         match self {
             Error::Length { name, got, wanted } => write!(f, "{name} has length {got}, wanted {wanted}"),
             Error::Index { name, got, limit } => write!(f, "{name} is {got}, and must be below {limit}"),
+            Error::Repeated { name, got } => write!(f, "{name} {got} is given twice"),
             Error::Value { name, got, wanted } => write!(f, "{name} is {got}, wanted {wanted}"),
-            Error::Window { needed_from, needed_to, samples } => {
-                write!(f, "the rows asked for need samples {needed_from} to {needed_to}, and there are only {samples}")
-            }
+            Error::Window { first, rows, half, decimation, samples } => write!(
+                f,
+                "{rows} rows from sample {first}, every {decimation} samples and {half} to either side, do not fit into \
+                 {samples} samples"
+            ),
             Error::Backend { name } => write!(f, "this machine has no backend {name:?}"),
         }
     }

@@ -21,7 +21,7 @@ impl Filter {
             return Err(Error::Length { name: "taps (an odd number)", got: taps.len(), wanted: taps.len() + 1 });
         }
         if decimation == 0 {
-            return Err(Error::Index { name: "decimation less one", got: usize::MAX, limit: usize::MAX });
+            return Err(Error::Value { name: "decimation", got: 0.0, wanted: "1 or more" });
         }
         let mut padded = taps.to_vec();
         padded.resize(taps.len().next_multiple_of(MAX_WIDTH), 0.0);

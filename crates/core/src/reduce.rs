@@ -85,11 +85,12 @@ fn check(mechanism: &Mechanism, motion: &Motion, reduction: &Reduction) -> Resul
         return Err(Error::Value { name: "block", got: 0.0, wanted: "at least one row" });
     }
     let filter = Filter::new(reduction.taps, reduction.decimation)?;
-    let half = filter.half() as i64;
-    let last = reduction.rows.saturating_sub(1).saturating_mul(reduction.decimation);
-    let (needed_from, needed_to) = (reduction.first as i64 - half, reduction.first as i64 + last as i64 + half);
-    if reduction.rows > 0 && (needed_from < 0 || needed_to >= motion.samples as i64) {
-        return Err(Error::Window { needed_from, needed_to, samples: motion.samples });
+    let half = filter.half();
+    let Reduction { first, rows, decimation, .. } = *reduction;
+    let last = rows.saturating_sub(1).checked_mul(decimation).and_then(|n| n.checked_add(first));
+    let fits = first >= half && last.and_then(|n| n.checked_add(half)).is_some_and(|n| n < motion.samples);
+    if rows > 0 && !fits {
+        return Err(Error::Window { first, rows, half, decimation, samples: motion.samples });
     }
     Ok(filter)
 }
@@ -121,7 +122,7 @@ struct Raw {
 impl Raw {
     fn new(mechanism: &Mechanism, columns: &[usize], reached: &[Vec<usize>], filter: &Filter) -> Raw {
         let all = mechanism.columns();
-        let longest = filter.reach() + filter.decimation.max(CHUNK) + CHUNK;
+        let longest = filter.reach() + CHUNK;
         let run = if filter.is_identity() { FOLD + PAD } else { longest.next_multiple_of(MAX_WIDTH) + PAD };
         let mut place = vec![0; mechanism.coordinates() * all]; // the first run takes what nobody wants
         let mut motors = vec![1];
@@ -250,7 +251,8 @@ impl<'a> Reducer<'a> {
             let weights = &self.reduction.weights[a * self.reduction.rows..][from..to];
             for run in motor[0]..motor[1] {
                 let column = &mut self.decimated[run * (FOLD + PAD)..][..weights.len()];
-                column.iter_mut().zip(weights).for_each(|(x, w)| *x *= w);
+                // Selected, not multiplied: a row that does not count may hold anything.
+                column.iter_mut().zip(weights).for_each(|(x, &w)| *x = if w == 0.0 { 0.0 } else { *x * w });
             }
         }
     }

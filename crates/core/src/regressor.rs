@@ -41,11 +41,15 @@ pub fn reach(mechanism: &Mechanism, columns: &[usize]) -> Result<Vec<bool>, Erro
 }
 
 pub(crate) fn check_columns(mechanism: &Mechanism, columns: &[usize]) -> Result<(), Error> {
-    let limit = mechanism.columns();
-    match columns.iter().find(|&&c| c >= limit) {
-        Some(&got) => Err(Error::Index { name: "column", got, limit }),
-        None => Ok(()),
+    let mut taken = vec![false; mechanism.columns()];
+    for &got in columns {
+        match taken.get_mut(got) {
+            None => return Err(Error::Index { name: "column", got, limit: mechanism.columns() }),
+            Some(true) => return Err(Error::Repeated { name: "column", got }),
+            Some(free) => *free = true,
+        }
     }
+    Ok(())
 }
 
 /// A buffer for one chunk of rows, one run of samples per entry (row a, chosen column).

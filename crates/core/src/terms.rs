@@ -38,7 +38,10 @@ pub struct Term {
 
 impl Term {
     pub(crate) fn check(&self, coordinates: usize) -> Result<(), Error> {
-        for &(a, weight) in &self.weights {
+        for (k, &(a, weight)) in self.weights.iter().enumerate() {
+            if self.weights[..k].iter().any(|earlier| earlier.0 == a) {
+                return Err(Error::Repeated { name: "term coordinate", got: a });
+            }
             if a >= coordinates {
                 return Err(Error::Index { name: "term coordinate", got: a, limit: coordinates });
             }

@@ -15,7 +15,7 @@ fn to_python(error: Error) -> PyErr {
 /// A term as Python gives it: kind, weights, offset, and up to three settings.
 type TermArguments<'py> = (String, PyReadonlyArray1<'py, f64>, f64, f64, f64, f64);
 
-fn term((kind, weights, offset, a, b, c): TermArguments) -> PyResult<Term> {
+fn term((kind, weights, offset, a, b, c): TermArguments, coordinates: usize) -> PyResult<Term> {
     let law = match kind.as_str() {
         "rotor" => Law::Rotor,
         "viscous" => Law::Viscous,
@@ -28,6 +28,12 @@ fn term((kind, weights, offset, a, b, c): TermArguments) -> PyResult<Term> {
         "external" => Law::External,
         _ => return Err(PyValueError::new_err(format!("unknown kind of term {kind:?}"))),
     };
+    if weights.as_array().len() != coordinates {
+        return Err(PyValueError::new_err(format!(
+            "a term has {} weights, wanted {coordinates}: one for each coordinate",
+            weights.as_array().len()
+        )));
+    }
     let weights = weights.as_array().iter().copied().enumerate().filter(|w| w.1 != 0.0).collect();
     Ok(Term { law, weights, offset })
 }
@@ -42,6 +48,10 @@ struct Borrowed<'py>([PyReadonlyArray2<'py, f64>; 4]);
 impl<'py> Borrowed<'py> {
     fn motion(&self) -> PyResult<Motion<'_>> {
         let [position, velocity, acceleration, external] = &self.0;
+        let shape = position.as_array().raw_dim();
+        if velocity.as_array().raw_dim() != shape || acceleration.as_array().raw_dim() != shape {
+            return Err(PyValueError::new_err("position, velocity and acceleration must have the same shape"));
+        }
         Ok(Motion {
             samples: position.as_array().ncols(),
             position: row_major(position)?,
@@ -84,7 +94,11 @@ impl PyMechanism {
             })
             .collect();
         let closure = Closure { rates: rates.as_array().iter().copied().collect(), offset: offset.as_array().to_vec() };
-        let terms = terms.into_iter().map(term).collect::<PyResult<_>>()?;
+        if let Some(wrong) = parent.iter().find(|&&p| p < -1) {
+            return Err(PyValueError::new_err(format!("parent {wrong} is no link; the base is -1")));
+        }
+        let coordinates = rates.as_array().ncols();
+        let terms = terms.into_iter().map(|t| term(t, coordinates)).collect::<PyResult<_>>()?;
         let backend = backend.map_or(Ok(Backend::best()), Backend::named).map_err(to_python)?;
         Mechanism::new(&joints, &closure, gravity, terms, backend).map(PyMechanism).map_err(to_python)
     }
