@@ -15,7 +15,13 @@ import numpy as np
 from haptid._values import Array, expect, freeze, read_only
 from haptid.base import BaseParameters
 from haptid.device import Device
-from haptid.errors import DifferentModelError, MotionTooShortError, NoRowsError, SameRowsError
+from haptid.errors import (
+    DifferentModelError,
+    MotionTooShortError,
+    NoRowsError,
+    SameRowsError,
+    TreatmentValueError,
+)
 from haptid.signals import check_log, coordinate_torque, coordinates, external
 from haptid.treatment import Motion
 
@@ -23,6 +29,8 @@ from haptid.treatment import Motion
 SEGMENT = 1 << 16
 # Blocks of one motion that are kept apart; a longer one has blocks of twice, four times, ... the length.
 MOST_BLOCKS = 512
+# A short motion has shorter blocks than asked for: leaving one out must leave something.
+LEAST_BLOCKS = 8
 # What is left outside the guard around a row weighs less than this share of the parallel filter.
 OUTSIDE_GUARD = 0.1
 
@@ -66,6 +74,7 @@ class MotorRows:
     def __post_init__(self) -> None:
         size = len(self.columns) + 1
         object.__setattr__(self, "triangles", read_only(self.triangles))
+        self.columns.flags.writeable = self.rows.flags.writeable = False
         expect("triangles", self.triangles.shape, (None, size, size))
         expect("rows", np.shape(self.rows), (len(self.triangles),))
 
@@ -251,14 +260,18 @@ class Plan:
     @staticmethod
     def of(device: Device, motion: Motion) -> Plan:
         """Fit the rows between the ends that the filters leave."""
-        treatment = motion.treatment
+        treatment, (low, high) = motion.treatment, motion.usable
+        speeds = np.atleast_1d(treatment.low_speed)
+        if len(speeds) not in (1, len(device.row_names)):
+            wanted = f"one figure, or {len(device.row_names)}: one for each row of torque"
+            raise TreatmentValueError("low_speed", treatment.low_speed, wanted)
+        half = treatment.half_length(motion.dt)
+        if high - low < 2 * half + 1:
+            needed = (len(motion) - (high - low) + 2 * half + 1) * motion.dt
+            raise MotionTooShortError(len(motion) * motion.dt, needed, "the filters' ends")
         taps = treatment.taps(motion.dt)
-        half, (low, high) = len(taps) // 2, motion.usable
         rows = (high - low - 2 * half - 1) // treatment.decimation + 1
-        if rows < 1:
-            ends = len(motion) - (high - low) + len(taps)
-            raise MotionTooShortError(len(motion) * motion.dt, ends * motion.dt, "the filters' ends")
-        block = max(1, round(treatment.block / (treatment.decimation * motion.dt)))
+        block = max(1, round(min(treatment.block / (treatment.decimation * motion.dt), rows / LEAST_BLOCKS)))
         while rows > MOST_BLOCKS * block:
             block *= 2
         selection = device.parameters.S[:, list(device.base.kept)]
@@ -266,7 +279,7 @@ class Plan:
         tail = np.cumsum(np.abs(taps)) / np.abs(taps).sum()
         guard = half - int(np.argmax(tail > OUTSIDE_GUARD / 2)) if half else 0
         if treatment.guard is not None:
-            guard = min(half, round(treatment.guard / motion.dt))
+            guard = round(min(treatment.guard / motion.dt, len(motion)))
         return Plan(device, motion, taps, low + half, rows, block, guard, columns, selection[list(columns)])
 
     def segments(self) -> Iterator[tuple[int, int]]:
@@ -291,7 +304,7 @@ class Plan:
         """Triangles of rows start..stop by coordinate (columns, stack), and how many rows went into each block."""
         low, high = self.window(start, stop)
         c, cd, cdd = coordinates(self.device, self.motion, low, high)
-        weights = self.weights(cd, stop - start)
+        weights = self.weights(start, stop)
         made = self.device.mechanism.reduce(
             c,
             cd,
@@ -319,16 +332,21 @@ class Plan:
         mix[:-1, :-1], mix[-1, -1] = chosen[:, base], 1.0
         return base, np.stack([triangle(T @ mix) for T in triangles])
 
-    def weights(self, cd: Array, rows: int) -> Array:
-        """One for a row that counts, zero for one that is too slow for sgn to be known, (coordinates, rows)."""
+    def weights(self, start: int, stop: int) -> Array:
+        """One for a row that counts, zero for one too near slow motion for sgn to be known, (coordinates, rows)."""
         device, treatment = self.device, self.motion.treatment
-        speeds = np.broadcast_to(np.asarray(treatment.low_speed, dtype=float), (len(device.drives),))
-        weights = np.ones((len(device.drives), rows))
-        half, d = len(self.taps) // 2, treatment.decimation
-        centres = half + d * np.arange(rows)
-        for motor, speed in enumerate(speeds):
-            for direction in device.coulomb_directions(motor) if speed > 0 else ():
-                slow = np.abs(direction @ cd) < speed
-                before = np.concatenate([[0], np.cumsum(slow)])
-                weights[motor, before[centres + self.guard + 1] > before[centres - self.guard]] = 0.0
+        speeds = np.broadcast_to(np.asarray(treatment.low_speed, dtype=float), (len(device.row_names),))
+        weights = np.ones((len(device.row_names), stop - start))
+        if not speeds.any():
+            return weights
+        centres = self.first + treatment.decimation * np.arange(start, stop)
+        low, high = self.motion.usable
+        low, high = max(low, int(centres[0]) - self.guard), min(high, int(centres[-1]) + self.guard + 1)
+        _, cd, _ = coordinates(device, self.motion, low, high)
+        after = np.minimum(centres + self.guard + 1, high) - low
+        before = np.maximum(centres - self.guard, low) - low
+        for row, speed in enumerate(speeds):
+            for direction in device.coulomb_directions(row) if speed > 0 else ():
+                slow = np.concatenate([[0], np.cumsum(np.abs(direction @ cd) < speed)])
+                weights[row, slow[after] > slow[before]] = 0.0
         return weights

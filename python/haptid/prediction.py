@@ -36,6 +36,7 @@ class Prediction:
     def __post_init__(self) -> None:
         for name in ("t", "measured", "predicted"):
             object.__setattr__(self, name, read_only(getattr(self, name)))
+        self.used.flags.writeable = False
 
 
 def predict(estimate: Estimate, motion: Motion) -> Prediction:
@@ -70,7 +71,7 @@ def predictions(estimate: Estimate, motion: Motion) -> Iterator[Prediction]:
             t=np.asarray(motion.t0 + motion.dt * (plan.first + d * np.arange(start, stop)), dtype=np.float64),
             measured=decimate(measured, taps, d)[rows],
             predicted=decimate(tau, taps, d)[rows],
-            used=plan.weights(cd, stop - start)[rows] > 0,
+            used=plan.weights(start, stop)[rows] > 0,
         )
 
 

@@ -7,8 +7,10 @@ torque and on every column of the observation matrix.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 from scipy import optimize, signal
@@ -24,6 +26,8 @@ KAISER_BETA = 4.5
 # Half length of the parallel filter, in decimated samples. A longer one is sharper, and spreads every disturbance
 # (a reversal, an end of the log, a held-out block's edge) over more rows.
 HALF_LENGTH = 5
+# Below this share of half the sampling rate a Butterworth filter of high order drowns in rounding.
+LOWEST = 1e-5
 
 
 @dataclass(frozen=True)
@@ -53,18 +57,22 @@ class Treatment:
     def __post_init__(self) -> None:
         if isinstance(self.low_speed, (list, tuple)):
             object.__setattr__(self, "low_speed", tuple(float(v) for v in self.low_speed))
-        for name in ("cutoff_hz", "parallel_cutoff_hz", "block"):
-            value = getattr(self, name)
-            if value is not None and not (np.isfinite(value) and value > 0):
-                raise TreatmentValueError(name, value, "a finite number above zero")
-        if self.guard is not None and not (np.isfinite(self.guard) and self.guard >= 0):
-            raise TreatmentValueError("guard", self.guard, "a finite time, 0 or more")
-        if not (isinstance(self.order, int) and 1 <= self.order <= 12):
-            raise TreatmentValueError("order", self.order, "a whole number from 1 to 12")
-        if not (isinstance(self.decimation, int) and self.decimation >= 1):
-            raise TreatmentValueError("decimation", self.decimation, "a whole number, 1 or more")
-        if not all(np.isfinite(v) and v >= 0 for v in np.atleast_1d(self.low_speed)):
+        for name in ("cutoff_hz", "parallel_cutoff_hz"):
+            if getattr(self, name) is not None:
+                self._expect(name, positive, "a finite number above zero")
+        if self.guard is not None:
+            self._expect("guard", lambda v: v == 0 or positive(v), "a finite time, 0 or more")
+        self._expect("block", positive, "a finite number above zero")
+        self._expect("order", lambda v: whole(v) and 1 <= v <= 12, "a whole number from 1 to 12")
+        self._expect("decimation", lambda v: whole(v) and v >= 1, "a whole number, 1 or more")
+        many = self.low_speed if isinstance(self.low_speed, tuple) else (self.low_speed,)
+        if not many or not all(v == 0 or positive(v) for v in many):
             raise TreatmentValueError("low_speed", self.low_speed, "finite speeds, 0 or more")
+
+    def _expect(self, name: str, fits: Callable[[Any], bool], wanted: str) -> None:
+        value = getattr(self, name)
+        if not fits(value):
+            raise TreatmentValueError(name, value, wanted)
 
     def position_filter(self, dt: float) -> Array | None:
         """Second-order sections of one pass, such that two passes together have -3 dB at `cutoff_hz`; None for none."""
@@ -76,20 +84,38 @@ class Treatment:
         one_pass = 2 * np.arctan(stretch * np.tan(0.5 * np.pi * self.cutoff_hz / nyquist)) / np.pi
         if self.cutoff_hz >= nyquist or one_pass > 0.98:
             raise CutoffError("cutoff_hz", self.cutoff_hz, nyquist)
+        if one_pass < LOWEST:
+            raise TreatmentValueError("cutoff_hz", self.cutoff_hz, f"at least {LOWEST * nyquist:g} Hz at this rate")
         return np.asarray(signal.butter(self.order, one_pass, output="sos"))
+
+    def parallel(self, dt: float) -> float | None:
+        """Cut-off of the filter that torque and columns share, Hz; None where there is none."""
+        if self.parallel_cutoff_hz is None:
+            return None if self.decimation == 1 else 0.8 * 0.5 / dt / self.decimation
+        limit = 0.5 / dt / self.decimation
+        if self.parallel_cutoff_hz >= limit:
+            raise CutoffError("parallel_cutoff_hz", self.parallel_cutoff_hz, limit)
+        return self.parallel_cutoff_hz
+
+    def half_length(self, dt: float) -> int:
+        """Samples of that filter on either side of its centre."""
+        cutoff = self.parallel(dt)
+        return 0 if cutoff is None else round(HALF_LENGTH * max(self.decimation, 0.8 * 0.5 / dt / cutoff))
 
     def taps(self, dt: float) -> Array:
         """The symmetric filter that torque and columns share, (odd,), unit sum; [1] where there is none."""
-        cutoff, nyquist = self.parallel_cutoff_hz, 0.5 / dt
-        if cutoff is None:
-            if self.decimation == 1:
-                return np.ones(1)
-            cutoff = 0.8 * nyquist / self.decimation
-        limit = nyquist / self.decimation
-        if cutoff >= limit:
-            raise CutoffError("parallel_cutoff_hz", cutoff, limit)
-        width = max(self.decimation, nyquist / cutoff * 0.8)
-        return low_pass(cutoff, nyquist, 2 * round(HALF_LENGTH * width) + 1)
+        cutoff = self.parallel(dt)
+        return np.ones(1) if cutoff is None else low_pass(cutoff, 0.5 / dt, 2 * self.half_length(dt) + 1)
+
+
+def whole(value: object) -> bool:
+    """A whole number; True and False are none."""
+    return isinstance(value, (int, np.integer)) and not isinstance(value, bool)
+
+
+def positive(value: Any) -> bool:
+    """A finite number above zero."""
+    return (whole(value) or isinstance(value, float)) and 0 < value < np.inf
 
 
 def low_pass(cutoff_hz: float, nyquist_hz: float, taps: int) -> Array:
@@ -136,6 +162,11 @@ class Motion:
             object.__setattr__(self, name, read_only(getattr(self, name)))
         expect("q", self.q.shape, (None, None))
         expect("tau", self.tau.shape, (len(self.q), None))
+        if self.log is None:  # a log has been checked
+            for name, array in (("q", self.q), ("tau", self.tau)):
+                if not np.isfinite(array).all():
+                    first = int(np.argmin(np.isfinite(array).all(axis=1)))
+                    raise TreatmentValueError(f"{name} at sample {first}", array[first].tolist(), "finite numbers")
         if self.rates is not None:
             rates = tuple(read_only(rate) for rate in self.rates)
             for name, rate in zip(("qd", "qdd"), rates, strict=True):

@@ -53,7 +53,9 @@ class Validation:
 
     @property
     def relative(self) -> float:
-        """Of all motors' rows together, per cent."""
+        """Of all motors' rows together, per cent; where units differ, the root mean square of the motors' own."""
+        if len({m.unit for m in self.motors}) > 1:
+            return float(np.sqrt(np.mean([m.relative**2 for m in self.motors])))
         return percent(
             float(np.linalg.norm([m.residual for m in self.motors])),
             float(np.linalg.norm([m.measured for m in self.motors])),

@@ -1,8 +1,8 @@
-"""What README.md and docs/*.md say is so: commands and Python run, files are read, links lead somewhere, no key is missing.
+"""What README.md and docs/*.md say is so: what they show runs and prints that, links lead somewhere, no key is missing.
 
-A page is walked from top to bottom in a folder of its own, beside a copy of the examples. A `toml` block that begins with
-`# name.toml` is saved under that name; a `text` block is what the block before it printed, figures aside, with `...` where
-lines are left out. A command is expected to succeed unless its line ends in `# exit status N`.
+A page is walked from top to bottom in a folder of its own, beside a copy of the examples. A `toml` block that begins
+with `# name.toml` is saved under that name. A `text` block is what the block before it printed, with `...` where lines
+are left out. A command is expected to succeed unless its line ends in `# exit status N`.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ import shutil
 import subprocess
 import sys
 import tomllib
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -36,7 +36,7 @@ SHARED = "../shared/data"
 QUOTED = {
     "emps": ({"M1": ".2f", "FV1": ".1f", "FC1": ".2f", "OFF1": ".2f"}, ".2f"),
     "staubli_tx40": ({f"FC{k}": ".2f" for k in range(1, 6)}, ".2f"),
-    "kuka_kr300": ({"FV1": ".0f", "FV2": ".0f"}, ".1f"),
+    "kuka_kr300": ({f"FV{k}": ".0f" for k in range(1, 7)}, ".1f"),
 }
 
 
@@ -96,7 +96,7 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
-def test_page_runs_from_top_to_bottom(page, folder):
+def test_page_runs_from_top_to_bottom(page: Path, folder: Path) -> None:
     names: dict[str, Any] = {}
     printed, cause = "", None
     for block in blocks(page):
@@ -112,7 +112,7 @@ def test_page_runs_from_top_to_bottom(page, folder):
 
 @pytest.mark.parametrize("block", [b for b in every("bash") if SHARED in b.values[0].text])
 @pytest.mark.usefixtures("shared_data")
-def test_commands_on_the_recordings_run_and_reach_the_figures_quoted(block, folder):
+def test_commands_on_the_recordings_run_and_reach_the_figures_quoted(block: Block, folder: Path) -> None:
     run_commands(block)
     for line in block.text.splitlines():
         if match := re.search(r"examples/(\w+)/study.toml .*--out (\S+)", line):
@@ -159,13 +159,25 @@ def run_python(block: Block, names: dict[str, Any]) -> str:
 
 
 def check_output(block: Block, printed: str) -> None:
-    """Every stretch of the block between lines of `...` was printed, whatever its figures, widths and line breaks."""
+    """Every stretch of the block between lines of `...` was printed, whatever its widths and line breaks."""
+    text, found = plain(printed)
     for part in re.split(r"^\.\.\.$", block.text, flags=re.MULTILINE):
-        assert plain(part) in plain(printed), f"{block} is not what the block before it prints:\n{part}\n---\n{printed}"
+        words, figures = plain(part)
+        places = [text.count("#", 0, match.start()) for match in re.finditer(re.escape(words), text)]
+        assert places, f"{block} is not what the block before it prints:\n{part}\n---\n{printed}"
+        shown = [found[k : k + len(figures)] for k in places]
+        assert any(all(map(alike, figures, other)) for other in shown), f"{block}: figures {figures}, printed {shown}"
 
 
-def plain(text: str) -> str:
-    return " ".join(FIGURE.sub("#", text).split())
+def plain(text: str) -> tuple[str, list[str]]:
+    """Words with single blanks and # for each figure, and the figures."""
+    return " ".join(FIGURE.sub("#", text).split()), FIGURE.findall(text)
+
+
+def alike(quoted: str, printed: str) -> bool:
+    """Equal up to the last digit that is quoted; what is only rounding (1e-16) may be anything."""
+    decimals = len(quoted.partition(".")[2])
+    return "e" in quoted or abs(float(quoted) - float(printed)) < 1.01 * 10.0**-decimals
 
 
 def quoted_figures(example: str, result: dict[str, Any]) -> None:
@@ -183,7 +195,7 @@ def quoted_figures(example: str, result: dict[str, Any]) -> None:
 
 
 @pytest.mark.parametrize("block", every("toml"))
-def test_device_and_study_files_are_read(block, tmp_path):
+def test_device_and_study_files_are_read(block: Block, tmp_path: Path) -> None:
     """Whole files as they stand; parts of one in the place of the same keys in the page's first whole file."""
     wholes = [other for other in blocks(block.page, "toml") if other.kind != "part"]
     text, kind = block.text, block.kind
@@ -211,7 +223,7 @@ def toml(value: Any) -> str:
 
 
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
-def test_relative_links_lead_somewhere(page):
+def test_relative_links_lead_somewhere(page: Path) -> None:
     for target in LINK.findall(FENCE.sub("", page.read_text(encoding="utf-8"))):
         if not target.startswith(("https://", "http://", "mailto:")):
             name, _, heading = target.partition("#")
@@ -226,7 +238,7 @@ def headings(page: Path) -> set[str]:
     return {re.sub(r"[^\w\- ]", "", title.lower()).strip().replace(" ", "-") for title in titles}
 
 
-def test_navigation_has_every_page():
+def test_navigation_has_every_page() -> None:
     listed = re.findall(r": (\S+\.md)$", (PROJECT / "mkdocs.yml").read_text(encoding="utf-8"), re.MULTILINE)
     assert {page.name for page in PAGES[1:]} <= set(listed)
     for name in listed:
@@ -239,7 +251,7 @@ def test_navigation_has_every_page():
 @pytest.mark.parametrize(
     ("page", "schema"), [("device-files.md", haptid.device_schema), ("studies.md", haptid.study_schema)]
 )
-def test_every_key_is_documented_and_no_other(page, schema):
+def test_every_key_is_documented_and_no_other(page: str, schema: Callable[[], dict[str, Any]]) -> None:
     """A table of keys is headed `| keys of `[[joints]]` |`, one of those at the top of the file `| keys |`."""
     known: dict[str, set[str]] = {}
     for table, key in keys(schema(), schema(), ""):
@@ -252,7 +264,8 @@ def keys(node: Any, schema: dict[str, Any], table: str) -> Iterator[tuple[str, s
     node = schema["$defs"][node["$ref"].rpartition("/")[2]] if "$ref" in node else node
     for part in (*node.get("anyOf", ()), *node.get("oneOf", ())):
         yield from keys(part, schema, table)
-    for inner in (node.get("items"), node.get("additionalProperties")):
+    named = (*node.get("patternProperties", {}).values(), node.get("additionalProperties"))
+    for inner in (node.get("items"), *named):
         if isinstance(inner, dict):
             yield from keys(inner, schema, table)
     for key, value in node.get("properties", {}).items():

@@ -142,6 +142,8 @@ def test_digits_follow_the_deviation(value, sd, shown):
     assert with_digits(value, sd) == shown
 
 
-@pytest.mark.parametrize(("part", "whole", "shown"), [(1, 200, "0.50"), (1, 3, "33"), (2, 1, "> 100"), (1, 0, "> 1000")])
+@pytest.mark.parametrize(
+    ("part", "whole", "shown"), [(1, 200, "0.50"), (1, 3, "33"), (2, 1, "> 100"), (1, 0, "> 1000")]
+)
 def test_percentages_are_short(part, whole, shown):
     assert short_percent(part, whole) == shown

@@ -153,7 +153,9 @@ def test_one_row_far_decimated_needs_no_memory_for_what_lies_between():
     core.reduce(x, x, x, np.zeros((0, 50)), x, [0], np.ones(1), 2**40, 0, 1, 1, np.ones((2, 1)))
 
 
-@pytest.mark.parametrize("terms", [[("viscous", np.ones(1), 0.0, 0.0, 0.0, 0.0)], [("viscous", np.ones(3), 0.0, 0.0, 0.0, 0.0)]])
+@pytest.mark.parametrize(
+    "terms", [[("viscous", np.ones(1), 0.0, 0.0, 0.0, 0.0)], [("viscous", np.ones(3), 0.0, 0.0, 0.0, 0.0)]]
+)
 def test_a_term_has_one_weight_for_each_coordinate(terms):
     with pytest.raises(ValueError, match="weights, wanted 2"):
         draw(1, joints=2, closed=False).core(terms=tuple(terms))

@@ -295,7 +295,7 @@ class Device:
         found: list[Array] = []
         for term in self.terms:
             felt = term.kind in DRY and term.weights[row] != 0
-            if felt and not any(np.array_equal(np.abs(term.weights), np.abs(known)) for known in found):
+            if felt and not any(np.array_equal(term.weights, sign * known) for known in found for sign in (1, -1)):
                 found.append(term.weights)
         return tuple(found)
 

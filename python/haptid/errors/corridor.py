@@ -102,6 +102,16 @@ class UnexcitedError(EstimationError):
         )
 
 
+class NoTorqueError(EstimationError):
+    """A motor whose torque is zero throughout."""
+
+    def __init__(self, motor: str) -> None:
+        super().__init__(
+            f"the treated torque of motor {motor} is zero in every row, so its rows cannot be weighed by their residual. "
+            f"Map the channel that holds its torque, or estimate with OLS."
+        )
+
+
 class MethodSettingError(EstimationError):
     """A setting of an estimator that means nothing."""
 

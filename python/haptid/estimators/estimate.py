@@ -73,6 +73,8 @@ class Estimate:
         covariance: by the block jackknife, (p, p).
         textbook_covariance: if the residual were white, (p, p).
         freedom: degrees of freedom of each interval, (p,).
+        lonely: parameters that one stretch of the log alone tells: their intervals are infinite, for nothing else can
+            say how far to trust it.
         weights: of each motor's rows, (motors,).
         status: "ok", or what is wrong with it.
         notes: sentences a user should read.
@@ -84,6 +86,7 @@ class Estimate:
     covariance: Array
     textbook_covariance: Array
     freedom: Array
+    lonely: tuple[int, ...]
     weights: Array
     status: str
     notes: tuple[str, ...]
@@ -102,8 +105,10 @@ class Estimate:
 
     @property
     def sd(self) -> Array:
-        """Honest deviations, (p,)."""
-        return np.sqrt(np.diag(self.covariance))
+        """Honest deviations, (p,); infinite for the lonely ones."""
+        sd = np.sqrt(np.diag(self.covariance))
+        sd[list(self.lonely)] = np.inf
+        return sd
 
     @property
     def interval95(self) -> Array:
@@ -157,8 +162,12 @@ def estimate(observation: Observation, method: Method) -> Estimate:
             f"{raw:.0f} raw): trust the torque, and of single parameters only those with a small deviation."
         )
     if len(jack.alone):
+        status = "weak"
         names = ", ".join(observation.base.names[k] for k in jack.alone)
-        notes.append(f"One stretch of the log alone tells {names}: its interval is a lower bound of the doubt.")
+        notes.append(
+            f"One stretch of the log alone tells {names}, so nothing says how far to trust it and the interval is "
+            f"infinite. Record longer, or motion that shows it again and again."
+        )
     return Estimate(
         observation=observation,
         method=method,
@@ -166,6 +175,7 @@ def estimate(observation: Observation, method: Method) -> Estimate:
         covariance=jack.covariance,
         textbook_covariance=solution.textbook_covariance(method.unit_residual),
         freedom=jack.freedom,
+        lonely=tuple(int(k) for k in jack.alone),
         weights=weights,
         status=status,
         notes=tuple(notes),

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from haptid._values import Array
-from haptid.errors import MethodSettingError
+from haptid.errors import MethodSettingError, NoTorqueError
 from haptid.estimators.solve import solve
 from haptid.observation import MotorRows, Observation
 
@@ -25,7 +25,7 @@ class WLS:
     passes: int = 2
 
     def __post_init__(self) -> None:
-        if not (isinstance(self.passes, int) and self.passes >= 1):
+        if not (type(self.passes) is int and self.passes >= 1):
             raise MethodSettingError("WLS", "passes", self.passes, "a whole number, 1 or more")
 
     @property
@@ -47,6 +47,8 @@ class WLS:
 
     def weight(self, motor: MotorRows, beta: Array) -> float:
         """One over the deviation of one motor's residual; a motor that fits exactly is held to rounding."""
+        if motor.norm == 0:
+            raise NoTorqueError(motor.name)
         freedom = max(1, int(motor.rows.sum()) - len(motor.columns))
         floor = np.finfo(float).eps * motor.norm / np.sqrt(freedom)
-        return float(1.0 / max(motor.residual(beta) / np.sqrt(freedom), floor, np.finfo(float).tiny))
+        return float(1.0 / max(motor.residual(beta) / np.sqrt(freedom), floor))
