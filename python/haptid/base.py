@@ -125,7 +125,8 @@ def base_parameters(device: Device, seed: int = 0) -> BaseParameters:
 def random_regressor(device: Device, seed: int) -> Array:
     """The regressor of the standard parameters at random states, (rows, standard parameters).
 
-    Only torques that are measured have rows: what acts on an axis without motor alone cannot be known. Positions cover the whole circle, whatever the joint limits: identifiability is a property of the structure.
+    Only torques that are measured have rows: what acts on an axis without motor alone cannot be known. Positions
+    cover the whole circle, whatever the joint limits: identifiability is a property of the structure.
     """
     rng = np.random.default_rng(seed)
     S = device.parameters.S

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import sys
+import traceback
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -19,13 +20,14 @@ from rich.progress import (
     TimeElapsedColumn,
     TimeRemainingColumn,
 )
+from rich.text import Text
 
 import haptid
 from haptid import tables
 from haptid.errors import HaptidError
 from haptid.outputs import check_writable, publishing
 
-EXIT_CRITERIA, EXIT_ERROR = 1, 2
+EXIT_CRITERIA, EXIT_ERROR, EXIT_DEFECT = 1, 2, 3
 
 app = typer.Typer(
     help="Dynamic models of haptic devices and robots, identified from their own motion logs.",
@@ -36,7 +38,8 @@ app = typer.Typer(
 )
 # Where the output is no terminal, lines are as long as the tables need, not cut at 80.
 WIDE = None if sys.stdout.isatty() else 140
-out, err = Console(width=WIDE), Console(stderr=True)
+# What is printed comes from users' files: no markup is read in it.
+out, err = Console(width=WIDE, markup=False), Console(stderr=True, markup=False)
 
 IDENTIFY_HELP = """\
 Identify a device from the logs a study names, and validate the model.
@@ -51,7 +54,7 @@ treatment, and the estimator. Writes into OUT:
   torque-*.png     measured against predicted torque, one picture for each log
 
 Exit status: 0 when done (and the study's criteria, if it has any, are met), 1 when its criteria are not met, 2 when
-something is wrong with the study, the device or a log; the message says what to do.
+something is wrong with the study, the device or a log; the message says what to do. 3 is a defect of haptid.
 
 Example: haptid identify examples/emps/study.toml --data ../shared/data/emps --out emps-result
 """
@@ -63,8 +66,13 @@ def _errors_shown() -> Iterator[None]:
     try:
         yield
     except HaptidError as error:
-        err.print(f"[bold red]error:[/] {error}", highlight=False, soft_wrap=True)
+        complain(str(error))
         raise typer.Exit(EXIT_ERROR) from None
+
+
+def complain(sentence: str) -> None:
+    """One line on standard error."""
+    err.print(Text.assemble(("error: ", "bold red"), sentence), soft_wrap=True)
 
 
 def _progress(quiet: bool) -> Progress:
@@ -115,7 +123,7 @@ def identify(
         sys.stdout.write(json.dumps(finite(result(found)), indent=1, allow_nan=False) + "\n")
     elif not quiet:
         tables.show_identification(out, found)
-        out.print(f"Results in {out_folder}", highlight=False)
+        out.print(f"Results in {out_folder}")
     if found.meets_criteria is False:
         raise typer.Exit(EXIT_CRITERIA)
 
@@ -145,7 +153,7 @@ def devices() -> None:
 
     names = shipped_devices()
     for name in names:
-        out.print(f"[bold]{name:{max(map(len, names))}}[/]  {read_device(name).description}", highlight=False)
+        out.print(f"{name:{max(map(len, names))}}  {read_device(name).description}")
 
 
 @app.command()
@@ -156,7 +164,7 @@ def schema(kind: Annotated[str, typer.Argument(help="device or study", show_defa
 
     schemas = {"device": device_schema, "study": study_schema}
     if kind not in schemas:
-        err.print(f"[bold red]error:[/] there is no schema {kind!r}; write device or study.", highlight=False)
+        complain(f"there is no schema {kind!r}; write device or study.")
         raise typer.Exit(EXIT_ERROR)
     sys.stdout.write(json.dumps(schemas[kind](), indent=1) + "\n")
 
@@ -165,10 +173,15 @@ def schema(kind: Annotated[str, typer.Argument(help="device or study", show_defa
 def version(show: Annotated[bool, typer.Option("--version", help="print the version")] = False) -> None:
     """Dynamic models of haptic devices and robots, identified from their own motion logs."""
     if show:
-        out.print(f"haptid {haptid.__version__}", highlight=False)
+        out.print(f"haptid {haptid.__version__}")
         raise typer.Exit
 
 
 def main() -> None:
     """Entry point of the `haptid` command."""
-    app()
+    try:
+        app()
+    except Exception:
+        traceback.print_exc()
+        complain("this is a defect of haptid, not of your input. Please report it with the lines above.")
+        sys.exit(EXIT_DEFECT)

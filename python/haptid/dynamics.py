@@ -16,7 +16,9 @@ def inverse_dynamics(device: Device, beta: ArrayLike, qa: Array, qda: Array, qdd
     Args:
         device: the mechanism.
         beta: its base parameters, (p,), SI.
-        qa, qda, qdda: of the active joints, each (active, samples), SI.
+        qa: positions of the active joints, (active, samples), rad or m.
+        qda: their velocities.
+        qdda: their accelerations.
 
     Raises:
         ShapeError: an array does not fit the device.

@@ -9,6 +9,7 @@ from operator import add
 from pathlib import Path
 
 from haptid.device import Device, read_device
+from haptid.errors import OneBlockError
 from haptid.estimators import Estimate, estimate
 from haptid.log import read_log
 from haptid.observation import Observation, observe
@@ -70,7 +71,7 @@ class Identification:
         return bool(self.unseen) and all(v.relative <= limit for v in self.unseen)
 
 
-def identify(study: Study, data: Path | None = None, progress: Progress | None = None) -> Identification:
+def identify(study: Study, data: str | Path | None = None, progress: Progress | None = None) -> Identification:
     """Read, treat, observe, estimate and validate.
 
     Args:
@@ -83,7 +84,7 @@ def identify(study: Study, data: Path | None = None, progress: Progress | None =
     """
     tell = progress or _silent
     device = read_device(study.device)
-    observations = [_observe(study, device, entry, data or study.path.parent, tell) for entry in study.logs]
+    observations = [_observe(study, device, entry, Path(data or study.path.parent), tell) for entry in study.logs]
     fitted = [o for o, entry in zip(observations, study.logs, strict=True) if entry.role == "identify"]
     tell("estimating", 0.0)
     final = estimate(reduce(add, fitted), study.method)
@@ -118,6 +119,8 @@ def held_out(study: Study, observation: Observation, others: list[Observation]) 
     if study.holdout == "each-log":
         return (validate(estimate(reduce(add, others), study.method), observation),)
     if study.holdout == "alternate":
+        if len(observation.blocks) < 2:
+            raise OneBlockError(study.treatment.block)
         halves = observation.alternate()
         folds = (
             validate(estimate(reduce(add, others, fit), study.method), unseen) for fit, unseen in (halves, halves[::-1])

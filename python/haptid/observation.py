@@ -58,7 +58,8 @@ class MotorRows:
     """The rows of one motor, reduced by QR, block by block: R beta = z, and what is left over.
 
     Attributes:
-        name: of the motor.
+        name: of the motor, or of the joint where rows are the joints'.
+        label: what to write beside it, "motor 1" or "joint 5".
         unit: of its torque, N m or N.
         columns: base parameters that this motor's rows can reach, (p,).
         triangles: per block the upper triangle [R z; 0 rest], (blocks, p + 1, p + 1), SI.
@@ -66,6 +67,7 @@ class MotorRows:
     """
 
     name: str
+    label: str
     unit: str
     columns: np.ndarray
     triangles: Array
@@ -230,7 +232,9 @@ def observe(device: Device, motion: Motion, progress: Callable[[float], None] | 
     for k in np.flatnonzero(device.measured):
         columns = stacks[0][k][0]
         triangles = freeze(np.concatenate([stack[k][1] for stack in stacks]))
-        motors.append(MotorRows(device.row_names[k], device.torque_units[k], columns, triangles, rows[k]))
+        motors.append(
+            MotorRows(device.row_names[k], device.row_labels[k], device.torque_units[k], columns, triangles, rows[k])
+        )
     return Observation(device, tuple(motors), blocks, (motion,), doubts)
 
 

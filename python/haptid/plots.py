@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Iterable
 from dataclasses import dataclass
 from itertools import pairwise
@@ -35,14 +36,16 @@ def plot_torque(parts: Iterable[Prediction], rows: int, title: str, path: Path) 
     motors, units = drawn[0].motors, drawn[0].units
     figure = Figure(figsize=(10, 1.2 + 1.9 * len(motors)), layout="constrained")
     FigureCanvasAgg(figure)
-    figure.suptitle(title)
+    figure.suptitle(title, parse_math=False)
     panels = np.atleast_1d(figure.subplots(len(motors), 1, sharex=True))
     for k, panel in enumerate(panels):
         draw_motor(panel, drawn, k)
-        panel.set_ylabel(f"{motors[k]}\n{units[k]}")
+        panel.set_ylabel(f"{motors[k]}\n{units[k]}", parse_math=False)
     panels[-1].set_xlabel("time, s")
     panels[0].legend(loc="upper right", ncols=3, fontsize="small", framealpha=0.9)
-    figure.savefig(path, dpi=120)
+    with warnings.catch_warnings():
+        warnings.filterwarnings("ignore", "Glyph .* missing")  # a name in letters that the font lacks
+        figure.savefig(path, dpi=120)
 
 
 @dataclass(frozen=True, eq=False)

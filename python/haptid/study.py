@@ -9,7 +9,7 @@ from typing import Annotated, Any, Literal
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
-from haptid.errors import StudyFileError, StudyLogsError
+from haptid.errors import LogError, StudyFileError, StudyLogsError
 from haptid.estimators import OLS, WLS, Method
 from haptid.log import Channels, Signal
 from haptid.treatment import Treatment
@@ -30,11 +30,12 @@ class SignalTable(_Table):
     """Which channels are the positions, or the torques, and in what unit."""
 
     channels: list[str] = Field(min_length=1, description="one channel for each joint or motor, in the device's order")
-    unit: str = Field(description="rad, deg, turn, m, mm, counts; N m, mN m, N, V, mV, A, mA, counts")
+    unit: str = Field(description="rad, deg, turn, m, mm, um, counts; N m, mN m, N, V, mV, A, mA, counts")
     side: Literal["joint", "motor"] = Field("joint", description="measured at the joint or at the motor's shaft")
     gain: Finite | list[Finite] = Field(1.0, description="the channel is multiplied by this first")
     offset: Finite | list[Finite] = Field(0.0, description="added after the gain and the unit, SI")
     unwrap: bool = Field(False, description="the angle jumps by a whole turn: put the turns back")
+    period: Positive | None = Field(None, description="the jump of a wrapped channel, in its own unit; one turn")
     constant_ok: bool = Field(False, description="a channel that never changes is meant to")
     allow_saturation: bool = Field(False, description="a torque held at its limit is meant to be used")
 
@@ -181,32 +182,53 @@ def _parse(path: Path) -> StudyTable:
         if path.stat().st_size > LARGEST_FILE:
             raise StudyFileError(path, "", f"the file is larger than {LARGEST_FILE >> 20} MiB, so it is no study")
         data = tomllib.loads(path.read_text(encoding="utf-8"))
-    except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
+    except FileNotFoundError as error:
+        raise StudyFileError(path, "", "there is no such file; give the path of a study's TOML file") from error
+    except (OSError, ValueError) as error:  # not readable, not UTF-8, not TOML
         raise StudyFileError(path, "", str(error)) from error
     try:
         return StudyTable.model_validate(data)
     except ValidationError as error:
         first = error.errors()[0]
-        where = ".".join(str(part) for part in first["loc"])
-        raise StudyFileError(path, where, _sentence(first), known=_known(where)) from error
+        where, table, key = _place(first["loc"])
+        known = list(_fields(table)) if key not in _fields(table) else None
+        raise StudyFileError(path, where, _sentence(first, table, key), known) from error
 
 
-def _sentence(error: Any) -> str:
+def _sentence(error: Any, table: type[BaseModel], key: str) -> str:
+    """What is wrong with a key: what was found, and what the key is for."""
     found = "" if error["type"] == "missing" else f" (found {str(error.get('input'))[:60]!r})"
     text = {"missing": "this key is missing", "extra_forbidden": "there is no such key"}.get(error["type"])
-    return (text or str(error["msg"])) + found
+    field = _fields(table).get(key)
+    meaning = f"; {key} is {field.description}" if field is not None and field.description else ""
+    return (text or str(error["msg"])) + found + meaning
 
 
-def _known(where: str) -> list[str]:
-    """Keys that the table around `where` knows."""
-    model: Any = StudyTable
-    for part in where.split(".")[:-1]:
-        fields = (
-            {f.alias or name: f for name, f in model.model_fields.items()} if hasattr(model, "model_fields") else {}
-        )
-        if part in fields:
-            model = _inner(fields[part].annotation)
-    return [f.alias or name for name, f in model.model_fields.items()] if hasattr(model, "model_fields") else []
+def _fields(table: type[BaseModel]) -> dict[str, Any]:
+    """Fields of a table by the names they have in the file."""
+    return {field.alias or name: field for name, field in table.model_fields.items()}
+
+
+def _place(location: tuple[int | str, ...]) -> tuple[str, type[BaseModel], str]:
+    """Where an error is: as text, the table, and the key in it; without the tags of pydantic's unions."""
+    table: type[BaseModel] = StudyTable
+    shown: list[str] = []
+    key = ""
+    for k, part in enumerate(location):
+        fields = _fields(table)
+        if isinstance(part, int):
+            shown.append(str(part))
+        elif part in fields:
+            shown.append(part)
+            inner = _inner(fields[part].annotation)
+            if isinstance(inner, type) and issubclass(inner, BaseModel) and k + 1 < len(location):
+                table, key = inner, ""
+            else:
+                key = part
+        elif k + 1 == len(location) and not key:
+            shown.append(part)  # a key that is not known
+            key = part
+    return ".".join(shown), table, key
 
 
 def _inner(annotation: Any) -> Any:
@@ -232,13 +254,16 @@ def _log(study: Path, index: int, log: LogTable, common: ChannelsTable | None) -
         where = f"logs.{index}.channels" if log.channels else "channels"
         if (table.time is None) == (table.rate_hz is None):
             raise StudyFileError(study, where, "give `time` (a channel) or `rate_hz`, one of the two")
-        channels = Channels(
-            position=_signal(study, f"{where}.position", table.position),
-            torque=_signal(study, f"{where}.torque", table.torque),
-            time=table.time,
-            time_unit=table.time_unit,
-            rate_hz=table.rate_hz,
-        )
+        try:
+            channels = Channels(
+                position=_signal(study, f"{where}.position", table.position),
+                torque=_signal(study, f"{where}.torque", table.torque),
+                time=table.time,
+                time_unit=table.time_unit,
+                rate_hz=table.rate_hz,
+            )
+        except LogError as error:
+            raise StudyFileError(study, where, str(error).rstrip(".")) from error
     return LogEntry(log.path, log.role, stretch, channels)
 
 
@@ -256,6 +281,7 @@ def _signal(study: Path, where: str, table: SignalTable) -> Signal:
         gain=spread("gain", table.gain),
         offset=spread("offset", table.offset),
         unwrap=table.unwrap,
+        period=table.period,
         constant_ok=table.constant_ok,
         allow_saturation=table.allow_saturation,
     )

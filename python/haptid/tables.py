@@ -6,6 +6,7 @@ from typing import Any
 
 from rich.console import Console
 from rich.table import Table
+from rich.text import Text
 
 from haptid.device import Device
 from haptid.device.summary import summary_lines
@@ -18,7 +19,7 @@ def show_identification(console: Console, found: Identification) -> None:
     """Parameters, errors, notes."""
     observation = found.estimate.observation
     raw, scaled = observation.condition
-    console.print(f"\n[bold]{found.study.name}[/]: {found.device.name}", highlight=False)
+    console.print(f"\n{found.study.name}: {found.device.name}", style="bold")
     console.print(
         f"{observation.rows} rows, {len(observation.base)} base parameters of "
         f"{len(found.device.parameters.names)}, condition {raw:.4g} raw, {scaled:.4g} with unit columns, "
@@ -32,8 +33,8 @@ def show_identification(console: Console, found: Identification) -> None:
     )
     console.print(error_table(found.runs, found.device.torque_rows))
     for note in found.estimate.notes:
-        console.print(f"- {note}", highlight=False)
-    console.print(f"\n{verdict(found)}", highlight=False)
+        console.print(f"- {note}")
+    console.print(f"\n{verdict(found)}")
 
 
 def parameter_table(estimate: Estimate) -> Table:
@@ -92,9 +93,9 @@ def error_table(runs: tuple[Run, ...], row: str) -> Table:
     return table
 
 
-def error_cells(validation: Validation, motors: int) -> list[str]:
+def error_cells(validation: Validation, motors: int) -> list[str | Text]:
     """Which rows, all motors, each motor."""
-    kind = "of the fit" if validation.seen else "[bold]unseen[/]"
+    kind = Text("of the fit") if validation.seen else Text("unseen", style="bold")
     each = [f"{m.relative:.2f}" for m in validation.motors] if motors > 1 else []
     return [kind, f"{validation.relative:.2f}", *each]
 
@@ -108,7 +109,7 @@ def verdict(found: Identification) -> str:
     if found.meets_criteria is None:
         return text
     limit = found.study.largest_error
-    return f"{text} The study allows {limit:g} %: [bold]{'met' if found.meets_criteria else 'not met'}[/]."
+    return f"{text} The study allows {limit:g} %: {'met' if found.meets_criteria else 'not met'}."
 
 
 def show_model(console: Console, device: Device) -> None:
@@ -129,7 +130,7 @@ def show_model(console: Console, device: Device) -> None:
         table.add_row(name, unit, grouping)
     console.print(table)
     if base.no_effect:
-        console.print(f"\nWithout effect: {' '.join(base.no_effect)}", highlight=False)
+        console.print(f"\nWithout effect: {' '.join(base.no_effect)}")
     console.print(
         f"\nRank: least independent column kept {base.gap[0]:.1e}, most independent dropped {base.gap[1]:.1e} "
         f"(relative, limit {base.tolerance:.0e})" + ("" if base.is_clear else "  - NOT CLEAR: check the geometry"),

@@ -17,12 +17,13 @@ class MotorError:
     """The error of one motor's predicted torque.
 
     Attributes:
-        motor, unit: N m or N.
+        motor, label, unit: "1", "motor 1", N m or N.
         residual, measured: norm(y - y_hat) and norm(y) of the treated torque, at the joint side.
         rows: compared.
     """
 
     motor: str
+    label: str
     unit: str
     residual: float
     measured: float
@@ -66,7 +67,7 @@ class Validation:
         kind = "rows of the fit" if self.seen else "unseen rows"
         lines = [f"{self.relative:.2f} % relative error over all motors, on {kind}"]
         for m in self.motors:
-            lines.append(f"  motor {m.motor}: {m.relative:6.2f} %, RMSE {m.rmse:.4g} {m.unit}, {m.rows} rows")
+            lines.append(f"  {m.label}: {m.relative:6.2f} %, RMSE {m.rmse:.4g} {m.unit}, {m.rows} rows")
         return "\n".join(lines)
 
 
@@ -99,7 +100,9 @@ def compare(estimate: Estimate, observation: Observation, seen: bool) -> Validat
     if observation.device is not estimate.device:
         raise DifferentModelError(estimate.device.name, observation.device.name)
     errors = tuple(
-        MotorError(motor.name, motor.unit, motor.residual(estimate.beta), motor.norm, int(motor.rows.sum()))
+        MotorError(
+            motor.name, motor.label, motor.unit, motor.residual(estimate.beta), motor.norm, int(motor.rows.sum())
+        )
         for motor in observation.motors
     )
     return Validation(errors, seen)
@@ -110,6 +113,7 @@ def pooled(*parts: Validation) -> Validation:
     motors = tuple(
         MotorError(
             same[0].motor,
+            same[0].label,
             same[0].unit,
             float(np.linalg.norm([m.residual for m in same])),
             float(np.linalg.norm([m.measured for m in same])),

@@ -12,6 +12,7 @@ import pytest
 from typer.testing import CliRunner
 
 import haptid
+from haptid import cli
 from haptid.cli import app
 from motions import multisine, truth
 
@@ -240,6 +241,13 @@ BAD = {
     "stretch upside down": (entry("stretch = [3, 1]"), r"before it begins"),
     "every row too slow": (text("study.toml", "decimation = 5", "decimation = 5\nlow_speed = 90"), r"slower"),
     # the device
+    "low_speed of the wrong length": (text("study.toml", "decimation = 5", "low_speed = [1, 1, 1]"), r"each row"),
+    "cut-off that is no number": (text("study.toml", "= 30", "= 'off'"), r"treatment\.cutoff_hz`.*'none'"),
+    "nothing to hold out": (
+        text("study.toml", "decimation = 5", "decimation = 500\nblock = 100\n[holdout]\npattern = 'alternate'"),
+        r"few|rows|hold out|ends",
+    ),
+    "device path with a zero byte": (text("study.toml", '"device.toml"', '"d\\u0000.toml"'), r"zero byte"),
     "no such device": (text("study.toml", "device.toml", "device2.toml"), r"device2\.toml"),
     "unknown shipped device": (text("study.toml", '"device.toml"', '"phantom"'), r"phantom_premium_15"),
     "device that is no TOML": (put("device.toml", b"[[joints"), r"device\.toml"),
@@ -332,3 +340,48 @@ def test_criteria_decide_the_exit_status(folder):
     text("study.toml", "[treatment]", "[criteria]\nrelative_error_percent = 1e-6\n[treatment]")(folder)
     assert identify(folder).exit_code == 1
     assert json.loads((folder / "out" / "result.json").read_text())["criteria"]["met"] is False
+
+
+def test_a_folder_where_a_result_must_go_is_found_before_anything_is_replaced(folder):
+    assert identify(folder).exit_code == 0
+    kept = (folder / "out" / "parameters.csv").read_bytes()
+    (folder / "out" / "result.json").unlink()
+    (folder / "out" / "result.json").mkdir()
+    text("study.toml", "decimation = 5", "decimation = 4")(folder)
+    done = identify(folder)
+    assert done.exit_code == 2
+    assert "a file must go there" in done.stderr
+    assert (folder / "out" / "parameters.csv").read_bytes() == kept
+    assert sorted(path.name for path in (folder / "out").iterdir() if path.name.startswith(".")) == []
+
+
+def test_results_can_go_through_a_link(folder, tmp_path):
+    (tmp_path / "real").mkdir()
+    (folder / "out").symlink_to(tmp_path / "real")
+    assert identify(folder).exit_code == 0
+    assert (tmp_path / "real" / "result.json").exists()
+    (folder / "out").unlink()
+    (folder / "out").symlink_to(tmp_path / "nowhere" / "else")
+    assert identify(folder).exit_code == 2
+
+
+@pytest.mark.parametrize("name", ["[/]", "arm [v2] [red]", "cost $\\\\frac$ x", "\u624b"])
+def test_names_with_brackets_dollars_and_foreign_letters_are_only_names(name, folder):
+    text("study.toml", 'name = "two links"', f'name = "{name}"')(folder)
+    arguments = ["identify", str(folder / "study.toml"), "--out", str(folder / "out")]
+    done = CliRunner().invoke(app, arguments)
+    assert done.exit_code == 0, done.output
+    assert f"{name}: two links".replace("\\\\", "\\") in done.stdout
+    missing = folder / "[/nope].toml"
+    assert "[/nope].toml" in CliRunner().invoke(app, ["identify", str(missing), "--out", str(folder / "x")]).stderr
+
+
+def test_a_defect_has_an_exit_status_of_its_own(monkeypatch, capsys):
+    def broken():
+        raise RuntimeError("surprise")
+
+    monkeypatch.setattr("haptid.cli.app", broken)
+    with pytest.raises(SystemExit) as exit_:
+        cli.main()
+    assert exit_.value.code == 3
+    assert "surprise" in capsys.readouterr().err

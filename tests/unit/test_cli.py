@@ -136,8 +136,14 @@ def test_the_same_study_gives_the_same_result_bit_for_bit(phantom, request):
 
 @pytest.mark.parametrize(
     ("value", "sd", "shown"),
-    [(1.23456, 0.012, "1.235"), (203.48, 7.4, "203.5"), (1e-7, 3e-10, "1e-07"), (0.0, 0.0, "0"), (-0.00226491, 2e-6, "-0.0022649")],
-)  # fmt: skip
+    [
+        (1.23456, 0.012, "1.235"),
+        (203.48, 7.4, "203.5"),
+        (1e-7, 3e-10, "1e-07"),
+        (0.0, 0.0, "0"),
+        (-0.00226491, 2e-6, "-0.0022649"),
+    ],
+)
 def test_digits_follow_the_deviation(value, sd, shown):
     assert with_digits(value, sd) == shown
 

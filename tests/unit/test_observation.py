@@ -10,10 +10,13 @@ import haptid
 from haptid.errors import (
     ChannelCountError,
     DifferentModelError,
+    MotionTooShortError,
     NoRowsError,
+    NoTorqueError,
     SameRowsError,
     SeenRowsError,
     TooFewRowsError,
+    TreatmentValueError,
     UnexcitedError,
 )
 from haptid.signals import rows
@@ -241,3 +244,111 @@ def test_values_of_two_devices_are_kept_apart(device, beta):
         haptid.validate(found, haptid.observe(other, motion(other, beta, seed=2)))
     with pytest.raises(DifferentModelError):
         found.observation + haptid.observe(other, motion(other, beta, seed=2))
+
+
+def test_what_one_stretch_alone_tells_has_no_interval(device, beta):
+    """All of the motion in one block: without it nothing is left, so nothing says how far to trust it."""
+    treatment = haptid.Treatment(cutoff_hz=None, block=1e300)
+    made = motion(device, beta, noise=0.1, treatment=treatment)
+    whole = haptid.observe(device, made)
+    assert len(whole.blocks) == 8  # a block is never longer than an eighth of its motion
+    assert np.isfinite(haptid.estimate(whole, haptid.OLS()).sd).all()
+    single = replace(whole, blocks=whole.blocks[:1], motors=tuple(m.pick(np.array([0])) for m in whole.motors))
+    lonely = haptid.estimate(single, haptid.OLS())
+    assert lonely.status == "weak"
+    assert len(lonely.lonely) > 5
+    assert np.isinf(lonely.sd[list(lonely.lonely)]).all()
+    assert np.isinf(lonely.interval95[list(lonely.lonely)]).all()
+    assert "nothing says how far to trust it" in " ".join(lonely.notes)
+
+
+def test_a_guard_reaches_beyond_the_filter(device, beta):
+    """Without decimation there is no filter, and rows within the guard of a reversal are dropped all the same."""
+    rows = []
+    for guard in (None, 0.0, 0.05):
+        treatment = haptid.Treatment(cutoff_hz=None, low_speed=0.05, guard=guard)
+        rows.append(haptid.observe(device, motion(device, beta, treatment=treatment)).rows)
+    assert rows[0] == rows[1]
+    assert rows[2] < 0.9 * rows[1]
+
+
+def test_low_speed_has_one_figure_or_one_for_each_row(device, beta):
+    treatment = haptid.Treatment(cutoff_hz=None, low_speed=(0.1, 0.2))
+    with pytest.raises(TreatmentValueError, match="one for each row"):
+        haptid.observe(device, motion(device, beta, treatment=treatment))
+
+
+def test_a_decimation_longer_than_the_motion_is_refused_before_any_work(device, beta):
+    treatment = haptid.Treatment(cutoff_hz=None, decimation=10**9)
+    with pytest.raises(MotionTooShortError, match="ends alone"):
+        haptid.observe(device, motion(device, beta, treatment=treatment))
+
+
+def test_rows_without_torque_cannot_be_weighed(device, beta):
+    made = motion(device, beta)
+    with pytest.raises(NoTorqueError, match="zero in every row"):
+        haptid.estimate(haptid.observe(device, replace(made, tau=0 * made.tau)), haptid.WLS())
+
+
+DIFFERENTIAL = """
+schema = 1
+name = "differential wrist"
+gravity = [0.0, 0.0, -9.81]
+convention = "modified-dh"
+[[joints]]
+name = "a"
+alpha = "pi/2"
+[[joints]]
+name = "b"
+alpha = "pi/2"
+[[motors]]
+name = "l"
+drives = { a = 1, b = 1 }
+[[motors]]
+name = "r"
+drives = { a = 1, b = -1 }
+[[terms]]
+kind = "coulomb"
+joints = "all"
+"""
+
+
+@pytest.fixture
+def differential(tmp_path):
+    (tmp_path / "wrist.toml").write_text(DIFFERENTIAL)
+    return haptid.read_device(tmp_path / "wrist.toml")
+
+
+def test_both_joints_of_a_differential_are_guarded(differential):
+    """Each motor feels both joints' friction: rows are dropped where either is slow."""
+    assert [len(differential.coulomb_directions(row)) for row in (0, 1)] == [2, 2]
+    treatment = haptid.Treatment(cutoff_hz=None, low_speed=0.2)
+    made = motion(differential, np.ones(len(differential.base)), treatment=treatment)
+    prediction = haptid.predict(haptid.estimate(haptid.observe(differential, made), haptid.OLS()), made)
+    for joint in (0, 1):
+        speed = np.interp(prediction.t, made.t, np.abs(made.qd[:, joint]))
+        assert speed[prediction.used[0]].min() >= 0.19
+
+
+def test_motor_and_joint_rows_are_the_same_model(differential, tmp_path):
+    """Torques at the joints are the coupling's transpose times those at the motors, whatever the parameters."""
+    text = DIFFERENTIAL + "[transmission]\ntorque_rows = 'joint'\n"
+    (tmp_path / "joint.toml").write_text(text)
+    joint = haptid.read_device(tmp_path / "joint.toml")
+    assert joint.base.names == differential.base.names
+    beta = np.random.default_rng(0).uniform(0.5, 1.5, len(joint.base))
+    q, v, a = np.random.default_rng(1).normal(size=(3, 2, 30))
+    at_motors = haptid.inverse_dynamics(differential, beta, q, v, a)
+    np.testing.assert_allclose(
+        haptid.inverse_dynamics(joint, beta, q, v, a), differential.coupling.T @ at_motors, atol=1e-12
+    )
+
+
+def test_what_only_acts_where_nothing_measures_has_no_effect(tmp_path):
+    """Friction of a joint without motor, whose torque is nowhere measured, is no base parameter."""
+    text = DIFFERENTIAL.split("[[motors]]")[0] + '[[motors]]\nname = "a"\n[[terms]]\nkind = "viscous"\njoints = "all"\n'
+    (tmp_path / "free.toml").write_text(text)
+    free = haptid.read_device(tmp_path / "free.toml")
+    assert "FVb" in free.base.no_effect
+    assert "FVa" in free.base.names
+    assert free.measured == (True, False)

@@ -82,6 +82,9 @@ def test_a_motion_keeps_what_it_was_given_and_nobody_can_write_to_it():
         {"decimation": 0},
         {"low_speed": -0.1},
         {"low_speed": (0.1, float("inf"))},
+        {"cutoff_hz": "40"},
+        {"decimation": True},
+        {"low_speed": ()},
         {"block": 0.0},
         {"guard": -0.1},
         {"parallel_cutoff_hz": 0.0},
@@ -103,3 +106,19 @@ def test_a_motion_shorter_than_its_filter_is_refused():
     motion = haptid.Motion(1e-3, np.zeros((100, 1)), np.zeros((100, 1)), haptid.Treatment(cutoff_hz=1.0))
     with pytest.raises(MotionTooShortError, match=r"lasts 0\.1 s"):
         motion.usable  # noqa: B018
+
+
+def test_a_cutoff_that_drowns_in_rounding_is_refused():
+    with pytest.raises(TreatmentValueError, match=r"at least 0\.005 Hz"):
+        haptid.Treatment(cutoff_hz=1e-6, order=12).position_filter(1e-3)
+
+
+def test_whole_numbers_of_numpy_are_whole_numbers():
+    assert haptid.Treatment(decimation=np.int64(10), cutoff_hz=40).decimation == 10
+
+
+def test_a_motion_of_formulas_must_be_finite():
+    q = np.zeros((100, 2))
+    q[7, 1] = np.nan
+    with pytest.raises(TreatmentValueError, match="q at sample 7"):
+        haptid.Motion(0.01, q, np.zeros((100, 2)), haptid.Treatment())

@@ -275,7 +275,9 @@ class Device:
         """Position, velocity and acceleration of all joints, each (joints, samples), from the active ones'.
 
         Args:
-            qa, qda, qdda: of the active joints, each (active, samples).
+            qa: positions of the active joints, (active, samples), rad or m.
+            qda: their velocities.
+            qdda: their accelerations.
         """
         for name, array in (("qa", qa), ("qda", qda), ("qdda", qdda)):
             expect(name, array.shape, (len(self.active), qa.shape[1]))
@@ -286,7 +288,9 @@ class Device:
         """Columns that Python computes (counterbalances, a user's own), (externals, samples).
 
         Args:
-            qa, qda, qdda: position, velocity, acceleration of the active joints, each (active, samples), SI.
+            qa: positions of the active joints, (active, samples), rad or m.
+            qda: their velocities.
+            qdda: their accelerations.
         """
         return external_columns(self.externals, self.joint_names, self.tree(qa, qda, qdda))
 

@@ -62,6 +62,8 @@ def read_tables(path: str | Path) -> tuple[AnyDevice, str]:
 
 
 def _content(path: str | Path) -> tuple[str, bytes]:
+    if "\0" in str(path):
+        raise DeviceFileError(repr(str(path)), "has a zero byte in it", "Give the path of a device's TOML file.")
     source: Any = Path(path)
     if isinstance(path, str) and not source.exists() and not source.suffix and "/" not in path:
         if path not in shipped_devices():

@@ -23,7 +23,9 @@ class LogNotFoundError(LogError):
     """No file at the path."""
 
     def __init__(self, path: object) -> None:
-        super().__init__(f"{path}: no such file. Check the path; it is taken relative to the current folder.")
+        super().__init__(
+            f"{path}: no such file. Check the path; a study takes it from the folder of --data, or from its own."
+        )
 
 
 class LogFolderError(LogError):
