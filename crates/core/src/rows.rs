@@ -4,6 +4,9 @@
 //! link's wrench, `Y[a, i] = s_i^a . A_i(v_i, a_i)`; the 6 x 10 map A_i is never written out. Carrying the axes of
 //! the *coordinates* rather than of the joints, `s_i^a = X_i s_parent^a + G[i, a] z`, projects a closed chain's
 //! torques onto its motors at no cost (Khalil and Dombre 2002, chapter 10, done without forming the tree's rows).
+//!
+//! Safety: [`rows`] is the one door. Behind it channels are staged with a whole lane after their last sample, slots hold
+//! the widest lane, and the caller's places have room for a whole lane more; every unsafe function relies on just that.
 
 use crate::dispatch::dispatched;
 use crate::lane::{Lane, MAX_WIDTH};

@@ -1,6 +1,9 @@
 //! A small upper triangle that takes up blocks of rows: Householder QR of [R; A], panels of four columns.
 //!
 //! Never the normal equations: they lose one to three digits at the condition numbers of this field.
+//!
+//! Safety: [`fold`] checks that R and A are as large as their shape says, with rows padded to whole lanes. Every unsafe
+//! function below takes columns of that A by pointer, and reads and writes whole lanes inside their `stride`.
 
 use crate::dispatch::{Backend, dispatched};
 use crate::lane::Lane;
