@@ -58,9 +58,8 @@ def run() -> dict[str, float]:
         ]
         return np.array(rows)
 
-    ours = device.mechanism.regressor(
-        q[:, :some].copy(), qd[:, :some].copy(), qdd[:, :some].copy(), none[:, :some], inertial
-    )
+    few = [np.ascontiguousarray(x[:, :some]) for x in (q, qd, qdd, none)]
+    ours = device.mechanism.regressor(*few, inertial)
     agreement = np.abs(peer(some).transpose(1, 2, 0) - ours).max() / np.abs(ours).max()
     assert agreement < 1e-12, agreement
 
@@ -80,7 +79,7 @@ def run() -> dict[str, float]:
     assert np.allclose(whole, R.T @ R, rtol=0, atol=1e-9 * np.abs(whole).max())
     return {
         "base columns": float(len(inertial)),
-        "regressor, haptid": best_of(lambda: core.regressor(q, qd, qdd, none, inertial)) / SAMPLES * 1e6,
+        "regressor, haptid": best_of(lambda: core.regressor(*few, inertial), 20) / some * 1e6,
         "regressor, Pinocchio from Python": best_of(lambda: peer(some), 3) / some * 1e6,
         "regressor + reduction, haptid fused": best_of(reduce) / SAMPLES * 1e6,
         "regressor + reduction, haptid W and numpy QR": best_of(numpy_road, 2) / SAMPLES * 1e6,
