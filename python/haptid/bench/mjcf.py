@@ -111,7 +111,7 @@ def _settings(root: Element, device: Device, physics: Physics) -> None:
         "iterations": str(physics.iterations),
         "gravity": numbers(device.gravity),
     }
-    SubElement(SubElement(root, "option", option), "flag", contact="disable", energy="enable")
+    SubElement(SubElement(root, "option", option), "flag", contact="disable", autoreset="disable", island="disable")
     SubElement(SubElement(root, "default"), "geom", contype="0", conaffinity="0", rgba="0.45 0.55 0.7 1")
 
 
