@@ -11,10 +11,11 @@ from pathlib import Path
 import coverage
 import kernel
 import long_log
+import virtual_bench
 from haptid import _core
 
 HERE = Path(__file__).parent
-STUDIES = {"kernel": kernel.run, "long-log": long_log.run, "coverage": coverage.run}
+STUDIES = {"kernel": kernel.run, "long-log": long_log.run, "coverage": coverage.run, "virtual-bench": virtual_bench.run}
 
 
 def main() -> None:

@@ -59,6 +59,31 @@ something is wrong with the study, the device or a log; the message says what to
 Example: haptid identify examples/emps/study.toml --data ../shared/data/emps --out emps-result
 """
 
+BENCH_HELP = """\
+Simulate a device under its controller, and write the log that the controller would write.
+
+The EXPERIMENT (a TOML file) holds the motion, the controller, encoders and amplifiers, and the true parameters where
+the device file has none. The motion is checked against the limits of joints, loops and motors before anything moves.
+Needs MuJoCo: pip install mujoco. Channels of the log:
+
+  t                in s
+
+  q1..             positions by the encoders, rad or m
+
+  command1..       what was sent to the motors, in their own unit
+
+  held1..          the command averaged over the period about the sample: use it to identify
+
+  velocity1..      as the controller computes it; target1.. as planned
+
+With --truth, the true parameters go to LOG.truth.json, exact states and torques to LOG.truth.parquet. The same seed
+gives the same file.
+
+Exit status: 0 when done, 2 when something is wrong; the message says what to do.
+
+Example: haptid bench phantom_premium_15 examples/phantom/experiment.toml --out sweep.parquet --truth
+"""
+
 
 @contextmanager
 def _errors_shown() -> Iterator[None]:
@@ -156,15 +181,39 @@ def devices() -> None:
         out.print(f"{name:{max(map(len, names))}}  {read_device(name).description}")
 
 
+@app.command(help=BENCH_HELP)
+def bench(
+    device: Annotated[
+        str, typer.Argument(help="a device file (TOML) or the name of a shipped device", show_default=False)
+    ],
+    experiment: Annotated[Path, typer.Argument(help="the experiment file (TOML)", show_default=False)],
+    out_log: Annotated[Path, typer.Option("--out", help="the log to write, a .parquet file", show_default=False)],
+    truth: Annotated[bool, typer.Option("--truth", help="write true parameters and exact states too")] = False,
+    seed: Annotated[int | None, typer.Option(min=0, help="in place of the experiment's")] = None,
+    quiet: Annotated[bool, typer.Option("--quiet", "-q", help="no progress, no summary")] = False,
+) -> None:
+    from haptid.bench.logs import truth_paths
+    from haptid.bench.run import Job, make_log
+
+    with _errors_shown(), _progress(quiet) as progress:
+        task = progress.add_task("simulating", total=1.0)
+        job = Job(device, experiment, out_log, truth, seed)
+        make_log(job, lambda share: progress.update(task, completed=share))
+    if not quiet:
+        beside = f", truth in {' and '.join(str(path) for path in truth_paths(out_log))}" if truth else ""
+        out.print(f"Log in {out_log}{beside}")
+
+
 @app.command()
-def schema(kind: Annotated[str, typer.Argument(help="device or study", show_default=False)]) -> None:
-    """Print the JSON Schema of device or study files, for editors."""
+def schema(kind: Annotated[str, typer.Argument(help="device, study or experiment", show_default=False)]) -> None:
+    """Print the JSON Schema of device, study or experiment files, for editors."""
+    from haptid.bench.schema import experiment_schema
     from haptid.device import device_schema
     from haptid.study import study_schema
 
-    schemas = {"device": device_schema, "study": study_schema}
+    schemas = {"device": device_schema, "study": study_schema, "experiment": experiment_schema}
     if kind not in schemas:
-        complain(f"there is no schema {kind!r}; write device or study.")
+        complain(f"there is no schema {kind!r}; write device, study or experiment.")
         raise typer.Exit(EXIT_ERROR)
     sys.stdout.write(json.dumps(schemas[kind](), indent=1) + "\n")
 

@@ -64,7 +64,7 @@ def test_model_as_json_has_the_groupings_as_data():
     assert values["closure_error"] < 1e-12
 
 
-@pytest.mark.parametrize("kind", ["device", "study"])
+@pytest.mark.parametrize("kind", ["device", "study", "experiment"])
 def test_schemas_are_json_schemas(kind):
     schema = json.loads(call("schema", kind).stdout)
     assert "$defs" in schema or "properties" in schema

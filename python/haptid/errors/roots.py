@@ -27,6 +27,10 @@ class EstimationError(HaptidError):
     """Something about observation, estimation or validation."""
 
 
+class BenchError(HaptidError):
+    """Something about an experiment on the virtual bench."""
+
+
 class ShapeError(HaptidError):
     """An array whose shape is not what the call needs."""
 

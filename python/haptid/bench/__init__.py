@@ -1,0 +1,43 @@
+"""The virtual bench: a device in MuJoCo with its controller, encoders and amplifiers, and the logs that it gives."""
+
+from haptid.bench.bodies import Body, bodies
+from haptid.bench.experiment import Experiment, read_experiment
+from haptid.bench.limits import check_trajectory, loop_openness
+from haptid.bench.mjcf import Payload, Physics, mjcf
+from haptid.bench.run import Job, make_log, make_logs, perform
+from haptid.bench.schema import experiment_schema
+from haptid.bench.setup import Amplifiers, Controller, Encoders, ForceSensor, Push, Recording, Setup
+from haptid.bench.simulation import simulate
+from haptid.bench.trajectories import Grid, Multisine, Sweep, Trajectory, Triangles, TrianglesAndSines, plan
+
+__all__ = [
+    "Amplifiers",
+    "Body",
+    "Controller",
+    "Encoders",
+    "Experiment",
+    "ForceSensor",
+    "Grid",
+    "Job",
+    "Multisine",
+    "Payload",
+    "Physics",
+    "Push",
+    "Recording",
+    "Setup",
+    "Sweep",
+    "Trajectory",
+    "Triangles",
+    "TrianglesAndSines",
+    "bodies",
+    "check_trajectory",
+    "experiment_schema",
+    "loop_openness",
+    "make_log",
+    "make_logs",
+    "mjcf",
+    "perform",
+    "plan",
+    "read_experiment",
+    "simulate",
+]

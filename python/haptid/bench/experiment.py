@@ -1,0 +1,163 @@
+"""An experiment on the bench, written down as TOML: motion, controller, instruments, and what is true."""
+
+from __future__ import annotations
+
+import tomllib
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from pydantic import ValidationError
+
+from haptid._values import Array, freeze
+from haptid.bench.mjcf import Payload, Physics
+from haptid.bench.schema import BodyTable, ExperimentTable, TrianglesTable
+from haptid.bench.setup import Amplifiers, Controller, Encoders, ForceSensor, Push, Setup
+from haptid.bench.trajectories import Grid, Kind, Multisine, Sweep, Triangles, TrianglesAndSines
+from haptid.device import INERTIAL, Device
+from haptid.device.prior import Body, inertial_parameters, tensor
+from haptid.errors import ExperimentFileError, ParameterNameError
+
+# An experiment is a page of text; anything much larger is not one.
+LARGEST_FILE = 1 << 20
+KINDS: Mapping[str, type] = {"multisine": Multisine, "sweep": Sweep, "grid": Grid}
+
+
+@dataclass(frozen=True, eq=False)
+class Experiment:
+    """An experiment file, read and checked.
+
+    Attributes:
+        name: of the experiment.
+        seed: of phases and noise.
+        kind: of motion.
+        table: the file as it was read.
+    """
+
+    name: str
+    seed: int
+    kind: Kind
+    table: ExperimentTable
+
+    def setup(self, device: Device) -> Setup:
+        """What is on the bench.
+
+        Raises:
+            ParameterNameError: a true parameter that the device does not have.
+            NoHandleError, TimingError: a setting that cannot be met.
+        """
+        table = self.table
+        settings: dict[str, Any] = {}
+        for name, kind in (("encoders", Encoders), ("amplifiers", Amplifiers), ("physics", Physics)):
+            if (given := getattr(table, name)) is not None:
+                settings[name] = kind(**_figures(given.model_dump()))
+        if table.payload is not None:
+            x, y, z = table.payload.com
+            settings["payload"] = Payload(table.payload.mass, (x, y, z))
+        if table.sensor is not None:
+            settings["sensor"] = ForceSensor(**table.sensor.model_dump())
+        pushes = [push.model_dump(exclude_none=True) for push in table.hand]
+        settings["hand"] = tuple(Push(**{**push, "force": tuple(push["force"])}) for push in pushes)
+        controller = Controller(**_figures(table.controller.model_dump()))
+        return Setup(device, true_parameters(device, table), controller, **settings)
+
+
+def read_experiment(path: str | Path) -> Experiment:
+    """Read an experiment file.
+
+    Raises:
+        ExperimentFileError: the file cannot be read, or a key in it is missing, unknown or wrong; says which.
+    """
+    path = Path(path)
+    try:
+        if path.stat().st_size > LARGEST_FILE:
+            raise ExperimentFileError(path, "", f"the file is larger than {LARGEST_FILE >> 20} MiB")
+        data = tomllib.loads(path.read_text(encoding="utf-8"))
+    except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
+        raise ExperimentFileError(path, "", str(error)) from error
+    try:
+        table = ExperimentTable.model_validate(data)
+    except ValidationError as error:
+        first = error.errors()[0]
+        where = ".".join(str(part) for part in first["loc"])
+        raise ExperimentFileError(path, where, _sentence(first)) from error
+    return Experiment(table.name, table.seed, _kind(table), table)
+
+
+def true_parameters(device: Device, table: ExperimentTable) -> Array:
+    """Free standard parameters, (p,), SI: the device's prior, then the experiment's bodies, then its parameters.
+
+    What none of them says is zero.
+
+    Raises:
+        ParameterNameError: a name that the device does not have, or that its symmetries set to zero.
+    """
+    chi, index = np.nan_to_num(device.chi_prior), device.parameters.index
+    for body in table.bodies:
+        for name, value in _body_values(device, body).items():
+            if name in index:
+                chi[index[name]] = value
+            elif value != 0:
+                raise ParameterNameError(name, index)
+    for name, value in table.parameters.items():
+        if name not in index:
+            raise ParameterNameError(name, index)
+        chi[index[name]] = value
+    return freeze(chi)
+
+
+def _body_values(device: Device, table: BodyTable) -> dict[str, float]:
+    """The ten parameters of a link by name."""
+    if table.link not in device.joint_names:
+        raise ParameterNameError(f"M{table.link}", [f"M{name}" for name in device.joint_names])
+    joint = device.joints[device.joint_names.index(table.link)]
+    body = Body(table.mass, np.array(table.com), tensor(np.array(table.inertia)))
+    values = inertial_parameters(body, joint)
+    return {kind + joint.name: float(value) for kind, value in zip(INERTIAL, values, strict=True)}
+
+
+def _kind(table: ExperimentTable) -> Kind:
+    """The kind of motion that the file asks for."""
+    given = table.trajectory
+    settings = _figures(given.model_dump(exclude={"kind", "sines"}))
+    if not isinstance(given, TrianglesTable):
+        made: Kind = KINDS[given.kind](**settings)
+        return made
+    slow = Triangles(**settings)
+    if given.sines is None:
+        return slow
+    fast = _figures(given.sines.model_dump())
+    return TrianglesAndSines(slow, Multisine(given.seconds, (0.0,), ramp=given.ramp, **fast))
+
+
+# Settings that are one figure, whatever the number of joints.
+SINGLE: tuple[str, ...] = (
+    "seconds",
+    "ramp",
+    "dwell",
+    "move",
+    "rate_hz",
+    "velocity_cutoff_hz",
+    "tracking_limit",
+    "delay",
+)
+SINGLE += ("step", "tolerance")
+
+
+def _figures(given: Mapping[str, Any]) -> dict[str, Any]:
+    """Settings as the values take them: lists as tuples, and one figure for all as a tuple of one."""
+
+    def figures(name: str, value: Any) -> Any:
+        if isinstance(value, list):
+            return tuple(value)
+        return (value,) if isinstance(value, float) and name not in SINGLE else value
+
+    return {name: figures(name, value) for name, value in given.items()}
+
+
+def _sentence(error: Any) -> str:
+    found = "" if error["type"] == "missing" else f" (found {str(error.get('input'))[:60]!r})"
+    text = {"missing": "this key is missing", "extra_forbidden": "there is no such key"}.get(error["type"])
+    return (text or str(error["msg"])) + found

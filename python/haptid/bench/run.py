@@ -1,0 +1,91 @@
+"""Running experiments: one, or many at a time in processes of their own."""
+
+from __future__ import annotations
+
+import multiprocessing
+from collections.abc import Callable, Sequence
+from concurrent.futures import ProcessPoolExecutor, as_completed
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from haptid.bench.experiment import Experiment, read_experiment
+from haptid.bench.logs import write_log, write_truth
+from haptid.bench.setup import Recording, Setup
+from haptid.bench.simulation import Tell, simulate
+from haptid.bench.trajectories import plan
+from haptid.device import read_device
+from haptid.errors import OutputError
+from haptid.outputs import publishing
+
+
+@dataclass(frozen=True)
+class Job:
+    """One log to be made.
+
+    Attributes:
+        device: name of a shipped device, or path of a device file.
+        experiment: path of an experiment file.
+        out: path of the log, a Parquet file.
+        truth: whether parameters and exact states go beside it.
+        seed: in place of the experiment's; None for that.
+    """
+
+    device: str | Path
+    experiment: Path
+    out: Path
+    truth: bool = False
+    seed: int | None = None
+
+
+def perform(experiment: Experiment, setup: Setup, seed: int, tell: Tell | None = None) -> Recording:
+    """Plan the motion and simulate it. Phases and noise have streams of their own, both from the seed."""
+    phases, noise = (np.random.default_rng(stream) for stream in np.random.SeedSequence(seed).spawn(2))
+    return simulate(setup, plan(experiment.kind, setup.device, setup.dt, phases), noise, tell)
+
+
+def make_log(job: Job, tell: Tell | None = None) -> Path:
+    """Make one log; nothing is left where something goes wrong. Returns its path.
+
+    Raises:
+        HaptidError: one class for each cause.
+    """
+    if job.out.suffix != ".parquet":
+        raise OutputError(job.out, "a log of the bench is a file that ends in .parquet")
+    experiment, device = read_experiment(job.experiment), read_device(job.device)
+    setup = experiment.setup(device)
+    seed = experiment.seed if job.seed is None else job.seed
+    with publishing(job.out.parent) as folder:
+        made = perform(experiment, setup, seed, tell)
+        write_log(folder / job.out.name, experiment, setup, made, seed)
+        if job.truth:
+            write_truth(folder / job.out.name, experiment, setup, made, seed)
+    return job.out
+
+
+def make_logs(
+    jobs: Sequence[Job], processes: int | None = None, tell: Callable[[Path, float], None] | None = None
+) -> tuple[Path, ...]:
+    """Make many logs, several at a time.
+
+    Args:
+        jobs: what to make.
+        processes: how many at a time; None for as many as there are processors.
+        tell: called after each log with its path and the share of logs that is done.
+
+    Raises:
+        HaptidError: the first that a job raised; logs that were made before stay.
+    """
+    context = multiprocessing.get_context("spawn")
+    with ProcessPoolExecutor(processes, mp_context=context) as pool:
+        running = [pool.submit(make_log, job) for job in jobs]
+        try:
+            for count, done in enumerate(as_completed(running), 1):
+                path = done.result()
+                if tell is not None:
+                    tell(path, count / len(jobs))
+        except BaseException:
+            pool.shutdown(cancel_futures=True)
+            raise
+    return tuple(job.out for job in jobs)

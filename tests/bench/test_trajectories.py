@@ -1,0 +1,137 @@
+"""Planned motions begin and end at rest, their rates are their derivatives, and none leaves its limits unsaid."""
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+import haptid
+from haptid import bench, errors
+from haptid.bench.trajectories import spread
+from true_parameters import true_parameters
+
+PHANTOM = haptid.read_device("phantom_premium_15")
+CHI = true_parameters(PHANTOM)
+CENTRE, SIZE = (0.0, 0.2, 0.3), (0.5, 0.3, 0.3)
+TRIANGLES = bench.Triangles(6.0, CENTRE, SIZE, (0.3, 0.4, 0.5))
+KINDS = [
+    bench.Multisine(6.0, CENTRE, SIZE),
+    TRIANGLES,
+    bench.TrianglesAndSines(TRIANGLES, bench.Multisine(6.0, (0.0,), (0.05,))),
+    bench.Sweep(CENTRE, (0.4,), (0.2, 1.0)),
+    bench.Grid(CENTRE, SIZE, points=2, dwell=0.3, move=0.5),
+]
+
+
+@pytest.mark.parametrize("kind", KINDS, ids=lambda kind: type(kind).__name__)
+def test_rates_are_derivatives_and_both_ends_are_at_rest(kind):
+    made = bench.plan(kind, PHANTOM, 1e-3, np.random.default_rng(0))
+    for value, rate in ((made.q, made.qd), (made.qd, made.qdd)):
+        slope = (value[2:] - value[:-2]) / (2 * made.dt)
+        assert np.abs(slope - rate[1:-1]).max() < 1e-2 * np.abs(rate).max()
+    for ends in (made.qd[[0, -1]], made.qdd[[0, -1]]):
+        np.testing.assert_allclose(ends, 0, atol=1e-9)
+    np.testing.assert_allclose(made.q[[0, -1]], [CENTRE, CENTRE], atol=1e-9)
+    bench.check_trajectory(PHANTOM, made, CHI)
+
+
+def test_sweep_runs_at_the_speeds_that_were_asked_for():
+    made = bench.plan(bench.Sweep(CENTRE, (0.4,), (0.2, 1.0)), PHANTOM, 1e-3, np.random.default_rng(0))
+    for joint in range(3):
+        for speed in (0.2, 1.0, -0.2, -1.0):
+            assert (np.abs(made.qd[:, joint] - speed) < 1e-9).sum() > 100
+    assert (np.count_nonzero(np.abs(made.qd) > 1e-9, axis=1) <= 1).all()
+
+
+def test_grid_dwells_at_every_pose():
+    made = bench.plan(bench.Grid(CENTRE, SIZE, points=3), PHANTOM, 1e-2, np.random.default_rng(0))
+    still = made.q[(made.qd == 0).all(axis=1)]
+    assert len(np.unique(np.round(still, 6), axis=0)) == 27
+
+
+def test_one_seed_is_one_motion():
+    kind = KINDS[0]
+    one, same, other = (bench.plan(kind, PHANTOM, 1e-3, np.random.default_rng(seed)).q for seed in (1, 1, 2))
+    assert (one == same).all()
+    assert np.abs(one - other).max() > 0.05
+
+
+@settings(deadline=None, max_examples=40)
+@given(
+    kind=st.sampled_from(["multisine", "triangles", "sweep", "grid"]),
+    centre=st.tuples(*[st.floats(-1.5, 1.5)] * 3),
+    size=st.floats(0.05, 1.2),
+    seed=st.integers(0, 1000),
+)
+def test_what_passes_the_check_stays_inside_every_limit(kind, centre, size, seed):
+    """Positions of all joints, passive ones too, in every sample; what does not pass names a joint or the loop."""
+    kinds = {
+        "multisine": bench.Multisine(4.0, centre, (size,), speed=(2.0,)),
+        "triangles": bench.Triangles(4.0, centre, (size,), (0.3,)),
+        "sweep": bench.Sweep(centre, (size,), (1.0,)),
+        "grid": bench.Grid(centre, (size,), points=2, dwell=0.1, move=0.5),
+    }
+    made = bench.plan(kinds[kind], PHANTOM, 5e-3, np.random.default_rng(seed))
+    try:
+        bench.check_trajectory(PHANTOM, made, CHI)
+    except (errors.TrajectoryLimitError, errors.FlatLoopError):
+        return
+    q = PHANTOM.tree(made.q.T, made.qd.T, made.qdd.T)[0]
+    for joint, position in zip(PHANTOM.joints, q, strict=True):
+        if joint.position_limits:
+            assert joint.position_limits[0] <= position.min() <= position.max() <= joint.position_limits[1]
+    assert bench.loop_openness(PHANTOM, q.T).min() > 0
+    if kind == "multisine":
+        assert np.abs(made.q - centre).max() <= size * (1 + 1e-12)
+
+
+def check(kind, device=PHANTOM, chi=CHI, saturation=None):
+    bench.check_trajectory(device, bench.plan(kind, device, 5e-3, np.random.default_rng(0)), chi, saturation)
+
+
+def test_limits_of_active_and_passive_joints_are_kept():
+    with pytest.raises(errors.TrajectoryLimitError, match=r"position of joint ba .* its limit is 1\.571 rad"):
+        check(bench.Multisine(4.0, CENTRE, (2.0, 0.1, 0.1)))
+    with pytest.raises(errors.TrajectoryLimitError, match=r"joint a .* its limit is -1\.134 rad"):
+        check(bench.Multisine(4.0, (0.0, 1.0, -0.1), (0.1, 0.3, 0.1)))
+
+
+def test_motors_must_be_strong_enough():
+    with pytest.raises(errors.TrajectoryLimitError, match="torque of motor 2"):
+        check(KINDS[0], saturation=np.array([1.0, 0.01, 1.0]))
+
+
+def test_flat_loops_are_refused():
+    device = haptid.read_device("cea_medical_branch")
+    with pytest.raises(errors.FlatLoopError, match="close to flat"):
+        check(bench.Multisine(4.0, (0.0, 0.0, 3.8), (0.3,)), device, true_parameters(device))
+    assert bench.loop_openness(device, np.array([device.closure.G @ [0, 0.0, 1.0] + device.closure.offset]))[0] < 1e-9
+
+
+def test_velocity_and_torque_limits_of_the_device_file_are_kept(tmp_path):
+    text = """
+schema = 1
+name = "pendulum"
+gravity = [0.0, -9.81, 0.0]
+convention = "modified-dh"
+[[joints]]
+name = "1"
+limits = { velocity = 2.0, torque = 0.5 }
+"""
+    path = tmp_path / "pendulum.toml"
+    path.write_text(text)
+    device = haptid.read_device(path)
+    chi = np.zeros(len(device.parameters))
+    chi[device.parameters.index["ZZ1"]] = 0.1
+    with pytest.raises(errors.TrajectoryLimitError, match=r"speed of joint 1 .* 2 rad/s"):
+        check(bench.Multisine(4.0, (0.0,), (1.0,)), device, chi)
+    with pytest.raises(errors.TrajectoryLimitError, match=r"torque of joint 1 .* 0\.5 N m"):
+        check(bench.Multisine(4.0, (0.0,), (1.0,), speed=(1.9,)), device, chi)
+
+
+def test_settings_that_do_not_fit():
+    with pytest.raises(errors.FigureCountError, match="amplitude has 2 figures"):
+        check(bench.Multisine(4.0, CENTRE, (0.1, 0.2)))
+    with pytest.raises(errors.TrajectoryTooShortError, match="2 s"):
+        check(bench.Multisine(2.0, CENTRE, SIZE))
+    assert (spread("x", (2.0,), ["a", "b"]) == 2.0).all()
