@@ -24,6 +24,7 @@ from typing import Any
 import pytest
 
 import haptid
+from haptid import bench
 
 PROJECT = Path(__file__).resolve().parents[2]
 PAGES = [PROJECT / "README.md", *sorted((PROJECT / "docs").glob("*.md"))]
@@ -64,6 +65,8 @@ class Block:
         keys = set(tomllib.loads(self.text))
         if {"name", "gravity", "joints"} <= keys:
             return "device"
+        if {"schema", "name", "trajectory", "controller"} <= keys:
+            return "experiment"
         return "study" if {"schema", "name", "device", "logs"} <= keys else "part"
 
 
@@ -193,6 +196,8 @@ def test_device_and_study_files_are_read(block, tmp_path):
     path.write_text(text, encoding="utf-8")
     if kind == "device":
         assert len(haptid.read_device(path).base) > 0
+    elif kind == "experiment":
+        assert bench.read_experiment(path).name
     else:
         assert haptid.read_study(path).logs
 
@@ -237,7 +242,12 @@ def test_navigation_has_every_page():
 
 
 @pytest.mark.parametrize(
-    ("page", "schema"), [("device-files.md", haptid.device_schema), ("studies.md", haptid.study_schema)]
+    ("page", "schema"),
+    [
+        ("device-files.md", haptid.device_schema),
+        ("studies.md", haptid.study_schema),
+        ("bench.md", bench.experiment_schema),
+    ],
 )
 def test_every_key_is_documented_and_no_other(page, schema):
     """A table of keys is headed `| keys of `[[joints]]` |`, one of those at the top of the file `| keys |`."""
