@@ -44,7 +44,7 @@ $(VENV)/.made:
 
 # The extension is built by maturin through pip, in release mode, with the locked crates.
 $(VENV)/.run: $(VENV)/.made pyproject.toml constraints.txt $(RUST)
-	$(PIP) install -c constraints.txt -e .
+	$(PIP) install -c constraints.txt -e ".[bench]"
 	touch $@
 
 $(VENV)/.test: $(VENV)/.run

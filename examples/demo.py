@@ -1,4 +1,4 @@
-"""The main job from beginning to end: make logs of a haptic device, identify it, look at how near the truth it came.
+"""The main job from beginning to end: record a haptic device on the bench, identify it, look how near the truth it is.
 
 python examples/demo.py --out demo
 """
@@ -24,17 +24,31 @@ def main() -> int:
     folder = parser.parse_args().out
     logs, out = folder / "logs", folder / "result"
     console = Console()
-    console.print("[bold]1[/] Two motions of a PHANToM Premium 1.5, recorded with encoder steps and torque noise")
-    subprocess.run([sys.executable, str(HERE / "phantom" / "make_logs.py"), str(logs)], check=True)
-    console.print("[bold]2[/] haptid identify examples/phantom/study.toml", highlight=False)
-    study = str(HERE / "phantom" / "study.toml")
+    console.print("[bold]1[/] haptid bench phantom_premium_15 examples/phantom/experiment.toml, twice", highlight=False)
+    logs.mkdir(parents=True, exist_ok=True)
+    if not record(logs, {"sweep": 1, "check": 2}):
+        return 2
+    console.print("[bold]2[/] haptid identify examples/phantom/bench-study.toml", highlight=False)
+    study = str(HERE / "phantom" / "bench-study.toml")
     command = [sys.executable, "-m", "haptid", "identify", study, "--data", str(logs), "--out", str(out)]
     status = subprocess.run(command, check=False).returncode
     if (out / "result.json").exists():
         console.print("\n[bold]3[/] Against the truth the logs were made from")
-        console.print(against_truth(json.loads((logs / "truth.json").read_text()), out / "result.json"))
+        console.print(against_truth(json.loads((logs / "sweep.truth.json").read_text())["base"], out / "result.json"))
         console.print(f"Pictures: {', '.join(str(p) for p in sorted(out.glob('*.png')))}", highlight=False)
     return status
+
+
+def record(logs: Path, seeds: dict[str, int]) -> bool:
+    """Make a log for each name, all at the same time; whether all went well."""
+    experiment = str(HERE / "phantom" / "experiment.toml")
+    command = [sys.executable, "-m", "haptid", "bench", "phantom_premium_15", experiment, "--truth", "--quiet"]
+    running = [
+        subprocess.Popen([*command, "--seed", str(seed), "--out", str(logs / f"{name}.parquet")])
+        for name, seed in seeds.items()
+    ]
+    statuses = [process.wait() for process in running]
+    return not any(statuses)
 
 
 def against_truth(truth: dict[str, float], result: Path) -> Table:

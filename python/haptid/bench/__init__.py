@@ -4,6 +4,7 @@ from haptid.bench.bodies import Body, bodies
 from haptid.bench.experiment import Experiment, read_experiment
 from haptid.bench.limits import check_trajectory, loop_openness
 from haptid.bench.mjcf import Payload, Physics, mjcf
+from haptid.bench.picture import draw_strip, render_strip
 from haptid.bench.run import Job, make_log, make_logs, perform
 from haptid.bench.schema import experiment_schema
 from haptid.bench.setup import Amplifiers, Controller, Encoders, ForceSensor, Push, Recording, Setup
@@ -31,6 +32,7 @@ __all__ = [
     "TrianglesAndSines",
     "bodies",
     "check_trajectory",
+    "draw_strip",
     "experiment_schema",
     "loop_openness",
     "make_log",
@@ -39,5 +41,6 @@ __all__ = [
     "perform",
     "plan",
     "read_experiment",
+    "render_strip",
     "simulate",
 ]

@@ -110,5 +110,6 @@ def _check_torques(device: Device, trajectory: Trajectory, chi: Array, saturatio
     if saturation is not None:
         drives = np.linalg.solve(device.coupling.T, joints)
         for drive, torque, limit in zip(device.drives, drives, saturation, strict=True):
-            if drive.motorised:
-                _within("the torque", f"motor {drive.name}", trajectory, np.abs(torque), float(limit), "N m", less)
+            first = device.joints[device.active[int(np.argmax(drive.row != 0))]]
+            unit = "N" if first.prismatic else "N m"
+            _within("the torque", f"motor {drive.name}", trajectory, np.abs(torque), float(limit), unit, less)

@@ -72,8 +72,14 @@ def simulate(setup: Setup, trajectory: Trajectory, rng: np.random.Generator, tel
 
 
 def _saturation(setup: Setup) -> Array | None:
-    given = setup.amplifiers.saturation
-    return None if given is None else spread("saturation", given, [drive.name for drive in setup.device.drives])
+    """Greatest torque of each drive's coordinate, (active,), N m or N; no limit where there is no motor."""
+    device, given = setup.device, setup.amplifiers.saturation
+    if given is None:
+        return None
+    limits = np.full(len(device.drives), np.inf)
+    driven = [k for k, drive in enumerate(device.drives) if drive.motorised]
+    limits[driven] = spread("saturation", given, [drive.name for drive in device.motors])
+    return limits
 
 
 @contextmanager
@@ -113,8 +119,7 @@ class _Rig:
 
     def step(self, count: int) -> None:
         """So many steps of the simulator."""
-        if count:
-            self.mujoco.mj_step(self.model, self.data, count)
+        self.mujoco.mj_step(self.model, self.data, count)
 
     def gap(self) -> float:
         """Greatest opening of a pin, m."""
@@ -172,59 +177,79 @@ class _Control:
         return np.asarray(np.clip(asked, -self.limit, self.limit))
 
 
+class _Tape:
+    """What is recorded, one row for each control period."""
+
+    def __init__(self, setup: Setup, trajectory: Trajectory) -> None:
+        device, n, motors = setup.device, len(trajectory), len(setup.device.motors)
+        self.c, self.cd = np.empty((n, len(device.drives))), np.empty((n, len(device.drives)))
+        self.asked, self.acting = np.empty((n, motors)), np.empty((n, motors))
+        self.exact = np.empty((3, n, len(device.joints)))
+        self.hand, self.wrench = hand_force(setup.hand, trajectory.t), np.zeros((n, 6))
+        self.gap = 0.0
+
+    def keep(self, k: int, rig: _Rig) -> float:
+        """The exact state at the beginning of period k; the opening of the loops then, m."""
+        data = rig.data
+        self.exact[0, k], self.exact[1, k], self.exact[2, k] = data.qpos, data.qvel, data.qacc
+        if rig.handle >= 0:
+            self.wrench[k, :3] = data.site_xmat[rig.handle].reshape(3, 3).T @ self.hand[k]
+        gap = rig.gap()
+        self.gap = max(self.gap, gap)
+        return gap
+
+    def recording(self, setup: Setup, trajectory: Trajectory, rig: _Rig, rng: np.random.Generator) -> Recording:
+        """In the device's own order, and with the sensor's noise."""
+        wrench = None
+        if setup.sensor is not None:
+            deviation = np.repeat([setup.sensor.force_noise, setup.sensor.moment_noise], 3)
+            wrench = self.wrench + deviation * rng.standard_normal(self.wrench.shape)
+        joints = np.linalg.inv(setup.device.coupling).T
+        q, qd, qdd = (np.ascontiguousarray(x[:, rig.back]) for x in self.exact)
+        return Recording(
+            dt=setup.dt,
+            target=trajectory.q,
+            position=self.c @ joints,
+            velocity=self.cd @ joints,
+            command=self.asked / [drive.gear * drive.gain for drive in setup.device.motors],
+            wrench=wrench,
+            q=q,
+            qd=qd,
+            qdd=qdd,
+            torque=self.acting,
+            hand=self.hand,
+            gap=self.gap,
+        )
+
+
 def _run(
     setup: Setup, trajectory: Trajectory, rig: _Rig, control: _Control, rng: np.random.Generator, tell: Tell
 ) -> Recording:
     """All control periods."""
-    device, n, data = setup.device, len(trajectory), rig.data
-    motors = [drive.name for drive in device.motors]
+    tape, n, data = _Tape(setup, trajectory), len(trajectory), rig.data
+    motors = [drive.name for drive in setup.device.motors]
     gain = spread("gain", setup.amplifiers.gain, motors)
     noise = spread("noise", setup.amplifiers.noise, motors) * rng.standard_normal((n, len(motors)))
     per, late = round(setup.dt / setup.physics.step), round(setup.amplifiers.delay / setup.physics.step)
     whole, rest = divmod(late, per)
-    c, cd, asked, acting = (np.empty((n, size)) for size in (len(device.drives),) * 2 + (len(motors),) * 2)
-    exact = np.empty((3, n, len(device.joints)))
-    hand, widest, wrench = hand_force(setup.hand, trajectory.t), 0.0, np.zeros((n, 6))
     for k in range(n):
-        c[k] = control.read(data.qpos[rig.active])
-        cd[k] = control.velocity
-        asked[k] = control.torque(k, c[k])
+        tape.c[k] = control.read(data.qpos[rig.active])
+        tape.cd[k] = control.velocity
+        tape.asked[k] = control.torque(k, tape.c[k])
         now, before = max(k - whole, 0), max(k - whole - 1, 0)
-        data.ctrl[: rig.motors] = acting[k] = gain * asked[before if rest else now] + noise[k]
+        data.ctrl[: rig.motors] = tape.acting[k] = gain * tape.asked[before if rest else now] + noise[k]
         if setup.hand:
-            rig.push(hand[k])
+            rig.push(tape.hand[k])
         rig.forward()
-        exact[0, k], exact[1, k], exact[2, k] = data.qpos, data.qvel, data.qacc
-        if setup.hand:
-            wrench[k, :3] = data.site_xmat[rig.handle].reshape(3, 3).T @ hand[k]
-        widest = max(widest, gap := rig.gap())
-        _check_state(setup, rig, trajectory, k, gap)
-        rig.step(rest)
+        _check_state(setup, rig, trajectory, k, tape.keep(k, rig))
         if rest:
-            data.ctrl[: rig.motors] = gain * asked[now] + noise[k]
+            rig.step(rest)
+            data.ctrl[: rig.motors] = gain * tape.asked[now] + noise[k]
         rig.step(per - rest)
         if k % max(1, n // TOLD) == 0:
             tell(k / n)
     tell(1.0)
-    if setup.sensor is not None:
-        deviation = np.repeat([setup.sensor.force_noise, setup.sensor.moment_noise], 3)
-        wrench += deviation * rng.standard_normal((n, 6))
-    back = np.linalg.inv(control.coupling).T
-    q, qd, qdd = (np.ascontiguousarray(x[:, rig.back]) for x in exact)
-    return Recording(
-        dt=setup.dt,
-        target=trajectory.q,
-        position=c @ back,
-        velocity=cd @ back,
-        command=asked / [drive.gear * drive.gain for drive in device.motors],
-        wrench=None if setup.sensor is None else wrench,
-        q=q,
-        qd=qd,
-        qdd=qdd,
-        torque=acting,
-        hand=hand,
-        gap=widest,
-    )
+    return tape.recording(setup, trajectory, rig, rng)
 
 
 def hand_force(pushes: tuple[Push, ...], t: Array) -> Array:
