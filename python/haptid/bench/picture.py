@@ -21,38 +21,40 @@ BAR, HANDLE_MARK, TRAIL = "#0072B2", "#D55E00", "0.6"
 INCHES, PIXELS = 3.0, 360
 
 
-def draw_strip(device: Device, qa: Array, times: Sequence[float], path: Path) -> None:
-    """Stick figures side by side, seen along the axis that the device extends least along, and where the handle went.
+def draw_strip(device: Device, qa: Array, times: Sequence[float] | Array, path: str | Path, pictures: int = 5) -> None:
+    """Stick figures side by side, seen along the axis that the device extends least along, and the way of its handle.
 
     Args:
         device: the mechanism.
-        qa: positions of the active joints, (pictures, active), rad or m.
-        times: when, s, for the titles.
+        qa: positions of the active joints all along the motion, (samples, active), rad or m.
+        times: of the samples, (samples,), s.
         path: of the picture, PNG, PDF or SVG.
+        pictures: how many instants are drawn, evenly spread over the motion.
 
     Raises:
-        PictureError: no picture was asked for, or it cannot be written.
+        PictureError: there is no sample, or no picture was asked for, or it cannot be written.
     """
     expect("qa", qa.shape, (len(times), len(device.active)))
-    if len(times) == 0:
+    if len(times) == 0 or pictures < 1:
         raise PictureError(path, "no instant was given; give one at least")
+    drawn = np.unique(np.linspace(0, len(times) - 1, pictures).round().astype(int))
     lines, handle = stick_figure(device, qa)
     across = _view(lines)
-    figure = Figure(figsize=(INCHES * len(times), INCHES), layout="constrained")
+    figure = Figure(figsize=(INCHES * len(drawn), INCHES), layout="constrained")
     FigureCanvasAgg(figure)
-    panels = np.atleast_1d(figure.subplots(1, len(times), sharex=True, sharey=True))
-    for k, (panel, time) in enumerate(zip(panels, times, strict=True)):
+    panels = np.atleast_1d(figure.subplots(1, len(drawn), sharex=True, sharey=True))
+    for k, panel in zip(drawn, panels, strict=True):
         for ends in lines[k]:
             panel.plot(*ends[:, across].T, color=BAR, linewidth=2.5, solid_capstyle="round", marker="o", markersize=3)
         if handle is not None:
             panel.plot(*handle[: k + 1, across].T, color=TRAIL, linewidth=1)
             panel.plot(*handle[k, across], color=HANDLE_MARK, marker="o", markersize=6)
-        panel.set_title(f"{time:.2f} s")
+        panel.set_title(f"{times[k]:.2f} s")
         panel.set_aspect("equal", adjustable="box")
     panels[0].set_xlabel(f"{'xyz'[across[0]]}, m")
     panels[0].set_ylabel(f"{'xyz'[across[1]]}, m")
     try:
-        figure.savefig(path, dpi=120)
+        figure.savefig(path, dpi=120, bbox_inches="tight")
     except (OSError, ValueError) as error:
         raise PictureError(path, f"{error}. Choose a folder that can be written to, and .png, .pdf or .svg") from error
 
