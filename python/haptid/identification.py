@@ -9,7 +9,6 @@ from operator import add
 from pathlib import Path
 
 from haptid.device import Device, read_device
-from haptid.errors import OneBlockError
 from haptid.estimators import Estimate, estimate
 from haptid.log import read_log
 from haptid.observation import Observation, observe
@@ -119,8 +118,6 @@ def held_out(study: Study, observation: Observation, others: list[Observation]) 
     if study.holdout == "each-log":
         return (validate(estimate(reduce(add, others), study.method), observation),)
     if study.holdout == "alternate":
-        if len(observation.blocks) < 2:
-            raise OneBlockError(study.treatment.block)
         halves = observation.alternate()
         folds = (
             validate(estimate(reduce(add, others, fit), study.method), unseen) for fit, unseen in (halves, halves[::-1])

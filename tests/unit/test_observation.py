@@ -10,6 +10,7 @@ import haptid
 from haptid.errors import (
     ChannelCountError,
     DifferentModelError,
+    MethodSettingError,
     MotionTooShortError,
     NoRowsError,
     NoTorqueError,
@@ -352,3 +353,9 @@ def test_what_only_acts_where_nothing_measures_has_no_effect(tmp_path):
     assert "FVb" in free.base.no_effect
     assert "FVa" in free.base.names
     assert free.measured == (True, False)
+
+
+@pytest.mark.parametrize("passes", [0, 1.5, True])
+def test_settings_of_the_weights_that_mean_nothing(passes):
+    with pytest.raises(MethodSettingError, match="passes"):
+        haptid.WLS(passes)

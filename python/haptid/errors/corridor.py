@@ -21,16 +21,6 @@ class StudyLogsError(StudyError):
         super().__init__(f"{path}, key `logs`: {what}.")
 
 
-class OneBlockError(StudyError):
-    """A log of one time block, of which none can be held out."""
-
-    def __init__(self, block: float) -> None:
-        super().__init__(
-            f"a log has only one time block of {block:g} s, so holdout pattern 'alternate' has nothing to hold out. "
-            f"Shorten `block` in the treatment, or record a longer motion."
-        )
-
-
 class OutputError(StudyError):
     """A folder that results cannot be written to."""
 
