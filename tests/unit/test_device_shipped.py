@@ -103,18 +103,6 @@ def test_every_file_says_what_it_is_and_whence() -> None:
         assert all(len(line) <= 110 for line in head.splitlines())
 
 
-def test_relations_derived_for_the_sr400_and_the_medical_branch() -> None:
-    assert read_device("sr400").closure.relations == ("q3 = pi/2 - q2 + q7", "q8 = q2 - q7")
-    assert read_device("cea_medical_branch").closure.relations == (
-        "q3 = -pi - q2 + q5",
-        "q4 = 3*pi/2 - q5",
-        "q6 = q2 - q5",
-        "q7 = q2",
-        "q8 = pi/2 - q2",
-        "q9 = pi/2 + q5",
-    )
-
-
 def test_tx40_groupings_are_the_published_ones() -> None:
     base = read_device("staubli_tx40").base
     groupings = dict(zip(base.names, base.groupings, strict=True))
