@@ -1,4 +1,4 @@
-"""The inverse dynamic model from base parameters."""
+"""The inverse dynamic model from base parameters, and its parts: mass matrix, velocity torques, gravity, momentum."""
 
 from __future__ import annotations
 
@@ -23,12 +23,105 @@ def inverse_dynamics(device: Device, beta: ArrayLike, qa: Array, qda: Array, qdd
     Raises:
         ShapeError: an array does not fit the device.
     """
-    beta, qa = np.asarray(beta, dtype=float), np.asarray(qa, dtype=float)
+    chi, (c, cd, cdd) = raw_parameters(device, beta), _coordinates(device, qa, qda, qdda)
+    return core_torque(device, chi, c, cd, cdd, external(device, c, cd, cdd))
+
+
+def mass_matrix(device: Device, beta: ArrayLike, qa: ArrayLike) -> Array:
+    """M in tau = M cdd + h, rotors included, (samples, active, active), kg m^2 (or kg, kg m).
+
+    Rows and columns are the coordinates that torque rows belong to: see `Device.frame`. Rows whose torque is not
+    measured are only known as far as measured rows tell.
+
+    Args:
+        device: the mechanism.
+        beta: its base parameters, (p,), SI.
+        qa: positions of the active joints, (active, samples), rad or m.
+
+    Raises:
+        ShapeError: an array does not fit the device.
+    """
+    chi, (c,) = rigid(device, raw_parameters(device, beta)), _coordinates(device, qa)
+    n, samples = c.shape
+    many = np.tile(c, n + 1)  # one stretch for each unit acceleration, and one without
+    unit = np.repeat(np.eye(n, n + 1), samples, axis=1)
+    tau = core_torque(device, chi, many, np.zeros_like(many), unit).reshape(n, n + 1, samples)
+    M = (tau[:, :n] - tau[:, n:]).transpose(2, 0, 1)
+    return np.asarray(0.5 * (M + M.mT))
+
+
+def bias_torque(device: Device, beta: ArrayLike, qa: Array, qda: Array) -> Array:
+    """h = C cd + g: torque of the bodies without acceleration, (rows, samples), N m or N; no friction, no springs.
+
+    Raises:
+        ShapeError: an array does not fit the device.
+    """
+    chi, (c, cd) = rigid(device, raw_parameters(device, beta)), _coordinates(device, qa, qda)
+    return core_torque(device, chi, c, cd, np.zeros_like(c))
+
+
+def gravity_torque(device: Device, beta: ArrayLike, qa: ArrayLike) -> Array:
+    """g: torque that holds the bodies still, (rows, samples), N m or N; no springs.
+
+    Raises:
+        ShapeError: an array does not fit the device.
+    """
+    chi, (c,) = rigid(device, raw_parameters(device, beta)), _coordinates(device, qa)
+    return core_torque(device, chi, c, np.zeros_like(c), np.zeros_like(c))
+
+
+def momentum(device: Device, chi: Array, c: Array, cd: Array) -> tuple[Array, Array]:
+    """Generalised momentum p = M cd, and C' cd, such that dp/dt = tau_rigid + C' cd - g; each (rows, samples).
+
+    Momentum is the torque of accelerations equal to the velocities, at rest and without gravity. With b the symmetric
+    form of the velocity torques, b(v, v) = C(v) v, row k of C' cd is cd . b(cd, e_k), by polarisation.
+
+    Args:
+        device: the mechanism.
+        chi: parameters of the core's columns, (r,), SI; only those of bodies and rotors count.
+        c: positions of the coordinates that torque rows belong to, (active, samples).
+        cd: their velocities.
+    """
+    chi, still = rigid(device, chi), np.zeros_like(c)
+    gravity = core_torque(device, chi, c, still, still)
+    p = core_torque(device, chi, c, still, cd) - gravity
+
+    def velocity_torque(v: Array) -> Array:
+        return core_torque(device, chi, c, v, still) - gravity
+
+    own, turned = velocity_torque(cd), np.empty_like(c)
+    for k in range(len(c)):
+        unit = np.zeros_like(c)
+        unit[k] = 1.0
+        turned[k] = 0.5 * (cd * (velocity_torque(cd + unit) - own - velocity_torque(unit))).sum(axis=0)
+    return p, turned
+
+
+def raw_parameters(device: Device, beta: ArrayLike) -> Array:
+    """Parameters of the core's columns that give these base parameters' torque, (r,), SI: all others are zero."""
+    beta = np.asarray(beta, dtype=float)
     expect("beta", beta.shape, (len(device.base),))
-    for name, array in (("qa", qa), ("qda", qda), ("qdda", qdda)):
-        expect(name, np.shape(array), (len(device.active), qa.shape[1]))
-    c, cd, cdd = (np.ascontiguousarray(device.frame @ x) for x in (qa, qda, qdda))
-    S = device.parameters.S[:, list(device.base.kept)]
-    columns = [int(k) for k in np.flatnonzero(S.any(axis=1))]
-    chi = (S @ beta)[columns]
-    return np.asarray(device.mechanism.torque(c, cd, cdd, external(device, c, cd, cdd), columns, chi.tolist()))
+    return np.asarray(device.parameters.S[:, list(device.base.kept)] @ beta)
+
+
+def rigid(device: Device, chi: Array) -> Array:
+    """Only the parameters of bodies and rotors, (r,)."""
+    links = 10 * len(device.joints)
+    kept = [True] * links + [term.kind == "rotor" for term in device.terms]
+    return np.where(kept, chi, 0.0)
+
+
+def core_torque(device: Device, chi: Array, c: Array, cd: Array, cdd: Array, own: Array | None = None) -> Array:
+    """Torque of the core's columns, (rows, samples); `own` are the columns that Python computes, none if left out."""
+    columns = [int(k) for k in np.flatnonzero(chi)]
+    if own is None:
+        own = np.zeros((len(device.externals), c.shape[1]))
+    return np.asarray(device.mechanism.torque(c, cd, cdd, own, columns, chi[columns].tolist()))
+
+
+def _coordinates(device: Device, qa: ArrayLike, *rates: ArrayLike) -> list[Array]:
+    """Of the torque rows, from the active joints': position and rates, each (active, samples)."""
+    samples = np.shape(qa)[-1] if np.ndim(qa) else 0
+    for name, array in zip(("qa", "qda", "qdda"), (qa, *rates), strict=False):
+        expect(name, np.shape(array), (len(device.active), samples))
+    return [np.ascontiguousarray(device.frame @ np.asarray(x, dtype=float)) for x in (qa, *rates)]

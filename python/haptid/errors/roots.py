@@ -31,6 +31,10 @@ class BenchError(HaptidError):
     """Something about an experiment on the virtual bench."""
 
 
+class HandleError(HaptidError):
+    """Something about the handle, the workspace or the force of the hand."""
+
+
 class ShapeError(HaptidError):
     """An array whose shape is not what the call needs."""
 

@@ -1,0 +1,49 @@
+"""What can be wrong at the handle, and in the workspace it moves in."""
+
+from __future__ import annotations
+
+from haptid.errors.roots import HandleError
+
+
+class HandleMissingError(HandleError):
+    """A question about the handle of a device that has none."""
+
+    def __init__(self, device: str) -> None:
+        super().__init__(
+            f"{device} has no handle, so nothing is known of forces or positions there. Add [handle] with its link "
+            f"and xyz to the device file."
+        )
+
+
+class WorkspaceLimitError(HandleError):
+    """Limits that leave no workspace, or are of nothing in the device."""
+
+    def __init__(self, name: str, found: object, wanted: str) -> None:
+        super().__init__(f"workspace limit {name} is {found!r}; write {wanted}.")
+
+
+class UnboundedWorkspaceError(HandleError):
+    """A sliding joint without limits."""
+
+    def __init__(self, joint: str) -> None:
+        super().__init__(
+            f"joint {joint} slides and has no position limits, so its workspace has no end. Give it limits in the "
+            f"device file, or to the workspace."
+        )
+
+
+class EmptyWorkspaceError(HandleError):
+    """Limits that no pose meets."""
+
+    def __init__(self, poses: int) -> None:
+        super().__init__(
+            f"none of {poses} poses on a grid over the joints' limits is inside all limits of the workspace. Widen "
+            f"the coupling limits or the box of the handle, or check their signs and units (rad, m)."
+        )
+
+
+class ForceSettingError(HandleError):
+    """A setting of the force estimate or of the momentum observer that means nothing."""
+
+    def __init__(self, name: str, value: object, wanted: str) -> None:
+        super().__init__(f"{name} is {value!r}; write {wanted}.")
