@@ -1,0 +1,66 @@
+"""Mass matrix, bias and gravity torque, and momentum: laws on random mechanisms with rotors and friction."""
+
+import numpy as np
+from hypothesis import given, settings
+
+import haptid
+from haptid.dynamics import bias_torque, gravity_torque, mass_matrix, momentum, raw_parameters
+from mechanisms import mechanisms, states
+from random_devices import as_device, parameters
+
+
+def made(mechanism, kinds=("rotor", "viscous", "coulomb")):
+    device = as_device(mechanism, kinds)
+    return device, device.base.of(parameters(mechanism, device))
+
+
+@settings(max_examples=30, deadline=None)
+@given(mechanisms(most=6))
+def test_mass_matrix_is_that_of_the_bodies_and_rotors(mechanism):
+    device, beta = made(mechanism)
+    qa = states(mechanism, 3)[0]
+    rotors = np.diag(parameters(mechanism, device)[-len(device.terms) :][: mechanism.coordinates])
+    for got, c in zip(mass_matrix(device, beta, qa), qa.T, strict=True):
+        wanted = mechanism.mass_matrix(c) + rotors
+        np.testing.assert_allclose(got, wanted, rtol=0, atol=1e-9 * np.abs(wanted).max())
+
+
+@settings(max_examples=30, deadline=None)
+@given(mechanisms(most=6))
+def test_torque_is_mass_times_acceleration_and_bias(mechanism):
+    device, beta = made(mechanism, kinds=("rotor",))
+    qa, qda, qdda = states(mechanism, 4)
+    parts = np.einsum("sij,js->is", mass_matrix(device, beta, qa), qdda) + bias_torque(device, beta, qa, qda)
+    wanted = haptid.inverse_dynamics(device, beta, qa, qda, qdda)
+    np.testing.assert_allclose(parts, wanted, rtol=0, atol=1e-11 * np.abs(wanted).max())
+    still = bias_torque(device, beta, qa, np.zeros_like(qda))
+    np.testing.assert_allclose(gravity_torque(device, beta, qa), still, rtol=0, atol=1e-12 * np.abs(wanted).max())
+
+
+@settings(max_examples=30, deadline=None)
+@given(mechanisms(most=6))
+def test_momentum_is_mass_times_velocity_and_its_power_twice_the_energy(mechanism):
+    device, beta = made(mechanism)
+    c, cd, _ = states(mechanism, 4)
+    p, _ = momentum(device, raw_parameters(device, beta), c, cd)
+    wanted = np.einsum("sij,js->is", mass_matrix(device, beta, c), cd)
+    np.testing.assert_allclose(p, wanted, rtol=0, atol=1e-11 * np.abs(wanted).max())
+
+
+@settings(max_examples=30, deadline=None)
+@given(mechanisms(most=5))
+def test_momentum_changes_by_torque_and_velocity_product(mechanism):
+    """dp/dt along any motion is the bodies' torque + C' cd - g; C' cd is the gradient of the kinetic energy."""
+    device, beta = made(mechanism, kinds=("rotor",))
+    chi, h = raw_parameters(device, beta), 1e-5
+    c, cd, cdd = states(mechanism, 3)
+    ahead, behind = (momentum(device, chi, c + s * cd + 0.5 * s**2 * cdd, cd + s * cdd)[0] for s in (h, -h))
+    p, turned = momentum(device, chi, c, cd)
+    wanted = haptid.inverse_dynamics(device, beta, c, cd, cdd) + turned - gravity_torque(device, beta, c)
+    scale = np.abs(wanted).max() + np.abs(p).max()
+    np.testing.assert_allclose((ahead - behind) / (2 * h), wanted, rtol=0, atol=1e-6 * scale * len(c) ** 2)
+    for k, e in enumerate(np.eye(len(c))):
+        up, down = (
+            0.5 * np.einsum("is,sij,js->s", cd, mass_matrix(device, beta, c + s * e[:, None]), cd) for s in (h, -h)
+        )
+        np.testing.assert_allclose(turned[k], (up - down) / (2 * h), rtol=0, atol=1e-6 * scale * len(c) ** 2)
