@@ -115,7 +115,7 @@ def test_a_sliding_joint_needs_limits():
 
 def test_a_workspace_without_poses_is_an_error():
     device = haptid.read_device("phantom_premium_15")
-    with pytest.raises(errors.EmptyWorkspaceError, match="none of .* poses"):
+    with pytest.raises(errors.EmptyWorkspaceError, match=r"none of .* poses"):
         workspace(device, box=Box((5.0, 5.0, 5.0), (6.0, 6.0, 6.0))).grid()
 
 

@@ -1,0 +1,86 @@
+"""A motion's treated rows, stretch after stretch: what dissection and force estimate make their torques on."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+
+from haptid._values import Array
+from haptid.device import Device
+from haptid.dynamics import core_torque
+from haptid.observation import Plan
+from haptid.prediction import decimate
+from haptid.signals import coordinate_torque, coordinates, external
+from haptid.treatment import Motion
+
+
+@dataclass(frozen=True, eq=False)
+class Stretch:
+    """Signals under a number of rows that fit in memory together.
+
+    Attributes:
+        device: the mechanism.
+        plan: which rows the motion gives.
+        start, stop: rows.
+        c, cd, cdd: coordinates that torque rows belong to, and their rates, each (active, samples), SI.
+        own: columns that Python computes, (externals, samples).
+    """
+
+    device: Device
+    plan: Plan
+    start: int
+    stop: int
+    c: Array
+    cd: Array
+    cdd: Array
+    own: Array
+
+    @property
+    def rows(self) -> list[int]:
+        """Indices of the coordinates whose torque is measured."""
+        return [k for k, known in enumerate(self.device.measured) if known]
+
+    @property
+    def t(self) -> Array:
+        """Of the rows, (rows,), s."""
+        motion, step = self.plan.motion, self.plan.motion.treatment.decimation
+        return np.asarray(motion.t0 + motion.dt * (self.plan.first + step * np.arange(self.start, self.stop)))
+
+    @property
+    def used(self) -> np.ndarray:
+        """Whether a row counts, or was dropped as too slow, (measured, rows)."""
+        return np.asarray(self.plan.weights(self.start, self.stop)[self.rows] > 0)
+
+    def measured(self) -> Array:
+        """Measured torque, treated, (measured, rows), N m or N."""
+        return self.treated(coordinate_torque(self.device, self.plan.motion, *self.plan.window(self.start, self.stop)))
+
+    def torque(self, chi: Array) -> Array:
+        """Torque of these parameters of the core's columns, treated, (measured, rows), N m or N."""
+        return self.treated(core_torque(self.device, chi, self.c, self.cd, self.cdd, self.own))
+
+    def treated(self, signals: Array) -> Array:
+        """Through the filter and decimation of the measured torque, (channels, samples) to (measured, rows)."""
+        return decimate(signals, self.plan.taps, self.plan.motion.treatment.decimation)[self.rows]
+
+    def centres(self, signals: Array) -> Array:
+        """The sample at every row's centre, (channels, samples) to (channels, rows)."""
+        return signals[:, len(self.plan.taps) // 2 :: self.plan.motion.treatment.decimation][
+            :, : self.stop - self.start
+        ]
+
+
+def stretches(device: Device, motion: Motion) -> Iterator[Stretch]:
+    """All rows of a motion.
+
+    Raises:
+        ChannelCountError: the motion has more or fewer channels than the device has coordinates or motors.
+        CommandUnitError: the log's unit of torque is not the unit of the device's command.
+        MotionTooShortError: not one row fits between the filters' ends.
+    """
+    plan = Plan.of(device, motion)
+    for start, stop in plan.segments():
+        c, cd, cdd = coordinates(device, motion, *plan.window(start, stop))
+        yield Stretch(device, plan, start, stop, c, cd, cdd, external(device, c, cd, cdd))
