@@ -147,3 +147,41 @@ class SeenRowsError(EstimationError):
             f"the rows from {start:.3f} to {stop:.3f} s of log {log[:12]} were in the fit, so they prove nothing. "
             f"Validate on another log, or hold blocks out of this one before the fit."
         )
+
+
+class UnsolvedError(EstimationError):
+    """A cone programme that the solver gave up."""
+
+    def __init__(self, status: str, iterations: int) -> None:
+        super().__init__(
+            f"the search for parameters that bodies can have stopped after {iterations} iterations without an answer "
+            f"({status}). Check that no parameter is off by orders of magnitude, such as a unit; or estimate with WLS."
+        )
+
+
+class NoBodyError(EstimationError):
+    """Symmetries that leave no body."""
+
+    def __init__(self, labels: list[str], margin: float, limit: float) -> None:
+        super().__init__(
+            f"with the symmetries in the device file no body of positive volume fits {', '.join(labels)}: the least "
+            f"eigenvalue is at most {margin:.1e}, below the limit {limit:.1e}. Take a zero out of [[symmetry]], such "
+            f"as the moment of inertia of a rod about its own axis."
+        )
+
+
+class ParameterValueError(EstimationError):
+    """Base parameters that are no numbers."""
+
+    def __init__(self, name: str, value: float) -> None:
+        super().__init__(f"base parameter {name} is {value}; every one must be a finite number before this question.")
+
+
+class MetricError(EstimationError):
+    """A triangle that does not weigh every direction."""
+
+    def __init__(self, name: str, ratio: float, limit: float) -> None:
+        super().__init__(
+            f"the metric says nothing about base parameter {name}: its direction weighs {ratio:.1e} of the "
+            f"largest one, below the limit {limit:.1e}. Take that of an observation that excites all."
+        )

@@ -1,7 +1,25 @@
 """Estimators: one per file, all through `estimate(observation, method)`."""
 
-from haptid.estimators.estimate import Estimate, Method, Parameter, estimate
+from haptid.estimators.cone import pseudo_inertia
+from haptid.estimators.consistent import Consistent, Cost, Held
+from haptid.estimators.estimate import Estimate, Method, Parameter, Restricted, estimate
 from haptid.estimators.ols import OLS
+from haptid.estimators.possible import Possible, possible, project
 from haptid.estimators.wls import WLS
 
-__all__ = ["OLS", "WLS", "Estimate", "Method", "Parameter", "estimate"]
+__all__ = [
+    "OLS",
+    "WLS",
+    "Consistent",
+    "Cost",
+    "Estimate",
+    "Held",
+    "Method",
+    "Parameter",
+    "Possible",
+    "Restricted",
+    "estimate",
+    "possible",
+    "project",
+    "pseudo_inertia",
+]

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Protocol
+from typing import Protocol, runtime_checkable
 
 import numpy as np
 from scipy import stats
@@ -12,8 +13,10 @@ from scipy import stats
 from haptid._values import Array, read_only
 from haptid.base import BaseParameters
 from haptid.device import Device
+from haptid.estimators.consistent import Held
 from haptid.estimators.jackknife import jackknife
-from haptid.estimators.solve import solve
+from haptid.estimators.possible import Possible
+from haptid.estimators.solve import Solution, solve
 from haptid.observation import Observation
 
 # Scaled condition number above which single parameters are not to be trusted one by one (Gautier's rule).
@@ -33,6 +36,14 @@ class Method(Protocol):
 
     def weights(self, observation: Observation) -> Array:
         """Weight of each motor's rows, (motors,)."""
+
+
+@runtime_checkable
+class Restricted(Method, Protocol):
+    """A method that holds the solution to a set of parameters, such as `Consistent`."""
+
+    def hold(self, observation: Observation, free: Solution) -> Held:
+        """The solution in the set, beside the free one."""
 
 
 @dataclass(frozen=True)
@@ -78,6 +89,8 @@ class Estimate:
         weights: of each motor's rows, (motors,).
         status: "ok", or what is wrong with it.
         notes: sentences a user should read.
+        held: of a method that holds the estimate to what bodies can have: those bodies, the free estimate beside it,
+            and what holds it; None of the others.
     """
 
     observation: Observation
@@ -90,6 +103,7 @@ class Estimate:
     weights: Array
     status: str
     notes: tuple[str, ...]
+    held: Held | None = None
 
     def __post_init__(self) -> None:
         for name in ("beta", "covariance", "textbook_covariance", "freedom", "weights"):
@@ -104,16 +118,21 @@ class Estimate:
         return self.observation.base
 
     @property
+    def possible(self) -> Possible | None:
+        """Bodies that have these base parameters, of a method that looks for them."""
+        return self.held.possible if self.held else None
+
+    @property
     def sd(self) -> Array:
-        """Honest deviations, (p,); infinite for the lonely ones."""
-        sd = np.sqrt(np.diag(self.covariance))
-        sd[list(self.lonely)] = np.inf
-        return sd
+        """Honest deviations, (p,); infinite for the lonely ones. Of a held estimate, those of the free one."""
+        return deviations(self.covariance, self.lonely)
 
     @property
     def interval95(self) -> Array:
         """Honest 95 % intervals, (p, 2)."""
         half = stats.t.ppf(0.975, self.freedom) * self.sd
+        if self.held:
+            return self.held.interval(half)
         return np.column_stack([self.beta - half, self.beta + half])
 
     @cached_property
@@ -152,6 +171,7 @@ def estimate(observation: Observation, method: Method) -> Estimate:
     weights = method.weights(observation)
     solution = solve(observation, weights)
     jack = jackknife(observation, weights, solution)
+    held = method.hold(observation, solution) if isinstance(method, Restricted) else None
     raw, scaled = observation.condition
     notes = list(observation_notes(observation))
     status = "ok"
@@ -168,10 +188,14 @@ def estimate(observation: Observation, method: Method) -> Estimate:
             f"One stretch of the log alone tells {names}, so nothing says how far to trust it and the interval is "
             f"infinite. Record longer, or motion that shows it again and again."
         )
+    if held:
+        half = stats.t.ppf(0.975, jack.freedom) * deviations(jack.covariance, jack.alone)
+        status = "strained" if held.strained(half) else status
+        notes += held.notes(half)
     return Estimate(
         observation=observation,
         method=method,
-        beta=solution.beta,
+        beta=held.possible.beta if held else solution.beta,
         covariance=jack.covariance,
         textbook_covariance=solution.textbook_covariance(method.unit_residual),
         freedom=jack.freedom,
@@ -179,7 +203,15 @@ def estimate(observation: Observation, method: Method) -> Estimate:
         weights=weights,
         status=status,
         notes=tuple(notes),
+        held=held,
     )
+
+
+def deviations(covariance: Array, lonely: Sequence[int] | np.ndarray) -> Array:
+    """Square roots of the variances, (p,); infinite for the lonely ones."""
+    sd = np.sqrt(np.diag(covariance))
+    sd[list(lonely)] = np.inf
+    return sd
 
 
 def observation_notes(observation: Observation) -> tuple[str, ...]:

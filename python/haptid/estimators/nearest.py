@@ -1,0 +1,122 @@
+"""Two questions to a cone: the most interior standard parameters of given base parameters, and the nearest possible."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy import linalg
+
+from haptid._values import Array
+from haptid.estimators.cone import Cone, Part
+from haptid.estimators.programme import Condition, minimise
+
+# Margins are told in each link's own mass and length; above this one a body is as roomy as a ball.
+ROOMY = 1.0
+# Margins this small are the border's: nothing is to be chosen there.
+BORDER = 1e-6
+# How far within the border an estimate is held, so that rounding does not put it outside.
+INSIDE = 1e-9
+# Weight of the pull to the centre along directions that no torque shows; the torque's own weight is one.
+PULL = 1e-12
+
+
+@dataclass(frozen=True, eq=False)
+class Interior:
+    """How far inside the cone some base parameters can be.
+
+    Attributes:
+        x: scaled standard parameters, (n,).
+        margins: the largest least eigenvalue of every part, (parts,); infinite where a part has no condition.
+        multipliers: how much each block of the cone stands in the way, by part; each part's sum is at most one.
+    """
+
+    x: Array
+    margins: Array
+    multipliers: tuple[Array, ...]
+
+
+def interior(cone: Cone, x: Array, settled: Sequence[Part] = ()) -> Interior:
+    """The most interior scaled standard parameters with the base parameters of x, the parts one by one.
+
+    The margin of a part is the largest t with every pseudo-inertia >= t and every term >= t, all scaled. Where there
+    is room, of all x with half that margin the one nearest to the centre is taken: there is only one.
+
+    Args:
+        cone: the conditions.
+        x: any scaled standard parameters with those base parameters, (n,).
+        settled: parts of which x is to stay as it is.
+    """
+    x, margins, multipliers = np.array(x), [], []
+    for part in cone.parts:
+        step, margin, shares = still(part, x) if part in settled else widest(cone, part, x)
+        if margin > BORDER and part.null.size and part not in settled:
+            step = central(cone, part, x, margin / 2)
+        x += step
+        margins.append(margin)
+        multipliers.append(shares)
+    return Interior(x, np.array(margins), tuple(multipliers))
+
+
+def still(part: Part, x: Array) -> tuple[Array, float, Array]:
+    """No step, the margin of a part as it is, and the blocks that have no more than it."""
+    margin = part.margin(x)
+    return np.zeros_like(x), margin, np.array([float(block.margin(x) == margin) for block in part.blocks])
+
+
+def widest(cone: Cone, part: Part, x: Array) -> tuple[Array, float, Array]:
+    """The step of a part that makes its margin largest, the margin there, and the share of each block in it."""
+    k = part.null.shape[1]
+    if not (part.blocks and k):
+        return still(part, x)
+    conditions = [
+        Condition(np.column_stack([block.G @ part.null, -block.inside]), block.G @ x, block.is_link)
+        for block in part.blocks
+    ]
+    conditions.append(Condition(-np.eye(1, k + 1, k), np.array([ROOMY])))
+    P = np.diag(np.append(np.full(k, PULL), 0.0))
+    q = np.append(PULL * part.null.T @ (x - cone.centre), -1.0)
+    v, z = minimise(P, q, conditions)
+    step = part.null @ v[:-1]
+    shares = np.array([block.inside @ zb for block, zb in zip(part.blocks, z, strict=False)])
+    margin = part.margin(x + step)
+    # On the border itself the solver may come out a rounding error below where it began.
+    return (step, min(margin, ROOMY), shares) if margin > part.margin(x) else still(part, x)
+
+
+def central(cone: Cone, part: Part, x: Array, margin: float) -> Array:
+    """The step of a part that comes nearest to the centre with at least this margin."""
+    conditions = [
+        Condition(block.G @ part.null, block.G @ x - margin * block.inside, block.is_link) for block in part.blocks
+    ]
+    P = np.eye(part.null.shape[1])
+    v, _ = minimise(P, part.null.T @ (x - cone.centre), conditions)
+    return np.asarray(part.null @ v)
+
+
+def nearest(cone: Cone, R: Array, beta: Array) -> tuple[Array, Array]:
+    """The x in the cone whose base parameters b are nearest to beta, |R (b - beta)| least, and the multipliers.
+
+    Directions of x that no base parameter shows are pulled to the centre, with so little weight that b does not feel
+    it (`PULL` beside the torque's own weight), so that there is only one x.
+
+    Args:
+        cone: the conditions.
+        R: triangle of the metric, (p, p).
+        beta: base parameters, (p,), SI.
+
+    Returns:
+        x, (n,), and for each of the cone's blocks how strongly it holds, (blocks,).
+    """
+    size = float(np.linalg.norm(R @ beta)) or 1.0
+    x, null, p = cone.start(beta), cone.null, len(beta)
+    # v = (r, y): x + to_x r + null y has base parameters beta + R^-1 r size. No product R'R, which halves the digits.
+    rows = np.linalg.norm(cone.A, axis=1)
+    to_x = np.linalg.pinv(cone.A / rows[:, None]) @ (linalg.solve_triangular(R, np.eye(p)) * size / rows[:, None])
+    move = np.column_stack([to_x, null])
+    conditions = [Condition(b.G @ move, b.G @ x - INSIDE * b.inside, b.is_link) for b in cone.blocks]
+    P = np.diag(np.append(np.ones(p), np.full(null.shape[1], PULL)))
+    q = np.append(np.zeros(p), PULL * null.T @ (x - cone.centre))
+    v, z = minimise(P, q, conditions)
+    return x + move @ v, np.array([block.inside @ zb for block, zb in zip(cone.blocks, z, strict=True)])
