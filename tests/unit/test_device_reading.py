@@ -271,6 +271,30 @@ BROKEN = [
         add('[[motors]]\nname = "a"\ndrives = { 1 = 1, 2 = 1 }'),
         ["motors: ", "1 motor coordinates"],
     ),
+    (
+        "NonlinearTargetError",
+        add('[targets]\na = "M1*M2"'),
+        ["targets.a", '"M1*M2" is not a linear combination', "two unknowns"],
+    ),
+    ("NonlinearTargetError", add('[targets]\na = "1/M1"'), ["targets.a", "divides by one"]),
+    ("NonlinearTargetError", add('[targets]\na = "M1 / 0"'), ["targets.a", "division by zero"]),
+    ("NonlinearTargetError", add('[targets]\na = "1e30*1e30*M1"'), ["targets.a", "a factor beyond 1e+30"]),
+    ("NonlinearTargetError", add('[targets]\na = "M1 + d3"'), ["targets.a", "0.45 has no parameter in it"]),
+    ("ExpressionError", add('[targets]\na = "sin(M1)"'), ["targets.a", "`sin(M1)` is not allowed here"]),
+    ("UnknownNameError", add('[targets]\na = "ZZ1 + ZZ11"'), ["targets.a", 'Did you mean "ZZ1"']),
+    ("DeviceValueError", add('[targets]\na = "M1 - M1"'), ["targets.a", "zero in this device"]),
+    ("DeviceValueError", add('[targets]\na = "M1 + ZZ1"'), ["targets.a", "not one unit (kg, kg m^2)"]),
+    ("DeviceKeyError", add('[targets]\na = { unit = "kg" }'), ["targets.a", "expression"]),
+    (
+        "DuplicateNameError",
+        swap("d3 = 0.45", "d3 = 0.45\nM1 = 2") + '\n[targets]\na = "M1"',
+        ["lengths.M1", "a standard parameter"],
+    ),
+    (
+        "DuplicateNameError",
+        swap("d3 = 0.45", "d3 = 0.45\ng = 2") + '\n[targets]\na = "M1"',
+        ["lengths.g", "the size of gravity"],
+    ),
 ]
 
 

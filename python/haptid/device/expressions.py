@@ -5,7 +5,7 @@ from __future__ import annotations
 import ast
 import math
 import operator
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -13,7 +13,7 @@ import numpy as np
 
 from haptid._values import Array
 from haptid.device.place import Place
-from haptid.errors import ExpressionError, RelationError, UnknownNameError
+from haptid.errors import ExpressionError, NonlinearTargetError, RelationError, UnknownNameError
 
 # Longest expression, characters: enough for any column, too short to exhaust the stack.
 LONGEST = 400
@@ -41,6 +41,7 @@ OPERATORS: Mapping[type[ast.operator], Callable[[Any, Any], Any]] = {
 ARITHMETIC = 'Use numbers, pi, named lengths, + - * / and brackets, as in "-pi/2" or "d3 + 0.1".'
 COLUMN = "Use q_, v_, a_ followed by a joint's name, pi, named lengths, + - * / ** and " + ", ".join(FUNCTIONS) + "."
 LINEAR = 'Write a sum such as "q3 = pi/2 - q2 + q7", each q with a constant factor.'
+TARGET = 'Write a sum such as "L1*MX2 + g*(M2 + M3)", each parameter with a constant factor.'
 
 
 @dataclass(frozen=True)
@@ -141,6 +142,28 @@ def relation(text: str, symbols: list[str], lengths: Mapping[str, float], place:
     return left.strip(), made
 
 
+def combination(text: str, symbols: Collection[str], constants: Mapping[str, float], place: Place) -> dict[str, float]:
+    """Factors of the parameters in a linear combination of them; what cancels out is not in it.
+
+    Raises:
+        ExpressionError: the text is not arithmetic over numbers, or too long.
+        NonlinearTargetError: it multiplies parameters, divides by one, or has a part without one.
+        UnknownNameError: it uses a name that is neither a parameter nor a constant.
+    """
+    tree = _parse(text, place, TARGET)
+    known = {**constants, "pi": math.pi}
+    _Rules(text, frozenset({*known, *symbols}), place, TARGET).check(tree)
+    try:
+        made = _linear(tree, known)
+    except (ZeroDivisionError, OverflowError, _NotLinearError) as error:
+        raise NonlinearTargetError(str(place), text, str(error), TARGET) from None
+    if not all(abs(x) <= LARGEST for x in (made.constant, *made.factors.values())):
+        raise NonlinearTargetError(str(place), text, f"it has a factor beyond {LARGEST:.0e}", TARGET)
+    if made.constant:
+        raise NonlinearTargetError(str(place), text, f"its part {made.constant:g} has no parameter in it", TARGET)
+    return {name: factor for name, factor in made.factors.items() if factor}
+
+
 class _NotLinearError(ValueError):
     """A product of symbols, or a division by one."""
 
@@ -238,4 +261,4 @@ def _combined(left: Linear, op: ast.operator, right: Linear) -> Linear:
             return right.times(left.constant)
         case ast.Div() if not right.factors:
             return left.times(1.0 / right.constant)
-    raise _NotLinearError("it multiplies or divides by a joint position")
+    raise _NotLinearError("it multiplies two unknowns, or divides by one")

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from haptid._values import Array, expect, freeze, read_only
 from haptid.device.parameters import StandardParameters, Symmetry
@@ -155,6 +156,26 @@ class Prior:
 
 
 @dataclass(frozen=True, eq=False)
+class Combination:
+    """A linear combination of standard parameters that a user wants to know: a target of the device file.
+
+    Attributes:
+        name: such as pi_4.
+        text: as written.
+        unit: of its value.
+        row: factors of the free standard parameters, (p,), SI.
+    """
+
+    name: str
+    text: str
+    unit: str
+    row: Array
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "row", read_only(self.row))
+
+
+@dataclass(frozen=True, eq=False)
 class Device:
     """A mechanism, its transmission and its terms; see `read_device`.
 
@@ -176,6 +197,7 @@ class Device:
         keep: parameters preferred as base parameters.
         base_tolerance: relative length below which a column counts as a combination of others.
         notes: sentences worth showing.
+        targets: combinations of parameters that a user wants to know.
     """
 
     name: str
@@ -197,12 +219,26 @@ class Device:
     keep: tuple[str, ...]
     base_tolerance: float
     notes: tuple[str, ...]
+    targets: tuple[Combination, ...] = ()
 
     def __post_init__(self) -> None:
         expect("gravity", self.gravity.shape, (3,))
         expect("closure.G", self.closure.G.shape, (len(self.joints), len(self.active)))
         expect("drives", (len(self.drives),), (len(self.active),))
         object.__setattr__(self, "gravity", read_only(self.gravity))
+
+    def with_gravity(self, gravity: ArrayLike) -> Device:
+        """The same mechanism, mounted so that gravity has another direction or size in its base frame.
+
+        Targets keep their factors: g in them stays the size of gravity that the device file has.
+
+        Args:
+            gravity: in the base frame, (3,), m/s^2, the direction in which things fall.
+
+        Raises:
+            ShapeError: it is not three numbers.
+        """
+        return replace(self, gravity=np.asarray(gravity, dtype=float))
 
     @cached_property
     def joint_names(self) -> tuple[str, ...]:

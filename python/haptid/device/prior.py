@@ -81,10 +81,15 @@ def body_prior(body: Body, joint: Joint, sd_percent: float | None) -> dict[str, 
 
 def base_prior(device: Device) -> tuple[tuple[float, float | None] | None, ...]:
     """Value and deviation of every base parameter, None where one of its members has no prior."""
+    return combined_prior(device, device.base.regrouping)
+
+
+def combined_prior(device: Device, rows: Array) -> tuple[tuple[float, float | None] | None, ...]:
+    """Value and deviation of combinations of the free standard parameters, (k, p); None where one is not known."""
     parameters = device.parameters
     sd = [_deviation(device, members) for members in parameters.members]
     made: list[tuple[float, float | None] | None] = []
-    for row in device.base.regrouping:
+    for row in rows:
         used = np.flatnonzero(row)
         if np.isnan(device.chi_prior[used]).any():
             made.append(None)

@@ -9,6 +9,7 @@ import numpy as np
 
 from haptid._values import Array
 from haptid.device.columns import Targets, read_terms
+from haptid.device.combinations import read_combinations
 from haptid.device.expressions import RESERVED
 from haptid.device.geometry import Reader, frame_on
 from haptid.device.loops import active_joints, close, read_loops
@@ -82,6 +83,7 @@ def read_device(path: str | Path) -> Device:
         prior=prior,
         keep=_keep(tables, parameters, place.at("base_parameters")),
         base_tolerance=_tolerance(tables, reader, place.at("base_parameters", "tolerance")),
+        targets=read_combinations(tables, parameters, reader, place),
         notes=(
             *parameters.leaving,
             *notes,

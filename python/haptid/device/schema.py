@@ -246,6 +246,13 @@ class PriorBodyTable(Table):
     sd_percent: Quantity | None = None
 
 
+class TargetTable(Table):
+    """A combination of standard parameters with its unit."""
+
+    expression: Text
+    unit: Text | None = None
+
+
 class BaseParametersTable(Table):
     """How base parameters are chosen."""
 
@@ -272,6 +279,7 @@ class DeviceTable(Table):
     prior: dict[Name, Annotated[PriorTable | Quantity, Field(union_mode="left_to_right")]] = {}
     prior_bodies: list[PriorBodyTable] = []
     base_parameters: BaseParametersTable = BaseParametersTable()
+    targets: dict[Name, Annotated[TargetTable | Text, Field(union_mode="left_to_right")]] = {}
 
 
 class ModifiedDHDevice(DeviceTable):

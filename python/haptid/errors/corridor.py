@@ -129,6 +129,58 @@ class DifferentModelError(EstimationError):
         )
 
 
+class NoTargetsError(EstimationError):
+    """Targets asked of a device that names none."""
+
+    def __init__(self, device: str) -> None:
+        super().__init__(
+            f"device {device!r} has no targets. Write a table [targets] in its file, such as "
+            f'pi_4 = "2*(L1*MX2 + L3*MX3)", and read it again.'
+        )
+
+
+class UnidentifiableTargetError(EstimationError):
+    """A target that no motion can show."""
+
+    def __init__(self, name: str, hidden: str, shown: str, groups: list[str]) -> None:
+        self.name = name
+        seen = f" What it shows is {shown}." if shown else ""
+        held = f" It shows these only within {', '.join(groups)}." if groups else ""
+        super().__init__(
+            f"target {name} cannot be identified: no torque of this device shows {hidden} by itself.{seen}{held} "
+            f"Write the target as a sum of base parameters; `haptid model` prints them with what regroups into each."
+        )
+
+
+class DependentEstimatesError(EstimationError):
+    """Two estimates compared that share rows."""
+
+    def __init__(self, log: str, start: float, stop: float) -> None:
+        super().__init__(
+            f"both estimates were made from the rows from {start:.3f} to {stop:.3f} s of log {log[:12]}, so the "
+            f"deviation of their difference is not known. Compare estimates from logs, or stretches, without common "
+            f"rows."
+        )
+
+
+class DifferentParametersError(EstimationError):
+    """Two estimates compared that have no parameter in common."""
+
+    def __init__(self, first: list[str], second: list[str]) -> None:
+        shown = " and of ".join(", ".join(names[:6]) + (", ..." if len(names) > 6 else "") for names in (first, second))
+        super().__init__(
+            f"these estimates have no parameter of one name, unit and meaning in common: they are of {shown}. "
+            f"Compare base parameters with base parameters or targets with targets, in the same units."
+        )
+
+
+class ConfidenceError(EstimationError):
+    """A confidence that is none."""
+
+    def __init__(self, confidence: float) -> None:
+        super().__init__(f"confidence is {confidence!r}; write a number between 0 and 1, such as 0.95.")
+
+
 class SameRowsError(EstimationError):
     """The same stretch of a log counted twice."""
 

@@ -111,6 +111,13 @@ class RelationError(DeviceError):
         super().__init__(f"{where}: {found}. {instead}")
 
 
+class NonlinearTargetError(DeviceError):
+    """A target that is not a linear combination of standard parameters."""
+
+    def __init__(self, where: str, text: str, found: str, instead: str) -> None:
+        super().__init__(f'{where}: "{text}" is not a linear combination of parameters: {found}. {instead}')
+
+
 class ActiveJointError(DeviceError):
     """A joint that is declared active but moved by a loop, or declared passive but moved by nothing."""
 

@@ -29,10 +29,10 @@ class Jackknife:
     """What leaving out blocks says.
 
     Attributes:
-        covariance: of the base parameters, (p, p).
-        freedom: degrees of freedom of each parameter's t interval, (p,).
+        covariance: of the base parameters, or of combinations of them, (p, p).
+        freedom: degrees of freedom of the t interval of each, (p,).
         blocks: how many blocks of rows there were.
-        alone: parameters that lean on a single block, as indices, (k,).
+        alone: those that lean on a single block, as indices, (k,).
     """
 
     covariance: Array
@@ -41,15 +41,25 @@ class Jackknife:
     alone: np.ndarray
 
 
-def jackknife(observation: Observation, weights: Array, solution: Solution) -> Jackknife:
+def jackknife(
+    observation: Observation, weights: Array, solution: Solution, combinations: Array | None = None
+) -> Jackknife:
     """Covariance by leaving out each block of each motor in turn.
 
     Degrees of freedom are Satterthwaite's, from how evenly the blocks carry a parameter: (sum l)^2 / sum l^2 - 1.
+
+    Args:
+        observation: the rows.
+        weights: of each motor's rows, (motors,).
+        solution: the fit with these weights.
+        combinations: of base parameters, (q, p), in whose place the result is; each base parameter by itself where
+            left out.
     """
-    p = len(solution.beta)
-    inverse = linalg.solve_triangular(solution.R, np.eye(p))
-    variance = (inverse**2).sum(axis=1)
-    outer, leverage, alone = np.zeros((p, p)), [], np.zeros(p, dtype=bool)
+    inverse = linalg.solve_triangular(solution.R, np.eye(len(solution.beta)))
+    spread = inverse if combinations is None else combinations @ inverse
+    q = len(spread)
+    variance = (spread**2).sum(axis=1)
+    outer, leverage, alone = np.zeros((q, q)), [], np.zeros(q, dtype=bool)
     for motor, weight in zip(observation.motors, weights, strict=True):
         T = motor.triangles[motor.rows > 0] * weight
         U = T[:, :, :-1] @ inverse[motor.columns]
@@ -57,13 +67,13 @@ def jackknife(observation: Observation, weights: Array, solution: Solution) -> J
         # Without block b: (I - U'U)^-1 U'e = U'(I - UU')^-1 e, in the smaller of the two sizes.
         values, vectors = np.linalg.eigh(U @ U.transpose(0, 2, 1))
         carried = np.einsum("bij,bik->bjk", vectors, U)
-        lonely = np.where((values > ALONE)[:, :, None], carried, 0.0) @ inverse.T
+        lonely = np.where((values > ALONE)[:, :, None], carried, 0.0) @ spread.T
         alone |= ((lonely**2).sum(axis=1) > MOSTLY * variance).any(axis=0)
         shrink = 1.0 / (1.0 - np.minimum(values, ALONE))
         moved = np.einsum("bij,bi->bj", vectors, e) * shrink
-        shift = np.einsum("bjk,bj->bk", carried, moved) @ inverse.T
+        shift = np.einsum("bjk,bj->bk", carried, moved) @ spread.T
         outer += shift.T @ shift
-        leverage.append(((U @ inverse.T) ** 2).sum(axis=1))
+        leverage.append(((U @ spread.T) ** 2).sum(axis=1))
     shares = np.concatenate(leverage)
     blocks = len(shares)
     freedom = shares.sum(axis=0) ** 2 / (shares**2).sum(axis=0) - 1.0
