@@ -116,6 +116,7 @@ def core_torque(device: Device, chi: Array, c: Array, cd: Array, cdd: Array, own
     columns = [int(k) for k in np.flatnonzero(chi)]
     if own is None:
         own = np.zeros((len(device.externals), c.shape[1]))
+    c, cd, cdd, own = (np.ascontiguousarray(x) for x in (c, cd, cdd, own))
     return np.asarray(device.mechanism.torque(c, cd, cdd, own, columns, chi[columns].tolist()))
 
 

@@ -62,8 +62,17 @@ class Stretch:
         return self.treated(core_torque(self.device, chi, self.c, self.cd, self.cdd, self.own))
 
     def treated(self, signals: Array) -> Array:
-        """Through the filter and decimation of the measured torque, (channels, samples) to (measured, rows)."""
-        return decimate(signals, self.plan.taps, self.plan.motion.treatment.decimation)[self.rows]
+        """Through the filter and decimation of the measured torque, (active, samples) to (measured, rows)."""
+        return self.filtered(signals)[self.rows]
+
+    def filtered(self, signals: Array) -> Array:
+        """The same of any channels, (channels, samples) to (channels, rows)."""
+        return decimate(signals, self.plan.taps, self.plan.motion.treatment.decimation)
+
+    def sizes(self, signals: Array) -> Array:
+        """The same of sizes, without the negative lobes of the filter, (active, samples) to (measured, rows)."""
+        taps = np.abs(self.plan.taps)
+        return decimate(signals, taps / taps.sum(), self.plan.motion.treatment.decimation)[self.rows]
 
     def centres(self, signals: Array) -> Array:
         """The sample at every row's centre, (channels, samples) to (channels, rows)."""

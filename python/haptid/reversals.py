@@ -1,0 +1,56 @@
+"""Dry friction where a joint turns back: its sign is not known there, so it is smoothed, and its doubt is told."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from functools import lru_cache
+
+import numpy as np
+
+from haptid._values import Array
+from haptid.device import Device
+from haptid.device.terms import DRY, TermColumn
+
+# Place of the width in each kind's settings.
+WIDTH = {"coulomb": 0, "coulomb+": 0, "coulomb-": 0, "stribeck": 2}
+# Devices whose softened twin is kept: a stream asks for it at every sample.
+KEPT = 8
+
+
+@lru_cache(maxsize=KEPT)
+def softened(device: Device, speed: float) -> Device:
+    """The same device, with tanh(v / speed) for the sign of a velocity wherever its file has a sharper one.
+
+    Args:
+        device: the mechanism.
+        speed: rad/s or m/s; 0 leaves the device as it is.
+    """
+    return replace(device, terms=tuple(_softer(term, speed) for term in device.terms)) if speed else device
+
+
+def _softer(term: TermColumn, speed: float) -> TermColumn:
+    if term.kind not in DRY:
+        return term
+    settings = list(term.settings)
+    settings[WIDTH[term.kind]] = max(settings[WIDTH[term.kind]], speed)
+    return replace(term, settings=(settings[0], settings[1], settings[2]))
+
+
+def doubt(device: Device, chi: Array, cd: Array, speed: float) -> Array:
+    """Torque that dry friction may be off by, (rows, samples), N m or N: all of it at rest, none at speed.
+
+    Where the smoothed sign is s, the friction is FC s give or take FC sqrt(1 - s^2): a joint at rest may be held by
+    anything between -FC and FC.
+
+    Args:
+        device: the mechanism.
+        chi: parameters of the core's columns, (r,), SI.
+        cd: rates of the coordinates that torque rows belong to, (active, samples).
+        speed: of the smoothed sign, rad/s or m/s; 0 for no doubt.
+    """
+    squared = np.zeros_like(cd)
+    for k, term in enumerate(device.terms) if speed else ():
+        if term.kind in DRY:
+            s = np.tanh(term.weights @ cd / max(term.settings[WIDTH[term.kind]], speed))
+            squared += np.square(term.weights)[:, None] * chi[10 * len(device.joints) + k] ** 2 * (1 - s**2)
+    return np.asarray(np.sqrt(squared))
