@@ -12,7 +12,7 @@ from haptid._values import Array, freeze, read_only
 from haptid.base import BaseParameters
 from haptid.errors import ConfidenceError, DependentEstimatesError, DifferentParametersError
 from haptid.estimators import Estimate
-from haptid.targets import Targets, aligned
+from haptid.targets import Targets, aligned, free_fit
 
 # Regrouping coefficients that differ by a larger share make two base parameters of one name two things.
 SAME_MEANING = 1e-6
@@ -24,7 +24,8 @@ class Comparison:
 
     Each difference is put to Welch's test: its variance is the sum of both, its degrees of freedom are those of Welch
     (1947), Biometrika 34, eq. (28), with each estimate's own degrees of freedom. Over all parameters together the
-    probability of finding one that is not there is held by Holm (1979), Scandinavian J. Statistics 6.
+    probability of finding one that is not there is held by Holm (1979), Scandinavian J. Statistics 6. Of an estimate
+    held to what bodies can have, the free fit is compared: its deviations are known.
 
     Attributes:
         names, units: of the parameters compared, (k,).
@@ -119,7 +120,18 @@ class Comparison:
 
     def summary(self) -> str:
         """A table as text, then the sentences. The probability is Holm's; an asterisk marks what differs."""
-        head = ("", "first", "sd", "second", "sd", "difference", f"{100 * self.confidence:g} % interval", "p", "", "unit")
+        head = (
+            "",
+            "first",
+            "sd",
+            "second",
+            "sd",
+            "difference",
+            f"{100 * self.confidence:g} % interval",
+            "p",
+            "",
+            "unit",
+        )
         rows = [
             (
                 name,
@@ -144,7 +156,7 @@ class Comparison:
             share = 100 * self.difference[k] / abs(self.first[k])
             return f"{self.names[k]} goes {values}, {share:+.0f} % of its size."
         size = _two_sided(self.first[[k]] + self.second[[k]], self.sd[[k]], self.freedom[[k]])[0]
-        kept = "its size differs too" if size < 1 - self.confidence else "its size may be the same"
+        kept = "its size differs too" if size * len(self.names) < 1 - self.confidence else "its size may be the same"
         return f"{self.names[k]} changes its sign, {values}; {kept}."
 
 
@@ -191,7 +203,11 @@ def compare(first: Estimate | Targets, second: Estimate | Targets, confidence: f
 
 @dataclass(frozen=True, eq=False)
 class _Side:
-    """One of the two estimates, base parameters and targets alike; base where the parameters are base parameters."""
+    """One of the two estimates, base parameters and targets alike, the free fit of each.
+
+    Attributes:
+        base: where the parameters are base parameters, else None.
+    """
 
     estimate: Estimate
     base: BaseParameters | None
@@ -205,11 +221,9 @@ class _Side:
     @staticmethod
     def of(made: Estimate | Targets) -> _Side:
         if isinstance(made, Targets):
-            return _Side(
-                made.estimate, None, made.names, made.units, made.value, made.sd, made.covariance, made.freedom
-            )
+            return _Side(made.estimate, None, made.names, made.units, made.free, made.sd, made.covariance, made.freedom)
         base = made.base
-        return _Side(made, base, base.names, base.units, made.beta, made.sd, made.covariance, made.freedom)
+        return _Side(made, base, base.names, base.units, free_fit(made), made.sd, made.covariance, made.freedom)
 
     def same(self, name: str, other: _Side) -> bool:
         """Whether the parameter is in both with one meaning."""
@@ -232,6 +246,8 @@ def _notes(a: _Side, b: _Side, names: tuple[str, ...]) -> tuple[str, ...]:
     alone = dict.fromkeys(name for side in (a, b) for name in side.names if name not in names)
     notes = [f"Not compared, not in both with one unit and meaning: {', '.join(alone)}."] if alone else []
     for side, which in ((a, "first"), (b, "second")):
+        if side.estimate.held and side.estimate.held.active:
+            notes.append(f"The {which} estimate is held to what bodies can have: its free fit is compared.")
         lonely = [name for name in names if np.isinf(side.sd[side.names.index(name)])]
         if lonely:
             notes.append(f"One stretch of the {which} log alone tells {', '.join(lonely)}: no difference can be found.")

@@ -20,7 +20,7 @@ from haptid.estimators.solve import solve
 
 # What of a target is left beside base parameters, as a share of what cancelled: below this it is rounding.
 ROUNDING = 1e-7
-# Base parameters that an error about a target names.
+# Base parameters that an error names, within which a target's parameters are seen.
 MOST_GROUPS = 3
 
 
@@ -28,13 +28,17 @@ MOST_GROUPS = 3
 class Targets:
     """The targets of a device: value = C beta, with the covariance C V C'.
 
+    Where the estimate is held to what bodies can have, covariance and intervals are those of its free fit, as its own
+    are, and the intervals are widened to take in the value.
+
     Attributes:
         estimate: what they were made from.
         names, units: (k,).
         expressions: as the device file has them, (k,).
         C: factors of the base parameters, (k, p).
         value: (k,), SI, or per unit of command in the view that `in_command` gives.
-        covariance: honest, (k, k).
+        free: value of the free fit; `value` itself where nothing holds the estimate, (k,).
+        covariance: honest, of the free fit, (k, k).
         textbook_covariance: if the residual were white, (k, k).
         freedom: degrees of freedom of each interval, (k,), Satterthwaite's for that combination.
         lonely: targets that one stretch of the log alone tells: their intervals are infinite.
@@ -48,6 +52,7 @@ class Targets:
     expressions: tuple[str, ...]
     C: Array
     value: Array
+    free: Array
     covariance: Array
     textbook_covariance: Array
     freedom: Array
@@ -60,7 +65,7 @@ class Targets:
         expect("C", self.C.shape, (k, None))
         for name in ("covariance", "textbook_covariance"):
             expect(name, getattr(self, name).shape, (k, k))
-        for name in ("C", "value", "covariance", "textbook_covariance", "freedom"):
+        for name in ("C", "value", "free", "covariance", "textbook_covariance", "freedom"):
             object.__setattr__(self, name, read_only(getattr(self, name)))
 
     def __len__(self) -> int:
@@ -80,7 +85,8 @@ class Targets:
     def interval95(self) -> Array:
         """Honest 95 % intervals, (k, 2)."""
         half = stats.t.ppf(0.975, self.freedom) * self.sd
-        return freeze(np.column_stack([self.value - half, self.value + half]))
+        low, high = np.minimum(self.free - half, self.value), np.maximum(self.free + half, self.value)
+        return freeze(np.column_stack([low, high]))
 
     @cached_property
     def correlation(self) -> Array:
@@ -163,6 +169,7 @@ def targets(estimate: Estimate) -> Targets:
         expressions=tuple(target.text for target in wanted),
         C=C,
         value=C @ estimate.beta,
+        free=C @ free_fit(estimate),
         covariance=C @ estimate.covariance @ C.T,
         textbook_covariance=C @ estimate.textbook_covariance @ C.T,
         freedom=jack.freedom,
@@ -170,6 +177,11 @@ def targets(estimate: Estimate) -> Targets:
         prior=combined_prior(device, np.array([target.row for target in wanted])),
         notes=(sentence,) if alone else (),
     )
+
+
+def free_fit(estimate: Estimate) -> Array:
+    """Base parameters that its covariance and intervals belong to: those before they were held, (p,)."""
+    return estimate.held.free if estimate.held else estimate.beta
 
 
 def target_map(device: Device) -> Array:
@@ -197,7 +209,7 @@ def target_map(device: Device) -> Array:
 
 def _unidentifiable(device: Device, target: int, hidden: Array, shown: Array) -> UnidentifiableTargetError:
     base = device.base
-    holding = np.flatnonzero((base.regrouping[:, hidden != 0] != 0).any(axis=1))
+    holding = np.flatnonzero((base.regrouping[:, hidden != 0] != 0).any(axis=1) & (not shown.any()))
     groups = [f"{base.names[k]} = {base.groupings[k]}" for k in holding[:MOST_GROUPS]]
     texts = [formula(row, base.standard, int(np.argmax(row != 0))) if row.any() else "" for row in (hidden, shown)]
     return UnidentifiableTargetError(device.targets[target].name, texts[0], texts[1], groups)
@@ -268,6 +280,7 @@ def _picked(made: Targets, kept: list[int], factors: Array, units: tuple[str, ..
         expressions=tuple(made.expressions[k] for k in kept),
         C=made.C[kept] * factors[:, None],
         value=made.value[kept] * factors,
+        free=made.free[kept] * factors,
         covariance=made.covariance[square] * outer,
         textbook_covariance=made.textbook_covariance[square] * outer,
         freedom=made.freedom[kept],

@@ -145,7 +145,7 @@ class UnidentifiableTargetError(EstimationError):
     def __init__(self, name: str, hidden: str, shown: str, groups: list[str]) -> None:
         self.name = name
         seen = f" What it shows is {shown}." if shown else ""
-        held = f" It shows these only within {', '.join(groups)}." if groups else ""
+        held = f" It is seen only within {'; '.join(groups)}." if groups else ""
         super().__init__(
             f"target {name} cannot be identified: no torque of this device shows {hidden} by itself.{seen}{held} "
             f"Write the target as a sum of base parameters; `haptid model` prints them with what regroups into each."
