@@ -1,0 +1,125 @@
+"""The hand's force on the bench: encoders with steps, noisy torque, a push that goes on while joints turn back."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy import signal
+
+import haptid
+from haptid import bench
+from haptid.bench.logs import averaged
+from haptid.dynamics import core_torque, raw_parameters
+from haptid.force import estimate_force
+from haptid.kinematics import handle_motion
+from haptid.observer import MomentumObserver, observe_force
+from haptid.reversals import softened
+from motions import motion
+from true_parameters import true_parameters
+
+TREATMENT = haptid.Treatment(cutoff_hz=40.0, decimation=10)
+PUSHES_FROM, SECONDS = 3.0, 8.0
+
+
+def rms(error):
+    """Of a vector's length, error (samples, 3)."""
+    return float(np.sqrt((error**2).sum(axis=1).mean()))
+
+
+@pytest.fixture(scope="module")
+def bench_run():
+    """The device under control; the hand pushes with a sine from 3 s on."""
+    device = haptid.read_device("phantom_premium_15")
+    kind = bench.Multisine(SECONDS, (0.0, 0.2, 0.3), (0.6, 0.35, 0.4), speed=(2.4,))
+    setup = bench.Setup(
+        device,
+        true_parameters(device),
+        bench.Controller((40.0, 35.0, 14.0), (0.5, 0.4, 0.16)),
+        bench.Encoders((4000.0,), gear=(13.3, 11.2, 11.2)),
+        bench.Amplifiers(noise=(2e-3,)),
+        hand=(bench.Push((0.6, 0.4, -0.5), frequency_hz=1.3, start=PUSHES_FROM, stop=7.0),),
+    )
+    trajectory = bench.plan(kind, device, setup.dt, np.random.default_rng(1))
+    return setup, bench.simulate(setup, trajectory, np.random.default_rng(2))
+
+
+@pytest.fixture(scope="module")
+def log(bench_run):
+    """What an instrument has of it."""
+    setup, found = bench_run
+    names = ("1", "2", "3")
+    channels = haptid.Channels(
+        haptid.Signal(tuple(f"q{k}" for k in names), "rad"),
+        haptid.Signal(tuple(f"held{k}" for k in names), "N m", side="motor"),
+        time="t",
+    )
+    return haptid.Log("bench.parquet", "", found.t, found.position, averaged(setup, found.command), channels)
+
+
+@pytest.fixture(scope="module")
+def estimate(bench_run):
+    """The true parameters, as an estimate with a covariance."""
+    setup, _ = bench_run
+    beta = setup.device.base.of(setup.chi)
+    made = motion(setup.device, beta, seconds=20.0, noise=0.02)
+    return replace(haptid.estimate(haptid.observe(setup.device, made), haptid.WLS()), beta=beta)
+
+
+@pytest.fixture(scope="module")
+def validation(log, estimate):
+    """On the stretch before the hand pushes."""
+    kept = slice(0, round((PUSHES_FROM - 0.2) * log.rate_hz))
+    alone = replace(log, t=log.t[kept], position=log.position[kept], torque=log.torque[kept])
+    return haptid.validate(estimate, haptid.treat(alone, TREATMENT))
+
+
+@pytest.fixture(scope="module")
+def push(bench_run):
+    """Stretch that is compared: the hand pushes, filters have settled, joints turn back several times."""
+    _, found = bench_run
+    turns = np.abs(np.diff(np.sign(found.qd[:, :3]), axis=0)) > 0
+    during = (found.t[1:] > PUSHES_FROM) & (found.t[1:] < 7.0)
+    assert (turns[during].sum(axis=0) >= 4).all()
+    return lambda t: (t > PUSHES_FROM + 0.3) & (t < 6.7)
+
+
+def test_the_model_leaves_a_fifth_of_the_error(bench_run, log, estimate, validation, push):
+    _, found = bench_run
+    force = estimate_force(estimate, haptid.treat(log, TREATMENT), validation=validation)
+    hand = signal.convolve(found.hand, TREATMENT.taps(found.dt)[:, None], mode="same")
+    hand, during = hand[np.rint(force.t / found.dt).astype(int)], push(force.t)
+    error = rms((force.force - hand)[during])
+    assert force.usable.all()
+    assert error < 0.02 * rms(hand[during])
+    assert error < rms((force.bare[:, :3] - hand)[during]) / 15  # 5 would do
+    inside = (hand >= force.interval95[:, :, 0]) & (hand <= force.interval95[:, :, 1])
+    assert inside[during].mean() > 0.9
+
+
+def test_the_observer_is_as_good(bench_run, log, estimate, validation, push):
+    """On the same treated motion, against the hand through the observer's own low-pass."""
+    _, found = bench_run
+    observer = MomentumObserver()
+    seen = observe_force(estimate, haptid.treat(log, TREATMENT), observer, validation=validation)
+    hand = observer.smooth(found.hand.T, found.dt).T[np.rint(seen.t / found.dt).astype(int)]
+    during = push(seen.t)
+    error = rms((seen.force - hand)[during])
+    assert error < 0.02 * rms(hand[during])
+    assert error < rms((seen.bare[:, :3] - hand)[during]) / 15
+
+
+def test_in_real_time_the_observer_beats_differentiated_velocities(bench_run, estimate, push):
+    """From the controller's own velocity: no acceleration, and no more noise than with one."""
+    setup, found = bench_run
+    device, observer, dt = setup.device, MomentumObserver(), found.dt
+    qa, qda, tau = found.position.T, found.velocity.T, averaged(setup, found.command).T / 2.73
+    seen = observer.follow(device, estimate.beta, dt, qa, qda, tau).torque
+    qdda = np.diff(qda, axis=1, prepend=qda[:, :1]) / dt
+    soft = softened(device, observer.reversal_speed)
+    differentiated = core_torque(soft, raw_parameters(device, estimate.beta), qa, qda, qdda) - tau
+    exact = handle_motion(device, found.q[:, list(device.active)].T)
+    hand = observer.smooth(np.einsum("nij,ni->jn", exact.jacobian[:, :3], found.hand), dt)
+    during = push(found.t)
+    error = rms((seen - hand).T[during])
+    assert error < rms((observer.smooth(differentiated, dt) - hand).T[during])
+    assert error < 0.1 * rms(hand.T[during])

@@ -1,0 +1,124 @@
+"""The momentum observer follows the hand's torque through gain / (s + gain), sample by sample, on any mechanism."""
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+
+import haptid
+from haptid import errors
+from haptid.force import estimate_force
+from haptid.kinematics import handle_motion
+from haptid.observer import MomentumObserver, observe_force
+from mechanisms import mechanisms
+from motions import motion, multisine, truth
+from random_devices import as_device, parameters
+
+PLAIN = haptid.Treatment(cutoff_hz=None)
+FREQUENCIES = 2 * np.pi * np.array([0.5, 2.0, 5.0])
+
+
+def pushed(device, beta, dt, seconds=1.0):
+    """States, the motors' torque on the rows, and the hand's torque on them, each (rows, samples): sines of 1 N m."""
+    q, qd, qdd = multisine(len(device.active), seconds, dt, 4)
+    t = dt * np.arange(q.shape[1])
+    hand = np.array([np.sin(FREQUENCIES * time).sum() for time in t]) * np.linspace(1, 2, len(q))[:, None]
+    return q, qd, haptid.inverse_dynamics(device, beta, q, qd, qdd) - hand, hand
+
+
+def followed(gain, dt, samples):
+    """gain / (s + gain) of those sines from rest, in closed form, (samples,)."""
+    t = dt * np.arange(samples)[:, None]
+    wave = gain * np.sin(FREQUENCIES * t) - FREQUENCIES * np.cos(FREQUENCIES * t) + FREQUENCIES * np.exp(-gain * t)
+    return (gain * wave / (gain**2 + FREQUENCIES**2)).sum(axis=1)
+
+
+@settings(max_examples=20, deadline=None)
+@given(mechanisms(most=5))
+def test_residual_is_the_low_pass_of_the_hands_torque(mechanism):
+    """With an error of the order of the step squared, on exact states of trees and closed chains."""
+    device = as_device(mechanism, ("rotor", "viscous", "spring"))
+    beta, gain, off = device.base.of(parameters(mechanism, device)), 30.0, []
+    for dt in (2e-3, 1e-3):
+        q, qd, tau, hand = pushed(device, beta, dt, seconds=0.5)
+        seen = MomentumObserver(gain, 0.0).follow(device, beta, dt, q, qd, tau).torque
+        wanted = followed(gain, dt, q.shape[1]) * np.linspace(1, 2, len(q))[:, None]
+        off.append(np.abs(seen - wanted).max())
+        size = np.abs(tau).max() + np.abs(hand).max()
+    assert off[1] < 1e-3 * size
+    assert off[1] < 0.3 * off[0] + 1e-9 * size
+
+
+def test_a_steady_push_is_seen_in_full_and_late_by_the_delay():
+    device = haptid.read_device("phantom_premium_15")
+    beta, observer = truth(device), MomentumObserver(25.0, 0.0)
+    q = np.repeat([[0.1], [0.3], [0.4]], 1000, axis=1)
+    hold = haptid.inverse_dynamics(device, beta, q, 0 * q, 0 * q)
+    step = observer.follow(device, beta, 1e-3, q, 0 * q, hold - 0.2).torque
+    np.testing.assert_allclose(step[:, -1], 0.2, rtol=1e-8)
+    np.testing.assert_allclose(step[:, round(1000 * observer.delay)], 0.2 * (1 - np.exp(-1)), rtol=1e-9)
+    ramp = observer.follow(device, beta, 1e-3, q, 0 * q, hold - np.arange(1000) * 1e-3).torque
+    # Late by the delay and, for the mean over a step, by less than one sample more.
+    late = 0.999 - ramp[:, -1]
+    np.testing.assert_allclose(late, observer.delay, atol=1e-3)
+    assert observer.bandwidth_hz == pytest.approx(25.0 / (2 * np.pi))
+    omega = observer.gain
+    wave = np.sin(omega * 1e-4 * np.arange(20000))
+    smooth = observer.smooth(wave[None], 1e-4)[0, 10000:]
+    assert np.sqrt(2 * np.mean(smooth**2)) == pytest.approx(np.sqrt(0.5), rel=0.01)
+
+
+def test_samples_may_come_one_by_one():
+    device = haptid.read_device("cea_medical_branch")
+    beta, observer = truth(device), MomentumObserver()
+    q, qd, tau, _ = pushed(device, beta, 1e-3, seconds=0.2)
+    whole = observer.follow(device, beta, 1e-3, q, qd, tau)
+    pieces, before = [], None
+    for low, high in ((0, 1), (1, 2), (2, 50), (50, 51), (51, 200)):
+        before = observer.follow(device, beta, 1e-3, *(x[:, low:high] for x in (q, qd, tau)), before)
+        pieces.append(before.torque)
+    np.testing.assert_allclose(np.concatenate(pieces, axis=1), whole.torque, atol=1e-12)
+    np.testing.assert_allclose(before.p, whole.p, atol=1e-15)
+
+
+def test_along_a_motion_it_is_the_force_estimate_through_the_low_pass():
+    """Without doubt about friction or filters, both see the same hand; the observer as late as its gain says."""
+    device = haptid.read_device("phantom_premium_15")
+    estimate = haptid.estimate(
+        haptid.observe(device, motion(device, truth(device), noise=0.01, treatment=PLAIN)), haptid.WLS()
+    )
+    q, qd, qdd = multisine(3, 2.0, 1e-3, 9)
+    force = np.array([np.sin(9 * np.arange(2000) * 1e-3), 0.5 + 0 * q[0], -0.3 + 0 * q[0]]).T
+    load = np.einsum("nij,ni->jn", handle_motion(device, q).row_jacobian[:, :3], force)
+    tau = haptid.inverse_dynamics(device, estimate.beta, q, qd, qdd) - load
+    made = haptid.Motion(1e-3, q.T, tau.T, PLAIN, rates=(qd.T, qdd.T))
+    observer = MomentumObserver(100.0, 0.0)
+    now, late = estimate_force(estimate, made, reversal_speed=0.0), observe_force(estimate, made, observer)
+    settled = slice(200, None)
+    np.testing.assert_allclose(now.force[settled], force[settled], atol=1e-8)
+    wanted = observer.smooth(force.T, 1e-3).T
+    np.testing.assert_allclose(late.force[settled], wanted[settled], atol=0.02)
+    np.testing.assert_array_equal(late.t, now.t)
+    assert (late.sd[settled, :3] <= 1.1 * now.sd[settled, :3]).mean() > 0.5
+    assert late.moment == "taken as zero"
+
+
+def test_settings_that_mean_nothing_are_errors():
+    for gain in (0.0, -1.0, np.inf):
+        with pytest.raises(errors.ForceSettingError, match="gain"):
+            MomentumObserver(gain)
+    with pytest.raises(errors.ForceSettingError, match="reversal_speed"):
+        MomentumObserver(10.0, -1.0)
+    device = haptid.read_device("phantom_premium_15")
+    still = np.zeros((3, 4))
+    with pytest.raises(errors.ForceSettingError, match="dt"):
+        MomentumObserver().follow(device, truth(device), 0.0, still, still, still)
+    with pytest.raises(errors.ShapeError, match="tau"):
+        MomentumObserver().follow(device, truth(device), 1e-3, still, still, np.zeros((2, 4)))
+
+
+def test_a_device_without_handle_has_no_force():
+    device = haptid.read_device("emps")
+    made = motion(device, np.array([100.0, 200.0, 20.0, 3.0]), seconds=4.0, noise=0.01, treatment=PLAIN)
+    estimate = haptid.estimate(haptid.observe(device, made), haptid.WLS())
+    with pytest.raises(errors.HandleMissingError):
+        observe_force(estimate, made)
