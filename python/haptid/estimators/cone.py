@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from scipy import linalg
@@ -108,12 +109,14 @@ class Cone:
     Attributes:
         scale: size of every standard parameter, (n,), SI.
         A: base parameters from x, (p, n), SI.
-        centre: a homogeneous ball for every link, and the prior where one is known, (n,).
+        ball: a homogeneous ball for every link, (n,).
+        centre: the prior where one is known, else the ball, (n,).
         parts: the conditions, those that do not touch one another apart.
     """
 
     scale: Array
     A: Array
+    ball: Array
     centre: Array
     parts: tuple[Part, ...]
 
@@ -127,11 +130,23 @@ class Cone:
         """Directions of x that no base parameter sees, orthonormal, (n, null)."""
         return np.column_stack([part.null for part in self.parts])
 
+    @cached_property
+    def inverse(self) -> Array:
+        """From base parameters to the least x that has them, (n, p)."""
+        rows = np.linalg.norm(self.A, axis=1)
+        return np.asarray(np.linalg.pinv(self.A / rows[:, None]) / rows)
+
     def start(self, beta: Array) -> Array:
         """Scaled standard parameters with these base parameters, nearest to the centre, (n,)."""
-        rows = np.linalg.norm(self.A, axis=1)
-        A, rest = self.A / rows[:, None], (beta - self.A @ self.centre) / rows
-        return np.asarray(self.centre + np.linalg.lstsq(A, rest, rcond=None)[0])
+        return self.centre + self.inverse @ (beta - self.A @ self.centre)
+
+    def margin(self, x: Array) -> float:
+        """The least eigenvalue of all conditions."""
+        return min((part.margin(x) for part in self.parts), default=np.inf)
+
+    def mended(self, x: Array) -> Array:
+        """x with as much of a ball as brings it back from a rounding error outside of the cone."""
+        return x + max(0.0, -self.margin(x)) / self.margin(self.ball) * self.ball
 
 
 def cone(device: Device, beta: Array) -> Cone:
@@ -146,8 +161,8 @@ def cone(device: Device, beta: Array) -> Cone:
     blocks = (*link_blocks(device, size), *term_blocks(device, size))
     ball = device.parameters.S.T @ size.ball / np.maximum(device.parameters.S.sum(axis=0), 1)
     known = np.isfinite(device.chi_prior)
-    centre = np.where(known, np.where(known, device.chi_prior, 0.0), ball) / size.chi
-    return Cone(size.chi, A, centre, parts(A, blocks))
+    centre = np.where(known, np.where(known, device.chi_prior, 0.0), ball)
+    return Cone(size.chi, A, ball / size.chi, centre / size.chi, parts(A, blocks))
 
 
 def link_blocks(device: Device, size: Scale) -> list[Block]:

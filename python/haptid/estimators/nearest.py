@@ -16,10 +16,10 @@ from haptid.estimators.programme import Condition, minimise
 ROOMY = 1.0
 # Margins this small are the border's: nothing is to be chosen there.
 BORDER = 1e-6
-# How far within the border an estimate is held, so that rounding does not put it outside.
-INSIDE = 1e-9
-# Weight of the pull to the centre along directions that no torque shows; the torque's own weight is one.
-PULL = 1e-12
+# Weight of the pull along directions that no torque shows, in a margin of one and in the torque's own weight of one.
+WIDE_PULL = 1e-8
+FIT_PULL = 1e-10
+PASSES = 2
 
 
 @dataclass(frozen=True, eq=False)
@@ -75,8 +75,8 @@ def widest(cone: Cone, part: Part, x: Array) -> tuple[Array, float, Array]:
         for block in part.blocks
     ]
     conditions.append(Condition(-np.eye(1, k + 1, k), np.array([ROOMY])))
-    P = np.diag(np.append(np.full(k, PULL), 0.0))
-    q = np.append(PULL * part.null.T @ (x - cone.centre), -1.0)
+    P = np.diag(np.append(np.full(k, WIDE_PULL), 0.0))
+    q = np.append(WIDE_PULL * part.null.T @ (x - cone.centre), -1.0)
     v, z = minimise(P, q, conditions)
     step = part.null @ v[:-1]
     shares = np.array([block.inside @ zb for block, zb in zip(part.blocks, z, strict=False)])
@@ -98,8 +98,10 @@ def central(cone: Cone, part: Part, x: Array, margin: float) -> Array:
 def nearest(cone: Cone, R: Array, beta: Array) -> tuple[Array, Array]:
     """The x in the cone whose base parameters b are nearest to beta, |R (b - beta)| least, and the multipliers.
 
-    Directions of x that no base parameter shows are pulled to the centre, with so little weight that b does not feel
-    it (`PULL` beside the torque's own weight), so that there is only one x.
+    Directions of x that no base parameter shows are pulled to the centre with `FIT_PULL`, so that there is only one x.
+    A second pass pulls to where the first came out, so that b does not feel it, and counts in what the first left, so
+    that a small distance has as many digits as a large one. Where only ever heavier bodies would come nearer without
+    end, the pull is the end.
 
     Args:
         cone: the conditions.
@@ -109,14 +111,14 @@ def nearest(cone: Cone, R: Array, beta: Array) -> tuple[Array, Array]:
     Returns:
         x, (n,), and for each of the cone's blocks how strongly it holds, (blocks,).
     """
+    x, p = cone.start(beta), len(beta)
     size = float(np.linalg.norm(R @ beta)) or 1.0
-    x, null, p = cone.start(beta), cone.null, len(beta)
-    # v = (r, y): x + to_x r + null y has base parameters beta + R^-1 r size. No product R'R, which halves the digits.
-    rows = np.linalg.norm(cone.A, axis=1)
-    to_x = np.linalg.pinv(cone.A / rows[:, None]) @ (linalg.solve_triangular(R, np.eye(p)) * size / rows[:, None])
-    move = np.column_stack([to_x, null])
-    conditions = [Condition(b.G @ move, b.G @ x - INSIDE * b.inside, b.is_link) for b in cone.blocks]
-    P = np.diag(np.append(np.ones(p), np.full(null.shape[1], PULL)))
-    q = np.append(np.zeros(p), PULL * null.T @ (x - cone.centre))
-    v, z = minimise(P, q, conditions)
-    return x + move @ v, np.array([block.inside @ zb for block, zb in zip(cone.blocks, z, strict=True)])
+    towards = cone.null.T @ (cone.centre - x)
+    for _ in range(PASSES):
+        # v = (r, y): x + to_x r + null y has base parameters beta + R^-1 r size. R'R would halve the digits.
+        move = np.column_stack([cone.inverse @ linalg.solve_triangular(R, np.eye(p)) * size, cone.null])
+        conditions = [Condition(b.G @ move, b.G @ x, b.is_link) for b in cone.blocks]
+        weights = np.append(np.ones(p), np.full(len(towards), FIT_PULL))
+        v, z = minimise(np.diag(weights), np.append(np.zeros(p), -FIT_PULL * towards), conditions)
+        size, towards = size * (float(np.linalg.norm(v[:p])) or 1.0), v[p:]
+    return cone.mended(x + move @ v), np.array([b.inside @ zb for b, zb in zip(cone.blocks, z, strict=True)])

@@ -14,7 +14,7 @@ from haptid.estimators.cone import Block, Cone, Part, cone, parts, pseudo_inerti
 from haptid.estimators.nearest import BORDER, interior, nearest
 
 # A margin this little below zero is rounding.
-ROUNDING = 1e-9
+ROUNDING = 1e-7
 # A block has its share in a contradiction when its multiplier has this much of all.
 SHARE = 1e-2
 # A condition holds nothing where its multiplier is this little beside the largest.
@@ -163,15 +163,15 @@ def roomy(device: Device, beta: Array) -> Cone:
         NoBodyError: no standard parameters at all are well inside: the symmetries leave no body.
     """
     made = cone(device, beta)
-    if all(part.margin(made.centre) > BORDER for part in made.parts):
+    if made.margin(made.ball) > BORDER:
         return made
     nothing = np.zeros((0, len(made.scale)))
     free = replace(made, A=nothing, parts=parts(nothing, made.blocks))
-    found = interior(free, made.centre)
+    found = interior(free, made.ball)
     for part, margin in zip(free.parts, found.margins, strict=True):
         if margin < BORDER:
             raise NoBodyError([block.label for block in part.blocks], float(margin), BORDER)
-    return made
+    return replace(made, ball=found.x)
 
 
 def sentence(part: Part, shares: Array) -> str:

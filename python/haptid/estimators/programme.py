@@ -12,8 +12,8 @@ from scipy import sparse
 from haptid._values import Array
 from haptid.errors import UnsolvedError
 
-# Tolerances of the solver on numbers near one. It stops earlier where rounding lets it come no further.
-TIGHT = 1e-12
+# Tolerances of the solver on numbers near one; where rounding lets it come no further, what is still an answer.
+TIGHT = 1e-11
 ENOUGH = 1e-7
 SOLVED = ("Solved", "AlmostSolved")
 
@@ -49,19 +49,22 @@ def minimise(P: Array, q: Array, conditions: Sequence[Condition]) -> tuple[Array
     cones = [clarabel.PSDTriangleConeT(4) if c.matrix else clarabel.NonnegativeConeT(len(c.f)) for c in conditions]
     A = sparse.csc_matrix(np.concatenate([-c.F for c in conditions]))
     b = np.concatenate([c.f for c in conditions])
-    solver = clarabel.DefaultSolver(sparse.csc_matrix(np.triu(P)), q, A, b, cones, settings())
-    answer = solver.solve()
-    if str(answer.status) not in SOLVED:
-        raise UnsolvedError(str(answer.status), answer.iterations)
-    ends = np.cumsum([len(c.f) for c in conditions])[:-1]
-    return np.array(answer.x), tuple(np.split(np.array(answer.z), ends))
+    # On the border of what is possible the solver may get stuck in one scaling of the rows, and not in the other.
+    for equilibrate in (True, False):
+        solver = clarabel.DefaultSolver(sparse.csc_matrix(np.triu(P)), q, A, b, cones, settings(equilibrate))
+        answer = solver.solve()
+        if str(answer.status) in SOLVED:
+            ends = np.cumsum([len(c.f) for c in conditions])[:-1]
+            return np.array(answer.x), tuple(np.split(np.array(answer.z), ends))
+    raise UnsolvedError(str(answer.status), answer.iterations)
 
 
-def settings() -> clarabel.DefaultSettings:
-    """Silent, on one thread, tight where it can be."""
+def settings(equilibrate: bool) -> clarabel.DefaultSettings:
+    """Silent, on one thread, tight where it can be; with rows and columns scaled to one size or as they are."""
     made = clarabel.DefaultSettings()
     made.verbose = False
     made.max_threads = 1
+    made.equilibrate_enable = equilibrate
     made.tol_gap_abs = made.tol_gap_rel = made.tol_feas = TIGHT
     made.reduced_tol_gap_abs = made.reduced_tol_gap_rel = made.reduced_tol_feas = ENOUGH
     return made

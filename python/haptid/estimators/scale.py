@@ -41,7 +41,7 @@ class Scale:
         free = np.argmax(S, axis=1)
         raw = np.where(S.any(axis=1), room[free], np.nan)
         links = raw[: 10 * len(length)].reshape(-1, 10) / length[:, None] ** POWER
-        mass = filled(np.array([known(row).max(initial=0.0) for row in links]))
+        mass = filled(np.array([large(row) for row in links]))
         sizes = np.concatenate([(mass[:, None] * length[:, None] ** POWER).ravel(), term_sizes(device, raw)])
         ball = sizes * np.concatenate([np.tile(BALL, len(length)), np.ones(len(device.terms))])
         return Scale(mass, length, sizes[np.argmax(S, axis=0)], ball)
@@ -57,15 +57,15 @@ def largest(regrouping: Array, beta: Array) -> Array:
     return np.where(np.isfinite(alone), alone, np.nan)
 
 
-def known(values: Array) -> Array:
-    """Those that are neither unknown nor zero."""
-    return values[values > 0]
+def large(values: Array) -> float:
+    """A large one of those that are neither unknown nor zero, though not an outlier; zero where there is none."""
+    known = values[values > 0]
+    return float(np.quantile(known, 0.8)) if len(known) else 0.0
 
 
 def filled(values: Array) -> Array:
     """Sizes with the median of the others where there is none, one where there are no others."""
-    others = known(values)
-    return np.where(values > 0, values, np.median(others) if len(others) else 1.0)
+    return np.where(values > 0, values, np.median(known) if len(known := values[values > 0]) else 1.0)
 
 
 def term_sizes(device: Device, raw: Array) -> Array:
