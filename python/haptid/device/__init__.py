@@ -2,7 +2,7 @@
 
 from haptid.device.geometry import poses
 from haptid.device.mechanism import MechanismArguments, mechanism, mechanism_arguments
-from haptid.device.model import Closure, Cut, Device, Frame, Handle, Joint, Motor, Prior
+from haptid.device.model import Closure, Combination, Cut, Device, Frame, Handle, Joint, Motor, Prior
 from haptid.device.parameters import INERTIAL, StandardParameters, Symmetry
 from haptid.device.reading import read_device
 from haptid.device.schema import device_schema
@@ -13,6 +13,7 @@ from haptid.device.terms import Counterbalance, TermColumn
 __all__ = [
     "INERTIAL",
     "Closure",
+    "Combination",
     "Counterbalance",
     "Cut",
     "Device",
