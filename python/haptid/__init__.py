@@ -12,6 +12,7 @@ The corridor, one value after the other:
 from haptid import errors
 from haptid._core import __version__
 from haptid.base import BaseParameters, base_parameters
+from haptid.delay import Delay, find_delay
 from haptid.device import Device, device_schema, read_device, shipped_devices
 from haptid.dynamics import inverse_dynamics
 from haptid.estimators import OLS, WLS, Estimate, Method, Parameter, estimate
@@ -19,7 +20,9 @@ from haptid.identification import Identification, Run, identify
 from haptid.log import Channels, Log, Signal, read_log
 from haptid.observation import Block, MotorRows, Observation, observe
 from haptid.prediction import Prediction, predict
+from haptid.proposal import Proposal, propose
 from haptid.result import result, write_result
+from haptid.shapes import Bell, Sharp
 from haptid.study import Study, read_study, study_schema
 from haptid.treatment import Motion, Treatment, treat
 from haptid.validation import MotorError, Validation, direct, validate
@@ -28,8 +31,10 @@ __all__ = [
     "OLS",
     "WLS",
     "BaseParameters",
+    "Bell",
     "Block",
     "Channels",
+    "Delay",
     "Device",
     "Estimate",
     "Identification",
@@ -41,7 +46,9 @@ __all__ = [
     "Observation",
     "Parameter",
     "Prediction",
+    "Proposal",
     "Run",
+    "Sharp",
     "Signal",
     "Study",
     "Treatment",
@@ -52,10 +59,12 @@ __all__ = [
     "direct",
     "errors",
     "estimate",
+    "find_delay",
     "identify",
     "inverse_dynamics",
     "observe",
     "predict",
+    "propose",
     "read_device",
     "read_log",
     "read_study",

@@ -10,10 +10,11 @@ from pathlib import Path
 
 from haptid.device import Device, read_device
 from haptid.estimators import Estimate, estimate
-from haptid.log import read_log
+from haptid.log import Log, read_log
 from haptid.observation import Observation, observe
+from haptid.proposal import Proposal, propose
 from haptid.study import LogEntry, Study
-from haptid.treatment import Motion, treat
+from haptid.treatment import Motion, Treatment, treat
 from haptid.validation import Validation, direct, pooled, validate
 
 Progress = Callable[[str, float], None]
@@ -47,12 +48,14 @@ class Identification:
 
     Attributes:
         study, device: what was asked, of what.
+        proposal: how the logs were treated, and why so.
         estimate: from all logs with role "identify".
         runs: log by log.
     """
 
     study: Study
     device: Device
+    proposal: Proposal
     estimate: Estimate
     runs: tuple[Run, ...]
 
@@ -83,7 +86,12 @@ def identify(study: Study, data: str | Path | None = None, progress: Progress | 
     """
     tell = progress or _silent
     device = read_device(study.device)
-    observations = [_observe(study, device, entry, Path(data or study.path.parent), tell) for entry in study.logs]
+    logs = [_read(entry, Path(data or study.path.parent), tell) for entry in study.logs]
+    tell("choosing a treatment", 0.0)
+    seen = [log for log, entry in zip(logs, study.logs, strict=True) if entry.role == "identify"]
+    proposal = propose(device, *seen, **study.treatment)
+    tell("choosing a treatment", 1.0)
+    observations = [_observe(device, log, proposal.treatment, tell) for log in logs]
     fitted = [o for o, entry in zip(observations, study.logs, strict=True) if entry.role == "identify"]
     tell("estimating", 0.0)
     final = estimate(reduce(add, fitted), study.method)
@@ -95,20 +103,25 @@ def identify(study: Study, data: str | Path | None = None, progress: Progress | 
             others = [o for o in fitted if o is not observation]
             runs.append(Run(entry, observation, direct(final, observation), held_out(study, observation, others)))
     tell("estimating", 1.0)
-    return Identification(study, device, final, tuple(runs))
+    return Identification(study, device, proposal, final, tuple(runs))
 
 
 def _silent(_what: str, _share: float) -> None:
     """Progress that nobody wants to see."""
 
 
-def _observe(study: Study, device: Device, entry: LogEntry, data: Path, tell: Progress) -> Observation:
+def _read(entry: LogEntry, data: Path, tell: Progress) -> Log:
     name = Path(entry.path).name
     tell(f"reading {name}", 0.0)
     log = read_log(data / entry.path, entry.channels, stretch=entry.stretch)
     tell(f"reading {name}", 1.0)
+    return log
+
+
+def _observe(device: Device, log: Log, treatment: Treatment, tell: Progress) -> Observation:
+    name = log.path.name
     tell(f"treating {name}", 0.0)
-    motion = treat(log, study.treatment)
+    motion = treat(log, treatment)
     tell(f"treating {name}", 1.0)
     return observe(device, motion, progress=lambda share: tell(f"observing {name}", share))
 

@@ -32,7 +32,7 @@ MOST_BLOCKS = 512
 # A short motion has shorter blocks than asked for: leaving one out must leave something.
 LEAST_BLOCKS = 8
 # What is left outside the guard around a row weighs less than this share of the parallel filter.
-OUTSIDE_GUARD = 0.1
+OUTSIDE_GUARD = 1e-3
 
 
 @dataclass(frozen=True)

@@ -12,6 +12,7 @@ from typing import Any
 from haptid._core import __version__
 from haptid.estimators import Estimate, Parameter
 from haptid.identification import Identification, Run
+from haptid.treatment import Treatment
 from haptid.validation import Validation
 
 SCHEMA = 1
@@ -27,7 +28,8 @@ def result(identification: Identification) -> dict[str, Any]:
         "device": identification.device.name,
         "study": study.name,
         "logs": [log(run) for run in identification.runs],
-        "treatment": dataclasses.asdict(study.treatment),
+        "treatment": treatment(identification.proposal.treatment),
+        "treatment_reasons": list(identification.proposal.reasons),
         "observation": {
             "rows": estimate.observation.rows,
             "parameters": len(estimate.device.parameters.names),
@@ -49,6 +51,11 @@ def result(identification: Identification) -> dict[str, Any]:
         },
         "notes": notes(estimate),
     }
+
+
+def treatment(treated: Treatment) -> dict[str, Any]:
+    """The settings, the filter's shape by its name."""
+    return {**dataclasses.asdict(treated), "parallel_shape": treated.parallel_shape.name}
 
 
 def log(run: Run) -> dict[str, Any]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import tomllib
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any, Literal
@@ -12,6 +13,7 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError
 from haptid.errors import LogError, StudyFileError, StudyLogsError
 from haptid.estimators import OLS, WLS, Method
 from haptid.log import Channels, Signal
+from haptid.shapes import SHAPES
 from haptid.treatment import Treatment
 
 Role = Literal["identify", "validate"]
@@ -60,18 +62,28 @@ class LogTable(_Table):
 
 
 class TreatmentTable(_Table):
-    """How logs become rows; see `haptid.Treatment`."""
+    """How logs become rows; what is not given is proposed from the logs. See `haptid.Treatment`."""
 
-    cutoff_hz: Positive | Literal["none"] = Field(40.0, description="-3 dB of the position filter, Hz, or 'none'")
-    order: int = Field(4, ge=1, le=12, description="order of one pass of the Butterworth filter")
-    decimation: int = Field(1, ge=1, description="one row is kept of so many samples")
+    cutoff_hz: Positive | Literal["none"] | None = Field(
+        None, description="-3 dB of the position filter, Hz, or 'none'"
+    )
+    order: int | None = Field(None, ge=1, le=12, description="order of one pass of the Butterworth filter; default 4")
+    decimation: int | None = Field(None, ge=1, description="one row is kept of so many samples")
     parallel_cutoff_hz: Positive | None = Field(None, description="-3 dB of the filter that torque and W share, Hz")
-    low_speed: Finite | list[Finite] = Field(0.0, description="rows slower than this are dropped, rad/s or m/s")
+    parallel_shape: Literal["bell", "sharp"] | None = Field(
+        None, description="of that filter: bell (default), or sharp as published recipes have it"
+    )
+    low_speed: Finite | list[Finite] | None = Field(
+        None, description="rows slower than this are dropped, rad/s or m/s; 0 for none"
+    )
     guard: Annotated[float, Field(ge=0, allow_inf_nan=False)] | None = Field(
         None,
         description="rows this near slow motion are dropped too, s; default: the parallel filter's half width",
     )
-    block: Positive = Field(1.0, description="length of a time block, s")
+    block: Positive | None = Field(None, description="length of a time block, s; default 1")
+    torque_delay: Finite | None = Field(
+        None, description="the torque that acts is the channel's of so much earlier, s; 0 for none"
+    )
 
 
 class HoldoutTable(_Table):
@@ -103,9 +115,7 @@ class StudyTable(_Table):
     device: str = Field(description="name of a shipped device, or path of a device file, relative to the study")
     channels: ChannelsTable | None = None
     logs: list[LogTable] = Field(min_length=1)
-    treatment: TreatmentTable = TreatmentTable.model_construct(
-        **{name: field.default for name, field in TreatmentTable.model_fields.items()}
-    )
+    treatment: TreatmentTable = TreatmentTable.model_construct()
     holdout: HoldoutTable | None = None
     estimate: EstimateTable = EstimateTable.model_construct(method="WLS", passes=2)
     criteria: CriteriaTable = CriteriaTable.model_construct(relative_error_percent=None)
@@ -129,7 +139,8 @@ class Study:
         name, path: of the study.
         device: name of a shipped device, or path of a device file.
         logs: the logs, in the file's order.
-        treatment, method: how they are treated and estimated.
+        treatment: settings of `Treatment` that the study gives; the rest is proposed from the logs.
+        method: how they are estimated.
         holdout: how rows are held out of the fit for validation, if at all.
         largest_error: largest relative error on unseen rows that is good enough, per cent; None for no limit.
     """
@@ -138,7 +149,7 @@ class Study:
     path: Path
     device: str | Path
     logs: tuple[LogEntry, ...]
-    treatment: Treatment
+    treatment: Mapping[str, Any]
     method: Method
     holdout: Literal["alternate", "each-log"] | None
     largest_error: float | None
@@ -160,17 +171,18 @@ def read_study(path: str | Path) -> Study:
     table = _parse(path)
     logs = tuple(_log(path, k, log, table.channels) for k, log in enumerate(table.logs))
     _check_logs(path, logs, table.holdout)
-    settings = table.treatment.model_dump()
-    settings["cutoff_hz"] = None if settings["cutoff_hz"] == "none" else settings["cutoff_hz"]
-    if isinstance(settings["low_speed"], list):
-        settings["low_speed"] = tuple(settings["low_speed"])
+    given = table.treatment.model_dump(exclude_none=True)
+    treatment: dict[str, Any] = {key: None if value == "none" else value for key, value in given.items()}
+    if "parallel_shape" in treatment:
+        treatment["parallel_shape"] = SHAPES[treatment["parallel_shape"]]
+    Treatment(**treatment)  # a setting that means nothing is an error before any log is read
     method: Method = OLS() if table.estimate.method == "OLS" else WLS(table.estimate.passes)
     return Study(
         name=table.name,
         path=path,
         device=_device(path, table.device),
         logs=logs,
-        treatment=Treatment(**settings),
+        treatment=treatment,
         method=method,
         holdout=table.holdout.pattern if table.holdout else None,
         largest_error=table.criteria.relative_error_percent,

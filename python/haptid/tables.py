@@ -32,7 +32,7 @@ def show_identification(console: Console, found: Identification) -> None:
         style="dim",
     )
     console.print(error_table(found.runs, found.device.torque_rows))
-    for note in found.estimate.notes:
+    for note in (*found.proposal.reasons, *found.estimate.notes):
         console.print(f"- {note}")
     console.print(f"\n{verdict(found)}")
 

@@ -13,19 +13,15 @@ from functools import cached_property
 from typing import Any
 
 import numpy as np
-from scipy import optimize, signal
+from scipy import signal
 
 from haptid._values import Array, expect, freeze, read_only
 from haptid.errors import CutoffError, MotionTooShortError, TreatmentValueError
 from haptid.log import Log
+from haptid.shapes import Bell, Shape
 
 # The impulse response of a filter is taken to have died out where what is left of it weighs less than this.
 SETTLED = 1e-3
-# Kaiser window of the parallel filter: about 50 dB of stop band.
-KAISER_BETA = 4.5
-# Half length of the parallel filter, in decimated samples. A longer one is sharper, and spreads every disturbance
-# (a reversal, an end of the log, a held-out block's edge) over more rows.
-HALF_LENGTH = 5
 # Below this share of half the sampling rate a Butterworth filter of high order drowns in rounding.
 LOWEST = 1e-5
 
@@ -38,12 +34,15 @@ class Treatment:
         cutoff_hz: the position filter's gain is -3 dB here, both passes counted, Hz; None leaves positions as they are.
         order: order of one pass of the Butterworth filter.
         decimation: one row is kept of so many samples.
-        parallel_cutoff_hz: -3 dB of the filter that torque and columns share, Hz; None is 0.8 of what decimation
+        parallel_cutoff_hz: -3 dB of the filter that torque and columns share, Hz; None is a share of what decimation
             can carry, and no filter at all where `decimation` is 1.
+        parallel_shape: of that filter: `Bell()`, or `Sharp()` as published recipes have it.
         low_speed: a motor's row is dropped where a coordinate with Coulomb friction moves slower than this anywhere
             within `guard` of the row, rad/s or m/s; one figure, or one for each row of torque.
-        guard: s; None is the half width of the parallel filter's main part.
+        guard: s; None is all that the parallel filter reaches but what hardly weighs.
         block: length of a time block, s.
+        torque_delay: the torque that acts is the log's of so much earlier, s: half a sampling period for a command
+            that is held from its sample to the next.
     """
 
     cutoff_hz: float | None = 40.0
@@ -53,6 +52,8 @@ class Treatment:
     low_speed: float | tuple[float, ...] = 0.0
     guard: float | None = None
     block: float = 1.0
+    torque_delay: float = 0.0
+    parallel_shape: Shape = field(default_factory=Bell)
 
     def __post_init__(self) -> None:
         if isinstance(self.low_speed, (list, tuple)):
@@ -63,6 +64,8 @@ class Treatment:
         if self.guard is not None:
             self._expect("guard", lambda v: v == 0 or positive(v), "a finite time, 0 or more")
         self._expect("block", positive, "a finite number above zero")
+        self._expect("parallel_shape", lambda v: isinstance(v, Shape), "Bell() or Sharp()")
+        self._expect("torque_delay", finite, "a finite time, s")
         self._expect("order", lambda v: whole(v) and 1 <= v <= 12, "a whole number from 1 to 12")
         self._expect("decimation", lambda v: whole(v) and v >= 1, "a whole number, 1 or more")
         many = self.low_speed if isinstance(self.low_speed, tuple) else (self.low_speed,)
@@ -91,7 +94,7 @@ class Treatment:
     def parallel(self, dt: float) -> float | None:
         """Cut-off of the filter that torque and columns share, Hz; None where there is none."""
         if self.parallel_cutoff_hz is None:
-            return None if self.decimation == 1 else 0.8 * 0.5 / dt / self.decimation
+            return None if self.decimation == 1 else self.parallel_shape.share * 0.5 / dt / self.decimation
         limit = 0.5 / dt / self.decimation
         if self.parallel_cutoff_hz >= limit:
             raise CutoffError("parallel_cutoff_hz", self.parallel_cutoff_hz, limit)
@@ -99,13 +102,12 @@ class Treatment:
 
     def half_length(self, dt: float) -> int:
         """Samples of that filter on either side of its centre."""
-        cutoff = self.parallel(dt)
-        return 0 if cutoff is None else round(HALF_LENGTH * max(self.decimation, 0.8 * 0.5 / dt / cutoff))
+        return len(self.taps(dt)) // 2
 
     def taps(self, dt: float) -> Array:
         """The symmetric filter that torque and columns share, (odd,), unit sum; [1] where there is none."""
         cutoff = self.parallel(dt)
-        return np.ones(1) if cutoff is None else low_pass(cutoff, 0.5 / dt, 2 * self.half_length(dt) + 1)
+        return np.ones(1) if cutoff is None else self.parallel_shape.taps(cutoff * dt, self.decimation)
 
 
 def whole(value: object) -> bool:
@@ -118,21 +120,9 @@ def positive(value: Any) -> bool:
     return (whole(value) or isinstance(value, float)) and 0 < value < np.inf
 
 
-def low_pass(cutoff_hz: float, nyquist_hz: float, taps: int) -> Array:
-    """A linear-phase low-pass with exactly -3 dB at the cut-off, (taps,), unit sum.
-
-    A window design is -6 dB at the frequency it is given, so that frequency is solved for.
-    """
-
-    def design(corner: float) -> Array:
-        return np.asarray(signal.firwin(taps, corner, fs=2 * nyquist_hz, window=("kaiser", KAISER_BETA)))
-
-    def excess(corner: float) -> float:
-        _, gain = signal.freqz(design(corner), worN=[cutoff_hz], fs=2 * nyquist_hz)
-        return float(abs(gain[0]) - np.sqrt(0.5))
-
-    highest = min(2 * cutoff_hz, 0.999 * nyquist_hz)
-    return design(float(optimize.brentq(excess, 0.5 * cutoff_hz, highest, xtol=1e-9 * cutoff_hz)))
+def finite(value: Any) -> bool:
+    """A finite number."""
+    return (whole(value) or isinstance(value, float)) and abs(value) < np.inf
 
 
 @dataclass(frozen=True, eq=False)
@@ -205,6 +195,7 @@ class Motion:
             return 0, len(self)
         sections = self.treatment.position_filter(self.dt)
         edge = 1 if sections is None else 1 + settling(sections, len(self))
+        edge += lost(self.treatment.torque_delay / self.dt)
         if len(self) - 2 * edge < 2:
             raise MotionTooShortError(len(self) * self.dt, 2 * edge * self.dt, "the position filter's ends")
         return edge, len(self) - edge
@@ -236,6 +227,32 @@ def settling(sections: Array, longest: int) -> int:
         half *= 2
 
 
+def delayed(channels: Array, samples: float) -> Array:
+    """Channels so many samples later, which may be a fraction, by cubic interpolation, each (n, channels).
+
+    The first and last `lost(samples)` samples repeat their neighbours.
+    """
+    whole_part = int(np.floor(samples))
+    x = samples - whole_part  # between the samples n - whole_part - 1 (1) and n - whole_part (0)
+    weights = {
+        -1: -x * (x - 1) * (x - 2) / 6,
+        0: (x + 1) * (x - 1) * (x - 2) / 2,
+        1: -(x + 1) * x * (x - 2) / 2,
+        2: (x + 1) * x * (x - 1) / 6,
+    }
+    made = np.zeros((channels.shape[1], len(channels)))
+    for back, weight in weights.items():
+        if weight:
+            index = np.clip(np.arange(len(channels)) - whole_part - back, 0, len(channels) - 1)
+            made += weight * channels.T[:, index]
+    return freeze(made).T
+
+
+def lost(samples: float) -> int:
+    """Samples at each end that `delayed` has no neighbours for."""
+    return int(np.ceil(abs(samples))) + 2 if samples else 0
+
+
 def treat(log: Log, treatment: Treatment | None = None) -> Motion:
     """Filter a log's positions without delay, and keep its torques for the parallel filter.
 
@@ -256,6 +273,7 @@ def treat(log: Log, treatment: Treatment | None = None) -> Motion:
         raise MotionTooShortError(n * dt, 3 * (2 * len(sections) + 1) * dt, "the position filter")
     for channel, out in zip(log.position.T, q, strict=True):
         out[:] = channel if sections is None else signal.sosfiltfilt(sections, channel)
-    motion = Motion(dt, freeze(q).T, log.torque, treatment, log, float(log.t[0]))
+    tau = log.torque if treatment.torque_delay == 0 else delayed(log.torque, treatment.torque_delay / dt)
+    motion = Motion(dt, freeze(q).T, tau, treatment, log, float(log.t[0]))
     motion.usable  # noqa: B018 - a log too short for its filter is an error here, not later
     return motion

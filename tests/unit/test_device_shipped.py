@@ -13,6 +13,7 @@ from haptid.device import Device, mechanism_arguments, poses, read_device, shipp
 DRY_OR_BIAS = ("FV", "FC", "OFF", "CB")
 # Base parameters: those of inertia (rotors included), and all.
 COUNTS = {
+    "arm3": (16, 22),
     "arm7": (48, 48),
     "cea_medical_branch": (23, 34),
     "emps": (1, 4),

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Literal
 
@@ -160,6 +160,13 @@ class Log:
     def rate_hz(self) -> float:
         """Samples in a second."""
         return 1.0 / self.dt
+
+    def middle(self, seconds: float) -> Log:
+        """Its middle, at most so long."""
+        keep = min(self.t.size, max(2, round(seconds / self.dt)))
+        start = (self.t.size - keep) // 2
+        part = slice(start, start + keep)
+        return replace(self, t=self.t[part], position=self.position[part], torque=self.torque[part])
 
 
 def _channel_major(array: ArrayLike) -> Array:

@@ -1,0 +1,254 @@
+"""How a log is best treated, from the log itself, with the reasons.
+
+What filters do to a reversal costs more than what they leave of the noise: dry friction jumps there, the motion bends,
+and no filter that sees the jump treats torque and columns alike. So the filter is as narrow as the motion allows, and
+rows whose filter would see a reversal are left out.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from scipy import signal
+
+from haptid._values import Array
+from haptid.delay import find_delay
+from haptid.device import Device
+from haptid.errors import MotionTooShortError
+from haptid.log import Log
+from haptid.observation import Plan
+from haptid.signals import check_log, coordinates
+from haptid.treatment import Treatment, treat
+
+# Share of the velocity's power that counts as motion.
+MOTION = 0.98
+# The filter that torque and columns share passes so many times the motion's highest frequency, and the positions'
+# filter so many times its own: what the one passes, the other leaves alone.
+ABOVE_MOTION, ABOVE_PARALLEL = 3.0, 3.0
+# Rows in the period of that filter's cut-off: what folds back is 75 dB down.
+ROWS_IN_PERIOD = 10
+# A coordinate is slow below this share of its root mean square speed.
+SLOW = 0.05
+# The filter is widened until each motor keeps this share of its rows, by this factor at a time, so many times at most.
+KEPT, WIDER, WIDENINGS = 0.25, 1.25, 6
+# A delay is known where its deviation is below this share of the sampling period, and is taken to be none, or half a
+# period, where it is nearer than this share and two deviations.
+KNOWN, NEAR = 0.1, 0.02
+# Frequencies, as shares of half the sampling rate, at which a position has noise alone.
+NOISE_BAND = (0.5, 0.9)
+# A channel moves where its spectrum rises so far above that noise.
+ABOVE_NOISE = 100.0
+# Noise above this share of the acceleration is worth a word.
+NOISY = 0.1
+# A log tells how it is to be treated in much less than its whole length, s.
+ENOUGH = 120.0
+# Length of the stretches whose spectra are averaged, s.
+STRETCH = 8.0
+# Highest cut-off as a share of half the sampling rate; lowest as a number of periods in the log.
+HIGHEST, SHORTEST = 0.7, 10.0
+
+
+@dataclass(frozen=True)
+class Proposal:
+    """A treatment and why it is so.
+
+    Attributes:
+        treatment: what was asked for, and the rest as proposed.
+        reasons: a sentence for each setting that was proposed.
+    """
+
+    treatment: Treatment
+    reasons: tuple[str, ...]
+
+
+def propose(device: Device, *logs: Log, **asked: Any) -> Proposal:
+    """A treatment for logs of one device and one instrument.
+
+    Args:
+        device: the mechanism.
+        logs: what was recorded; the middle two minutes of each are looked at.
+        asked: settings of `Treatment` that are to be as given.
+
+    Raises:
+        TreatmentValueError: a setting that was asked for is impossible.
+        CutoffError: a cut-off that was asked for is too high for the sampling rate.
+        HaptidError: as `observe` does where a log does not fit the device.
+    """
+    Treatment(**asked)  # impossible settings are an error before any work
+    for log in logs:
+        check_log(device, log)
+    logs = tuple(log.middle(ENOUGH) for log in logs)
+    filters, why = _filters(logs, asked)
+    slow, why_slow = _slow(device, logs, filters, asked)
+    kept, why_kept = _wide_enough(device, logs, slow, asked)
+    timed, why_timed = _timed(device, logs, kept, asked)
+    noise = () if kept.cutoff_hz is None else (_noise_sentence(logs, kept),)
+    return Proposal(timed, (*why, *noise, *why_slow, *why_kept, *why_timed))
+
+
+Step = tuple[Treatment, tuple[str, ...]]
+
+
+def _filters(logs: Sequence[Log], asked: Mapping[str, Any]) -> Step:
+    """Both cut-offs and the decimation, from the motion's highest frequency."""
+    dt = max(float(log.dt) for log in logs)
+    highest = max(bandwidth(log) for log in logs)
+    ceiling = HIGHEST * 0.5 / dt
+    wanted = max(ABOVE_MOTION * highest, SHORTEST / min(len(log.t) * log.dt for log in logs))
+    if asked.get("cutoff_hz") is not None:
+        wanted = asked["cutoff_hz"] / ABOVE_PARALLEL
+    if "decimation" in asked:
+        wanted = min(wanted, Treatment(**asked).parallel_shape.share * 0.5 / dt / asked["decimation"])
+    parallel = asked.get("parallel_cutoff_hz") or min(wanted, ceiling / ABOVE_PARALLEL)
+    made = _with_parallel(parallel, dt, asked)
+    motion = f"the motion is below {highest:.2g} Hz ({100 * MOTION:.0f} % of the velocity's power)"
+    reasons = []
+    if "parallel_cutoff_hz" not in asked:
+        reasons.append(f"Torque and columns share a filter of {parallel:.3g} Hz: {motion}.")
+    if "cutoff_hz" not in asked:
+        reasons.append(
+            f"Positions pass up to {made.cutoff_hz:.3g} Hz, so that nothing is bent that torque and columns keep."
+        )
+    if "decimation" not in asked:
+        reasons.append(f"One row is kept of {made.decimation} samples, {ROWS_IN_PERIOD} in the filter's period.")
+    return made, tuple(reasons)
+
+
+def _with_parallel(parallel: float, dt: float, asked: Mapping[str, Any]) -> Treatment:
+    """What was asked for, and what follows from the cut-off of the filter that torque and columns share."""
+    follows = {
+        "parallel_cutoff_hz": parallel,
+        "cutoff_hz": min(ABOVE_PARALLEL * parallel, HIGHEST * 0.5 / dt),
+        "decimation": max(1, int(1 / (ROWS_IN_PERIOD * parallel * dt))),
+    }
+    return Treatment(**{**follows, **asked})
+
+
+def bandwidth(log: Log) -> float:
+    """Frequency below which a share MOTION of the power of every channel's velocity lies, Hz."""
+    highest = 0.0
+    for channel in log.position.T:
+        f, power = _spectrum(channel, float(log.dt))
+        floor = _floor(f, power)
+        if power.max() < ABOVE_NOISE * floor:  # it hardly moves
+            continue
+        velocity = (2 * np.pi * f) ** 2 * np.maximum(power - floor, 0.0)
+        highest = max(highest, float(f[np.searchsorted(np.cumsum(velocity), MOTION * velocity.sum())]))
+    return highest
+
+
+def _spectrum(channel: Array, dt: float) -> tuple[Array, Array]:
+    """Frequencies, Hz, and power density of a position, rad^2/Hz or m^2/Hz."""
+    f, power = signal.welch(channel, 1 / dt, nperseg=min(len(channel), round(STRETCH / dt)))
+    return np.asarray(f), np.asarray(power)
+
+
+def _floor(f: Array, power: Array) -> float:
+    """Power density of a position's noise: of what is at frequencies without motion."""
+    low, high = (share * f[-1] for share in NOISE_BAND)
+    return float(np.median(power[(f >= low) & (f <= high)]))
+
+
+def _noise_sentence(logs: Sequence[Log], treatment: Treatment) -> str:
+    """What the positions' noise is beside the acceleration, where it is worst."""
+    worst, deviation, unit = 0.0, 0.0, ""
+    for log in logs:
+        motion = treat(log, treatment)
+        start, stop = motion.usable
+        power = np.mean(motion.kinematics(start, stop)[2] ** 2, axis=1)
+        for k, channel in enumerate(log.position.T):
+            floor = _floor(*_spectrum(channel, motion.dt))
+            assert treatment.cutoff_hz is not None
+            noise = floor * (2 * np.pi) ** 4 * treatment.cutoff_hz**5 / 5  # white positions, differentiated twice
+            share = float(np.sqrt(noise / power[k])) if power[k] else 0.0
+            if share >= worst:
+                worst, deviation = share, float(np.sqrt(floor * 0.5 / motion.dt))
+                unit = "m" if log.channels.position.unit in ("m", "mm", "um") else "rad"
+    sentence = (
+        f"The noise of the positions, {deviation:.1g} {unit}, is {100 * worst:.2g} % of the filtered acceleration"
+    )
+    return sentence + ("." if worst < NOISY else ": record faster motion, or read the positions finer.")
+
+
+def _slow(device: Device, logs: Sequence[Log], treatment: Treatment, asked: Mapping[str, Any]) -> Step:
+    """Below which speed a motor's dry friction is not to be trusted."""
+    rows = len(device.row_names)
+    if "low_speed" in asked or not any(device.coulomb_directions(row) for row in range(rows)):
+        return treatment, ()
+    speeds = np.full(rows, np.inf)
+    squares = [_squares(device, log, treatment) for log in logs]
+    power = np.sum([matrix for matrix, _ in squares], axis=0) / sum(many for _, many in squares)
+    for row in range(rows):
+        for direction in device.coulomb_directions(row):
+            speeds[row] = min(speeds[row], SLOW * float(np.sqrt(direction @ power @ direction)))
+    low = tuple(float(f"{v:.2g}") if np.isfinite(v) else 0.0 for v in speeds)
+    return replace(treatment, low_speed=low), ()
+
+
+def _squares(device: Device, log: Log, treatment: Treatment) -> tuple[Array, int]:
+    """Sums of products of the coordinates' velocities, (coordinates, coordinates), and of how many samples."""
+    motion = treat(log, treatment)
+    start, stop = motion.usable
+    _, cd, _ = coordinates(device, motion, start, stop)
+    return cd @ cd.T, stop - start
+
+
+def _wide_enough(device: Device, logs: Sequence[Log], treatment: Treatment, asked: Mapping[str, Any]) -> Step:
+    """A filter short enough for each motor to keep a share of its rows between reversals."""
+    if not np.any(treatment.low_speed):
+        return treatment, ()
+    wanted, dt = treatment, max(float(log.dt) for log in logs)
+    shares = _shares(device, logs, treatment)
+    for _ in range(0 if "parallel_cutoff_hz" in asked else WIDENINGS):
+        wider = WIDER * (treatment.parallel_cutoff_hz or 0.0)
+        if min(shares) >= KEPT or ABOVE_PARALLEL * wider > HIGHEST * 0.5 / dt:
+            break
+        treatment = _with_parallel(wider, dt, {**asked, "low_speed": treatment.low_speed})
+        shares = _shares(device, logs, treatment)
+    reasons = []
+    if treatment is not wanted:
+        reasons.append(
+            f"The filter was widened from {wanted.parallel_cutoff_hz:.3g} to {treatment.parallel_cutoff_hz:.3g} Hz: "
+            f"between the many reversals, a longer one leaves a motor less than {100 * KEPT:.0f} % of its rows."
+        )
+    kept = ", ".join(f"{100 * share:.0f}" for share in shares)
+    speeds = ", ".join(f"{v:.2g}" for v in np.atleast_1d(treatment.low_speed))
+    reasons.append(
+        f"Rows whose filter sees a motion slower than {speeds} (of each motor, SI) are left out: dry friction jumps "
+        f"there. {kept} % of the motors' rows are kept."
+    )
+    return treatment, tuple(reasons)
+
+
+def _shares(device: Device, logs: Sequence[Log], treatment: Treatment) -> list[float]:
+    """Of each motor whose torque is known, the share of rows that are kept."""
+    kept, many = np.zeros(len(device.row_names)), 0
+    for log in logs:
+        try:
+            plan = Plan.of(device, treat(log, treatment))
+        except MotionTooShortError:  # not one row: a wider filter may find some
+            continue
+        for start, stop in plan.segments():
+            kept += plan.weights(start, stop).sum(axis=1)
+        many += plan.rows
+    return [float(share) for share in kept[list(device.measured)] / max(many, 1)]
+
+
+def _timed(device: Device, logs: Sequence[Log], treatment: Treatment, asked: Mapping[str, Any]) -> Step:
+    """With the torque's delay."""
+    if "torque_delay" in asked:
+        return treatment, ()
+    delay, dt = find_delay(device, logs, treatment), float(logs[0].dt)
+    if delay is None or delay.sd > KNOWN * dt:
+        return treatment, ("The logs do not tell how late the torque is; it is taken as it is.",)
+    found = f"The torque is {1e3 * delay.seconds:.3g} ms late (deviation {1e3 * delay.sd:.1g} ms)"
+    near = NEAR * dt + 2 * delay.sd
+    if abs(delay.seconds) < near:
+        return treatment, (f"{found}: not at all, within what the logs tell.",)
+    if abs(delay.seconds - dt / 2) < near:
+        held = f"{found}: half a sampling period, as a command is that is held until the next one."
+        return replace(treatment, torque_delay=dt / 2), (held,)
+    return replace(treatment, torque_delay=delay.seconds), (f"{found}, which is compensated.",)
