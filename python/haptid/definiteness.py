@@ -15,7 +15,7 @@ from haptid.estimators import Estimate
 from haptid.workspace import Workspace
 
 # The smallest eigenvalue is refined from so many of the grid's lowest poses.
-STARTS = 6
+STARTS = 20
 # Those poses are this far from each other in some joint, as a share of its range.
 APART = 0.2
 # A pose counts as inside where it is out by less than this, rad or m: the optimiser ends on limits.
@@ -71,7 +71,8 @@ class Definiteness:
         sd = "" if self.sd is None else f" (standard deviation {self.sd:.2g})"
         least = f"smallest eigenvalue {self.smallest:.4g} {self.unit}{sd} at {pose}"
         if self.positive:
-            text = f"The mass matrix is positive definite all over the workspace: {least}."
+            shown = f"{self.poses} poses of the workspace, and descents from the lowest of them, show"
+            text = f"The mass matrix is positive definite as far as {shown}: {least}."
         else:
             text = (
                 f"The mass matrix is not positive definite in {100 * self.share:.3g} % of the workspace: {least}. "
