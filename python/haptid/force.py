@@ -48,6 +48,7 @@ class HandleForce:
             reversals, (rows, 6); NaN for a moment that was given or taken as zero.
         external: torque of the hand on the measured torque rows, (motors, rows), N m or N.
         lever: poses, condition numbers, and what torques can tell of a wrench.
+        usable: whether the wrench of each row was computed, or its pose was too near a singular one, (rows,).
         moment: whether the moment was "given", "estimated" or "taken as zero".
         notes: sentences a user should read.
     """
@@ -59,6 +60,7 @@ class HandleForce:
     sd: Array
     external: Array
     lever: Lever
+    usable: np.ndarray
     moment: str
     notes: tuple[str, ...]
 
@@ -89,11 +91,6 @@ class HandleForce:
         """95 % intervals of `force`, (rows, 3, 2), N."""
         half = NORMAL95 * self.sd[:, :3]
         return freeze(np.stack([self.force - half, self.force + half], axis=2))
-
-    @property
-    def usable(self) -> np.ndarray:
-        """Whether the force of each row was computed, or its pose was too near a singular one, (rows,)."""
-        return self.lever.usable
 
     def summary(self) -> str:
         """Size of the force, its deviation, the poses, and what cannot be known, as text."""
@@ -145,11 +142,27 @@ def estimate_force(
         moment = np.asarray(moment, dtype=float)
         expect("moment", moment.shape, (len(motion), 3))
     pieces = list(_pieces(estimate, motion, moment, reversal_speed))
-    notes = () if validation is not None else (UNVALIDATED,)
-    return handle_force(estimate, Torques.joined(pieces), noise_of(estimate, validation), worst_condition, notes)
+    torques, noise = Torques.joined(pieces), noise_of(estimate, validation)
+    found = lever_of(estimate, torques.qa, noise, moment is not None, worst_condition)
+    covariance = torques.covariance + np.diag(noise**2)[:, :, None]
+    told = Told(
+        t=torques.t,
+        external=torques.external,
+        wrench=found.wrench(torques.external),
+        bare=found.wrench(-torques.motors),
+        variance=np.einsum("num,mkn,nuk->un", found.inverse, covariance, found.inverse, optimize=True),
+        usable=found.usable,
+        moment=torques.moment,
+    )
+    return handle_force(estimate, found, told, noted(validation))
 
 
 UNVALIDATED = "No validation was given: the noise is the residual of the fit, which is smaller than on unseen rows."
+
+
+def noted(validation: Validation | None) -> tuple[str, ...]:
+    """What to say of the noise."""
+    return () if validation is not None else (UNVALIDATED,)
 
 
 def check_settings(reversal_speed: float, worst_condition: float) -> None:
@@ -165,6 +178,28 @@ def noise_of(estimate: Estimate, validation: Validation | None) -> Array:
     errors = (validation or direct(estimate)).motors
     expect("validation.motors", (len(errors),), (sum(estimate.device.measured),))
     return np.array([error.rmse for error in errors])
+
+
+@dataclass(frozen=True, eq=False)
+class Told:
+    """What the torques tell of the wrench, in the base frame.
+
+    Attributes:
+        t: (rows,), s.
+        external: torque of the hand, (measured, rows), N m or N.
+        wrench, bare: the unknown components, with the model and without, (unknown, rows), N and N m.
+        variance: of `wrench`, (unknown, rows).
+        usable: whether a row is far enough from singular poses, (rows,).
+        moment: of the hand where it is given, (3, rows), N m; (0, rows) where it is not.
+    """
+
+    t: Array
+    external: Array
+    wrench: Array
+    bare: Array
+    variance: Array
+    usable: np.ndarray
+    moment: Array
 
 
 @dataclass(frozen=True, eq=False)
@@ -232,46 +267,30 @@ def spread(parts: Iterable[Array], doubts: Array) -> Array:
     return covariance
 
 
-def handle_force(
-    estimate: Estimate, torques: Torques, noise: Array, worst: float, notes: tuple[str, ...]
-) -> HandleForce:
-    """From torques of the hand to its wrench, with deviations and what cannot be known.
-
-    Args:
-        estimate: the model they are of.
-        torques: treated.
-        noise: of each measured row, (measured,), N m or N.
-        worst: condition number of the Jacobian beyond which a pose is left out.
-        notes: sentences to begin with.
-    """
-    device, given = estimate.device, len(torques.moment) == 3
-    rows = [k for k, known in enumerate(device.measured) if known]
-    unknown = 6 if len(rows) >= 6 and not given else 3
-    found = lever(handle_motion(device, torques.qa), rows, noise, unknown, worst)
-    wrench, bare = (_wrench(found, tau, torques.moment) for tau in (torques.external, -torques.motors))
-    covariance = torques.covariance + np.diag(noise**2)[:, :, None]
-    sd = np.full_like(wrench, np.nan)
-    sd[:, :unknown] = np.sqrt(np.einsum("num,mkn,nuk->nu", found.inverse, covariance, found.inverse, optimize=True))
-    if estimate.lonely:
-        sd[:, :unknown] = np.inf
-    for values in (wrench, bare, sd):
-        values[~found.usable] = np.nan
-    moment = "given" if given else "estimated" if unknown == 6 else "taken as zero"
-    notes = (*notes, *_doubts(estimate, found, len(rows), moment))
-    return HandleForce(device, torques.t, wrench, bare, sd, torques.external, found, moment, notes)
+def lever_of(estimate: Estimate, qa: Array, noise: Array, given: bool, worst: float) -> Lever:
+    """From torques to wrenches at these poses; whether the moment is given decides how much is unknown."""
+    rows = [k for k, known in enumerate(estimate.device.measured) if known]
+    return lever(handle_motion(estimate.device, qa), rows, noise, 6 if len(rows) >= 6 and not given else 3, worst)
 
 
-def _wrench(found: Lever, torque: Array, moment: Array) -> Array:
-    """Wrenches of these torques, (rows, 6); a moment that is not estimated is the given one, or zero."""
-    wrench = np.zeros((torque.shape[1], 6))
-    wrench[:, : found.unknown] = np.einsum("num,mn->nu", found.inverse, torque)
-    if len(moment):
-        wrench[:, 3:] = moment.T
-    return wrench
+def handle_force(estimate: Estimate, found: Lever, told: Told, notes: tuple[str, ...]) -> HandleForce:
+    """The value, with zero or the given moment where it is not estimated, and what cannot be known."""
+    known = 6 - found.unknown
+    moment = "given" if len(told.moment) else "taken as zero" if known else "estimated"
+    rest = told.moment if len(told.moment) else np.zeros((known, len(told.t)))
+    deviation = np.full_like(told.variance, np.inf) if estimate.lonely else np.sqrt(told.variance)
+    lacking = np.full((known, len(told.t)), np.nan)
+    wrench, bare, sd = (
+        np.where(told.usable, np.concatenate(halves), np.nan).T
+        for halves in ((told.wrench, rest), (told.bare, rest), (deviation, lacking))
+    )
+    notes = (*notes, *_doubts(estimate, found, told.usable, moment))
+    return HandleForce(estimate.device, told.t, wrench, bare, sd, told.external, found, told.usable, moment, notes)
 
 
-def _doubts(estimate: Estimate, found: Lever, rows: int, moment: str) -> Iterator[str]:
+def _doubts(estimate: Estimate, found: Lever, usable: np.ndarray, moment: str) -> Iterator[str]:
     """What cannot be known from these torques, in sentences."""
+    rows = sum(estimate.device.measured)
     if moment == "taken as zero":
         known = [name for name, told in zip(COMPONENTS, found.determined, strict=True) if told]
         yield (
@@ -285,9 +304,9 @@ def _doubts(estimate: Estimate, found: Lever, rows: int, moment: str) -> Iterato
             f"The torques tell the force along {counted(rows)} of the handle's own motion; what lies across is not "
             f"known and is shown as zero."
         )
-    if not found.usable.all():
+    if not usable.all():
         yield (
-            f"{int((~found.usable).sum())} of {len(found.usable)} rows are left out: their poses are too near a "
+            f"{int((~usable).sum())} of {len(usable)} rows are left out: their poses are too near a "
             f"singular one (condition number of the Jacobian up to {found.condition.max():.3g})."
         )
     if estimate.lonely:

@@ -18,14 +18,14 @@ from haptid.errors import ForceSettingError
 from haptid.estimators import Estimate
 from haptid.force import (
     REVERSAL_SPEED,
-    UNVALIDATED,
     WORST_CONDITION,
     HandleForce,
-    Torques,
+    Told,
     check_settings,
     handle_force,
+    lever_of,
     noise_of,
-    spread,
+    noted,
     spread_columns,
 )
 from haptid.kinematics import handle_of
@@ -33,6 +33,10 @@ from haptid.reversals import doubt, softened
 from haptid.signals import coordinate_torque, coordinates, external
 from haptid.treatment import Motion, positive
 from haptid.validation import Validation
+from haptid.wrench import Lever
+
+# After so many times 1 / gain what a pose near a singular one left in the low-pass is forgotten: 0.7 %.
+FORGOTTEN = 5.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -41,16 +45,18 @@ class Watched:
 
     Attributes:
         torque: external torque on every torque row after each sample, (rows, samples), N m or N.
+        mean: of the external torque over the step that ends at each sample, before the low-pass, (rows, samples).
         p: momentum at the last sample, (rows,).
         pushed: what moves the momentum beside the hand at the last sample: tau + C' cd - g - friction, (rows,).
     """
 
     torque: Array
+    mean: Array
     p: Array
     pushed: Array
 
     def __post_init__(self) -> None:
-        for name in ("torque", "p", "pushed"):
+        for name in ("torque", "mean", "p", "pushed"):
             object.__setattr__(self, name, read_only(getattr(self, name)))
 
 
@@ -118,16 +124,30 @@ class MomentumObserver:
         c, cd = (device.frame @ np.asarray(x, dtype=float) for x in (qa, qda))
         p, pushed = self._balance(device, raw_parameters(device, beta), c, cd)
         pushed = pushed + np.asarray(tau, dtype=float)
-        if before is None:
-            before = Watched(np.zeros((len(c), 1)), p[:, 0], pushed[:, 0])
-            fresh = self._low_pass(dt, p[:, 1:], pushed[:, 1:], before)
-            return Watched(np.column_stack([before.torque, fresh]), p[:, -1], pushed[:, -1])
-        return Watched(self._low_pass(dt, p, pushed, before), p[:, -1], pushed[:, -1])
+        rest = np.zeros((len(c), 1))
+        last = before or Watched(rest, rest, p[:, 0], -pushed[:, 0])  # no step leads to the first sample
+        explained = np.column_stack([last.pushed, pushed])
+        mean = np.diff(p, axis=1, prepend=last.p[:, None]) / dt - 0.5 * (explained[:, 1:] + explained[:, :-1])
+        made, _ = signal.lfilter(*self._filter(dt), mean, axis=1, zi=self._keep(dt) * last.torque[:, -1:])
+        return Watched(np.asarray(made), mean, p[:, -1], pushed[:, -1])
 
     def smooth(self, signals: Array, dt: float) -> Array:
-        """The observer's own low-pass of other signals, from rest, (channels, samples): what to compare it with."""
-        keep = float(np.exp(-self.gain * dt))
-        return np.asarray(signal.lfilter([1 - keep], [1, -keep], signals, axis=1))
+        """The observer's own low-pass of other signals, from rest, (channels, samples): what to compare it with.
+
+        Args:
+            signals: means over the steps that end at each sample; samples themselves come out half a step early.
+            dt: step, s.
+        """
+        return np.asarray(signal.lfilter(*self._filter(dt), signals, axis=-1))
+
+    def _keep(self, dt: float) -> float:
+        """What is left of the past after a step."""
+        return float(np.exp(-self.gain * dt))
+
+    def _filter(self, dt: float) -> tuple[list[float], list[float]]:
+        """K / (s + K) of a held signal: numerator and denominator."""
+        keep = self._keep(dt)
+        return [1 - keep], [1, -keep]
 
     def _balance(self, device: Device, chi: Array, c: Array, cd: Array) -> tuple[Array, Array]:
         """Momentum, and all that moves it beside motors and hand, each (rows, samples)."""
@@ -137,15 +157,6 @@ class MomentumObserver:
         gravity = core_torque(device, bodies, c, still, still)
         terms = core_torque(soft, chi - bodies, c, cd, still, own)
         return p, turned - gravity - terms
-
-    def _low_pass(self, dt: float, p: Array, pushed: Array, before: Watched) -> Array:
-        """External torque after each sample, (rows, samples)."""
-        keep = float(np.exp(-self.gain * dt))
-        change = np.diff(p, axis=1, prepend=before.p[:, None]) / dt
-        explained = np.column_stack([before.pushed, pushed])
-        hand = change - 0.5 * (explained[:, 1:] + explained[:, :-1])
-        made, _ = signal.lfilter([1 - keep], [1, -keep], hand, axis=1, zi=keep * before.torque[:, -1:])
-        return np.asarray(made)
 
 
 def observe_force(
@@ -158,7 +169,9 @@ def observe_force(
 ) -> HandleForce:
     """Force of the hand on the device along a motion, as the observer would have followed it.
 
-    One row for each sample of the motion that has rates. The moment is taken as zero or, with six measured torque rows
+    One row for each sample of the motion that has rates, from rest: what pushes at the first sample is seen after some
+    1 / gain. The low-pass is of the wrench in the base frame, not of joint torques, whose share in a force changes
+    with the pose. The moment is taken as zero or, with six measured torque rows
     or more, estimated.
 
     Args:
@@ -177,30 +190,71 @@ def observe_force(
     observer = observer or MomentumObserver()
     handle_of(estimate.device)
     check_settings(observer.reversal_speed, worst_condition)
-    notes = () if validation is not None else (UNVALIDATED,)
-    torques = _watched(estimate, motion, observer)
-    return handle_force(estimate, torques, noise_of(estimate, validation), worst_condition, notes)
+    path = _Path.of(estimate, motion)
+    found = lever_of(estimate, path.qa, noise_of(estimate, validation), False, worst_condition)
+    noise = np.square(found.inverse) @ np.square(noise_of(estimate, validation))
+    return handle_force(estimate, found, path.told(observer, found, noise.T), noted(validation))
 
 
-def _watched(estimate: Estimate, motion: Motion, observer: MomentumObserver) -> Torques:
-    """Torques of all samples as the observer follows them; it is linear in parameters and torques together."""
-    device, (low, high) = estimate.device, motion.usable
-    c, cd, _ = coordinates(device, motion, low, high)
-    tau, to_joints = coordinate_torque(device, motion, low, high), np.linalg.inv(device.frame)
-    qa, qda = to_joints @ c, to_joints @ cd
-    rows = [k for k, known in enumerate(device.measured) if known]
+@dataclass(frozen=True, eq=False)
+class _Path:
+    """What the observer watches: samples of a motion.
 
-    def seen(beta: Array, torque: Array) -> Array:
-        return observer.follow(device, beta, motion.dt, qa, qda, torque).torque[rows]
+    Attributes:
+        estimate: the model.
+        dt: step, s.
+        t: (samples,), s.
+        qa, qda: of the active joints, (active, samples).
+        tau: motors' torque on the torque rows, (active, samples).
+    """
 
-    speed, none = observer.reversal_speed, np.zeros_like(tau)
-    sizes = doubt(device, raw_parameters(device, estimate.beta), cd, speed)[rows]
-    parts = (seen(column, none) for column in spread_columns(estimate).T)
-    return Torques(
-        t=np.asarray(motion.t0 + motion.dt * np.arange(low, high), dtype=np.float64),
-        qa=qa[:, :1] + observer.smooth(qa - qa[:, :1], motion.dt),  # as late as the torque
-        motors=-seen(np.zeros_like(estimate.beta), tau),
-        external=seen(estimate.beta, tau),
-        covariance=spread(parts, observer.smooth(sizes, motion.dt)),
-        moment=np.zeros((0, high - low)),
-    )
+    estimate: Estimate
+    dt: float
+    t: Array
+    qa: Array
+    qda: Array
+    tau: Array
+
+    @staticmethod
+    def of(estimate: Estimate, motion: Motion) -> _Path:
+        """All samples that have rates."""
+        device, (low, high) = estimate.device, motion.usable
+        c, cd, _ = coordinates(device, motion, low, high)
+        to_joints, tau = np.linalg.inv(device.frame), coordinate_torque(device, motion, low, high)
+        t = np.asarray(motion.t0 + motion.dt * np.arange(low, high), dtype=np.float64)
+        return _Path(estimate, motion.dt, t, to_joints @ c, to_joints @ cd, tau)
+
+    def told(self, observer: MomentumObserver, found: Lever, noise: Array) -> Told:
+        """The wrench at every step, then through the observer's low-pass, which does not turn with the device."""
+        estimate, device, dt = self.estimate, self.estimate.device, self.dt
+        rows, none = [k for k, known in enumerate(device.measured) if known], np.zeros_like(self.tau)
+
+        def smooth(wrench: Array) -> Array:
+            return observer.smooth(np.where(found.usable, wrench, 0.0), dt)
+
+        def seen(beta: Array, torque: Array) -> Array:
+            return smooth(found.wrench(observer.follow(device, beta, dt, self.qa, self.qda, torque).mean[rows]))
+
+        variance = noise.copy()
+        for column in spread_columns(estimate).T:  # the observer is linear in parameters and torques together
+            variance += seen(column, none) ** 2
+        sizes = self._doubts(observer)[rows]
+        for m, size in enumerate(sizes):
+            variance += smooth(np.abs(found.inverse[:, :, m].T) * size) ** 2
+        long = min(len(self.t), 1 + round(FORGOTTEN * observer.delay / dt))
+        return Told(
+            t=self.t,
+            external=observer.follow(device, estimate.beta, dt, self.qa, self.qda, self.tau).torque[rows],
+            wrench=seen(estimate.beta, self.tau),
+            bare=seen(np.zeros_like(estimate.beta), self.tau),
+            variance=variance,
+            usable=np.convolve(~found.usable, np.ones(long))[: len(self.t)] < 0.5,
+            moment=np.zeros((0, len(self.t))),
+        )
+
+    def _doubts(self, observer: MomentumObserver) -> Array:
+        """What dry friction may be off by, (active, samples), N m or N."""
+        device = self.estimate.device
+        return doubt(
+            device, raw_parameters(device, self.estimate.beta), device.frame @ self.qda, observer.reversal_speed
+        )

@@ -40,6 +40,10 @@ class Lever:
     sure: int
     leak: float
 
+    def wrench(self, torque: Array) -> Array:
+        """The unknown components that make these torques, (unknown, samples), from (rows, samples)."""
+        return np.asarray(np.einsum("num,mn->un", self.inverse, torque))
+
 
 def lever(handle: HandleMotion, rows: list[int], noise: Array, unknown: int, worst: float) -> Lever:
     """Invert the transposed Jacobian at every pose.
