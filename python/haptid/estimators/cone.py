@@ -72,15 +72,31 @@ class Block:
         """What is added to go straight into the cone: the identity matrix, or one, (rows,)."""
         return entries(np.eye(4)) if self.is_link else np.ones(1)
 
+    @property
+    def unfold(self) -> Array:
+        """From the cone's entries to the matrix, (rows, size, size)."""
+        if not self.is_link:
+            return np.ones((1, 1, 1))
+        made = np.zeros((len(UPPER), 4, 4))
+        for row, (i, k) in enumerate(UPPER):
+            made[row, i, k] = made[row, k, i] = 1.0 if i == k else np.sqrt(0.5)
+        return made
+
+    def matrix(self, x: Array) -> Array:
+        """The scaled pseudo-inertia, or the scaled term, at x, (4, 4) or (1, 1)."""
+        return np.asarray(np.tensordot(self.G @ x, self.unfold, 1))
+
+    def matrices(self, directions: Array) -> Array:
+        """Along every column of directions, (n, k): (k, 4, 4) or (k, 1, 1)."""
+        return np.asarray(np.tensordot((self.G @ directions).T, self.unfold, 1))
+
     def margin(self, x: Array) -> float:
         """The least eigenvalue at x: negative where no body, or no passive term, is."""
-        values = self.G @ x
-        if not self.is_link:
-            return float(values[0])
-        matrix = np.zeros((4, 4))
-        for value, (i, k) in zip(values, UPPER, strict=True):
-            matrix[i, k] = matrix[k, i] = value / (1.0 if i == k else np.sqrt(2))
-        return float(np.linalg.eigvalsh(matrix)[0])
+        return float(np.linalg.eigvalsh(self.matrix(x))[0])
+
+    def home(self, centre: Array, ball: Array) -> Array:
+        """The centre, where it is inside, else the ball."""
+        return centre if self.margin(centre) > 1e-3 * self.margin(ball) else ball
 
 
 @dataclass(frozen=True, eq=False)

@@ -35,8 +35,9 @@ class Possible:
     Attributes:
         device: the mechanism.
         beta: base parameters, (p,), SI.
-        chi: standard parameters with these base parameters, as far inside as can be and then nearest to a ball for
-            every link, (n,), SI. Only their base parameters are known from torque. Not bodies where not `ok`.
+        chi: standard parameters with these base parameters, (n,), SI: of all that are inside, those of least log-det
+            divergence from the prior, or from a homogeneous ball for a link without one. Torque tells only their base
+            parameters. Where not `ok` they are no bodies'.
         margin: the largest t with every pseudo-inertia >= t and every term >= t, each in its own size; negative where
             no bodies have these base parameters. At most 1, a ball's.
         failing: a sentence for every contradiction, none where `ok`.
