@@ -191,7 +191,7 @@ def observe_force(
     handle_of(estimate.device)
     check_settings(observer.reversal_speed, worst_condition)
     path = _Path.of(estimate, motion)
-    found = lever_of(estimate, path.qa, noise_of(estimate, validation), False, worst_condition)
+    found = lever_of(estimate, path.middles, noise_of(estimate, validation), False, worst_condition)
     noise = np.square(found.inverse) @ np.square(noise_of(estimate, validation))
     return handle_force(estimate, found, path.told(observer, found, noise.T), noted(validation))
 
@@ -223,6 +223,11 @@ class _Path:
         to_joints, tau = np.linalg.inv(device.frame), coordinate_torque(device, motion, low, high)
         t = np.asarray(motion.t0 + motion.dt * np.arange(low, high), dtype=np.float64)
         return _Path(estimate, motion.dt, t, to_joints @ c, to_joints @ cd, tau)
+
+    @property
+    def middles(self) -> Array:
+        """Positions in the middle of the step that ends at each sample, (active, samples)."""
+        return 0.5 * (self.qa + np.column_stack([self.qa[:, :1], self.qa[:, :-1]]))
 
     def told(self, observer: MomentumObserver, found: Lever, noise: Array) -> Told:
         """The wrench at every step, then through the observer's low-pass, which does not turn with the device."""
