@@ -269,10 +269,12 @@ class Plan:
         if len(speeds) not in (1, len(device.row_names)):
             wanted = f"one figure, or {len(device.row_names)}: one for each row of torque"
             raise TreatmentValueError("low_speed", treatment.low_speed, wanted)
-        half = treatment.half_length(motion.dt)
+        reach = treatment.reach(motion.dt)
+        half = treatment.half_length(motion.dt) if 2 * reach < len(motion) else reach
         if high - low < 2 * half + 1:
             needed = (len(motion) - (high - low) + 2 * half + 1) * motion.dt
             raise MotionTooShortError(len(motion) * motion.dt, needed, "the filters' ends")
+        half = int(half)
         taps = treatment.taps(motion.dt)
         rows = (high - low - 2 * half - 1) // treatment.decimation + 1
         block = max(1, round(min(treatment.block / (treatment.decimation * motion.dt), rows / LEAST_BLOCKS)))

@@ -33,6 +33,11 @@ class Bell:
     # Where no cut-off is given, the share of what decimation can carry: what folds back is 20 dB down.
     share: ClassVar[float] = 0.4
 
+    def reach(self, cutoff: float, decimation: int) -> float:
+        """Samples to either side, about; known without making the weights."""
+        del decimation
+        return REACH / cutoff
+
     def taps(self, cutoff: float, decimation: int) -> Array:
         """Weights, (odd,), unit sum; the cut-off in cycles a sample."""
         del decimation
@@ -65,9 +70,13 @@ class Sharp:
     name: ClassVar[str] = "sharp"
     share: ClassVar[float] = 0.8
 
+    def reach(self, cutoff: float, decimation: int) -> float:
+        """Samples to either side."""
+        return HALF_LENGTH * max(decimation, 0.4 / cutoff)
+
     def taps(self, cutoff: float, decimation: int) -> Array:
         """Weights, (odd,), unit sum; the cut-off in cycles a sample."""
-        half = round(HALF_LENGTH * max(decimation, 0.4 / cutoff))
+        half = round(self.reach(cutoff, decimation))
 
         def design(corner: float) -> Array:
             return np.asarray(signal.firwin(2 * half + 1, corner, fs=1.0, window=("kaiser", 4.5)))

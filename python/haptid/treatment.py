@@ -100,6 +100,11 @@ class Treatment:
             raise CutoffError("parallel_cutoff_hz", self.parallel_cutoff_hz, limit)
         return self.parallel_cutoff_hz
 
+    def reach(self, dt: float) -> float:
+        """Samples of that filter on either side of its centre, about; known without making it."""
+        cutoff = self.parallel(dt)
+        return 0.0 if cutoff is None else self.parallel_shape.reach(cutoff * dt, self.decimation)
+
     def half_length(self, dt: float) -> int:
         """Samples of that filter on either side of its centre."""
         return len(self.taps(dt)) // 2

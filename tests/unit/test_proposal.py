@@ -1,0 +1,130 @@
+"""A proposed treatment follows the motion, keeps rows, finds the delay, and says why."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+import haptid
+from haptid.errors import SwappedChannelsError, TreatmentValueError
+from haptid.proposal import bandwidth
+from haptid.treatment import delayed
+from motions import multisine, truth
+
+STEP = 2 * np.pi / 4000 / 12
+CENTRE = np.array([0.0, 0.5, 0.8])
+
+
+@pytest.fixture(scope="module")
+def phantom():
+    return haptid.read_device("phantom_premium_15")
+
+
+def recorded(device, *, seconds=20.0, late=0.0, step=STEP, noise=0.0, size=0.2, seed=1, stretch=1.0):
+    """A log with torque that is late by so many samples; `stretch` slows the motion down."""
+    q, qd, qdd = multisine(len(device.active), seconds / stretch, 1e-3 / stretch, seed, size)
+    q = q + CENTRE[:, None]
+    tau = haptid.inverse_dynamics(device, truth(device), q, qd / stretch, qdd / stretch**2).T
+    tau = np.asarray(delayed(tau, -late))  # recorded before it acts
+    tau = tau + noise * tau.std(axis=0) * np.random.default_rng(seed).standard_normal(tau.shape)
+    position = step * np.round(q.T / step) if step else q.T
+    channels = haptid.Channels(
+        haptid.Signal(("q1", "q2", "q3"), "rad"),
+        haptid.Signal(("u1", "u2", "u3"), "N m", side="motor"),
+        time="t",
+    )
+    gains = [motor.gear * motor.gain for motor in device.motors]
+    return haptid.Log(Path("made"), str(seed), 1e-3 * np.arange(q.shape[1]), position, tau / gains, channels)
+
+
+@settings(max_examples=12, deadline=None)
+@given(st.sampled_from([0.5, 1.0, 2.0, 3.0]), st.integers(0, 9))
+def test_the_filter_follows_the_speed_of_the_motion(phantom, stretch, seed):
+    made = recorded(phantom, stretch=stretch, seed=seed, seconds=20.0 * stretch)
+    assert bandwidth(made) == pytest.approx(2.4 / stretch, rel=0.35)
+    treatment = haptid.propose(phantom, made).treatment
+    assert treatment.parallel_cutoff_hz == pytest.approx(3 * bandwidth(made), rel=0.01)
+    assert treatment.cutoff_hz == pytest.approx(3 * treatment.parallel_cutoff_hz)
+    assert treatment.decimation == pytest.approx(100 / treatment.parallel_cutoff_hz, abs=1)
+
+
+@settings(max_examples=12, deadline=None)
+@given(st.floats(-0.9, 12.0), st.integers(0, 9))
+def test_the_delay_is_found(phantom, late, seed):
+    made = recorded(phantom, late=late, seed=seed, noise=0.01)
+    delay = haptid.find_delay(phantom, [made], haptid.Treatment(21.0, parallel_cutoff_hz=7.0, decimation=14))
+    assert delay.seconds == pytest.approx(1e-3 * late, abs=5 * delay.sd + 2e-5)
+    assert delay.sd < 5e-5
+
+
+@pytest.mark.parametrize(
+    ("late", "taken", "words"),
+    [(0.0, 0.0, "not at all"), (0.5, 5e-4, "half a sampling period"), (2.3, 2.3e-3, "compensated")],
+)
+def test_a_delay_is_named(phantom, late, taken, words):
+    proposal = haptid.propose(phantom, recorded(phantom, late=late, noise=0.003))
+    assert proposal.treatment.torque_delay == pytest.approx(taken, abs=2e-5)
+    assert words in proposal.reasons[-1]
+
+
+def test_a_log_that_does_not_tell_the_delay_is_taken_as_it_is(phantom):
+    proposal = haptid.propose(phantom, recorded(phantom, late=3.0, noise=20.0))
+    assert proposal.treatment.torque_delay == 0
+    assert "do not tell how late" in proposal.reasons[-1]
+
+
+def test_known_parameters_come_back_from_encoders_and_a_late_torque(phantom):
+    made = recorded(phantom, late=0.5, noise=0.002, seconds=40.0)
+    treatment = haptid.propose(phantom, made).treatment
+    estimate = haptid.estimate(haptid.observe(phantom, haptid.treat(made, treatment)), haptid.WLS())
+    deviations = (estimate.beta - truth(phantom)) / estimate.sd
+    assert np.abs(deviations).max() < 4.5
+    for name in ("FV1", "FV2", "FV3"):
+        assert estimate[name].relative_sd < 2
+
+
+def test_what_is_asked_for_stays(phantom):
+    made = recorded(phantom, late=0.5)
+    asked = {"cutoff_hz": 60.0, "decimation": 5, "low_speed": 0.2, "torque_delay": 1e-3, "order": 2}
+    proposal = haptid.propose(phantom, made, **asked)
+    for name, value in asked.items():
+        assert getattr(proposal.treatment, name) == value
+    assert proposal.treatment.parallel_cutoff_hz == pytest.approx(20.0)
+    assert not any("late" in reason or "kept of" in reason for reason in proposal.reasons)
+
+
+def test_the_filter_is_widened_where_it_leaves_too_few_rows(phantom):
+    made = recorded(phantom)
+    proposal = haptid.propose(phantom, made, torque_delay=0.0, low_speed=0.6)
+    assert proposal.treatment.parallel_cutoff_hz > 1.2 * 3 * bandwidth(made)
+    assert any("widened" in reason for reason in proposal.reasons)
+
+
+def test_coarse_positions_are_named(phantom):
+    coarse = haptid.propose(phantom, recorded(phantom, step=0.02), torque_delay=0.0)
+    assert any("read the positions finer" in reason for reason in coarse.reasons)
+    fine = haptid.propose(phantom, recorded(phantom), torque_delay=0.0)
+    assert not any("read the positions finer" in reason for reason in fine.reasons)
+
+
+def test_a_device_without_dry_friction_loses_no_rows():
+    device = haptid.read_device("rx90")
+    q, qd, qdd = multisine(6, 10.0, 1e-3, 1)
+    tau = haptid.inverse_dynamics(device, np.linspace(0.1, 1.0, len(device.base)), q, qd, qdd)
+    names = tuple("abcdef")
+    channels = haptid.Channels(
+        haptid.Signal(names, "rad"), haptid.Signal(tuple(f"u{n}" for n in names), "N m"), time="t"
+    )
+    made = haptid.Log(Path("made"), "", 1e-3 * np.arange(q.shape[1]), q.T, tau.T, channels)
+    assert haptid.propose(device, made).treatment.low_speed == 0
+
+
+def test_a_log_of_another_device_and_impossible_settings_are_errors(phantom):
+    made = recorded(phantom)
+    with pytest.raises(TreatmentValueError, match="decimation"):
+        haptid.propose(phantom, made, decimation=0)
+    swapped = haptid.Log(made.path, "", made.t, made.position[:, ::-1] + [0.0, 0.0, -0.5], made.torque, made.channels)
+    with pytest.raises(SwappedChannelsError):
+        haptid.propose(phantom, swapped)
