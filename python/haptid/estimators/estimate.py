@@ -14,7 +14,7 @@ from haptid._values import Array, read_only
 from haptid.base import BaseParameters
 from haptid.device import Device
 from haptid.estimators.consistent import Held
-from haptid.estimators.jackknife import jackknife
+from haptid.estimators.jackknife import Jackknife, jackknife
 from haptid.estimators.possible import Possible
 from haptid.estimators.solve import Solution, solve
 from haptid.observation import Observation
@@ -87,7 +87,7 @@ class Estimate:
         lonely: parameters that one stretch of the log alone tells: their intervals are infinite, for nothing else can
             say how far to trust it.
         weights: of each motor's rows, (motors,).
-        status: "ok", or what is wrong with it.
+        status: "ok", or what is wrong with it: "weak", or "strained" where what is possible lies beyond an interval.
         notes: sentences a user should read.
         held: of a method that holds the estimate to what bodies can have: those bodies, the free estimate beside it,
             and what holds it; None of the others.
@@ -162,16 +162,35 @@ def estimate(observation: Observation, method: Method) -> Estimate:
 
     Args:
         observation: the rows.
-        method: `OLS()`, `WLS()`, ...
+        method: `OLS()`, `WLS()`, `Consistent()`, ...
 
     Raises:
         TooFewRowsError: fewer rows than parameters.
         UnexcitedError: the log leaves a direction of the parameters in the dark.
+        NoBodyError, UnsolvedError: `Consistent()` finds no bodies.
     """
     weights = method.weights(observation)
     solution = solve(observation, weights)
     jack = jackknife(observation, weights, solution)
     held = method.hold(observation, solution) if isinstance(method, Restricted) else None
+    status, notes = verdict(observation, jack, held)
+    return Estimate(
+        observation=observation,
+        method=method,
+        beta=held.possible.beta if held else solution.beta,
+        covariance=jack.covariance,
+        textbook_covariance=solution.textbook_covariance(method.unit_residual),
+        freedom=jack.freedom,
+        lonely=tuple(int(k) for k in jack.alone),
+        weights=weights,
+        status=status,
+        notes=notes,
+        held=held,
+    )
+
+
+def verdict(observation: Observation, jack: Jackknife, held: Held | None) -> tuple[str, tuple[str, ...]]:
+    """The status of an estimate, and the sentences a user should read."""
     raw, scaled = observation.condition
     notes = list(observation_notes(observation))
     status = "ok"
@@ -192,19 +211,7 @@ def estimate(observation: Observation, method: Method) -> Estimate:
         half = stats.t.ppf(0.975, jack.freedom) * deviations(jack.covariance, jack.alone)
         status = "strained" if held.strained(half) else status
         notes += held.notes(half)
-    return Estimate(
-        observation=observation,
-        method=method,
-        beta=held.possible.beta if held else solution.beta,
-        covariance=jack.covariance,
-        textbook_covariance=solution.textbook_covariance(method.unit_residual),
-        freedom=jack.freedom,
-        lonely=tuple(int(k) for k in jack.alone),
-        weights=weights,
-        status=status,
-        notes=tuple(notes),
-        held=held,
-    )
+    return status, tuple(notes)
 
 
 def deviations(covariance: Array, lonely: Sequence[int] | np.ndarray) -> Array:

@@ -108,7 +108,7 @@ def central(cone: Cone, part: Part, x: Array) -> Array:
             slope += np.einsum("ij,kji->k", pull - inverse, directions)
             curve += np.einsum("aij,bji->ab", bent, bent)
         step = -np.linalg.lstsq(curve, slope, rcond=None)[0]
-        decrement = float(np.sqrt(max(step @ curve @ step, 0.0)))
+        decrement = float(np.linalg.norm(step @ slope)) ** 0.5
         y += step / (1.0 + decrement)
         if decrement < CENTRED:
             break

@@ -12,6 +12,7 @@ from haptid.device import Device
 from haptid.errors import MetricError, NoBodyError, ParameterValueError
 from haptid.estimators.cone import Block, Cone, Part, cone, parts, pseudo_inertia
 from haptid.estimators.nearest import BORDER, interior, nearest
+from haptid.observation import triangle
 
 # A margin this little below zero is rounding.
 ROUNDING = 1e-7
@@ -30,7 +31,8 @@ class Possible:
     A body's parameters are those of some distribution of mass, which is so where its pseudo-inertia is positive
     semidefinite (Wensing, Kim and Slotine 2018, IEEE RA-L 3(1); Sousa and Cortesao 2014, IJRR 33(6)). Rotor inertia,
     viscous and Coulomb friction are not negative; where there is Stribeck friction, nor is its sum with Coulomb's.
-    Springs, offsets, counterbalances and columns of the user's own are free.
+    Springs, offsets, counterbalances and columns of the user's own are free. Where torque does not tell a link's mass,
+    any mass will do, up to some thousands of times what its moments suggest: nobody builds the bodies beyond.
 
     Attributes:
         device: the mechanism.
@@ -107,7 +109,7 @@ def project(device: Device, beta: Array, R: Array) -> Possible:
     Args:
         device: the mechanism.
         beta: its base parameters, (p,), SI.
-        R: triangle of the metric, (p, p).
+        R: of the metric, (p, p): a triangle, or any other root of its square.
 
     Raises:
         ParameterValueError: a parameter is not a finite number.
@@ -118,7 +120,7 @@ def project(device: Device, beta: Array, R: Array) -> Possible:
     beta = checked(device, beta)
     check_metric(device, R)
     found = possible(device, beta)
-    return found if found.ok else hold(device, beta, R)[0]
+    return found if found.ok else hold(device, beta, triangle(R))[0]
 
 
 def hold(device: Device, beta: Array, R: Array) -> tuple[Possible, tuple[Block, ...]]:
