@@ -237,3 +237,32 @@ def test_a_run_that_fails_leaves_nothing_and_says_what_to_do(tmp_path):
     done = call("bench", "phantom_premium_15", path, "--out", tmp_path / "log.csv")
     assert done.exit_code == 2
     assert ".parquet" in done.stderr
+
+
+def test_weights_and_mounting_are_part_of_the_truth(tmp_path):
+    device = haptid.read_device("phantom_premium_15")
+    mounted = SHORT + '[[weights]]\nlink = "a"\nmass = 0.03\ncom = [0.17, 0.0, 0.0]\n'
+    mounted = mounted.replace("[trajectory]", "gravity = [0.0, 9.81, 0.0]\n[trajectory]")
+    for name, text in (("plain", SHORT), ("mounted", mounted)):
+        (tmp_path / f"{name}.toml").write_text(text)
+    plain, other = (bench.read_experiment(tmp_path / f"{n}.toml").setup(device) for n in ("plain", "mounted"))
+    added = dict(zip(device.parameters.names, other.chi - plain.chi, strict=True))
+    wanted = {"Ma": 0.03, "MXa": 0.03 * 0.17, "YYa": 0.03 * 0.17**2, "ZZa": 0.03 * 0.17**2}
+    for name, value in added.items():
+        assert value == pytest.approx(wanted.get(name, 0.0), abs=1e-15), name
+    np.testing.assert_array_equal(other.device.gravity, [0.0, 9.81, 0.0])
+    (tmp_path / "off.toml").write_text(mounted.replace("[0.17, 0.0, 0.0]", "[0.17, 0.01, 0.0]"))
+    with pytest.raises(errors.ParameterNameError, match="XYa"):
+        bench.read_experiment(tmp_path / "off.toml").setup(device)
+
+
+def test_many_logs_at_a_time_are_those_of_their_seeds(tmp_path):
+    (tmp_path / "short.toml").write_text(SHORT)
+    out = tmp_path / "log.parquet"
+    done = call("bench", "phantom_premium_15", tmp_path / "short.toml", "--out", out, "--count", 2)
+    assert done.exit_code == 0, done.output
+    made = sorted(path.name for path in tmp_path.glob("*.parquet"))
+    assert made == ["log-1.parquet", "log-2.parquet"]
+    alone = tmp_path / "alone.parquet"
+    assert call("bench", "phantom_premium_15", tmp_path / "short.toml", "--out", alone, "--seed", 6).exit_code == 0
+    assert alone.read_bytes() == (tmp_path / "log-2.parquet").read_bytes()

@@ -13,7 +13,7 @@ from pydantic import ValidationError
 
 from haptid._values import Array, freeze
 from haptid.bench.mjcf import Payload, Physics
-from haptid.bench.schema import BodyTable, ExperimentTable, TrianglesTable
+from haptid.bench.schema import ExperimentTable, TrianglesTable
 from haptid.bench.setup import Amplifiers, Controller, Encoders, ForceSensor, Push, Setup
 from haptid.bench.trajectories import Grid, Kind, Multisine, Sweep, Triangles, TrianglesAndSines
 from haptid.device import INERTIAL, Device
@@ -61,6 +61,8 @@ class Experiment:
         pushes = [push.model_dump(exclude_none=True) for push in table.hand]
         settings["hand"] = tuple(Push(**{**push, "force": tuple(push["force"])}) for push in pushes)
         controller = Controller(**_figures(table.controller.model_dump()))
+        if table.gravity is not None:
+            device = device.with_gravity(table.gravity)
         return Setup(device, true_parameters(device, table), controller, **settings)
 
 
@@ -87,35 +89,44 @@ def read_experiment(path: str | Path) -> Experiment:
 
 
 def true_parameters(device: Device, table: ExperimentTable) -> Array:
-    """Free standard parameters, (p,), SI: the device's prior, then the experiment's bodies, then its parameters.
+    """Free standard parameters, (p,), SI: the device's prior, then the experiment's bodies, parameters and weights.
 
-    What none of them says is zero.
+    Bodies and parameters take the place of what was there, weights are added to it. What none of them says is zero.
 
     Raises:
         ParameterNameError: a name that the device does not have, or that its symmetries set to zero.
     """
     chi, index = np.nan_to_num(device.chi_prior), device.parameters.index
-    for body in table.bodies:
-        for name, value in _body_values(device, body).items():
-            if name in index:
-                chi[index[name]] = value
-            elif value != 0:
-                raise ParameterNameError(name, index)
+    for table_of_body in table.bodies:
+        body = Body(table_of_body.mass, np.array(table_of_body.com), tensor(np.array(table_of_body.inertia)))
+        for name, value in _body_values(device, table_of_body.link, body).items():
+            chi[index[name]] = value
     for name, value in table.parameters.items():
         if name not in index:
             raise ParameterNameError(name, index)
         chi[index[name]] = value
+    for weight in table.weights:
+        point = Body(weight.mass, np.array(weight.com), np.zeros((3, 3)))
+        for name, value in _body_values(device, weight.link, point).items():
+            chi[index[name]] += value
     return freeze(chi)
 
 
-def _body_values(device: Device, table: BodyTable) -> dict[str, float]:
-    """The ten parameters of a link by name."""
-    if table.link not in device.joint_names:
-        raise ParameterNameError(f"M{table.link}", [f"M{name}" for name in device.joint_names])
-    joint = device.joints[device.joint_names.index(table.link)]
-    body = Body(table.mass, np.array(table.com), tensor(np.array(table.inertia)))
-    values = inertial_parameters(body, joint)
-    return {kind + joint.name: float(value) for kind, value in zip(INERTIAL, values, strict=True)}
+def _body_values(device: Device, link: str, body: Body) -> dict[str, float]:
+    """The parameters of a link by name, without those that a symmetry sets to zero, as they are.
+
+    Raises:
+        ParameterNameError: no such link, or the body is not as symmetric as the device file says.
+    """
+    index = device.parameters.index
+    if link not in device.joint_names:
+        raise ParameterNameError(f"M{link}", [f"M{name}" for name in device.joint_names])
+    joint = device.joints[device.joint_names.index(link)]
+    values = dict(zip((kind + link for kind in INERTIAL), inertial_parameters(body, joint), strict=True))
+    for name, value in values.items():
+        if name not in index and value != 0:
+            raise ParameterNameError(name, index)
+    return {name: float(value) for name, value in values.items() if name in index}
 
 
 def _kind(table: ExperimentTable) -> Kind:

@@ -39,6 +39,19 @@ class Job:
     seed: int | None = None
 
 
+def jobs_of(
+    device: str | Path, experiment: Path, out: Path, *, truth: bool = False, seed: int | None = None, count: int = 1
+) -> tuple[Job, ...]:
+    """Jobs for so many logs of one experiment: `out` itself, or LOG-1, LOG-2, .. with one seed after the other."""
+    if count == 1:
+        return (Job(device, experiment, out, truth, seed),)
+    first = read_experiment(experiment).seed if seed is None else seed
+    return tuple(
+        Job(device, experiment, out.with_name(f"{out.stem}-{k + 1}{out.suffix}"), truth, first + k)
+        for k in range(count)
+    )
+
+
 def perform(experiment: Experiment, setup: Setup, seed: int, tell: Tell | None = None) -> Recording:
     """Plan the motion and simulate it. Phases and noise have streams of their own, both from the seed."""
     phases, noise = (np.random.default_rng(stream) for stream in np.random.SeedSequence(seed).spawn(2))

@@ -110,6 +110,14 @@ class PayloadTable(_Table):
     com: Triple = Field([0.0, 0.0, 0.0], description="where, in the handle's frame, m")
 
 
+class WeightTable(_Table):
+    """A point mass that belongs to the device in this mounting: a counterweight, a gimbal, a sensor."""
+
+    link: str = Field(description="the joint whose link carries it")
+    mass: Positive = Field(description="kg")
+    com: Triple = Field(description="where, in the link frame of the device file's convention, m")
+
+
 class PushTable(_Table):
     """A force of the hand at the handle."""
 
@@ -158,11 +166,13 @@ class ExperimentTable(_Table):
     encoders: EncodersTable | None = None
     amplifiers: AmplifiersTable | None = None
     payload: PayloadTable | None = None
+    gravity: Triple | None = Field(None, description="in the base frame, m/s^2; default: the device file's")
     hand: list[PushTable] = Field([], description="forces of the hand, which add")
     sensor: SensorTable | None = None
     physics: PhysicsTable | None = None
     parameters: dict[str, Finite] = Field({}, description="true parameters by name, SI; default: the device's prior")
     bodies: list[BodyTable] = Field([], description="true bodies of links; default: the device's prior")
+    weights: list[WeightTable] = Field([], description="point masses added to links")
 
 
 def experiment_schema() -> dict[str, Any]:
