@@ -3,7 +3,8 @@
 The corridor, one value after the other:
 
     device = haptid.read_device("stylus.toml")
-    motion = haptid.treat(haptid.read_log("sweep.csv"), haptid.Treatment(cutoff_hz=40.0, decimation=10))
+    log = haptid.read_log("sweep.csv")
+    motion = haptid.treat(log, haptid.propose(device, log).treatment)
     observation = haptid.observe(device, motion)
     estimate = haptid.estimate(observation, haptid.WLS())
     validation = haptid.validate(estimate, haptid.observe(device, unseen))
@@ -12,6 +13,7 @@ The corridor, one value after the other:
 from haptid import errors
 from haptid._core import __version__
 from haptid.base import BaseParameters, base_parameters
+from haptid.comparison import Comparison, compare
 from haptid.delay import Delay, find_delay
 from haptid.device import Device, device_schema, read_device, shipped_devices
 from haptid.dynamics import inverse_dynamics
@@ -24,6 +26,7 @@ from haptid.proposal import Proposal, propose
 from haptid.result import result, write_result
 from haptid.shapes import Bell, Sharp
 from haptid.study import Study, read_study, study_schema
+from haptid.targets import Targets, side_by_side, target_map, targets
 from haptid.treatment import Motion, Treatment, treat
 from haptid.validation import MotorError, Validation, direct, validate
 
@@ -34,6 +37,7 @@ __all__ = [
     "Bell",
     "Block",
     "Channels",
+    "Comparison",
     "Delay",
     "Device",
     "Estimate",
@@ -51,10 +55,12 @@ __all__ = [
     "Sharp",
     "Signal",
     "Study",
+    "Targets",
     "Treatment",
     "Validation",
     "__version__",
     "base_parameters",
+    "compare",
     "device_schema",
     "direct",
     "errors",
@@ -70,7 +76,10 @@ __all__ = [
     "read_study",
     "result",
     "shipped_devices",
+    "side_by_side",
     "study_schema",
+    "target_map",
+    "targets",
     "treat",
     "validate",
     "write_result",
