@@ -71,7 +71,7 @@ def gravity_torque(device: Device, beta: ArrayLike, qa: ArrayLike) -> Array:
 
 
 def momentum(device: Device, chi: Array, c: Array, cd: Array) -> tuple[Array, Array]:
-    """Generalised momentum p = M cd, and C' cd, such that dp/dt = tau_rigid + C' cd - g; each (rows, samples).
+    """Generalised momentum p = M cd and the rest in tau = dp/dt + rest, rest = g - C' cd, each (rows, samples).
 
     Momentum is the torque of accelerations equal to the velocities, at rest and without gravity. With b the symmetric
     form of the velocity torques, b(v, v) = C(v) v, row k of C' cd is cd . b(cd, e_k), by polarisation.
@@ -82,19 +82,16 @@ def momentum(device: Device, chi: Array, c: Array, cd: Array) -> tuple[Array, Ar
         c: positions of the coordinates that torque rows belong to, (active, samples).
         cd: their velocities.
     """
-    chi, still = rigid(device, chi), np.zeros_like(c)
-    gravity = core_torque(device, chi, c, still, still)
-    p = core_torque(device, chi, c, still, cd) - gravity
-
-    def velocity_torque(v: Array) -> Array:
-        return core_torque(device, chi, c, v, still) - gravity
-
-    own, turned = velocity_torque(cd), np.empty_like(c)
-    for k in range(len(c)):
-        unit = np.zeros_like(c)
-        unit[k] = 1.0
-        turned[k] = 0.5 * (cd * (velocity_torque(cd + unit) - own - velocity_torque(unit))).sum(axis=0)
-    return p, turned
+    (n, samples), still = c.shape, np.zeros_like(c)
+    units = [np.repeat(e[:, None], samples, axis=1) for e in np.eye(n)]
+    velocities = np.column_stack([still, still, cd, *units, *(cd + unit for unit in units)])
+    accelerations = np.zeros_like(velocities)
+    accelerations[:, samples : 2 * samples] = cd
+    many = core_torque(device, rigid(device, chi), np.tile(c, 2 * n + 3), velocities, accelerations)
+    gravity, pushed, *turning = np.split(many, 2 * n + 3, axis=1)
+    own, *each = (torque - gravity for torque in turning)
+    product = [0.5 * (cd * (each[n + k] - own - each[k])).sum(axis=0) for k in range(n)]
+    return pushed - gravity, gravity - np.array(product)
 
 
 def raw_parameters(device: Device, beta: ArrayLike) -> Array:

@@ -37,6 +37,8 @@ from haptid.wrench import Lever
 
 # After so many times 1 / gain what a pose near a singular one left in the low-pass is forgotten: 0.7 %.
 FORGOTTEN = 5.0
+# Samples handed to the core at a time.
+STRETCH = 1 << 14
 
 
 @dataclass(frozen=True, eq=False)
@@ -114,13 +116,15 @@ class MomentumObserver:
 
         Raises:
             ShapeError: an array does not fit the device.
-            ForceSettingError: a step that is not a time.
+            ForceSettingError: a step that is not a time, or no sample.
         """
         if not positive(dt):
             raise ForceSettingError("dt", dt, "a finite time above zero, s")
         shape = (len(device.active), np.shape(qa)[-1] if np.ndim(qa) else 0)
         for name, array in (("qa", qa), ("qda", qda), ("tau", tau)):
             expect(name, np.shape(array), shape)
+        if not shape[1]:
+            raise ForceSettingError("number of samples", 0, "one sample or more")
         c, cd = (device.frame @ np.asarray(x, dtype=float) for x in (qa, qda))
         p, pushed = self._balance(device, raw_parameters(device, beta), c, cd)
         pushed = pushed + np.asarray(tau, dtype=float)
@@ -151,12 +155,15 @@ class MomentumObserver:
 
     def _balance(self, device: Device, chi: Array, c: Array, cd: Array) -> tuple[Array, Array]:
         """Momentum, and all that moves it beside motors and hand, each (rows, samples)."""
-        soft, bodies, still = softened(device, self.reversal_speed), rigid(device, chi), np.zeros_like(c)
-        p, turned = momentum(device, bodies, c, cd)
-        own = external(device, c, cd, still)
-        gravity = core_torque(device, bodies, c, still, still)
-        terms = core_torque(soft, chi - bodies, c, cd, still, own)
-        return p, turned - gravity - terms
+        soft, bodies, pieces = softened(device, self.reversal_speed), rigid(device, chi), []
+        for low in range(0, c.shape[1], STRETCH):
+            here, rates = c[:, low : low + STRETCH], cd[:, low : low + STRETCH]
+            p, rest = momentum(device, bodies, here, rates)
+            own = external(device, here, rates, np.zeros_like(here))
+            terms = core_torque(soft, chi - bodies, here, rates, np.zeros_like(here), own)
+            pieces.append((p, -rest - terms))
+        p, moved = (np.concatenate(each, axis=1) for each in zip(*pieces, strict=True))
+        return p, moved
 
 
 def observe_force(

@@ -50,13 +50,14 @@ def test_momentum_is_mass_times_velocity_and_its_power_twice_the_energy(mechanis
 @settings(max_examples=30, deadline=None)
 @given(mechanisms(most=5))
 def test_momentum_changes_by_torque_and_velocity_product(mechanism):
-    """dp/dt along any motion is the bodies' torque + C' cd - g; C' cd is the gradient of the kinetic energy."""
+    """The bodies' torque along any motion is dp/dt + g - C' cd; C' cd is the gradient of the kinetic energy."""
     device, beta = made(mechanism, kinds=("rotor",))
     chi, h = raw_parameters(device, beta), 1e-5
     c, cd, cdd = states(mechanism, 3)
     ahead, behind = (momentum(device, chi, c + s * cd + 0.5 * s**2 * cdd, cd + s * cdd)[0] for s in (h, -h))
-    p, turned = momentum(device, chi, c, cd)
-    wanted = haptid.inverse_dynamics(device, beta, c, cd, cdd) + turned - gravity_torque(device, beta, c)
+    p, rest = momentum(device, chi, c, cd)
+    wanted = haptid.inverse_dynamics(device, beta, c, cd, cdd) - rest
+    turned = gravity_torque(device, beta, c) - rest
     scale = np.abs(wanted).max() + np.abs(p).max()
     np.testing.assert_allclose((ahead - behind) / (2 * h), wanted, rtol=0, atol=1e-6 * scale * len(c) ** 2)
     for k, e in enumerate(np.eye(len(c))):

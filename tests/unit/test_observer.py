@@ -67,11 +67,12 @@ def test_a_steady_push_is_seen_in_full_and_late_by_the_delay():
     assert np.sqrt(2 * np.mean(smooth**2)) == pytest.approx(np.sqrt(0.5), rel=0.01)
 
 
-def test_samples_may_come_one_by_one():
+def test_samples_may_come_one_by_one(monkeypatch):
     device = haptid.read_device("cea_medical_branch")
     beta, observer = truth(device), MomentumObserver()
     q, qd, tau, _ = pushed(device, beta, 1e-3, seconds=0.2)
     whole = observer.follow(device, beta, 1e-3, q, qd, tau)
+    monkeypatch.setattr("haptid.observer.STRETCH", 64)
     pieces, before = [], None
     for low, high in ((0, 1), (1, 2), (2, 50), (50, 51), (51, 200)):
         before = observer.follow(device, beta, 1e-3, *(x[:, low:high] for x in (q, qd, tau)), before)
@@ -136,6 +137,8 @@ def test_settings_that_mean_nothing_are_errors():
     still = np.zeros((3, 4))
     with pytest.raises(errors.ForceSettingError, match="dt"):
         MomentumObserver().follow(device, truth(device), 0.0, still, still, still)
+    with pytest.raises(errors.ForceSettingError, match="samples"):
+        MomentumObserver().follow(device, truth(device), 1e-3, still[:, :0], still[:, :0], still[:, :0])
     with pytest.raises(errors.ShapeError, match="tau"):
         MomentumObserver().follow(device, truth(device), 1e-3, still, still, np.zeros((2, 4)))
 

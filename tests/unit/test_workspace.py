@@ -45,7 +45,7 @@ def test_the_grid_is_inside_all_limits():
     assert not where.holds(np.array([[0.0], [0.0], [np.radians(60)]]))[0]
 
 
-@settings(max_examples=25, deadline=None)
+@settings(max_examples=10, deadline=None)
 @given(mechanisms(most=5, closed=False))
 def test_no_pose_has_a_smaller_eigenvalue(mechanism):
     device = as_device(mechanism, ("rotor",))
