@@ -8,6 +8,7 @@ import platform
 import subprocess
 from pathlib import Path
 
+import bench_identification
 import coverage
 import kernel
 import long_log
@@ -15,7 +16,13 @@ import virtual_bench
 from haptid import _core
 
 HERE = Path(__file__).parent
-STUDIES = {"kernel": kernel.run, "long-log": long_log.run, "coverage": coverage.run, "virtual-bench": virtual_bench.run}
+STUDIES = {
+    "kernel": kernel.run,
+    "long-log": long_log.run,
+    "coverage": coverage.run,
+    "virtual-bench": virtual_bench.run,
+    "bench-identification": bench_identification.run,
+}
 
 
 def main() -> None:
@@ -34,7 +41,7 @@ def main() -> None:
         }
         print(f"\n{name} ({', '.join(where.values())})")
         for what, figure in figures.items():
-            print(f"  {what:50s} {figure:12.4g}")
+            print(f"  {what:75s} {figure:12.4g}")
         text = json.dumps({"where": where, "figures": figures}, indent=1)
         (HERE / "results" / f"{name}.json").write_text(text + "\n", encoding="utf-8")
 
