@@ -112,6 +112,7 @@ def core_momentum(device: Device, chi: Array, c: Array, cd: Array, own: Array | 
     columns = [int(k) for k in np.flatnonzero(chi)]
     if own is None:
         own = np.zeros((len(device.externals), c.shape[1]))
+    c, cd = np.ascontiguousarray(c), np.ascontiguousarray(cd)
     p, rest = device.mechanism.momentum(c, cd, own, columns, chi[columns].tolist())
     return p, rest
 
