@@ -61,6 +61,17 @@ class Mechanism:
     ) -> Array:
         """Torque of the chosen columns' parameters, (coordinates, samples)."""
 
+    def momentum_regressor(self, position: Array, velocity: Array, external: Array, columns: Sequence[int]) -> Array:
+        """The chosen columns of every coordinate's momentum, and of the rest of its torque beside d/dt momentum.
+
+        Shape (2, coordinates, columns, samples). Neither has accelerations: regressor = d/dt momentum + rest.
+        """
+
+    def momentum(
+        self, position: Array, velocity: Array, external: Array, columns: Sequence[int], chi: Sequence[float]
+    ) -> Array:
+        """Momentum of the chosen columns' parameters, and the rest of their torque, (2, coordinates, samples)."""
+
     def reach(self, columns: Sequence[int]) -> list[list[bool]]:
         """Which of the chosen columns each coordinate's row can reach."""
 
@@ -68,7 +79,7 @@ class Mechanism:
         self,
         position: Array,
         velocity: Array,
-        acceleration: Array,
+        acceleration: Array | None,
         external: Array,
         torque: Array,
         columns: Sequence[int],
@@ -78,9 +89,11 @@ class Mechanism:
         rows: int,
         block: int,
         weights: Array,
+        slope: Array | None = None,
     ) -> list[tuple[list[int], Array]]:
         """Rows filtered, decimated, weighted, and folded into one triangle per coordinate and block.
 
         Row r is centred on sample `first + r * decimation`; weights are (coordinates, rows). Returns for each
         coordinate the chosen columns it reaches and its triangles [R z; 0 rest], (blocks, reached + 1, reached + 1).
+        Without accelerations a row is `slope` over momenta plus `taps` over the rest; torques always pass `taps`.
         """

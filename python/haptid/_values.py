@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
@@ -26,3 +28,13 @@ def expect(name: str, got: tuple[int, ...], wanted: tuple[int | None, ...]) -> N
     """Raise ShapeError unless `got` fits `wanted`, in which None stands for any length."""
     if len(got) != len(wanted) or any(w is not None and g != w for g, w in zip(got, wanted, strict=True)):
         raise ShapeError(name, got, wanted)
+
+
+def whole(value: object) -> bool:
+    """A whole number; True and False are none."""
+    return isinstance(value, (int, np.integer)) and not isinstance(value, bool)
+
+
+def positive(value: Any) -> bool:
+    """A finite number above zero."""
+    return (whole(value) or isinstance(value, float)) and 0 < value < np.inf

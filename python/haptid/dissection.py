@@ -146,12 +146,12 @@ def _only(device: Device, chi: Array, part: str) -> Array:
 def _torques(stretch: Stretch, bodies: Array, terms: dict[str, Array]) -> Array:
     """Treated torque of every part, (parts, motors, rows).
 
-    The bodies' torque is linear in acceleration and, apart from it, quadratic in velocity: inertia is what
-    acceleration adds to the torque at rest, and the velocity torques are what velocity adds.
+    The bodies' torque is linear in acceleration and, apart from it, quadratic in velocity: the velocity torques are
+    what velocity adds to the torque at rest, and inertia is the rest of the bodies' torque.
     """
     device, still = stretch.device, np.zeros_like(stretch.c)
-    gravity = core_torque(device, bodies, stretch.c, still, still)
-    inertia = core_torque(device, bodies, stretch.c, still, stretch.cdd) - gravity
-    velocity = core_torque(device, bodies, stretch.c, stretch.cd, still) - gravity
-    parts = [stretch.treated(torque) for torque in (inertia, velocity, gravity)]
-    return np.array([*parts, *(stretch.torque(chi) for chi in terms.values())])
+    weight = core_torque(device, bodies, stretch.c, still, still)
+    velocity = stretch.treated(core_torque(device, bodies, stretch.c, stretch.cd, still) - weight)
+    gravity = stretch.treated(weight)
+    inertia = stretch.torque(bodies) - velocity - gravity
+    return np.array([inertia, velocity, gravity, *(stretch.torque(chi) for chi in terms.values())])

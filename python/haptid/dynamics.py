@@ -73,8 +73,7 @@ def gravity_torque(device: Device, beta: ArrayLike, qa: ArrayLike) -> Array:
 def momentum(device: Device, chi: Array, c: Array, cd: Array) -> tuple[Array, Array]:
     """Generalised momentum p = M cd and the rest in tau = dp/dt + rest, rest = g - C' cd, each (rows, samples).
 
-    Momentum is the torque of accelerations equal to the velocities, at rest and without gravity. With b the symmetric
-    form of the velocity torques, b(v, v) = C(v) v, row k of C' cd is cd . b(cd, e_k), by polarisation.
+    The core makes both without accelerations: row k of C' cd is the kinetic energy's derivative along coordinate k.
 
     Args:
         device: the mechanism.
@@ -82,16 +81,7 @@ def momentum(device: Device, chi: Array, c: Array, cd: Array) -> tuple[Array, Ar
         c: positions of the coordinates that torque rows belong to, (active, samples).
         cd: their velocities.
     """
-    (n, samples), still = c.shape, np.zeros_like(c)
-    units = [np.repeat(e[:, None], samples, axis=1) for e in np.eye(n)]
-    velocities = np.column_stack([still, still, cd, *units, *(cd + unit for unit in units)])
-    accelerations = np.zeros_like(velocities)
-    accelerations[:, samples : 2 * samples] = cd
-    many = core_torque(device, rigid(device, chi), np.tile(c, 2 * n + 3), velocities, accelerations)
-    gravity, pushed, *turning = np.split(many, 2 * n + 3, axis=1)
-    own, *each = (torque - gravity for torque in turning)
-    product = [0.5 * (cd * (each[n + k] - own - each[k])).sum(axis=0) for k in range(n)]
-    return pushed - gravity, gravity - np.array(product)
+    return core_momentum(device, rigid(device, chi), c, cd)
 
 
 def raw_parameters(device: Device, beta: ArrayLike) -> Array:
@@ -115,6 +105,16 @@ def core_torque(device: Device, chi: Array, c: Array, cd: Array, cdd: Array, own
         own = np.zeros((len(device.externals), c.shape[1]))
     c, cd, cdd, own = (np.ascontiguousarray(x) for x in (c, cd, cdd, own))
     return np.asarray(device.mechanism.torque(c, cd, cdd, own, columns, chi[columns].tolist()))
+
+
+def core_momentum(device: Device, chi: Array, c: Array, cd: Array, own: Array | None = None) -> tuple[Array, Array]:
+    """Momentum of the core's columns, and the rest of their torque, each (rows, samples); `own` as in `core_torque`."""
+    columns = [int(k) for k in np.flatnonzero(chi)]
+    if own is None:
+        own = np.zeros((len(device.externals), c.shape[1]))
+    c, cd = np.ascontiguousarray(c), np.ascontiguousarray(cd)
+    p, rest = device.mechanism.momentum(c, cd, own, columns, chi[columns].tolist())
+    return p, rest
 
 
 def _coordinates(device: Device, qa: ArrayLike, *rates: ArrayLike) -> list[Array]:

@@ -12,7 +12,7 @@ from functools import cached_property
 
 import numpy as np
 
-from haptid._values import Array, expect, freeze, read_only
+from haptid._values import Array, expect, freeze, positive, read_only
 from haptid.device import Device
 from haptid.dynamics import raw_parameters
 from haptid.errors import ForceSettingError
@@ -20,7 +20,7 @@ from haptid.estimators import Estimate
 from haptid.kinematics import handle_motion, handle_of
 from haptid.reversals import doubt, softened
 from haptid.stretches import stretches
-from haptid.treatment import Motion, positive
+from haptid.treatment import Motion
 from haptid.validation import Validation, direct
 from haptid.wrench import Lever, lever
 

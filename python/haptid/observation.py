@@ -22,7 +22,8 @@ from haptid.errors import (
     SameRowsError,
     TreatmentValueError,
 )
-from haptid.signals import check_log, coordinate_torque, coordinates, external
+from haptid.parallel import ParallelFilter
+from haptid.signals import check_log, coordinate_torque, coordinates, external, state
 from haptid.treatment import Motion
 
 # Samples handed to the core at a time: enough to keep its threads busy, little beside a log.
@@ -238,26 +239,47 @@ def observe(device: Device, motion: Motion, progress: Callable[[float], None] | 
     return Observation(device, tuple(motors), blocks, (motion,), doubts)
 
 
+# Position, velocity, acceleration (None where rows are made without) and columns that Python computes.
+Signals = tuple[Array, Array, Array | None, Array]
+
+
+def shared_filter(motion: Motion) -> ParallelFilter:
+    """The filter that a motion's torque and columns share.
+
+    Raises:
+        MotionTooShortError: not one row fits between the filters' ends.
+    """
+    low, high = motion.usable
+    length = 2 * motion.treatment.reach(motion.dt) + 1  # a filter much longer than the motion may not fit into memory
+    if length < 2 * len(motion):
+        made = motion.treatment.parallel_filter(motion.dt)
+        if len(made) <= high - low:
+            return made
+        length = len(made)
+    needed = (len(motion) - (high - low) + length) * motion.dt
+    raise MotionTooShortError(len(motion) * motion.dt, needed, "the filters' ends")
+
+
 @dataclass(frozen=True, eq=False)
 class Plan:
     """Which rows a motion gives, and which columns of the core they need.
 
     Attributes:
-        first: sample at the centre of row 0.
+        first: sample of row 0.
         rows: rows of each motor.
         block: rows of a time block.
-        taps: the parallel filter.
-        guard: samples around a row's centre in which the motion must not be slow.
+        filter: the parallel filter.
+        guard: samples before and after a row's own in which the motion must not be slow.
         columns: the core's columns that the base parameters need, and `selection` that makes them so.
     """
 
     device: Device
     motion: Motion
-    taps: Array
+    filter: ParallelFilter
     first: int
     rows: int
     block: int
-    guard: int
+    guard: tuple[int, int]
     columns: tuple[int, ...]
     selection: Array
 
@@ -269,24 +291,23 @@ class Plan:
         if len(speeds) not in (1, len(device.row_names)):
             wanted = f"one figure, or {len(device.row_names)}: one for each row of torque"
             raise TreatmentValueError("low_speed", treatment.low_speed, wanted)
-        reach = treatment.reach(motion.dt)
-        half = treatment.half_length(motion.dt) if 2 * reach < len(motion) else reach
-        if high - low < 2 * half + 1:
-            needed = (len(motion) - (high - low) + 2 * half + 1) * motion.dt
-            raise MotionTooShortError(len(motion) * motion.dt, needed, "the filters' ends")
-        half = int(half)
-        taps = treatment.taps(motion.dt)
-        rows = (high - low - 2 * half - 1) // treatment.decimation + 1
+        shared = shared_filter(motion)
+        rows = (high - low - len(shared)) // treatment.decimation + 1
         block = max(1, round(min(treatment.block / (treatment.decimation * motion.dt), rows / LEAST_BLOCKS)))
         while rows > MOST_BLOCKS * block:
             block *= 2
         selection = device.parameters.S[:, list(device.base.kept)]
         columns = tuple(int(c) for c in np.flatnonzero(selection.any(axis=1)))
-        tail = np.cumsum(np.abs(taps)) / np.abs(taps).sum()
-        guard = half - int(np.argmax(tail > OUTSIDE_GUARD / 2)) if half else 0
+        guard = shared.main_part(OUTSIDE_GUARD)
         if treatment.guard is not None:
-            guard = round(min(treatment.guard / motion.dt, len(motion)))
-        return Plan(device, motion, taps, low + half, rows, block, guard, columns, selection[list(columns)])
+            guard = (round(min(treatment.guard / motion.dt, len(motion))),) * 2
+        first = low + shared.before
+        return Plan(device, motion, shared, first, rows, block, guard, columns, selection[list(columns)])
+
+    @property
+    def taps(self) -> Array:
+        """Of the parallel filter."""
+        return self.filter.taps
 
     def segments(self) -> Iterator[tuple[int, int]]:
         """Rows start..stop, whole blocks at a time."""
@@ -296,8 +317,16 @@ class Plan:
 
     def window(self, start: int, stop: int) -> tuple[int, int]:
         """Samples that rows start..stop need."""
-        d, half = self.motion.treatment.decimation, len(self.taps) // 2
-        return self.first + start * d - half, self.first + (stop - 1) * d + half + 1
+        d = self.motion.treatment.decimation
+        return self.first + start * d - self.filter.before, self.first + (stop - 1) * d + self.filter.after + 1
+
+    def signals(self, low: int, high: int) -> Signals:
+        """Position, velocity, acceleration where rows have one, and external columns of samples low..high."""
+        if self.motion.treatment.momentum:
+            c, cd = state(self.device, self.motion, low, high)
+            return c, cd, None, external(self.device, c, cd, None)
+        c, cd, cdd = coordinates(self.device, self.motion, low, high)
+        return c, cd, cdd, external(self.device, c, cd, cdd)
 
     def blocks(self, log: str) -> tuple[Block, ...]:
         """When each block's rows are from."""
@@ -309,21 +338,18 @@ class Plan:
     def reduce(self, start: int, stop: int) -> tuple[list[tuple[np.ndarray, Array]], np.ndarray]:
         """Triangles of rows start..stop by coordinate (columns, stack), and how many rows went into each block."""
         low, high = self.window(start, stop)
-        c, cd, cdd = coordinates(self.device, self.motion, low, high)
         weights = self.weights(start, stop)
         made = self.device.mechanism.reduce(
-            c,
-            cd,
-            cdd,
-            external(self.device, c, cd, cdd),
+            *self.signals(low, high),
             coordinate_torque(self.device, self.motion, low, high),
             list(self.columns),
-            self.taps,
+            self.filter.taps,
             self.motion.treatment.decimation,
-            len(self.taps) // 2,
+            len(self.filter) // 2,
             stop - start,
             self.block,
             weights,
+            self.filter.slope,
         )
         blocks = np.arange(0, stop - start, self.block)
         return [self.selected(np.array(a), T) for a, T in made], np.add.reduceat(weights > 0, blocks, axis=1, dtype=int)
@@ -347,10 +373,11 @@ class Plan:
             return weights
         centres = self.first + treatment.decimation * np.arange(start, stop)
         low, high = self.motion.usable
-        low, high = max(low, int(centres[0]) - self.guard), min(high, int(centres[-1]) + self.guard + 1)
-        _, cd, _ = coordinates(device, self.motion, low, high)
-        after = np.minimum(centres + self.guard + 1, high) - low
-        before = np.maximum(centres - self.guard, low) - low
+        back, ahead = self.guard
+        low, high = max(low, int(centres[0]) - back), min(high, int(centres[-1]) + ahead + 1)
+        _, cd = state(device, self.motion, low, high)
+        after = np.minimum(centres + ahead + 1, high) - low
+        before = np.maximum(centres - back, low) - low
         for row, speed in enumerate(speeds):
             for direction in device.coulomb_directions(row) if speed > 0 else ():
                 slow = np.concatenate([[0], np.cumsum(np.abs(direction @ cd) < speed)])

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy import signal
 
-from haptid._values import Array, expect, read_only
+from haptid._values import Array, expect, positive, read_only
 from haptid.device import Device
 from haptid.dynamics import core_torque, momentum, raw_parameters, rigid
 from haptid.errors import ForceSettingError
@@ -31,7 +31,7 @@ from haptid.force import (
 from haptid.kinematics import handle_of
 from haptid.reversals import doubt, softened
 from haptid.signals import coordinate_torque, coordinates, external
-from haptid.treatment import Motion, positive
+from haptid.treatment import Motion
 from haptid.validation import Validation
 from haptid.wrench import Lever
 

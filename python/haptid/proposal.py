@@ -20,7 +20,7 @@ from haptid.device import Device
 from haptid.errors import MotionTooShortError
 from haptid.log import Log
 from haptid.observation import Plan
-from haptid.signals import check_log, coordinates
+from haptid.signals import check_log, state
 from haptid.treatment import Treatment, treat
 
 # Share of the velocity's power that counts as motion.
@@ -192,7 +192,7 @@ def _squares(device: Device, log: Log, treatment: Treatment) -> tuple[Array, int
     """Sums of products of the coordinates' velocities, (coordinates, coordinates), and of how many samples."""
     motion = treat(log, treatment)
     start, stop = motion.usable
-    _, cd, _ = coordinates(device, motion, start, stop)
+    _, cd = state(device, motion, start, stop)
     return cd @ cd.T, stop - start
 
 

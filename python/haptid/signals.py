@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import numpy as np
 
 from haptid._values import Array
 from haptid.device import Device
-from haptid.errors import ChannelCountError, CommandUnitError
+from haptid.device.expressions import Column
+from haptid.errors import AccelerationColumnError, ChannelCountError, CommandUnitError
 from haptid.log import Log, check_against
 from haptid.treatment import Motion
 
@@ -54,19 +57,37 @@ def coordinates(device: Device, motion: Motion, start: int, stop: int) -> tuple[
 
     Raises:
         ChannelCountError: the motion has more or fewer position channels than the device has coordinates.
+        NoAccelerationError: velocity is by a causal differentiator.
     """
+    q, qd, qdd = motion.kinematics(start, stop)
+    change = position_map(device, motion)
+    return change(q), change(qd), change(qdd)
+
+
+def state(device: Device, motion: Motion, start: int, stop: int) -> tuple[Array, Array]:
+    """Position and velocity of the device's coordinates, each (coordinates, stop - start).
+
+    Raises:
+        ChannelCountError: the motion has more or fewer position channels than the device has coordinates.
+    """
+    q, qd = motion.state(start, stop)
+    change = position_map(device, motion)
+    return change(q), change(qd)
+
+
+def position_map(device: Device, motion: Motion) -> Callable[[Array], Array]:
+    """From position channels, or their rates, to the coordinates', both (channels, samples)."""
     side = motion.log.channels.position.side if motion.log else "joint"
     names = position_channels(device, side)
     if motion.q.shape[1] != len(names):
         raise ChannelCountError("position", motion.q.shape[1], names)
-    q, qd, qdd = motion.kinematics(start, stop)
     change = np.asarray(device.frame)
     if side == "motor":
         shafts = np.diag([1.0 / drive.gear for drive in device.drives])
         change = change @ np.linalg.solve(device.coupling, shafts)
-    if (change == np.eye(len(q))).all():
-        return q, qd, qdd
-    return change @ q, change @ qd, change @ qdd
+    if (change == np.eye(len(names))).all():
+        return lambda x: x
+    return lambda x: np.asarray(change @ x)
 
 
 def coordinate_torque(device: Device, motion: Motion, start: int, stop: int) -> Array:
@@ -106,10 +127,19 @@ def torque_map(device: Device, log: Log) -> Array:
     return np.asarray(np.linalg.inv(device.frame).T[:, _joint_measured(device)])
 
 
-def external(device: Device, c: Array, cd: Array, cdd: Array) -> Array:
-    """Columns that the device computes itself (counterbalances, a user's own), (columns, samples)."""
+def external(device: Device, c: Array, cd: Array, cdd: Array | None) -> Array:
+    """Columns that the device computes itself (counterbalances, a user's own), (columns, samples).
+
+    Raises:
+        AccelerationColumnError: a column is made of accelerations, and there are none.
+    """
     if not device.externals:
         return np.zeros((0, c.shape[1]))
+    if cdd is None:
+        cdd = np.zeros_like(c)  # which no column reads
+        for term in device.externals:
+            if isinstance(term.shape, Column) and term.shape.reads({f"a_{name}" for name in device.joint_names}):
+                raise AccelerationColumnError(term.name)
     to_joints = np.linalg.inv(device.frame)
     return np.ascontiguousarray(device.external(to_joints @ c, to_joints @ cd, to_joints @ cdd))
 

@@ -9,10 +9,9 @@ import numpy as np
 
 from haptid._values import Array
 from haptid.device import Device
-from haptid.dynamics import core_torque
 from haptid.observation import Plan
-from haptid.prediction import decimate
-from haptid.signals import coordinate_torque, coordinates, external
+from haptid.prediction import decimate, treated_torque
+from haptid.signals import coordinate_torque
 from haptid.treatment import Motion
 
 
@@ -24,7 +23,8 @@ class Stretch:
         device: the mechanism.
         plan: which rows the motion gives.
         start, stop: rows.
-        c, cd, cdd: coordinates that torque rows belong to, and their rates, each (active, samples), SI.
+        c, cd, cdd: coordinates that torque rows belong to, and their rates, each (active, samples), SI; no acceleration
+            where the treatment has none.
         own: columns that Python computes, (externals, samples).
     """
 
@@ -34,7 +34,7 @@ class Stretch:
     stop: int
     c: Array
     cd: Array
-    cdd: Array
+    cdd: Array | None
     own: Array
 
     @property
@@ -59,7 +59,8 @@ class Stretch:
 
     def torque(self, chi: Array) -> Array:
         """Torque of these parameters of the core's columns, treated, (measured, rows), N m or N."""
-        return self.treated(core_torque(self.device, chi, self.c, self.cd, self.cdd, self.own))
+        signals = (self.c, self.cd, self.cdd, self.own)
+        return treated_torque(self.plan, self.device, chi, signals)[self.rows]
 
     def treated(self, signals: Array) -> Array:
         """Through the filter and decimation of the measured torque, (active, samples) to (measured, rows)."""
@@ -75,10 +76,8 @@ class Stretch:
         return decimate(signals, taps / taps.sum(), self.plan.motion.treatment.decimation)[self.rows]
 
     def centres(self, signals: Array) -> Array:
-        """The sample at every row's centre, (channels, samples) to (channels, rows)."""
-        return signals[:, len(self.plan.taps) // 2 :: self.plan.motion.treatment.decimation][
-            :, : self.stop - self.start
-        ]
+        """The sample that every row is of, (channels, samples) to (channels, rows)."""
+        return signals[:, self.plan.filter.before :: self.plan.motion.treatment.decimation][:, : self.stop - self.start]
 
 
 def stretches(device: Device, motion: Motion) -> Iterator[Stretch]:
@@ -91,5 +90,4 @@ def stretches(device: Device, motion: Motion) -> Iterator[Stretch]:
     """
     plan = Plan.of(device, motion)
     for start, stop in plan.segments():
-        c, cd, cdd = coordinates(device, motion, *plan.window(start, stop))
-        yield Stretch(device, plan, start, stop, c, cd, cdd, external(device, c, cd, cdd))
+        yield Stretch(device, plan, start, stop, *plan.signals(*plan.window(start, stop)))

@@ -1,5 +1,7 @@
 """From a log to a motion: zero-phase low-pass, central differences, and the filter that torque and W will share.
 
+Where accelerations are not wanted, W is made of momenta, and the shared filter differentiates those.
+
 Source: Gautier, Janot and Vandanjon (2013), IEEE Trans. Control Systems Technology 21(2), section III: position
 through a zero-phase Butterworth filter, rates by central differences, and the *same* low-pass and decimation on the
 torque and on every column of the observation matrix.
@@ -10,14 +12,16 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 from scipy import signal
 
-from haptid._values import Array, expect, freeze, read_only
-from haptid.errors import CutoffError, MotionTooShortError, TreatmentValueError
+from haptid._values import Array, expect, freeze, positive, read_only, whole
+from haptid.causal import Causal, HighPass
+from haptid.errors import CutoffError, MotionTooShortError, NoAccelerationError, TreatmentValueError
 from haptid.log import Log
+from haptid.parallel import ParallelFilter, centred
 from haptid.shapes import Bell, Shape
 
 # The impulse response of a filter is taken to have died out where what is left of it weighs less than this.
@@ -36,13 +40,15 @@ class Treatment:
         decimation: one row is kept of so many samples.
         parallel_cutoff_hz: -3 dB of the filter that torque and columns share, Hz; None is a share of what decimation
             can carry, and no filter at all where `decimation` is 1.
-        parallel_shape: of that filter: `Bell()`, or `Sharp()` as published recipes have it.
+        parallel_shape: of that filter: `Bell()`, `Sharp()` as published recipes have it, or `Causal()`.
         low_speed: a motor's row is dropped where a coordinate with Coulomb friction moves slower than this anywhere
             within `guard` of the row, rad/s or m/s; one figure, or one for each row of torque.
         guard: s; None is all that the parallel filter reaches but what hardly weighs.
         block: length of a time block, s.
         torque_delay: the torque that acts is the log's of so much earlier, s: half a sampling period for a command
             that is held from its sample to the next.
+        accelerations: "differences" of the positions, or "momentum": none, the shared filter differentiates momenta.
+        velocity: a causal differentiator of the positions as they are; None is central differences.
     """
 
     cutoff_hz: float | None = 40.0
@@ -53,7 +59,9 @@ class Treatment:
     guard: float | None = None
     block: float = 1.0
     torque_delay: float = 0.0
-    parallel_shape: Shape = field(default_factory=Bell)
+    parallel_shape: Shape | Causal = field(default_factory=Bell)
+    accelerations: Literal["differences", "momentum"] = "differences"
+    velocity: HighPass | None = None
 
     def __post_init__(self) -> None:
         if isinstance(self.low_speed, (list, tuple)):
@@ -64,13 +72,28 @@ class Treatment:
         if self.guard is not None:
             self._expect("guard", lambda v: v == 0 or positive(v), "a finite time, 0 or more")
         self._expect("block", positive, "a finite number above zero")
-        self._expect("parallel_shape", lambda v: isinstance(v, Shape), "Bell() or Sharp()")
+        self._expect("parallel_shape", lambda v: isinstance(v, Shape | Causal), "Bell(), Sharp() or Causal()")
         self._expect("torque_delay", finite, "a finite time, s")
         self._expect("order", lambda v: whole(v) and 1 <= v <= 12, "a whole number from 1 to 12")
         self._expect("decimation", lambda v: whole(v) and v >= 1, "a whole number, 1 or more")
         many = self.low_speed if isinstance(self.low_speed, tuple) else (self.low_speed,)
         if not many or not all(v == 0 or positive(v) for v in many):
             raise TreatmentValueError("low_speed", self.low_speed, "finite speeds, 0 or more")
+        self._expect("accelerations", lambda v: v in ("differences", "momentum"), '"differences" or "momentum"')
+        self._expect("velocity", lambda v: v is None or isinstance(v, HighPass), "None or a HighPass")
+        self._check_together()
+
+    def _check_together(self) -> None:
+        """Settings that mean nothing beside one another."""
+        if self.velocity is not None:
+            if not self.momentum:
+                raise NoAccelerationError("accelerations = 'differences'")
+            self._expect("cutoff_hz", lambda v: v is None, "None: `velocity` takes positions as they are")
+
+    @property
+    def momentum(self) -> bool:
+        """Whether rows are made without accelerations."""
+        return self.accelerations == "momentum"
 
     def _expect(self, name: str, fits: Callable[[Any], bool], wanted: str) -> None:
         value = getattr(self, name)
@@ -101,28 +124,26 @@ class Treatment:
         return self.parallel_cutoff_hz
 
     def reach(self, dt: float) -> float:
-        """Samples of that filter on either side of its centre, about; known without making it."""
+        """Half the samples under that filter, about; known without making it."""
         cutoff = self.parallel(dt)
         return 0.0 if cutoff is None else self.parallel_shape.reach(cutoff * dt, self.decimation)
 
-    def half_length(self, dt: float) -> int:
-        """Samples of that filter on either side of its centre."""
-        return len(self.taps(dt)) // 2
+    def parallel_filter(self, dt: float) -> ParallelFilter:
+        """The filter that torque and columns share, of one sample where there is none.
+
+        Raises:
+            CutoffError: the sampling rate, or the decimation, cannot carry its cut-off.
+        """
+        cutoff = self.parallel(dt)
+        if cutoff is None:
+            return centred(np.ones(1), dt, self.momentum)
+        if isinstance(self.parallel_shape, Causal):
+            return self.parallel_shape.filter(cutoff, dt, self.momentum)
+        return centred(self.parallel_shape.taps(cutoff * dt, self.decimation), dt, self.momentum)
 
     def taps(self, dt: float) -> Array:
-        """The symmetric filter that torque and columns share, (odd,), unit sum; [1] where there is none."""
-        cutoff = self.parallel(dt)
-        return np.ones(1) if cutoff is None else self.parallel_shape.taps(cutoff * dt, self.decimation)
-
-
-def whole(value: object) -> bool:
-    """A whole number; True and False are none."""
-    return isinstance(value, (int, np.integer)) and not isinstance(value, bool)
-
-
-def positive(value: Any) -> bool:
-    """A finite number above zero."""
-    return (whole(value) or isinstance(value, float)) and 0 < value < np.inf
+        """Weights of that filter, oldest sample first, (odd,), unit sum; [1] where there is none."""
+        return self.parallel_filter(dt).taps
 
 
 def finite(value: Any) -> bool:
@@ -179,42 +200,72 @@ class Motion:
     @property
     def qd(self) -> Array:
         """Velocities, (n, coordinates); by central differences the first and last sample repeat their neighbours."""
-        return freeze(self._whole()[1].T)
+        start, stop = self._known
+        return freeze(self._whole(self.state(start, stop)[1]))
 
     @property
     def qdd(self) -> Array:
-        """Accelerations, (n, coordinates); as for `qd` at the ends."""
-        return freeze(self._whole()[2].T)
+        """Accelerations, (n, coordinates); as for `qd` at the ends.
 
-    def _whole(self) -> tuple[Array, Array, Array]:
-        if self.rates is not None:
-            return self.q.T.copy(), self.rates[0].T.copy(), self.rates[1].T.copy()
-        inner = self.kinematics(1, len(self) - 1)
-        q, qd, qdd = (np.pad(x, ((0, 0), (1, 1)), mode="edge") for x in inner)
-        return q, qd, qdd
+        Raises:
+            NoAccelerationError: velocity is by a causal differentiator.
+        """
+        start, stop = self._known
+        return freeze(self._whole(self.kinematics(start, stop)[2]))
+
+    @property
+    def _known(self) -> tuple[int, int]:
+        """First sample and one past the last that have rates at all."""
+        central = self.rates is None and self.treatment.velocity is None
+        return (1, len(self) - 1) if central else (0, len(self))
+
+    def _whole(self, rate: Array) -> Array:
+        """(n, coordinates) of (coordinates, known), the ends repeated where they are not known."""
+        missing = (len(self) - rate.shape[1]) // 2
+        return np.pad(rate, ((0, 0), (missing, missing)), mode="edge").T
 
     @cached_property
     def usable(self) -> tuple[int, int]:
         """First sample and one past the last whose rates are good: the ends, where the filters settle, are dropped."""
         if self.rates is not None:
             return 0, len(self)
+        shifted = lost(self.treatment.torque_delay / self.dt)
+        if self.treatment.velocity is not None:
+            start = shifted + self.treatment.velocity.memory(self.dt, SETTLED)
+            if len(self) - start - shifted < 2:
+                raise MotionTooShortError(len(self) * self.dt, start * self.dt, "the differentiator's start")
+            return start, len(self) - shifted
         sections = self.treatment.position_filter(self.dt)
-        edge = 1 if sections is None else 1 + settling(sections, len(self))
-        edge += lost(self.treatment.torque_delay / self.dt)
+        edge = shifted + (1 if sections is None else 1 + settling(sections, len(self)))
         if len(self) - 2 * edge < 2:
             raise MotionTooShortError(len(self) * self.dt, 2 * edge * self.dt, "the position filter's ends")
         return edge, len(self) - edge
 
-    def kinematics(self, start: int, stop: int) -> tuple[Array, Array, Array]:
-        """Positions, velocities and accelerations of samples start..stop, each (coordinates, stop - start)."""
+    def state(self, start: int, stop: int) -> tuple[Array, Array]:
+        """Positions and velocities of samples start..stop, each (coordinates, stop - start)."""
         if self.rates is not None:
-            q, qd, qdd = (np.ascontiguousarray(x[start:stop].T) for x in (self.q, *self.rates))
-            return q, qd, qdd
+            return np.ascontiguousarray(self.q[start:stop].T), np.ascontiguousarray(self.rates[0][start:stop].T)
+        if self.treatment.velocity is not None:
+            begin = max(0, start - self.treatment.velocity.memory(self.dt))
+            wide = np.ascontiguousarray(self.q[begin:stop].T)
+            qd = self.treatment.velocity.velocity(wide, self.dt)
+            return np.ascontiguousarray(wide[:, start - begin :]), np.ascontiguousarray(qd[:, start - begin :])
         wide = np.ascontiguousarray(self.q[start - 1 : stop + 1].T)
-        before, here, after = wide[:, :-2], wide[:, 1:-1], wide[:, 2:]
-        qd = (after - before) / (2 * self.dt)
-        qdd = (after - 2 * here + before) / self.dt**2
-        return np.ascontiguousarray(here), qd, qdd
+        return np.ascontiguousarray(wide[:, 1:-1]), (wide[:, 2:] - wide[:, :-2]) / (2 * self.dt)
+
+    def kinematics(self, start: int, stop: int) -> tuple[Array, Array, Array]:
+        """Positions, velocities and accelerations of samples start..stop, each (coordinates, stop - start).
+
+        Raises:
+            NoAccelerationError: velocity is by a causal differentiator.
+        """
+        q, qd = self.state(start, stop)
+        if self.rates is not None:
+            return q, qd, np.ascontiguousarray(self.rates[1][start:stop].T)
+        if self.treatment.velocity is not None:
+            raise NoAccelerationError("this call")
+        wide = np.ascontiguousarray(self.q[start - 1 : stop + 1].T)
+        return q, qd, (wide[:, 2:] - 2 * wide[:, 1:-1] + wide[:, :-2]) / self.dt**2
 
 
 def settling(sections: Array, longest: int) -> int:

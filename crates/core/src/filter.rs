@@ -1,66 +1,71 @@
-//! One symmetric (linear-phase) filter with decimation, the same for the torques and for every column of W.
+//! One finite filter with decimation, the same for the torques and for every column of W.
 //!
-//! Being symmetric about its centre it has no delay, and being finite it has no state: a row needs only the samples
-//! under its window, so blocks, threads and machines can make their rows independently.
+//! Being finite it has no state: a row needs only the samples under its window, so blocks, threads and machines can make
+//! their rows independently. A filter that is symmetric about its centre has no delay; one whose later half is zero is
+//! causal, about its last sample.
 
 use crate::dispatch::{Backend, dispatched};
 use crate::error::Error;
 use crate::lane::{Lane, MAX_WIDTH};
 
-/// The taps, padded with zeros to whole lanes.
+/// The taps, padded with zeros to whole lanes, and those that give the filtered signal's rate of change, if wanted.
 #[derive(Debug, Clone)]
 pub(crate) struct Filter {
-    padded: Vec<f64>,
-    taps: usize,
+    pub(crate) taps: Vec<f64>,
+    pub(crate) slope: Vec<f64>,
+    length: usize,
     pub(crate) decimation: usize,
 }
 
 impl Filter {
-    pub(crate) fn new(taps: &[f64], decimation: usize) -> Result<Filter, Error> {
+    pub(crate) fn new(taps: &[f64], slope: &[f64], decimation: usize) -> Result<Filter, Error> {
         if taps.len().is_multiple_of(2) {
             return Err(Error::Length { name: "taps (an odd number)", got: taps.len(), wanted: taps.len() + 1 });
         }
         if decimation == 0 {
             return Err(Error::Value { name: "decimation", got: 0.0, wanted: "1 or more" });
         }
-        let mut padded = taps.to_vec();
-        padded.resize(taps.len().next_multiple_of(MAX_WIDTH), 0.0);
-        Ok(Filter { padded, taps: taps.len(), decimation })
+        let padded = |taps: &[f64]| {
+            let mut padded = taps.to_vec();
+            padded.resize(taps.len().next_multiple_of(MAX_WIDTH), 0.0);
+            padded
+        };
+        Ok(Filter { taps: padded(taps), slope: padded(slope), length: taps.len(), decimation })
     }
 
-    /// Neither filter nor decimation.
+    /// Neither filter nor decimation, nor anything to differentiate.
     pub(crate) fn is_identity(&self) -> bool {
-        self.decimation == 1 && self.taps == 1 && self.padded[0] == 1.0
+        self.decimation == 1 && self.length == 1 && self.taps[0] == 1.0 && self.slope.is_empty()
     }
 
     /// Samples on either side of the centre.
     pub(crate) fn half(&self) -> usize {
-        self.taps / 2
+        self.length / 2
     }
 
     /// Numbers read after the first sample of a window.
     pub(crate) fn reach(&self) -> usize {
-        self.padded.len()
+        self.taps.len()
     }
 
-    /// Outputs `out[i] = sum_k taps[k] x[start + i * decimation + k]`.
+    /// Add `sum_k taps[k] x[start + i * decimation + k]` to `out[i]`; the taps are the filter's own, or its slope.
     ///
     /// # Panics
     /// When `x` ends before the last padded window.
-    pub(crate) fn apply(&self, backend: Backend, x: &[f64], start: usize, out: &mut [f64]) {
+    pub(crate) fn add(&self, backend: Backend, taps: &[f64], x: &[f64], start: usize, out: &mut [f64]) {
         let Some(last) = out.len().checked_sub(1) else { return };
-        assert!(start + last * self.decimation + self.padded.len() <= x.len());
+        assert!(start + last * self.decimation + taps.len() <= x.len());
         // SAFETY: the last window ends inside x.
-        unsafe { apply_raw(backend, &self.padded, self.decimation, x.as_ptr().add(start), out) }
+        unsafe { add_raw(backend, taps, self.decimation, x.as_ptr().add(start), out) }
     }
 }
 
 dispatched! {
-    unsafe fn apply_raw = apply_in_lanes(taps: &[f64], decimation: usize, x: *const f64, out: &mut [f64])
+    unsafe fn add_raw = add_in_lanes(taps: &[f64], decimation: usize, x: *const f64, out: &mut [f64])
 }
 
 #[inline(always)]
-unsafe fn apply_in_lanes<T: Lane>(taps: &[f64], decimation: usize, x: *const f64, out: &mut [f64]) {
+unsafe fn add_in_lanes<T: Lane>(taps: &[f64], decimation: usize, x: *const f64, out: &mut [f64]) {
     for (i, out) in out.iter_mut().enumerate() {
         let x = unsafe { x.add(i * decimation) };
         // Two sums hide the latency of the fused multiply-add; the padded length is a multiple of two lanes or one.
@@ -72,6 +77,6 @@ unsafe fn apply_in_lanes<T: Lane>(taps: &[f64], decimation: usize, x: *const f64
             turn ^= 1;
             k += T::WIDTH;
         }
-        *out = sums[0].add(sums[1]).sum();
+        *out += sums[0].add(sums[1]).sum();
     }
 }

@@ -1,8 +1,10 @@
 //! Batched dynamics of trees and closed chains, in lanes of samples.
 //!
 //! The observation matrix W is never stored: its rows are made chunk by chunk ([`rows`]), passed through one
-//! linear-phase filter and decimator ([`filter`]), and folded into one small triangle per motor and time block
+//! finite filter and decimator ([`filter`]), and folded into one small triangle per motor and time block
 //! ([`triangle`], [`reduce`]). Everything works on plain slices; nothing here knows Python, files or clocks.
+//! Without accelerations the rows are those of momentum and of the rest of the torque ([`momentum`]), and the filter
+//! differentiates the former.
 //!
 //! Arrays of samples are "channel major": the samples of one coordinate are contiguous.
 
@@ -12,6 +14,7 @@ mod filter;
 mod lane;
 mod link;
 mod mechanism;
+mod momentum;
 mod reduce;
 mod regressor;
 mod rows;

@@ -62,7 +62,7 @@ impl<T: Lane> JointMotion<T> {
 
     /// A vector of the parent's frame in the link's.
     #[inline(always)]
-    fn rotate(&self, link: &Link, v: Vector<T>) -> Vector<T> {
+    pub(crate) fn rotate(&self, link: &Link, v: Vector<T>) -> Vector<T> {
         let r = &link.inverse;
         let row = |k: usize| v[2].fma(T::splat(r[k + 2]), v[1].fma(T::splat(r[k + 1]), v[0].mul(T::splat(r[k]))));
         let [x, y, z] = match link.turn {
@@ -79,19 +79,19 @@ impl<T: Lane> JointMotion<T> {
 
     /// The parent's axis of a coordinate (angular x, linear u) carried to this link, with the joint's own rate added.
     #[inline(always)]
-    pub(crate) fn carry(&self, link: &Link, x: Vector<T>, u: Vector<T>, rate: f64) -> (Vector<T>, Vector<T>) {
+    pub(crate) fn carry(&self, link: &Link, x: Vector<T>, u: Vector<T>, rate: T) -> (Vector<T>, Vector<T>) {
         let at_origin = if link.displaced { cross_add(x, self.origin, u) } else { u };
         let (mut x, mut u) = (self.rotate(link, x), self.rotate(link, at_origin));
         let own = if link.prismatic { &mut u[2] } else { &mut x[2] };
-        *own = own.add(T::splat(rate));
+        *own = own.add(rate);
         (x, u)
     }
 
     /// The axis of a coordinate that moves this joint and no joint before it.
     #[inline(always)]
-    pub(crate) fn own(&self, link: &Link, rate: f64) -> (Vector<T>, Vector<T>) {
+    pub(crate) fn own(&self, link: &Link, rate: T) -> (Vector<T>, Vector<T>) {
         let z = T::splat(0.0);
-        let along = [z, z, T::splat(rate)];
+        let along = [z, z, rate];
         if link.prismatic { (zero(), along) } else { (along, zero()) }
     }
 }

@@ -2,7 +2,7 @@
 
 use crate::dispatch::Backend;
 use crate::error::{Error, expect_length};
-use crate::terms::Term;
+use crate::terms::{Law, Term};
 
 /// Parameters of a link: XX XY XZ YY YZ ZZ MX MY MZ M, in the link's frame, Khalil's signs (XY = -integral of xy dm).
 pub const LINK_PARAMETERS: usize = 10;
@@ -171,6 +171,11 @@ impl Mechanism {
 
     pub(crate) fn inertial_columns(&self) -> usize {
         LINK_PARAMETERS * self.links.len()
+    }
+
+    /// Whether a column's parameter carries momentum: those of the links and of rotors do.
+    pub(crate) fn has_momentum(&self, column: usize) -> bool {
+        column.checked_sub(self.inertial_columns()).is_none_or(|t| self.terms[t].law == Law::Rotor)
     }
 }
 

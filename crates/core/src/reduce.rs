@@ -8,6 +8,7 @@ use crate::regressor::{Motion, check_columns, reach};
 use crate::rows::{CHUNK, Places, Workspace, rows};
 use crate::triangle::fold;
 use rayon::prelude::*;
+use std::ops::Range;
 
 /// Rows folded at a time; without a filter, also made at a time.
 const FOLD: usize = CHUNK;
@@ -23,8 +24,10 @@ pub struct Reduction<'a> {
     pub columns: &'a [usize],
     /// Torques, channel major like the motion.
     pub torque: &'a [f64],
-    /// A symmetric filter, odd in length; `[1.0]` for none.
+    /// A filter, odd in length; `[1.0]` for none.
     pub taps: &'a [f64],
+    /// Of the filtered momenta, the rate of change: as many taps, where the motion has no accelerations; else none.
+    pub slope: &'a [f64],
     pub decimation: usize,
     /// Sample at the centre of the first row; row r is centred `decimation * r` samples later.
     pub first: usize,
@@ -84,7 +87,9 @@ fn check(mechanism: &Mechanism, motion: &Motion, reduction: &Reduction) -> Resul
     if reduction.block == 0 {
         return Err(Error::Value { name: "block", got: 0.0, wanted: "at least one row" });
     }
-    let filter = Filter::new(reduction.taps, reduction.decimation)?;
+    let slopes = if motion.acceleration.is_some() { 0 } else { reduction.taps.len() };
+    expect_length("slope", reduction.slope.len(), slopes)?;
+    let filter = Filter::new(reduction.taps, reduction.slope, reduction.decimation)?;
     let half = filter.half();
     let Reduction { first, rows, decimation, .. } = *reduction;
     let last = rows.saturating_sub(1).checked_mul(decimation).and_then(|n| n.checked_add(first));
@@ -108,7 +113,8 @@ struct Reducer<'a> {
     decimated: Vec<f64>,
 }
 
-/// Raw columns, one run per entry (motor, reached column or torque), holding samples `from..from + held`.
+/// Raw columns, one run per entry (motor, reached column or torque), holding samples `from..from + held`; without
+/// accelerations more runs follow, of the momenta that belong to those entries.
 struct Raw {
     numbers: Vec<f64>,
     run: usize,
@@ -117,24 +123,35 @@ struct Raw {
     place: Vec<usize>,
     /// First run of each motor, and one past the last.
     motors: Vec<usize>,
+    /// Entries whose momenta follow, in their order.
+    moving: Vec<usize>,
 }
 
 impl Raw {
-    fn new(mechanism: &Mechanism, columns: &[usize], reached: &[Vec<usize>], filter: &Filter) -> Raw {
-        let all = mechanism.columns();
+    fn new(mechanism: &Mechanism, sets: usize, columns: &[usize], reached: &[Vec<usize>], filter: &Filter) -> Raw {
+        let (na, all) = (mechanism.coordinates(), mechanism.columns());
         let longest = filter.reach() + CHUNK;
         let run = if filter.is_identity() { FOLD + PAD } else { longest.next_multiple_of(MAX_WIDTH) + PAD };
-        let mut place = vec![0; mechanism.coordinates() * all]; // the first run takes what nobody wants
-        let mut motors = vec![1];
+        let entries = 1 + reached.iter().map(|reached| reached.len() + 1).sum::<usize>();
+        let mut place = vec![0; sets * na * all]; // the first run takes what nobody wants
+        let (mut motors, mut moving) = (vec![1], Vec::new());
         for (a, reached) in reached.iter().enumerate() {
-            let first = motors[a];
-            for (k, &c) in reached.iter().enumerate() {
-                place[a * all + columns[c]] = (first + k) * run;
+            for (entry, &c) in (motors[a]..).zip(reached) {
+                let column = columns[c];
+                // With two sets the first one holds the momenta.
+                place[((sets - 1) * na + a) * all + column] = entry * run;
+                if sets == 2 && mechanism.has_momentum(column) {
+                    place[a * all + column] = (entries + moving.len()) * run;
+                    moving.push(entry);
+                }
             }
-            motors.push(first + reached.len() + 1);
+            motors.push(motors[a] + reached.len() + 1);
         }
-        let runs = motors[motors.len() - 1];
-        Raw { numbers: vec![0.0; runs * run], run, from: 0, held: 0, place, motors }
+        Raw { numbers: vec![0.0; (entries + moving.len()) * run], run, from: 0, held: 0, place, motors, moving }
+    }
+
+    fn entry(&self, entry: usize) -> &[f64] {
+        &self.numbers[entry * self.run..][..self.run]
     }
 
     /// Forget the samples before `from`.
@@ -177,7 +194,7 @@ impl<'a> Reducer<'a> {
         filter: &'a Filter,
         reached: &'a [Vec<usize>],
     ) -> Reducer<'a> {
-        let raw = Raw::new(mechanism, reduction.columns, reached, filter);
+        let raw = Raw::new(mechanism, motion.sets(), reduction.columns, reached, filter);
         let decimated = vec![0.0; raw.motors[raw.motors.len() - 1] * (FOLD + PAD)];
         Reducer { mechanism, motion, reduction, filter, reached, workspace: Workspace::new(mechanism), raw, decimated }
     }
@@ -235,11 +252,22 @@ impl<'a> Reducer<'a> {
             let ready = if seen < centre(row) + half + 1 { row } else { (seen - half - 1 - first) / d + 1 };
             let ready = ready.clamp(row, to);
             let start = centre(row) - half - self.raw.from;
-            let runs = self.raw.numbers.chunks_exact(self.raw.run).zip(self.decimated.chunks_exact_mut(FOLD + PAD));
-            for (raw, decimated) in runs.skip(1) {
-                self.filter.apply(self.mechanism.backend, raw, start, &mut decimated[row - from..ready - from]);
-            }
+            self.add(start, row - from..ready - from);
             row = ready;
+        }
+    }
+
+    /// The filtered columns and torques into some of the decimated rows, the rates of change of the momenta added.
+    fn add(&mut self, start: usize, rows: Range<usize>) {
+        let (backend, filter, raw) = (self.mechanism.backend, self.filter, &self.raw);
+        for (entry, decimated) in self.decimated.chunks_exact_mut(FOLD + PAD).enumerate().skip(1) {
+            decimated[rows.clone()].fill(0.0);
+            filter.add(backend, &filter.taps, raw.entry(entry), start, &mut decimated[rows.clone()]);
+        }
+        let entries = raw.motors[raw.motors.len() - 1];
+        for (momentum, &entry) in (entries..).zip(&raw.moving) {
+            let decimated = &mut self.decimated[entry * (FOLD + PAD)..][rows.clone()];
+            filter.add(backend, &filter.slope, raw.entry(momentum), start, decimated);
         }
     }
 

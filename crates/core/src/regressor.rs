@@ -7,21 +7,29 @@ use crate::rows::{CHUNK, Places, Workspace, rows};
 
 /// Positions, velocities and accelerations of the coordinates, and the caller's own columns, channel major:
 /// sample `k` of coordinate `a` is at `a * samples + k`.
+///
+/// Without accelerations there are two sets of rows: generalised momenta, then what is left of the torque beside their
+/// rate of change. Both are free of accelerations, and `Y(q, qd, qdd) = d/dt momenta + rest`.
 #[derive(Debug, Clone, Copy)]
 pub struct Motion<'a> {
     pub samples: usize,
     pub position: &'a [f64],
     pub velocity: &'a [f64],
-    pub acceleration: &'a [f64],
+    pub acceleration: Option<&'a [f64]>,
     pub external: &'a [f64],
 }
 
 impl Motion<'_> {
+    /// Sets of rows, each as many as coordinates.
+    pub fn sets(&self) -> usize {
+        if self.acceleration.is_some() { 1 } else { 2 }
+    }
+
     pub(crate) fn check(&self, mechanism: &Mechanism) -> Result<(), Error> {
         let wanted = self.samples * mechanism.coordinates;
         expect_length("position", self.position.len(), wanted)?;
         expect_length("velocity", self.velocity.len(), wanted)?;
-        expect_length("acceleration", self.acceleration.len(), wanted)?;
+        expect_length("acceleration", self.acceleration.map_or(wanted, <[f64]>::len), wanted)?;
         expect_length("external", self.external.len(), self.samples * mechanism.externals)
     }
 }
@@ -56,7 +64,7 @@ pub(crate) fn check_columns(mechanism: &Mechanism, columns: &[usize]) -> Result<
 pub(crate) struct Tile {
     numbers: Vec<f64>,
     place: Vec<usize>,
-    /// First sample of entry (a, c): `at[a * chosen + c]`.
+    /// First sample of entry (r, c): `at[r * chosen + c]`.
     at: Vec<usize>,
 }
 
@@ -64,14 +72,14 @@ pub(crate) struct Tile {
 const RUN: usize = CHUNK + MAX_WIDTH;
 
 impl Tile {
-    pub(crate) fn new(mechanism: &Mechanism, columns: &[usize]) -> Tile {
-        let (na, all) = (mechanism.coordinates, mechanism.columns());
-        let mut place = vec![0; na * all]; // the first run takes what nobody wants
-        let mut at = Vec::with_capacity(na * columns.len());
-        for a in 0..na {
+    pub(crate) fn new(mechanism: &Mechanism, rows: usize, columns: &[usize]) -> Tile {
+        let all = mechanism.columns();
+        let mut place = vec![0; rows * all]; // the first run takes what nobody wants
+        let mut at = Vec::with_capacity(rows * columns.len());
+        for r in 0..rows {
             for &c in columns {
                 at.push((1 + at.len()) * RUN);
-                place[a * all + c] = at[at.len() - 1];
+                place[r * all + c] = at[at.len() - 1];
             }
         }
         Tile { numbers: vec![0.0; (1 + at.len()) * RUN], place, at }
@@ -88,13 +96,14 @@ impl Tile {
     }
 }
 
-/// The regressor of every sample: `out[(a * chosen + c) * samples + k]`, for coordinate a, chosen column c, sample k.
+/// The regressor of every sample: `out[(r * chosen + c) * samples + k]`, for row r (coordinates, set after set), chosen
+/// column c, sample k.
 pub fn regressor(mechanism: &Mechanism, motion: &Motion, columns: &[usize], out: &mut [f64]) -> Result<(), Error> {
     motion.check(mechanism)?;
     check_columns(mechanism, columns)?;
-    let n = motion.samples;
-    expect_length("out", out.len(), mechanism.coordinates * columns.len() * n)?;
-    let (mut tile, mut workspace) = (Tile::new(mechanism, columns), Workspace::new(mechanism));
+    let (n, rows) = (motion.samples, motion.sets() * mechanism.coordinates);
+    expect_length("out", out.len(), rows * columns.len() * n)?;
+    let (mut tile, mut workspace) = (Tile::new(mechanism, rows, columns), Workspace::new(mechanism));
     for from in (0..n).step_by(CHUNK) {
         let count = CHUNK.min(n - from);
         tile.fill(mechanism, motion, from, count, &mut workspace);
@@ -105,7 +114,7 @@ pub fn regressor(mechanism: &Mechanism, motion: &Motion, columns: &[usize], out:
     Ok(())
 }
 
-/// Torques of the chosen columns' parameters `chi`: `out[a * samples + k]`.
+/// Torques of the chosen columns' parameters `chi`: `out[r * samples + k]`, rows as in [`regressor`].
 pub fn torque(
     mechanism: &Mechanism,
     motion: &Motion,
@@ -116,17 +125,17 @@ pub fn torque(
     motion.check(mechanism)?;
     check_columns(mechanism, columns)?;
     expect_length("chi", chi.len(), columns.len())?;
-    let n = motion.samples;
-    expect_length("out", out.len(), mechanism.coordinates * n)?;
-    let (mut tile, mut workspace) = (Tile::new(mechanism, columns), Workspace::new(mechanism));
+    let (n, rows) = (motion.samples, motion.sets() * mechanism.coordinates);
+    expect_length("out", out.len(), rows * n)?;
+    let (mut tile, mut workspace) = (Tile::new(mechanism, rows, columns), Workspace::new(mechanism));
     out.fill(0.0);
     for from in (0..n).step_by(CHUNK) {
         let count = CHUNK.min(n - from);
         tile.fill(mechanism, motion, from, count, &mut workspace);
-        for (a, row) in out.chunks_exact_mut(n).enumerate() {
+        for (r, row) in out.chunks_exact_mut(n).enumerate() {
             let row = &mut row[from..from + count];
             for (c, &parameter) in chi.iter().enumerate() {
-                let column = tile.run(a * columns.len() + c, count);
+                let column = tile.run(r * columns.len() + c, count);
                 row.iter_mut().zip(column).for_each(|(tau, y)| *tau += y * parameter);
             }
         }

@@ -5,6 +5,9 @@
 //! the *coordinates* rather than of the joints, `s_i^a = X_i s_parent^a + G[i, a] z`, projects a closed chain's
 //! torques onto its motors at no cost (Khalil and Dombre 2002, chapter 10, done without forming the tree's rows).
 //!
+//! Without accelerations there are two rows for each coordinate in place of one: generalised momentum, and the rest of
+//! the torque beside its rate of change (see `momentum`).
+//!
 //! Safety: [`rows`] is the one door. Behind it channels are staged with a whole lane after their last sample, slots hold
 //! the widest lane, and the caller's places have room for a whole lane more; every unsafe function relies on just that.
 
@@ -12,7 +15,9 @@ use crate::dispatch::dispatched;
 use crate::lane::{Lane, MAX_WIDTH};
 use crate::link::{JointMotion, LINK_NUMBERS, LinkMotion, contract, contract_slide, contract_turn, link_motion};
 use crate::mechanism::{LINK_PARAMETERS, Mechanism};
+use crate::momentum::{LinkVelocity, axis_rate, contract_momentum, contract_rest, link_velocity};
 use crate::regressor::Motion;
+use crate::vector::Vector;
 
 /// Samples made at a time: the inputs and a row's columns stay in the first caches.
 pub(crate) const CHUNK: usize = 256;
@@ -24,6 +29,8 @@ pub(crate) struct Workspace {
     /// Link motions and axes, as many numbers as the widest lane needs.
     links: Vec<LinkSlot>,
     axes: Vec<AxisSlot>,
+    /// Rates of change of the axes, where there are no accelerations.
+    axis_rates: Vec<AxisSlot>,
 }
 
 /// Staged channels are this far apart.
@@ -39,15 +46,19 @@ impl Workspace {
             staged: vec![0.0; channels * STAGE],
             links: vec![[[0.0; MAX_WIDTH]; LINK_NUMBERS]; mechanism.links.len()],
             axes: vec![[[0.0; MAX_WIDTH]; 6]; mechanism.axes],
+            axis_rates: vec![[[0.0; MAX_WIDTH]; 6]; mechanism.axes],
         }
     }
 
-    /// Copy samples `from..from + count` in, and repeat the last one up to a whole lane.
+    /// Copy samples `from..from + count` in, and repeat the last one up to a whole lane. Accelerations that are not
+    /// there stay zero.
     fn stage(&mut self, mechanism: &Mechanism, motion: &Motion, from: usize, count: usize) {
         let (na, ne, n) = (mechanism.coordinates, mechanism.externals, motion.samples);
-        let groups = [(motion.position, na), (motion.velocity, na), (motion.acceleration, na), (motion.external, ne)];
-        let channels = groups.iter().flat_map(|&(data, many)| (0..many).map(move |a| &data[a * n..][..n]));
-        for (source, staged) in channels.zip(self.staged.chunks_exact_mut(STAGE)) {
+        let acceleration = motion.acceleration.unwrap_or_default();
+        let groups = [(motion.position, na), (motion.velocity, na), (acceleration, na), (motion.external, ne)];
+        let channels = groups.iter().flat_map(|&(data, many)| (0..many).map(move |a| (data, a * n)));
+        for ((data, at), staged) in channels.zip(self.staged.chunks_exact_mut(STAGE)) {
+            let Some(source) = data.get(at..at + n) else { continue };
             staged[..count].copy_from_slice(&source[from..from + count]);
             let last = staged[count - 1];
             staged[count..count + MAX_WIDTH].fill(last);
@@ -55,8 +66,9 @@ impl Workspace {
     }
 }
 
-/// Where the rows go: entry (row a, column c) of sample k is written at `place[a * columns + c] + k`. Columns that
-/// are not wanted share a place that is never read.
+/// Where the rows go: entry (row r, column c) of sample k is written at `place[r * columns + c] + k`. Row r is that of
+/// coordinate r; without accelerations it is that coordinate's momentum, and the rest of its torque is row
+/// `coordinates + r`. Columns that are not wanted share a place that is never read.
 pub(crate) struct Places<'a> {
     pub place: &'a [usize],
     pub out: *mut f64,
@@ -74,23 +86,40 @@ pub(crate) unsafe fn rows(
     places: &Places,
     workspace: &mut Workspace,
 ) {
-    debug_assert!(count <= CHUNK && places.place.len() == mechanism.coordinates * mechanism.columns());
+    debug_assert!(count <= CHUNK && places.place.len() == motion.sets() * mechanism.coordinates * mechanism.columns());
     if count > 0 {
         workspace.stage(mechanism, motion, from, count);
-        unsafe { chunk(mechanism.backend, mechanism, count, places, workspace) }
+        match motion.acceleration {
+            Some(_) => unsafe { torques(mechanism.backend, mechanism, count, places, workspace) },
+            None => unsafe { momenta(mechanism.backend, mechanism, count, places, workspace) },
+        }
     }
 }
 
 dispatched! {
-    unsafe fn chunk = chunk_in_lanes(mechanism: &Mechanism, count: usize, places: &Places, workspace: &mut Workspace)
+    unsafe fn torques = torques_in_lanes(mechanism: &Mechanism, count: usize, places: &Places, workspace: &mut Workspace)
+}
+
+dispatched! {
+    unsafe fn momenta = momenta_in_lanes(mechanism: &Mechanism, count: usize, places: &Places, workspace: &mut Workspace)
 }
 
 #[inline(always)]
-unsafe fn chunk_in_lanes<T: Lane>(mechanism: &Mechanism, count: usize, places: &Places, workspace: &mut Workspace) {
+unsafe fn torques_in_lanes<T: Lane>(mechanism: &Mechanism, count: usize, places: &Places, workspace: &mut Workspace) {
     let mut k = 0;
     while k < count {
         // SAFETY: the staged channels are padded to whole lanes, and the places too.
-        unsafe { sample::<T>(mechanism, k, places, workspace) };
+        unsafe { torque_sample::<T>(mechanism, k, places, workspace) };
+        k += T::WIDTH;
+    }
+}
+
+#[inline(always)]
+unsafe fn momenta_in_lanes<T: Lane>(mechanism: &Mechanism, count: usize, places: &Places, workspace: &mut Workspace) {
+    let mut k = 0;
+    while k < count {
+        // SAFETY: as for torques.
+        unsafe { momentum_sample::<T>(mechanism, k, places, workspace) };
         k += T::WIDTH;
     }
 }
@@ -111,6 +140,17 @@ unsafe fn put<T: Lane, const N: usize>(slot: &mut [[f64; MAX_WIDTH]], lanes: [T;
     for (k, lane) in lanes.into_iter().enumerate() {
         unsafe { lane.store(slot.as_mut_ptr().add(k).cast()) };
     }
+}
+
+#[inline(always)]
+unsafe fn get_axis<T: Lane>(slot: &AxisSlot) -> (Vector<T>, Vector<T>) {
+    let s: [T; 6] = unsafe { get(slot) };
+    ([s[0], s[1], s[2]], [s[3], s[4], s[5]])
+}
+
+#[inline(always)]
+unsafe fn put_axis<T: Lane>(slot: &mut AxisSlot, (x, u): (Vector<T>, Vector<T>)) {
+    unsafe { put(slot, [x[0], x[1], x[2], u[0], u[1], u[2]]) }
 }
 
 /// A lane of the staged motion, and where its rows go.
@@ -146,25 +186,40 @@ impl Sample<'_> {
         x
     }
 
-    /// Write a lane of the entry of row a and column c.
+    /// Write a lane of the entry of a row and a column.
     #[inline(always)]
-    unsafe fn put<T: Lane>(&self, a: usize, c: usize, entry: T) {
-        let at = self.places.place[a * self.mechanism.columns() + c];
+    unsafe fn put<T: Lane>(&self, row: usize, c: usize, entry: T) {
+        let at = self.places.place[row * self.mechanism.columns() + c];
         unsafe { entry.store(self.places.out.add(at + self.k)) };
     }
 }
 
 /// The rows of one lane of samples: ten columns for each link and axis, then the terms.
 #[inline(always)]
-unsafe fn sample<T: Lane>(mechanism: &Mechanism, k: usize, places: &Places, workspace: &mut Workspace) {
-    let Workspace { staged, links, axes } = workspace;
+unsafe fn torque_sample<T: Lane>(mechanism: &Mechanism, k: usize, places: &Places, workspace: &mut Workspace) {
+    let Workspace { staged, links, axes, .. } = workspace;
     let sample = Sample { mechanism, staged: staged.as_ptr(), places, k };
     // SAFETY: the channels are staged, the slots are as many as links and axes, and the places have room for a lane.
     unsafe {
         for i in 0..mechanism.links.len() {
             link_rows::<T>(&sample, i, links, axes);
         }
-        term_rows::<T>(&sample);
+        term_rows::<T>(&sample, 0);
+    }
+}
+
+/// The same without accelerations: for each coordinate its momentum, and the rest of its torque.
+#[inline(always)]
+unsafe fn momentum_sample<T: Lane>(mechanism: &Mechanism, k: usize, places: &Places, workspace: &mut Workspace) {
+    let Workspace { staged, links, axes, axis_rates } = workspace;
+    let sample = Sample { mechanism, staged: staged.as_ptr(), places, k };
+    // SAFETY: as for torques.
+    unsafe {
+        for i in 0..mechanism.links.len() {
+            link_momenta::<T>(&sample, i, links, axes, axis_rates);
+        }
+        rotor_momenta::<T>(&sample);
+        term_rows::<T>(&sample, mechanism.coordinates);
     }
 }
 
@@ -179,12 +234,12 @@ unsafe fn link_rows<T: Lane>(sample: &Sample, i: usize, links: &mut [LinkSlot], 
     for (slot, axis) in link.axes.iter().enumerate() {
         let (x, u) = match axis.above {
             Some(above) => {
-                let s: [T; 6] = unsafe { get(&axes[above]) };
-                joint.carry(link, [s[0], s[1], s[2]], [s[3], s[4], s[5]], axis.rate)
+                let (x, u) = unsafe { get_axis::<T>(&axes[above]) };
+                joint.carry(link, x, u, T::splat(axis.rate))
             }
-            None => joint.own(link, axis.rate),
+            None => joint.own(link, T::splat(axis.rate)),
         };
-        unsafe { put(&mut axes[link.first + slot], [x[0], x[1], x[2], u[0], u[1], u[2]]) };
+        unsafe { put_axis(&mut axes[link.first + slot], (x, u)) };
         let entries = match axis.above {
             Some(_) => contract(&motion, x, u),
             None if link.prismatic => contract_slide(&motion, u[2]),
@@ -197,7 +252,57 @@ unsafe fn link_rows<T: Lane>(sample: &Sample, i: usize, links: &mut [LinkSlot], 
 }
 
 #[inline(always)]
-unsafe fn term_rows<T: Lane>(sample: &Sample) {
+unsafe fn link_momenta<T: Lane>(
+    sample: &Sample,
+    i: usize,
+    links: &mut [LinkSlot],
+    axes: &mut [AxisSlot],
+    axis_rates: &mut [AxisSlot],
+) {
+    let mechanism = sample.mechanism;
+    let link = &mechanism.links[i];
+    let [q, rate, _] = unsafe { sample.combine::<T>(link.offset, &link.rates) };
+    let joint = JointMotion::new(link, q);
+    let parent = link.parent.map(|p| LinkVelocity::of(unsafe { get(&links[p]) }));
+    let velocity = link_velocity(mechanism, link, &joint, parent, rate);
+    unsafe { put(&mut links[i], velocity.flat()) };
+    for (slot, axis) in link.axes.iter().enumerate() {
+        let above = axis.above.map(|k| unsafe { (get_axis::<T>(&axes[k]), get_axis::<T>(&axis_rates[k])) });
+        let (x, u) = match above {
+            Some(((x, u), _)) => joint.carry(link, x, u, T::splat(axis.rate)),
+            None => joint.own(link, T::splat(axis.rate)),
+        };
+        let change = axis_rate(&velocity, link, &joint, above.map(|pair| pair.1), axis.rate);
+        let momenta = contract_momentum(&velocity, x, u);
+        let rests = contract_rest(&velocity, (x, u), change);
+        unsafe {
+            put_axis(&mut axes[link.first + slot], (x, u));
+            put_axis(&mut axis_rates[link.first + slot], change);
+            for parameter in 0..LINK_PARAMETERS {
+                let column = LINK_PARAMETERS * i + parameter;
+                sample.put(axis.coordinate, column, momenta[parameter]);
+                sample.put(mechanism.coordinates + axis.coordinate, column, rests[parameter]);
+            }
+        }
+    }
+}
+
+/// Of the terms only rotors have momentum; the others' runs stay zero.
+#[inline(always)]
+unsafe fn rotor_momenta<T: Lane>(sample: &Sample) {
+    let mechanism = sample.mechanism;
+    let inertial = mechanism.inertial_columns();
+    for (c, term) in (inertial..).zip(&mechanism.terms).filter(|&(c, _)| mechanism.has_momentum(c)) {
+        let [_, rate, _] = unsafe { sample.combine::<T>(term.offset, &term.weights) };
+        for &(a, weight) in &term.weights {
+            unsafe { sample.put(a, c, rate.mul(T::splat(weight))) };
+        }
+    }
+}
+
+/// The columns of the terms, into the rows from `first` on.
+#[inline(always)]
+unsafe fn term_rows<T: Lane>(sample: &Sample, first: usize) {
     let mechanism = sample.mechanism;
     let mut external = 3 * mechanism.coordinates;
     for (t, term) in mechanism.terms.iter().enumerate() {
@@ -209,7 +314,7 @@ unsafe fn term_rows<T: Lane>(sample: &Sample) {
         }
         let column = term.law.column(x, v, a, own);
         for &(a, weight) in &term.weights {
-            unsafe { sample.put(a, mechanism.inertial_columns() + t, column.mul(T::splat(weight))) };
+            unsafe { sample.put(first + a, mechanism.inertial_columns() + t, column.mul(T::splat(weight))) };
         }
     }
 }

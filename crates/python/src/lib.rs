@@ -4,7 +4,9 @@ mod arrays;
 
 use arrays::{row_major, square_stack};
 use haptid_core::{Backend, Closure, Error, Joint, Law, Mechanism, Motion, Reduction, Term};
-use numpy::{IntoPyArray, PyArray2, PyArray3, PyArrayMethods, PyReadonlyArray1, PyReadonlyArray2, PyReadonlyArray3};
+use numpy::{
+    IntoPyArray, PyArray2, PyArray3, PyArray4, PyArrayMethods, PyReadonlyArray1, PyReadonlyArray2, PyReadonlyArray3,
+};
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 
@@ -42,22 +44,27 @@ fn term((kind, weights, offset, a, b, c): TermArguments, coordinates: usize) -> 
 #[pyclass(name = "Mechanism", frozen, module = "haptid._core")]
 struct PyMechanism(Mechanism);
 
-/// Position, velocity, acceleration and external columns, each (channels, samples).
-struct Borrowed<'py>([PyReadonlyArray2<'py, f64>; 4]);
+/// Position, velocity, acceleration (where there is one) and external columns, each (channels, samples).
+struct Borrowed<'py> {
+    position: PyReadonlyArray2<'py, f64>,
+    velocity: PyReadonlyArray2<'py, f64>,
+    acceleration: Option<PyReadonlyArray2<'py, f64>>,
+    external: PyReadonlyArray2<'py, f64>,
+}
 
 impl<'py> Borrowed<'py> {
     fn motion(&self) -> PyResult<Motion<'_>> {
-        let [position, velocity, acceleration, external] = &self.0;
-        let shape = position.as_array().raw_dim();
-        if velocity.as_array().raw_dim() != shape || acceleration.as_array().raw_dim() != shape {
+        let shape = self.position.as_array().raw_dim();
+        let other = |array: &PyReadonlyArray2<'py, f64>| array.as_array().raw_dim() != shape;
+        if other(&self.velocity) || self.acceleration.as_ref().is_some_and(other) {
             return Err(PyValueError::new_err("position, velocity and acceleration must have the same shape"));
         }
         Ok(Motion {
-            samples: position.as_array().ncols(),
-            position: row_major(position)?,
-            velocity: row_major(velocity)?,
-            acceleration: row_major(acceleration)?,
-            external: row_major(external)?,
+            samples: self.position.as_array().ncols(),
+            position: row_major(&self.position)?,
+            velocity: row_major(&self.velocity)?,
+            acceleration: self.acceleration.as_ref().map(row_major).transpose()?,
+            external: row_major(&self.external)?,
         })
     }
 }
@@ -125,7 +132,7 @@ impl PyMechanism {
         external: PyReadonlyArray2<'py, f64>,
         columns: Vec<usize>,
     ) -> PyResult<Bound<'py, PyArray3<f64>>> {
-        let borrowed = Borrowed([position, velocity, acceleration, external]);
+        let borrowed = Borrowed { position, velocity, acceleration: Some(acceleration), external };
         let motion = borrowed.motion()?;
         let shape = [self.0.coordinates(), columns.len(), motion.samples];
         let mut out = vec![0.0; shape.iter().product()];
@@ -145,9 +152,44 @@ impl PyMechanism {
         columns: Vec<usize>,
         chi: Vec<f64>,
     ) -> PyResult<Bound<'py, PyArray2<f64>>> {
-        let borrowed = Borrowed([position, velocity, acceleration, external]);
+        let borrowed = Borrowed { position, velocity, acceleration: Some(acceleration), external };
         let motion = borrowed.motion()?;
         let shape = [self.0.coordinates(), motion.samples];
+        let mut out = vec![0.0; shape.iter().product()];
+        py.detach(|| haptid_core::torque(&self.0, &motion, &columns, &chi, &mut out)).map_err(to_python)?;
+        out.into_pyarray(py).reshape(shape)
+    }
+
+    #[pyo3(signature = (position, velocity, external, columns))]
+    fn momentum_regressor<'py>(
+        &self,
+        py: Python<'py>,
+        position: PyReadonlyArray2<'py, f64>,
+        velocity: PyReadonlyArray2<'py, f64>,
+        external: PyReadonlyArray2<'py, f64>,
+        columns: Vec<usize>,
+    ) -> PyResult<Bound<'py, PyArray4<f64>>> {
+        let borrowed = Borrowed { position, velocity, acceleration: None, external };
+        let motion = borrowed.motion()?;
+        let shape = [motion.sets(), self.0.coordinates(), columns.len(), motion.samples];
+        let mut out = vec![0.0; shape.iter().product()];
+        py.detach(|| haptid_core::regressor(&self.0, &motion, &columns, &mut out)).map_err(to_python)?;
+        out.into_pyarray(py).reshape(shape)
+    }
+
+    #[pyo3(signature = (position, velocity, external, columns, chi))]
+    fn momentum<'py>(
+        &self,
+        py: Python<'py>,
+        position: PyReadonlyArray2<'py, f64>,
+        velocity: PyReadonlyArray2<'py, f64>,
+        external: PyReadonlyArray2<'py, f64>,
+        columns: Vec<usize>,
+        chi: Vec<f64>,
+    ) -> PyResult<Bound<'py, PyArray3<f64>>> {
+        let borrowed = Borrowed { position, velocity, acceleration: None, external };
+        let motion = borrowed.motion()?;
+        let shape = [motion.sets(), self.0.coordinates(), motion.samples];
         let mut out = vec![0.0; shape.iter().product()];
         py.detach(|| haptid_core::torque(&self.0, &motion, &columns, &chi, &mut out)).map_err(to_python)?;
         out.into_pyarray(py).reshape(shape)
@@ -159,14 +201,14 @@ impl PyMechanism {
         Ok((0..self.0.coordinates()).map(|a| flat[a * columns.len()..][..columns.len()].to_vec()).collect())
     }
 
-    #[pyo3(signature = (position, velocity, acceleration, external, torque, columns, taps, decimation, first, rows, block, weights))]
+    #[pyo3(signature = (position, velocity, acceleration, external, torque, columns, taps, decimation, first, rows, block, weights, slope=None))]
     #[allow(clippy::too_many_arguments, clippy::type_complexity)]
     fn reduce<'py>(
         &self,
         py: Python<'py>,
         position: PyReadonlyArray2<'py, f64>,
         velocity: PyReadonlyArray2<'py, f64>,
-        acceleration: PyReadonlyArray2<'py, f64>,
+        acceleration: Option<PyReadonlyArray2<'py, f64>>,
         external: PyReadonlyArray2<'py, f64>,
         torque: PyReadonlyArray2<'py, f64>,
         columns: Vec<usize>,
@@ -176,13 +218,15 @@ impl PyMechanism {
         rows: usize,
         block: usize,
         weights: PyReadonlyArray2<'py, f64>,
+        slope: Option<PyReadonlyArray1<'py, f64>>,
     ) -> PyResult<Vec<(Vec<usize>, Bound<'py, PyArray3<f64>>)>> {
-        let borrowed = Borrowed([position, velocity, acceleration, external]);
+        let borrowed = Borrowed { position, velocity, acceleration, external };
         let motion = borrowed.motion()?;
         let reduction = Reduction {
             columns: &columns,
             torque: row_major(&torque)?,
             taps: taps.as_slice()?,
+            slope: slope.as_ref().map_or(Ok(&[][..]), |slope| slope.as_slice())?,
             decimation,
             first,
             rows,

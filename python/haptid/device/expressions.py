@@ -83,6 +83,10 @@ class Column:
             made = _evaluate(self.tree, {**self.constants, "pi": math.pi, **motion})
         return np.broadcast_to(np.asarray(made, dtype=float), (samples,))
 
+    def reads(self, names: set[str]) -> bool:
+        """Whether one of these names stands in it."""
+        return any(isinstance(node, ast.Name) and node.id in names for node in ast.walk(self.tree))
+
 
 def number(value: float | str, lengths: Mapping[str, float], place: Place) -> float:
     """A number from the file: as it stands, or arithmetic over pi and named lengths.

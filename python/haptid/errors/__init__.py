@@ -20,6 +20,7 @@ from haptid.errors.bench import (
     WeightlessLinkError,
 )
 from haptid.errors.corridor import (
+    AccelerationColumnError,
     ChannelCountError,
     CommandUnitError,
     ConfidenceError,
@@ -30,6 +31,7 @@ from haptid.errors.corridor import (
     MethodSettingError,
     MetricError,
     MotionTooShortError,
+    NoAccelerationError,
     NoBodyError,
     NoRowsError,
     NoTargetsError,
@@ -128,6 +130,7 @@ from haptid.errors.roots import (
 )
 
 __all__ = [
+    "AccelerationColumnError",
     "ActiveJointError",
     "BenchError",
     "ChannelCountError",
@@ -184,6 +187,7 @@ __all__ = [
     "MissingSamplesError",
     "MotionTooShortError",
     "MujocoMissingError",
+    "NoAccelerationError",
     "NoBodyError",
     "NoHandleError",
     "NoHeaderError",

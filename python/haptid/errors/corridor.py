@@ -45,6 +45,26 @@ class CutoffError(TreatmentError):
         )
 
 
+class NoAccelerationError(TreatmentError):
+    """Accelerations asked of a motion whose velocity is a causal differentiator's: there are none worth having."""
+
+    def __init__(self, what: str) -> None:
+        super().__init__(
+            f"{what} needs accelerations, and `velocity` by a high-pass leaves none. Choose accelerations = "
+            f"'momentum', or leave `velocity` out."
+        )
+
+
+class AccelerationColumnError(TreatmentError):
+    """A column of the device that is made of accelerations, in rows that are made without."""
+
+    def __init__(self, column: str) -> None:
+        super().__init__(
+            f"column {column} is made of accelerations, and accelerations = 'momentum' has none. Choose "
+            f"accelerations = 'differences', or write the term as a rotor inertia."
+        )
+
+
 class MotionTooShortError(TreatmentError):
     """A motion shorter than the ends its filters need."""
 
