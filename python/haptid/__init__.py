@@ -13,14 +13,34 @@ The corridor, one value after the other:
 from haptid import errors
 from haptid._core import __version__
 from haptid.base import BaseParameters, base_parameters
+from haptid.causal import Causal, HighPass
 from haptid.comparison import Comparison, compare
+from haptid.definiteness import Definiteness, definiteness
 from haptid.delay import Delay, find_delay
 from haptid.device import Device, device_schema, read_device, shipped_devices
-from haptid.dynamics import inverse_dynamics
-from haptid.estimators import OLS, WLS, Estimate, Method, Parameter, estimate
+from haptid.dissection import Dissection, dissect
+from haptid.dynamics import bias_torque, gravity_torque, inverse_dynamics, mass_matrix
+from haptid.estimators import (
+    OLS,
+    WLS,
+    Consistent,
+    Cost,
+    Estimate,
+    Held,
+    Method,
+    Parameter,
+    Possible,
+    estimate,
+    possible,
+    project,
+    pseudo_inertia,
+)
+from haptid.force import HandleForce, estimate_force
 from haptid.identification import Identification, Run, identify
+from haptid.kinematics import HandleMotion, handle_motion, link_poses
 from haptid.log import Channels, Log, Signal, read_log
 from haptid.observation import Block, MotorRows, Observation, observe
+from haptid.observer import MomentumObserver, Watched, observe_force
 from haptid.prediction import Prediction, predict
 from haptid.proposal import Proposal, propose
 from haptid.result import result, write_result
@@ -29,6 +49,7 @@ from haptid.study import Study, read_study, study_schema
 from haptid.targets import Targets, side_by_side, target_map, targets
 from haptid.treatment import Motion, Treatment, treat
 from haptid.validation import MotorError, Validation, direct, validate
+from haptid.workspace import Box, Workspace, workspace
 
 __all__ = [
     "OLS",
@@ -36,19 +57,31 @@ __all__ = [
     "BaseParameters",
     "Bell",
     "Block",
+    "Box",
+    "Causal",
     "Channels",
     "Comparison",
+    "Consistent",
+    "Cost",
+    "Definiteness",
     "Delay",
     "Device",
+    "Dissection",
     "Estimate",
+    "HandleForce",
+    "HandleMotion",
+    "Held",
+    "HighPass",
     "Identification",
     "Log",
     "Method",
+    "MomentumObserver",
     "Motion",
     "MotorError",
     "MotorRows",
     "Observation",
     "Parameter",
+    "Possible",
     "Prediction",
     "Proposal",
     "Run",
@@ -58,19 +91,33 @@ __all__ = [
     "Targets",
     "Treatment",
     "Validation",
+    "Watched",
+    "Workspace",
     "__version__",
     "base_parameters",
+    "bias_torque",
     "compare",
+    "definiteness",
     "device_schema",
     "direct",
+    "dissect",
     "errors",
     "estimate",
+    "estimate_force",
     "find_delay",
+    "gravity_torque",
+    "handle_motion",
     "identify",
     "inverse_dynamics",
+    "link_poses",
+    "mass_matrix",
     "observe",
+    "observe_force",
+    "possible",
     "predict",
+    "project",
     "propose",
+    "pseudo_inertia",
     "read_device",
     "read_log",
     "read_study",
@@ -82,5 +129,6 @@ __all__ = [
     "targets",
     "treat",
     "validate",
+    "workspace",
     "write_result",
 ]

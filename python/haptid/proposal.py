@@ -77,6 +77,8 @@ def propose(device: Device, *logs: Log, **asked: Any) -> Proposal:
         CutoffError: a cut-off that was asked for is too high for the sampling rate.
         HaptidError: as `observe` does where a log does not fit the device.
     """
+    if asked.get("velocity") is not None:  # it takes positions as they are
+        asked = {"cutoff_hz": None, **asked}
     Treatment(**asked)  # impossible settings are an error before any work
     for log in logs:
         check_log(device, log)
@@ -96,13 +98,10 @@ def _filters(logs: Sequence[Log], asked: Mapping[str, Any]) -> Step:
     """Both cut-offs and the decimation, from the motion's highest frequency."""
     dt = max(float(log.dt) for log in logs)
     highest = max(bandwidth(log) for log in logs)
-    ceiling = HIGHEST * 0.5 / dt
     wanted = max(ABOVE_MOTION * highest, SHORTEST / min(len(log.t) * log.dt for log in logs))
     if asked.get("cutoff_hz") is not None:
         wanted = asked["cutoff_hz"] / ABOVE_PARALLEL
-    if "decimation" in asked:
-        wanted = min(wanted, Treatment(**asked).parallel_shape.share * 0.5 / dt / asked["decimation"])
-    parallel = asked.get("parallel_cutoff_hz") or min(wanted, ceiling / ABOVE_PARALLEL)
+    parallel = asked.get("parallel_cutoff_hz") or min(wanted, _ceiling(dt, asked))
     made = _with_parallel(parallel, dt, asked)
     motion = f"the motion is below {highest:.2g} Hz ({100 * MOTION:.0f} % of the velocity's power)"
     reasons = []
@@ -115,6 +114,14 @@ def _filters(logs: Sequence[Log], asked: Mapping[str, Any]) -> Step:
     if "decimation" not in asked:
         reasons.append(f"One row is kept of {made.decimation} samples, {ROWS_IN_PERIOD} in the filter's period.")
     return made, tuple(reasons)
+
+
+def _ceiling(dt: float, asked: Mapping[str, Any]) -> float:
+    """Highest cut-off, Hz, of the filter that torque and columns share: what the rates of samples and rows carry."""
+    ceiling = HIGHEST * 0.5 / dt / ABOVE_PARALLEL
+    if "decimation" in asked:
+        ceiling = min(ceiling, Treatment(**asked).parallel_shape.share * 0.5 / dt / asked["decimation"])
+    return ceiling
 
 
 def _with_parallel(parallel: float, dt: float, asked: Mapping[str, Any]) -> Treatment:
@@ -204,7 +211,7 @@ def _wide_enough(device: Device, logs: Sequence[Log], treatment: Treatment, aske
     shares = _shares(device, logs, treatment)
     for _ in range(0 if "parallel_cutoff_hz" in asked else WIDENINGS):
         wider = WIDER * (treatment.parallel_cutoff_hz or 0.0)
-        if min(shares) >= KEPT or ABOVE_PARALLEL * wider > HIGHEST * 0.5 / dt:
+        if min(shares) >= KEPT or wider > _ceiling(dt, asked):
             break
         treatment = _with_parallel(wider, dt, {**asked, "low_speed": treatment.low_speed})
         shares = _shares(device, logs, treatment)
@@ -244,11 +251,11 @@ def _timed(device: Device, logs: Sequence[Log], treatment: Treatment, asked: Map
     delay, dt = find_delay(device, logs, treatment), float(logs[0].dt)
     if delay is None or delay.sd > KNOWN * dt:
         return treatment, ("The logs do not tell how late the torque is; it is taken as it is.",)
-    found = f"The torque is {1e3 * delay.seconds:.3g} ms late (deviation {1e3 * delay.sd:.1g} ms)"
+    found = f"{1e3 * delay.seconds:.3g} ms (deviation {1e3 * delay.sd:.1g} ms)"
     near = NEAR * dt + 2 * delay.sd
     if abs(delay.seconds) < near:
-        return treatment, (f"{found}: not at all, within what the logs tell.",)
+        return treatment, (f"The torque is not late, within what the logs tell: {found}.",)
     if abs(delay.seconds - dt / 2) < near:
-        held = f"{found}: half a sampling period, as a command is that is held until the next one."
+        held = f"The torque is late by {found}: half a sampling period, as a command is that is held until the next."
         return replace(treatment, torque_delay=dt / 2), (held,)
-    return replace(treatment, torque_delay=delay.seconds), (f"{found}, which is compensated.",)
+    return replace(treatment, torque_delay=delay.seconds), (f"The torque is late by {found}: compensated.",)

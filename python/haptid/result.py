@@ -10,8 +10,10 @@ from pathlib import Path
 from typing import Any
 
 from haptid._core import __version__
-from haptid.estimators import Estimate, Parameter
+from haptid.causal import Causal
+from haptid.estimators import Estimate, Held, Parameter
 from haptid.identification import Identification, Run
+from haptid.targets import targets
 from haptid.treatment import Treatment
 from haptid.validation import Validation
 
@@ -43,6 +45,8 @@ def result(identification: Identification) -> dict[str, Any]:
             "status": estimate.status,
             "interval": "CR3 jackknife over motor and time block, Student t with Satterthwaite degrees of freedom",
             "parameters": [parameter(p) for p in estimate.parameters],
+            "targets": [parameter(p) for p in targets(estimate).parameters] if estimate.device.targets else [],
+            "held": held(estimate.held),
         },
         "validation": [entry for run in identification.runs for entry in validations(run)],
         "criteria": {
@@ -54,8 +58,13 @@ def result(identification: Identification) -> dict[str, Any]:
 
 
 def treatment(treated: Treatment) -> dict[str, Any]:
-    """The settings, the filter's shape by its name."""
-    return {**dataclasses.asdict(treated), "parallel_shape": treated.parallel_shape.name}
+    """The settings by their names in a study, the filter's shape by its name."""
+    shape, settings = treated.parallel_shape, dataclasses.asdict(treated)
+    settings["parallel_shape"] = shape.name
+    settings["parallel_order"] = shape.order if isinstance(shape, Causal) else None
+    differentiator = settings.pop("velocity")
+    settings["velocity_cutoff_hz"] = differentiator and differentiator["cutoff_hz"]
+    return settings
 
 
 def log(run: Run) -> dict[str, Any]:
@@ -69,6 +78,19 @@ def log(run: Run) -> dict[str, Any]:
         "samples": len(read.t),
         "dt": run.motion.dt,
         "notes": list(read.notes),
+    }
+
+
+def held(found: Held | None) -> dict[str, Any] | None:
+    """What an estimate was held to, where it would not have been possible: bodies, and what that cost."""
+    if found is None:
+        return None
+    inside, names = found.possible, found.possible.device.parameters.names
+    return {
+        "margin": inside.margin,
+        "active": list(found.active),
+        "cost_percent": [{"motor": cost.label, "free": cost.free, "held": cost.held} for cost in found.costs],
+        "standard": dict(zip(names, inside.chi.tolist(), strict=True)),
     }
 
 

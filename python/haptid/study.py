@@ -10,8 +10,9 @@ from typing import Annotated, Any, Literal
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
+from haptid.causal import Causal, HighPass
 from haptid.errors import LogError, StudyFileError, StudyLogsError
-from haptid.estimators import OLS, WLS, Method
+from haptid.estimators import OLS, WLS, Consistent, Method
 from haptid.log import Channels, Signal
 from haptid.shapes import SHAPES
 from haptid.treatment import Treatment
@@ -70,15 +71,22 @@ class TreatmentTable(_Table):
     order: int | None = Field(None, ge=1, le=12, description="order of one pass of the Butterworth filter; default 4")
     decimation: int | None = Field(None, ge=1, description="one row is kept of so many samples")
     parallel_cutoff_hz: Positive | None = Field(None, description="-3 dB of the filter that torque and W share, Hz")
-    parallel_shape: Literal["bell", "sharp"] | None = Field(
-        None, description="of that filter: bell (default), or sharp as published recipes have it"
+    parallel_shape: Literal["bell", "sharp", "causal"] | None = Field(
+        None, description="of that filter: bell (default), sharp as published recipes have it, or causal"
+    )
+    parallel_order: int | None = Field(None, ge=1, le=12, description="of the causal filter; default 1")
+    accelerations: Literal["differences", "momentum"] | None = Field(
+        None, description="differences of the positions (default), or momentum: rows without accelerations"
+    )
+    velocity_cutoff_hz: Positive | None = Field(
+        None, description="velocity by a causal differentiator of the positions, Hz; with accelerations = 'momentum'"
     )
     low_speed: Finite | list[Finite] | None = Field(
         None, description="rows slower than this are dropped, rad/s or m/s; 0 for none"
     )
     guard: Annotated[float, Field(ge=0, allow_inf_nan=False)] | None = Field(
         None,
-        description="rows this near slow motion are dropped too, s; default: the parallel filter's half width",
+        description="rows this near slow motion are dropped too, s; default: all that the shared filter reaches",
     )
     block: Positive | None = Field(None, description="length of a time block, s; default 1")
     torque_delay: Finite | None = Field(
@@ -99,6 +107,7 @@ class EstimateTable(_Table):
 
     method: Literal["OLS", "WLS"] = Field("WLS", description="OLS, or WLS: weighted by each motor's residual")
     passes: int = Field(2, ge=1, description="WLS: times the weights are made anew")
+    possible: bool = Field(False, description="hold the estimate to what bodies and passive friction can have")
 
 
 class CriteriaTable(_Table):
@@ -117,7 +126,7 @@ class StudyTable(_Table):
     logs: list[LogTable] = Field(min_length=1)
     treatment: TreatmentTable = TreatmentTable.model_construct()
     holdout: HoldoutTable | None = None
-    estimate: EstimateTable = EstimateTable.model_construct(method="WLS", passes=2)
+    estimate: EstimateTable = EstimateTable.model_construct(method="WLS", passes=2, possible=False)
     criteria: CriteriaTable = CriteriaTable.model_construct(relative_error_percent=None)
 
 
@@ -171,22 +180,36 @@ def read_study(path: str | Path) -> Study:
     table = _parse(path)
     logs = tuple(_log(path, k, log, table.channels) for k, log in enumerate(table.logs))
     _check_logs(path, logs, table.holdout)
-    given = table.treatment.model_dump(exclude_none=True)
-    treatment: dict[str, Any] = {key: None if value == "none" else value for key, value in given.items()}
-    if "parallel_shape" in treatment:
-        treatment["parallel_shape"] = SHAPES[treatment["parallel_shape"]]
-    Treatment(**treatment)  # a setting that means nothing is an error before any log is read
-    method: Method = OLS() if table.estimate.method == "OLS" else WLS(table.estimate.passes)
     return Study(
         name=table.name,
         path=path,
         device=_device(path, table.device),
         logs=logs,
-        treatment=treatment,
-        method=method,
+        treatment=_treatment(path, table.treatment),
+        method=_method(table.estimate),
         holdout=table.holdout.pattern if table.holdout else None,
         largest_error=table.criteria.relative_error_percent,
     )
+
+
+def _treatment(study: Path, table: TreatmentTable) -> dict[str, Any]:
+    """Settings of `Treatment` that the study gives."""
+    given: dict[str, Any] = table.model_dump(exclude_none=True)
+    shape, order = given.pop("parallel_shape", None), given.pop("parallel_order", None)
+    if order is not None and shape != "causal":
+        raise StudyFileError(study, "treatment.parallel_order", "only the shape 'causal' has an order")
+    if shape is not None:
+        given["parallel_shape"] = Causal(order or 1) if shape == "causal" else SHAPES[shape]
+    if "velocity_cutoff_hz" in given:
+        given |= {"velocity": HighPass(given.pop("velocity_cutoff_hz")), "cutoff_hz": given.get("cutoff_hz")}
+    settings: dict[str, Any] = {key: None if value == "none" else value for key, value in given.items()}
+    Treatment(**settings)  # a setting that means nothing is an error before any log is read
+    return settings
+
+
+def _method(table: EstimateTable) -> Method:
+    weighting = OLS() if table.method == "OLS" else WLS(table.passes)
+    return Consistent(weighting) if table.possible else weighting
 
 
 def _parse(path: Path) -> StudyTable:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any
 
 from rich.console import Console
@@ -10,8 +11,9 @@ from rich.text import Text
 
 from haptid.device import Device
 from haptid.device.summary import summary_lines
-from haptid.estimators import Estimate, Parameter
+from haptid.estimators import Parameter
 from haptid.identification import Identification, Run
+from haptid.targets import targets
 from haptid.validation import Validation
 
 
@@ -26,7 +28,9 @@ def show_identification(console: Console, found: Identification) -> None:
         f"{found.estimate.method.name}\n",
         highlight=False,
     )
-    console.print(parameter_table(found.estimate))
+    console.print(parameter_table("Base parameters", found.estimate.parameters))
+    if found.device.targets:
+        console.print(parameter_table("Targets", targets(found.estimate).parameters))
     console.print(
         "Rows in grey: the deviation is over half the value. Groupings: result.json, or `haptid model`.",
         style="dim",
@@ -37,12 +41,12 @@ def show_identification(console: Console, found: Identification) -> None:
     console.print(f"\n{verdict(found)}")
 
 
-def parameter_table(estimate: Estimate) -> Table:
-    """Base parameters with their honest intervals; the textbook deviation beside them."""
-    table = Table(title="Base parameters", title_justify="left", box=None, pad_edge=False)
+def parameter_table(title: str, parameters: Sequence[Parameter]) -> Table:
+    """Parameters with their honest intervals; the textbook deviation beside them."""
+    table = Table(title=title, title_justify="left", box=None, pad_edge=False)
     for heading in ("", "value", "95 % interval", "sd %", "textbook %", "prior", "unit"):
         table.add_column(heading, justify="left" if heading in ("", "unit") else "right", no_wrap=True)
-    for p in estimate.parameters:
+    for p in parameters:
         table.add_row(*parameter_cells(p), style="dim" if p.relative_sd > 50 else None)
     return table
 

@@ -243,7 +243,13 @@ BAD = {
     # the device
     "low_speed of the wrong length": (text("study.toml", "decimation = 5", "low_speed = [1, 1, 1]"), r"each row"),
     "cut-off that is no number": (text("study.toml", "= 30", "= 'off'"), r"treatment\.cutoff_hz`.*'none'"),
-    "fewer rows than parameters": (text("study.toml", "decimation = 5", "decimation = 210"), r"rows cannot tell"),
+    "order of a filter that has none": (text("study.toml", "decimation = 5", "parallel_order = 2"), r"only.*causal"),
+    "differentiator with accelerations": (
+        text("study.toml", "cutoff_hz = 30", "velocity_cutoff_hz = 30"), r"acceleration"
+    ),
+    "fewer rows than parameters": (
+        text("study.toml", "decimation = 5", "decimation = 420\nlow_speed = 0"), r"rows cannot tell"
+    ),
     "device path with a zero byte": (text("study.toml", '"device.toml"', '"d\\u0000.toml"'), r"zero byte"),
     "no such device": (text("study.toml", "device.toml", "device2.toml"), r"device2\.toml"),
     "unknown shipped device": (text("study.toml", '"device.toml"', '"phantom"'), r"phantom_premium_15"),

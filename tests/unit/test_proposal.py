@@ -61,7 +61,7 @@ def test_the_delay_is_found(phantom, late, seed):
 
 @pytest.mark.parametrize(
     ("late", "taken", "words"),
-    [(0.0, 0.0, "not at all"), (0.5, 5e-4, "half a sampling period"), (2.3, 2.3e-3, "compensated")],
+    [(0.0, 0.0, "is not late"), (0.5, 5e-4, "half a sampling period"), (2.3, 2.3e-3, "compensated")],
 )
 def test_a_delay_is_named(phantom, late, taken, words):
     proposal = haptid.propose(phantom, recorded(phantom, late=late, noise=0.003))
@@ -128,3 +128,12 @@ def test_a_log_of_another_device_and_impossible_settings_are_errors(phantom):
     swapped = haptid.Log(made.path, "", made.t, made.position[:, ::-1] + [0.0, 0.0, -0.5], made.torque, made.channels)
     with pytest.raises(SwappedChannelsError):
         haptid.propose(phantom, swapped)
+
+
+def test_a_treatment_without_accelerations_is_proposed_too(phantom):
+    made = recorded(phantom)
+    asked = {"accelerations": "momentum", "velocity": haptid.HighPass(30.0)}
+    treatment = haptid.propose(phantom, made, **asked).treatment
+    assert treatment.cutoff_hz is None
+    assert treatment.parallel_cutoff_hz == pytest.approx(3 * bandwidth(made), rel=0.01)
+    assert haptid.observe(phantom, haptid.treat(made, treatment)).rows > 1000
