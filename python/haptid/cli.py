@@ -190,23 +190,25 @@ def bench(
     out_log: Annotated[Path, typer.Option("--out", help="the log to write, a .parquet file", show_default=False)],
     truth: Annotated[bool, typer.Option("--truth", help="write true parameters and exact states too")] = False,
     seed: Annotated[int | None, typer.Option(min=0, help="in place of the experiment's")] = None,
+    picture: Annotated[bool, typer.Option("--picture", help="draw the moving device, LOG.png")] = False,
     count: Annotated[
         int, typer.Option(min=1, help="so many logs, LOG-1, LOG-2, .. with one seed after the other, several at a time")
     ] = 1,
     quiet: Annotated[bool, typer.Option("--quiet", "-q", help="no progress, no summary")] = False,
 ) -> None:
     from haptid.bench.logs import truth_paths
-    from haptid.bench.run import jobs_of, make_log, make_logs
+    from haptid.bench.run import Job, make_log, make_logs, repeated
 
     with _errors_shown(), _progress(quiet) as progress:
         task = progress.add_task("simulating", total=1.0)
-        jobs = jobs_of(device, experiment, out_log, truth=truth, seed=seed, count=count)
+        jobs = repeated(Job(device, experiment, out_log, truth, seed, picture), count)
         if len(jobs) == 1:
             make_log(jobs[0], lambda share: progress.update(task, completed=share))
         else:
             make_logs(jobs, tell=lambda _, share: progress.update(task, completed=share))
     for job in () if quiet else jobs:
         beside = f", truth in {' and '.join(str(path) for path in truth_paths(job.out))}" if truth else ""
+        beside += f", picture in {job.strip}" if picture else ""
         out.print(f"Log in {job.out}{beside}")
 
 

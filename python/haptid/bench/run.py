@@ -5,13 +5,14 @@ from __future__ import annotations
 import multiprocessing
 from collections.abc import Callable, Sequence
 from concurrent.futures import ProcessPoolExecutor, as_completed
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 
 from haptid.bench.experiment import Experiment, read_experiment
 from haptid.bench.logs import write_log, write_truth
+from haptid.bench.picture import draw_strip
 from haptid.bench.setup import Recording, Setup
 from haptid.bench.simulation import Tell, simulate
 from haptid.bench.trajectories import plan
@@ -30,6 +31,7 @@ class Job:
         out: path of the log, a Parquet file.
         truth: whether parameters and exact states go beside it.
         seed: in place of the experiment's; None for that.
+        picture: whether a strip of pictures of the moving device goes beside it.
     """
 
     device: str | Path
@@ -37,19 +39,21 @@ class Job:
     out: Path
     truth: bool = False
     seed: int | None = None
+    picture: bool = False
+
+    @property
+    def strip(self) -> Path:
+        """Where that strip goes."""
+        return self.out.with_suffix(".png")
 
 
-def jobs_of(
-    device: str | Path, experiment: Path, out: Path, *, truth: bool = False, seed: int | None = None, count: int = 1
-) -> tuple[Job, ...]:
-    """Jobs for so many logs of one experiment: `out` itself, or LOG-1, LOG-2, .. with one seed after the other."""
+def repeated(job: Job, count: int) -> tuple[Job, ...]:
+    """Jobs for so many logs of one experiment: LOG itself, or LOG-1, LOG-2, .. with one seed after the other."""
     if count == 1:
-        return (Job(device, experiment, out, truth, seed),)
-    first = read_experiment(experiment).seed if seed is None else seed
-    return tuple(
-        Job(device, experiment, out.with_name(f"{out.stem}-{k + 1}{out.suffix}"), truth, first + k)
-        for k in range(count)
-    )
+        return (job,)
+    first = read_experiment(job.experiment).seed if job.seed is None else job.seed
+    names = (job.out.with_name(f"{job.out.stem}-{k + 1}{job.out.suffix}") for k in range(count))
+    return tuple(replace(job, out=name, seed=first + k) for k, name in enumerate(names))
 
 
 def perform(experiment: Experiment, setup: Setup, seed: int, tell: Tell | None = None) -> Recording:
@@ -74,6 +78,8 @@ def make_log(job: Job, tell: Tell | None = None) -> Path:
         write_log(folder / job.out.name, experiment, setup, made, seed)
         if job.truth:
             write_truth(folder / job.out.name, experiment, setup, made, seed)
+        if job.picture:
+            draw_strip(setup.device, made.q[:, list(device.active)], made.t, folder / job.strip.name)
     return job.out
 
 
