@@ -48,6 +48,7 @@ from haptid.errors.corridor import (
     UnidentifiableTargetError,
     UnsolvedError,
 )
+from haptid.errors.demos import MountingError, UnknownDemoError
 from haptid.errors.devices import (
     ActiveJointError,
     ColumnValueError,
@@ -74,6 +75,7 @@ from haptid.errors.handle import (
     ForceSettingError,
     HandleMissingError,
     UnboundedWorkspaceError,
+    UnknownLinkError,
     WorkspaceLimitError,
 )
 from haptid.errors.logs import (
@@ -117,10 +119,18 @@ from haptid.errors.logs import (
     WrongContentError,
     WrongKindOfUnitError,
 )
+from haptid.errors.reduction import (
+    BaseNameError,
+    MotorNameError,
+    NoFeasibleMotionError,
+    NoRangeError,
+    NoStretchesError,
+)
 from haptid.errors.roots import (
     BenchError,
     DeviceError,
     EstimationError,
+    ExcitationError,
     HandleError,
     HaptidError,
     LogError,
@@ -132,6 +142,7 @@ from haptid.errors.roots import (
 __all__ = [
     "AccelerationColumnError",
     "ActiveJointError",
+    "BaseNameError",
     "BenchError",
     "ChannelCountError",
     "ChannelGuessError",
@@ -156,6 +167,7 @@ __all__ = [
     "EmptyLogError",
     "EmptyWorkspaceError",
     "EstimationError",
+    "ExcitationError",
     "ExperimentFileError",
     "ExpressionError",
     "FigureCountError",
@@ -186,12 +198,17 @@ __all__ = [
     "MissingParentError",
     "MissingSamplesError",
     "MotionTooShortError",
+    "MotorNameError",
+    "MountingError",
     "MujocoMissingError",
     "NoAccelerationError",
     "NoBodyError",
+    "NoFeasibleMotionError",
     "NoHandleError",
     "NoHeaderError",
+    "NoRangeError",
     "NoRowsError",
+    "NoStretchesError",
     "NoTargetsError",
     "NoTorqueError",
     "NonFiniteError",
@@ -235,6 +252,8 @@ __all__ = [
     "UnequalChannelsError",
     "UnexcitedError",
     "UnidentifiableTargetError",
+    "UnknownDemoError",
+    "UnknownLinkError",
     "UnknownNameError",
     "UnknownUnitError",
     "UnphysicalBodyError",

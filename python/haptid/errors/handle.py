@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
+
+from haptid.errors.devices import suggestion
 from haptid.errors.roots import HandleError
 
 
@@ -47,3 +50,10 @@ class ForceSettingError(HandleError):
 
     def __init__(self, name: str, value: object, wanted: str) -> None:
         super().__init__(f"{name} is {value!r}; write {wanted}.")
+
+
+class UnknownLinkError(HandleError):
+    """A link to which nothing can be added, since there is none of that name, or it has no free parameters."""
+
+    def __init__(self, name: str, known: Iterable[str]) -> None:
+        super().__init__(f"no link {name!r} with free inertial parameters. {suggestion(name, known)}")
