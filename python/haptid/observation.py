@@ -5,7 +5,7 @@ W is never stored: the core makes its rows, filters and decimates them together 
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import pairwise
@@ -18,6 +18,7 @@ from haptid.device import Device
 from haptid.errors import (
     DifferentModelError,
     MotionTooShortError,
+    MotorNameError,
     NoRowsError,
     SameRowsError,
     TreatmentValueError,
@@ -190,9 +191,28 @@ class Observation:
     @cached_property
     def condition(self) -> tuple[float, float]:
         """Condition number of W: as it is, and with its columns scaled to unit length."""
-        R = self.stack()[:-1, :-1]
-        lengths = np.linalg.norm(R, axis=0)
-        return _condition(R), _condition(R / np.where(lengths > 0, lengths, 1.0))
+        return self.condition_without(())
+
+    def condition_without(self, zero: Sequence[int]) -> tuple[float, float]:
+        """The same without the columns of some base parameters, given by index."""
+        return conditions(self.stack()[:-1, [k for k in range(len(self.base)) if k not in zero]])
+
+    def only(self, motor: str) -> Observation:
+        """The rows of one motor, given by name.
+
+        Raises:
+            MotorNameError: there is none of that name.
+        """
+        names = [m.name for m in self.motors]
+        if motor not in names:
+            raise MotorNameError(motor, names)
+        return replace(self, motors=(self.motors[names.index(motor)],))
+
+
+def conditions(W: Array) -> tuple[float, float]:
+    """Condition number of a matrix: as it is, and with its columns scaled to unit length."""
+    lengths = np.linalg.norm(W, axis=0)
+    return _condition(W), _condition(W / np.where(lengths > 0, lengths, 1.0))
 
 
 def _condition(R: Array) -> float:

@@ -157,7 +157,7 @@ def targets(estimate: Estimate) -> Targets:
     """
     device, observation = estimate.device, estimate.observation
     C = target_map(device)
-    jack = jackknife(observation, estimate.weights, solve(observation, estimate.weights), C)
+    jack = jackknife(observation, estimate.weights, solve(observation, estimate.weights, estimate.zero), C)
     wanted = device.targets
     alone = tuple(int(k) for k in jack.alone)
     names = ", ".join(wanted[k].name for k in alone)

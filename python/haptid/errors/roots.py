@@ -31,6 +31,10 @@ class BenchError(HaptidError):
     """Something about an experiment on the virtual bench."""
 
 
+class ExcitationError(HaptidError):
+    """Something about the search for an exciting motion."""
+
+
 class HandleError(HaptidError):
     """Something about the handle, the workspace or the force of the hand."""
 

@@ -2,9 +2,10 @@
 
 from haptid.estimators.cone import pseudo_inertia
 from haptid.estimators.consistent import Consistent, Cost, Held
-from haptid.estimators.estimate import Estimate, Method, Parameter, Restricted, estimate
+from haptid.estimators.estimate import Estimate, Method, Parameter, Reduced, Restricted, estimate
 from haptid.estimators.ols import OLS
 from haptid.estimators.possible import Possible, possible, project
+from haptid.estimators.reduced import Without
 from haptid.estimators.wls import WLS
 
 __all__ = [
@@ -17,7 +18,9 @@ __all__ = [
     "Method",
     "Parameter",
     "Possible",
+    "Reduced",
     "Restricted",
+    "Without",
     "estimate",
     "possible",
     "project",

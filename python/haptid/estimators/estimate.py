@@ -46,6 +46,14 @@ class Restricted(Method, Protocol):
         """The solution in the set, beside the free one."""
 
 
+@runtime_checkable
+class Reduced(Method, Protocol):
+    """A method that holds some base parameters at zero, such as `Without`."""
+
+    def zero(self, observation: Observation) -> tuple[int, ...]:
+        """Their indices."""
+
+
 @dataclass(frozen=True)
 class Parameter:
     """One base parameter as identified.
@@ -91,6 +99,7 @@ class Estimate:
         notes: sentences a user should read.
         held: of a method that holds the estimate to what bodies can have: those bodies, the free estimate beside it,
             and what holds it; None of the others.
+        zero: indices of the parameters that were left out: zero, without deviation.
     """
 
     observation: Observation
@@ -104,6 +113,7 @@ class Estimate:
     status: str
     notes: tuple[str, ...]
     held: Held | None = None
+    zero: tuple[int, ...] = ()
 
     def __post_init__(self) -> None:
         for name in ("beta", "covariance", "textbook_covariance", "freedom", "weights"):
@@ -116,6 +126,11 @@ class Estimate:
     @property
     def base(self) -> BaseParameters:
         return self.observation.base
+
+    @property
+    def kept(self) -> tuple[int, ...]:
+        """Indices of the parameters that were not left out."""
+        return tuple(k for k in range(len(self.base)) if k not in self.zero)
 
     @property
     def possible(self) -> Possible | None:
@@ -170,10 +185,11 @@ def estimate(observation: Observation, method: Method) -> Estimate:
         NoBodyError, UnsolvedError: `Consistent()` finds no bodies.
     """
     weights = method.weights(observation)
-    solution = solve(observation, weights)
+    zero = method.zero(observation) if isinstance(method, Reduced) else ()
+    solution = solve(observation, weights, zero)
     jack = jackknife(observation, weights, solution)
     held = method.hold(observation, solution) if isinstance(method, Restricted) else None
-    status, notes = verdict(observation, jack, held)
+    status, notes = verdict(observation, jack, held, zero)
     return Estimate(
         observation=observation,
         method=method,
@@ -186,12 +202,15 @@ def estimate(observation: Observation, method: Method) -> Estimate:
         status=status,
         notes=notes,
         held=held,
+        zero=zero,
     )
 
 
-def verdict(observation: Observation, jack: Jackknife, held: Held | None) -> tuple[str, tuple[str, ...]]:
+def verdict(
+    observation: Observation, jack: Jackknife, held: Held | None, zero: tuple[int, ...]
+) -> tuple[str, tuple[str, ...]]:
     """The status of an estimate, and the sentences a user should read."""
-    raw, scaled = observation.condition
+    raw, scaled = observation.condition_without(zero)
     notes = list(observation_notes(observation))
     status = "ok"
     if scaled > WELL_CONDITIONED:

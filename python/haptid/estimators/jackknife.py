@@ -10,7 +10,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy import linalg
 
 from haptid._values import Array
 from haptid.estimators.solve import Solution
@@ -55,7 +54,7 @@ def jackknife(
         combinations: of base parameters, (q, p), in whose place the result is; each base parameter by itself where
             left out.
     """
-    inverse = linalg.solve_triangular(solution.R, np.eye(len(solution.beta)))
+    inverse = solution.root
     spread = inverse if combinations is None else combinations @ inverse
     q = len(spread)
     variance = (spread**2).sum(axis=1)
@@ -76,7 +75,8 @@ def jackknife(
         leverage.append(((U @ spread.T) ** 2).sum(axis=1))
     shares = np.concatenate(leverage)
     blocks = len(shares)
-    freedom = shares.sum(axis=0) ** 2 / (shares**2).sum(axis=0) - 1.0
+    squares = (shares**2).sum(axis=0)  # zero where a parameter is held at zero, which nothing can doubt
+    freedom = np.divide(shares.sum(axis=0) ** 2, squares, out=np.full(q, np.inf), where=squares > 0) - 1.0
     return Jackknife(
         covariance=outer * (blocks - 1) / max(blocks, 1),
         freedom=np.maximum(freedom, LEAST_FREEDOM),
