@@ -90,6 +90,7 @@ def read_device(path: str | Path) -> Device:
             *_contradictions(prior, parameters.index),
             *_closing_note(closure),
         ),
+        tables=tables,
     )
 
 

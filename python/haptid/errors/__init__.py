@@ -70,6 +70,12 @@ from haptid.errors.devices import (
     UndeterminedLoopError,
     UnknownNameError,
 )
+from haptid.errors.exact import (
+    RegroupingCheckError,
+    RegroupingFormError,
+    RoadsDisagreeError,
+    SymbolicClosureError,
+)
 from haptid.errors.handle import (
     EmptyWorkspaceError,
     ForceSettingError,
@@ -134,6 +140,7 @@ from haptid.errors.roots import (
     HandleError,
     HaptidError,
     LogError,
+    RegroupingError,
     ShapeError,
     StudyError,
     TreatmentError,
@@ -223,9 +230,13 @@ __all__ = [
     "PictureError",
     "PositionJumpError",
     "RaggedRowError",
+    "RegroupingCheckError",
+    "RegroupingError",
+    "RegroupingFormError",
     "RelationError",
     "RepeatedNameError",
     "RepeatedStampError",
+    "RoadsDisagreeError",
     "SameRowsError",
     "SaturatedTorqueError",
     "SeenRowsError",
@@ -236,6 +247,7 @@ __all__ = [
     "StudyFileError",
     "StudyLogsError",
     "SwappedChannelsError",
+    "SymbolicClosureError",
     "TextCellError",
     "TimeBackwardsError",
     "TimeBaseError",
