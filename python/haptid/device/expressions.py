@@ -169,7 +169,7 @@ def combination(text: str, symbols: Collection[str], constants: Mapping[str, flo
 
 
 def sum_of_names(text: str, names: Collection[str]) -> Linear | None:
-    """A number of the file, already checked, as a constant and a factor for every name; None where it is no such sum."""
+    """A checked number of the file as a constant and a factor for every name, None where it is no such sum."""
     try:
         made = _linear(ast.parse(text.strip(), mode="eval").body, {"pi": math.pi})
     except (ZeroDivisionError, OverflowError, _NotLinearError):

@@ -13,8 +13,8 @@ class SymbolicClosureError(RegroupingError):
     def __init__(self, on: str, other: str, lengths: Sequence[str]) -> None:
         super().__init__(
             f"with its lengths as symbols the loop cut between links {on} and {other} does not close: it closes at "
-            f"{', '.join(lengths) or 'its own lengths'} only. Where bars must be equal, let them share a name in [lengths], "
-            f'or write one by the other, such as d9 = "d3".'
+            f"{', '.join(lengths) or 'its own lengths'} only. Where bars must be equal, let them share a name in "
+            f'[lengths], or write one by the other, such as d9 = "d3".'
         )
 
 
@@ -23,9 +23,9 @@ class RegroupingFormError(RegroupingError):
 
     def __init__(self, base: str, parameter: str, sets: int) -> None:
         super().__init__(
-            f"how much of {parameter} is in base parameter {base} was not found as a formula: no ratio of polynomials of "
-            f"low degree fits at {sets} sets of lengths. Write fewer lengths and angles that differ, or use the numeric "
-            f"groupings of `base_parameters`."
+            f"how much of {parameter} is in base parameter {base} was not found as a formula: no ratio of polynomials "
+            f"of low degree fits at {sets} sets of lengths. Write fewer lengths and angles that differ, or use the "
+            f"numeric groupings of `base_parameters`."
         )
 
 
@@ -44,10 +44,10 @@ class RoadsDisagreeError(RegroupingError):
 
     def __init__(self, exact: int, numeric: int, only_exact: Sequence[str], only_numeric: Sequence[str]) -> None:
         super().__init__(
-            f"base parameters with lengths as symbols ({exact}) and at the device's own lengths ({numeric}) differ: only "
-            f"the former have {_list(only_exact)}; only the latter have {_list(only_numeric)}. The device's lengths or "
-            f"angles are special, or a column's law ties it to others: write equal lengths by one name and lengths of "
-            f"zero as 0, or use the numeric groupings of `base_parameters`."
+            f"base parameters with lengths as symbols ({exact}) and at the device's own lengths ({numeric}) differ: "
+            f"only the former have {_list(only_exact)}; only the latter have {_list(only_numeric)}. The device's "
+            f"lengths or angles are special, or a column's law ties it to others: write equal lengths by one name and "
+            f"lengths of zero as 0, or use the numeric groupings of `base_parameters`."
         )
 
 

@@ -43,9 +43,7 @@ def check_closure(chain: ExactChain, names: tuple[str, ...], seed: int) -> None:
             raise SymbolicClosureError(on, other, lengths)
 
 
-def _poses(
-    chain: ExactChain, field: Field, values: Mapping[str, Residues], states: States
-) -> list[Residues]:
+def _poses(chain: ExactChain, field: Field, values: Mapping[str, Residues], states: States) -> list[Residues]:
     """Poses of all links in the base frame, (n, 4, 4) each."""
     made: list[Residues] = []
     for j, joint in enumerate(chain.joints):

@@ -30,9 +30,7 @@ class Columns:
     members: tuple[tuple[int, ...], ...]
     rows: int
 
-    def sample(
-        self, field: Field, rng: np.random.Generator, values: Mapping[str, Residues], columns: int
-    ) -> Residues:
+    def sample(self, field: Field, rng: np.random.Generator, values: Mapping[str, Residues], columns: int) -> Residues:
         """More rows than a number of columns, (sets of lengths, rows, standard parameters)."""
         samples = -(-(columns + SPARE_ROWS) // self.rows)
         W = regressor(self.chain, field, rng, values, samples)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
 
@@ -31,7 +31,9 @@ class Style:
         """A number above zero, nothing for one."""
         if value == 1:
             return ""
-        return str(value.numerator) if value.denominator == 1 else self.fraction(str(value.numerator), str(value.denominator))
+        if value.denominator == 1:
+            return str(value.numerator)
+        return self.fraction(str(value.numerator), str(value.denominator))
 
     def monomial(self, exponents: Powers) -> str:
         """A product of powers."""
@@ -40,8 +42,8 @@ class Style:
         return self.fraction(above or "1", below) if below else above
 
     def polynomial(self, found: Laurent) -> str:
-        """A sum of products, the highest powers first."""
-        terms = sorted(found.terms, key=lambda term: _rank(term[0]))
+        """A sum of products, those added first, then the highest powers."""
+        terms = sorted(found.terms, key=lambda term: (term[1] < 0, _rank(term[0])))
         return joined((c, " ".join(filter(None, (self.number(abs(c)), self.monomial(e)))) or "1") for e, c in terms)
 
     def parameters(self, share: Sequence[tuple[str, Fraction]]) -> str:
@@ -49,12 +51,12 @@ class Style:
         return joined((c, " ".join(filter(None, (self.number(abs(c)), self.parameter(name))))) for name, c in share)
 
 
-def joined(parts: object) -> str:
-    """Texts with their signs, as a sum."""
+def joined(parts: Iterable[tuple[Fraction, str]]) -> str:
+    """Texts, each with the sign of its number, as a sum."""
     made = ""
-    for coefficient, text in parts:  # type: ignore[attr-defined]
-        sign = "-" if coefficient < 0 else "+"
-        made += f" {sign} {text}" if made else ("-" if coefficient < 0 else "") + text
+    for signed, part in parts:
+        sign = "-" if signed < 0 else "+"
+        made += f" {sign} {part}" if made else ("-" if signed < 0 else "") + part
     return made
 
 
@@ -66,6 +68,15 @@ def text(row: Mapping[int, Coefficient], kept: int, names: Sequence[str], links:
 def latex(row: Mapping[int, Coefficient], kept: int, names: Sequence[str], links: Sequence[int]) -> str:
     """The same in LaTeX."""
     return _formula(row, kept, names, links, LATEX)
+
+
+def coefficient(found: Coefficient) -> str:
+    """A coefficient in plain text: `d3^2 + d4^2`, `d6/d3`, `-1`."""
+    return _quotient(found, TEXT) if found.is_ratio else TEXT.polynomial(found.numerator)
+
+
+def _quotient(found: Coefficient, style: Style) -> str:
+    return style.fraction(*(_held(style.polynomial(part)) for part in (found.numerator, found.denominator)))
 
 
 def _formula(
@@ -83,8 +94,7 @@ def _formula(
         parts.append(_product(share, factor, style))
     for k in order:
         if row[k].is_ratio:
-            above, below = (style.polynomial(part) for part in (row[k].numerator, row[k].denominator))
-            parts.append((Fraction(1), f"{style.parameter(names[k])} {style.fraction(_held(above), _held(below))}"))
+            parts.append((Fraction(1), f"{style.parameter(names[k])} {_quotient(row[k], style)}"))
     return joined(parts)
 
 

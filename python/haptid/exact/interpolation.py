@@ -115,7 +115,7 @@ def _polynomial(points: Sequence[Points], y: Sequence[Residues], found: tuple[Po
 def _ratio(
     points: Sequence[Points], y: Sequence[Residues], above: tuple[Powers, ...], below: tuple[Powers, ...]
 ) -> Coefficient | None:
-    """The ratio of sums of these monomials that has the residues y: the one vector that above - y below maps to zero."""
+    """The ratio of sums of these monomials that has the residues y: which [above, -y below] takes to zero."""
     solutions, free = [], -1
     for at, residues in zip(points, y, strict=True):
         under = at.monomials(below, len(residues)) * residues[:, None]

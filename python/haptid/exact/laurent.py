@@ -98,7 +98,7 @@ class Laurent:
         return total
 
 
-ONE = Laurent.number(1)
+ZERO, ONE = Laurent(), Laurent.number(1)
 
 
 @dataclass(frozen=True)

@@ -1,4 +1,4 @@
-"""How the joints of a mechanism move, modulo a prime: all of them from the active ones, on exact points of the motion."""
+"""How the joints of a mechanism move, modulo a prime: all of them from the active ones, at exact points."""
 
 from __future__ import annotations
 
@@ -39,9 +39,7 @@ class States:
 class Motion(Protocol):
     """What a closed chain needs to tell of its loops; a loop of another kind is another class with this method."""
 
-    def states(
-        self, field: Field, rng: np.random.Generator, values: Mapping[str, Residues], count: int
-    ) -> States:
+    def states(self, field: Field, rng: np.random.Generator, values: Mapping[str, Residues], count: int) -> States:
         """States drawn at random, one for each of `count` sets of lengths.
 
         Args:
@@ -70,17 +68,15 @@ class LinearMotion:
     turns: tuple[tuple[Laurent, Laurent], ...]
     offsets: tuple[Laurent, ...]
 
-    def states(
-        self, field: Field, rng: np.random.Generator, values: Mapping[str, Residues], count: int
-    ) -> States:
+    def states(self, field: Field, rng: np.random.Generator, values: Mapping[str, Residues], count: int) -> States:
         """See Motion."""
         actives = len(self.rates[0])
         active = field.draw(rng, 3, actives, count)
-        G = np.array([[entry.modulo(field, values, count) for entry in row] for row in self.rates])
+        G: Residues = np.array([[entry.modulo(field, values, count) for entry in row] for row in self.rates])
         moved = np.zeros((3, len(self.rates), count), dtype=np.int64)
         for k in range(actives):  # one product at a time: a sum over many active joints could overflow
             moved = field.reduce(moved + G[:, k] * active[:, None, k])
-        offsets = np.array([offset.modulo(field, values, count) for offset in self.offsets])
+        offsets: Residues = np.array([offset.modulo(field, values, count) for offset in self.offsets])
         position = field.reduce(moved[0] + offsets)
         cos, sin = self._angles(field, rng, values, count)
         slide = np.where(np.array(self.prismatic)[:, None], position, 0)

@@ -113,12 +113,15 @@ class GeometryReader:
         return tuple(step for at, angle in least_turn((x, y, z)) for step in self.turn(at, angle, names[at]))
 
 
-def placements(tables: AnyDevice, parents: Sequence[int], reader: GeometryReader) -> tuple[list[Placement], list[Placement]]:
+def placements(
+    tables: AnyDevice, parents: Sequence[int], reader: GeometryReader
+) -> tuple[list[Placement], list[Placement]]:
     """Placement of every joint in its parent's normal form, and the convention frame of every link in its own."""
     base = reader.base(tables.base)
+    joints: Sequence[AnyJoint] = tables.joints
     made: list[Placement] = []
     frames: list[Placement] = []
-    for table, parent in zip(tables.joints, parents, strict=True):
+    for table, parent in zip(joints, parents, strict=True):
         placement, frame = reader.joint(table)
         made.append((*(base if parent < 0 else frames[parent]), *placement))
         frames.append(frame)

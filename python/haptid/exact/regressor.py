@@ -81,9 +81,7 @@ def _links(
     return made
 
 
-def _moved(
-    field: Field, parent: LinkMotion, joint: ExactJoint, placed: Residues, states: States, j: int
-) -> LinkMotion:
+def _moved(field: Field, parent: LinkMotion, joint: ExactJoint, placed: Residues, states: States, j: int) -> LinkMotion:
     """Motion of the link that joint j moves, from its parent's and its own placement, (n, 4, 4)."""
     back = np.swapaxes(field.product(placed[:, :3, :3], about_z(states.cos[j], states.sin[j])), 1, 2)
     origin = placed[:, :3, 3]
@@ -144,9 +142,7 @@ def apply(field: Field, matrices: Residues, vectors: Residues) -> Residues:
     return field.product(matrices, vectors[:, :, None])[:, :, 0]
 
 
-def _functions(
-    chain: ExactChain, field: Field, rng: np.random.Generator, count: int
-) -> dict[Hashable, Residues]:
+def _functions(chain: ExactChain, field: Field, rng: np.random.Generator, count: int) -> dict[Hashable, Residues]:
     """Values at every state of what is not polynomial: drawn apart for each function."""
     keys = dict.fromkeys(part.key for column in chain.columns for part in column.parts if part.what == "function")
     return {key: field.draw(rng, count) for key in keys}

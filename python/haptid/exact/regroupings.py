@@ -4,7 +4,8 @@ The regressor is evaluated modulo primes at exact points of the motion, brought 
 lengths, and each coefficient is interpolated from its residues and checked at another prime. Nothing is rounded, and no
 trigonometry is done on symbols.
 
-Source of the problem: Khalil and Bennis (1995), Int. J. Robotics Research 14(2); Gautier (1991), J. Robotic Systems 8(4).
+Source of the problem: Khalil and Bennis (1995), Int. J. Robotics Research 14(2); Gautier (1991), J. Robotic Systems
+8(4).
 """
 
 from __future__ import annotations
@@ -86,6 +87,14 @@ class Regroupings:
         )
 
     @cached_property
+    def texts(self) -> tuple[Mapping[str, str], ...]:
+        """Of every base parameter, the coefficient of each standard parameter in it: {"M3": "d3^2", "MX6": "d6/d3"}."""
+        return tuple(
+            MappingProxyType({self.standard[k]: formulas.coefficient(row[k]) for k in sorted(row)})
+            for row in self.coefficients
+        )
+
+    @cached_property
     def values(self) -> Array:
         """The coefficients at the device's own lengths, (p, standard parameters)."""
         at = {symbol.name: symbol.value for symbol in self.symbols}
@@ -164,11 +173,11 @@ def _coefficients(
         RegroupingFormError: one of them fits no form.
     """
     others = [k for k in range(len(columns.members)) if k not in kept and k not in idle]
-    wanted: set[tuple[int, int]] | None = None
+    wanted: set[tuple[int, int]] = set()
     made: dict[tuple[int, int], Coefficient] = {}
     for sets in SETS:
         points, R = _residues(columns, kept, others, sets, seed)
-        if wanted is None:
+        if not wanted:  # the first time
             wanted = {(int(i), others[k]) for i, k in np.argwhere(R[0].any(axis=0))}
         known: dict[tuple[object, ...], Coefficient | None] = {}
         for i, k in sorted(wanted):
@@ -182,7 +191,7 @@ def _coefficients(
         wanted -= set(made)
         if not wanted:
             return made
-    (i, k), *_ = sorted(wanted)
+    i, k = min(wanted)
     raise RegroupingFormError(names[kept[i]], names[k], SETS[-1])
 
 

@@ -88,9 +88,7 @@ class Field:
         below = self.inverse((1 + square) % self.prime)  # never zero: -1 has no root where p = 3 modulo 4
         return (1 - square) % self.prime * below % self.prime, 2 * t % self.prime * below % self.prime
 
-    def sum_of_angles(
-        self, a: tuple[Residues, Residues], b: tuple[Residues, Residues]
-    ) -> tuple[Residues, Residues]:
+    def sum_of_angles(self, a: tuple[Residues, Residues], b: tuple[Residues, Residues]) -> tuple[Residues, Residues]:
         """Cosine and sine of a sum, from both of each."""
         (c, s), (d, t) = a, b
         return self.reduce(c * d - s * t), self.reduce(s * d + c * t)
@@ -121,7 +119,8 @@ class Field:
             UnluckyDrawError: a column is a pivot of some of the matrices only.
         """
         W = self.reduce(matrices)
-        each, pivots = np.arange(len(W)), []
+        each = np.arange(len(W))
+        pivots: list[int] = []
         for j in range(W.shape[2] if candidates is None else candidates):
             top = len(pivots)
             if top == W.shape[1]:

@@ -9,7 +9,7 @@ from fractions import Fraction
 import numpy as np
 
 from haptid.device import Counterbalance, Device, TermColumn
-from haptid.exact.laurent import Laurent
+from haptid.exact.laurent import ZERO, Laurent
 from haptid.exact.motion import States
 from haptid.exact.residues import Field, Residues
 from haptid.exact.symbols import ANGLE, LENGTH, Symbols, ratio
@@ -48,7 +48,7 @@ class ExactColumn:
     joint: int | None
     weights: tuple[Fraction, ...]
     parts: tuple[Part, ...]
-    rest: Laurent = Laurent()
+    rest: Laurent = ZERO
 
     def modulo(
         self, field: Field, states: States, values: Mapping[str, Residues], functions: Mapping[Hashable, Residues]
