@@ -19,7 +19,7 @@ class StudyError(HaptidError):
     """Something about a study file or the corridor it asks for."""
 
 
-class RegroupingError(DeviceError):
+class RegroupingError(HaptidError):
     """Regroupings with lengths as symbols cannot be found."""
 
 
