@@ -88,7 +88,7 @@ def test_laurent_polynomials_are_numbers_that_add_and_multiply(terms: list[tuple
     assert (made - made) == Laurent()
 
 
-def fitted(wanted: Coefficient, symbols: tuple[Symbol, ...], grade: tuple[int, int, int], count: int = 48):
+def fitted(wanted: Coefficient, symbols: tuple[Symbol, ...], grade: tuple[int, int], count: int = 48):
     points, y = [], []
     for prime in PRIMES[:2]:
         field = Field(prime)
@@ -107,10 +107,10 @@ def laurent(*terms: tuple[int, str]) -> Laurent:
 @pytest.mark.parametrize(
     ("wanted", "symbols", "grade"),
     [
-        (Coefficient(laurent((1, "a^2"), (-3, "b c"))), LENGTHS, (2, 0, 0)),
-        (Coefficient(laurent((2, "a^2 b^-1"), (1, "c"))), LENGTHS, (1, 0, 0)),
-        (Coefficient(laurent((1, "a^3 b^-1 c^-1"))), LENGTHS, (1, 0, 0)),
-        (Coefficient(laurent((1, "a b"))  , laurent((1, "a"), (5, "b"))), LENGTHS[:2], (1, 0, 0)),
+        (Coefficient(laurent((1, "a^2"), (-3, "b c"))), LENGTHS, (2, 0)),
+        (Coefficient(laurent((2, "a^2 b^-1"), (1, "c"))), LENGTHS, (1, 0)),
+        (Coefficient(laurent((1, "a^3 b^-1 c^-1"))), LENGTHS, (1, 0)),
+        (Coefficient(laurent((1, "a b"))  , laurent((1, "a"), (5, "b"))), LENGTHS[:2], (1, 0)),
         (Coefficient(laurent((1, "g"))), (Symbol("g", 9.81, GRAVITY),), GRAVITY),
     ],
 )  # fmt: skip
@@ -131,4 +131,4 @@ def test_squares_of_sines_are_written_as_such() -> None:
 
 def test_what_is_no_ratio_of_low_degree_is_not_found() -> None:
     steep = Coefficient(laurent((1, "a^9 b^-8")))
-    assert fitted(steep, LENGTHS[:2], (1, 0, 0)) is None
+    assert fitted(steep, LENGTHS[:2], (1, 0)) is None

@@ -17,7 +17,7 @@ from haptid.exact.laurent import Laurent, powers
 from haptid.exact.motion import LinearMotion, Motion
 from haptid.exact.placements import Placement, Shift
 from haptid.exact.reading import GeometryReader, placements
-from haptid.exact.symbols import ANGLE, GRAVITY, Symbol, Symbols, ratio
+from haptid.exact.symbols import GRAVITY, PURE, Symbol, Symbols, ratio
 from haptid.exact.terms import ExactColumn, exact_columns
 
 
@@ -157,8 +157,8 @@ def _offset(offset: float, slides: bool, name: str, symbols: Symbols) -> Laurent
         return symbols.combination(offset, f"q{name}")
     twelfths = nearest(offset, math.pi / 12) / (math.pi / 12)
     if twelfths == round(twelfths):
-        return symbols.quantity(math.pi, "pi", ANGLE).times(Fraction(round(twelfths), 12))
-    return symbols.quantity(offset, f"q{name}", ANGLE)
+        return symbols.quantity(math.pi, "pi", PURE).times(Fraction(round(twelfths), 12))
+    return symbols.quantity(offset, f"q{name}", PURE)
 
 
 def _multiples(G: Array, slides: Sequence[bool], active_slides: Sequence[bool]) -> tuple[tuple[int, ...], ...]:

@@ -12,7 +12,7 @@ from haptid.exact.chain import ExactChain, ExactFrame
 from haptid.exact.motion import States
 from haptid.exact.regressor import about_z
 from haptid.exact.residues import PRIMES, Field, Residues
-from haptid.exact.symbols import draw
+from haptid.exact.symbols import LENGTH, draw
 
 # States at which closure is tested: one that closes by chance has odds of a few in a billion.
 STATES = 3
@@ -39,7 +39,7 @@ def check_closure(chain: ExactChain, names: tuple[str, ...], seed: int) -> None:
         frame, twin = (_frame(field, links, values, at) for at in (cut.frame, cut.twin))
         if _gap(field, frame, twin, cut.prismatic).any():
             on, other = (names[at.link] if at.link >= 0 else "base" for at in (cut.frame, cut.twin))
-            lengths = [f"{s.name} = {s.value:.6g}" for s in chain.symbols if s.grade == (1, 0, 0)]
+            lengths = [f"{s.name} = {s.value:.6g}" for s in chain.symbols if s.grade == LENGTH]
             raise SymbolicClosureError(on, other, lengths)
 
 

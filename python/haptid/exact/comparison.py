@@ -6,30 +6,38 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from haptid.base import random_regressor
 from haptid.errors import RoadsDisagreeError
 
 if TYPE_CHECKING:
     from haptid.base import BaseParameters
+    from haptid.device import Device
     from haptid.exact.regroupings import Regroupings
 
-# Coefficients of the two roads may differ by this much, relatively, and by this much beside a unit: the numeric road
-# solves with columns whose lengths differ by orders of magnitude.
-RELATIVE, ABSOLUTE = 1e-6, 1e-7
+# Coefficients of the two roads may differ by this much: relatively, and beside what a coefficient would be that made
+# the two columns equally long. The numeric road solves with columns whose lengths differ by orders of magnitude.
+RELATIVE, ROUNDING = 1e-6, 1e-7
 
 
-def check_agreement(exact: Regroupings, numeric: BaseParameters) -> None:
+def check_agreement(exact: Regroupings, device: Device) -> None:
     """Raise unless both roads keep the same parameters and regroup the others alike.
+
+    Args:
+        exact: by the one road.
+        device: its numbers, for the other.
 
     Raises:
         RoadsDisagreeError: they do not.
     """
+    numeric = device.base
     if exact.kept != numeric.kept or exact.no_effect != numeric.no_effect:
         only = [_names(exact, a, b) for a, b in ((exact, numeric), (numeric, exact))]
         raise RoadsDisagreeError(len(exact), len(numeric), only[0], only[1])
     apart = np.abs(exact.values - numeric.regrouping)
-    limit = ABSOLUTE + RELATIVE * np.abs(exact.values)
+    lengths = np.linalg.norm(random_regressor(device, seed=0), axis=0)
+    limit = ROUNDING * lengths / lengths[list(exact.kept)][:, None] + RELATIVE * np.abs(exact.values)
     if (apart > limit).any():
-        row, column = np.unravel_index(int(np.argmax(apart / limit)), apart.shape)
+        row, column = np.unravel_index(int(np.argmax(apart - limit)), apart.shape)
         where = f"{exact.standard[column]} in {exact.names[row]}"
         found = (float(exact.values[row, column]), float(numeric.regrouping[row, column]))
         raise RoadsDisagreeError(len(exact), len(numeric), [f"{found[0]:.6g} {where}"], [f"{found[1]:.6g} {where}"])

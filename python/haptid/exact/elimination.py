@@ -12,8 +12,20 @@ from haptid.exact.regressor import regressor
 from haptid.exact.residues import Field, Residues, UnluckyDrawError
 from haptid.exact.symbols import Symbol, draw
 
-# Rows beyond those that the columns need: each makes an accident of the draw a billion times less likely.
-SPARE_ROWS = 2
+
+@dataclass(frozen=True)
+class Pivots:
+    """Which columns are independent.
+
+    Attributes:
+        kept: independent of those before them.
+        idle: zero whatever the motion.
+        samples: states at which those kept show that they are independent.
+    """
+
+    kept: tuple[int, ...]
+    idle: tuple[int, ...]
+    samples: int
 
 
 @dataclass(frozen=True)
@@ -30,9 +42,8 @@ class Columns:
     members: tuple[tuple[int, ...], ...]
     rows: int
 
-    def sample(self, field: Field, rng: np.random.Generator, values: Mapping[str, Residues], columns: int) -> Residues:
-        """More rows than a number of columns, (sets of lengths, rows, standard parameters)."""
-        samples = -(-(columns + SPARE_ROWS) // self.rows)
+    def sample(self, field: Field, rng: np.random.Generator, values: Mapping[str, Residues], samples: int) -> Residues:
+        """Rows at so many states for each set of lengths, (sets, samples * rows, standard parameters)."""
         W = regressor(self.chain, field, rng, values, samples)
         made = W[:, :, [members[0] for members in self.members]]
         for k, members in enumerate(self.members):
@@ -40,27 +51,41 @@ class Columns:
                 made[:, :, k] = field.reduce(made[:, :, k] + W[:, :, raw])
         return made
 
-    def pivots(self, field: Field, rng: np.random.Generator) -> tuple[list[int], list[int]]:
-        """Columns independent of those before them, and columns without effect.
+    def pivots(self, field: Field, rng: np.random.Generator) -> Pivots:
+        """Columns independent of those before them, at lengths drawn at random.
 
-        Independence is certain: a minor that is not zero modulo a prime is not zero.
+        Independence is certain: a minor that is not zero modulo a prime is not zero. States are added until twice as
+        many show no more: rows alone do not count, where a torque depends on few of the columns.
         """
-        W = self.sample(field, rng, draw(self.chain.symbols, field, rng, 1), len(self.members))
-        return field.echelon(W)[1], np.flatnonzero(~W[0].any(axis=0)).tolist()
+        values = draw(self.chain.symbols, field, rng, 1)
+        samples = -(-len(self.members) // self.rows) + 1
+        W = self.sample(field, rng, values, samples)
+        kept = field.echelon(W)[1]
+        while True:
+            W = np.concatenate([W, self.sample(field, rng, values, samples)], axis=1)
+            before, kept = kept, field.echelon(W)[1]
+            if kept == before:
+                break
+            samples *= 2
+        enough = -(-len(kept) // self.rows) + 1
+        while len(field.echelon(W[:, : enough * self.rows, kept])[1]) < len(kept):
+            enough += 1
+        return Pivots(tuple(kept), tuple(np.flatnonzero(~W[0].any(axis=0)).tolist()), enough + 1)
 
     def relations(
-        self, field: Field, rng: np.random.Generator, values: Mapping[str, Residues], kept: list[int], others: list[int]
+        self, field: Field, rng: np.random.Generator, values: Mapping[str, Residues], pivots: Pivots, others: list[int]
     ) -> Residues:
         """Coefficients of other columns in those kept, (sets of lengths, kept, others).
 
         Raises:
             UnluckyDrawError: the columns kept are not independent at some of these lengths.
         """
-        W = self.sample(field, rng, values, len(kept))[:, :, [*kept, *others]]
-        made, pivots = field.echelon(W, len(kept))
-        if len(pivots) < len(kept):
+        kept = len(pivots.kept)
+        W = self.sample(field, rng, values, pivots.samples)[:, :, [*pivots.kept, *others]]
+        made, found = field.echelon(W, kept)
+        if len(found) < kept:
             raise UnluckyDrawError
-        return made[:, :, len(kept) :]
+        return made[:, :, kept:]
 
 
 def scatter(symbols: tuple[Symbol, ...], field: Field, rng: np.random.Generator, count: int) -> dict[str, Residues]:

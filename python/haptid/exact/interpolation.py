@@ -16,12 +16,12 @@ import numpy as np
 
 from haptid.exact.laurent import Coefficient, Laurent, Powers, powers
 from haptid.exact.residues import Field, Residues, rational
-from haptid.exact.symbols import Grade, Symbol
+from haptid.exact.symbols import PURE, Grade, Symbol
 
 # Exponents tried in polynomials, from the least reach to the widest.
 REACHES = ((0, 2), (-1, 2), (-1, 3), (-2, 3), (-3, 4))
 # Degrees of the denominators of ratios that are tried.
-DENOMINATORS = (1, 2, 3, 4)
+DENOMINATORS = (0, 1, 2, 3, 4)
 # More combinations of exponents than this are not listed.
 MOST_COMBINATIONS = 20_000
 # Points that a fit must leave over.
@@ -70,34 +70,35 @@ def fit(points: Sequence[Points], y: Sequence[Residues], symbols: Sequence[Symbo
             if made is not None:
                 return Coefficient(sines(made))
         tried.add(found)
-    for degree in DENOMINATORS:
-        below = tuple(monomials(symbols, (degree, 0, 0), 0, degree))
-        above = tuple(monomials(symbols, (degree + grade[0], *grade[1:]), 0, degree + max(grade[0], 0)))
-        if above and below and len(above) + len(below) <= most:
+    turns = (1, 2) if any(symbol.angle for symbol in symbols) else (0,)
+    for degree, turn in product(DENOMINATORS, turns):
+        below = tuple(monomials(symbols, (degree, 0), 0, degree, turn))
+        above = tuple(monomials(symbols, (degree + grade[0], grade[1]), 0, degree + max(grade[0], 0), turn))
+        if above and len(below) > 1 and len(above) + len(below) <= most:
             ratio = _ratio(points, y, above, below)
             if ratio is not None:
                 return ratio
     return None
 
 
-def monomials(symbols: Sequence[Symbol], grade: Grade, low: int, high: int) -> Iterator[Powers]:
-    """Products of powers of a dimension, exponents from `low` to `high`; of an angle, at most two cosines or sines."""
+def monomials(symbols: Sequence[Symbol], grade: Grade, low: int, high: int, turn: int = 2) -> Iterator[Powers]:
+    """Products of powers of a dimension, exponents from `low` to `high`, with `turn` cosines or sines of an angle."""
     spans = [_span(symbol, low, high) for symbol in symbols]
     if np.prod([len(span) for span in spans], dtype=float) > MOST_COMBINATIONS:
         return
     angles = {symbol.angle for symbol in symbols if symbol.angle}
     for exponents in product(*spans):
-        total = tuple(sum(e * s.grade[k] for e, s in zip(exponents, symbols, strict=True)) for k in range(3))
+        total = tuple(sum(e * s.grade[k] for e, s in zip(exponents, symbols, strict=True)) for k in (0, 1))
         turns = (sum(e for e, s in zip(exponents, symbols, strict=True) if s.angle == angle) for angle in angles)
-        if total == grade and all(turn <= 2 for turn in turns):
+        if total == grade and all(found <= turn for found in turns):
             yield powers((symbol.name, e) for symbol, e in zip(symbols, exponents, strict=True))
 
 
 def _span(symbol: Symbol, low: int, high: int) -> range:
-    """Exponents of a symbol; sin^2 is 1 - cos^2, so that a sine has none but 0 and 1."""
-    if symbol.angle is None:
+    """Exponents of a symbol; sin^2 is 1 - cos^2, so that a sine has none but 0 and 1, like a spring's rest angle."""
+    if symbol.grade != PURE:
         return range(low, high + 1)
-    return range(3) if symbol.name.startswith("cos") else range(2)
+    return range(3) if symbol.name.startswith("cos(") else range(2)
 
 
 def _polynomial(points: Sequence[Points], y: Sequence[Residues], found: tuple[Powers, ...]) -> Laurent | None:
@@ -122,7 +123,7 @@ def _ratio(
         whole = np.column_stack([at.monomials(above, len(residues)), at.field.reduce(-under)])
         form, pivots = at.field.echelon(whole[None])
         left = sorted(set(range(whole.shape[1])) - set(pivots))
-        if len(left) != 1 or free not in (-1, left[0]):
+        if not left or free not in (-1, left[0]):
             return None
         free = left[0]
         vector = np.zeros(whole.shape[1], dtype=np.int64)

@@ -25,7 +25,7 @@ from haptid.exact import formulas
 from haptid.exact.chain import ExactChain, exact_chain
 from haptid.exact.closure import check_closure
 from haptid.exact.comparison import check_agreement
-from haptid.exact.elimination import Columns, quantities, scatter
+from haptid.exact.elimination import Columns, Pivots, quantities, scatter
 from haptid.exact.interpolation import Points, fit
 from haptid.exact.laurent import ONE, Coefficient, Laurent
 from haptid.exact.residues import PRIMES, Field, Residues, UnluckyDrawError, rational
@@ -131,7 +131,7 @@ def regroupings(device: Device, seed: int = 0) -> Regroupings:
             made = _regroupings(device, chain, seed + 1000 * attempt)
         except UnluckyDrawError:
             continue
-        check_agreement(made, device.base)
+        check_agreement(made, device)
         return made
     raise RegroupingCheckError(f"{DRAWS} draws in a row met a zero that should not be there")
 
@@ -143,9 +143,10 @@ def _regroupings(device: Device, chain: ExactChain, seed: int) -> Regroupings:
     columns = Columns(chain, members, sum(device.measured))
     grades = [GRADES.get(parameters.units[k]) for k in order]
     names = [parameters.names[k] for k in order]
-    kept, idle = columns.pivots(Field(PRIMES[0]), np.random.default_rng(seed))
-    found = _coefficients(columns, kept, idle, grades, names, seed)
-    _check(columns, kept, found, names, seed)
+    pivots = columns.pivots(Field(PRIMES[0]), np.random.default_rng(seed))
+    found = _coefficients(columns, pivots, grades, names, seed)
+    _check(columns, pivots, found, names, seed)
+    kept = pivots.kept
     base = sorted(range(len(kept)), key=lambda row: order[kept[row]])
     rows = [
         {order[kept[row]]: Coefficient(ONE), **{order[k]: c for (i, k), c in found.items() if i == row}} for row in base
@@ -159,30 +160,30 @@ def _regroupings(device: Device, chain: ExactChain, seed: int) -> Regroupings:
         coefficients=tuple(rows),
         standard=tuple(parameters.names),
         links=tuple(parameters.links),
-        no_effect=tuple(parameters.names[k] for k in sorted(order[i] for i in idle)),
+        no_effect=tuple(parameters.names[k] for k in sorted(order[i] for i in pivots.idle)),
         symbols=tuple(symbol for symbol in chain.symbols if symbol.name in used),
     )
 
 
 def _coefficients(
-    columns: Columns, kept: list[int], idle: list[int], grades: list[Grade | None], names: list[str], seed: int
+    columns: Columns, pivots: Pivots, grades: list[Grade | None], names: list[str], seed: int
 ) -> dict[tuple[int, int], Coefficient]:
     """Coefficients that are not zero, by row of `kept` and column.
 
     Raises:
         RegroupingFormError: one of them fits no form.
     """
-    others = [k for k in range(len(columns.members)) if k not in kept and k not in idle]
+    others = [k for k in range(len(columns.members)) if k not in pivots.kept and k not in pivots.idle]
     wanted: set[tuple[int, int]] = set()
     made: dict[tuple[int, int], Coefficient] = {}
     for sets in SETS:
-        points, R = _residues(columns, kept, others, sets, seed)
+        points, R = _residues(columns, pivots, others, sets, seed)
         if not wanted:  # the first time
             wanted = {(int(i), others[k]) for i, k in np.argwhere(R[0].any(axis=0))}
         known: dict[tuple[object, ...], Coefficient | None] = {}
         for i, k in sorted(wanted):
             y = [residues[:, i, others.index(k)] for residues in R]
-            grade = _difference(grades[kept[i]], grades[k])
+            grade = _difference(grades[pivots.kept[i]], grades[k])
             key = (grade, *(residues.tobytes() for residues in y))
             if key not in known:
                 known[key] = _coefficient(columns.chain.symbols, points, y, sets, grade)
@@ -192,11 +193,11 @@ def _coefficients(
         if not wanted:
             return made
     i, k = min(wanted)
-    raise RegroupingFormError(names[kept[i]], names[k], SETS[-1])
+    raise RegroupingFormError(names[pivots.kept[i]], names[k], SETS[-1])
 
 
 def _residues(
-    columns: Columns, kept: list[int], others: list[int], sets: int, seed: int
+    columns: Columns, pivots: Pivots, others: list[int], sets: int, seed: int
 ) -> tuple[list[Points], list[Residues]]:
     """Sets of lengths for the first two primes, and the relations there."""
     points, R = [], []
@@ -204,7 +205,7 @@ def _residues(
         rng = np.random.default_rng([seed, sets, prime])
         at = Points(Field(prime), scatter(columns.chain.symbols, Field(prime), rng, sets))
         points.append(at)
-        R.append(columns.relations(at.field, rng, at.values, kept, others))
+        R.append(columns.relations(at.field, rng, at.values, pivots, others))
     return points, R
 
 
@@ -231,11 +232,11 @@ def _difference(base: Grade | None, other: Grade | None) -> Grade | None:
     """Dimension of a coefficient, None where a user's own unit leaves it unknown."""
     if base == other:
         return PURE
-    return (base[0] - other[0], base[1] - other[1], base[2] - other[2]) if base and other else None
+    return (base[0] - other[0], base[1] - other[1]) if base and other else None
 
 
 def _check(
-    columns: Columns, kept: list[int], found: Mapping[tuple[int, int], Coefficient], names: list[str], seed: int
+    columns: Columns, pivots: Pivots, found: Mapping[tuple[int, int], Coefficient], names: list[str], seed: int
 ) -> None:
     """Every relation at fresh states, fresh lengths and another prime; what has no relation must be zero there.
 
@@ -244,12 +245,12 @@ def _check(
     """
     at, rng = Field(PRIMES[2]), np.random.default_rng([seed, PRIMES[2]])
     values = draw(columns.chain.symbols, at, rng, CHECKED_SETS)
-    W = columns.sample(at, rng, values, len(kept))
+    W = columns.sample(at, rng, values, pivots.samples)
     left = W.copy()
     for (i, k), coefficient in found.items():
         share = coefficient.modulo(at, values, CHECKED_SETS)[: len(W), None]
-        left[:, :, k] = at.reduce(left[:, :, k] - W[:, :, kept[i]] * share)
-    left[:, :, kept] = 0
+        left[:, :, k] = at.reduce(left[:, :, k] - W[:, :, pivots.kept[i]] * share)
+    left[:, :, pivots.kept] = 0
     wrong = np.flatnonzero(left.any(axis=(0, 1)))
     if len(wrong):
         raise RegroupingCheckError(f"at another prime the relation of {names[wrong[0]]} does not hold")

@@ -13,23 +13,22 @@ import numpy as np
 from haptid.exact.laurent import Laurent
 from haptid.exact.residues import Field, Residues
 
-# Exponents of metre, second and radian. Radians count in springs alone, whose rest position is an angle.
-Grade = tuple[int, int, int]
-LENGTH: Grade = (1, 0, 0)
-GRAVITY: Grade = (1, -2, 0)
-ANGLE: Grade = (0, 0, 1)
-PURE: Grade = (0, 0, 0)
+# Exponents of metre and second. Angles have none: a sliding joint that follows a turning one ties them to lengths.
+Grade = tuple[int, int]
+LENGTH: Grade = (1, 0)
+GRAVITY: Grade = (1, -2)
+PURE: Grade = (0, 0)
 # Dimension of a parameter over that of a mass, by its unit.
 GRADES: Mapping[str, Grade] = {
-    "kg m^2": (2, 0, 0),
-    "kg m": (1, 0, 0),
-    "kg": (0, 0, 0),
-    "N m": (2, -2, 0),
-    "N": (1, -2, 0),
-    "N m s/rad": (2, -1, 0),
-    "N s/m": (0, -1, 0),
-    "N m/rad": (2, -2, -1),
-    "N/m": (0, -2, 0),
+    "kg m^2": (2, 0),
+    "kg m": (1, 0),
+    "kg": (0, 0),
+    "N m": (2, -2),
+    "N": (1, -2),
+    "N m s/rad": (2, -1),
+    "N s/m": (0, -1),
+    "N m/rad": (2, -2),
+    "N/m": (0, -2),
 }
 # Two numbers of a file this close, relatively, are one.
 SAME = 1e-9
@@ -44,7 +43,7 @@ class Symbol:
     Attributes:
         name: as in formulas: d3, g, or cos(a2) and sin(a2) of an angle that is no multiple of a quarter turn.
         value: in this device, SI.
-        grade: exponents of metre, second, radian.
+        grade: exponents of metre and second.
     """
 
     name: str

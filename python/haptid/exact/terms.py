@@ -12,7 +12,7 @@ from haptid.device import Counterbalance, Device, TermColumn
 from haptid.exact.laurent import ZERO, Laurent
 from haptid.exact.motion import States
 from haptid.exact.residues import Field, Residues
-from haptid.exact.symbols import ANGLE, LENGTH, Symbols, ratio
+from haptid.exact.symbols import LENGTH, PURE, Symbols, ratio
 
 # Where each of these is found among a coordinate's position, velocity and acceleration.
 MOTION = {"position": 0, "velocity": 1, "acceleration": 2}
@@ -98,7 +98,7 @@ def _rest(term: TermColumn, device: Device, symbols: Symbols) -> Laurent:
         return Laurent()
     side, _, name = term.on.partition(" ")
     slides = side == "joint" and device.joints[device.joint_names.index(name)].prismatic
-    return symbols.quantity(rest, f"rest{name}", LENGTH if slides else ANGLE)
+    return symbols.quantity(rest, f"rest{name}", LENGTH if slides else PURE)
 
 
 def _parts(term: TermColumn) -> tuple[Part, ...]:
