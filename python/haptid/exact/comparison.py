@@ -12,7 +12,7 @@ from haptid.errors import RoadsDisagreeError
 if TYPE_CHECKING:
     from haptid.base import BaseParameters
     from haptid.device import Device
-    from haptid.exact.regroupings import Regroupings
+    from haptid.exact.regrouping import Regroupings
 
 # Coefficients of the two roads may differ by this much: relatively, and beside what a coefficient would be that made
 # the two columns equally long. The numeric road solves with columns whose lengths differ by orders of magnitude.

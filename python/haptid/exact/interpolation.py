@@ -16,11 +16,11 @@ import numpy as np
 
 from haptid.exact.laurent import Coefficient, Laurent, Powers, powers
 from haptid.exact.residues import Field, Residues, rational
-from haptid.exact.symbols import PURE, Grade, Symbol
+from haptid.exact.symbols import GRAVITY, PURE, Grade, Symbol
 
 # Exponents tried in polynomials, from the least reach to the widest.
 REACHES = ((0, 2), (-1, 2), (-1, 3), (-2, 3), (-3, 4))
-# Degrees of the denominators of ratios that are tried.
+# Degrees of the denominators of ratios that are tried, in lengths and gravity together, and in gravity.
 DENOMINATORS = (0, 1, 2, 3, 4)
 # More combinations of exponents than this are not listed.
 MOST_COMBINATIONS = 20_000
@@ -70,15 +70,26 @@ def fit(points: Sequence[Points], y: Sequence[Residues], symbols: Sequence[Symbo
             if made is not None:
                 return Coefficient(sines(made))
         tried.add(found)
-    turns = (1, 2) if any(symbol.angle for symbol in symbols) else (0,)
-    for degree, turn in product(DENOMINATORS, turns):
-        below = tuple(monomials(symbols, (degree, 0), 0, degree, turn))
-        above = tuple(monomials(symbols, (degree + grade[0], grade[1]), 0, degree + max(grade[0], 0), turn))
+    for below, above in _quotients(symbols, grade):
         if above and len(below) > 1 and len(above) + len(below) <= most:
             ratio = _ratio(points, y, above, below)
             if ratio is not None:
                 return ratio
     return None
+
+
+def _quotients(symbols: Sequence[Symbol], grade: Grade) -> Iterator[tuple[tuple[Powers, ...], tuple[Powers, ...]]]:
+    """Monomials of denominators and numerators, of growing degree in lengths, gravity and an angle's cosines."""
+    turns = (1, 2) if any(symbol.angle for symbol in symbols) else (0,)
+    heaviness = DENOMINATORS if any(symbol.grade == GRAVITY for symbol in symbols) else (0,)
+    for degree, heavy, turn in product(DENOMINATORS, heaviness, turns):
+        if degree >= heavy:
+            below = (degree, -2 * heavy)
+            above = (grade[0] + degree, grade[1] - 2 * heavy)
+            yield (
+                tuple(monomials(symbols, below, 0, degree, turn)),
+                tuple(monomials(symbols, above, 0, degree + max(grade[0], 0), turn)),
+            )
 
 
 def monomials(symbols: Sequence[Symbol], grade: Grade, low: int, high: int, turn: int = 2) -> Iterator[Powers]:
