@@ -43,6 +43,11 @@ class Field:
         """The residues of any int64."""
         return np.asarray(x % self.prime)
 
+    def _remainder(self, x: Residues) -> Residues:
+        """The residues of int64 that are not negative: unsigned quotients are twice as fast as signed remainders."""
+        whole, p = x.view(np.uint64), np.uint64(self.prime)
+        return (whole - whole // p * p).view(np.int64)
+
     def of(self, number: Fraction | int) -> int:
         """The residue of a rational number."""
         exact = Fraction(number)
@@ -67,14 +72,15 @@ class Field:
         return made
 
     def inverse(self, x: Residues) -> Residues:
-        """One over every residue (Fermat's little theorem).
+        """One over every residue.
 
         Raises:
             UnluckyDrawError: one of them is zero.
         """
         if not x.all():
             raise UnluckyDrawError
-        return self.power(x, self.prime - 2)
+        each = [pow(residue, -1, self.prime) for residue in x.ravel().tolist()]  # few: faster than 30 squarings of all
+        return np.array(each, dtype=np.int64).reshape(x.shape)
 
     def root(self, x: Residues) -> tuple[Residues, np.ndarray]:
         """Square roots, and which of them are: half of all residues have none."""
@@ -137,7 +143,7 @@ class Field:
             factors = W[:, :, j].copy()
             factors[:, top] = 0
             W[:, top] = row
-            W[:, :, j:] = (W[:, :, j:] - factors[:, :, None] * row[:, None, j:]) % self.prime
+            W[:, :, j:] = self._remainder(W[:, :, j:] + (self.prime - factors)[:, :, None] * row[:, None, j:])
             pivots.append(j)
         return W[:, : len(pivots)], pivots
 
