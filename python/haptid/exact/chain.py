@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
 
@@ -19,32 +19,10 @@ from haptid.exact.placements import Placement, Shift
 from haptid.exact.reading import GeometryReader, placements
 from haptid.exact.symbols import GRAVITY, PURE, Symbol, Symbols, ratio
 from haptid.exact.terms import ExactColumn, exact_columns
+from haptid.exact.tree import ExactCut, ExactFrame, ExactJoint
 
-
-@dataclass(frozen=True)
-class ExactJoint:
-    """A joint in normal form: it turns about, or slides along, its own z axis."""
-
-    parent: int
-    prismatic: bool
-    placement: Placement
-
-
-@dataclass(frozen=True)
-class ExactFrame:
-    """A frame on a link, -1 for the base."""
-
-    link: int
-    placement: Placement
-
-
-@dataclass(frozen=True)
-class ExactCut:
-    """A joint of a loop that was cut, and the two frames that it brings together."""
-
-    prismatic: bool
-    frame: ExactFrame
-    twin: ExactFrame
+# Measured torques as combinations of the active joints', None for all of them.
+Rows = tuple[tuple[Fraction, ...], ...] | None
 
 
 @dataclass(frozen=True)
@@ -57,7 +35,8 @@ class ExactChain:
         motion: how the joints follow the active ones.
         gravity: in the base frame, by component.
         columns: beside link inertia.
-        rows: torques that are measured, each as a combination of the active joints'; None for all of them.
+        torques: how many are measured.
+        rows: those that are, each as a combination of the active joints'; None where all of them are.
         symbols: those that the mechanism depends on.
     """
 
@@ -66,34 +45,51 @@ class ExactChain:
     motion: Motion
     gravity: tuple[Laurent, ...]
     columns: tuple[ExactColumn, ...]
-    rows: tuple[tuple[Fraction, ...], ...] | None
+    torques: int
+    rows: Rows
     symbols: tuple[Symbol, ...]
 
 
 def exact_chain(device: Device) -> ExactChain:
     """A device's mechanism with symbols for its lengths, from the file it was read from."""
-    tables, symbols = device.tables, Symbols()
+
+    def linear(_: tuple[ExactJoint, ...], __: tuple[ExactCut, ...], symbols: Symbols) -> Motion:
+        return linear_motion(device, symbols)
+
+    return assembled(device, device.tables, range(len(device.active)), _rows(device), linear)
+
+
+def assembled(
+    device: Device,
+    tables: AnyDevice,
+    active: Sequence[int],
+    rows: Rows,
+    motion_of: Callable[[tuple[ExactJoint, ...], tuple[ExactCut, ...], Symbols], Motion],
+) -> ExactChain:
+    """A mechanism from its parts.
+
+    Args:
+        device: its joints, gravity and terms.
+        tables: its geometry and cuts, as written.
+        active: which of the device's active joints its motion takes for that.
+        rows: see ExactChain.
+        motion_of: makes the motion of joints and cuts.
+    """
+    symbols = Symbols()
     reader = GeometryReader(tables.lengths, device.lengths, symbols)
-    parents = [joint.parent for joint in device.joints]
-    placed, frames = placements(tables, parents, reader)
+    placed, frames = placements(tables, [joint.parent for joint in device.joints], reader)
+    joints = tuple(
+        ExactJoint(joint.parent, joint.prismatic, placement)
+        for joint, placement in zip(device.joints, placed, strict=True)
+    )
     cuts = _cuts(tables, device.joint_names, frames, reader)
     gravity = _gravity(device.gravity, symbols)
-    motion = linear_motion(device, symbols)
-    columns = exact_columns(device, symbols)
+    motion = motion_of(joints, cuts, symbols)
+    columns = exact_columns(device, active, symbols)
     steps = [*placed, *(frame.placement for cut in cuts for frame in (cut.frame, cut.twin))]
-    used = _used(steps, (*gravity, *(column.rest for column in columns)), motion)
-    return ExactChain(
-        joints=tuple(
-            ExactJoint(joint.parent, joint.prismatic, placement)
-            for joint, placement in zip(device.joints, placed, strict=True)
-        ),
-        cuts=cuts,
-        motion=motion,
-        gravity=gravity,
-        columns=columns,
-        rows=_rows(device),
-        symbols=tuple(symbol for symbol in symbols.all if symbol.name in used),
-    )
+    used = _used(steps, (*gravity, *motion.depends, *(column.rest for column in columns)))
+    known = tuple(symbol for symbol in symbols.all if symbol.name in used)
+    return ExactChain(joints, cuts, motion, gravity, columns, len(active) if rows is None else len(rows), rows, known)
 
 
 def _cuts(
@@ -175,7 +171,7 @@ def _multiples(G: Array, slides: Sequence[bool], active_slides: Sequence[bool]) 
     return tuple(tuple(int(x) for x in row) for row in made)
 
 
-def _rows(device: Device) -> tuple[tuple[Fraction, ...], ...] | None:
+def _rows(device: Device) -> Rows:
     """Rows of measured torque by active joint; where all are measured, mixing them changes no relation."""
     if all(device.measured):
         return None
@@ -183,11 +179,10 @@ def _rows(device: Device) -> tuple[tuple[Fraction, ...], ...] | None:
     return tuple(tuple(ratio(float(x)) for x in row) for row in chosen)
 
 
-def _used(placements: Sequence[Placement], others: Sequence[Laurent], motion: LinearMotion) -> set[str]:
+def _used(placed: Sequence[Placement], others: Sequence[Laurent]) -> set[str]:
     """Names of the symbols that the mechanism depends on, an angle's cosine and sine together."""
-    found = [*others, *motion.offsets, *(entry for row in motion.rates for entry in row)]
-    found += [part for pair in motion.turns for part in pair]
-    for placement in placements:
+    found = list(others)
+    for placement in placed:
         for step in placement:
             found += [step.length] if isinstance(step, Shift) else [step.cos, step.sin]
     names = {name for polynomial in found for name in polynomial.symbols}

@@ -2,17 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-
 import numpy as np
 
 from haptid.errors import SymbolicClosureError
-from haptid.exact import placements
-from haptid.exact.chain import ExactChain, ExactFrame
-from haptid.exact.motion import States
-from haptid.exact.regressor import about_z
+from haptid.exact.chain import ExactChain
 from haptid.exact.residues import PRIMES, Field, Residues
 from haptid.exact.symbols import LENGTH, draw
+from haptid.exact.tree import all_placed, frame_pose, poses
 
 # States at which closure is tested: one that closes by chance has odds of a few in a billion.
 STATES = 3
@@ -34,33 +30,14 @@ def check_closure(chain: ExactChain, names: tuple[str, ...], seed: int) -> None:
     field, rng = Field(PRIMES[0]), np.random.default_rng(seed)
     values = draw(chain.symbols, field, rng, STATES)
     states = chain.motion.states(field, rng, values, STATES)
-    links = _poses(chain, field, values, states)
+    placed = all_placed(chain.joints, field, values, STATES)
+    links = poses(chain.joints, field, placed, (states.cos, states.sin, states.slide))
     for cut in chain.cuts:
-        frame, twin = (_frame(field, links, values, at) for at in (cut.frame, cut.twin))
+        frame, twin = (frame_pose(at, field, links, values, STATES) for at in (cut.frame, cut.twin))
         if _gap(field, frame, twin, cut.prismatic).any():
             on, other = (names[at.link] if at.link >= 0 else "base" for at in (cut.frame, cut.twin))
             lengths = [f"{s.name} = {s.value:.6g}" for s in chain.symbols if s.grade == LENGTH]
             raise SymbolicClosureError(on, other, lengths)
-
-
-def _poses(chain: ExactChain, field: Field, values: Mapping[str, Residues], states: States) -> list[Residues]:
-    """Poses of all links in the base frame, (n, 4, 4) each."""
-    made: list[Residues] = []
-    for j, joint in enumerate(chain.joints):
-        pose = placements.modulo(joint.placement, field, values, STATES)
-        if joint.parent >= 0:
-            pose = field.product(made[joint.parent], pose)
-        moved = np.zeros_like(pose)
-        moved[:, 3, 3] = 1
-        moved[:, :3, :3] = about_z(states.cos[j], states.sin[j])
-        moved[:, 2, 3] = states.slide[j]
-        made.append(field.product(pose, moved))
-    return made
-
-
-def _frame(field: Field, links: list[Residues], values: Mapping[str, Residues], at: ExactFrame) -> Residues:
-    local = placements.modulo(at.placement, field, values, STATES)
-    return local if at.link < 0 else field.product(links[at.link], local)
 
 
 def _gap(field: Field, frame: Residues, twin: Residues, prismatic: bool) -> Residues:

@@ -35,12 +35,10 @@ class Columns:
     Attributes:
         chain: the mechanism.
         members: raw columns that add up to each standard parameter's.
-        rows: measured torques at each state.
     """
 
     chain: ExactChain
     members: tuple[tuple[int, ...], ...]
-    rows: int
 
     def sample(self, field: Field, rng: np.random.Generator, values: Mapping[str, Residues], samples: int) -> Residues:
         """Rows at so many states for each set of lengths, (sets, samples * rows, standard parameters)."""
@@ -58,7 +56,7 @@ class Columns:
         many show no more: rows alone do not count, where a torque depends on few of the columns.
         """
         values = draw(self.chain.symbols, field, rng, 1)
-        samples = -(-len(self.members) // self.rows) + 1
+        samples = -(-len(self.members) // self.chain.torques) + 1
         W = self.sample(field, rng, values, samples)
         kept = field.echelon(W)[1]
         while True:
@@ -67,8 +65,8 @@ class Columns:
             if kept == before:
                 break
             samples *= 2
-        enough = -(-len(kept) // self.rows) + 1
-        while len(field.echelon(W[:, : enough * self.rows, kept])[1]) < len(kept):
+        enough = -(-len(kept) // self.chain.torques) + 1
+        while len(field.echelon(W[:, : enough * self.chain.torques, kept])[1]) < len(kept):
             enough += 1
         return Pivots(tuple(kept), tuple(np.flatnonzero(~W[0].any(axis=0)).tolist()), enough + 1)
 

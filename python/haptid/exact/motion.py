@@ -37,7 +37,11 @@ class States:
 
 
 class Motion(Protocol):
-    """What a closed chain needs to tell of its loops; a loop of another kind is another class with this method."""
+    """What a closed chain needs to tell of its loops; a loop of another kind is another class with these two."""
+
+    @property
+    def depends(self) -> tuple[Laurent, ...]:
+        """What it depends on besides the placements of joints and of the frames of cuts."""
 
     def states(self, field: Field, rng: np.random.Generator, values: Mapping[str, Residues], count: int) -> States:
         """States drawn at random, one for each of `count` sets of lengths.
@@ -67,6 +71,11 @@ class LinearMotion:
     multiples: tuple[tuple[int, ...], ...]
     turns: tuple[tuple[Laurent, Laurent], ...]
     offsets: tuple[Laurent, ...]
+
+    @property
+    def depends(self) -> tuple[Laurent, ...]:
+        """See Motion."""
+        return (*self.offsets, *(part for row in (*self.rates, *self.turns) for part in row))
 
     def states(self, field: Field, rng: np.random.Generator, values: Mapping[str, Residues], count: int) -> States:
         """See Motion."""

@@ -13,9 +13,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from haptid.exact import placements
-from haptid.exact.chain import ExactChain, ExactJoint
+from haptid.exact.chain import ExactChain
 from haptid.exact.motion import States
 from haptid.exact.residues import Field, Residues
+from haptid.exact.tree import ExactJoint, about_z
 
 # Where XX XY XZ YY YZ ZZ stand in the moment of inertia about x, y and z: row, component of the vector, parameter.
 INERTIA = ((0, 0, 0), (0, 1, 1), (0, 2, 2), (1, 0, 1), (1, 1, 3), (1, 2, 4), (2, 0, 2), (2, 1, 4), (2, 2, 5))
@@ -112,14 +113,6 @@ def link_columns(field: Field, link: LinkMotion) -> Residues:
     of_v, of_w = np.swapaxes(link.Jv, 1, 2), np.swapaxes(link.Jw, 1, 2)
     first = field.reduce(field.product(of_v, force) - field.product(of_w, cross(link.a)))
     return np.concatenate([field.product(of_w, moment), first, field.product(of_v, link.a[:, :, None])], axis=2)
-
-
-def about_z(cos: Residues, sin: Residues) -> Residues:
-    """Turns about z, (n, 3, 3)."""
-    made = np.zeros((len(cos), 3, 3), dtype=np.int64)
-    made[:, 0, 0] = made[:, 1, 1] = cos
-    made[:, 0, 1], made[:, 1, 0], made[:, 2, 2] = -sin, sin, 1
-    return made
 
 
 def cross(v: Residues) -> Residues:

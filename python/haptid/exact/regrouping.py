@@ -125,14 +125,23 @@ def regroupings(device: Device, seed: int = 0) -> Regroupings:
         RegroupingFormError: a coefficient is no ratio of polynomials of low degree.
         RoadsDisagreeError: base parameters at the device's own lengths differ, so that its geometry is a special one.
     """
-    chain = exact_chain(device)
+    made = chain_regroupings(device, exact_chain(device), seed)
+    check_agreement(made, device)
+    return made
+
+
+def chain_regroupings(device: Device, chain: ExactChain, seed: int) -> Regroupings:
+    """Base parameters of a mechanism whose standard parameters are those of a device.
+
+    Raises:
+        SymbolicClosureError, RegroupingFormError: see `regroupings`.
+        RegroupingCheckError: a relation does not hold where it is checked, or draws fail again and again.
+    """
     for attempt in range(DRAWS):
         try:
-            made = _regroupings(device, chain, seed + 1000 * attempt)
+            return _regroupings(device, chain, seed + 1000 * attempt)
         except UnluckyDrawError:
             continue
-        check_agreement(made, device)
-        return made
     raise RegroupingCheckError(f"{DRAWS} draws in a row met a zero that should not be there")
 
 
@@ -140,7 +149,7 @@ def _regroupings(device: Device, chain: ExactChain, seed: int) -> Regroupings:
     check_closure(chain, device.joint_names, seed)
     parameters, order = device.parameters, preference(device)
     members = tuple(tuple(np.flatnonzero(parameters.S[:, k]).tolist()) for k in order)
-    columns = Columns(chain, members, sum(device.measured))
+    columns = Columns(chain, members)
     grades = [GRADES.get(parameters.units[k]) for k in order]
     names = [parameters.names[k] for k in order]
     pivots = columns.pivots(Field(PRIMES[0]), np.random.default_rng(seed))

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Hashable, Mapping
+from collections.abc import Hashable, Mapping, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
 
@@ -80,14 +80,14 @@ class ExactColumn:
         return G, tuple(moved)
 
 
-def exact_columns(device: Device, symbols: Symbols) -> tuple[ExactColumn, ...]:
-    """All terms of a device."""
+def exact_columns(device: Device, active: Sequence[int], symbols: Symbols) -> tuple[ExactColumn, ...]:
+    """All terms of a device, motors' by so many of its active joints."""
     names = device.joint_names
     made = []
     for term in device.terms:
         side, _, name = term.on.partition(" ")
         joint = names.index(name) if side == "joint" else None
-        weights = tuple(ratio(float(w)) for w in term.weights @ device.frame)
+        weights = tuple(ratio(float(w)) for w in (term.weights @ device.frame)[list(active)])
         made.append(ExactColumn(joint, weights if joint is None else (), _parts(term), _rest(term, device, symbols)))
     return tuple(made)
 
