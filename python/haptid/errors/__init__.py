@@ -71,6 +71,7 @@ from haptid.errors.devices import (
     UnknownNameError,
 )
 from haptid.errors.exact import (
+    NoDyadError,
     RegroupingCheckError,
     RegroupingFormError,
     RoadsDisagreeError,
@@ -210,6 +211,7 @@ __all__ = [
     "MujocoMissingError",
     "NoAccelerationError",
     "NoBodyError",
+    "NoDyadError",
     "NoFeasibleMotionError",
     "NoHandleError",
     "NoHeaderError",

@@ -18,6 +18,16 @@ class SymbolicClosureError(RegroupingError):
         )
 
 
+class NoDyadError(RegroupingError):
+    """Loops that are not made of two turning passive joints and a pin each."""
+
+    def __init__(self, file: str, found: str) -> None:
+        super().__init__(
+            f"{file}: these loops are not planar dyads: {found}. Each needs exactly two turning passive joints and a "
+            f"turning cut, and no relations; loops with relations are read by `read_device`."
+        )
+
+
 class RegroupingFormError(RegroupingError):
     """A coefficient that is no ratio of polynomials of low degree."""
 
