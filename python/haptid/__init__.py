@@ -35,7 +35,7 @@ from haptid.estimators import (
     project,
     pseudo_inertia,
 )
-from haptid.exact import Regroupings, regroupings
+from haptid.exact import Regroupings, loop_regroupings, regroupings
 from haptid.force import HandleForce, estimate_force
 from haptid.identification import Identification, Run, identify
 from haptid.kinematics import HandleMotion, handle_motion, link_poses
@@ -112,6 +112,7 @@ __all__ = [
     "identify",
     "inverse_dynamics",
     "link_poses",
+    "loop_regroupings",
     "mass_matrix",
     "observe",
     "observe_force",

@@ -95,7 +95,7 @@ def fitted(wanted: Coefficient, symbols: tuple[Symbol, ...], grade: tuple[int, i
         values = draw(symbols, field, np.random.default_rng(prime), count)
         points.append(Points(field, values))
         y.append(wanted.modulo(field, values, count))
-    return fit(points, y, symbols, grade)
+    return fit(points, y, symbols, grade, {})
 
 
 def laurent(*terms: tuple[int, str]) -> Laurent:

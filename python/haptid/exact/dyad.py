@@ -14,7 +14,8 @@ import numpy as np
 
 from haptid.exact.laurent import Laurent
 from haptid.exact.motion import States
-from haptid.exact.residues import Field, Residues, UnluckyDrawError
+from haptid.exact.residues import PRIMES, Field, Residues, UnluckyDrawError
+from haptid.exact.symbols import Symbol, draw
 from haptid.exact.tree import ExactCut, ExactFrame, ExactJoint, all_placed, frame_pose, poses
 
 # Draws until all states have a square root: with every draw half of them do.
@@ -85,16 +86,29 @@ class DyadMotion:
         count: int,
     ) -> tuple[Residues, Residues, Residues]:
         """Cosine, sine and slide of all joints, (joints, count) each; states without a root are drawn again."""
-        made = self._drawn(field, rng, count)
+        whole = np.zeros((3, len(self.joints), count), dtype=np.int64)
+        left = np.arange(count)
         for _ in range(DRAWS):
-            good = np.ones(count, dtype=bool)
+            cos, sin, slide = self._drawn(field, rng, len(left))
+            here = {name: residues[left] for name, residues in values.items()}
+            there = [placement[left] for placement in placed]
+            good = np.ones(len(left), dtype=bool)
             for dyad in self.dyads:
-                good &= self._solve(field, dyad, values, placed, made)
-            if good.all():
-                return made
-            for kept, fresh in zip(made, self._drawn(field, rng, count), strict=True):
-                kept[:, ~good] = fresh[:, ~good]
+                good &= self._solve(field, dyad, here, there, (cos, sin, slide))
+            whole[:, :, left] = cos, sin, slide
+            left = left[~good]
+            if not len(left):
+                return whole[0], whole[1], whole[2]
         raise UnluckyDrawError
+
+    def is_planar(self, symbols: Sequence[Symbol], seed: int) -> bool:
+        """Whether the axes of each dyad's joints are parallel; whether its links lie in a plane, its closure shows."""
+        field, rng = Field(PRIMES[0]), np.random.default_rng(seed)
+        values = draw(symbols, field, rng, 1)
+        placed = all_placed(self.joints, field, values, 1)
+        links = poses(self.joints, field, placed, self._closed(field, rng, values, placed, 1))
+        axes = ((links[dyad.first][:, :3, 2], links[dyad.second][:, :3, 2]) for dyad in self.dyads)
+        return not any(_cross(field, a, b).any() for a, b in axes)
 
     def _drawn(self, field: Field, rng: np.random.Generator, count: int) -> tuple[Residues, Residues, Residues]:
         """Active joints at random, passive ones at zero."""
@@ -143,31 +157,37 @@ class DyadMotion:
         acceleration: Residues,
     ) -> None:
         """Set a dyad's rows of G and its accelerations: the pin's two sides stay together."""
-        links, values = at
-        count = G.shape[1]
+        links, _ = at
         plane = np.swapaxes(links[dyad.first][:, :3, :2], 1, 2)
-        slopes = np.zeros((2, count, len(self.joints)), dtype=np.int64)
-        drift = np.zeros((count, 3), dtype=np.int64)
-        pair = (dyad.first, dyad.second)
+        slopes = self._slopes(field, dyad, at, plane)
+        pair = [dyad.first, dyad.second]
+        solve = _inverse(field, slopes[:, :, pair])
+        others = [j for j in range(len(self.joints)) if slopes[:, :, j].any() and j not in pair]
+        for k in range(G.shape[2]):
+            apart = np.zeros(slopes.shape[:2], dtype=np.int64)
+            for j in others:
+                apart = field.reduce(apart + slopes[:, :, j] * G[j, :, k])
+            G[pair, :, k] = _applied(field, solve, field.reduce(-apart))
+        rates = _along(field, G, velocity)
+        near, far = (self._acceleration(field, frame, at, rates, acceleration) for frame in (dyad.near, dyad.far))
+        drift = field.product(plane, field.reduce(near - far)[:, :, None])[:, :, 0]
+        acceleration[pair] = _applied(field, solve, field.reduce(-drift.T))
+
+    def _slopes(
+        self, field: Field, dyad: Dyad, at: tuple[Sequence[Residues], Mapping[str, Residues]], plane: Residues
+    ) -> Residues:
+        """How fast each joint moves the pin's two sides apart in the dyad's plane, (2, n, joints)."""
+        links, values = at
+        count = len(plane)
+        made = np.zeros((2, count, len(self.joints)), dtype=np.int64)
         for frame, sign in ((dyad.near, 1), (dyad.far, -1)):
             point = frame_pose(frame, field, links, values, count)[:, :3, 3]
             for j in self._path(frame.link):
                 axis = links[j][:, :3, 2]
-                lever = axis if self.joints[j].prismatic else _cross(field, axis, point - links[j][:, :3, 3])
-                seen = field.product(plane, lever[:, :, None])[:, :, 0]
-                slopes[:, :, j] = field.reduce(slopes[:, :, j] + sign * seen.T)
-        solve = _inverse(field, slopes[:, :, list(pair)])
-        others = [j for j in range(len(self.joints)) if slopes[:, :, j].any() and j not in pair]
-        for k in range(G.shape[2]):
-            known_rate = np.zeros((2, count), dtype=np.int64)
-            for j in others:
-                known_rate = field.reduce(known_rate + slopes[:, :, j] * G[j, :, k])
-            G[list(pair), :, k] = _applied(field, solve, field.reduce(-known_rate))
-        rates = _along(field, G, velocity)
-        for frame, sign in ((dyad.near, 1), (dyad.far, -1)):
-            drift = field.reduce(drift + sign * self._acceleration(field, frame, at, rates, acceleration))
-        seen = field.product(plane, drift[:, :, None])[:, :, 0]
-        acceleration[list(pair)] = _applied(field, solve, field.reduce(-seen.T))
+                moved = axis if self.joints[j].prismatic else _cross(field, axis, point - links[j][:, :3, 3])
+                seen = field.product(plane, moved[:, :, None])[:, :, 0]
+                made[:, :, j] = field.reduce(made[:, :, j] + sign * seen.T)
+        return made
 
     def _path(self, link: int) -> list[int]:
         """Joints from the base to a link."""

@@ -86,17 +86,20 @@ class Columns:
         return made[:, :, kept:]
 
 
-def scatter(symbols: tuple[Symbol, ...], field: Field, rng: np.random.Generator, count: int) -> dict[str, Residues]:
-    """Sets of lengths: `count` of them at random, then the first with one symbol after the other drawn again.
+def scatter(
+    symbols: tuple[Symbol, ...], field: Field, rng: np.random.Generator, count: int, moves: int
+) -> dict[str, Residues]:
+    """Sets of lengths: `count` of them at random, then the first with one quantity after the other drawn `moves` times.
 
     Returns:
-        residues of every symbol, (count + number of quantities,) each; a quantity is a length or an angle.
+        residues of every symbol, (count + moves * quantities,) each; a quantity is a length or an angle.
     """
     made = draw(symbols, field, rng, count)
-    moved = draw(symbols, field, rng, 1)
     for names in quantities(symbols):
+        moved = draw(symbols, field, rng, moves)
         for name in made:
-            made[name] = np.append(made[name], moved[name] if name in names else made[name][:1])
+            fixed = np.repeat(made[name][:1], moves)
+            made[name] = np.append(made[name], moved[name] if name in names else fixed)
     return made
 
 

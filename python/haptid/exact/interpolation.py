@@ -10,7 +10,8 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
-from itertools import product
+from itertools import islice, product
+from types import MappingProxyType
 
 import numpy as np
 
@@ -24,6 +25,8 @@ REACHES = ((0, 2), (-1, 2), (-1, 3), (-2, 3), (-3, 4))
 DENOMINATORS = (0, 1, 2, 3, 4)
 # More combinations of exponents than this are not listed.
 MOST_COMBINATIONS = 20_000
+# Exponents of one symbol that are tried, of either sign.
+FARTHEST = 4
 # Points that a fit must leave over.
 LEFT_OVER = 3
 
@@ -52,7 +55,31 @@ class Points:
         return made
 
 
-def fit(points: Sequence[Points], y: Sequence[Residues], symbols: Sequence[Symbol], grade: Grade) -> Coefficient | None:
+def span_of(at: Points, y: Residues, name: str, along: Sequence[int]) -> range | None:
+    """Exponents of one symbol in a coefficient, None where it is no Laurent polynomial in it.
+
+    Args:
+        at: sets of lengths.
+        y: residues of the coefficient there.
+        name: of the symbol.
+        along: points that differ in this symbol alone.
+    """
+    x, wanted = at.values[name][along], y[along]
+    for width, low in product(range(len(along) - LEFT_OVER), range(-FARTHEST, FARTHEST + 1)):
+        powers_of = [at.field.power(x, exponent) for exponent in range(low, low + width + 1)]
+        whole = np.column_stack([*powers_of, wanted])
+        if at.field.echelon(whole[None])[1] == list(range(width + 1)):
+            return range(low, low + width + 1)
+    return None
+
+
+def fit(
+    points: Sequence[Points],
+    y: Sequence[Residues],
+    symbols: Sequence[Symbol],
+    grade: Grade,
+    spans: Mapping[str, range | None],
+) -> Coefficient | None:
     """The coefficient with given residues, None where no form tried fits.
 
     Args:
@@ -60,17 +87,19 @@ def fit(points: Sequence[Points], y: Sequence[Residues], symbols: Sequence[Symbo
         y: residues of the coefficient there, (points,) each.
         symbols: those that it depends on.
         grade: its dimension.
+        spans: exponents of symbols, as far as they are known.
     """
     most = len(y[0]) - LEFT_OVER
     tried: set[tuple[Powers, ...]] = set()
-    for low, high in REACHES:
-        found = tuple(monomials(symbols, grade, low, high))
+    settled = all(spans.get(symbol.name) for symbol in symbols)  # a Laurent polynomial in each is one in all
+    for low, high in REACHES[:1] if settled else REACHES:
+        found = tuple(islice(monomials(symbols, grade, low, high, spans=spans), most + 1))
         if found and len(found) <= most and found not in tried:
             made = _polynomial(points, y, found)
             if made is not None:
                 return Coefficient(sines(made))
         tried.add(found)
-    for below, above in _quotients(symbols, grade):
+    for below, above in () if settled else _quotients(symbols, grade):
         if above and len(below) > 1 and len(above) + len(below) <= most:
             ratio = _ratio(points, y, above, below)
             if ratio is not None:
@@ -92,13 +121,20 @@ def _quotients(symbols: Sequence[Symbol], grade: Grade) -> Iterator[tuple[tuple[
             )
 
 
-def monomials(symbols: Sequence[Symbol], grade: Grade, low: int, high: int, turn: int = 2) -> Iterator[Powers]:
-    """Products of powers of a dimension, exponents from `low` to `high`, with `turn` cosines or sines of an angle."""
-    spans = [_span(symbol, low, high) for symbol in symbols]
-    if np.prod([len(span) for span in spans], dtype=float) > MOST_COMBINATIONS:
+def monomials(
+    symbols: Sequence[Symbol],
+    grade: Grade,
+    low: int,
+    high: int,
+    turn: int = 2,
+    spans: Mapping[str, range | None] = MappingProxyType({}),
+) -> Iterator[Powers]:
+    """Products of powers of a dimension, `turn` cosines or sines of an angle among them; exponents as far as known."""
+    each = [spans.get(symbol.name) or _span(symbol, low, high) for symbol in symbols]
+    if np.prod([len(span) for span in each], dtype=float) > MOST_COMBINATIONS:
         return
     angles = {symbol.angle for symbol in symbols if symbol.angle}
-    for exponents in product(*spans):
+    for exponents in product(*each):
         total = tuple(sum(e * s.grade[k] for e, s in zip(exponents, symbols, strict=True)) for k in (0, 1))
         turns = (sum(e for e, s in zip(exponents, symbols, strict=True) if s.angle == angle) for angle in angles)
         if total == grade and all(found <= turn for found in turns):

@@ -32,7 +32,7 @@ def loop_regroupings(path: str | Path, seed: int = 0) -> Regroupings:
     Raises:
         DeviceError: in one of its kinds, what is wrong with the file.
         NoDyadError: a loop is no planar dyad.
-        SymbolicClosureError: the axes of a loop are not parallel, or its links not in one plane.
+        SymbolicClosureError: the links of a loop are not in one plane.
         RegroupingFormError: a coefficient is no ratio of polynomials of low degree.
     """
     tables, file = read_tables(path)
@@ -40,7 +40,7 @@ def loop_regroupings(path: str | Path, seed: int = 0) -> Regroupings:
         raise NoDyadError(file, "a loop has relations")
     passive = {name for loop in tables.loops for name in loop.passive}
     tree = device_of(_opened(tables, passive), file)
-    return chain_regroupings(tree, _closed(tree, tables, passive, file), seed)
+    return chain_regroupings(tree, _closed(tree, tables, passive, file, seed), seed)
 
 
 def _opened(tables: AnyDevice, passive: set[str]) -> AnyDevice:
@@ -56,15 +56,18 @@ def _opened(tables: AnyDevice, passive: set[str]) -> AnyDevice:
     return tables.model_copy(update={"loops": [], "terms": terms, "joints": joints})
 
 
-def _closed(tree: Device, tables: AnyDevice, passive: set[str], file: str) -> ExactChain:
+def _closed(tree: Device, tables: AnyDevice, passive: set[str], file: str, seed: int) -> ExactChain:
     """The mechanism: the tree's joints, with the loops' cuts."""
     active = tuple(j for j, name in enumerate(tree.joint_names) if name not in passive)
 
-    def motion(joints: tuple[ExactJoint, ...], cuts: tuple[ExactCut, ...], _: Symbols) -> Motion:
+    def motion(joints: tuple[ExactJoint, ...], cuts: tuple[ExactCut, ...], symbols: Symbols) -> Motion:
         found = dyads(joints, cuts, [j for j in range(len(joints)) if j not in active])
         if isinstance(found, str):
             raise NoDyadError(file, found)
-        return DyadMotion(joints, active, found)
+        made = DyadMotion(joints, active, found)
+        if not made.is_planar(symbols.all, seed):
+            raise NoDyadError(file, "the axes of a loop's two passive joints are not parallel")
+        return made
 
     return assembled(tree, tables, active, _rows(tree, active, bool(tables.motors)), motion)
 

@@ -26,7 +26,7 @@ from haptid.exact.chain import ExactChain, exact_chain
 from haptid.exact.closure import check_closure
 from haptid.exact.comparison import check_agreement
 from haptid.exact.elimination import Columns, Pivots, quantities, scatter
-from haptid.exact.interpolation import Points, fit
+from haptid.exact.interpolation import Points, fit, span_of
 from haptid.exact.laurent import ONE, Coefficient, Laurent
 from haptid.exact.residues import PRIMES, Field, Residues, UnluckyDrawError, rational
 from haptid.exact.symbols import GRADES, PURE, Grade, Symbol, draw
@@ -34,8 +34,9 @@ from haptid.exact.symbols import GRADES, PURE, Grade, Symbol, draw
 if TYPE_CHECKING:
     from haptid.device import Device
 
-# Sets of lengths from which coefficients are interpolated: few first, more for what does not fit.
-SETS = (16, 48, 200)
+# Sets of lengths from which coefficients are interpolated, and how often each length is then moved on its own: few
+# first, more for what does not fit.
+SETS = ((16, 1), (48, 6), (200, 6))
 # Sets of lengths at which the relations are checked.
 CHECKED_SETS = 3
 # Draws that may fail before something else must be wrong: each fails with odds of one in a million.
@@ -185,8 +186,8 @@ def _coefficients(
     others = [k for k in range(len(columns.members)) if k not in pivots.kept and k not in pivots.idle]
     wanted: set[tuple[int, int]] = set()
     made: dict[tuple[int, int], Coefficient] = {}
-    for sets in SETS:
-        points, R = _residues(columns, pivots, others, sets, seed)
+    for sets, moves in SETS:
+        points, R = _residues(columns, pivots, others, (sets, moves), seed)
         if not wanted:  # the first time
             wanted = {(int(i), others[k]) for i, k in np.argwhere(R[0].any(axis=0))}
         known: dict[tuple[object, ...], Coefficient | None] = {}
@@ -195,46 +196,52 @@ def _coefficients(
             grade = _difference(grades[pivots.kept[i]], grades[k])
             key = (grade, *(residues.tobytes() for residues in y))
             if key not in known:
-                known[key] = _coefficient(columns.chain.symbols, points, y, sets, grade)
+                known[key] = _coefficient(columns.chain.symbols, points, y, (sets, moves), grade)
             if (coefficient := known[key]) is not None:
                 made[i, k] = coefficient
         wanted -= set(made)
         if not wanted:
             return made
     i, k = min(wanted)
-    raise RegroupingFormError(names[pivots.kept[i]], names[k], SETS[-1])
+    raise RegroupingFormError(names[pivots.kept[i]], names[k], SETS[-1][0])
 
 
 def _residues(
-    columns: Columns, pivots: Pivots, others: list[int], sets: int, seed: int
+    columns: Columns, pivots: Pivots, others: list[int], sets: tuple[int, int], seed: int
 ) -> tuple[list[Points], list[Residues]]:
     """Sets of lengths for the first two primes, and the relations there."""
     points, R = [], []
     for prime in PRIMES[:2]:
-        rng = np.random.default_rng([seed, sets, prime])
-        at = Points(Field(prime), scatter(columns.chain.symbols, Field(prime), rng, sets))
+        rng = np.random.default_rng([seed, *sets, prime])
+        at = Points(Field(prime), scatter(columns.chain.symbols, Field(prime), rng, *sets))
         points.append(at)
         R.append(columns.relations(at.field, rng, at.values, pivots, others))
     return points, R
 
 
 def _coefficient(
-    symbols: tuple[Symbol, ...], points: list[Points], y: list[Residues], sets: int, grade: Grade | None
+    symbols: tuple[Symbol, ...],
+    points: list[Points],
+    y: list[Residues],
+    layout: tuple[int, int],
+    grade: Grade | None,
 ) -> Coefficient | None:
     """One coefficient: first on which quantities it depends, then in what form."""
-    moving = {
-        name
+    sets, moves = layout
+    along = {
+        name: [0, *range(sets + k * moves, sets + (k + 1) * moves)]
         for k, names in enumerate(quantities(symbols))
-        if any(residues[sets + k] != residues[0] for residues in y)
         for name in names
     }
+    moving = [s for s in symbols if any((r[along[s.name]] != r[0]).any() for r in y)]
     if not moving:
         constant = rational(tuple(int(r[0]) for r in y), tuple(at.field.prime for at in points))
         same = all((r[:sets] == r[0]).all() for r in y)
         return Coefficient(Laurent.number(constant)) if constant is not None and same else None
     if grade is None:
         return None
-    return fit(points, [r[:sets] for r in y], [symbol for symbol in symbols if symbol.name in moving], grade)
+    spans = {s.name: span_of(points[0], y[0], s.name, along[s.name]) for s in moving if s.grade != PURE}
+    return fit(points, [r[:sets] for r in y], moving, grade, spans)
 
 
 def _difference(base: Grade | None, other: Grade | None) -> Grade | None:
