@@ -60,6 +60,15 @@ def test_bars_that_are_equal_by_accident(tmp_path: Path) -> None:
     assert [s.name for s in device_of(tmp_path, raw).regroupings.symbols] == ["lever", "dforearm"]
 
 
+def test_angles_that_are_many(tmp_path: Path) -> None:
+    joints = [f'[[joints]]\nname = "{k}"\nxyz = [0.1, 0, 0]\nrpy = [0.{k}1, 0.{k}2, 0.{k}3]\n' for k in (1, 2)]
+    device = device_of(
+        tmp_path, 'name = "tilted"\nconvention = "placement"\ngravity = [0, 0, -9.81]\n' + "".join(joints)
+    )
+    with pytest.raises(errors.ManyAnglesError, match="6 angles that are no multiples of a quarter turn, limit 4"):
+        haptid.regroupings(device)
+
+
 def test_a_column_that_is_another_in_disguise(tmp_path: Path) -> None:
     column = '[[terms]]\nkind = "column"\njoints = ["1"]\nname = "D1"\nunit = "N m s/rad"\nexpression = "2*v_1"\n'
     device = device_of(tmp_path, LINK + '[[terms]]\nkind = "viscous"\njoints = "all"\n' + column)

@@ -71,6 +71,7 @@ from haptid.errors.devices import (
     UnknownNameError,
 )
 from haptid.errors.exact import (
+    ManyAnglesError,
     NoDyadError,
     RegroupingCheckError,
     RegroupingFormError,
@@ -199,6 +200,7 @@ __all__ = [
     "LooksLikeRadiansError",
     "LoopBrokenError",
     "LoopOpenError",
+    "ManyAnglesError",
     "MappedTwiceError",
     "MethodSettingError",
     "MetricError",

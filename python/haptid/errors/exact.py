@@ -18,6 +18,17 @@ class SymbolicClosureError(RegroupingError):
         )
 
 
+class ManyAnglesError(RegroupingError):
+    """A geometry with too many angles that are no quarter turns."""
+
+    def __init__(self, angles: int, limit: int) -> None:
+        super().__init__(
+            f"the geometry has {angles} angles that are no multiples of a quarter turn, limit {limit}: groupings have "
+            f"too many terms to be written with symbols. Use the numeric groupings of `base_parameters`; angles that "
+            f'are quarter turns rounded should be written as such: "pi/2", not 1.5708.'
+        )
+
+
 class NoDyadError(RegroupingError):
     """Loops that are not made of two turning passive joints and a pin each."""
 

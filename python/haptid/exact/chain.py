@@ -13,6 +13,7 @@ from haptid._values import Array
 from haptid.device import Device
 from haptid.device.loops import nearest
 from haptid.device.schema import AnyDevice
+from haptid.errors import ManyAnglesError
 from haptid.exact.laurent import Laurent, powers
 from haptid.exact.motion import LinearMotion, Motion
 from haptid.exact.placements import Placement, Shift
@@ -21,6 +22,9 @@ from haptid.exact.symbols import GRAVITY, PURE, Symbol, Symbols, ratio
 from haptid.exact.terms import ExactColumn, exact_columns
 from haptid.exact.tree import ExactCut, ExactFrame, ExactJoint
 
+# Coefficients are polynomials in the cosines and sines of angles that are no quarter turns: of more angles than these
+# they have too many terms to be found, or to be read.
+MOST_ANGLES = 4
 # Measured torques as combinations of the active joints', None for all of them.
 Rows = tuple[tuple[Fraction, ...], ...] | None
 
@@ -74,6 +78,9 @@ def assembled(
         active: which of the device's active joints its motion takes for that.
         rows: see ExactChain.
         motion_of: makes the motion of joints and cuts.
+
+    Raises:
+        ManyAnglesError: more angles than MOST_ANGLES are no quarter turns.
     """
     symbols = Symbols()
     reader = GeometryReader(tables.lengths, device.lengths, symbols)
@@ -89,6 +96,9 @@ def assembled(
     steps = [*placed, *(frame.placement for cut in cuts for frame in (cut.frame, cut.twin))]
     used = _used(steps, (*gravity, *motion.depends, *(column.rest for column in columns)))
     known = tuple(symbol for symbol in symbols.all if symbol.name in used)
+    angles = {symbol.angle for symbol in known if symbol.angle}
+    if len(angles) > MOST_ANGLES:
+        raise ManyAnglesError(len(angles), MOST_ANGLES)
     return ExactChain(joints, cuts, motion, gravity, columns, len(active) if rows is None else len(rows), rows, known)
 
 

@@ -123,6 +123,7 @@ def regroupings(device: Device, seed: int = 0) -> Regroupings:
 
     Raises:
         SymbolicClosureError: a loop closes at the device's own lengths only, not for all values of its symbols.
+        ManyAnglesError: too many angles are no quarter turns.
         RegroupingFormError: a coefficient is no ratio of polynomials of low degree.
         RoadsDisagreeError: base parameters at the device's own lengths differ, so that its geometry is a special one.
     """
@@ -199,11 +200,12 @@ def _coefficients(
                 known[key] = _coefficient(columns.chain.symbols, points, y, (sets, moves), grade)
             if (coefficient := known[key]) is not None:
                 made[i, k] = coefficient
+            elif sets == SETS[-1][0]:
+                raise RegroupingFormError(names[pivots.kept[i]], names[k], sets)
         wanted -= set(made)
         if not wanted:
-            return made
-    i, k = min(wanted)
-    raise RegroupingFormError(names[pivots.kept[i]], names[k], SETS[-1][0])
+            break
+    return made
 
 
 def _residues(
