@@ -10,6 +10,7 @@ from pathlib import Path
 
 import bench_identification
 import coverage
+import groupings
 import kernel
 import long_log
 import virtual_bench
@@ -22,6 +23,7 @@ STUDIES = {
     "coverage": coverage.run,
     "virtual-bench": virtual_bench.run,
     "bench-identification": bench_identification.run,
+    "groupings": groupings.run,
 }
 
 

@@ -35,6 +35,7 @@ from haptid.estimators import (
     project,
     pseudo_inertia,
 )
+from haptid.exact import Regroupings, loop_regroupings, regroupings
 from haptid.force import HandleForce, estimate_force
 from haptid.identification import Identification, Run, identify
 from haptid.kinematics import HandleMotion, handle_motion, link_poses
@@ -84,6 +85,7 @@ __all__ = [
     "Possible",
     "Prediction",
     "Proposal",
+    "Regroupings",
     "Run",
     "Sharp",
     "Signal",
@@ -110,6 +112,7 @@ __all__ = [
     "identify",
     "inverse_dynamics",
     "link_poses",
+    "loop_regroupings",
     "mass_matrix",
     "observe",
     "observe_force",
@@ -121,6 +124,7 @@ __all__ = [
     "read_device",
     "read_log",
     "read_study",
+    "regroupings",
     "result",
     "shipped_devices",
     "side_by_side",

@@ -11,7 +11,9 @@ from rich.text import Text
 
 from haptid.device import Device
 from haptid.device.summary import summary_lines
+from haptid.errors import RegroupingError
 from haptid.estimators import Parameter
+from haptid.exact import Regroupings
 from haptid.identification import Identification, Run
 from haptid.targets import targets
 from haptid.validation import Validation
@@ -120,7 +122,7 @@ def show_model(console: Console, device: Device) -> None:
     """Tree, loops, motors, terms, base parameters and regroupings."""
     for line in summary_lines(device):
         console.print(line, highlight=False, markup=False)
-    base = device.base
+    base, exact = device.base, exact_regroupings(device)
     table = Table(
         title=f"\n{len(base)} base parameters of {len(base.standard)}",
         title_justify="left",
@@ -130,9 +132,14 @@ def show_model(console: Console, device: Device) -> None:
     table.add_column("parameter")
     table.add_column("unit")
     table.add_column("regroups", overflow="fold")
-    for name, unit, grouping in zip(base.names, base.units, base.groupings, strict=True):
+    found = base.groupings if isinstance(exact, str) else exact.formulas
+    for name, unit, grouping in zip(base.names, base.units, found, strict=True):
         table.add_row(name, unit, grouping)
     console.print(table)
+    if isinstance(exact, str):
+        console.print(f"\nGroupings hold at these lengths only: {exact}", highlight=False, soft_wrap=True)
+    elif exact.symbols:
+        console.print(f"\nWith {', '.join(f'{s.name} = {s.value:.6g}' for s in exact.symbols)}", highlight=False)
     if base.no_effect:
         console.print(f"\nWithout effect: {' '.join(base.no_effect)}")
     console.print(
@@ -142,17 +149,31 @@ def show_model(console: Console, device: Device) -> None:
     )
 
 
+def exact_regroupings(device: Device) -> Regroupings | str:
+    """Regroupings with the lengths as symbols, or the sentence that says why there are none."""
+    try:
+        return device.regroupings
+    except RegroupingError as error:
+        return str(error)
+
+
 def model_values(device: Device) -> dict[str, Any]:
     """What `haptid model --json` prints."""
-    base = device.base
+    base, exact = device.base, exact_regroupings(device)
+    rows = [
+        {"name": name, "unit": unit, "grouping": dict(zip(base.standard, row.tolist(), strict=True))}
+        for name, unit, row in zip(base.names, base.units, base.regrouping, strict=True)
+    ]
+    if not isinstance(exact, str):
+        for row, formula, latex, exactly in zip(rows, exact.formulas, exact.latex, exact.texts, strict=True):
+            row |= {"formula": formula, "latex": latex, "exact": dict(exactly)}
     return {
         "device": device.name,
         "relations": list(device.closure.relations),
         "closure_error": device.closure.error,
-        "base_parameters": [
-            {"name": name, "unit": unit, "grouping": dict(zip(base.standard, row.tolist(), strict=True))}
-            for name, unit, row in zip(base.names, base.units, base.regrouping, strict=True)
-        ],
+        "base_parameters": rows,
+        "symbols": {} if isinstance(exact, str) else {symbol.name: symbol.value for symbol in exact.symbols},
+        "notes": [exact] if isinstance(exact, str) else [],
         "no_effect": list(base.no_effect),
         "tolerance": base.tolerance,
         "gap": list(base.gap),

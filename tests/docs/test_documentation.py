@@ -225,11 +225,19 @@ def test_device_and_study_files_are_read(block: Block, tmp_path: Path) -> None:
     path = tmp_path / "file.toml"
     path.write_text(text, encoding="utf-8")
     if kind == "device":
-        assert len(haptid.read_device(path).base) > 0
+        assert base_parameters_of(path) > 0
     elif kind == "experiment":
         assert bench.read_experiment(path).name
     else:
         assert haptid.read_study(path).logs
+
+
+def base_parameters_of(path: Path) -> int:
+    """Of a device, or of one whose loops `read_device` leaves to `loop_regroupings`."""
+    try:
+        return len(haptid.read_device(path).base)
+    except haptid.errors.NonlinearLoopError:
+        return len(haptid.loop_regroupings(path))
 
 
 def together(whole: str, part: str) -> str:

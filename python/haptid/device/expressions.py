@@ -168,6 +168,15 @@ def combination(text: str, symbols: Collection[str], constants: Mapping[str, flo
     return {name: factor for name, factor in made.factors.items() if factor}
 
 
+def sum_of_names(text: str, names: Collection[str]) -> Linear | None:
+    """A checked number of the file as a constant and a factor for every name, None where it is no such sum."""
+    try:
+        made = _linear(ast.parse(text.strip(), mode="eval").body, {"pi": math.pi})
+    except (ZeroDivisionError, OverflowError, _NotLinearError):
+        return None
+    return made if set(made.factors) <= set(names) else None
+
+
 class _NotLinearError(ValueError):
     """A product of symbols, or a division by one."""
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import TYPE_CHECKING, Any, Literal
 
@@ -16,6 +16,8 @@ from haptid.device.terms import DRY, TermColumn, external_columns
 
 if TYPE_CHECKING:
     from haptid.base import BaseParameters
+    from haptid.device.schema import AnyDevice
+    from haptid.exact import Regroupings
 
 Convention = Literal["modified-dh", "dh", "placement"]
 TorqueRows = Literal["motor", "joint"]
@@ -197,6 +199,7 @@ class Device:
         keep: parameters preferred as base parameters.
         base_tolerance: relative length below which a column counts as a combination of others.
         notes: sentences worth showing.
+        tables: the checked file itself, where lengths stand as they were written.
         targets: combinations of parameters that a user wants to know.
     """
 
@@ -219,6 +222,7 @@ class Device:
     keep: tuple[str, ...]
     base_tolerance: float
     notes: tuple[str, ...]
+    tables: AnyDevice = field(repr=False)
     targets: tuple[Combination, ...] = ()
 
     def __post_init__(self) -> None:
@@ -361,6 +365,13 @@ class Device:
         from haptid.base import base_parameters
 
         return base_parameters(self)
+
+    @cached_property
+    def regroupings(self) -> Regroupings:
+        """Base parameters with the lengths as symbols; see `haptid.regroupings` for what it may raise."""
+        from haptid.exact import regroupings
+
+        return regroupings(self)
 
     @cached_property
     def base_prior(self) -> tuple[tuple[float, float | None] | None, ...]:

@@ -49,7 +49,15 @@ def read_device(path: str | Path) -> Device:
     Raises:
         DeviceError: in one of its kinds, naming file, key, what was found and what to write instead.
     """
-    tables, file = read_tables(path)
+    return device_of(*read_tables(path))
+
+
+def device_of(tables: AnyDevice, file: str) -> Device:
+    """The device of checked tables; errors call its file by the name given.
+
+    Raises:
+        DeviceError: see `read_device`.
+    """
     place = Place(file)
     reader = Reader(_lengths(tables, place))
     base = reader.placement(tables.base, place.at("base"))
@@ -90,6 +98,7 @@ def read_device(path: str | Path) -> Device:
             *_contradictions(prior, parameters.index),
             *_closing_note(closure),
         ),
+        tables=tables,
     )
 
 

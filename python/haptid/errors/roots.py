@@ -19,6 +19,10 @@ class StudyError(HaptidError):
     """Something about a study file or the corridor it asks for."""
 
 
+class RegroupingError(HaptidError):
+    """Regroupings with lengths as symbols cannot be found."""
+
+
 class TreatmentError(HaptidError):
     """Something about filtering, differentiation or decimation."""
 

@@ -1,0 +1,32 @@
+"""Exact groupings: time of each device's, and whether 200 draws all give the same."""
+
+from __future__ import annotations
+
+import time
+
+import numpy as np
+
+import haptid
+
+DEVICES = ("cea_medical_branch", "sr400", "rx90", "arm7", "phantom_premium_15", "staubli_tx40", "kuka_kr300")
+SEEDS = 200
+
+
+def run() -> dict[str, float]:
+    """Median and longest time, ms, and failures or differences in all seeds, by device."""
+    figures: dict[str, float] = {}
+    for name in DEVICES:
+        device = haptid.read_device(name)
+        first, times, failures = device.regroupings, [], 0
+        for seed in range(SEEDS):
+            start = time.perf_counter()
+            try:
+                failures += haptid.regroupings(device, seed).coefficients != first.coefficients
+            except haptid.errors.RegroupingError:
+                failures += 1
+            times.append(1e3 * (time.perf_counter() - start))
+        figures[f"{name}, base parameters"] = len(first)
+        figures[f"{name}, median ms"] = float(np.median(times))
+        figures[f"{name}, longest ms"] = max(times)
+        figures[f"{name}, failures in {SEEDS} seeds"] = failures
+    return figures

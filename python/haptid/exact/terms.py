@@ -1,0 +1,126 @@
+"""Columns beside link inertia, modulo a prime: sums of parts that are independent unless they are the same."""
+
+from __future__ import annotations
+
+from collections.abc import Hashable, Mapping, Sequence
+from dataclasses import dataclass
+from fractions import Fraction
+
+import numpy as np
+
+from haptid.device import Counterbalance, Device, TermColumn
+from haptid.exact.laurent import ZERO, Laurent
+from haptid.exact.motion import States
+from haptid.exact.residues import Field, Residues
+from haptid.exact.symbols import LENGTH, PURE, Symbols, ratio
+
+# Where each of these is found among a coordinate's position, velocity and acceleration.
+MOTION = {"position": 0, "velocity": 1, "acceleration": 2}
+
+
+@dataclass(frozen=True)
+class Part:
+    """A factor times something that varies with the motion.
+
+    Attributes:
+        factor: number.
+        what: position, velocity, acceleration, one; or "function", of which nothing is known but that functions with
+            the same key are the same.
+        key: of a function.
+    """
+
+    factor: Fraction
+    what: str
+    key: Hashable = None
+
+
+@dataclass(frozen=True)
+class ExactColumn:
+    """A column beside link inertia, acting on a joint, or on a motor's combination of active joints.
+
+    Attributes:
+        joint: index, None for a motor.
+        weights: of a motor, one for each active joint.
+        parts: what the column is at one of its coordinate's states.
+        rest: taken off the position.
+    """
+
+    joint: int | None
+    weights: tuple[Fraction, ...]
+    parts: tuple[Part, ...]
+    rest: Laurent = ZERO
+
+    def modulo(
+        self, field: Field, states: States, values: Mapping[str, Residues], functions: Mapping[Hashable, Residues]
+    ) -> Residues:
+        """Residues of the active joints' torques, (n, active)."""
+        G, motion = self._coordinate(field, states)
+        count = G.shape[0]
+        total = np.zeros(count, dtype=np.int64)
+        for part in self.parts:
+            if part.what == "function":
+                size = functions[part.key]
+            elif part.what == "one":
+                size = np.ones(count, dtype=np.int64)
+            else:
+                size = motion[MOTION[part.what]]
+            if part.what == "position":
+                size = field.reduce(size - self.rest.modulo(field, values, count))
+            total = field.reduce(total + field.of(part.factor) * size)
+        return field.reduce(G * total[:, None])
+
+    def _coordinate(self, field: Field, states: States) -> tuple[Residues, tuple[Residues, ...]]:
+        """Rates of the coordinate by active joint, (n, active), and its position, velocity, acceleration."""
+        if self.joint is not None:
+            each = (states.position, states.velocity, states.acceleration)
+            return states.G[self.joint], tuple(quantity[self.joint] for quantity in each)
+        weights = np.array([field.of(weight) for weight in self.weights])
+        G = np.broadcast_to(weights, (states.active.shape[2], len(weights)))
+        moved = field.reduce(field.reduce(states.active * weights[:, None]).sum(axis=1))  # a sum of few stays small
+        return G, tuple(moved)
+
+
+def exact_columns(device: Device, active: Sequence[int], symbols: Symbols) -> tuple[ExactColumn, ...]:
+    """All terms of a device, motors' by so many of its active joints."""
+    names = device.joint_names
+    made = []
+    for term in device.terms:
+        side, _, name = term.on.partition(" ")
+        joint = names.index(name) if side == "joint" else None
+        weights = tuple(ratio(float(w)) for w in (term.weights @ device.frame)[list(active)])
+        made.append(ExactColumn(joint, weights if joint is None else (), _parts(term), _rest(term, device, symbols)))
+    return tuple(made)
+
+
+def _rest(term: TermColumn, device: Device, symbols: Symbols) -> Laurent:
+    rest = term.settings[0] if term.kind == "spring" else 0.0
+    if not rest:
+        return Laurent()
+    side, _, name = term.on.partition(" ")
+    slides = side == "joint" and device.joints[device.joint_names.index(name)].prismatic
+    return symbols.quantity(rest, f"rest{name}", LENGTH if slides else PURE)
+
+
+def _parts(term: TermColumn) -> tuple[Part, ...]:
+    """The parts of a term; friction along one direction, forward or backward, faster or slower, is told apart here."""
+    plain = {"rotor": "acceleration", "viscous": "velocity", "offset": "one", "spring": "position"}
+    if term.kind in plain:
+        return (Part(Fraction(1), plain[term.kind]),)
+    if term.kind == "external":
+        shape = term.shape
+        key = shape if isinstance(shape, Counterbalance) else getattr(shape, "text", "")
+        return (Part(Fraction(1), "function", key),)
+    first = float(term.weights[np.flatnonzero(term.weights)[0]])
+    direction = tuple(np.round(term.weights / first, 9).tolist())
+    sign, scale = Fraction(1 if first > 0 else -1), abs(first)
+    if term.kind == "stribeck":
+        velocity, exponent, width = term.settings
+        return (Part(sign, "function", ("stribeck", direction, velocity / scale, exponent, width / scale)),)
+    width = term.settings[0] / scale
+    odd = ("coulomb", direction, width)
+    if term.kind == "coulomb":
+        return (Part(sign, "function", odd),)
+    # sgn max(v, 0) = (|sgn v| + sgn v) / 2 and sgn min(v, 0) = (sgn v - |sgn v|) / 2, and |sgn v| is one but at rest.
+    half = Fraction(1 if term.kind == "coulomb+" else -1, 2)
+    even = Part(half, "function", ("even", direction, width)) if width else Part(half, "one")
+    return (Part(sign / 2, "function", odd), even)
