@@ -18,6 +18,7 @@ KINDS = [
     bench.Multisine(6.0, CENTRE, SIZE),
     TRIANGLES,
     bench.TrianglesAndSines(TRIANGLES, bench.Multisine(6.0, (0.0,), (0.05,))),
+    bench.Fourier(6.0, CENTRE, 0.3, ((0.2, -0.1), (0.1, 0.0), (0.0, 0.1)), ((0.1, 0.0), (0.0, 0.1), (-0.1, 0.1))),
     bench.Sweep(CENTRE, (0.4,), (0.2, 1.0)),
     bench.Grid(CENTRE, SIZE, points=2, dwell=0.3, move=0.5),
 ]

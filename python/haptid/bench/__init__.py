@@ -9,7 +9,7 @@ from haptid.bench.run import Job, make_log, make_logs, perform
 from haptid.bench.schema import experiment_schema
 from haptid.bench.setup import Amplifiers, Controller, Encoders, ForceSensor, Push, Recording, Setup
 from haptid.bench.simulation import simulate
-from haptid.bench.trajectories import Grid, Multisine, Sweep, Trajectory, Triangles, TrianglesAndSines, plan
+from haptid.bench.trajectories import Fourier, Grid, Multisine, Sweep, Trajectory, Triangles, TrianglesAndSines, plan
 
 __all__ = [
     "Amplifiers",
@@ -18,6 +18,7 @@ __all__ = [
     "Encoders",
     "Experiment",
     "ForceSensor",
+    "Fourier",
     "Grid",
     "Job",
     "Multisine",

@@ -15,14 +15,14 @@ from haptid._values import Array, freeze
 from haptid.bench.mjcf import Payload, Physics
 from haptid.bench.schema import ExperimentTable, TrianglesTable
 from haptid.bench.setup import Amplifiers, Controller, Encoders, ForceSensor, Push, Setup
-from haptid.bench.trajectories import Grid, Kind, Multisine, Sweep, Triangles, TrianglesAndSines
+from haptid.bench.trajectories import Fourier, Grid, Kind, Multisine, Sweep, Triangles, TrianglesAndSines
 from haptid.device import INERTIAL, Device
 from haptid.device.prior import Body, inertial_parameters, tensor
 from haptid.errors import ExperimentFileError, ParameterNameError
 
 # An experiment is a page of text; anything much larger is not one.
 LARGEST_FILE = 1 << 20
-KINDS: Mapping[str, type] = {"multisine": Multisine, "sweep": Sweep, "grid": Grid}
+KINDS: Mapping[str, type] = {"multisine": Multisine, "fourier": Fourier, "sweep": Sweep, "grid": Grid}
 
 
 @dataclass(frozen=True, eq=False)
@@ -153,6 +153,7 @@ SINGLE: tuple[str, ...] = (
     "velocity_cutoff_hz",
     "tracking_limit",
     "delay",
+    "fundamental_hz",
 )
 SINGLE += ("step", "tolerance")
 
@@ -162,7 +163,7 @@ def _figures(given: Mapping[str, Any]) -> dict[str, Any]:
 
     def figures(name: str, value: Any) -> Any:
         if isinstance(value, list):
-            return tuple(value)
+            return tuple(tuple(v) if isinstance(v, list) else v for v in value)
         return (value,) if isinstance(value, float) and name not in SINGLE else value
 
     return {name: figures(name, value) for name, value in given.items()}

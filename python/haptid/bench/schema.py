@@ -14,6 +14,7 @@ EachPositive = Positive | list[Positive]
 EachNotNegative = NotNegative | list[NotNegative]
 Triple = Annotated[list[Finite], Field(min_length=3, max_length=3)]
 Pair = Annotated[list[Positive], Field(min_length=2, max_length=2)]
+Series = Annotated[list[Annotated[list[Finite], Field(min_length=1, max_length=100)]], Field(min_length=1)]
 Seconds = Annotated[float, Field(gt=0, le=3600, allow_inf_nan=False)]
 
 CENTRE = "of the active joints, rad or m; one figure for all or one for each"
@@ -52,6 +53,18 @@ class TrianglesTable(_Table):
     frequency_hz: EachPositive = Field(description="of the triangle, Hz: the speed is 4 amplitude frequency")
     ramp: Positive = Field(1.5, description=RAMP)
     sines: SinesTable | None = Field(None, description="a multisine on top")
+
+
+class FourierTable(_Table):
+    """A finite Fourier series for each joint."""
+
+    kind: Literal["fourier"]
+    seconds: Seconds = Field(description="duration, s")
+    centre: Each = Field(description=CENTRE)
+    fundamental_hz: Positive = Field(description="one over the period, Hz")
+    sine: Series = Field(description="amplitudes of the first, second, ... harmonic for each active joint, rad or m")
+    cosine: Series = Field(description="the same of the cosines")
+    ramp: Positive = Field(1.5, description=RAMP)
 
 
 class SweepTable(_Table):
@@ -159,9 +172,9 @@ class ExperimentTable(_Table):
     schema_: Literal[1] = Field(alias="schema", description="version of this format: 1")
     name: str = Field(min_length=1)
     seed: int = Field(0, ge=0, description="of phases and noise; --seed replaces it")
-    trajectory: Annotated[MultisineTable | TrianglesTable | SweepTable | GridTable, Field(discriminator="kind")] = (
-        Field(description="the planned motion")
-    )
+    trajectory: Annotated[
+        MultisineTable | TrianglesTable | FourierTable | SweepTable | GridTable, Field(discriminator="kind")
+    ] = Field(description="the planned motion")
     controller: ControllerTable
     encoders: EncodersTable | None = None
     amplifiers: AmplifiersTable | None = None

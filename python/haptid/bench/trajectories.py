@@ -162,6 +162,46 @@ class TrianglesAndSines:
 
 
 @dataclass(frozen=True)
+class Fourier:
+    """A finite Fourier series for each joint, all of one period, faded in and out.
+
+    Source: Swevers et al. (1997), IEEE Trans. Robotics and Automation 13(5), with amplitudes of position.
+
+    Attributes:
+        seconds: duration, s.
+        centre: rad or m.
+        fundamental_hz: one over the period.
+        sine, cosine: amplitudes of the first, second, ... harmonic, for each joint, rad or m.
+        ramp: duration of the start, and of the stop, s.
+    """
+
+    seconds: float
+    centre: Figures
+    fundamental_hz: float
+    sine: tuple[Figures, ...]
+    cosine: tuple[Figures, ...]
+    ramp: float = 1.5
+
+    def motion(self, names: list[str], dt: float, rng: np.random.Generator) -> Rates:
+        """Nothing is drawn.
+
+        Raises:
+            FigureCountError: not one series for each joint, or sines and cosines of different length.
+        """
+        del rng
+        sine, cosine = (series(name, getattr(self, name), names) for name in ("sine", "cosine"))
+        if sine.shape != cosine.shape:
+            raise FigureCountError("cosine", cosine.shape[1], [f"harmonic {k + 1}" for k in range(sine.shape[1])])
+        t = _times(self.seconds, dt)
+        omega = 2 * np.pi * self.fundamental_hz * np.arange(1, sine.shape[1] + 1)
+        s, c = np.sin(omega * t[:, None]), np.cos(omega * t[:, None])
+        x = s @ sine.T + c @ cosine.T
+        xd = c @ (omega * sine).T - s @ (omega * cosine).T
+        xdd = -s @ (omega**2 * sine).T - c @ (omega**2 * cosine).T
+        return _windowed(t, self.ramp, spread("centre", self.centre, names), (x, xd, xdd))
+
+
+@dataclass(frozen=True)
 class Sweep:
     """Each joint in turn, to and fro at one constant velocity after the other: friction against velocity.
 
@@ -237,6 +277,16 @@ def spread(name: str, figures: Sequence[float], names: list[str]) -> Array:
     if values.size not in (1, len(names)):
         raise FigureCountError(name, values.size, names)
     return np.ascontiguousarray(np.broadcast_to(values, len(names)))
+
+
+def series(name: str, figures: Sequence[Figures], names: list[str]) -> Array:
+    """One series of as many terms for each name, (names, terms)."""
+    if len(figures) != len(names):
+        raise FigureCountError(name, len(figures), names)
+    for of, one in zip(names, figures, strict=True):
+        if len(one) != len(figures[0]):
+            raise FigureCountError(f"{name} of {of}", len(one), [f"harmonic {k + 1}" for k in range(len(figures[0]))])
+    return np.array(figures, dtype=float).reshape(len(names), -1)
 
 
 def triangle(t: Array, frequency_hz: Array, phase: Array) -> Rates:

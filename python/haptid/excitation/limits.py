@@ -1,0 +1,152 @@
+"""What an exciting motion must respect, as figures that a search can lower: how far each limit is exceeded."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import TypeVar
+
+import numpy as np
+
+from haptid._values import Array, expect, read_only
+from haptid.bench.limits import FLAT, loop_openness
+from haptid.bench.trajectories import Figures, Trajectory, spread
+from haptid.device import Device
+from haptid.dynamics import inverse_dynamics
+from haptid.errors import NoRangeError
+
+T = TypeVar("T")
+# A motion is planned to stay this much further from flat loops than the bench insists on.
+MARGIN = 1.2
+# Loops are looked at in about so many poses: they change slowly.
+POSES = 150
+
+
+@dataclass(frozen=True)
+class Coupling:
+    """A range of a combination of active joints, such as the angle between two bars.
+
+    Attributes:
+        weights: of each active joint.
+        low, high: rad or m.
+    """
+
+    weights: Figures
+    low: float
+    high: float
+
+
+@dataclass(frozen=True)
+class Limits:
+    """What a motion must stay within; what is left out is taken from the device file.
+
+    Attributes:
+        position: lowest and highest of each active joint, rad or m.
+        speed: greatest of each active joint, rad/s or m/s; one for all or one for each.
+        torque: greatest of each torque row, N m or N; needs base parameters to be checked with.
+        couplings: ranges of combinations of active joints.
+        openness: least distance of a loop from flat: see `bench.loop_openness`.
+    """
+
+    position: tuple[tuple[float, float], ...] | None = None
+    speed: Figures | None = None
+    torque: Figures | None = None
+    couplings: tuple[Coupling, ...] = ()
+    openness: float = MARGIN * FLAT
+
+
+@dataclass(frozen=True, eq=False)
+class Bounds:
+    """Limits of one device as arrays.
+
+    Attributes:
+        device: the mechanism.
+        position: lowest and highest of each active joint, (active, 2), rad or m.
+        speed: greatest, (active,).
+        torque: greatest of each row, (rows,); infinite where there is no limit.
+        limits: the others.
+        beta: base parameters that torques are made of, (p,), SI.
+    """
+
+    device: Device
+    position: Array
+    speed: Array
+    torque: Array
+    limits: Limits
+    beta: Array
+
+    def __post_init__(self) -> None:
+        for name in ("position", "speed", "torque", "beta"):
+            object.__setattr__(self, name, read_only(getattr(self, name)))
+        expect("position", self.position.shape, (len(self.device.active), 2))
+        expect("beta", self.beta.shape, (len(self.device.base),))
+
+    @property
+    def names(self) -> list[str]:
+        """Of the active joints."""
+        return [self.device.joints[j].name for j in self.device.active]
+
+    @staticmethod
+    def of(device: Device, limits: Limits, beta: Array) -> Bounds:
+        """Limits as given, and the device's where they are not.
+
+        Raises:
+            NoRangeError: a joint has no range of positions or no greatest speed in either.
+            FigureCountError: not one figure for all joints or one for each.
+        """
+        joints = [device.joints[j] for j in device.active]
+        names = [joint.name for joint in joints]
+        position, speed = limits.position, limits.speed
+        if position is None:
+            position = tuple(_given("range of positions", j.name, j.position_limits) for j in joints)
+        if speed is None:
+            speed = tuple(_given("greatest speed", j.name, j.velocity_limit) for j in joints)
+        torque = limits.torque or (np.inf,)
+        return Bounds(
+            device,
+            np.array(position, dtype=float),
+            spread("speed", speed, names),
+            spread("torque", torque, list(device.row_names)),
+            limits,
+            beta,
+        )
+
+    def excesses(self, trajectory: Trajectory) -> list[tuple[float, str]]:
+        """By how much of its size a motion exceeds each limit, at most 0 where it does not, and of what it is."""
+        return list(self._excesses(trajectory))
+
+    def _excesses(self, trajectory: Trajectory) -> Iterator[tuple[float, str]]:
+        for name, (low, high), x in zip(self.names, self.position, trajectory.q.T, strict=True):
+            yield _beyond(x, low, high), f"the position of joint {name}"
+        for name, most, x in zip(self.names, self.speed, trajectory.qd.T, strict=True):
+            yield float(np.abs(x).max() / most - 1), f"the speed of joint {name}"
+        for c in self.limits.couplings:
+            yield _beyond(trajectory.q @ np.array(c.weights), c.low, c.high), f"the coupling {c.weights}"
+        yield from self._passive(trajectory)
+        if np.isfinite(self.torque).any():
+            motion = (np.ascontiguousarray(x.T) for x in (trajectory.q, trajectory.qd, trajectory.qdd))
+            tau = inverse_dynamics(self.device, self.beta, *motion)
+            for label, most, x in zip(self.device.row_labels, self.torque, tau, strict=True):
+                yield float(np.abs(x).max() / most - 1), f"the torque of {label}"
+
+    def _passive(self, trajectory: Trajectory) -> Iterator[tuple[float, str]]:
+        """Limits of the joints that only follow, and flat loops."""
+        q, qd, _ = self.device.tree(trajectory.q.T, trajectory.qd.T, trajectory.qdd.T)
+        for k, joint in enumerate(self.device.joints):
+            if k not in self.device.active and joint.position_limits is not None:
+                yield _beyond(q[k], *joint.position_limits), f"the position of joint {joint.name}"
+            if k not in self.device.active and joint.velocity_limit is not None:
+                yield float(np.abs(qd[k]).max() / joint.velocity_limit - 1), f"the speed of joint {joint.name}"
+        least = float(loop_openness(self.device, q[:, :: max(1, len(trajectory) // POSES)].T).min())
+        yield 1 - least / self.limits.openness, "the distance of a loop from flat"
+
+
+def _given(what: str, joint: str, value: T | None) -> T:
+    if value is None:
+        raise NoRangeError(what, joint)
+    return value
+
+
+def _beyond(x: Array, low: float, high: float) -> float:
+    """How far values leave a range, of its width."""
+    return float(max(low - x.min(), x.max() - high) / (high - low))
