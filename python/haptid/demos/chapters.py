@@ -12,6 +12,7 @@ from haptid.demos.fits import Accuracy, accuracy
 from haptid.demos.judged import Judged
 from haptid.demos.run import Results
 from haptid.demos.tables import markdown
+from haptid.dissection import RIGID, dissect
 
 VISCOUS = "viscous"
 
@@ -33,7 +34,8 @@ def _head(found: Results) -> Iterator[str]:
         f"with exact sensors. {stretch.start:g} s to {stretch.middle:g} s identify, {stretch.middle:g} s to "
         f"{stretch.stop:g} s validate. The experiments are beside the logs; each can be run by itself with "
         f"`haptid bench`. What is published was measured on a real device, whose true parameters nobody "
-        f"knows; ours are of a simulated one, whose parameters are known. Figures are compared as figures, not as devices."
+        f"knows; ours are of a simulated one, whose parameters are known. Figures are compared, not "
+        f"devices."
     )
     yield ""
     gains = ", ".join(f"{scale:g}" for scale in dict.fromkeys(per_command(found.device).round(6).tolist()))
@@ -137,8 +139,8 @@ def _accuracy(found: Results) -> Iterator[str]:
     yield ""
     yield (
         "Errors in per cent: of the exact torque on the unseen half where no joint sticks, worst motor; of inertial "
-        "and gravity parameters that carry 2 % of a motor's torque; of Coulomb and viscous friction. Then how many of the "
-        "parameters are inside their 95 % interval."
+        "and gravity parameters that carry 2 % of a motor's torque; of Coulomb and viscous friction. Then how many of "
+        "the parameters are inside their 95 % interval."
     )
     yield ""
     cells = [["mounting", "data", "torque", "parameters", "Coulomb", "viscous", "inside"]]
@@ -163,7 +165,7 @@ def _models(found: Results) -> Iterator[str]:
     demo = found.demo
     yield "## Positive definite, and possible"
     yield ""
-    yield "Least eigenvalue of the mass matrix M, units of command; the share of poses where M is not positive definite:"
+    yield "Least eigenvalue of the mass matrix, units of command; the share of poses where it is not positive definite:"
     yield ""
     yield from (f"- {place.name}: {place.title}" for place in demo.workspaces)
     yield ""
@@ -201,6 +203,20 @@ def _judged(judged: Judged, scale: float) -> list[str]:
 def _torques(found: Results) -> Iterator[str]:
     yield "## What the torque is made of (figures 7 to 11)"
     yield ""
+    yield (
+        "Root mean square of each part, per cent of that of the whole, on the unseen half; parts may oppose each other, "
+        "so they need not add up."
+    )
+    yield ""
+    cells = [["mounting", "motor", "inertia", "Coriolis and centrifugal", "gravity", "friction"]]
+    for key, fits in found.fits.items():
+        made = dissect(fits["exact"].estimate, fits["exact"].unseen)
+        whole = np.sqrt((made.model**2).mean(axis=1))
+        parts = [*(made[part] for part in RIGID), made.friction]
+        for k, motor in enumerate(made.motors):
+            shares = [f"{100 * np.sqrt((part[k] ** 2).mean()) / whole[k]:.0f}" for part in parts]
+            cells.append([found.demo.mounting(key).title, motor, *shares])
+    yield from (*markdown(cells), "")
     for k in range(len(found.fits)):
         yield from (f"![](fig{FIRST_OF_PARTS + k:02d}.png)", "")
 
@@ -213,8 +229,8 @@ def _hand(found: Results) -> Iterator[str]:
     yield ""
     yield (
         f"Mounting {found.demo.mounting(found.demo.hand.mounting).title}; the joints turn back several times. The "
-        f"force is {errors['force']:.2f} N, root mean square. Without the dynamic model it is estimated with an error of "
-        f"{errors['without the model']:.3f} N, with it of {model:.4f} N: {errors['without the model'] / model:.0f} "
+        f"force is {errors['force']:.2f} N, root mean square. Without the dynamic model it is estimated with an error "
+        f"of {errors['without the model']:.3f} N, with it of {model:.4f} N: {errors['without the model'] / model:.0f} "
         f"times better. The exact force is inside the 95 % interval in {100 * found.felt.inside:.0f} % of the rows and "
         f"components. The momentum observer, causal and without accelerations, is off by {observer:.4f} N at its own "
         f"bandwidth; the estimate with the model, through the same low-pass, by {through:.4f} N."

@@ -9,6 +9,7 @@ import numpy as np
 from haptid.demos.fits import Fits
 from haptid.demos.run import Results
 from haptid.demos.tables import layout
+from haptid.targets import aligned
 
 # Fits that the tables show, in their order.
 SHOWN = ("exact", "encoders", "held")
@@ -82,3 +83,16 @@ def cells2(found: Results, columns: Mapping[str, Mapping[str, float]]) -> list[l
     named = {key: found.demo.mounting(key).title for key in found.fits}
     rows = {f"motor {m}": {key: columns[key][m] for key in columns} for m in found.demo.errors.rows}
     return layout(rows, named, 2)
+
+
+def summary(found: Results) -> str:
+    """Published torque errors and ours, as text."""
+    lines = []
+    for title, columns in table2(found).items():
+        if title.endswith("reversals") or title == "Published":
+            lines += [
+                f"Torque errors on the unseen half, per cent: {title.lower()}",
+                *aligned(cells2(found, columns)),
+                "",
+            ]
+    return "\n".join(lines)

@@ -30,12 +30,13 @@ FIRST_OF_PARTS = 7
 
 @dataclass(frozen=True)
 class Curve:
-    """A line to be drawn: its name, its values by panel, (panels, n), colour and width."""
+    """A line to be drawn: its name, its values by panel, (panels, n), colour, width and style."""
 
     name: str
     values: Array
     colour: str
     width: float = 1.2
+    style: str = "-"
 
 
 def draw_all(found: Results, folder: Path, tell: Tell) -> None:
@@ -66,7 +67,8 @@ def beginning(motion: Motion, seconds: float) -> Motion:
     """The first seconds of a motion whose rates are known."""
     n = min(len(motion), round(seconds / motion.dt))
     assert motion.rates is not None
-    return replace(motion, q=motion.q[:n], tau=motion.tau[:n], rates=tuple(rate[:n] for rate in motion.rates))
+    qd, qdd = motion.rates
+    return replace(motion, q=motion.q[:n], tau=motion.tau[:n], rates=(qd[:n], qdd[:n]))
 
 
 def torques(fit: Fit, seconds: float, beta: Array | None = None) -> tuple[Array, Array, Array]:
@@ -85,7 +87,7 @@ def draw_constants(fits: Fits, path: Path) -> None:
     curves = [
         Curve("measured", measured, BLACK, 2.0),
         Curve("fit of 8 parameters", predicted, BLUE),
-        Curve("constants of [1]", constants, ORANGE),
+        Curve("constants of [1]", constants, ORANGE, style="--"),
     ]
     panels("Fig. 3: filtered torque without a friction model", t, curves, _labels(device), path)
 
@@ -200,7 +202,9 @@ def _figure(title: str, size: tuple[float, float]) -> Figure:
 def _lines(panel: Axes, t: Array, curves: Sequence[Curve], row: int, label: str) -> None:
     """The curves of one panel, with a legend where it is the first of them."""
     for curve in curves:
-        panel.plot(t, curve.values[row], color=curve.colour, linewidth=curve.width, label=curve.name)
+        panel.plot(
+            t, curve.values[row], color=curve.colour, linewidth=curve.width, linestyle=curve.style, label=curve.name
+        )
     panel.set_ylabel(label)
     panel.margins(x=0)
     panel.grid(alpha=0.3)

@@ -28,10 +28,10 @@ class Felt:
     Attributes:
         t: (rows,), s.
         measured: by the sensor; as all others but the late ones, through the force estimate's own filter.
-        true: exact.
+        true: exact; the bench holds it from one control period to the next, so that it is a mean about each sample.
         bare: from the motors' torques without a model.
         modelled: from the motors' torques and the model.
-        true_late, modelled_late: the exact and the modelled one through the observer's low-pass.
+        true_late, modelled_late: the exact and the modelled one, over each step, through the observer's low-pass.
         observed: by the momentum observer, which has that low-pass.
         inside: share of the exact forces inside the 95 % interval of `modelled`.
     """
@@ -79,7 +79,8 @@ def feel(plan: Hand, fit: Fit, recorded: Recorded) -> Felt:
     force = estimate_force(fit.estimate, motion, validation=noise)
     rows = (force.t >= plan.start) & (force.t <= plan.stop)
     at, taps = recorded.index(force.t[rows]), treatment.taps(dt)[:, None]
-    true, measured = (signal.convolve(x, taps, mode="same")[at] for x in (recorded.hand, sensed(recorded)))
+    acting = 0.5 * (recorded.hand + before(recorded.hand))
+    true, measured = (signal.convolve(x, taps, mode="same")[at] for x in (acting, sensed(recorded)))
     low, high = force.interval95[rows, :, 0], force.interval95[rows, :, 1]
     return Felt(
         t=force.t[rows],
@@ -98,16 +99,21 @@ def sensed(recorded: Recorded) -> Array:
     return np.asarray(np.einsum("nij,nj->ni", turned, recorded.sensor))
 
 
+def before(vectors: Array) -> Array:
+    """Each sample's forerunner, the first one its own, (n, 3)."""
+    return np.concatenate([vectors[:1], vectors[:-1]])
+
+
 def _late(estimate: Estimate, motion: Motion, noise: Validation, recorded: Recorded, t: Array) -> dict[str, Array]:
     """Forces through the observer's low-pass at some times, and what the observer says."""
     observer, dt = MomentumObserver(), recorded.dt
     seen = observe_force(estimate, motion, observer, validation=noise)
     plain = replace(motion, treatment=replace(motion.treatment, decimation=1))
     force = estimate_force(estimate, plain, validation=noise)
-    means = 0.5 * (recorded.hand + np.roll(recorded.hand, 1, axis=0))  # over each step, as the observer has them
-    modelled = observer.smooth(np.nan_to_num(force.force.T), dt).T
+    plain_force = np.nan_to_num(force.force)
+    modelled = observer.smooth(0.5 * (plain_force + before(plain_force)).T, dt).T
     return {
-        "true_late": observer.smooth(means.T, dt).T[recorded.index(t)],
+        "true_late": observer.smooth(before(recorded.hand).T, dt).T[recorded.index(t)],
         "modelled_late": modelled[np.rint((t - force.t[0]) / dt).astype(int)],
         "observed": seen.force[np.rint((t - seen.t[0]) / dt).astype(int)],
     }

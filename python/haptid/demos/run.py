@@ -9,6 +9,7 @@ from pathlib import Path
 
 from haptid.addition import Addition, addition
 from haptid.bench.experiment import read_experiment
+from haptid.bench.simulation import load_mujoco
 from haptid.comparison import Comparison, compare
 from haptid.demos.fits import Fits, fit_all, fitted
 from haptid.demos.hand import Felt, feel
@@ -65,6 +66,7 @@ def run_demo(demo: Demo, folder: Path, tell: Tell, processes: int | None = None)
     from haptid.demos.figures import draw_all
     from haptid.demos.report import write_all
 
+    load_mujoco()
     logs = folder / "logs"
     logs.mkdir()
     record_logs(demo, logs, tell, processes)
