@@ -38,14 +38,14 @@ class FourierSeries:
     Source: Swevers et al. (1997), IEEE Trans. Robotics and Automation 13(5).
 
     Attributes:
-        seconds: duration, s.
+        seconds: duration, s: a period and two ramps tell all there is to tell.
         fundamental_hz: one over the period.
         count: harmonics.
         ramp: duration of the start, and of the stop, s.
     """
 
-    seconds: float = 20.0
-    fundamental_hz: float = 0.15
+    seconds: float = 8.0
+    fundamental_hz: float = 0.2
     count: int = 6
     ramp: float = 1.5
 
