@@ -204,8 +204,8 @@ def _torques(found: Results) -> Iterator[str]:
     yield "## What the torque is made of (figures 7 to 11)"
     yield ""
     yield (
-        "Root mean square of each part, per cent of that of the whole, on the unseen half; parts may oppose each other, "
-        "so they need not add up."
+        "Root mean square of each part, per cent of that of the whole, on the unseen half; parts may oppose each "
+        "other, so they need not add up."
     )
     yield ""
     cells = [["mounting", "motor", "inertia", "Coriolis and centrifugal", "gravity", "friction"]]

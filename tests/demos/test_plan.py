@@ -1,0 +1,111 @@
+"""Demonstrations are data: plans can be read, tables are those published, experiments differ by the mounting alone."""
+
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+import haptid
+from haptid import errors
+from haptid.bench import read_experiment
+from haptid.cli import app
+from haptid.demos import demo_names, read_demo
+from haptid.demos.frictionless import without_terms
+from haptid.demos.judged import published
+from haptid.demos.recordings import as_in_file
+from haptid.demos.tables import layout, markdown
+from haptid.dynamics import inverse_dynamics
+from haptid.targets import target_map, targets
+from motions import motion, multisine, truth
+
+
+@pytest.fixture(scope="module")
+def demo():
+    return read_demo("phantom")
+
+
+@pytest.fixture(scope="module")
+def device(demo):
+    return haptid.read_device(demo.device)
+
+
+def test_the_command_lists_demos():
+    done = CliRunner().invoke(app, ["demo"])
+    assert done.exit_code == 0
+    assert [line.split()[0] for line in done.stdout.splitlines() if line.strip()] == list(demo_names())
+
+
+def test_a_demo_that_is_not_there_is_an_error(tmp_path):
+    with pytest.raises(errors.UnknownDemoError, match='Did you mean "phantom"'):
+        read_demo("phantm")
+    done = CliRunner().invoke(app, ["demo", "phantm", "--out", str(tmp_path / "out")])
+    assert done.exit_code == 2
+    assert not (tmp_path / "out").exists()
+
+
+@pytest.mark.parametrize("name", demo_names())
+def test_every_file_of_a_plan_is_there_and_its_names_fit(name):
+    demo = read_demo(name)
+    device, keys = haptid.read_device(demo.device), {mounting.key for mounting in demo.mountings}
+    files = [*(m.experiment for m in demo.mountings), demo.hand.experiment, demo.tool.experiment]
+    for file in files:
+        assert read_experiment(demo.folder / file).setup(device).device.name == device.name
+    assert demo.parameters.rows == tuple(target.name for target in device.targets)
+    assert demo.errors.rows == device.row_names
+    assert set(demo.errors.columns) == keys == set(demo.parameters.columns) - {"bodies"}
+    assert {demo.hand.mounting, demo.tool.mounting} <= keys
+    assert {key for pair in demo.comparisons for key in (pair.first, pair.second)} <= keys
+    assert demo.stretch.fit[1] == demo.stretch.unseen[0]
+
+
+def test_experiments_differ_by_the_mounting_alone(demo):
+    tables = [read_experiment(demo.folder / m.experiment).table.model_dump() for m in demo.mountings]
+    for table in tables:
+        assert {key for key in table if table[key] != tables[0][key]} <= {"name", "seed", "gravity", "weights"}
+    tool = read_experiment(demo.folder / demo.tool.experiment).table.model_dump()
+    assert {key for key in tool if tool[key] != tables[0][key]} == {"name", "seed", "payload"}
+
+
+def test_claims_name_tests_that_are_there(demo, request):
+    text = (request.config.rootpath / "tests/golden/test_phantom_paper_errors.py").read_text(encoding="utf-8")
+    assert [claim.name for claim in demo.claims] == [f"T{k}" for k in range(1, 11)]
+    for claim in demo.claims:
+        assert f"def {claim.check}(" in text
+
+
+def test_without_terms_the_links_are_the_same(device):
+    """The torque of the links is the same, and base parameters and targets are those that are no friction."""
+    bare = without_terms(device)
+    beta = truth(device)
+    q, qd, qdd = multisine(3, 0.5, 1e-2, seed=1)
+    of_links = np.where([name[:2] in ("FV", "FC") for name in device.base.names], 0.0, beta)
+    assert bare.base.names == device.base.names[:8]
+    wanted = inverse_dynamics(device, of_links, q, qd, qdd)
+    np.testing.assert_allclose(inverse_dynamics(bare, beta[:8], q, qd, qdd), wanted, atol=1e-14)
+    np.testing.assert_allclose(target_map(bare), target_map(device)[:8, :8], atol=1e-15)
+    assert not bare.coulomb_directions(0)
+
+
+def test_a_device_turned_over_has_its_weights_with_the_other_sign(device):
+    """In the targets of the file as it is, pi_7 and pi_8 alone change."""
+    beta, C = truth(device), target_map(device)
+    seen = as_in_file(device, device.with_gravity(-device.gravity), beta)
+    wanted = (C @ beta) * np.where(np.isin([t.name for t in device.targets], ["pi_7", "pi_8"]), -1, 1)
+    np.testing.assert_allclose(C @ seen, wanted, rtol=1e-9)
+
+
+def test_a_mounting_on_its_side_is_no_set_of_parameters_of_the_file(device):
+    side = device.with_gravity([9.81, 0.0, 0.0])
+    with pytest.raises(errors.MountingError, match="Identify it with gravity as it is there"):
+        as_in_file(device, side, truth(side))
+
+
+def test_published_columns_are_read_in_units_of_command(demo, device):
+    estimate = haptid.estimate(haptid.observe(device, motion(device, truth(device), seconds=3.0)), haptid.OLS())
+    beta = published(demo, targets(estimate), "gc")
+    np.testing.assert_allclose(2.73 * target_map(device) @ beta, demo.parameters.column("gc"), rtol=1e-9)
+
+
+def test_tables_leave_missing_figures_blank():
+    cells = layout({"a": {"x": 1.23456}, "b": {"y": 2.0}}, {"x": "X", "y": "Y"}, 2)
+    assert cells == [["", "X", "Y"], ["a", "1.23", ""], ["b", "", "2.00"]]
+    assert markdown(cells)[1] == "| --- | ---: | ---: |"
