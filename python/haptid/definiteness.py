@@ -19,7 +19,7 @@ STARTS = 20
 # Those poses are this far from each other in some joint, as a share of its range.
 APART = 0.2
 # A pose counts as inside where it is out by less than this, rad or m: the optimiser ends on limits.
-AT_LIMIT = 1e-9
+AT_LIMIT = 1e-6
 # One coordinate makes up the failing direction alone where its component is at least this.
 ALONE = 0.99
 
