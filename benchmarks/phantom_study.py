@@ -117,7 +117,14 @@ def run() -> dict[str, float]:
     with ProcessPoolExecutor(os.cpu_count()) as pool:
         made = list(pool.map(study, *zip(*jobs, strict=True)))
     by = {m.title: [f for (key, _), f in zip(jobs, made, strict=True) if key == m.key] for m in demo.mountings}
-    return {**coverage(made, by), **sizes(by), **models(made), **hand(made)}
+    return figures_of(by)
+
+
+def figures_of(by: dict[str, list[Found]]) -> dict[str, float]:
+    """All figures of what was found by mounting."""
+    made = [found for some in by.values() for found in some]
+    least = {"seeds of each mounting": float(min(map(len, by.values())))}
+    return {**least, **coverage(made, by), **sizes(by), **models(made), **hand(made)}
 
 
 def coverage(made: list[Found], by: dict[str, list[Found]]) -> dict[str, float]:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -41,17 +42,18 @@ class Curve:
 
 def draw_all(found: Results, folder: Path, tell: Tell) -> None:
     """Every figure, into files fig03.png and so on."""
-    first = found.fits[found.demo.mountings[0].key]
+    first, last = found.fits[found.demo.mountings[0].key], FIRST_OF_PARTS + len(found.fits)
     jobs: list[tuple[str, Callable[[Path], None]]] = [
-        ("fig03.png", lambda path: draw_constants(first, path)),
-        ("fig04.png", lambda path: draw_clusters(first, path)),
-        ("fig05.png", lambda path: draw_friction_fit(first, path)),
-        ("fig06.png", lambda path: draw_friction(first, path)),
+        ("fig03.png", partial(draw_constants, first)),
+        ("fig04.png", partial(draw_clusters, first)),
+        ("fig05.png", partial(draw_friction_fit, first)),
+        ("fig06.png", partial(draw_friction, first)),
+        *(
+            (f"fig{k:02d}.png", partial(draw_parts, fits, k))
+            for k, fits in enumerate(found.fits.values(), FIRST_OF_PARTS)
+        ),
+        (f"fig{last:02d}.png", partial(draw_hand, found, last)),
     ]
-    for k, fits in enumerate(found.fits.values(), FIRST_OF_PARTS):
-        jobs.append((f"fig{k:02d}.png", lambda path, fits=fits: draw_parts(fits, path)))  # type: ignore[misc]
-    last = FIRST_OF_PARTS + len(found.fits)
-    jobs.append((f"fig{last:02d}.png", lambda path: draw_hand(found, path)))
     for k, (name, draw) in enumerate(jobs):
         tell("drawing", k / len(jobs))
         draw(folder / name)
@@ -131,7 +133,7 @@ def draw_friction(fits: Fits, path: Path) -> None:
     panels("Fig. 6: friction", t, curves, _labels(fits.device), path)
 
 
-def draw_parts(fits: Fits, path: Path) -> None:
+def draw_parts(fits: Fits, number: int, path: Path) -> None:
     """What the torque of one mounting is made of."""
     t, parts = _parts(fits["exact"], PARTS)
     names = {
@@ -142,12 +144,11 @@ def draw_parts(fits: Fits, path: Path) -> None:
         "friction": ("friction", PURPLE, 1.2),
     }
     curves = [Curve(name, parts[part], colour, width) for part, (name, colour, width) in names.items()]
-    number = path.stem.removeprefix("fig").lstrip("0")
     title = f"Fig. {number}: what the torque is made of, mounting {fits.mounting.title}"
     panels(title, t, curves, _labels(fits.device), path)
 
 
-def draw_hand(found: Results, path: Path) -> None:
+def draw_hand(found: Results, number: int, path: Path) -> None:
     """The hand's force along one axis: measured, estimated with the model and without, and the errors."""
     felt, axis = found.felt, found.demo.hand.axis
     name = "xyz"[axis]
@@ -161,7 +162,7 @@ def draw_hand(found: Results, path: Path) -> None:
         Curve("with the model", (felt.modelled_late - felt.true_late)[:, axis][None], BLUE, 1.0),
         Curve("momentum observer", (felt.observed - felt.true_late)[:, axis][None], GREEN, 1.0),
     ]
-    figure = _figure(f"Fig. 12: force of the hand on the device along {name}", (10, 7.5))
+    figure = _figure(f"Fig. {number}: force of the hand on the device along {name}", (10, 7.5))
     rows = figure.subplots(3, 1, sharex=True)
     _lines(rows[0], felt.t, upper, 0, "force, N")
     _lines(rows[1], felt.t, errors, 0, "error, N")

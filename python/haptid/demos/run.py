@@ -109,16 +109,7 @@ def find(demo: Demo, logs: Path, tell: Tell) -> Results:
         fits[mounting.key] = fit_all(demo, mounting, exact, encoders)
     tell("identifying", 1.0)
     columns, ours = _judged(demo, device, fits, tell)
-    tool = fits[demo.tool.mounting]["encoders"].estimate
-    weighed = _beside(demo, device, demo.tool.experiment, logs)
-    with_tool = fitted(
-        "with the tool",
-        device,
-        weighed.motion(demo.stretch.fit, fits[demo.tool.mounting].proposal.treatment),
-        weighed.motion(demo.stretch.unseen, fits[demo.tool.mounting].proposal.treatment),
-    )
-    assert device.handle is not None
-    link = device.joint_names[device.handle.link]
+    pushed = _beside(demo, device, demo.hand.experiment, logs)
     return Results(
         demo=demo,
         device=device,
@@ -129,10 +120,19 @@ def find(demo: Demo, logs: Path, tell: Tell) -> Results:
             (pair, compare(fits[pair.first]["encoders"].command, fits[pair.second]["encoders"].command))
             for pair in demo.comparisons
         ),
-        felt=feel(demo.hand, fits[demo.hand.mounting]["encoders"], _beside(demo, device, demo.hand.experiment, logs)),
-        tool=addition(tool, with_tool.estimate, link),
+        felt=feel(demo.hand, fits[demo.hand.mounting]["encoders"], pushed),
+        tool=tool_found(demo, fits[demo.tool.mounting], _beside(demo, device, demo.tool.experiment, logs)),
         tool_truth=tool_truth(demo, device),
     )
+
+
+def tool_found(demo: Demo, without: Fits, recorded: Recorded) -> Addition:
+    """What the tool adds to the handle's link, from the mounting without it and a log with it."""
+    device, treatment = without.device, without.proposal.treatment
+    assert device.handle is not None
+    first, second = (recorded.motion(half, treatment) for half in (demo.stretch.fit, demo.stretch.unseen))
+    fit = fitted("with the tool", device, first, second)
+    return addition(without["encoders"].estimate, fit.estimate, device.joint_names[device.handle.link])
 
 
 def tool_truth(demo: Demo, device: Device) -> dict[str, float]:
