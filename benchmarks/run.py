@@ -13,6 +13,7 @@ import coverage
 import groupings
 import kernel
 import long_log
+import phantom_study
 import virtual_bench
 from haptid import _core
 
@@ -23,6 +24,7 @@ STUDIES = {
     "coverage": coverage.run,
     "virtual-bench": virtual_bench.run,
     "bench-identification": bench_identification.run,
+    "phantom-study": phantom_study.run,
     "groupings": groupings.run,
 }
 
