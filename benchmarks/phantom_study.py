@@ -30,9 +30,11 @@ from haptid.demos.hand import feel
 from haptid.demos.recordings import Recorded, Take, read_recorded, record
 from haptid.estimators import Consistent, possible
 
-NAME, SEEDS, STEP = "phantom", range(101, 121), 5e-4
+NAME, SEEDS, STEP = "phantom", range(1, 21), 5e-4
 # Up to this seed there are logs without noise too.
-QUIET = 110
+QUIET = 10
+# Between the seeds of one mounting and the next, so that no two have the same noise.
+APART = 1000
 # Of the workspaces, the one that is all that the device can reach.
 REACHABLE = "C"
 KINDS = {"parameters": "body", "Coulomb": "Coulomb", "viscous": "viscous"}
@@ -63,11 +65,12 @@ class Found:
 def study(key: str, seed: int) -> Found:
     """One mounting and seed."""
     demo, device = read_demo(NAME), haptid.read_device(read_demo(NAME).device)
+    drawn = seed + APART * (1 + demo.mountings.index(demo.mounting(key)))
     with tempfile.TemporaryDirectory() as folder:
 
         def made(experiment: str, exact: bool = False, quiet: bool = False) -> Recorded:
             path, out = demo.folder / experiment, Path(folder) / f"{experiment}-{exact}-{quiet}.parquet"
-            record(Take(demo.device, path, out, exact, seed, STEP, quiet))
+            record(Take(demo.device, path, out, exact, drawn, STEP, quiet))
             return read_recorded(device, path, out)
 
         own = demo.mounting(key).experiment

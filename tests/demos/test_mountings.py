@@ -12,7 +12,7 @@ from haptid.demos import run as walking
 from haptid.demos.recordings import Take, record
 from phantom_study import STEP, study
 
-SEED = 102
+SEED = 11  # none without noise: see the study
 
 
 @pytest.fixture(scope="module", params=["normal", "fs"])
