@@ -5,7 +5,10 @@
 pub(crate) enum Rate {
     Constant(f64),
     /// Staged channels of the rate, and of its own rate of change with time.
-    Given { rate: usize, change: usize },
+    Given {
+        rate: usize,
+        change: usize,
+    },
 }
 
 impl Rate {

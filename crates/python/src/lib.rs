@@ -17,11 +17,7 @@ fn to_python(error: Error) -> PyErr {
 /// A term as Python gives it: kind, weights, offset, and up to three settings.
 type TermArguments<'py> = (String, PyReadonlyArray1<'py, f64>, f64, f64, f64, f64);
 
-fn term(
-    (kind, weights, offset, a, b, c): TermArguments,
-    coordinates: usize,
-    joint: Option<usize>,
-) -> PyResult<Term> {
+fn term((kind, weights, offset, a, b, c): TermArguments, coordinates: usize, joint: Option<usize>) -> PyResult<Term> {
     let law = match kind.as_str() {
         "rotor" => Law::Rotor,
         "viscous" => Law::Viscous,

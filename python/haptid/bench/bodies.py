@@ -195,9 +195,12 @@ def _is_rotor(device: Device, j: int) -> bool:
     if device.joints[j].prismatic:
         return False
     rng = np.random.default_rng(0)
-    c, cd, cdd = rng.uniform(-2, 2, (3, len(device.drives), 20))
+    c = np.ascontiguousarray(device.frame @ device.closure.draw(rng, 20))
+    cd, cdd = rng.uniform(-2, 2, (2, *c.shape))
     column = rows(device, c, cd, cdd)[:, 10 * j + 5]
-    rotor = np.outer(device.rates[j], device.rates[j] @ cdd)
+    followed = device.follow(c, cd)
+    G = np.broadcast_to(followed.G, (20, *device.rates.shape))[:, j].T
+    rotor = G * followed.acceleration(cd, cdd)[j]
     return bool(np.abs(column - rotor).max() <= SAME_COLUMN * max(np.abs(rotor).max(), 1e-300))
 
 
