@@ -309,7 +309,7 @@ class NewtonClosure:
         lengths = np.abs(np.diff(qa, axis=0) / self.chain.units[list(self.chain.active)]).max(axis=1)
         stride = np.concatenate([[0], np.floor(np.cumsum(lengths) / (STRIDE / 2))])
         _, first, group = np.unique(stride, return_index=True, return_inverse=True)
-        knots = self._knots(qa[first], first)
+        knots = self._knots(qa[first])
         pieces = []
         for k in range(0, len(qa), CHUNK):
             here = slice(k, k + CHUNK)
@@ -320,19 +320,20 @@ class NewtonClosure:
             pieces.append(q)
         return freeze(np.concatenate(pieces))
 
-    def _knots(self, qa: Array, samples: np.ndarray) -> Array:
-        """All joints at the poses that others are reached from, (knots, joints)."""
+    def _knots(self, qa: Array) -> Array:
+        """All joints at the poses that others are reached from, (knots, joints).
+
+        Where one is not reached, the last closed pose on the way to it stands in its place.
+        """
         q, closed = self._march(self._origin(len(qa)), qa)
-        if not closed.any():
-            self._refuse(q[0], qa[0], int(samples[0]))
         anchor = int(np.argmax(closed))
         for order in (range(anchor + 1, len(qa)), range(anchor - 1, -1, -1)):
             last = anchor
-            for k in order:
+            for k in order if closed.any() else ():
                 if not closed[k]:
                     q[k : k + 1], closed[k : k + 1] = self._march(q[last : last + 1], qa[k : k + 1])
                     if not closed[k]:
-                        self._refuse(q[k], qa[k], int(samples[k]))
+                        break
                 last = k
         return q
 
