@@ -7,7 +7,7 @@ import numpy as np
 from haptid._values import Array
 from haptid.bench.trajectories import Trajectory
 from haptid.device import Device, NewtonClosure, poses
-from haptid.device.closure import openness
+from haptid.device.newton import openness
 from haptid.dynamics import inverse_dynamics
 from haptid.errors import FlatLoopError, TrajectoryLimitError
 

@@ -9,7 +9,7 @@ import numpy as np
 
 from haptid._values import Array
 from haptid.device.closing import Chain, solve
-from haptid.device.closure import CLOSED, SINGULAR, NewtonClosure, openness
+from haptid.device.newton import CLOSED, SINGULAR, NewtonClosure, openness
 from haptid.errors import LoopBranchError, LoopOpenError, SingularLoopError
 
 # Starts of the passive joints at the start pose, beside the guess.

@@ -150,7 +150,8 @@ class Chain:
         return np.concatenate([r for r, _ in parts], axis=1), np.concatenate([J for _, J in parts], axis=1)
 
     def _mismatch(self, cut: Cut, links: Array) -> tuple[Array, Array]:
-        (p, R, dp, dR), (o, U, do, dU) = (self._frame(frame, links) for frame in (cut.frame, cut.twin))
+        axes = [0, 1, 2] if cut.prismatic else [2]
+        (p, R, dp, dR), (o, U, do, dU) = (self._frame(frame, links, axes) for frame in (cut.frame, cut.twin))
         apart, rate = p - o, dp - do
         if cut.prismatic:  # z axes one line: no gap across the twin's x and y; then x and z axes the same
             across = U[:, :, :2]
@@ -160,23 +161,22 @@ class Chain:
             turned, turning = turned.reshape(len(R), 6), turning.reshape(len(R), 6, -1)
         else:
             gap, slope = apart, rate
-            turned, turning = R[:, :, 2] - U[:, :, 2], dR[:, :, 2] - dU[:, :, 2]
+            turned, turning = R[:, :, 0] - U[:, :, 0], dR[:, :, 0] - dU[:, :, 0]
         return (
             np.concatenate([gap, self.size * turned], axis=1),
             np.concatenate([slope, self.size * turning], axis=1),
         )
 
-    def _frame(self, frame: Frame, links: Array) -> tuple[Array, Array, Array, Array]:
-        """A frame's origin (n, 3) and axes (n, 3, 3), and their rates by joint, one axis more."""
+    def _frame(self, frame: Frame, links: Array, axes: list[int]) -> tuple[Array, Array, Array, Array]:
+        """A frame's origin (n, 3) and some of its axes (n, 3, axes), and their rates by joint, one axis more."""
         n, joints = links.shape[:2]
+        dp, dR = np.zeros((n, 3, joints)), np.zeros((n, 3, len(axes), joints))
         if frame.link < 0:
-            R = np.broadcast_to(frame.rotation, (n, 3, 3))
-            p = np.broadcast_to(frame.translation, (n, 3))
-            return p, R, np.zeros((n, 3, joints)), np.zeros((n, 3, 3, joints))
+            R = np.broadcast_to(frame.rotation[:, axes], (n, 3, len(axes)))
+            return np.broadcast_to(frame.translation, (n, 3)), R, dp, dR
         link = links[:, frame.link]
-        R = link[:, :3, :3] @ frame.rotation
+        R = link[:, :3, :3] @ frame.rotation[:, axes]
         p = link[:, :3, :3] @ frame.translation + link[:, :3, 3]
-        dp, dR = np.zeros((n, 3, joints)), np.zeros((n, 3, 3, joints))
         for j in np.flatnonzero(self.above[frame.link]):
             z = links[:, j, :3, 2]
             if self.joints[j].prismatic:
@@ -187,7 +187,7 @@ class Chain:
         return p, R, dp, dR
 
 
-def solve(chain: Chain, q: Array, unknown: Sequence[int], steps: int = STEPS) -> Array:
+def solve(chain: Chain, q: Array, unknown: Sequence[int], steps: int = STEPS, settled: float = SETTLED) -> Array:
     """Joint positions with the unknown joints moved to close the cuts as well as they can, (n, joints)."""
     q = q.copy()
     busy, columns = np.arange(len(q)), np.array(unknown)
@@ -200,7 +200,7 @@ def solve(chain: Chain, q: Array, unknown: Sequence[int], steps: int = STEPS) ->
         step = -np.linalg.solve(H + DAMPING * scale * np.eye(len(columns)), slope)[..., 0]
         longest = np.abs(step).max(axis=1)
         q[busy[:, None], columns] += step * np.minimum(1.0, STRIDE / np.maximum(longest, STRIDE))[:, None]
-        busy = busy[longest > SETTLED]
+        busy = busy[longest > settled]
         if not len(busy):
             break
     return q

@@ -8,10 +8,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from haptid._values import Array
-from haptid.device.closure import Closure, NewtonClosure
+from haptid.device.closure import Closure
 from haptid.device.expressions import column
 from haptid.device.geometry import Reader
 from haptid.device.model import Joint, Motor
+from haptid.device.newton import NewtonClosure
 from haptid.device.place import Place
 from haptid.device.schema import (
     AnyTerm,

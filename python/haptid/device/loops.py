@@ -11,10 +11,11 @@ import numpy as np
 from haptid._values import Array
 from haptid.device.branches import newton_closure
 from haptid.device.closing import Branch, Chain, find_branches
-from haptid.device.closure import Closure, NewtonClosure
+from haptid.device.closure import Closure
 from haptid.device.expressions import Linear, relation
 from haptid.device.geometry import Reader, frame_on
 from haptid.device.model import Cut, Joint
+from haptid.device.newton import NewtonClosure
 from haptid.device.place import Place
 from haptid.device.schema import CutTable, LoopTable
 from haptid.errors import (

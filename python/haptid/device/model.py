@@ -16,7 +16,8 @@ from haptid.device.terms import DRY, TermColumn, external_columns
 
 if TYPE_CHECKING:
     from haptid.base import BaseParameters
-    from haptid.device.closure import Closure, Followed, NewtonClosure
+    from haptid.device.closure import Closure, Followed
+    from haptid.device.newton import NewtonClosure
     from haptid.device.schema import AnyDevice
     from haptid.exact import Regroupings
 

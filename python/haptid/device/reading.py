@@ -8,13 +8,14 @@ from pathlib import Path
 import numpy as np
 
 from haptid._values import Array
-from haptid.device.closure import Closure, NewtonClosure
+from haptid.device.closure import Closure
 from haptid.device.columns import Targets, read_terms
 from haptid.device.combinations import read_combinations
 from haptid.device.expressions import RESERVED
 from haptid.device.geometry import Reader, frame_on
 from haptid.device.loops import active_joints, close, read_loops
 from haptid.device.model import Device, Handle, Joint, Prior
+from haptid.device.newton import NewtonClosure
 from haptid.device.parameters import (
     INERTIAL,
     INERTIAL_UNITS,
