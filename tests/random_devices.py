@@ -50,6 +50,7 @@ def as_device(mechanism: Random, kinds: tuple[str, ...] = KINDS) -> haptid.Devic
         keep=(),
         base_tolerance=1e-9,
         notes=(),
+        tables=None,  # read from no file
     )
 
 
