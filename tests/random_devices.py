@@ -7,7 +7,8 @@ from scipy.spatial.transform import Rotation
 
 import haptid
 from haptid.device import Handle
-from haptid.device.model import Closure, Joint, Motor
+from haptid.device.closure import Closure
+from haptid.device.model import Joint, Motor
 from haptid.device.parameters import standard_parameters
 from haptid.device.terms import UNITS, TermColumn
 from mechanisms import Random
@@ -49,6 +50,7 @@ def as_device(mechanism: Random, kinds: tuple[str, ...] = KINDS) -> haptid.Devic
         keep=(),
         base_tolerance=1e-9,
         notes=(),
+        tables=None,  # read from no file
     )
 
 

@@ -18,6 +18,9 @@ class Mechanism:
     Joint frames are in normal form (each link turns about, or slides along, its own z) and all joints follow the
     coordinates, q = rates @ c + offset. Columns are ten for each link (XX XY XZ YY YZ ZZ MX MY MZ M), then one for
     each term.
+
+    Where rates are given with every sample, `loops` (channels, samples) has for each joint with such rates, in order,
+    its position, those rates, and their rates of change with time.
     """
 
     def __new__(
@@ -31,10 +34,14 @@ class Mechanism:
         offset: Array,
         terms: Sequence[tuple[str, Array, float, float, float, float]],
         backend: str | None = None,
+        given: NDArray[np.bool_] | None = None,
+        on: Sequence[int | None] | None = None,
     ) -> Mechanism:
         """Parents come before children, -1 is the base; rotation (n, 3, 3), translation (n, 3), rates (n, coordinates).
 
-        A term is (kind, weights (coordinates,), offset, a, b, c). ValueError where the parts do not fit.
+        A term is (kind, weights (coordinates,), offset, a, b, c); it acts on the joint that `on` names, where it names
+        one, in place of weights and offset. `given` are the rates that come with every sample, (n, coordinates).
+        ValueError where the parts do not fit.
         """
 
     @property
@@ -46,7 +53,13 @@ class Mechanism:
         """Number of columns."""
 
     def regressor(
-        self, position: Array, velocity: Array, acceleration: Array, external: Array, columns: Sequence[int]
+        self,
+        position: Array,
+        velocity: Array,
+        acceleration: Array,
+        external: Array,
+        columns: Sequence[int],
+        loops: Array | None = None,
     ) -> Array:
         """The chosen columns of every coordinate's torque, (coordinates, columns, samples)."""
 
@@ -58,17 +71,31 @@ class Mechanism:
         external: Array,
         columns: Sequence[int],
         chi: Sequence[float],
+        loops: Array | None = None,
     ) -> Array:
         """Torque of the chosen columns' parameters, (coordinates, samples)."""
 
-    def momentum_regressor(self, position: Array, velocity: Array, external: Array, columns: Sequence[int]) -> Array:
+    def momentum_regressor(
+        self,
+        position: Array,
+        velocity: Array,
+        external: Array,
+        columns: Sequence[int],
+        loops: Array | None = None,
+    ) -> Array:
         """The chosen columns of every coordinate's momentum, and of the rest of its torque beside d/dt momentum.
 
         Shape (2, coordinates, columns, samples). Neither has accelerations: regressor = d/dt momentum + rest.
         """
 
     def momentum(
-        self, position: Array, velocity: Array, external: Array, columns: Sequence[int], chi: Sequence[float]
+        self,
+        position: Array,
+        velocity: Array,
+        external: Array,
+        columns: Sequence[int],
+        chi: Sequence[float],
+        loops: Array | None = None,
     ) -> Array:
         """Momentum of the chosen columns' parameters, and the rest of their torque, (2, coordinates, samples)."""
 
@@ -90,6 +117,7 @@ class Mechanism:
         block: int,
         weights: Array,
         slope: Array | None = None,
+        loops: Array | None = None,
     ) -> list[tuple[list[int], Array]]:
         """Rows filtered, decimated, weighted, and folded into one triangle per coordinate and block.
 

@@ -126,14 +126,14 @@ def random_regressor(device: Device, seed: int) -> Array:
     """The regressor of the standard parameters at random states, (rows, standard parameters).
 
     Only torques that are measured have rows: what acts on an axis without motor alone cannot be known. Positions
-    cover the whole circle, whatever the joint limits: identifiability is a property of the structure.
+    cover the whole circle, whatever the joint limits: identifiability is a property of the structure. Where loops that
+    are not linear close at some poses only, positions are of these, inside the limits.
     """
     rng = np.random.default_rng(seed)
     S = device.parameters.S
-    coordinates = len(device.drives)
     states = 4 + -(-4 * S.shape[1] // max(sum(device.measured), 1))
-    c = rng.uniform(-np.pi, np.pi, (coordinates, states))
-    cd, cdd = rng.uniform(-2, 2, (2, coordinates, states))
+    c = device.frame @ device.closure.draw(rng, states)
+    cd, cdd = rng.uniform(-2, 2, (2, *c.shape))
     Y = rows(device, c, cd, cdd)[list(device.measured)]
     return np.asarray(Y.transpose(0, 2, 1).reshape(-1, Y.shape[1]) @ S)
 

@@ -104,7 +104,7 @@ def core_torque(device: Device, chi: Array, c: Array, cd: Array, cdd: Array, own
     if own is None:
         own = np.zeros((len(device.externals), c.shape[1]))
     c, cd, cdd, own = (np.ascontiguousarray(x) for x in (c, cd, cdd, own))
-    return np.asarray(device.mechanism.torque(c, cd, cdd, own, columns, chi[columns].tolist()))
+    return np.asarray(device.mechanism.torque(c, cd, cdd, own, columns, chi[columns].tolist(), device.loops(c, cd)))
 
 
 def core_momentum(device: Device, chi: Array, c: Array, cd: Array, own: Array | None = None) -> tuple[Array, Array]:
@@ -113,7 +113,7 @@ def core_momentum(device: Device, chi: Array, c: Array, cd: Array, own: Array | 
     if own is None:
         own = np.zeros((len(device.externals), c.shape[1]))
     c, cd = np.ascontiguousarray(c), np.ascontiguousarray(cd)
-    p, rest = device.mechanism.momentum(c, cd, own, columns, chi[columns].tolist())
+    p, rest = device.mechanism.momentum(c, cd, own, columns, chi[columns].tolist(), device.loops(c, cd))
     return p, rest
 
 

@@ -248,7 +248,7 @@ def _pieces(estimate: Estimate, motion: Motion, moment: Array | None, speed: flo
             qa=to_joints @ s.centres(s.c),
             motors=motors,
             external=s.torque(chi) - motors,
-            covariance=spread(parts, s.sizes(doubt(soft, chi, s.cd, speed))),
+            covariance=spread(parts, s.sizes(doubt(soft, chi, s.c, s.cd, speed))),
             moment=shown,
         )
 

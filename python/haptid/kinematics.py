@@ -84,7 +84,9 @@ def handle_motion(device: Device, qa: ArrayLike) -> HandleMotion:
         ShapeError: the array does not fit the device.
     """
     qa, handle = np.asarray(qa, dtype=float), handle_of(device)
-    at = link_poses(device, qa)
+    expect("qa", qa.shape, (len(device.active), None))
+    followed = device.closure.follow(qa)
+    at = poses(device, followed.q.T)
     held = np.broadcast_to(np.eye(4), (qa.shape[1], 4, 4)) if handle.link < 0 else at[:, handle.link]
     position = held[:, :3, :3] @ handle.translation + held[:, :3, 3]
     tree = np.zeros((qa.shape[1], 6, len(device.joints)))
@@ -97,7 +99,7 @@ def handle_motion(device: Device, qa: ArrayLike) -> HandleMotion:
             tree[:, :3, link] = np.cross(axis, position - at[:, link, :3, 3])
             tree[:, 3:, link] = axis
         link = joint.parent
-    return HandleMotion(device, qa, position, held[:, :3, :3] @ handle.rotation, tree @ device.closure.G)
+    return HandleMotion(device, qa, position, held[:, :3, :3] @ handle.rotation, tree @ followed.G)
 
 
 def handle_of(device: Device) -> Handle:
@@ -115,4 +117,4 @@ def tree_positions(device: Device, qa: ArrayLike) -> Array:
     """Positions of all joints, (joints, samples), from the active ones', (active, samples), rad or m."""
     qa = np.asarray(qa, dtype=float)
     expect("qa", qa.shape, (len(device.active), None))
-    return np.asarray(device.closure.G @ qa + device.closure.offset[:, None])
+    return device.closure.positions(qa)

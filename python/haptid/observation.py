@@ -359,8 +359,12 @@ class Plan:
         """Triangles of rows start..stop by coordinate (columns, stack), and how many rows went into each block."""
         low, high = self.window(start, stop)
         weights = self.weights(start, stop)
+        c, cd, cdd, own = self.signals(low, high)
         made = self.device.mechanism.reduce(
-            *self.signals(low, high),
+            c,
+            cd,
+            cdd,
+            own,
             coordinate_torque(self.device, self.motion, low, high),
             list(self.columns),
             self.filter.taps,
@@ -370,6 +374,7 @@ class Plan:
             self.block,
             weights,
             self.filter.slope,
+            self.device.loops(c, cd),
         )
         blocks = np.arange(0, stop - start, self.block)
         return [self.selected(np.array(a), T) for a, T in made], np.add.reduceat(weights > 0, blocks, axis=1, dtype=int)
@@ -395,11 +400,11 @@ class Plan:
         low, high = self.motion.usable
         back, ahead = self.guard
         low, high = max(low, int(centres[0]) - back), min(high, int(centres[-1]) + ahead + 1)
-        _, cd = state(device, self.motion, low, high)
+        c, cd = state(device, self.motion, low, high)
         after = np.minimum(centres + ahead + 1, high) - low
         before = np.maximum(centres - back, low) - low
         for row, speed in enumerate(speeds):
-            for direction in device.coulomb_directions(row) if speed > 0 else ():
-                slow = np.concatenate([[0], np.cumsum(np.abs(direction @ cd) < speed)])
+            for term in device.coulomb_terms(row) if speed > 0 else ():
+                slow = np.concatenate([[0], np.cumsum(np.abs(device.speed(term, c, cd)) < speed)])
                 weights[row, slow[after] > slow[before]] = 0.0
         return weights

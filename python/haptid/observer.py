@@ -267,6 +267,5 @@ class _Path:
     def _doubts(self, observer: MomentumObserver) -> Array:
         """What dry friction may be off by, (active, samples), N m or N."""
         device = self.estimate.device
-        return doubt(
-            device, raw_parameters(device, self.estimate.beta), device.frame @ self.qda, observer.reversal_speed
-        )
+        c, cd = device.frame @ self.qa, device.frame @ self.qda
+        return doubt(device, raw_parameters(device, self.estimate.beta), c, cd, observer.reversal_speed)

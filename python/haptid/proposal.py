@@ -183,24 +183,23 @@ def _noise_sentence(logs: Sequence[Log], treatment: Treatment) -> str:
 def _slow(device: Device, logs: Sequence[Log], treatment: Treatment, asked: Mapping[str, Any]) -> Step:
     """Below which speed a motor's dry friction is not to be trusted."""
     rows = len(device.row_names)
-    if "low_speed" in asked or not any(device.coulomb_directions(row) for row in range(rows)):
+    if "low_speed" in asked or not any(device.coulomb_terms(row) for row in range(rows)):
         return treatment, ()
     speeds = np.full(rows, np.inf)
-    squares = [_squares(device, log, treatment) for log in logs]
-    power = np.sum([matrix for matrix, _ in squares], axis=0) / sum(many for _, many in squares)
+    states = [_states(device, log, treatment) for log in logs]
+    samples = sum(cd.shape[1] for _, cd in states)
     for row in range(rows):
-        for direction in device.coulomb_directions(row):
-            speeds[row] = min(speeds[row], SLOW * float(np.sqrt(direction @ power @ direction)))
+        for term in device.coulomb_terms(row):
+            power = sum(float(np.sum(device.speed(term, c, cd) ** 2)) for c, cd in states) / samples
+            speeds[row] = min(speeds[row], SLOW * float(np.sqrt(power)))
     low = tuple(float(f"{v:.2g}") if np.isfinite(v) else 0.0 for v in speeds)
     return replace(treatment, low_speed=low), ()
 
 
-def _squares(device: Device, log: Log, treatment: Treatment) -> tuple[Array, int]:
-    """Sums of products of the coordinates' velocities, (coordinates, coordinates), and of how many samples."""
+def _states(device: Device, log: Log, treatment: Treatment) -> tuple[Array, Array]:
+    """The coordinates' positions and velocities, each (coordinates, samples)."""
     motion = treat(log, treatment)
-    start, stop = motion.usable
-    _, cd = state(device, motion, start, stop)
-    return cd @ cd.T, stop - start
+    return state(device, motion, *motion.usable)
 
 
 def _wide_enough(device: Device, logs: Sequence[Log], treatment: Treatment, asked: Mapping[str, Any]) -> Step:

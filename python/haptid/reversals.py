@@ -36,7 +36,7 @@ def _softer(term: TermColumn, speed: float) -> TermColumn:
     return replace(term, settings=(settings[0], settings[1], settings[2]))
 
 
-def doubt(device: Device, chi: Array, cd: Array, speed: float) -> Array:
+def doubt(device: Device, chi: Array, c: Array, cd: Array, speed: float) -> Array:
     """Torque that dry friction may be off by, (rows, samples), N m or N: all of it at rest, none at speed.
 
     Where the smoothed sign is s, the friction is FC s give or take FC sqrt(1 - s^2): a joint at rest may be held by
@@ -45,12 +45,14 @@ def doubt(device: Device, chi: Array, cd: Array, speed: float) -> Array:
     Args:
         device: the mechanism.
         chi: parameters of the core's columns, (r,), SI.
-        cd: rates of the coordinates that torque rows belong to, (active, samples).
+        c: positions of the coordinates that torque rows belong to, (active, samples).
+        cd: their rates.
         speed: of the smoothed sign, rad/s or m/s; 0 for no doubt.
     """
     squared = np.zeros_like(cd)
     for k, term in enumerate(device.terms) if speed else ():
         if term.kind in DRY:
-            s = np.tanh(term.weights @ cd / max(term.settings[WIDTH[term.kind]], speed))
-            squared += np.square(term.weights)[:, None] * chi[10 * len(device.joints) + k] ** 2 * (1 - s**2)
+            shares = device.shares(term, c, cd)
+            s = np.tanh((shares * cd).sum(axis=0) / max(term.settings[WIDTH[term.kind]], speed))
+            squared += np.square(shares) * chi[10 * len(device.joints) + k] ** 2 * (1 - s**2)
     return np.asarray(np.sqrt(squared))

@@ -148,4 +148,4 @@ def rows(device: Device, c: Array, cd: Array, cdd: Array) -> Array:
     """All of the core's columns of every coordinate's torque, (coordinates, columns, samples)."""
     mechanism = device.mechanism
     columns = list(range(mechanism.columns))
-    return np.asarray(mechanism.regressor(c, cd, cdd, external(device, c, cd, cdd), columns))
+    return np.asarray(mechanism.regressor(c, cd, cdd, external(device, c, cd, cdd), columns, device.loops(c, cd)))

@@ -41,42 +41,49 @@ class Workspace:
     Attributes:
         device: the mechanism.
         limits: of every active joint, (active, 2), rad or m.
-        couplings: names of the passive joints that have limits.
-        weights, offsets: their positions are weights @ qa + offsets, (couplings, active) and (couplings,).
+        coupled: indices of the passive joints that have limits.
         ranges: of their positions, (couplings, 2), rad or m.
         box: of the handle's origin, None for no limit.
     """
 
     device: Device
     limits: Array
-    couplings: tuple[str, ...]
-    weights: Array
-    offsets: Array
+    coupled: tuple[int, ...]
     ranges: Array
     box: Box | None
 
     def __post_init__(self) -> None:
-        for name in ("limits", "weights", "offsets", "ranges"):
+        for name in ("limits", "ranges"):
             object.__setattr__(self, name, read_only(getattr(self, name)))
-        active, count = len(self.device.active), len(self.couplings)
-        for name, shape in (("limits", (active, 2)), ("weights", (count, active)), ("ranges", (count, 2))):
-            expect(name, getattr(self, name).shape, shape)
-        expect("offsets", self.offsets.shape, (count,))
+        expect("limits", self.limits.shape, (len(self.device.active), 2))
+        expect("ranges", self.ranges.shape, (len(self.coupled), 2))
         if self.box is not None:
             handle_of(self.device)
 
+    @property
+    def couplings(self) -> tuple[str, ...]:
+        """Names of the passive joints that have limits."""
+        return tuple(self.device.joint_names[j] for j in self.coupled)
+
     def slack(self, qa: ArrayLike) -> Array:
         """How far every pose is inside each limit, negative outside, (limits, samples), rad or m.
+
+        Where loops do not close no limit is kept: -inf.
 
         Args:
             qa: positions of the active joints, (active, samples), rad or m.
         """
         qa = np.asarray(qa, dtype=float)
         expect("qa", qa.shape, (len(self.device.active), None))
-        pairs = [(qa, self.limits), (self.weights @ qa + self.offsets[:, None], self.ranges)]
+        closed = self.device.closure.closes(qa)
+        here = qa[:, closed]
+        pairs = [(here, self.limits), (tree_positions(self.device, here)[list(self.coupled)], self.ranges)]
         if self.box is not None:
-            pairs.append((handle_motion(self.device, qa).position.T, np.column_stack([self.box.low, self.box.high])))
-        return np.concatenate([side for x, r in pairs for side in (x - r[:, :1], r[:, 1:] - x)])
+            at = handle_motion(self.device, here).position.T
+            pairs.append((at, np.column_stack([self.box.low, self.box.high])))
+        slack = np.full((2 * sum(len(x) for x, _ in pairs), qa.shape[1]), -np.inf)
+        slack[:, closed] = np.concatenate([side for x, r in pairs for side in (x - r[:, :1], r[:, 1:] - x)])
+        return slack
 
     def holds(self, qa: ArrayLike) -> np.ndarray:
         """Whether each pose is inside all limits, (samples,)."""
@@ -126,9 +133,7 @@ def workspace(
     return Workspace(
         device=device,
         limits=np.array(active, dtype=float),
-        couplings=tuple(device.joints[j].name for j in passive),
-        weights=device.closure.G[passive],
-        offsets=tree_positions(device, np.zeros((len(active), 1)))[passive, 0],
+        coupled=tuple(passive),
         ranges=np.array([known[device.joints[j].name] for j in passive], dtype=float).reshape(-1, 2),
         box=box,
     )

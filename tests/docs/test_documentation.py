@@ -233,10 +233,10 @@ def test_device_and_study_files_are_read(block: Block, tmp_path: Path) -> None:
 
 
 def base_parameters_of(path: Path) -> int:
-    """Of a device, or of one whose loops `read_device` leaves to `loop_regroupings`."""
+    """Of a device, or of one whose loops need a guess that `loop_regroupings` does without."""
     try:
         return len(haptid.read_device(path).base)
-    except haptid.errors.NonlinearLoopError:
+    except haptid.errors.LoopBranchError:
         return len(haptid.loop_regroupings(path))
 
 

@@ -15,7 +15,7 @@ from haptid.device.place import Place
 from haptid.device.reading import device_of
 from haptid.device.tables import read_tables
 from haptid.exact import loop_regroupings
-from haptid.exact.loops import _opened
+from haptid.exact.opening import _opened
 from haptid.signals import rows
 
 LENGTHS = "[lengths]\nL0 = 0.2\nL1 = 0.15\nL2 = 0.22\nL3 = 0.14\nL4 = 0.25\n"

@@ -153,8 +153,8 @@ joints = "motorised"
     assert terms["FCP1"].settings == (0.1, 0.0, 0.0)
     assert terms["FS3"].settings == (0.2, 2.0, 0.0)
     assert terms["KS2"].settings == (pytest.approx(np.pi / 6), 0.0, 0.0)
-    assert [list(w) for w in device.coulomb_directions(0)] == [[1, 2, 0], [1, 0, 0]]
-    assert [list(w) for w in device.coulomb_directions(1)] == [[1, 2, 0]]
+    assert [list(term.weights) for term in device.coulomb_terms(0)] == [[1, 2, 0], [1, 0, 0]]
+    assert [list(term.weights) for term in device.coulomb_terms(1)] == [[1, 2, 0]]
     assert device.parameters.kinds[-2:] == ("OFF", "OFF")
     assert device.parameters.links[device.parameters.index["FVMm"]] == -1
 
@@ -164,7 +164,7 @@ def test_terms_on_passive_joints_follow_the_loop() -> None:
     terms = {term.name: term for term in device.terms}
     np.testing.assert_array_equal(terms["FV3"].weights, [0, -1, 1])  # q3 = q5 - q2 - pi
     assert terms["FV3"].offset == -np.pi
-    directions = device.coulomb_directions(1)
+    directions = [term.weights for term in device.coulomb_terms(1)]
     assert [list(w) for w in directions] == [[0, 1, 0], [0, -1, 1]]
 
 

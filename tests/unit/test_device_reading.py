@@ -238,12 +238,20 @@ BROKEN = [
         ["loops: ", "does not close", " m "],
     ),
     (
-        "NonlinearLoopError",
+        "LoopBranchError",
         'name = "b"\ngravity = [0, 0, 0]\n[[joints]]\nname = "1"\n[[joints]]\nname = "2"\nd = 0.2\n'
         '[[joints]]\nname = "3"\n'
         'd = 0.5\n[[loops]]\npassive = ["2", "3"]\n'
         'cut = { on = "3", frame = { d = 0.25 }, with = "base", twin = { d = 0.5 } }',
-        ["loops: ", "Only linear loops", "varies by"],
+        ["loops: ", "in 2 ways", "guess"],
+    ),
+    (
+        "SingularLoopError",
+        'name = "b"\ngravity = [0, 0, 0]\n[[joints]]\nname = "1"\n[[joints]]\nname = "2"\nd = 0.2\n'
+        '[[joints]]\nname = "3"\nparent = "base"\ntype = "prismatic"\ngamma = "pi/2"\nalpha = "pi/2"\n'
+        '[[loops]]\npassive = ["1", "2"]\nat = { 3 = 0.7 }\ncut = { on = "2", frame = { d = 0.5 }, '
+        'with = "3", twin = { rpy = ["-pi/2", 0, 0] } }',
+        ["loops: at the start pose", "3 = 0.7", "limit 0.001"],
     ),
     (
         "UndeterminedLoopError",
@@ -318,7 +326,7 @@ def test_every_device_error_is_tested() -> None:
         for name, kind in inspect.getmembers(errors, inspect.isclass)
         if issubclass(kind, errors.DeviceError) and kind is not errors.DeviceError
     }
-    elsewhere = {"DeviceFileError", "ColumnValueError"}  # below, and with the terms
+    elsewhere = {"DeviceFileError", "ColumnValueError", "LoopUnreachableError"}  # below, with terms, with loops
     assert classes == {kind for kind, _, _ in BROKEN} | elsewhere
 
 

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import haptid.device
-from haptid.device import Device, mechanism_arguments, poses, read_device, shipped_devices, summary_lines
+from haptid.device import Device, poses, read_device, shipped_devices, summary_lines
 
 DRY_OR_BIAS = ("FV", "FC", "OFF", "CB")
 # Base parameters: those of inertia (rotors included), and all.
@@ -16,12 +16,16 @@ COUNTS = {
     "arm3": (16, 22),
     "arm7": (48, 48),
     "cea_medical_branch": (23, 34),
+    "delta": (34, 40),
     "emps": (1, 4),
+    "five_bar": (11, 15),
+    "four_bar": (8, 12),
     "kuka_kr300": (40, 59),
     "phantom_premium_15": (8, 14),
     "phantom_premium_15_general": (18, 24),
     "puma560": (36, 36),
     "rx90": (40, 40),
+    "slider_crank": (6, 10),
     "sr400": (42, 42),
     "staubli_tx40": (40, 60),
 }
@@ -50,13 +54,14 @@ def test_the_core_and_pinocchio_agree(device: Device) -> None:
         at.append(model.addJoint(at[joint.parent] if joint.parent >= 0 else 0, kind, placement, joint.name))
     model.gravity.linear = np.array(device.gravity)
     rng = np.random.default_rng(3)
-    q, v, a = rng.uniform(-2, 2, (3, len(device.active), 1))
-    to_joints = np.linalg.inv(device.coupling)
+    to_joints = np.linalg.inv(device.frame)
+    q = device.frame @ device.closure.draw(rng, 1)
+    v, a = rng.uniform(-2, 2, (2, *q.shape))
     external = np.ascontiguousarray(device.external(to_joints @ q, to_joints @ v, to_joints @ a))
     links = 10 * len(device.joints)
-    made = np.asarray(device.mechanism.regressor(q, v, a, external, list(range(links))))[:, :, 0]
-    given = mechanism_arguments(device)
-    tree = (given.rates @ q)[:, 0] + given.offset, (given.rates @ v)[:, 0], (given.rates @ a)[:, 0]
+    made = np.asarray(device.mechanism.regressor(q, v, a, external, list(range(links)), device.loops(q, v)))[:, :, 0]
+    tree = tuple(x[:, 0] for x in device.tree(to_joints @ q, to_joints @ v, to_joints @ a))
+    G = device.follow(q, v).G.reshape(len(device.joints), -1)
     Y = np.atleast_2d(pin.computeJointTorqueRegressor(model, model.createData(), *tree))
     order = [
         4,
@@ -70,14 +75,14 @@ def test_the_core_and_pinocchio_agree(device: Device) -> None:
         3,
         0,
     ]  # XX XY XZ YY YZ ZZ MX MY MZ M in Pinocchio's M MX MY MZ XX XY YY XZ YZ ZZ
-    want = given.rates.T @ np.concatenate([Y[:, 10 * k + np.array(order)] for k in range(len(device.joints))], axis=1)
+    want = G.T @ np.concatenate([Y[:, 10 * k + np.array(order)] for k in range(len(device.joints))], axis=1)
     np.testing.assert_allclose(made, want, atol=1e-12 * np.abs(want).max())
 
 
 def test_loops_close(device: Device) -> None:
     assert device.closure.error < 1e-12
-    qa = np.random.default_rng(0).uniform(-1, 1, (5, len(device.active)))
-    q = qa @ device.closure.G.T + device.closure.offset
+    qa = device.closure.draw(np.random.default_rng(0), 5).T
+    q = device.closure.positions(qa.T).T
     np.testing.assert_array_equal(q[:, device.active], qa)
     assert poses(device, q).shape == (5, len(device.joints), 4, 4)
 

@@ -189,8 +189,9 @@ def test_dry_friction_is_smoothed_and_doubted_where_a_joint_turns_back(phantom):
     chi = np.zeros(len(device.parameters.raw))
     chi[device.parameters.raw.index("FCM2" if "FCM2" in device.parameters.raw else "FC2")] = 0.02
     cd = np.array([[0.0, 0.5], [0.0, 0.5], [0.0, 0.5]])
-    np.testing.assert_allclose(doubt(device, chi, cd, speed), [[0, 0], [0.02, 0], [0, 0]], atol=1e-12)
-    assert (doubt(device, chi, cd, 0.0) == 0).all()
+    c = np.zeros_like(cd)
+    np.testing.assert_allclose(doubt(device, chi, c, cd, speed), [[0, 0], [0.02, 0], [0, 0]], atol=1e-12)
+    assert (doubt(device, chi, c, cd, 0.0) == 0).all()
 
 
 def test_settings_that_mean_nothing_are_errors(phantom):

@@ -322,7 +322,7 @@ def differential(tmp_path):
 
 def test_both_joints_of_a_differential_are_guarded(differential):
     """Each motor feels both joints' friction: rows are dropped where either is slow."""
-    assert [len(differential.coulomb_directions(row)) for row in (0, 1)] == [2, 2]
+    assert [len(differential.coulomb_terms(row)) for row in (0, 1)] == [2, 2]
     treatment = haptid.Treatment(cutoff_hz=None, low_speed=0.2)
     made = motion(differential, np.ones(len(differential.base)), treatment=treatment)
     prediction = haptid.predict(haptid.estimate(haptid.observe(differential, made), haptid.OLS()), made)

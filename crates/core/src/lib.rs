@@ -8,6 +8,7 @@
 //!
 //! Arrays of samples are "channel major": the samples of one coordinate are contiguous.
 
+mod course;
 mod dispatch;
 mod error;
 mod filter;

@@ -1,8 +1,9 @@
 //! A tree of links, the closure that ties its joints to a few coordinates, and the terms beside link inertia.
 
+use crate::course::{Course, Rate};
 use crate::dispatch::Backend;
 use crate::error::{Error, expect_length};
-use crate::terms::{Law, Term};
+use crate::terms::{Column, Law, Term};
 
 /// Parameters of a link: XX XY XZ YY YZ ZZ MX MY MZ M, in the link's frame, Khalil's signs (XY = -integral of xy dm).
 pub const LINK_PARAMETERS: usize = 10;
@@ -22,14 +23,16 @@ pub struct Joint {
 
 /// How the tree's joints follow the coordinates: `q = G c + offset`.
 ///
-/// Loops that are not linear would give `G` and `dG/dt` sample by sample; the kernel asks for joint motions and
-/// rates only through [`Mechanism`], so that is where they enter.
+/// Of loops that are not linear the motion brings, with every sample, the position of each joint that has a given rate,
+/// its given rates `G = dq/dc`, and their changes `dG/dt`: see [`crate::Motion::loops`].
 #[derive(Debug, Clone, PartialEq)]
 pub struct Closure {
     /// Rates `dq/dc`, joints x coordinates, row-major.
     pub rates: Vec<f64>,
     /// Joint positions at zero coordinates, rad or m.
     pub offset: Vec<f64>,
+    /// Which rates come with the motion, joints x coordinates, row-major; empty for none.
+    pub given: Vec<bool>,
 }
 
 impl Closure {
@@ -39,7 +42,7 @@ impl Closure {
         for j in 0..joints {
             rates[j * joints + j] = 1.0;
         }
-        Closure { rates, offset: vec![0.0; joints] }
+        Closure { rates, offset: vec![0.0; joints], given: Vec::new() }
     }
 }
 
@@ -65,9 +68,8 @@ pub(crate) struct Link {
     /// The joint's origin is away from the parent's, or moves along its own axis.
     pub displaced: bool,
     pub prismatic: bool,
-    /// Joint position: offset plus these multiples of the coordinates.
-    pub offset: f64,
-    pub rates: Vec<(usize, f64)>,
+    /// How the joint follows the coordinates.
+    pub course: Course,
     /// The coordinates that move this link, and where their axes are in the workspace.
     pub axes: Vec<Axis>,
     /// Where this link's first axis is in the workspace.
@@ -81,7 +83,7 @@ pub(crate) struct Axis {
     /// The same coordinate's axis on the parent, if it moves the parent.
     pub above: Option<usize>,
     /// Rate of this link's own joint with the coordinate.
-    pub rate: f64,
+    pub rate: Rate,
 }
 
 /// A tree or closed chain, ready for the kernels.
@@ -91,8 +93,10 @@ pub struct Mechanism {
     pub(crate) coordinates: usize,
     pub(crate) axes: usize,
     pub(crate) gravity: [f64; 3],
-    pub(crate) terms: Vec<Term>,
+    pub(crate) terms: Vec<Column>,
     pub(crate) externals: usize,
+    /// Channels that the motion brings for loops that are not linear.
+    pub(crate) loops: usize,
     pub(crate) backend: Backend,
 }
 
@@ -102,28 +106,59 @@ impl Mechanism {
         joints: &[Joint],
         closure: &Closure,
         gravity: [f64; 3],
-        terms: Vec<Term>,
+        wanted: &[Term],
         backend: Backend,
     ) -> Result<Mechanism, Error> {
         let n = joints.len();
         expect_length("closure offset", closure.offset.len(), n)?;
         let coordinates = closure.rates.len().checked_div(n).unwrap_or(0);
         expect_length("closure rates", closure.rates.len(), n * coordinates)?;
+        if !closure.given.is_empty() {
+            expect_length("closure given", closure.given.len(), n * coordinates)?;
+        }
         check_finite("closure", closure.rates.iter().chain(&closure.offset))?;
         check_finite("gravity", &gravity)?;
-        for term in &terms {
+        for term in wanted {
             term.check(coordinates)?;
         }
-        let externals = terms.iter().filter(|t| t.is_external()).count();
-        let mut mechanism = Mechanism { links: Vec::new(), coordinates, axes: 0, gravity, terms, externals, backend };
+        let externals = wanted.iter().filter(|t| t.law == Law::External).count();
+        let (links, terms, loops) = (Vec::new(), Vec::new(), 0);
+        let mut mechanism = Mechanism { links, coordinates, axes: 0, gravity, terms, externals, loops, backend };
         for (i, joint) in joints.iter().enumerate() {
-            let rates = &closure.rates[i * coordinates..][..coordinates];
-            mechanism.append(joint, rates, closure.offset[i])?;
+            let course = mechanism.course(closure, i);
+            mechanism.append(joint, course)?;
         }
+        mechanism.terms = wanted.iter().map(|term| mechanism.column(term)).collect::<Result<_, _>>()?;
         Ok(mechanism)
     }
 
-    fn append(&mut self, joint: &Joint, rates: &[f64], offset: f64) -> Result<(), Error> {
+    /// How joint `i` follows the coordinates; where the motion brings that, its channels are taken.
+    fn course(&mut self, closure: &Closure, i: usize) -> Course {
+        let row = i * self.coordinates..(i + 1) * self.coordinates;
+        let rates = &closure.rates[row.clone()];
+        match closure.given.get(row) {
+            Some(given) if given.contains(&true) => {
+                let first = 3 * self.coordinates + self.externals;
+                let (course, end) = Course::given(first + self.loops, rates, given);
+                self.loops = end - first;
+                course
+            }
+            _ => Course::linear(closure.offset[i], rates.iter().copied().enumerate()),
+        }
+    }
+
+    fn column(&self, term: &Term) -> Result<Column, Error> {
+        let course = match term.joint {
+            None => Course::linear(term.offset, term.weights.iter().copied()),
+            Some(got) => match self.links.get(got) {
+                Some(link) => link.course.clone(),
+                None => return Err(Error::Index { name: "term joint", got, limit: self.links.len() }),
+            },
+        };
+        Ok(Column { law: term.law, course })
+    }
+
+    fn append(&mut self, joint: &Joint, course: Course) -> Result<(), Error> {
         let index = self.links.len();
         if let Some(parent) = joint.parent.filter(|&p| p >= index) {
             return Err(Error::Index { name: "parent", got: parent, limit: index });
@@ -132,8 +167,8 @@ impl Mechanism {
         check_rotation(&joint.rotation)?;
         let above = |a| joint.parent.and_then(|p| self.links[p].axis(a));
         let axes: Vec<Axis> = (0..self.coordinates)
-            .map(|a| Axis { coordinate: a, above: above(a), rate: rates[a] })
-            .filter(|axis| axis.above.is_some() || axis.rate != 0.0)
+            .map(|a| Axis { coordinate: a, above: above(a), rate: course.rate(a) })
+            .filter(|axis| axis.above.is_some() || !axis.rate.is_zero())
             .collect();
         let r = &joint.rotation;
         let inverse = [r[0], r[3], r[6], r[1], r[4], r[7], r[2], r[5], r[8]];
@@ -146,8 +181,7 @@ impl Mechanism {
             translation: joint.translation,
             displaced: joint.prismatic || joint.translation != [0.0; 3],
             prismatic: joint.prismatic,
-            offset,
-            rates: rates.iter().copied().enumerate().filter(|r| r.1 != 0.0).collect(),
+            course,
             axes,
             first,
         });

@@ -57,27 +57,32 @@ pub(crate) fn link_velocity<T: Lane>(
     }
 }
 
-/// Rate of change of an axis, from that of the same coordinate's axis on the parent (`above`) and its own `rate`.
+/// Rate of change of an axis, from that of the same coordinate's axis on the parent (`above`), the joint's own rate with
+/// the coordinate, and the change of that.
 #[inline(always)]
 pub(crate) fn axis_rate<T: Lane>(
     m: &LinkVelocity<T>,
     link: &Link,
     joint: &JointMotion<T>,
     above: Option<(Vector<T>, Vector<T>)>,
-    rate: f64,
+    rate: Option<T>,
+    change: Option<T>,
 ) -> (Vector<T>, Vector<T>) {
     let (mut x, mut u) = match above {
         Some((x, u)) => joint.carry(link, x, u, T::splat(0.0)),
         None => (zero(), zero()),
     };
-    if rate != 0.0 {
-        let rate = T::splat(rate);
+    if let Some(rate) = rate {
         // The cross products of the link's velocity with its joint's axis: of an angular axis both parts turn.
         if link.prismatic {
             u = about_z(m.w, rate, u);
         } else {
             (x, u) = (about_z(m.w, rate, x), about_z(m.v, rate, u));
         }
+    }
+    if let Some(change) = change {
+        let own = if link.prismatic { &mut u[2] } else { &mut x[2] };
+        *own = own.add(change);
     }
     (x, u)
 }

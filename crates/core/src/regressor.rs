@@ -17,6 +17,8 @@ pub struct Motion<'a> {
     pub velocity: &'a [f64],
     pub acceleration: Option<&'a [f64]>,
     pub external: &'a [f64],
+    /// For each joint with given rates, in order: its position, those rates, then their changes; see [`crate::Closure`].
+    pub loops: &'a [f64],
 }
 
 impl Motion<'_> {
@@ -30,7 +32,8 @@ impl Motion<'_> {
         expect_length("position", self.position.len(), wanted)?;
         expect_length("velocity", self.velocity.len(), wanted)?;
         expect_length("acceleration", self.acceleration.map_or(wanted, <[f64]>::len), wanted)?;
-        expect_length("external", self.external.len(), self.samples * mechanism.externals)
+        expect_length("external", self.external.len(), self.samples * mechanism.externals)?;
+        expect_length("loops", self.loops.len(), self.samples * mechanism.loops)
     }
 }
 
@@ -40,7 +43,7 @@ pub fn reach(mechanism: &Mechanism, columns: &[usize]) -> Result<Vec<bool>, Erro
     check_columns(mechanism, columns)?;
     let reaches = |a: usize, c: usize| {
         if c >= inertial {
-            return mechanism.terms[c - inertial].weights.iter().any(|w| w.0 == a);
+            return !mechanism.terms[c - inertial].course.rate(a).is_zero();
         }
         mechanism.links[c / LINK_PARAMETERS].axes.iter().any(|axis| axis.coordinate == a)
     };

@@ -11,12 +11,14 @@
 //! Safety: [`rows`] is the one door. Behind it channels are staged with a whole lane after their last sample, slots hold
 //! the widest lane, and the caller's places have room for a whole lane more; every unsafe function relies on just that.
 
+use crate::course::{Course, Rate};
 use crate::dispatch::dispatched;
 use crate::lane::{Lane, MAX_WIDTH};
 use crate::link::{JointMotion, LINK_NUMBERS, LinkMotion, contract, contract_slide, contract_turn, link_motion};
 use crate::mechanism::{LINK_PARAMETERS, Mechanism};
 use crate::momentum::{LinkVelocity, axis_rate, contract_momentum, contract_rest, link_velocity};
 use crate::regressor::Motion;
+use crate::terms::Law;
 use crate::vector::Vector;
 
 /// Samples made at a time: the inputs and a row's columns stay in the first caches.
@@ -41,7 +43,7 @@ type AxisSlot = [[f64; MAX_WIDTH]; 6];
 
 impl Workspace {
     pub(crate) fn new(mechanism: &Mechanism) -> Workspace {
-        let channels = 3 * mechanism.coordinates + mechanism.externals;
+        let channels = 3 * mechanism.coordinates + mechanism.externals + mechanism.loops;
         Workspace {
             staged: vec![0.0; channels * STAGE],
             links: vec![[[0.0; MAX_WIDTH]; LINK_NUMBERS]; mechanism.links.len()],
@@ -55,8 +57,9 @@ impl Workspace {
     fn stage(&mut self, mechanism: &Mechanism, motion: &Motion, from: usize, count: usize) {
         let (na, ne, n) = (mechanism.coordinates, mechanism.externals, motion.samples);
         let acceleration = motion.acceleration.unwrap_or_default();
-        let groups = [(motion.position, na), (motion.velocity, na), (acceleration, na), (motion.external, ne)];
-        let channels = groups.iter().flat_map(|&(data, many)| (0..many).map(move |a| (data, a * n)));
+        let own = [(motion.external, ne), (motion.loops, mechanism.loops)];
+        let groups = [(motion.position, na), (motion.velocity, na), (acceleration, na)].into_iter().chain(own);
+        let channels = groups.flat_map(|(data, many)| (0..many).map(move |a| (data, a * n)));
         for ((data, at), staged) in channels.zip(self.staged.chunks_exact_mut(STAGE)) {
             let Some(source) = data.get(at..at + n) else { continue };
             staged[..count].copy_from_slice(&source[from..from + count]);
@@ -163,7 +166,7 @@ struct Sample<'a> {
 }
 
 impl Sample<'_> {
-    /// A lane of a staged channel: coordinates' positions, velocities, accelerations, then external columns.
+    /// A lane of a staged channel: coordinates' positions, velocities, accelerations, external columns, then loops.
     ///
     /// # Safety
     /// The channel was staged, and k is inside its chunk.
@@ -172,16 +175,40 @@ impl Sample<'_> {
         unsafe { T::load(self.staged.add(channel * STAGE + self.k)) }
     }
 
-    /// Position, velocity and acceleration of a combination of the coordinates.
+    /// A lane of a rate.
     #[inline(always)]
-    unsafe fn combine<T: Lane>(&self, offset: f64, weights: &[(usize, f64)]) -> [T; 3] {
+    unsafe fn rate<T: Lane>(&self, rate: Rate) -> T {
+        match rate {
+            Rate::Constant(rate) => T::splat(rate),
+            Rate::Given { rate, .. } => unsafe { self.channel(rate) },
+        }
+    }
+
+    /// A lane of a rate's change, where there is one.
+    #[inline(always)]
+    unsafe fn change<T: Lane>(&self, rate: Rate) -> Option<T> {
+        match rate {
+            Rate::Constant(_) => None,
+            Rate::Given { change, .. } => Some(unsafe { self.channel(change) }),
+        }
+    }
+
+    /// Position, velocity and acceleration of what follows the coordinates.
+    #[inline(always)]
+    unsafe fn follow<T: Lane>(&self, course: &Course) -> [T; 3] {
         let na = self.mechanism.coordinates;
-        let mut x = [T::splat(offset), T::splat(0.0), T::splat(0.0)];
-        for &(a, weight) in weights {
-            let weight = T::splat(weight);
+        let mut x = [T::splat(course.offset), T::splat(0.0), T::splat(0.0)];
+        for &(a, rate) in &course.rates {
+            let weight: T = unsafe { self.rate(rate) };
             for (order, x) in x.iter_mut().enumerate() {
                 *x = unsafe { self.channel::<T>(order * na + a) }.fma(weight, *x);
             }
+            if let Some(change) = unsafe { self.change::<T>(rate) } {
+                x[2] = unsafe { self.channel::<T>(na + a) }.fma(change, x[2]);
+            }
+        }
+        if let Some(position) = course.given {
+            x[0] = unsafe { self.channel(position) };
         }
         x
     }
@@ -226,18 +253,19 @@ unsafe fn momentum_sample<T: Lane>(mechanism: &Mechanism, k: usize, places: &Pla
 #[inline(always)]
 unsafe fn link_rows<T: Lane>(sample: &Sample, i: usize, links: &mut [LinkSlot], axes: &mut [AxisSlot]) {
     let link = &sample.mechanism.links[i];
-    let [q, v, acceleration] = unsafe { sample.combine::<T>(link.offset, &link.rates) };
+    let [q, v, acceleration] = unsafe { sample.follow::<T>(&link.course) };
     let joint = JointMotion::new(link, q);
     let parent = link.parent.map(|p| LinkMotion::of(unsafe { get(&links[p]) }));
     let motion = link_motion(sample.mechanism, link, &joint, parent, v, acceleration);
     unsafe { put(&mut links[i], motion.flat()) };
     for (slot, axis) in link.axes.iter().enumerate() {
+        let rate = unsafe { sample.rate(axis.rate) };
         let (x, u) = match axis.above {
             Some(above) => {
                 let (x, u) = unsafe { get_axis::<T>(&axes[above]) };
-                joint.carry(link, x, u, T::splat(axis.rate))
+                joint.carry(link, x, u, rate)
             }
-            None => joint.own(link, T::splat(axis.rate)),
+            None => joint.own(link, rate),
         };
         unsafe { put_axis(&mut axes[link.first + slot], (x, u)) };
         let entries = match axis.above {
@@ -261,18 +289,20 @@ unsafe fn link_momenta<T: Lane>(
 ) {
     let mechanism = sample.mechanism;
     let link = &mechanism.links[i];
-    let [q, rate, _] = unsafe { sample.combine::<T>(link.offset, &link.rates) };
+    let [q, speed, _] = unsafe { sample.follow::<T>(&link.course) };
     let joint = JointMotion::new(link, q);
     let parent = link.parent.map(|p| LinkVelocity::of(unsafe { get(&links[p]) }));
-    let velocity = link_velocity(mechanism, link, &joint, parent, rate);
+    let velocity = link_velocity(mechanism, link, &joint, parent, speed);
     unsafe { put(&mut links[i], velocity.flat()) };
     for (slot, axis) in link.axes.iter().enumerate() {
         let above = axis.above.map(|k| unsafe { (get_axis::<T>(&axes[k]), get_axis::<T>(&axis_rates[k])) });
+        let (rate, change) = unsafe { (sample.rate(axis.rate), sample.change(axis.rate)) };
         let (x, u) = match above {
-            Some(((x, u), _)) => joint.carry(link, x, u, T::splat(axis.rate)),
-            None => joint.own(link, T::splat(axis.rate)),
+            Some(((x, u), _)) => joint.carry(link, x, u, rate),
+            None => joint.own(link, rate),
         };
-        let change = axis_rate(&velocity, link, &joint, above.map(|pair| pair.1), axis.rate);
+        let own = (!axis.rate.is_zero()).then_some(rate);
+        let change = axis_rate(&velocity, link, &joint, above.map(|pair| pair.1), own, change);
         let momenta = contract_momentum(&velocity, x, u);
         let rests = contract_rest(&velocity, (x, u), change);
         unsafe {
@@ -287,15 +317,20 @@ unsafe fn link_momenta<T: Lane>(
     }
 }
 
-/// Of the terms only rotors have momentum; the others' runs stay zero.
+/// Of the terms only rotors have momentum; what is left of their torque is that of a rate that changes. The others' runs
+/// stay zero.
 #[inline(always)]
 unsafe fn rotor_momenta<T: Lane>(sample: &Sample) {
     let mechanism = sample.mechanism;
     let inertial = mechanism.inertial_columns();
-    for (c, term) in (inertial..).zip(&mechanism.terms).filter(|&(c, _)| mechanism.has_momentum(c)) {
-        let [_, rate, _] = unsafe { sample.combine::<T>(term.offset, &term.weights) };
-        for &(a, weight) in &term.weights {
-            unsafe { sample.put(a, c, rate.mul(T::splat(weight))) };
+    for (c, term) in (inertial..).zip(&mechanism.terms).filter(|(_, term)| term.law == Law::Rotor) {
+        let [_, speed, _] = unsafe { sample.follow::<T>(&term.course) };
+        for &(a, rate) in &term.course.rates {
+            unsafe {
+                sample.put(a, c, speed.mul(sample.rate(rate)));
+                let rest = sample.change(rate).map_or(T::splat(0.0), |change: T| speed.mul(change).neg());
+                sample.put(mechanism.coordinates + a, c, rest);
+            }
         }
     }
 }
@@ -306,15 +341,19 @@ unsafe fn term_rows<T: Lane>(sample: &Sample, first: usize) {
     let mechanism = sample.mechanism;
     let mut external = 3 * mechanism.coordinates;
     for (t, term) in mechanism.terms.iter().enumerate() {
-        let [x, v, a] = unsafe { sample.combine::<T>(term.offset, &term.weights) };
+        if first > 0 && term.law == Law::Rotor {
+            continue; // it has momentum
+        }
+        let [x, v, a] = unsafe { sample.follow::<T>(&term.course) };
         let mut own = T::splat(0.0);
-        if term.is_external() {
+        if term.law == Law::External {
             own = unsafe { sample.channel(external) };
             external += 1;
         }
         let column = term.law.column(x, v, a, own);
-        for &(a, weight) in &term.weights {
-            unsafe { sample.put(first + a, mechanism.inertial_columns() + t, column.mul(T::splat(weight))) };
+        for &(a, rate) in &term.course.rates {
+            let entry = unsafe { column.mul(sample.rate(rate)) };
+            unsafe { sample.put(first + a, mechanism.inertial_columns() + t, entry) };
         }
     }
 }

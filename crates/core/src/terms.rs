@@ -1,5 +1,6 @@
 //! Terms beside link inertia: columns that are linear in one parameter and depend on one coordinate's motion.
 
+use crate::course::Course;
 use crate::error::Error;
 use crate::lane::Lane;
 
@@ -26,7 +27,7 @@ pub enum Law {
     External,
 }
 
-/// A column: its law, and the coordinate it acts on, as a linear combination of the mechanism's coordinates.
+/// A column: its law, and what it acts on, a joint or a linear combination of the mechanism's coordinates.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Term {
     pub law: Law,
@@ -34,6 +35,15 @@ pub struct Term {
     pub weights: Vec<(usize, f64)>,
     /// Position of the term's coordinate at zero coordinates, rad or m.
     pub offset: f64,
+    /// The joint it acts on, in place of weights and offset; needed where the motion brings the joint's position.
+    pub joint: Option<usize>,
+}
+
+/// A column as the kernel wants it.
+#[derive(Debug, Clone, PartialEq)]
+pub(crate) struct Column {
+    pub law: Law,
+    pub course: Course,
 }
 
 impl Term {
@@ -75,10 +85,6 @@ impl Term {
             }
             _ => Ok(()),
         }
-    }
-
-    pub(crate) fn is_external(&self) -> bool {
-        self.law == Law::External
     }
 }
 

@@ -17,7 +17,7 @@ fn to_python(error: Error) -> PyErr {
 /// A term as Python gives it: kind, weights, offset, and up to three settings.
 type TermArguments<'py> = (String, PyReadonlyArray1<'py, f64>, f64, f64, f64, f64);
 
-fn term((kind, weights, offset, a, b, c): TermArguments, coordinates: usize) -> PyResult<Term> {
+fn term((kind, weights, offset, a, b, c): TermArguments, coordinates: usize, joint: Option<usize>) -> PyResult<Term> {
     let law = match kind.as_str() {
         "rotor" => Law::Rotor,
         "viscous" => Law::Viscous,
@@ -37,19 +37,21 @@ fn term((kind, weights, offset, a, b, c): TermArguments, coordinates: usize) -> 
         )));
     }
     let weights = weights.as_array().iter().copied().enumerate().filter(|w| w.1 != 0.0).collect();
-    Ok(Term { law, weights, offset })
+    Ok(Term { law, weights, offset, joint })
 }
 
 /// A tree or closed chain, ready for the kernels. See `_core.pyi`.
 #[pyclass(name = "Mechanism", frozen, module = "haptid._core")]
 struct PyMechanism(Mechanism);
 
-/// Position, velocity, acceleration (where there is one) and external columns, each (channels, samples).
+/// Position, velocity, acceleration (where there is one), external columns and loops (where there are some), each
+/// (channels, samples).
 struct Borrowed<'py> {
     position: PyReadonlyArray2<'py, f64>,
     velocity: PyReadonlyArray2<'py, f64>,
     acceleration: Option<PyReadonlyArray2<'py, f64>>,
     external: PyReadonlyArray2<'py, f64>,
+    loops: Option<PyReadonlyArray2<'py, f64>>,
 }
 
 impl<'py> Borrowed<'py> {
@@ -65,6 +67,7 @@ impl<'py> Borrowed<'py> {
             velocity: row_major(&self.velocity)?,
             acceleration: self.acceleration.as_ref().map(row_major).transpose()?,
             external: row_major(&self.external)?,
+            loops: self.loops.as_ref().map_or(Ok(&[][..]), row_major)?,
         })
     }
 }
@@ -72,7 +75,7 @@ impl<'py> Borrowed<'py> {
 #[pymethods]
 impl PyMechanism {
     #[new]
-    #[pyo3(signature = (parent, rotation, translation, prismatic, gravity, rates, offset, terms, backend=None))]
+    #[pyo3(signature = (parent, rotation, translation, prismatic, gravity, rates, offset, terms, backend=None, given=None, on=None))]
     #[allow(clippy::too_many_arguments)]
     fn new(
         parent: Vec<isize>,
@@ -84,6 +87,8 @@ impl PyMechanism {
         offset: PyReadonlyArray1<'_, f64>,
         terms: Vec<TermArguments<'_>>,
         backend: Option<&str>,
+        given: Option<PyReadonlyArray2<'_, bool>>,
+        on: Option<Vec<Option<usize>>>,
     ) -> PyResult<Self> {
         let (rotation, translation) = (rotation.as_array(), translation.as_array());
         let n = parent.len();
@@ -100,14 +105,23 @@ impl PyMechanism {
                 prismatic: prismatic[i],
             })
             .collect();
-        let closure = Closure { rates: rates.as_array().iter().copied().collect(), offset: offset.as_array().to_vec() };
+        let closure = Closure {
+            rates: rates.as_array().iter().copied().collect(),
+            offset: offset.as_array().to_vec(),
+            given: given.map_or(Vec::new(), |given| given.as_array().iter().copied().collect()),
+        };
         if let Some(wrong) = parent.iter().find(|&&p| p < -1) {
             return Err(PyValueError::new_err(format!("parent {wrong} is no link; the base is -1")));
         }
         let coordinates = rates.as_array().ncols();
-        let terms = terms.into_iter().map(|t| term(t, coordinates)).collect::<PyResult<_>>()?;
+        let on = on.unwrap_or_else(|| vec![None; terms.len()]);
+        if on.len() != terms.len() {
+            return Err(PyValueError::new_err(format!("{} terms act on {} joints", terms.len(), on.len())));
+        }
+        let terms: Vec<Term> =
+            terms.into_iter().zip(on).map(|(t, joint)| term(t, coordinates, joint)).collect::<PyResult<_>>()?;
         let backend = backend.map_or(Ok(Backend::best()), Backend::named).map_err(to_python)?;
-        Mechanism::new(&joints, &closure, gravity, terms, backend).map(PyMechanism).map_err(to_python)
+        Mechanism::new(&joints, &closure, gravity, &terms, backend).map(PyMechanism).map_err(to_python)
     }
 
     /// Number of coordinates, and of torque rows.
@@ -122,7 +136,8 @@ impl PyMechanism {
         self.0.columns()
     }
 
-    #[pyo3(signature = (position, velocity, acceleration, external, columns))]
+    #[pyo3(signature = (position, velocity, acceleration, external, columns, loops=None))]
+    #[allow(clippy::too_many_arguments)]
     fn regressor<'py>(
         &self,
         py: Python<'py>,
@@ -131,8 +146,9 @@ impl PyMechanism {
         acceleration: PyReadonlyArray2<'py, f64>,
         external: PyReadonlyArray2<'py, f64>,
         columns: Vec<usize>,
+        loops: Option<PyReadonlyArray2<'py, f64>>,
     ) -> PyResult<Bound<'py, PyArray3<f64>>> {
-        let borrowed = Borrowed { position, velocity, acceleration: Some(acceleration), external };
+        let borrowed = Borrowed { position, velocity, acceleration: Some(acceleration), external, loops };
         let motion = borrowed.motion()?;
         let shape = [self.0.coordinates(), columns.len(), motion.samples];
         let mut out = vec![0.0; shape.iter().product()];
@@ -140,7 +156,7 @@ impl PyMechanism {
         out.into_pyarray(py).reshape(shape)
     }
 
-    #[pyo3(signature = (position, velocity, acceleration, external, columns, chi))]
+    #[pyo3(signature = (position, velocity, acceleration, external, columns, chi, loops=None))]
     #[allow(clippy::too_many_arguments)]
     fn torque<'py>(
         &self,
@@ -151,8 +167,9 @@ impl PyMechanism {
         external: PyReadonlyArray2<'py, f64>,
         columns: Vec<usize>,
         chi: Vec<f64>,
+        loops: Option<PyReadonlyArray2<'py, f64>>,
     ) -> PyResult<Bound<'py, PyArray2<f64>>> {
-        let borrowed = Borrowed { position, velocity, acceleration: Some(acceleration), external };
+        let borrowed = Borrowed { position, velocity, acceleration: Some(acceleration), external, loops };
         let motion = borrowed.motion()?;
         let shape = [self.0.coordinates(), motion.samples];
         let mut out = vec![0.0; shape.iter().product()];
@@ -160,7 +177,7 @@ impl PyMechanism {
         out.into_pyarray(py).reshape(shape)
     }
 
-    #[pyo3(signature = (position, velocity, external, columns))]
+    #[pyo3(signature = (position, velocity, external, columns, loops=None))]
     fn momentum_regressor<'py>(
         &self,
         py: Python<'py>,
@@ -168,8 +185,9 @@ impl PyMechanism {
         velocity: PyReadonlyArray2<'py, f64>,
         external: PyReadonlyArray2<'py, f64>,
         columns: Vec<usize>,
+        loops: Option<PyReadonlyArray2<'py, f64>>,
     ) -> PyResult<Bound<'py, PyArray4<f64>>> {
-        let borrowed = Borrowed { position, velocity, acceleration: None, external };
+        let borrowed = Borrowed { position, velocity, acceleration: None, external, loops };
         let motion = borrowed.motion()?;
         let shape = [motion.sets(), self.0.coordinates(), columns.len(), motion.samples];
         let mut out = vec![0.0; shape.iter().product()];
@@ -177,7 +195,8 @@ impl PyMechanism {
         out.into_pyarray(py).reshape(shape)
     }
 
-    #[pyo3(signature = (position, velocity, external, columns, chi))]
+    #[pyo3(signature = (position, velocity, external, columns, chi, loops=None))]
+    #[allow(clippy::too_many_arguments)]
     fn momentum<'py>(
         &self,
         py: Python<'py>,
@@ -186,8 +205,9 @@ impl PyMechanism {
         external: PyReadonlyArray2<'py, f64>,
         columns: Vec<usize>,
         chi: Vec<f64>,
+        loops: Option<PyReadonlyArray2<'py, f64>>,
     ) -> PyResult<Bound<'py, PyArray3<f64>>> {
-        let borrowed = Borrowed { position, velocity, acceleration: None, external };
+        let borrowed = Borrowed { position, velocity, acceleration: None, external, loops };
         let motion = borrowed.motion()?;
         let shape = [motion.sets(), self.0.coordinates(), motion.samples];
         let mut out = vec![0.0; shape.iter().product()];
@@ -201,7 +221,7 @@ impl PyMechanism {
         Ok((0..self.0.coordinates()).map(|a| flat[a * columns.len()..][..columns.len()].to_vec()).collect())
     }
 
-    #[pyo3(signature = (position, velocity, acceleration, external, torque, columns, taps, decimation, first, rows, block, weights, slope=None))]
+    #[pyo3(signature = (position, velocity, acceleration, external, torque, columns, taps, decimation, first, rows, block, weights, slope=None, loops=None))]
     #[allow(clippy::too_many_arguments, clippy::type_complexity)]
     fn reduce<'py>(
         &self,
@@ -219,8 +239,9 @@ impl PyMechanism {
         block: usize,
         weights: PyReadonlyArray2<'py, f64>,
         slope: Option<PyReadonlyArray1<'py, f64>>,
+        loops: Option<PyReadonlyArray2<'py, f64>>,
     ) -> PyResult<Vec<(Vec<usize>, Bound<'py, PyArray3<f64>>)>> {
-        let borrowed = Borrowed { position, velocity, acceleration, external };
+        let borrowed = Borrowed { position, velocity, acceleration, external, loops };
         let motion = borrowed.motion()?;
         let reduction = Reduction {
             columns: &columns,

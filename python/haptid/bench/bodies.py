@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from haptid._values import Array, expect, read_only
-from haptid.device import Device, TermColumn
+from haptid.device import Device, NewtonClosure, TermColumn
 from haptid.device.prior import TENSOR
 from haptid.errors import UnphysicalBodyError, UnsimulatedTermError, WeightlessLinkError
 from haptid.signals import rows
@@ -16,6 +16,8 @@ from haptid.signals import rows
 TRIANGLE_SLACK = 1e-9
 # What is moved from a link to its rotor beyond the least that makes the link physical, as a share of the other moments.
 MOVED_SPARE = 0.02
+# Rotor of a weightless link in a loop, as a share of the greatest inertia of the device's bodies.
+LIGHT = 1e-6
 # Two columns of the regressor are one where they differ by less than this share.
 SAME_COLUMN = 1e-10
 
@@ -112,6 +114,7 @@ def effects(device: Device, chi: Array, made: tuple[Body, ...]) -> tuple[Effect,
             _add(single[int(used[0])], term, float(value), float(shares[used[0]]))
         else:
             _add(found.setdefault(term.on, Effect(term.on, shares)), term, float(value), 1.0)
+    _steady(device, made, single)
     _check_heavy(device, made, tuple(found.values()))
     return tuple(found.values())
 
@@ -195,17 +198,41 @@ def _is_rotor(device: Device, j: int) -> bool:
     if device.joints[j].prismatic:
         return False
     rng = np.random.default_rng(0)
-    c, cd, cdd = rng.uniform(-2, 2, (3, len(device.drives), 20))
+    c = np.ascontiguousarray(device.frame @ device.closure.draw(rng, 20))
+    cd, cdd = rng.uniform(-2, 2, (2, *c.shape))
     column = rows(device, c, cd, cdd)[:, 10 * j + 5]
-    rotor = np.outer(device.rates[j], device.rates[j] @ cdd)
+    followed = device.follow(c, cd)
+    G = np.broadcast_to(followed.G, (20, *device.rates.shape))[:, j].T
+    rotor = G * followed.acceleration(cd, cdd)[j]
     return bool(np.abs(column - rotor).max() <= SAME_COLUMN * max(np.abs(rotor).max(), 1e-300))
+
+
+def _steady(device: Device, made: tuple[Body, ...], single: list[Effect]) -> None:
+    """Give weightless links that a loop holds at both ends a rotor that is too small to be felt.
+
+    The simulator moves them as parts of a tree, where they would weigh nothing.
+    """
+    if not isinstance(device.closure, NewtonClosure):
+        return
+    masses = np.array([body.mass for body in made])
+    turned = np.array([np.trace(body.inertia) + body.mass * body.com @ body.com for body in made])
+    heavy = _heavy(device, made, tuple(single))
+    for j in device.closure.unknown:
+        if not heavy[j]:
+            single[j].armature = LIGHT * float((masses if device.joints[j].prismatic else turned).max())
 
 
 def _check_heavy(device: Device, made: tuple[Body, ...], found: tuple[Effect, ...]) -> None:
     """Raise WeightlessLinkError where a joint moves nothing."""
+    heavy = _heavy(device, made, found)
+    if not all(heavy):
+        raise WeightlessLinkError(device.joints[heavy.index(False)].name)
+
+
+def _heavy(device: Device, made: tuple[Body, ...], found: tuple[Effect, ...]) -> list[bool]:
+    """Whether each joint moves a mass or a rotor, its own or one that it carries."""
     heavy = [not body.weightless or any(e.armature > 0 and e.joints[j] for e in found) for j, body in enumerate(made)]
     for j in reversed(range(len(made))):
         if heavy[j] and device.joints[j].parent >= 0:
             heavy[device.joints[j].parent] = True
-    if not all(heavy):
-        raise WeightlessLinkError(device.joints[heavy.index(False)].name)
+    return heavy

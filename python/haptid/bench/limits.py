@@ -6,7 +6,8 @@ import numpy as np
 
 from haptid._values import Array
 from haptid.bench.trajectories import Trajectory
-from haptid.device import Device, poses
+from haptid.device import Device, NewtonClosure, poses
+from haptid.device.newton import openness
 from haptid.dynamics import inverse_dynamics
 from haptid.errors import FlatLoopError, TrajectoryLimitError
 
@@ -57,17 +58,18 @@ def _within(
 
 def _check_loops(device: Device, trajectory: Trajectory, q: Array) -> None:
     every = max(1, round(LOOK / trajectory.dt))
-    openness = loop_openness(device, q[:, ::every].T)
-    worst = int(np.argmin(openness))
-    if openness[worst] < FLAT:
+    open_by = loop_openness(device, q[:, ::every].T)
+    worst = int(np.argmin(open_by))
+    if open_by[worst] < FLAT:
         passive = [joint.name for j, joint in enumerate(device.joints) if j not in device.active]
-        raise FlatLoopError(worst * every * trajectory.dt, float(openness[worst]), FLAT, passive)
+        raise FlatLoopError(worst * every * trajectory.dt, float(open_by[worst]), FLAT, passive)
 
 
 def loop_openness(device: Device, q: Array) -> Array:
     """How far the loops are from flat, (samples,): 0 where passive joints are not determined, 1 at best.
 
-    The least singular value of the pins' Jacobian with respect to the passive joints, its columns of unit length.
+    The least singular value of the Jacobian of the pins (where loops are not linear, of the cuts) with respect to the
+    passive joints, its columns of unit length.
 
     Args:
         device: the mechanism.
@@ -75,6 +77,8 @@ def loop_openness(device: Device, q: Array) -> Array:
     """
     cuts = [cut for cut in device.closure.cuts if not cut.prismatic]
     passive = [j for j in range(len(device.joints)) if j not in device.active]
+    if isinstance(device.closure, NewtonClosure):
+        return device.closure.openness(q)
     if not cuts or not passive:
         return np.ones(len(q))
     at = poses(device, q)
@@ -93,6 +97,13 @@ def loop_openness(device: Device, q: Array) -> Array:
                 link = device.joints[link].parent
     lengths = np.linalg.norm(J, axis=1, keepdims=True)
     return np.asarray(np.linalg.svd(J / np.maximum(lengths, 1e-12), compute_uv=False)[:, -1])
+
+
+def settled_by_pins(closure: NewtonClosure) -> bool:
+    """Whether the passive joints are held where only the origins of the cut frames meet: so in a plane."""
+    rows = 6 * np.arange(len(closure.cuts))[:, None] + np.arange(3)
+    A = closure.chain.residual(closure.start[None])[1][:, rows.ravel()][:, :, list(closure.unknown)]
+    return bool(A.shape[1] >= A.shape[2] and openness(A)[0] > FLAT)
 
 
 def _check_torques(device: Device, trajectory: Trajectory, chi: Array, saturation: Array | None) -> None:

@@ -14,13 +14,16 @@ import numpy as np
 
 from haptid._values import Array, expect
 from haptid.bench.bodies import Body, Effect, bodies, effects
-from haptid.device import Device, Frame
-from haptid.errors import NoHandleError
+from haptid.bench.limits import settled_by_pins
+from haptid.device import Closure, Cut, Device, Frame, NewtonClosure
+from haptid.errors import NoHandleError, UnsimulatedLoopError
 
 # MuJoCo refuses moving bodies lighter than 1e-15 (kg, kg m^2): what a massless link gets.
 LEAST = 2e-15
 # Stiffest constraint that MuJoCo accepts.
 STIFF = "0.9999 0.9999 0.001 0.5 2"
+# Distance of the two pins of a hinge as a share of the mechanism's size.
+HINGE = 0.1
 # Radius of a link's capsule as a share of the mechanism's size.
 THIN = 0.02
 HANDLE, PAYLOAD = "handle", "payload"
@@ -94,10 +97,31 @@ def numbers(values: Iterable[float]) -> str:
 
 
 def cut_sites(device: Device) -> tuple[tuple[str, str], ...]:
-    """Names of the two sites of every pin that closes a loop; none where loops are kept by their relations."""
-    if not device.closure.cuts or any(cut.prismatic for cut in device.closure.cuts):
-        return ()
-    return tuple((f"cut {k + 1}", f"twin {k + 1}") for k in range(len(device.closure.cuts)))
+    """Names of the two sites of every pin that closes a loop; none where loops are kept by their relations.
+
+    A loop of a plane needs one pin at each cut, a loop in space two along the cut's axis: a hinge.
+    """
+    return tuple((name, twin) for name, twin, _ in _pins(device))
+
+
+def _pins(device: Device) -> list[tuple[str, str, Cut]]:
+    """Names of both sites of every pin, and its cut, moved along its axis for the second pin of a hinge."""
+    cuts = device.closure.cuts
+    if any(cut.prismatic for cut in cuts):
+        if isinstance(device.closure, NewtonClosure):
+            raise UnsimulatedLoopError(device.name)
+        return []
+    hinges = isinstance(device.closure, NewtonClosure) and not settled_by_pins(device.closure)
+    found = [(f"cut {k + 1}", f"twin {k + 1}", cut) for k, cut in enumerate(cuts)]
+    arm = HINGE * size(device)
+    found += [(f"{name} b", f"{twin} b", _along_axis(cut, arm)) for name, twin, cut in found if hinges]
+    return found
+
+
+def _along_axis(cut: Cut, arm: float) -> Cut:
+    """The same joint, its frames moved along their z axes."""
+    one, other = (Frame(f.link, f.rotation, f.translation + arm * f.rotation[:, 2]) for f in (cut.frame, cut.twin))
+    return Cut(cut.prismatic, one, other)
 
 
 def _settings(root: Element, device: Device, physics: Physics) -> None:
@@ -156,7 +180,7 @@ def _tree(
 def _frames(device: Device) -> list[tuple[str, Frame]]:
     """Named frames that become sites: the cuts' and the handle's."""
     found: list[tuple[str, Frame]] = []
-    for (name, twin), cut in zip(cut_sites(device), device.closure.cuts, strict=False):
+    for name, twin, cut in _pins(device):
         found += [(name, cut.frame), (twin, cut.twin)]
     if device.handle is not None:
         found.append((HANDLE, device.handle))
@@ -217,7 +241,7 @@ def _coordinates(root: Element, device: Device, acts: Sequence[Effect], physics:
     for name, shares in _combined(device):
         act = next((a for a in acts if a.name == name), Effect(name, shares))
         _fixed(tendons, device, name, shares, _effect(act, physics, "springlength"))
-    if not cut_sites(device):
+    if isinstance(device.closure, Closure) and not cut_sites(device):
         for j in _passive(device):
             shares = -device.closure.G[j] @ np.eye(len(device.joints))[list(device.active)]
             shares[j] += 1.0
@@ -279,8 +303,7 @@ def _actuators(root: Element, device: Device, acts: Sequence[Effect]) -> None:
 
 def closed(device: Device, qa: Array) -> Array:
     """Positions of all joints in MuJoCo's order, which is the tree's depth first, (joints,)."""
-    q = device.closure.G @ qa + device.closure.offset
-    return q[list(depth_first(device))]
+    return device.closure.positions(qa[:, None])[list(depth_first(device)), 0]
 
 
 def depth_first(device: Device) -> tuple[int, ...]:

@@ -64,7 +64,7 @@ def stick_figure(device: Device, qa: Array) -> tuple[Array, Array | None]:
 
     A bar leads from each link's origin to its children's, to its pins and to the handle.
     """
-    q = qa @ device.closure.G.T + device.closure.offset
+    q = device.closure.positions(qa.T).T
     at = poses(device, q)
     frames = [frame for cut in device.closure.cuts for frame in (cut.frame, cut.twin)]
     frames += [] if device.handle is None else [device.handle]

@@ -104,7 +104,8 @@ class _Rig:
         self.back = np.argsort(self.order)  # from the device's joints to MuJoCo's
         self.active = self.back[list(device.active)]
         self.data.qpos[:] = closed(device, trajectory.q[0])
-        self.data.qvel[:] = device.closure.G[self.order] @ trajectory.qd[0]
+        qd = device.closure.follow(trajectory.q[:1].T).velocity(trajectory.qd[:1].T)
+        self.data.qvel[:] = qd[self.order, 0]
         self.motors = len(device.motors)
         limits = [device.joints[j].position_limits or (-np.inf, np.inf) for j in self.order]
         self.lowest, self.highest = np.array(limits).T

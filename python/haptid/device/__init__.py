@@ -1,8 +1,10 @@
 """Devices: what is known of a mechanism before any data, read from a TOML file."""
 
+from haptid.device.closure import Closure, Followed
 from haptid.device.geometry import poses
 from haptid.device.mechanism import MechanismArguments, mechanism, mechanism_arguments
-from haptid.device.model import Closure, Combination, Cut, Device, Frame, Handle, Joint, Motor, Prior
+from haptid.device.model import Combination, Cut, Device, Frame, Handle, Joint, Motor, Prior
+from haptid.device.newton import NewtonClosure
 from haptid.device.parameters import INERTIAL, StandardParameters, Symmetry
 from haptid.device.reading import read_device
 from haptid.device.schema import device_schema
@@ -17,11 +19,13 @@ __all__ = [
     "Counterbalance",
     "Cut",
     "Device",
+    "Followed",
     "Frame",
     "Handle",
     "Joint",
     "MechanismArguments",
     "Motor",
+    "NewtonClosure",
     "Prior",
     "StandardParameters",
     "Symmetry",

@@ -89,6 +89,40 @@ class Chain:
                 above[j] |= above[joint.parent]
         return Chain(tuple(joints), cuts, active, float(max(lengths)) or 1.0, above)
 
+    def independent(self, unknown: Sequence[int]) -> list[tuple[tuple[Cut, ...], list[int]]]:
+        """Groups of cuts that share no unknown joint, each with the unknown joints between its frames."""
+        groups: list[tuple[tuple[Cut, ...], set[int]]] = []
+        for cut in self.cuts:
+            one, other = (self._carriers(frame) for frame in (cut.frame, cut.twin))
+            cuts: tuple[Cut, ...] = (cut,)
+            joints = set(np.flatnonzero(one ^ other).tolist()) & set(unknown)
+            for group in [group for group in groups if group[1] & joints]:
+                groups.remove(group)
+                cuts, joints = group[0] + cuts, group[1] | joints
+            groups.append((cuts, joints))
+        return [(cuts, sorted(joints)) for cuts, joints in groups if joints]
+
+    def _carriers(self, frame: Frame) -> np.ndarray:
+        """Whether each joint moves a frame, (joints,)."""
+        return np.asarray(self.above[frame.link]) if frame.link >= 0 else np.zeros(len(self.joints), dtype=bool)
+
+    @property
+    def units(self) -> Array:
+        """What a joint's move is measured by, (joints,): rad where it turns, the mechanism's size where it slides."""
+        return np.array([self.size if joint.prismatic else 1.0 for joint in self.joints])
+
+    def active_text(self, qa: Array) -> str:
+        """A pose of the active joints in words."""
+        return ", ".join(f"{self.joints[j].name} = {x:.4g}" for j, x in zip(self.active, qa, strict=True))
+
+    def active_ranges(self, about: Array) -> tuple[Array, Array]:
+        """Least and greatest positions of the active joints: their limits, or a whole turn about a pose, (active,)."""
+        spans = np.array([self._range(k)[1] for k in self.active])
+        limits = [self.joints[k].position_limits for k in self.active]
+        low = [x - span if pair is None else pair[0] for x, span, pair in zip(about, spans, limits, strict=True)]
+        high = [x + span if pair is None else pair[1] for x, span, pair in zip(about, spans, limits, strict=True)]
+        return np.array(low), np.array(high)
+
     def random_poses(self, count: int, seed: int) -> Array:
         """Positions of the active joints within their limits, or a whole turn, (count, active)."""
         limits = [self.joints[k].position_limits or self._range(k) for k in self.active]
@@ -116,7 +150,8 @@ class Chain:
         return np.concatenate([r for r, _ in parts], axis=1), np.concatenate([J for _, J in parts], axis=1)
 
     def _mismatch(self, cut: Cut, links: Array) -> tuple[Array, Array]:
-        (p, R, dp, dR), (o, U, do, dU) = (self._frame(frame, links) for frame in (cut.frame, cut.twin))
+        axes = [0, 1, 2] if cut.prismatic else [2]
+        (p, R, dp, dR), (o, U, do, dU) = (self._frame(frame, links, axes) for frame in (cut.frame, cut.twin))
         apart, rate = p - o, dp - do
         if cut.prismatic:  # z axes one line: no gap across the twin's x and y; then x and z axes the same
             across = U[:, :, :2]
@@ -126,23 +161,22 @@ class Chain:
             turned, turning = turned.reshape(len(R), 6), turning.reshape(len(R), 6, -1)
         else:
             gap, slope = apart, rate
-            turned, turning = R[:, :, 2] - U[:, :, 2], dR[:, :, 2] - dU[:, :, 2]
+            turned, turning = R[:, :, 0] - U[:, :, 0], dR[:, :, 0] - dU[:, :, 0]
         return (
             np.concatenate([gap, self.size * turned], axis=1),
             np.concatenate([slope, self.size * turning], axis=1),
         )
 
-    def _frame(self, frame: Frame, links: Array) -> tuple[Array, Array, Array, Array]:
-        """A frame's origin (n, 3) and axes (n, 3, 3), and their rates by joint, one axis more."""
+    def _frame(self, frame: Frame, links: Array, axes: list[int]) -> tuple[Array, Array, Array, Array]:
+        """A frame's origin (n, 3) and some of its axes (n, 3, axes), and their rates by joint, one axis more."""
         n, joints = links.shape[:2]
+        dp, dR = np.zeros((n, 3, joints)), np.zeros((n, 3, len(axes), joints))
         if frame.link < 0:
-            R = np.broadcast_to(frame.rotation, (n, 3, 3))
-            p = np.broadcast_to(frame.translation, (n, 3))
-            return p, R, np.zeros((n, 3, joints)), np.zeros((n, 3, 3, joints))
+            R = np.broadcast_to(frame.rotation[:, axes], (n, 3, len(axes)))
+            return np.broadcast_to(frame.translation, (n, 3)), R, dp, dR
         link = links[:, frame.link]
-        R = link[:, :3, :3] @ frame.rotation
+        R = link[:, :3, :3] @ frame.rotation[:, axes]
         p = link[:, :3, :3] @ frame.translation + link[:, :3, 3]
-        dp, dR = np.zeros((n, 3, joints)), np.zeros((n, 3, 3, joints))
         for j in np.flatnonzero(self.above[frame.link]):
             z = links[:, j, :3, 2]
             if self.joints[j].prismatic:
@@ -153,7 +187,7 @@ class Chain:
         return p, R, dp, dR
 
 
-def solve(chain: Chain, q: Array, unknown: Sequence[int], steps: int = STEPS) -> Array:
+def solve(chain: Chain, q: Array, unknown: Sequence[int], steps: int = STEPS, settled: float = SETTLED) -> Array:
     """Joint positions with the unknown joints moved to close the cuts as well as they can, (n, joints)."""
     q = q.copy()
     busy, columns = np.arange(len(q)), np.array(unknown)
@@ -166,14 +200,14 @@ def solve(chain: Chain, q: Array, unknown: Sequence[int], steps: int = STEPS) ->
         step = -np.linalg.solve(H + DAMPING * scale * np.eye(len(columns)), slope)[..., 0]
         longest = np.abs(step).max(axis=1)
         q[busy[:, None], columns] += step * np.minimum(1.0, STRIDE / np.maximum(longest, STRIDE))[:, None]
-        busy = busy[longest > SETTLED]
+        busy = busy[longest > settled]
         if not len(busy):
             break
     return q
 
 
 def find_branches(
-    chain: Chain, G: Array, offset: Array, unknown: list[int], guess: Mapping[int, float], closed: float
+    chain: Chain, G: Array, offset: Array, unknown: list[int], guess: Mapping[int, float], at: Array, closed: float
 ) -> Search:
     """Every linear motion of the unknown joints that closes the cuts.
 
@@ -185,9 +219,10 @@ def find_branches(
         G, offset: motion of the joints already settled; rows of the unknown ones are ignored.
         unknown: indices of joints to settle.
         guess: positions near which to start.
+        at: a pose of the active joints that is looked at besides random ones, (active,).
         closed: largest gap, in mechanism sizes.
     """
-    qa = np.repeat(chain.random_poses(REFERENCES, seed=0), STARTS, axis=0)
+    qa = np.repeat(np.vstack([chain.random_poses(REFERENCES, seed=0), at]), STARTS, axis=0)
     q = qa @ G.T + offset
     q[:, unknown] = chain.random_starts(unknown, len(q), seed=0)
     q[::STARTS, unknown] = [guess.get(j, 0.0) for j in unknown]
@@ -195,7 +230,7 @@ def find_branches(
     gaps = np.abs(chain.residual(q)[0]).max(axis=1)
     found = gaps < closed * chain.size
     tangents, free = _tangents(chain, q[found], qa[found], G, offset, unknown)
-    linear = [_polished(chain, branch, unknown) for branch in ([] if free else tangents)]
+    linear = [_polished(chain, branch, unknown) for branch in ([] if free else _lasting(chain, tangents))]
     linear = [branch for branch in linear if chain.gap(branch.G, branch.offset, 64) < closed * chain.size]
     best = float(gaps.min())
     return Search(tuple(tangents), tuple(_distinct(chain, linear, unknown)), free, best, len(q))
@@ -209,19 +244,6 @@ def rates(chain: Chain, q: Array, G: Array, unknown: list[int]) -> tuple[Array, 
     settled[unknown] = 0.0
     held = np.linalg.svd(A, compute_uv=False)
     return np.asarray(-np.linalg.pinv(A, rcond=HELD) @ (J @ settled)), np.asarray(held)
-
-
-def variation_of_rates(chain: Chain, branch: Branch, unknown: list[int]) -> float:
-    """How far the rates change, at worst, along the motion that starts at a branch's own pose."""
-    rng = np.random.default_rng(2)
-    for reach in (0.3, 0.03, 0.003):
-        qa = branch.at + rng.uniform(-reach, reach, (32, len(chain.active)))
-        q = solve(chain, qa @ branch.G.T + branch.offset, unknown)
-        good = np.abs(chain.residual(q)[0]).max(axis=1) < 1e-9 * chain.size
-        if good.any():
-            made, _ = rates(chain, q[good], branch.G, unknown)
-            return float(np.abs(made - branch.G[unknown]).max())
-    return float("inf")
 
 
 def _tangents(
@@ -239,6 +261,16 @@ def _tangents(
         constant[unknown] = q[k, unknown] - made[k] @ qa[k]
         branches.append(Branch(whole, constant, qa[k]))
     return _distinct(chain, branches, unknown), int(free.min())
+
+
+def _lasting(chain: Chain, branches: list[Branch]) -> list[Branch]:
+    """Those that nearly close at some random poses."""
+    if not branches:
+        return []
+    qa = chain.random_poses(4, seed=4)
+    q = np.array([qa @ branch.G.T + branch.offset for branch in branches])
+    gaps = np.abs(chain.residual(q.reshape(-1, q.shape[-1]))[0]).reshape(len(branches), -1).max(axis=1)
+    return [branch for branch, gap in zip(branches, gaps, strict=True) if gap < 1e-3 * chain.size]
 
 
 def _polished(chain: Chain, branch: Branch, unknown: list[int]) -> Branch:

@@ -8,9 +8,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from haptid._values import Array
+from haptid.device.closure import Closure
 from haptid.device.expressions import column
 from haptid.device.geometry import Reader
-from haptid.device.model import Closure, Joint, Motor
+from haptid.device.model import Joint, Motor
+from haptid.device.newton import NewtonClosure
 from haptid.device.place import Place
 from haptid.device.schema import (
     AnyTerm,
@@ -47,6 +49,7 @@ class Target:
         prismatic: whether the coordinate is a length.
         weights: the target's position as a combination of the coordinates, (na,).
         offset: its position where the coordinates are zero.
+        varies: whether it is a joint whose rates vary with the pose; weights and offset are then zero.
     """
 
     name: str
@@ -54,6 +57,12 @@ class Target:
     prismatic: bool
     weights: Array
     offset: float
+    varies: bool = False
+
+    @property
+    def moved(self) -> int | None:
+        """As in TermColumn.joint."""
+        return self.joint if self.varies else None
 
     @property
     def on(self) -> str:
@@ -69,11 +78,20 @@ class Target:
     ) -> TermColumn:
         """A column on this target that the core computes, its unit by its kind."""
         unit = unit or UNITS[kind][self.prismatic]
-        return TermColumn(name, unit, kind, self.on, self.weights, self.offset, settings)
+        return TermColumn(name, unit, kind, self.on, self.weights, self.offset, settings, joint=self.moved)
 
     def external(self, name: str, unit: str, shape: Counterbalance | object) -> TermColumn:
         """A column on this target that Python computes."""
-        return TermColumn(name, unit, "external", self.on, self.weights, self.offset, shape=shape)  # type: ignore[arg-type]
+        return TermColumn(
+            name,
+            unit,
+            "external",
+            self.on,
+            self.weights,
+            self.offset,
+            shape=shape,  # type: ignore[arg-type]
+            joint=self.moved,
+        )
 
 
 @dataclass(frozen=True, eq=False)
@@ -91,18 +109,19 @@ class Targets:
         active: Sequence[int],
         drives: Sequence[Motor],
         joint_rows: bool,
-        closure: Closure,
+        closure: Closure | NewtonClosure,
     ) -> Targets:
         """From joints, drives and closure; the coordinates are the active joints', or else the drives'."""
         coupling = np.array([drive.row for drive in drives])
         frame = np.eye(len(drives)) if joint_rows else coupling
-        rates, motors = (np.linalg.solve(frame.T, x.T).T for x in (closure.G, coupling))
+        rates, motors = (np.linalg.solve(frame.T, x.T).T for x in (closure.constant, coupling))
+        varies = [bool(row.any()) for row in closure.varying]
         moved = np.any([drive.row != 0 for drive in drives if drive.motorised], axis=0)
         names = [joints[j].name for j in active]
         first = [joints[active[int(np.argmax(drive.row != 0))]] for drive in drives]
         return Targets(
             tuple(
-                Target(joint.name, j, joint.prismatic, rates[j], float(closure.offset[j]))
+                Target(joint.name, j, joint.prismatic, rates[j], float(closure.offset[j]), varies[j])
                 for j, joint in enumerate(joints)
             ),
             tuple(names),

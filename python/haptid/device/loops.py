@@ -9,16 +9,18 @@ from dataclasses import dataclass
 import numpy as np
 
 from haptid._values import Array
-from haptid.device.closing import Branch, Chain, find_branches, variation_of_rates
+from haptid.device.branches import newton_closure
+from haptid.device.closing import Branch, Chain, find_branches
+from haptid.device.closure import Closure
 from haptid.device.expressions import Linear, relation
 from haptid.device.geometry import Reader, frame_on
-from haptid.device.model import Closure, Cut, Joint
+from haptid.device.model import Cut, Joint
+from haptid.device.newton import NewtonClosure
 from haptid.device.place import Place
 from haptid.device.schema import CutTable, LoopTable
 from haptid.errors import (
     ActiveJointError,
     LoopOpenError,
-    NonlinearLoopError,
     RelationError,
     UndeterminedLoopError,
     UnknownNameError,
@@ -28,8 +30,6 @@ from haptid.errors import (
 CLOSED = 1e-6
 # Constants this close to a multiple of pi / 12, rates this close to one of 1 / 12, are taken as that.
 NICE = 1e-9
-# G varies where it changes by more than this from pose to pose.
-RATES_VARY = 1e-6
 # Random poses at which closure is tested.
 POSES = 100
 
@@ -42,7 +42,8 @@ class Loops:
         passive: indices of the joints that loops move.
         known: what relations say of passive joints, as joint index -> linear in symbols q<name>.
         cuts: joints cut.
-        guess: wanted positions of passive joints, roughly, where the active joints are at zero.
+        guess: wanted positions of passive joints, roughly, where the active joints are `at`.
+        at: positions of active joints, those not named at zero.
         place: of the loops in the file.
     """
 
@@ -50,6 +51,7 @@ class Loops:
     known: Mapping[int, Linear]
     cuts: tuple[Cut, ...]
     guess: Mapping[int, float]
+    at: Mapping[int, float]
     place: Place
 
 
@@ -61,6 +63,7 @@ def read_loops(
     known: dict[int, Linear] = {}
     passive: dict[int, Place] = {}
     guess: dict[int, float] = {}
+    at: dict[int, float] = {}
     cuts: list[Cut] = []
     for k, table in enumerate(tables):
         here = place.at(k)
@@ -75,10 +78,11 @@ def read_loops(
                 )
             known[index[symbol[1:]]] = linear
             named.append((symbol[1:], here.at("relations", i)))
-        for name, at in named:
-            passive.setdefault(_found(name, index, at), at)
-        for name, value in table.guess.items():
-            guess[_found(name, index, here.at("guess", name))] = reader.number(value, here.at("guess", name))
+        for name, where in named:
+            passive.setdefault(_found(name, index, where), where)
+        for key, values, known_as in (("guess", table.guess, guess), ("at", table.at, at)):
+            for name, value in values.items():
+                known_as[_found(name, index, here.at(key, name))] = reader.number(value, here.at(key, name))
         if table.cut is not None:
             cuts.append(_cut(table.cut, joints, base, reader, here.at("cut")))
         elif not table.relations:
@@ -100,7 +104,11 @@ def read_loops(
                 f"guess names joint {joints[j].name}, which no loop moves",
                 "Guess passive joints only.",
             )
-    return Loops(tuple(sorted(passive)), known, tuple(cuts), guess, place)
+    for j in at:
+        if j in passive:
+            found = f"at names joint {joints[j].name}, which a loop moves"
+            raise RelationError(str(place), found, "Place active joints there, and passive ones under guess.")
+    return Loops(tuple(sorted(passive)), known, tuple(cuts), guess, at, place)
 
 
 def active_joints(
@@ -122,13 +130,16 @@ def active_joints(
     return tuple(j for j in range(len(joints)) if j not in loops.passive)
 
 
-def close(joints: Sequence[Joint], active: tuple[int, ...], loops: Loops) -> tuple[Closure, tuple[str, ...]]:
-    """All joints as a linear function of the active ones, and what is worth noting about the choice.
+def close(
+    joints: Sequence[Joint], active: tuple[int, ...], loops: Loops
+) -> tuple[Closure | NewtonClosure, tuple[str, ...]]:
+    """How all joints follow the active ones, and what is worth noting about the choice.
 
     Raises:
         LoopOpenError: the cuts do not close.
-        NonlinearLoopError: they close, but G varies with the pose.
         UndeterminedLoopError: they leave a passive joint free.
+        LoopBranchError: they close in several ways that are not linear, and nothing chooses.
+        SingularLoopError: they are singular at the start pose.
         RelationError: the relations do not settle the joints on their left.
     """
     names = [joint.name for joint in joints]
@@ -138,8 +149,13 @@ def close(joints: Sequence[Joint], active: tuple[int, ...], loops: Loops) -> tup
     error = 0.0
     if loops.cuts:
         chain = Chain.of(joints, loops.cuts, active)
+        at = np.array([loops.at.get(k, 0.0) for k in active])
+        left = unknown
         if unknown:
-            G, offset, notes = _derived(chain, G, offset, unknown, loops)
+            G, offset, left, notes = _derived(chain, G, offset, unknown, loops, at)
+        if left:
+            told = {j: relation_text(names, j, active, G[j], offset[j]) for j in loops.passive if j not in left}
+            return newton_closure(chain, G, offset, left, told, (loops.guess, at), str(loops.place)), notes
         error = chain.gap(G, offset, POSES)
         if error > CLOSED * chain.size:
             how = "with the relations given," if not unknown else "at best,"
@@ -194,35 +210,51 @@ def _from_relations(names: list[str], active: tuple[int, ...], loops: Loops) -> 
 
 
 def _derived(
-    chain: Chain, G: Array, offset: Array, unknown: list[int], loops: Loops
-) -> tuple[Array, Array, tuple[str, ...]]:
-    """G and offset completed with the linear motion that closes the cuts."""
-    search = find_branches(chain, G, offset, unknown, loops.guess, CLOSED)
+    chain: Chain, G: Array, offset: Array, unknown: list[int], loops: Loops, at: Array
+) -> tuple[Array, Array, list[int], tuple[str, ...]]:
+    """G and offset completed with the linear motions that close the cuts, and the joints that no such motion moves."""
+    search = find_branches(chain, G, offset, unknown, loops.guess, at, CLOSED)
     where, limit = str(loops.place), CLOSED * chain.size
     if not search.closed:
         raise LoopOpenError(where, search.best, limit, f"from {search.starts} starts, at the best one")
     if search.free:
         raise UndeterminedLoopError(where, search.free, len(unknown))
     if not search.linear:
-        raise NonlinearLoopError(where, variation_of_rates(chain, search.closed[0], unknown), RATES_VARY)
-    rounded = [_nice(chain, branch, unknown, loops.guess) for branch in search.linear]
-    best = min(rounded, key=lambda branch: _preference(branch, unknown, loops.guess))
+        return _apart(chain, G, offset, unknown, loops, at)
+    rounded = [_nice(chain, branch, unknown, loops.guess, at) for branch in search.linear]
+    best = min(rounded, key=lambda branch: _preference(branch, unknown, loops.guess, at))
     notes: tuple[str, ...] = ()
     if len(rounded) > 1 and not loops.guess:
         notes = (
             f"the loops close in {len(rounded)} linear ways; the one with the smallest constants was taken. "
             f"Add guess = {{...}} to a loop to choose another.",
         )
-    return best.G, best.offset, notes
+    return best.G, best.offset, [], notes
 
 
-def _nice(chain: Chain, branch: Branch, unknown: list[int], guess: Mapping[int, float]) -> Branch:
+def _apart(
+    chain: Chain, G: Array, offset: Array, unknown: list[int], loops: Loops, at: Array
+) -> tuple[Array, Array, list[int], tuple[str, ...]]:
+    """The same where not all loops are linear: those that share no passive joint are looked at one by one."""
+    groups = chain.independent(unknown)
+    left: list[int] = []
+    notes: tuple[str, ...] = ()
+    if len(groups) == 1:
+        return G, offset, unknown, ()
+    for cuts, joints in groups:
+        part = Chain.of(chain.joints, cuts, chain.active)
+        G, offset, more, told = _derived(part, G, offset, joints, loops, at)
+        left, notes = left + more, notes + told
+    return G, offset, sorted(left), notes
+
+
+def _nice(chain: Chain, branch: Branch, unknown: list[int], guess: Mapping[int, float], at: Array) -> Branch:
     """The branch with its constants within a turn, and rounding taken off constants and rates."""
     G, offset = branch.G.copy(), branch.offset.copy()
     for j in unknown:
         G[j] = [nearest(g, 1 / 12) for g in G[j]]
         if not chain.joints[j].prismatic:
-            centre = guess.get(j, 0.0)
+            centre = guess[j] - float(G[j] @ at) if j in guess else 0.0
             turns = math.ceil((offset[j] - centre) / (2 * math.pi) - 0.5 - 1e-9)
             offset[j] = nearest(offset[j] - 2 * math.pi * turns, math.pi / 12)
         elif abs(offset[j]) < NICE:
@@ -236,9 +268,10 @@ def nearest(value: float, step: float) -> float:
     return multiple + 0.0 if abs(value - multiple) < NICE else value
 
 
-def _preference(branch: Branch, unknown: list[int], guess: Mapping[int, float]) -> tuple[float, float]:
+def _preference(branch: Branch, unknown: list[int], guess: Mapping[int, float], at: Array) -> tuple[float, float]:
     """Distance from the guess, then size of the constants."""
-    away = sum(abs(branch.offset[j] - value) for j, value in guess.items() if j in unknown)
+    there = branch.G @ at + branch.offset
+    away = sum(abs(there[j] - value) for j, value in guess.items() if j in unknown)
     return round(float(away), 6), round(float(np.abs(branch.offset[unknown]).sum()), 6)
 
 

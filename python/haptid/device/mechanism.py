@@ -22,6 +22,9 @@ class MechanismArguments(NamedTuple):
         rates: all joints' rates from the coordinates', (joints, active).
         offset: all joints' positions where the device's coordinates are zero, (joints,).
         terms: (kind, weights, offset, a, b, c) of every column beside link inertia.
+        backend: the core's choice.
+        given: which rates come with every sample, (joints, active); None for none.
+        on: for each term the joint whose motion comes so, None for others.
     """
 
     parent: list[int]
@@ -32,6 +35,9 @@ class MechanismArguments(NamedTuple):
     rates: Array
     offset: Array
     terms: list[tuple[str, Array, float, float, float, float]]
+    backend: str | None
+    given: np.ndarray | None
+    on: list[int | None]
 
 
 def mechanism_arguments(device: Device) -> MechanismArguments:
@@ -46,6 +52,9 @@ def mechanism_arguments(device: Device) -> MechanismArguments:
         rates=np.ascontiguousarray(device.rates),
         offset=np.ascontiguousarray(device.closure.offset),
         terms=[term.for_core for term in device.terms],
+        backend=None,
+        given=device.varying if device.varying.any() else None,
+        on=[term.joint for term in device.terms],
     )
 
 

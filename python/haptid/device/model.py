@@ -16,6 +16,8 @@ from haptid.device.terms import DRY, TermColumn, external_columns
 
 if TYPE_CHECKING:
     from haptid.base import BaseParameters
+    from haptid.device.closure import Closure, Followed
+    from haptid.device.newton import NewtonClosure
     from haptid.device.schema import AnyDevice
     from haptid.exact import Regroupings
 
@@ -99,30 +101,6 @@ class Cut:
     prismatic: bool
     frame: Frame
     twin: Frame
-
-
-@dataclass(frozen=True, eq=False)
-class Closure:
-    """How all joints follow the active ones: q_tree = G qa + offset.
-
-    Attributes:
-        G: (joints, active).
-        offset: (joints,), rad or m.
-        error: greatest closure error over random poses, m; 0 where there is no cut to test.
-        relations: readable, such as "q3 = pi/2 - q2 + q7"; one for each passive joint.
-        cuts: the joints that were cut.
-    """
-
-    G: Array
-    offset: Array
-    error: float
-    relations: tuple[str, ...]
-    cuts: tuple[Cut, ...]
-
-    def __post_init__(self) -> None:
-        expect("offset", self.offset.shape, (self.G.shape[0],))
-        for name in ("G", "offset"):
-            object.__setattr__(self, name, read_only(getattr(self, name)))
 
 
 @dataclass(frozen=True, eq=False)
@@ -210,7 +188,7 @@ class Device:
     gravity: Array
     joints: tuple[Joint, ...]
     active: tuple[int, ...]
-    closure: Closure
+    closure: Closure | NewtonClosure
     drives: tuple[Motor, ...]
     torque_rows: TorqueRows
     terms: tuple[TermColumn, ...]
@@ -227,7 +205,7 @@ class Device:
 
     def __post_init__(self) -> None:
         expect("gravity", self.gravity.shape, (3,))
-        expect("closure.G", self.closure.G.shape, (len(self.joints), len(self.active)))
+        expect("closure.constant", self.closure.constant.shape, (len(self.joints), len(self.active)))
         expect("drives", (len(self.drives),), (len(self.active),))
         object.__setattr__(self, "gravity", read_only(self.gravity))
 
@@ -269,8 +247,16 @@ class Device:
 
     @cached_property
     def rates(self) -> Array:
-        """G B^-1: all joints' rates from the coordinates' rates, (joints, active)."""
-        return freeze(np.ascontiguousarray(np.linalg.solve(self.frame.T, self.closure.G.T).T))
+        """G B^-1: all joints' rates from the coordinates' rates, (joints, active); zero where they vary."""
+        return freeze(np.ascontiguousarray(np.linalg.solve(self.frame.T, self.closure.constant.T).T))
+
+    @cached_property
+    def varying(self) -> np.ndarray:
+        """Which rates from the coordinates' vary with the pose, (joints, active)."""
+        moved = np.linalg.inv(self.frame) != 0
+        made = np.asarray((self.closure.varying.astype(int) @ moved) > 0)
+        made.flags.writeable = False
+        return made
 
     @cached_property
     def drive_rates(self) -> Array:
@@ -318,11 +304,48 @@ class Device:
             qa: positions of the active joints, (active, samples), rad or m.
             qda: their velocities.
             qdda: their accelerations.
+
+        Raises:
+            LoopUnreachableError, SingularLoopError: loops that are not linear do not close at a pose, or not clearly.
         """
         for name, array in (("qa", qa), ("qda", qda), ("qdda", qdda)):
             expect(name, array.shape, (len(self.active), qa.shape[1]))
-        G = self.closure.G
-        return G @ qa + self.closure.offset[:, None], G @ qda, G @ qdda
+        followed = self.closure.follow(qa, qda)
+        return followed.q, followed.velocity(qda), followed.acceleration(qda, qdda)
+
+    def follow(self, c: Array, cd: Array) -> Followed:
+        """Positions of all joints and their rates by the coordinates that torque rows belong to.
+
+        Args:
+            c: positions of these coordinates, (active, samples), rad or m.
+            cd: their velocities.
+
+        Raises:
+            LoopUnreachableError, SingularLoopError: as for `tree`.
+        """
+        to_joints = np.linalg.inv(self.frame)
+        return self.closure.follow(to_joints @ c, to_joints @ cd).by(self.frame)
+
+    def loops(self, c: Array, cd: Array) -> Array | None:
+        """What the core needs with every sample where rates vary, (channels, samples); None where none does.
+
+        For each joint with such rates its position, those rates by the coordinates, and their rates of change.
+
+        Args:
+            c: positions of the coordinates that torque rows belong to, (active, samples), rad or m.
+            cd: their velocities.
+
+        Raises:
+            LoopUnreachableError, SingularLoopError: as for `tree`.
+        """
+        if not self.varying.any():
+            return None
+        followed = self.follow(c, cd)
+        parts = []
+        for j in np.flatnonzero(self.varying.any(axis=1)):
+            rates = (x[:, j, self.varying[j]].T for x in (followed.G, followed.Gd))
+            parts += [followed.q[j : j + 1], *rates]
+        return np.ascontiguousarray(np.concatenate(parts))
 
     def external(self, qa: Array, qda: Array, qdda: Array) -> Array:
         """Columns that Python computes (counterbalances, a user's own), (externals, samples).
@@ -334,14 +357,33 @@ class Device:
         """
         return external_columns(self.externals, self.joint_names, self.tree(qa, qda, qdda))
 
-    def coulomb_directions(self, row: int) -> tuple[Array, ...]:
-        """Directions whose sign of velocity a torque row depends on, as weights over coordinates, each (active,)."""
-        found: list[Array] = []
+    def coulomb_terms(self, row: int) -> tuple[TermColumn, ...]:
+        """Terms on whose sign of velocity a torque row depends, one for each velocity."""
+        found: list[TermColumn] = []
         for term in self.terms:
-            felt = term.kind in DRY and term.weights[row] != 0
-            if felt and not any(np.array_equal(term.weights, sign * known) for known in found for sign in (1, -1)):
-                found.append(term.weights)
+            felt = term.kind in DRY and self.feels(row, term)
+            if felt and not any(term.moves_as(known) for known in found):
+                found.append(term)
         return tuple(found)
+
+    def feels(self, row: int, term: TermColumn) -> bool:
+        """Whether a term's torque acts on a torque row."""
+        return bool(term.weights[row] != 0 or (term.joint is not None and self.varying[term.joint, row]))
+
+    def speed(self, term: TermColumn, c: Array, cd: Array) -> Array:
+        """Velocity of what a term acts on, (samples,); arguments as in `shares`."""
+        return np.asarray((self.shares(term, c, cd) * cd).sum(axis=0))
+
+    def shares(self, term: TermColumn, c: Array, cd: Array) -> Array:
+        """Rates of what a term acts on by the coordinates, (active, samples), or (active, 1) where they are constant.
+
+        Args:
+            term: one of the device's.
+            c, cd: position and velocity of the coordinates that torque rows belong to, (active, samples).
+        """
+        if term.joint is None:
+            return np.asarray(term.weights)[:, None]
+        return np.asarray(self.follow(c, cd).G[:, term.joint].T)
 
     @cached_property
     def chi_prior(self) -> Array:

@@ -8,12 +8,14 @@ from pathlib import Path
 import numpy as np
 
 from haptid._values import Array
+from haptid.device.closure import Closure
 from haptid.device.columns import Targets, read_terms
 from haptid.device.combinations import read_combinations
 from haptid.device.expressions import RESERVED
 from haptid.device.geometry import Reader, frame_on
 from haptid.device.loops import active_joints, close, read_loops
-from haptid.device.model import Closure, Device, Handle, Joint, Prior
+from haptid.device.model import Device, Handle, Joint, Prior
+from haptid.device.newton import NewtonClosure
 from haptid.device.parameters import (
     INERTIAL,
     INERTIAL_UNITS,
@@ -326,5 +328,5 @@ def _contradictions(prior: Mapping[str, Prior], index: Mapping[str, int]) -> lis
     return [f"prior of {', '.join(lost)} is not used: these parameters are zero in this device"] if lost else []
 
 
-def _closing_note(closure: Closure) -> list[str]:
+def _closing_note(closure: Closure | NewtonClosure) -> list[str]:
     return [f"loops close within {closure.error:.1e} m: {'; '.join(closure.relations)}"] if closure.cuts else []

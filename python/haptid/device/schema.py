@@ -117,6 +117,7 @@ class LoopTable(Table):
     passive: list[Name] = []
     cut: CutTable | None = None
     guess: dict[Name, Quantity] = {}
+    at: dict[Name, Quantity] = {}
 
 
 class TransmissionTable(Table):

@@ -77,6 +77,8 @@ class TermColumn:
         settings: the core's a, b, c: coulomb (width, 0, 0), stribeck (velocity, exponent, width), spring
             (rest, 0, 0).
         shape: how an external column is computed, None for the others.
+        joint: index of the joint it acts on where that joint's rates vary with the pose: in place of weights, which
+            are then zero, and offset.
     """
 
     name: str
@@ -87,9 +89,15 @@ class TermColumn:
     offset: float = 0.0
     settings: tuple[float, float, float] = (0.0, 0.0, 0.0)
     shape: Counterbalance | Column | None = None
+    joint: int | None = None
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "weights", read_only(self.weights))
+
+    def moves_as(self, other: TermColumn) -> bool:
+        """Whether its velocity is another's, or the opposite."""
+        opposite = any(np.array_equal(self.weights, sign * other.weights) for sign in (1, -1))
+        return self.joint == other.joint and opposite
 
     @property
     def for_core(self) -> tuple[str, Array, float, float, float, float]:

@@ -54,6 +54,16 @@ class WeightlessLinkError(BenchError):
         )
 
 
+class UnsimulatedLoopError(BenchError):
+    """A loop that is cut at a sliding joint and is not linear."""
+
+    def __init__(self, device: str) -> None:
+        super().__init__(
+            f"{device}: a loop that is not linear is cut at a prismatic joint, which has no pin in the simulator "
+            f"(limit: revolute cuts). Cut the loop at a revolute joint, and list the sliding one in [[joints]]."
+        )
+
+
 class UnsimulatedTermError(BenchError):
     """A term that has no counterpart in MuJoCo."""
 

@@ -137,16 +137,39 @@ class LoopOpenError(DeviceError):
         )
 
 
-class NonlinearLoopError(DeviceError):
-    """Loops that close, but not by a linear relation."""
+class LoopBranchError(DeviceError):
+    """Loops that close in several ways, none of which the file chooses."""
 
-    def __init__(self, where: str, variation: float, limit: float) -> None:
-        self.variation = variation
+    def __init__(self, where: str, pose: str, ways: Iterable[str]) -> None:
+        self.ways = tuple(ways)
         super().__init__(
-            f"{where}: the loop closes, but the passive joints do not follow the active ones linearly: "
-            f"G = dq/dqa varies by {variation:.3g} over the motion (limit {limit:.1e}). Only linear loops "
-            f"(parallelograms, mimic joints, couplings) are handled in this version; if this one is meant "
-            f"to be a parallelogram, make its opposite sides equal."
+            f"{where}: at {pose} the loops close in {len(self.ways)} ways (limit 1 where nothing chooses): "
+            f"{' or '.join(self.ways[:8])}. Add the right one to a loop, as guess = {{ ... }}; "
+            f"rough values will do. Is it meant to be a parallelogram? Then make its opposite sides equal."
+        )
+
+
+class LoopUnreachableError(DeviceError):
+    """A pose of the active joints at which the loops do not close."""
+
+    def __init__(self, sample: int, pose: str, gap: float, limit: float) -> None:
+        self.sample, self.gap = sample, gap
+        super().__init__(
+            f"at sample {sample} the loops do not close: with {pose} the cut frames still miss each other by "
+            f"{gap:.3g} m (limit {limit:.1e} m). Keep the motion within the mechanism's reach; if the device did "
+            f"move there, check the lengths, and the zeros and signs of the positions."
+        )
+
+
+class SingularLoopError(DeviceError):
+    """Loops at, or beyond, a pose in which the passive joints are not settled by the active ones."""
+
+    def __init__(self, where: str, pose: str, openness: float, limit: float) -> None:
+        self.openness = openness
+        super().__init__(
+            f"{where} the loops come to a singular pose: with {pose} the least singular value of the passive "
+            f"Jacobian is {openness:.2g} (limit {limit:.1g}), so the active joints do not settle the others there. "
+            f"Keep the motion on one side of such poses; joint limits in the device file say where it may go."
         )
 
 

@@ -10,7 +10,7 @@ from fractions import Fraction
 import numpy as np
 
 from haptid._values import Array
-from haptid.device import Device
+from haptid.device import Closure, Device
 from haptid.device.loops import nearest
 from haptid.device.schema import AnyDevice
 from haptid.errors import ManyAnglesError
@@ -131,6 +131,7 @@ def _gravity(gravity: Array, symbols: Symbols) -> tuple[Laurent, ...]:
 def linear_motion(device: Device, symbols: Symbols) -> LinearMotion:
     """The motion of a device's joints: every number in it a ratio of whole numbers, or a symbol."""
     closure, slides = device.closure, [joint.prismatic for joint in device.joints]
+    assert isinstance(closure, Closure)
     rates, turns, offsets = [], [], []
     for j, joint in enumerate(device.joints):
         rates.append(

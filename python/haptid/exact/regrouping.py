@@ -20,6 +20,7 @@ import numpy as np
 
 from haptid._values import Array, freeze
 from haptid.base import preference
+from haptid.device import NewtonClosure
 from haptid.errors import RegroupingCheckError, RegroupingFormError
 from haptid.exact import formulas
 from haptid.exact.chain import ExactChain, exact_chain
@@ -28,6 +29,7 @@ from haptid.exact.comparison import check_agreement
 from haptid.exact.elimination import Columns, Pivots, quantities, scatter
 from haptid.exact.interpolation import Points, fit, span_of
 from haptid.exact.laurent import ONE, Coefficient, Laurent
+from haptid.exact.opening import dyad_chain, opened
 from haptid.exact.residues import PRIMES, Field, Residues, UnluckyDrawError, rational
 from haptid.exact.symbols import GRADES, PURE, Grade, Symbol, draw
 
@@ -123,11 +125,17 @@ def regroupings(device: Device, seed: int = 0) -> Regroupings:
 
     Raises:
         SymbolicClosureError: a loop closes at the device's own lengths only, not for all values of its symbols.
+        NoDyadError: a loop that is not linear is no planar dyad.
         ManyAnglesError: too many angles are no quarter turns.
         RegroupingFormError: a coefficient is no ratio of polynomials of low degree.
         RoadsDisagreeError: base parameters at the device's own lengths differ, so that its geometry is a special one.
     """
-    made = chain_regroupings(device, exact_chain(device), seed)
+    if isinstance(device.closure, NewtonClosure):
+        tree = opened(device.tables, device.name).with_gravity(device.gravity)
+        chain = dyad_chain(tree, device.tables, device.name, seed)
+    else:
+        chain = exact_chain(device)
+    made = chain_regroupings(device, chain, seed)
     check_agreement(made, device)
     return made
 

@@ -1,0 +1,34 @@
+"""Known parameters of devices whose loops are not linear come back, from accelerations and from momenta."""
+
+import numpy as np
+import pytest
+
+import haptid
+from closed_devices import bodies, path
+from haptid.dissection import dissect
+
+TREATMENTS = {
+    "differences": haptid.Treatment(cutoff_hz=None, parallel_cutoff_hz=30.0, decimation=5),
+    "momentum": haptid.Treatment(parallel_cutoff_hz=30.0, decimation=5, accelerations="momentum"),
+}
+
+
+@pytest.mark.parametrize("name", ["slider_crank", "five_bar", "delta"])
+@pytest.mark.parametrize("accelerations", TREATMENTS)
+def test_they_are_inside_their_intervals_and_predict_another_motion(name, accelerations):
+    device = haptid.read_device(name)
+    beta = device.base.of(bodies(device))
+    dt = 2e-3
+    made = []
+    for seed in (0, 1):
+        q, qd, qdd = path(device, 10.0, dt, size=0.5, seed=seed)
+        tau = haptid.inverse_dynamics(device, beta, q, qd, qdd)
+        tau += 0.02 * tau.std(axis=1, keepdims=True) * np.random.default_rng(seed).standard_normal(tau.shape)
+        exact = {"rates": (qd.T, qdd.T)} if accelerations == "differences" else {}
+        made.append(haptid.Motion(dt, q.T, tau.T, TREATMENTS[accelerations], **exact))
+    found = haptid.estimate(haptid.observe(device, made[0]), haptid.WLS())
+    low, high = found.interval95.T
+    assert ((low <= beta) & (beta <= high)).mean() > 0.8
+    assert haptid.validate(found, made[1]).relative < 3
+    parts = dissect(found, made[1])
+    np.testing.assert_allclose(parts.model, haptid.predict(found, made[1]).predicted, atol=1e-9)
