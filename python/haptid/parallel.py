@@ -10,6 +10,8 @@ from haptid._values import Array, expect, freeze, read_only
 
 # Central differences of order eight. Their gain at a frequency f is that of d/dt but for (2 pi f dt)^8 / 630.
 DIFFERENCES = (1 / 280, -4 / 105, 1 / 5, -4 / 5, 0.0, 4 / 5, -1 / 5, 4 / 105, -1 / 280)
+# The same for the second derivative: but for (2 pi f dt)^8 / 3150.
+SECOND_DIFFERENCES = (-1 / 560, 8 / 315, -1 / 5, 8 / 5, -205 / 72, 8 / 5, -1 / 5, 8 / 315, -1 / 560)
 
 
 @dataclass(frozen=True, eq=False)

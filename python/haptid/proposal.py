@@ -8,7 +8,7 @@ rows whose filter would see a reversal are left out.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from typing import Any
 
 import numpy as np
@@ -17,7 +17,7 @@ from scipy import signal
 from haptid._values import Array
 from haptid.delay import find_delay
 from haptid.device import Device
-from haptid.errors import MotionTooShortError
+from haptid.errors import MotionTooShortError, NoRowsError, TooFewRowsError, TreatmentValueError, UnexcitedError
 from haptid.log import Log
 from haptid.observation import Plan
 from haptid.signals import check_log, state
@@ -47,6 +47,8 @@ NOISY = 0.1
 ENOUGH = 120.0
 # Length of the stretches whose spectra are averaged, s.
 STRETCH = 8.0
+# Samples of such a stretch at least.
+FEWEST = 64
 # Highest cut-off as a share of half the sampling rate; lowest as a number of periods in the log.
 HIGHEST, SHORTEST = 0.7, 10.0
 
@@ -69,7 +71,7 @@ def propose(device: Device, *logs: Log, **asked: Any) -> Proposal:
 
     Args:
         device: the mechanism.
-        logs: what was recorded; the middle two minutes of each are looked at.
+        logs: what was recorded; the two minutes of each that move most are looked at.
         asked: settings of `Treatment` that are to be as given.
 
     Raises:
@@ -79,10 +81,14 @@ def propose(device: Device, *logs: Log, **asked: Any) -> Proposal:
     """
     if asked.get("velocity") is not None:  # it takes positions as they are
         asked = {"cutoff_hz": None, **asked}
+    unknown = set(asked) - {field.name for field in fields(Treatment)}
+    if unknown or not logs:
+        wanted = f"one of {', '.join(field.name for field in fields(Treatment))}" if unknown else "one log at least"
+        raise TreatmentValueError("setting" if unknown else "logs", ", ".join(sorted(unknown)), wanted)
     Treatment(**asked)  # impossible settings are an error before any work
     for log in logs:
         check_log(device, log)
-    logs = tuple(log.middle(ENOUGH) for log in logs)
+    logs = tuple(log.busiest(ENOUGH) for log in logs)
     filters, why = _filters(logs, asked)
     slow, why_slow = _slow(device, logs, filters, asked)
     kept, why_kept = _wide_enough(device, logs, slow, asked)
@@ -105,14 +111,21 @@ def _filters(logs: Sequence[Log], asked: Mapping[str, Any]) -> Step:
     made = _with_parallel(parallel, dt, asked)
     motion = f"the motion is below {highest:.2g} Hz ({100 * MOTION:.0f} % of the velocity's power)"
     reasons = []
-    if "parallel_cutoff_hz" not in asked:
-        reasons.append(f"Torque and columns share a filter of {parallel:.3g} Hz: {motion}.")
-    if "cutoff_hz" not in asked:
+    if parallel < highest:
         reasons.append(
-            f"Positions pass up to {made.cutoff_hz:.3g} Hz, so that nothing is bent that torque and columns keep."
+            f"Torque and columns share a filter of {parallel:.3g} Hz, and {motion}: the filter takes part of it away, "
+            f"and rows are few. Record at a higher rate, or ask for less decimation."
         )
+    elif "parallel_cutoff_hz" not in asked:
+        reasons.append(f"Torque and columns share a filter of {parallel:.3g} Hz: {motion}.")
+    if "cutoff_hz" not in asked and made.cutoff_hz is not None:
+        why = "so that nothing is bent that torque and columns keep"
+        if made.cutoff_hz < 0.99 * ABOVE_PARALLEL * parallel:
+            why = "which is all that the sampling rate carries"
+        reasons.append(f"Positions pass up to {made.cutoff_hz:.3g} Hz, {why}.")
     if "decimation" not in asked:
-        reasons.append(f"One row is kept of {made.decimation} samples, {ROWS_IN_PERIOD} in the filter's period.")
+        in_period = f"{1 / (parallel * dt * made.decimation):.2g} in the filter's period"
+        reasons.append(f"One row is kept of {made.decimation} samples, {in_period}.")
     return made, tuple(reasons)
 
 
@@ -149,7 +162,7 @@ def bandwidth(log: Log) -> float:
 
 def _spectrum(channel: Array, dt: float) -> tuple[Array, Array]:
     """Frequencies, Hz, and power density of a position, rad^2/Hz or m^2/Hz."""
-    f, power = signal.welch(channel, 1 / dt, nperseg=min(len(channel), round(STRETCH / dt)))
+    f, power = signal.welch(channel, 1 / dt, nperseg=min(len(channel), max(FEWEST, round(STRETCH / dt))))
     return np.asarray(f), np.asarray(power)
 
 
@@ -206,8 +219,8 @@ def _wide_enough(device: Device, logs: Sequence[Log], treatment: Treatment, aske
     """A filter short enough for each motor to keep a share of its rows between reversals."""
     if not np.any(treatment.low_speed):
         return treatment, ()
-    wanted, dt = treatment, max(float(log.dt) for log in logs)
-    shares = _shares(device, logs, treatment)
+    narrow, dt = treatment, max(float(log.dt) for log in logs)
+    before = shares = _shares(device, logs, treatment)
     for _ in range(0 if "parallel_cutoff_hz" in asked else WIDENINGS):
         wider = WIDER * (treatment.parallel_cutoff_hz or 0.0)
         if min(shares) >= KEPT or wider > _ceiling(dt, asked):
@@ -215,9 +228,15 @@ def _wide_enough(device: Device, logs: Sequence[Log], treatment: Treatment, aske
         treatment = _with_parallel(wider, dt, {**asked, "low_speed": treatment.low_speed})
         shares = _shares(device, logs, treatment)
     reasons = []
-    if treatment is not wanted:
+    if min(shares) < KEPT:  # it did not help, and costs noise
+        treatment, shares = narrow, before
         reasons.append(
-            f"The filter was widened from {wanted.parallel_cutoff_hz:.3g} to {treatment.parallel_cutoff_hz:.3g} Hz: "
+            f"Less than {100 * KEPT:.0f} % of a motor's rows are clear of reversals, whatever the filter: record "
+            f"motion that turns round less often, or lower `low_speed`."
+        )
+    elif treatment is not narrow:
+        reasons.append(
+            f"The filter was widened from {narrow.parallel_cutoff_hz:.3g} to {treatment.parallel_cutoff_hz:.3g} Hz: "
             f"between the many reversals, a longer one leaves a motor less than {100 * KEPT:.0f} % of its rows."
         )
     kept = ", ".join(f"{100 * share:.0f}" for share in shares)
@@ -247,7 +266,19 @@ def _timed(device: Device, logs: Sequence[Log], treatment: Treatment, asked: Map
     """With the torque's delay."""
     if "torque_delay" in asked:
         return treatment, ()
-    delay, dt = find_delay(device, logs, treatment), float(logs[0].dt)
+    rates = sorted({f"{log.rate_hz:.4g}" for log in logs})
+    if len(rates) > 1:
+        many = " and ".join(rates)
+        return treatment, (f"How late the torque is was not looked for: the logs have {many} Hz. Give `torque_delay`.",)
+    dt = float(logs[0].dt)
+    plain = treatment
+    if treatment.velocity is not None:  # a differentiator is late itself, which is no delay of the torque
+        cutoff = ABOVE_PARALLEL * min(treatment.parallel_cutoff_hz or np.inf, _ceiling(dt, {}))
+        plain = replace(treatment, velocity=None, cutoff_hz=cutoff)
+    try:
+        delay = find_delay(device, logs, plain)
+    except (NoRowsError, TooFewRowsError, UnexcitedError, MotionTooShortError):
+        delay = None
     if delay is None or delay.sd > KNOWN * dt:
         return treatment, ("The logs do not tell how late the torque is; it is taken as it is.",)
     found = f"{1e3 * delay.seconds:.3g} ms (deviation {1e3 * delay.sd:.1g} ms)"

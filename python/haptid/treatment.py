@@ -15,17 +15,19 @@ from functools import cached_property
 from typing import Any, Literal
 
 import numpy as np
-from scipy import signal
+from scipy import ndimage, signal
 
 from haptid._values import Array, expect, freeze, positive, read_only, whole
 from haptid.causal import Causal, HighPass
 from haptid.errors import CutoffError, MotionTooShortError, NoAccelerationError, TreatmentValueError
 from haptid.log import Log
-from haptid.parallel import ParallelFilter, centred
+from haptid.parallel import DIFFERENCES, SECOND_DIFFERENCES, ParallelFilter, centred
 from haptid.shapes import Bell, Shape
 
 # The impulse response of a filter is taken to have died out where what is left of it weighs less than this.
 SETTLED = 1e-3
+# Samples to either side that a central difference needs.
+SIDE = len(DIFFERENCES) // 2
 # Below this share of half the sampling rate a Butterworth filter of high order drowns in rounding.
 LOWEST = 1e-5
 
@@ -199,7 +201,7 @@ class Motion:
 
     @property
     def qd(self) -> Array:
-        """Velocities, (n, coordinates); by central differences the first and last sample repeat their neighbours."""
+        """Velocities, (n, coordinates); by central differences the first and last samples repeat their neighbours."""
         start, stop = self._known
         return freeze(self._whole(self.state(start, stop)[1]))
 
@@ -217,7 +219,7 @@ class Motion:
     def _known(self) -> tuple[int, int]:
         """First sample and one past the last that have rates at all."""
         central = self.rates is None and self.treatment.velocity is None
-        return (1, len(self) - 1) if central else (0, len(self))
+        return (SIDE, len(self) - SIDE) if central else (0, len(self))
 
     def _whole(self, rate: Array) -> Array:
         """(n, coordinates) of (coordinates, known), the ends repeated where they are not known."""
@@ -236,7 +238,7 @@ class Motion:
                 raise MotionTooShortError(len(self) * self.dt, start * self.dt, "the differentiator's start")
             return start, len(self) - shifted
         sections = self.treatment.position_filter(self.dt)
-        edge = shifted + (1 if sections is None else 1 + settling(sections, len(self)))
+        edge = shifted + SIDE + (0 if sections is None else settling(sections, len(self)))
         if len(self) - 2 * edge < 2:
             raise MotionTooShortError(len(self) * self.dt, 2 * edge * self.dt, "the position filter's ends")
         return edge, len(self) - edge
@@ -250,8 +252,7 @@ class Motion:
             wide = np.ascontiguousarray(self.q[begin:stop].T)
             qd = self.treatment.velocity.velocity(wide, self.dt)
             return np.ascontiguousarray(wide[:, start - begin :]), np.ascontiguousarray(qd[:, start - begin :])
-        wide = np.ascontiguousarray(self.q[start - 1 : stop + 1].T)
-        return np.ascontiguousarray(wide[:, 1:-1]), (wide[:, 2:] - wide[:, :-2]) / (2 * self.dt)
+        return np.ascontiguousarray(self.q[start:stop].T), self._differences(start, stop, DIFFERENCES) / self.dt
 
     def kinematics(self, start: int, stop: int) -> tuple[Array, Array, Array]:
         """Positions, velocities and accelerations of samples start..stop, each (coordinates, stop - start).
@@ -264,8 +265,12 @@ class Motion:
             return q, qd, np.ascontiguousarray(self.rates[1][start:stop].T)
         if self.treatment.velocity is not None:
             raise NoAccelerationError("this call")
-        wide = np.ascontiguousarray(self.q[start - 1 : stop + 1].T)
-        return q, qd, (wide[:, 2:] - 2 * wide[:, 1:-1] + wide[:, :-2]) / self.dt**2
+        return q, qd, self._differences(start, stop, SECOND_DIFFERENCES) / self.dt**2
+
+    def _differences(self, start: int, stop: int, weights: tuple[float, ...]) -> Array:
+        """Weighted sums of the positions about samples start..stop, (coordinates, stop - start)."""
+        wide = np.ascontiguousarray(self.q[start - SIDE : stop + SIDE].T)
+        return np.ascontiguousarray(ndimage.correlate1d(wide, weights, axis=1)[:, SIDE:-SIDE])
 
 
 def settling(sections: Array, longest: int) -> int:
@@ -328,7 +333,8 @@ def treat(log: Log, treatment: Treatment | None = None) -> Motion:
     if sections is not None and n <= 3 * (2 * len(sections) + 1):
         raise MotionTooShortError(n * dt, 3 * (2 * len(sections) + 1) * dt, "the position filter")
     for channel, out in zip(log.position.T, q, strict=True):
-        out[:] = channel if sections is None else signal.sosfiltfilt(sections, channel)
+        # Without its level, so that what stands still is exactly still.
+        out[:] = channel if sections is None else signal.sosfiltfilt(sections, channel - channel[0]) + channel[0]
     tau = log.torque if treatment.torque_delay == 0 else delayed(log.torque, treatment.torque_delay / dt)
     motion = Motion(dt, freeze(q).T, tau, treatment, log, float(log.t[0]))
     motion.usable  # noqa: B018 - a log too short for its filter is an error here, not later

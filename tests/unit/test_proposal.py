@@ -137,3 +137,46 @@ def test_a_treatment_without_accelerations_is_proposed_too(phantom):
     assert treatment.cutoff_hz is None
     assert treatment.parallel_cutoff_hz == pytest.approx(3 * bandwidth(made), rel=0.01)
     assert haptid.observe(phantom, haptid.treat(made, treatment)).rows > 1000
+
+
+def test_a_causal_differentiator_is_not_taken_for_a_late_torque(phantom):
+    made = recorded(phantom, late=0.5, noise=0.002)
+    asked = {"accelerations": "momentum", "velocity": haptid.HighPass(30.0)}
+    assert haptid.propose(phantom, made, **asked).treatment.torque_delay == pytest.approx(5e-4, abs=2e-5)
+
+
+def test_the_stretch_that_moves_is_looked_at(phantom):
+    made = recorded(phantom, seconds=30.0)
+    rest = np.full((150_000, 3), made.position[-1])
+    still = np.zeros((150_000, 3))
+    position, torque = np.vstack([made.position, rest]), np.vstack([made.torque, still])
+    long = haptid.Log(made.path, "l", 1e-3 * np.arange(len(position)), position, torque, made.channels)
+    assert haptid.propose(phantom, long).treatment.parallel_cutoff_hz == pytest.approx(3 * bandwidth(made), rel=0.1)
+
+
+def test_logs_at_different_rates_are_not_asked_for_one_delay(phantom):
+    made = recorded(phantom, late=0.5)
+    thin = haptid.Log(made.path, "t", made.t[::4], made.position[::4], made.torque[::4], made.channels)
+    proposal = haptid.propose(phantom, made, thin)
+    assert proposal.treatment.torque_delay == 0
+    assert "1000 and 250 Hz" in proposal.reasons[-1]
+
+
+def test_a_rate_too_low_for_the_motion_is_named(phantom):
+    made = recorded(phantom)
+    slow = haptid.Log(made.path, "s", made.t[::100], made.position[::100], made.torque[::100], made.channels)
+    proposal = haptid.propose(phantom, slow, torque_delay=0.0)
+    assert "Record at a higher rate" in proposal.reasons[0]
+
+
+def test_times_in_the_wrong_unit_do_not_stop_the_program(phantom):
+    made = recorded(phantom)
+    micro = haptid.Log(made.path, "m", 1e6 * made.t, made.position, made.torque, made.channels)
+    assert haptid.propose(phantom, micro, torque_delay=0.0).treatment.parallel_cutoff_hz < 1e-4
+
+
+def test_settings_that_are_none_and_no_logs_at_all_are_errors(phantom):
+    with pytest.raises(TreatmentValueError, match="bogus"):
+        haptid.propose(phantom, recorded(phantom), bogus=3)
+    with pytest.raises(TreatmentValueError, match="one log at least"):
+        haptid.propose(phantom)

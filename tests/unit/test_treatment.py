@@ -83,9 +83,28 @@ def test_rates_of_a_parabola_are_exact():
     t = 0.01 * np.arange(200)
     q = np.column_stack([1 + 2 * t + 3 * t**2, -4 * t])
     motion = haptid.Motion(0.01, q, np.zeros((200, 1)), haptid.Treatment(cutoff_hz=None))
-    assert motion.usable == (1, 199)
-    np.testing.assert_allclose(motion.qd[1:-1], np.column_stack([2 + 6 * t, 0 * t - 4])[1:-1], atol=1e-10)
-    np.testing.assert_allclose(motion.qdd[1:-1], np.column_stack([0 * t + 6, 0 * t])[1:-1], atol=1e-8)
+    assert motion.usable == (4, 196)
+    np.testing.assert_allclose(motion.qd[4:-4], np.column_stack([2 + 6 * t, 0 * t - 4])[4:-4], atol=1e-10)
+    np.testing.assert_allclose(motion.qdd[4:-4], np.column_stack([0 * t + 6, 0 * t])[4:-4], atol=1e-8)
+
+
+def test_rates_at_a_tenth_of_the_sampling_rate_are_exact_to_a_thousandth():
+    t = 0.01 * np.arange(400)
+    q = np.column_stack([np.sin(2 * np.pi * 10 * t)])
+    motion = haptid.Motion(0.01, q, np.zeros((400, 1)), haptid.Treatment(cutoff_hz=None))
+    _, qd, qdd = motion.kinematics(4, 396)
+    np.testing.assert_allclose(qd[0], 2 * np.pi * 10 * np.cos(2 * np.pi * 10 * t)[4:-4], atol=1e-3 * 63)
+    np.testing.assert_allclose(qdd[0], -((2 * np.pi * 10) ** 2) * q[4:-4, 0], atol=1e-3 * 3948)
+
+
+def test_what_stands_still_is_exactly_still_behind_the_filter():
+    channels = haptid.Channels(
+        haptid.Signal(("a",), "rad", constant_ok=True), haptid.Signal(("u",), "N m"), rate_hz=1000.0
+    )
+    torque = np.random.default_rng(0).normal(size=(3000, 1))
+    log = haptid.Log("made", "", 1e-3 * np.arange(3000), np.full((3000, 1), 0.3), torque, channels)
+    motion = haptid.treat(log, haptid.Treatment(40.0))
+    assert (motion.qd == 0).all()
 
 
 def test_a_motion_keeps_what_it_was_given_and_nobody_can_write_to_it():

@@ -15,6 +15,8 @@ from haptid.errors import CountsGainError, LogTooShortError, MappedTwiceError, S
 from haptid.log import units
 
 Side = Literal["joint", "motor"]
+# Samples that a stretch of a log has at least, whatever its rate.
+LEAST_STRETCH = 4096
 
 
 @dataclass(frozen=True)
@@ -161,10 +163,17 @@ class Log:
         """Samples in a second."""
         return 1.0 / self.dt
 
-    def middle(self, seconds: float) -> Log:
-        """Its middle, at most so long."""
-        keep = min(self.t.size, max(2, round(seconds / self.dt)))
-        start = (self.t.size - keep) // 2
+    def busiest(self, seconds: float) -> Log:
+        """The stretch, at most so long (but of some thousand samples), in which its positions move most, each against its own spread."""
+        keep = min(self.t.size, max(LEAST_STRETCH, round(seconds / self.dt)))
+        if keep == self.t.size:
+            return self
+        moved = np.zeros(self.t.size)
+        for channel in self.position.T:
+            steps = np.diff(channel) ** 2
+            moved[1:] += steps / (steps.sum() or 1.0)
+        total = np.concatenate([[0.0], np.cumsum(moved)])
+        start = int(np.argmax(total[keep:] - total[:-keep]))
         part = slice(start, start + keep)
         return replace(self, t=self.t[part], position=self.position[part], torque=self.torque[part])
 
