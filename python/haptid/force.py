@@ -11,6 +11,7 @@ from dataclasses import dataclass, fields, replace
 from functools import cached_property
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from haptid._values import Array, expect, freeze, positive, read_only
 from haptid.device import Device
@@ -131,7 +132,7 @@ def estimate_force(
 
     Raises:
         HandleMissingError: the device has no handle.
-        ForceSettingError: a setting that means nothing.
+        ForceSettingError: a setting that means nothing, or a moment that is not a finite number.
         ChannelCountError, MotionTooShortError: as for `predict`.
         ShapeError: the moment does not fit the motion, or the validation the device.
     """
@@ -141,6 +142,7 @@ def estimate_force(
     if moment is not None:
         moment = np.asarray(moment, dtype=float)
         expect("moment", moment.shape, (len(motion), 3))
+        check_finite("moment", moment)
     pieces = list(_pieces(estimate, motion, moment, reversal_speed))
     torques, noise = Torques.joined(pieces), noise_of(estimate, validation)
     found = lever_of(estimate, torques.qa, noise, moment is not None, worst_condition)
@@ -171,6 +173,15 @@ def check_settings(reversal_speed: float, worst_condition: float) -> None:
         raise ForceSettingError("reversal_speed", reversal_speed, "a finite speed, 0 or more")
     if not (positive(worst_condition) and worst_condition > 1):
         raise ForceSettingError("worst_condition", worst_condition, "a finite number above 1")
+
+
+def check_finite(name: str, array: ArrayLike) -> None:
+    """Raise ForceSettingError for the first entry that is not a finite number."""
+    values = np.asarray(array, dtype=float)
+    bad = np.argwhere(~np.isfinite(values))
+    if len(bad):
+        first = tuple(int(k) for k in bad[0])
+        raise ForceSettingError(f"{name}[{', '.join(map(str, first))}]", float(values[first]), "a finite number")
 
 
 def noise_of(estimate: Estimate, validation: Validation | None) -> Array:
@@ -290,6 +301,12 @@ def handle_force(estimate: Estimate, found: Lever, told: Told, notes: tuple[str,
 
 def _doubts(estimate: Estimate, found: Lever, usable: np.ndarray, moment: str) -> Iterator[str]:
     """What cannot be known from these torques, in sentences."""
+    if not usable.any():
+        yield (
+            f"No pose is usable: all {len(usable)} are too near a singular one (condition number of the Jacobian "
+            f"{found.condition.min():.3g} at best). Move elsewhere, or raise `worst_condition`."
+        )
+        return
     rows = sum(estimate.device.measured)
     if moment == "taken as zero":
         known = [name for name, told in zip(COMPONENTS, found.determined, strict=True) if told]

@@ -16,11 +16,13 @@ from haptid.device import Device
 from haptid.dynamics import core_torque, momentum, raw_parameters, rigid
 from haptid.errors import ForceSettingError
 from haptid.estimators import Estimate
+from haptid.estimators.possible import checked
 from haptid.force import (
     REVERSAL_SPEED,
     WORST_CONDITION,
     HandleForce,
     Told,
+    check_finite,
     check_settings,
     handle_force,
     lever_of,
@@ -30,7 +32,7 @@ from haptid.force import (
 )
 from haptid.kinematics import handle_of
 from haptid.reversals import doubt, softened
-from haptid.signals import coordinate_torque, coordinates, external
+from haptid.signals import coordinate_torque, external, state
 from haptid.treatment import Motion
 from haptid.validation import Validation
 from haptid.wrench import Lever
@@ -116,17 +118,20 @@ class MomentumObserver:
 
         Raises:
             ShapeError: an array does not fit the device.
-            ForceSettingError: a step that is not a time, or no sample.
+            ForceSettingError: a step that is not a time, no sample, or one that is not a finite number.
+            ParameterValueError: a base parameter is not a finite number.
+            AccelerationColumnError: a column of the device is made of accelerations.
         """
         if not positive(dt):
             raise ForceSettingError("dt", dt, "a finite time above zero, s")
         shape = (len(device.active), np.shape(qa)[-1] if np.ndim(qa) else 0)
         for name, array in (("qa", qa), ("qda", qda), ("tau", tau)):
             expect(name, np.shape(array), shape)
+            check_finite(name, array)
         if not shape[1]:
             raise ForceSettingError("number of samples", 0, "one sample or more")
         c, cd = (device.frame @ np.asarray(x, dtype=float) for x in (qa, qda))
-        p, pushed = self._balance(device, raw_parameters(device, beta), c, cd)
+        p, pushed = self._balance(device, raw_parameters(device, checked(device, beta)), c, cd)
         pushed = pushed + np.asarray(tau, dtype=float)
         rest = np.zeros((len(c), 1))
         last = before or Watched(rest, rest, p[:, 0], -pushed[:, 0])  # no step leads to the first sample
@@ -159,7 +164,7 @@ class MomentumObserver:
         for low in range(0, c.shape[1], STRETCH):
             here, rates = c[:, low : low + STRETCH], cd[:, low : low + STRETCH]
             p, rest = momentum(device, bodies, here, rates)
-            own = external(device, here, rates, np.zeros_like(here))
+            own = external(device, here, rates, None)
             terms = core_torque(soft, chi - bodies, here, rates, np.zeros_like(here), own)
             pieces.append((p, -rest - terms))
         p, moved = (np.concatenate(each, axis=1) for each in zip(*pieces, strict=True))
@@ -193,6 +198,7 @@ def observe_force(
         HandleMissingError: the device has no handle.
         ForceSettingError: a setting that means nothing.
         ChannelCountError: the motion has more or fewer channels than the device has coordinates or motors.
+        AccelerationColumnError: a column of the device is made of accelerations.
     """
     observer = observer or MomentumObserver()
     handle_of(estimate.device)
@@ -226,7 +232,7 @@ class _Path:
     def of(estimate: Estimate, motion: Motion) -> _Path:
         """All samples that have rates."""
         device, (low, high) = estimate.device, motion.usable
-        c, cd, _ = coordinates(device, motion, low, high)
+        c, cd = state(device, motion, low, high)
         to_joints, tau = np.linalg.inv(device.frame), coordinate_torque(device, motion, low, high)
         t = np.asarray(motion.t0 + motion.dt * np.arange(low, high), dtype=np.float64)
         return _Path(estimate, motion.dt, t, to_joints @ c, to_joints @ cd, tau)

@@ -27,8 +27,8 @@ class Lever:
         usable: whether it is below the limit, (samples,).
         determined: whether torques alone tell a component, forces first, in the handle's own axes, at every usable
             pose, (6,).
-        sure: directions of force that are known whatever the moment.
-        leak: greatest force that a unit of unknown moment is taken for, N/(N m).
+        sure: directions of force that are known whatever the moment; 0 where no pose is usable.
+        leak: greatest force that a unit of unknown moment is taken for, N/(N m); NaN where no pose is usable.
     """
 
     handle: HandleMotion
@@ -78,8 +78,8 @@ def lever(handle: HandleMotion, rows: list[int], noise: Array, unknown: int, wor
         condition=freeze(condition),
         usable=usable,
         determined=_determined(handle, scaled, usable),
-        sure=len(rows) - _rank(scaled[usable, 3:]),
-        leak=float(leak.max(initial=0.0)),
+        sure=len(rows) - _rank(scaled[usable, 3:]) if usable.any() else 0,
+        leak=float(leak.max()) if usable.any() else float("nan"),
     )
 
 

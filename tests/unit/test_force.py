@@ -201,6 +201,10 @@ def test_settings_that_mean_nothing_are_errors(phantom):
             estimate_force(phantom, made, **setting)
     with pytest.raises(errors.ShapeError, match="moment"):
         estimate_force(phantom, made, moment=np.zeros((10, 3)))
+    moment = np.zeros((400, 3))
+    moment[7, 1] = np.nan
+    with pytest.raises(errors.ForceSettingError, match=r"moment\[7, 1\] is nan"):
+        estimate_force(phantom, made, moment=moment)
 
 
 def test_a_device_without_handle_has_no_force():
@@ -214,3 +218,12 @@ def test_every_error_at_the_handle_is_tested():
     tests = "".join(path.read_text() for path in Path(__file__).parent.glob("test_*.py"))
     names = [kind.__name__ for kind in errors.HandleError.__subclasses__()]
     assert [name for name in names if f"errors.{name}" not in tests] == []
+
+
+def test_without_a_usable_pose_nothing_is_said_to_be_known(phantom):
+    found = estimate_force(phantom, pushed(phantom, np.zeros((400, 6))), worst_condition=1.0001)
+    assert not found.usable.any()
+    assert found.lever.sure == 0
+    assert np.isnan(found.lever.leak)
+    assert "No pose is usable" in found.summary()
+    assert "whatever the moment" not in found.summary()

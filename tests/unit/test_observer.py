@@ -6,6 +6,7 @@ from hypothesis import given, settings
 
 import haptid
 from haptid import errors
+from haptid.causal import HighPass
 from haptid.force import estimate_force
 from haptid.kinematics import handle_motion
 from haptid.observer import MomentumObserver, observe_force
@@ -149,3 +150,56 @@ def test_a_device_without_handle_has_no_force():
     estimate = haptid.estimate(haptid.observe(device, made), haptid.WLS())
     with pytest.raises(errors.HandleMissingError):
         observe_force(estimate, made)
+
+
+JERKY = """
+schema = 1
+name = "a pendulum with a column of its own"
+gravity = [0.0, -9.81, 0.0]
+convention = "modified-dh"
+[[joints]]
+name = "1"
+[[terms]]
+kind = "column"
+name = "JERKY"
+unit = "N m"
+joints = ["1"]
+expression = "abs(a_1)"
+"""
+
+
+def test_a_column_made_of_accelerations_is_refused(tmp_path):
+    (tmp_path / "jerky.toml").write_text(JERKY)
+    device = haptid.read_device(tmp_path / "jerky.toml")
+    some = np.ones((1, 4))
+    with pytest.raises(errors.AccelerationColumnError, match=r"JERKY.*momentum observer.*estimate_force"):
+        MomentumObserver().follow(device, np.ones(len(device.base)), 1e-3, some, some, some)
+
+
+def test_velocity_may_come_from_a_causal_differentiator():
+    """Then there are no accelerations, and the observer needs none."""
+    device = haptid.read_device("phantom_premium_15")
+    estimate = haptid.estimate(
+        haptid.observe(device, motion(device, truth(device), noise=0.01, treatment=PLAIN)), haptid.WLS()
+    )
+    q, qd, qdd = multisine(3, 2.0, 1e-3, 9)
+    force = np.array([0.4, -0.2, 0.3])
+    load = np.einsum("nij,i->jn", handle_motion(device, q).row_jacobian[:, :3], force)
+    tau = haptid.inverse_dynamics(device, estimate.beta, q, qd, qdd) - load
+    causal = haptid.Treatment(cutoff_hz=None, velocity=HighPass(400.0), accelerations="momentum")
+    seen = observe_force(estimate, haptid.Motion(1e-3, q.T, tau.T, causal))
+    settled = seen.t > 0.5
+    np.testing.assert_allclose(seen.force[settled], force + 0 * seen.force[settled], atol=0.05)
+
+
+def test_what_is_no_number_is_an_error():
+    device = haptid.read_device("phantom_premium_15")
+    still, beta = np.zeros((3, 4)), truth(device)
+    bad = still.copy()
+    bad[1, 2] = np.nan
+    for k, name in enumerate(("qa", "qda", "tau")):
+        given = [bad if k == j else still for j in range(3)]
+        with pytest.raises(errors.ForceSettingError, match=rf"{name}\[1, 2\] is nan"):
+            MomentumObserver().follow(device, beta, 1e-3, *given)
+    with pytest.raises(errors.ParameterValueError):
+        MomentumObserver().follow(device, np.full_like(beta, np.nan), 1e-3, still, still, still)

@@ -56,12 +56,13 @@ class NoAccelerationError(TreatmentError):
 
 
 class AccelerationColumnError(TreatmentError):
-    """A column of the device that is made of accelerations, in rows that are made without."""
+    """A column of the device that is made of accelerations, where there are none."""
 
     def __init__(self, column: str) -> None:
         super().__init__(
-            f"column {column} is made of accelerations, and accelerations = 'momentum' has none. Choose "
-            f"accelerations = 'differences', or write the term as a rotor inertia."
+            f"column {column} is made of accelerations, and there are none by momentum: neither in rows with "
+            f"accelerations = 'momentum' nor in the momentum observer. Choose accelerations = 'differences' and "
+            f"estimate_force, or write the term as a rotor inertia."
         )
 
 

@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from haptid._values import Array, expect, read_only
 from haptid.device import Device
@@ -136,7 +137,7 @@ def hold(device: Device, beta: Array, R: Array) -> tuple[Possible, tuple[Block, 
     return inside(device, conditions, conditions.A @ x, x, settled), held
 
 
-def checked(device: Device, beta: Array) -> Array:
+def checked(device: Device, beta: ArrayLike) -> Array:
     """Base parameters of the device as floats, after a look at their shape and at each."""
     beta = np.asarray(beta, dtype=float)
     expect("beta", beta.shape, (len(device.base),))
