@@ -153,8 +153,9 @@ class Comparison:
         """One difference in plain words."""
         values = f"from {self.first[k]:.4g} to {self.second[k]:.4g} {self.units[k]} (p = {self.holm[k]:.1e})"
         if self.names[k] not in self.flipped:
-            share = 100 * self.difference[k] / abs(self.first[k])
-            return f"{self.names[k]} goes {values}, {share:+.0f} % of its size."
+            size = abs(self.first[k])
+            share = f", {100 * self.difference[k] / size:+.0f} % of its size" if size > 0 else ""
+            return f"{self.names[k]} goes {values}{share}."
         size = _two_sided(self.first[[k]] + self.second[[k]], self.sd[[k]], self.freedom[[k]])[0]
         kept = "its size differs too" if size * len(self.names) < 1 - self.confidence else "its size may be the same"
         return f"{self.names[k]} changes its sign, {values}; {kept}."

@@ -189,3 +189,10 @@ def test_a_confidence_is_between_none_and_all(device, beta, confidence):
     a = fitted(device, beta, 1)
     with pytest.raises(errors.ConfidenceError, match=r"such as 0\.95"):
         compare(a, a, confidence)
+
+
+def test_a_first_value_of_zero_has_no_share():
+    made = comparison([0.0], [50.0])
+    assert made.differs == made.names
+    assert "goes from 0 to 50" in made.summary()
+    assert "% of its size" not in made.summary()
