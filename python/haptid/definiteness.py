@@ -12,6 +12,7 @@ from haptid._values import Array, expect, read_only
 from haptid.dynamics import mass_matrix
 from haptid.errors import DifferentModelError
 from haptid.estimators import Estimate
+from haptid.estimators.possible import checked
 from haptid.workspace import Workspace
 
 # The smallest eigenvalue is refined from so many of the grid's lowest poses.
@@ -109,12 +110,13 @@ def definiteness(model: Estimate | ArrayLike, workspace: Workspace) -> Definiten
         DifferentModelError: the estimate is of another device.
         EmptyWorkspaceError: no pose is inside the workspace.
         ShapeError: the parameters do not fit the device.
+        ParameterValueError: one of them is not a finite number.
     """
     device = workspace.device
     estimate = model if isinstance(model, Estimate) else None
     if estimate is not None and estimate.device is not device:
         raise DifferentModelError(estimate.device.name, device.name)
-    form = _Form(workspace, estimate.beta if estimate is not None else np.asarray(model, dtype=float))
+    form = _Form(workspace, model.beta if isinstance(model, Estimate) else checked(device, model))
     poses = workspace.grid()
     values, _ = form.lowest(poses)
     starts = poses[:, _lowest_apart(poses, values, workspace.limits)]

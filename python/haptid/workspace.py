@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from numbers import Real
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -30,6 +31,9 @@ class Box:
     high: tuple[float, float, float]
 
     def __post_init__(self) -> None:
+        for name in ("low", "high"):
+            if np.shape(getattr(self, name)) != (3,):
+                raise WorkspaceLimitError(f"box {name}", getattr(self, name), "three numbers: x, y, z in m")
         for axis, low, high in zip("xyz", self.low, self.high, strict=True):
             _ascending(f"box {axis}", (low, high))
 
@@ -151,6 +155,7 @@ def _limits(device: Device, given: Mapping[str, Sequence[float] | None]) -> dict
 
 def _ascending(name: str, pair: Sequence[float]) -> Range:
     """Two limits, the lower one first."""
-    if len(pair) != 2 or not (np.isfinite(pair).all() and pair[0] < pair[1]):
+    both = tuple(pair) if isinstance(pair, Iterable) else ()
+    if len(both) != 2 or not all(isinstance(x, Real) and np.isfinite(x) for x in both) or both[0] >= both[1]:
         raise WorkspaceLimitError(name, pair, "two finite numbers, the lower one first")
-    return float(pair[0]), float(pair[1])
+    return float(both[0]), float(both[1])

@@ -9,7 +9,7 @@ from haptid import errors
 from haptid.definiteness import definiteness
 from haptid.dynamics import mass_matrix
 from haptid.kinematics import handle_motion
-from haptid.workspace import Box, workspace
+from haptid.workspace import Box, Workspace, workspace
 from mechanisms import draw, mechanisms
 from motions import motion, truth
 from random_devices import as_device, parameters
@@ -67,7 +67,7 @@ def test_the_figure_does_not_depend_on_the_grid(monkeypatch):
     device = haptid.read_device("phantom_premium_15")
     beta = truth(device)
     fine = definiteness(beta, workspace(device)).smallest
-    monkeypatch.setattr("haptid.workspace.POSES", 500)
+    monkeypatch.setattr(Workspace.grid, "__defaults__", (500,))
     assert definiteness(beta, workspace(device)).smallest == pytest.approx(fine, rel=1e-7)
 
 
@@ -101,11 +101,22 @@ def test_limits_of_nothing_or_upside_down_are_errors():
     device = haptid.read_device("phantom_premium_15")
     with pytest.raises(errors.WorkspaceLimitError, match=r"elbow.*joints ba, be, df, a, c"):
         workspace(device, {"elbow": (0.0, 1.0)})
-    for pair in ((1.0, 0.0), (0.0, np.inf), (0.0,)):
+    for pair in ((1.0, 0.0), (0.0, np.inf), (0.0,), 3, ("a", "b"), "ab", (0.0, None)):
         with pytest.raises(errors.WorkspaceLimitError, match="the lower one first"):
             workspace(device, {"be": pair})
     with pytest.raises(errors.WorkspaceLimitError, match="box y"):
         Box((0.0, 1.0, 0.0), (1.0, 0.0, 1.0))
+    for corner in ((0, 0), 3.0):
+        with pytest.raises(errors.WorkspaceLimitError, match="box low"):
+            Box(corner, (1, 1))
+
+
+def test_definiteness_of_what_is_no_number_is_an_error():
+    device, beta = two_dof()
+    with pytest.raises(errors.ParameterValueError):
+        definiteness(np.full_like(beta, np.nan), workspace(device))
+    with pytest.raises(errors.ShapeError):
+        definiteness(beta[1:], workspace(device))
 
 
 def test_a_sliding_joint_needs_limits():
