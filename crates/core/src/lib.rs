@@ -11,7 +11,9 @@
 mod course;
 mod dispatch;
 mod error;
+mod felt;
 mod filter;
+mod handle;
 mod lane;
 mod link;
 mod mechanism;
@@ -25,6 +27,8 @@ mod vector;
 
 pub use dispatch::Backend;
 pub use error::Error;
+pub use felt::{View, felt_mass};
+pub use handle::{Bodies, Grip, Poses, handle_dynamics};
 pub use mechanism::{Closure, Joint, Mechanism};
 pub use reduce::{Reduction, Triangles, reduce};
 pub use regressor::{Motion, reach, regressor, torque};

@@ -1,0 +1,374 @@
+//! The masses that a hand feels at many poses: principal values of `M = (J A^-1 J')^-1`, and how uncertain they are.
+//!
+//! With `A = L L'` the singular values s of `J L^-T` give the masses `1 / s^2` and, as left singular vectors v, their
+//! directions; where the handle has fewer freedoms than rows, those it has. Rates `w = m A^-1 J' v` move the handle at unit
+//! speed along v, and a mass changes with parameters as the kinetic energy does: `dm = w' dA w`, exactly in the first
+//! order (Khatib 1987, section III; perturbation of a simple eigenvalue). No eigenvalue is taken of a squared matrix.
+
+use crate::dispatch::dispatched;
+use crate::error::{Error, expect_length};
+use crate::handle::{Bodies, Grip, Group, Model, Poses, Slot, check_indices, each_share, load, store, weighted};
+use crate::lane::{Lane, MAX_WIDTH};
+use crate::mechanism::{LINK_PARAMETERS, Mechanism};
+use crate::momentum::{LinkVelocity, contract_momentum};
+
+/// Rounds of rotations at most; five are usual.
+const ROUNDS: usize = 30;
+/// Vectors count as orthogonal where the cosine of their angle is below this.
+const ORTHOGONAL: f64 = 1e-15;
+
+/// What is asked of the poses.
+#[derive(Debug, Clone, Copy)]
+pub struct View<'a> {
+    /// Components of the handle's velocity, of six.
+    pub rows: &'a [usize],
+    /// Coordinates that may move; the others are held.
+    pub moving: &'a [usize],
+    /// Condition number of the Jacobian beyond which a pose gets no masses.
+    pub worst: f64,
+    /// Columns whose outer products sum to the covariance of the parameters: (ten for each link, one for each rotor) x
+    /// `directions`, row-major. Empty for no covariance.
+    pub spread: &'a [f64],
+    pub directions: usize,
+}
+
+impl View<'_> {
+    /// Masses at a pose.
+    pub fn masses(&self) -> usize {
+        self.rows.len().min(self.moving.len())
+    }
+
+    /// Numbers for a pose: condition number, masses, largest first, their directions, and the upper triangle of their
+    /// covariance, row by row.
+    pub fn width(&self) -> usize {
+        let r = self.masses();
+        1 + r + r * self.rows.len() + r * (r + 1) / 2
+    }
+}
+
+/// The masses felt, as [`View::width`] numbers for each pose. They are NaN where the Jacobian is badly conditioned or the
+/// mass matrix not positive definite.
+pub fn felt_mass(
+    mechanism: &Mechanism,
+    poses: &Poses,
+    grip: &Grip,
+    bodies: &Bodies,
+    view: &View,
+    out: &mut [f64],
+) -> Result<(), Error> {
+    let model = Model::new(mechanism, poses, grip, bodies)?;
+    check_indices("row", view.rows, 6)?;
+    check_indices("coordinate", view.moving, mechanism.coordinates)?;
+    let columns = bodies.chi.len() + bodies.inertia.len();
+    expect_length("spread", view.spread.len(), columns * view.directions)?;
+    expect_length("out", out.len(), poses.samples * view.width())?;
+    if out.is_empty() {
+        return Ok(());
+    }
+    each_share(&model, out, view.width(), || Felt::new(&model, view), |group, felt, out| felt.fill(&model, group, out));
+    Ok(())
+}
+
+/// One thread's buffers.
+struct Felt<'a> {
+    view: &'a View<'a>,
+    small: Small,
+    /// Rates that move the handle at unit speed along each direction, masses x coordinates.
+    rates: Vec<Slot>,
+    /// Change of each mass with each direction of the covariance, masses x directions.
+    change: Vec<Slot>,
+    /// Columns of each link, then of the rotors, with any doubt.
+    doubtful: Vec<Vec<(usize, usize)>>,
+}
+
+impl<'a> Felt<'a> {
+    fn new(model: &Model, view: &'a View<'a>) -> Felt<'a> {
+        let r = view.masses();
+        let inertial = model.bodies().chi.len();
+        let doubt = |c: usize| view.spread[c * view.directions..][..view.directions].iter().any(|&x| x != 0.0);
+        let group = |from: usize, to: usize| (from..to).filter(|&c| doubt(c)).map(|c| (c - from, c)).collect();
+        let mut doubtful: Vec<Vec<_>> =
+            (0..inertial).step_by(LINK_PARAMETERS).map(|c| group(c, c + LINK_PARAMETERS)).collect();
+        doubtful.push(group(inertial, inertial + model.bodies().inertia.len()));
+        Felt {
+            view,
+            small: Small::new(view.rows.len(), view.moving.len()),
+            rates: vec![[0.0; MAX_WIDTH]; r * model.mechanism.coordinates],
+            change: vec![[0.0; MAX_WIDTH]; r * view.directions],
+            doubtful,
+        }
+    }
+
+    fn fill(&mut self, model: &Model, group: &Group, out: &mut [f64]) {
+        let (view, na) = (self.view, model.mechanism.coordinates);
+        let (r, m) = (view.masses(), view.rows.len());
+        for (k, out) in out.chunks_exact_mut(view.width()).enumerate() {
+            let jacobian = |row: usize, a: usize| group.jacobian[view.rows[row] * na + view.moving[a]][k];
+            let mass = |a: usize, b: usize| group.mass[view.moving[a] * na + view.moving[b]][k];
+            out.fill(f64::NAN);
+            out[0] = self.small.condition(jacobian);
+            let known = out[0] <= view.worst && self.small.solve(jacobian, mass);
+            for e in 0..r {
+                for (a, &coordinate) in view.moving.iter().enumerate() {
+                    self.rates[e * na + coordinate][k] =
+                        if known { self.small.rates[e * view.moving.len() + a] } else { 0.0 };
+                }
+            }
+            if known {
+                out[1..][..r].copy_from_slice(&self.small.masses);
+                out[1 + r..][..r * m].copy_from_slice(&self.small.directions);
+            }
+        }
+        if view.directions > 0 {
+            // SAFETY: every slot has room for the widest lane.
+            unsafe { changes(model.mechanism.backend, model, group, self) };
+            self.covariance(out);
+        }
+    }
+
+    /// Of the masses, at every pose that has them.
+    fn covariance(&self, out: &mut [f64]) {
+        let (r, m, s) = (self.view.masses(), self.view.rows.len(), self.view.directions);
+        let pairs = (0..r).flat_map(|i| (i..r).map(move |j| (i, j)));
+        for (at, (i, j)) in pairs.enumerate() {
+            let mut sum = [0.0; MAX_WIDTH];
+            for (left, right) in self.change[i * s..][..s].iter().zip(&self.change[j * s..][..s]) {
+                for k in 0..MAX_WIDTH {
+                    sum[k] += left[k] * right[k];
+                }
+            }
+            for (k, out) in out.chunks_exact_mut(self.view.width()).enumerate() {
+                if !out[1].is_nan() {
+                    out[1 + r + r * m + at] = sum[k];
+                }
+            }
+        }
+    }
+}
+
+dispatched! {
+    unsafe fn changes = changes_in_lanes(model: &Model, group: &Group, felt: &mut Felt)
+}
+
+#[inline(always)]
+unsafe fn changes_in_lanes<T: Lane>(model: &Model, group: &Group, felt: &mut Felt) {
+    felt.change.fill([0.0; MAX_WIDTH]);
+    let (na, s) = (model.mechanism.coordinates, felt.view.directions);
+    for k in (0..MAX_WIDTH).step_by(T::WIDTH) {
+        for (rates, change) in felt.rates.chunks_exact(na).zip(felt.change.chunks_exact_mut(s)) {
+            for (i, columns) in felt.doubtful.iter().enumerate().filter(|(_, columns)| !columns.is_empty()) {
+                // SAFETY: k leaves room for a lane.
+                let energies: Energies<T> = if i < model.mechanism.links.len() {
+                    let (x, u) = unsafe { weighted::<T>(model, group, i, rates, k) };
+                    let z = T::splat(0.0);
+                    let velocity = LinkVelocity::of([x[0], x[1], x[2], u[0], u[1], u[2], z, z, z]);
+                    Energies::Link(contract_momentum(&velocity, x, u))
+                } else {
+                    Energies::Rotors
+                };
+                for &(place, column) in columns {
+                    let energy = match &energies {
+                        Energies::Link(of) => of[place],
+                        Energies::Rotors => unsafe {
+                            rotor_energy(&model.bodies().rotors[place * na..][..na], rates, k)
+                        },
+                    };
+                    let spread = &felt.view.spread[column * s..][..s];
+                    for (slot, &share) in change.iter_mut().zip(spread) {
+                        // SAFETY: as above.
+                        unsafe { store(slot, k, energy.fma(T::splat(share), load::<T>(slot, k))) };
+                    }
+                }
+            }
+        }
+    }
+}
+
+/// Twice the kinetic energy of unit parameters, where rates move the handle at unit speed.
+enum Energies<T> {
+    Link([T; LINK_PARAMETERS]),
+    Rotors,
+}
+
+#[inline(always)]
+unsafe fn rotor_energy<T: Lane>(weights: &[f64], rates: &[Slot], k: usize) -> T {
+    let mut speed = T::splat(0.0);
+    for (&weight, rate) in weights.iter().zip(rates) {
+        // SAFETY: the caller's promise about k.
+        speed = unsafe { load::<T>(rate, k) }.fma(T::splat(weight), speed);
+    }
+    speed.mul(speed)
+}
+
+/// The algebra of one pose: m rows, n coordinates, r = min(m, n).
+struct Small {
+    m: usize,
+    n: usize,
+    /// Cholesky factor of A, n x n.
+    factor: Vec<f64>,
+    /// J, then L^-1 J': m vectors of length n.
+    columns: Vec<f64>,
+    /// The vectors that are made orthogonal, and the rotations that do it.
+    vectors: Vec<f64>,
+    turned: Vec<f64>,
+    /// Singular values, and where they are from the smallest on.
+    lengths: Vec<f64>,
+    order: Vec<usize>,
+    masses: Vec<f64>,
+    directions: Vec<f64>,
+    rates: Vec<f64>,
+}
+
+impl Small {
+    fn new(m: usize, n: usize) -> Small {
+        let (r, zeros) = (m.min(n), |len| vec![0.0; len]);
+        Small {
+            m,
+            n,
+            factor: zeros(n * n),
+            columns: zeros(m * n),
+            vectors: zeros(m * n),
+            turned: zeros(r * r),
+            lengths: zeros(r),
+            order: (0..r).collect(),
+            masses: zeros(r),
+            directions: zeros(r * m),
+            rates: zeros(r * n),
+        }
+    }
+
+    /// Ratio of the largest and the smallest singular value of J; infinite where it has less than full rank.
+    fn condition(&mut self, jacobian: impl Fn(usize, usize) -> f64) -> f64 {
+        for row in 0..self.m {
+            for a in 0..self.n {
+                self.columns[row * self.n + a] = jacobian(row, a);
+            }
+        }
+        self.orthogonalise();
+        let lengths = (0..self.order.len()).map(|e| self.length(e));
+        let (low, high) = lengths.fold((f64::INFINITY, 0.0), |(low, high), s| (s.min(low), s.max(high)));
+        if low > 0.0 { high / low } else { f64::INFINITY }
+    }
+
+    /// Masses, directions and rates; false where A is not positive definite.
+    fn solve(&mut self, jacobian: impl Fn(usize, usize) -> f64, mass: impl Fn(usize, usize) -> f64) -> bool {
+        if !self.decompose(mass) {
+            return false;
+        }
+        let (m, n) = (self.m, self.n);
+        for row in 0..m {
+            for a in 0..n {
+                let known: f64 = (0..a).map(|b| self.factor[a * n + b] * self.columns[row * n + b]).sum();
+                self.columns[row * n + a] = (jacobian(row, a) - known) / self.factor[a * n + a];
+            }
+        }
+        self.orthogonalise();
+        for e in 0..self.order.len() {
+            self.lengths[e] = self.length(e);
+        }
+        let lengths = &self.lengths;
+        self.order.sort_unstable_by(|&a, &b| lengths[a].total_cmp(&lengths[b]));
+        for place in 0..self.order.len() {
+            let e = self.order[place];
+            let s = self.lengths[e];
+            self.masses[place] = 1.0 / (s * s);
+            for row in 0..m {
+                self.directions[place * m + row] =
+                    if m <= n { self.turned[row * m + e] } else { self.vectors[e * m + row] / s };
+            }
+            self.unit_speed(place);
+        }
+        true
+    }
+
+    /// A = L L'.
+    fn decompose(&mut self, mass: impl Fn(usize, usize) -> f64) -> bool {
+        let n = self.n;
+        for a in 0..n {
+            for b in 0..=a {
+                let known: f64 = (0..b).map(|c| self.factor[a * n + c] * self.factor[b * n + c]).sum();
+                let rest = mass(a, b) - known;
+                if a == b {
+                    // What is left of a pivot after cancellation below rounding is not known to be positive.
+                    if rest.is_nan() || rest <= 1e-14 * mass(a, a).abs() {
+                        return false;
+                    }
+                    self.factor[a * n + a] = rest.sqrt();
+                } else {
+                    self.factor[a * n + b] = rest / self.factor[b * n + b];
+                }
+            }
+        }
+        true
+    }
+
+    /// Rates of the coordinates along one direction: m A^-1 J' v = m L^-T (L^-1 J') v.
+    fn unit_speed(&mut self, place: usize) {
+        let (m, n) = (self.m, self.n);
+        for a in (0..n).rev() {
+            let along: f64 = (0..m).map(|row| self.columns[row * n + a] * self.directions[place * m + row]).sum();
+            let known: f64 = (a + 1..n).map(|b| self.factor[b * n + a] * self.rates[place * n + b]).sum();
+            self.rates[place * n + a] = (self.masses[place] * along - known) / self.factor[a * n + a];
+        }
+    }
+
+    /// Length of the vectors that are made orthogonal.
+    fn long(&self) -> usize {
+        self.m.max(self.n)
+    }
+
+    fn length(&self, e: usize) -> f64 {
+        let long = self.long();
+        self.vectors[e * long..][..long].iter().map(|x| x * x).sum::<f64>().sqrt()
+    }
+
+    /// One-sided Jacobi rotations (Hestenes 1958): the fewer of rows and columns, made orthogonal in pairs. Their lengths
+    /// are the singular values.
+    fn orthogonalise(&mut self) {
+        let (m, n, r, long) = (self.m, self.n, self.order.len(), self.long());
+        for e in 0..r {
+            for k in 0..long {
+                self.vectors[e * long + k] = if m <= n { self.columns[e * n + k] } else { self.columns[k * n + e] };
+            }
+            for f in 0..r {
+                self.turned[e * r + f] = if e == f { 1.0 } else { 0.0 };
+            }
+        }
+        for _ in 0..ROUNDS {
+            let mut turned = false;
+            for e in 0..r {
+                for f in e + 1..r {
+                    turned |= self.turn(e, f, long);
+                }
+            }
+            if !turned {
+                return;
+            }
+        }
+    }
+
+    /// Turn two vectors in their plane until they are orthogonal; false where they are.
+    fn turn(&mut self, e: usize, f: usize, long: usize) -> bool {
+        let r = self.order.len();
+        let (head, tail) = self.vectors.split_at_mut(f * long);
+        let (p, q) = (&mut head[e * long..][..long], &mut tail[..long]);
+        let (mut pp, mut qq, mut pq) = (0.0, 0.0, 0.0);
+        for (p, q) in p.iter().zip(q.iter()) {
+            (pp, qq, pq) = (pp + p * p, qq + q * q, pq + p * q);
+        }
+        if pq * pq <= ORTHOGONAL * ORTHOGONAL * pp * qq {
+            return false;
+        }
+        let zeta = (qq - pp) / (2.0 * pq);
+        let t = zeta.signum() / (zeta.abs() + (1.0 + zeta * zeta).sqrt());
+        let c = 1.0 / (1.0 + t * t).sqrt();
+        let s = c * t;
+        for (p, q) in p.iter_mut().zip(q.iter_mut()) {
+            (*p, *q) = (c * *p - s * *q, s * *p + c * *q);
+        }
+        for row in self.turned.chunks_exact_mut(r) {
+            (row[e], row[f]) = (c * row[e] - s * row[f], s * row[e] + c * row[f]);
+        }
+        true
+    }
+}
