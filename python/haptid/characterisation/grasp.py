@@ -48,7 +48,7 @@ class Grasp:
         object.__setattr__(self, "qa", read_only(self.qa))
 
     def __len__(self) -> int:
-        return self.qa.shape[1]
+        return int(self.qa.shape[1])
 
     @property
     def usable(self) -> np.ndarray:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -79,7 +80,8 @@ def felt_mass(
     moving, columns = moving_coordinates(device), spread(model)
     none = np.zeros((len(model.beta), 0))
     known = core_spread(model, none if columns is None else columns)
-    found = _core.felt_mass(*core_arguments(model, qa), rows, moving, worst_condition, known)
+    at = core_arguments(model, qa)
+    found = _core.felt_mass(*at, rows=rows, moving=moving, worst=worst_condition, spread=known)
     m, r = len(rows), min(len(rows), len(moving))
     condition, mass, directions, C = np.split(found, [1, 1 + r, 1 + r + r * m], axis=1)
     directions = upright(directions.reshape(-1, r, m))
@@ -99,7 +101,7 @@ def felt_mass(
     )
 
 
-def core_arguments(model: Model, qa: Array) -> tuple[object, ...]:
+def core_arguments(model: Model, qa: Array) -> tuple[Any, Array, Array, int, list[float], Array, Array, Array]:
     """What the core needs of a model at these poses: mechanism, positions, rates, handle, bodies, rotors."""
     device, handle = model.device, handle_of(model.device)
     raw, links = raw_parameters(device, model.beta), 10 * len(device.joints)

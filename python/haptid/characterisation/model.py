@@ -51,8 +51,8 @@ class Figure:
 
     Attributes:
         value: NaN where it is not known, any shape.
-        sd: its deviation, first order, same shape; None for parameters without covariance, infinite where one stretch of
-            the log alone tells a parameter.
+        sd: its deviation, first order, same shape; None for parameters without covariance, infinite where one stretch
+            of the log alone tells a parameter.
         freedom: degrees of freedom of its intervals, the least of several places.
         unit: of the value.
     """
