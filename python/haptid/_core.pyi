@@ -25,8 +25,8 @@ def handle_dynamics(
 ) -> Array:
     """Jacobian of a point of a link, and the mass matrix, (samples, (rows + coordinates) * coordinates).
 
-    All joints' positions are (joints, samples); their rates by the coordinates (joints, coordinates), or where they vary
-    (joints * coordinates, samples). chi has ten parameters for each link; rotors (rotors, coordinates) and inertia
+    All joints' positions are (joints, samples); their rates by the coordinates (joints, coordinates), or where they
+    vary (joints * coordinates, samples). chi has ten parameters for each link; rotors (rotors, coordinates) and inertia
     (rotors,) are beside them. Rows are of the velocity in the base frame: 0 to 2 linear, 3 to 5 angular.
     """
 

@@ -81,8 +81,8 @@ class TorqueLimitError(HandleError):
 
     def __init__(self, motor: str, found: object) -> None:
         super().__init__(
-            f"the torque limit of motor {motor} is {found!r}; give a finite torque of its coordinate above zero, N m or "
-            f"N, or torque limits of its joint in the device file."
+            f"the torque limit of motor {motor} is {found!r}; give a finite torque of its coordinate above zero, N m "
+            f"or N, or torque limits of its joint in the device file."
         )
 
 
