@@ -51,10 +51,7 @@ def device():
 
 
 def model(device, table):
-    beta = np.zeros(len(device.base))
-    for name, value in table.items():
-        beta[device.base.names.index(name)] = value
-    return GivenModel(device, beta)
+    return GivenModel.of(device, table)
 
 
 def closed_form(table, qa):

@@ -184,6 +184,16 @@ def test_a_handle_on_the_base_moves_nothing(phantom):
         felt_mass(GivenModel(replace(phantom, handle=None), np.ones(len(phantom.base))), POSES)
 
 
+def test_a_table_of_parameters_as_papers_print_it(phantom):
+    model = GivenModel.of(phantom, {"FV1": 2.0}, {"FV1": 0.5})
+    k = phantom.base.names.index("FV1")
+    assert model.beta[k] == 2.0
+    assert model.covariance[k, k] == 0.25
+    assert np.count_nonzero(model.beta) == np.count_nonzero(model.covariance) == 1
+    with pytest.raises(errors.BaseNameError, match="FV9"):
+        GivenModel.of(phantom, {"FV9": 2.0})
+
+
 def test_sweeps_and_lines():
     np.testing.assert_array_equal(sweep([1.0, 2.0], 1, [3.0, 4.0]), [[1, 1], [3, 4]])
     np.testing.assert_array_equal(line([0.0, 1.0], [1.0, 1.0], 3), [[0, 0.5, 1], [1, 1, 1]])

@@ -29,7 +29,7 @@ class FeltMass:
 
     Attributes:
         mass: principal values, largest first, (poses, r), kg, or kg m^2 for angular rows.
-        directions: of each, unit vectors over the rows, (poses, r, m).
+        directions: of each, unit vectors over the rows, their largest component positive, (poses, r, m).
         isotropy: smallest over largest principal value, (poses,).
         condition: number of the handle's Jacobian, (poses,).
         worst: condition number beyond which a pose is left out.
@@ -84,7 +84,7 @@ def felt_mass(
     found = _core.felt_mass(*at, rows=rows, moving=moving, worst=worst_condition, spread=known)
     m, r = len(rows), min(len(rows), len(moving))
     condition, mass, directions, C = np.split(found, [1, 1 + r, 1 + r + r * m], axis=1)
-    directions = upright(directions.reshape(-1, r, m))
+    directions = freeze(np.ascontiguousarray(directions).reshape(-1, r, m))
     sd, doubt = None, None
     if columns is not None:
         first = [0, *np.cumsum(np.arange(r, 1, -1))]
@@ -124,12 +124,6 @@ def core_spread(model: Model, columns: Array) -> Array:
     device, links = model.device, 10 * len(model.device.joints)
     kept = [*range(links), *(links + k for k, term in enumerate(device.terms) if term.kind == "rotor")]
     return np.ascontiguousarray(device.parameters.S[kept][:, list(device.base.kept)] @ columns)
-
-
-def upright(directions: Array) -> Array:
-    """Unit vectors, (..., m), each turned so that its largest component is positive."""
-    largest = np.take_along_axis(directions, np.abs(np.nan_to_num(directions)).argmax(axis=-1)[..., None], axis=-1)
-    return freeze(np.where(largest < 0, -directions, directions))
 
 
 def _isotropy_sd(mass: Array, largest: Array, smallest: Array, both: Array) -> Array:

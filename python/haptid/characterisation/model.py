@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -11,6 +11,7 @@ from scipy import stats
 
 from haptid._values import Array, expect, freeze, read_only
 from haptid.device import Device
+from haptid.errors import BaseNameError
 from haptid.estimators import Estimate
 from haptid.estimators.jackknife import jackknife
 from haptid.estimators.solve import solve
@@ -40,6 +41,26 @@ class GivenModel:
         if self.covariance is not None:
             object.__setattr__(self, "covariance", read_only(self.covariance))
             expect("covariance", self.covariance.shape, (p, p))
+
+    @classmethod
+    def of(cls, device: Device, values: Mapping[str, float], sd: Mapping[str, float] | None = None) -> GivenModel:
+        """From a table as papers print it; parameters that it does not have are zero.
+
+        Args:
+            device: the mechanism.
+            values: by name of the base parameter, SI.
+            sd: deviations by name, taken as independent; None where nothing is known of them.
+
+        Raises:
+            BaseNameError: a name that is no base parameter of the device.
+        """
+        names = device.base.names
+        for name in (*values, *(sd or ())):
+            if name not in names:
+                raise BaseNameError(name, names)
+        beta = np.array([values.get(name, 0.0) for name in names])
+        covariance = None if sd is None else np.diag([sd.get(name, 0.0) ** 2 for name in names])
+        return cls(device, beta, covariance)
 
 
 Model = Estimate | GivenModel
