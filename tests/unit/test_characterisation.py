@@ -8,6 +8,7 @@ import pytest
 import haptid
 from haptid import errors
 from haptid.characterisation import GivenModel, characterise, felt_mass, line, sweep
+from haptid.characterisation.plots import Sweep, plot_map, plot_sweeps
 from haptid.workspace import workspace
 from mechanisms import draw
 from motions import motion
@@ -158,6 +159,8 @@ def test_settings_that_mean_nothing(phantom):
     ):
         with pytest.raises(errors.CharacterisationSettingError, match="write"):
             characterise(model, POSES, **wrong)
+    with pytest.raises(errors.CharacterisationSettingError, match="finite positions"):
+        felt_mass(model, np.full((3, 2), np.nan))
     found = characterise(model, POSES)
     with pytest.raises(errors.CharacterisationSettingError, match="direction"):
         found.mass_along([0.0, 0.0, 0.0])
@@ -197,3 +200,21 @@ def test_a_table_of_parameters_as_papers_print_it(phantom):
 def test_sweeps_and_lines():
     np.testing.assert_array_equal(sweep([1.0, 2.0], 1, [3.0, 4.0]), [[1, 1], [3, 4]])
     np.testing.assert_array_equal(line([0.0, 1.0], [1.0, 1.0], 3), [[0, 0.5, 1], [1, 1, 1]])
+
+
+def test_sweeps_and_maps_are_drawn(doubtful, phantom, tmp_path):
+    model, _ = doubtful
+    x = np.linspace(0.0, 0.8, 9)
+    masses = felt_mass(model, sweep([0.0, 0.0, 0.3], 1, x)).mass
+    bare = felt_mass(GivenModel(phantom, model.beta), sweep([0.0, 0.0, 0.3], 1, x)).mass
+    drawn = Sweep("be, rad", x, {"with intervals": masses, "without": bare})
+    plot_sweeps([drawn, drawn], "mass, kg", tmp_path / "sweeps.png")
+    value = np.outer(np.linspace(1, 2, 5), masses.value[:, 0])
+    value[0, 0] = np.nan
+    for name, shown in (("map", value), ("empty", np.full_like(value, np.nan))):
+        plot_map(x, np.arange(5.0), shown, ("x", "y", "kg"), tmp_path / f"{name}.png")
+    assert all(path.stat().st_size > 5000 for path in tmp_path.iterdir())
+    with pytest.raises(errors.ShapeError):
+        Sweep("be, rad", x[:-1], {"": masses})
+    with pytest.raises(errors.ShapeError):
+        plot_map(x, x, value, ("x", "y", "kg"), tmp_path / "wrong.png")

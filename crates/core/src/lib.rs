@@ -4,7 +4,7 @@
 //! finite filter and decimator ([`filter`]), and folded into one small triangle per motor and time block
 //! ([`triangle`], [`reduce`]). Everything works on plain slices; nothing here knows Python, files or clocks.
 //! Without accelerations the rows are those of momentum and of the rest of the torque ([`momentum`]), and the filter
-//! differentiates the former.
+//! differentiates the former. What a hand feels at many poses has kernels of its own ([`handle`], [`felt`]).
 //!
 //! Arrays of samples are "channel major": the samples of one coordinate are contiguous.
 
@@ -18,6 +18,7 @@ mod lane;
 mod link;
 mod mechanism;
 mod momentum;
+mod principal;
 mod reduce;
 mod regressor;
 mod rows;

@@ -89,8 +89,7 @@ def grasp(device: Device, qa: Array, rows: tuple[int, ...], worst: float) -> Gra
         CharacterisationSettingError: a setting that means nothing.
         ShapeError: the poses do not fit the device.
     """
-    check_settings(device, rows, worst)
-    expect("qa", np.shape(qa), (len(device.active), None))
+    check_settings(device, qa, rows, worst)
     moving = moving_coordinates(device)
     parts = [handle_motion(device, qa[:, k : k + CHUNK]) for k in range(0, max(qa.shape[1], 1), CHUNK)]
     jacobian = np.concatenate([part.row_jacobian[:, list(rows)][:, :, list(moving)] for part in parts])
@@ -106,12 +105,17 @@ def moving_coordinates(device: Device) -> tuple[int, ...]:
     return tuple(k for k, known in enumerate(device.measured) if known)
 
 
-def check_settings(device: Device, rows: tuple[int, ...], worst: float) -> None:
-    """Raise CharacterisationSettingError for a setting that means nothing.
+def check_settings(device: Device, qa: Array, rows: tuple[int, ...], worst: float) -> None:
+    """Refuse settings that mean nothing.
 
     Raises:
         HandleMissingError: the device has no handle.
+        CharacterisationSettingError: a setting, or a position that is not finite.
+        ShapeError: the poses do not fit the device.
     """
+    expect("qa", qa.shape, (len(device.active), None))
+    if not np.isfinite(qa).all():
+        raise CharacterisationSettingError("a position", float("nan"), "finite positions")
     if handle_of(device).link < 0:
         raise CharacterisationSettingError("the handle's link", "the base", "a link that moves")
     if not rows or len(set(rows)) < len(rows) or not set(rows) <= set(range(6)):

@@ -76,7 +76,7 @@ def felt_mass(
         ShapeError: the poses do not fit the device.
     """
     device, qa = model.device, np.asarray(qa, dtype=float)
-    check_settings(device, rows, worst_condition)
+    check_settings(device, qa, rows, worst_condition)
     moving, columns = moving_coordinates(device), spread(model)
     none = np.zeros((len(model.beta), 0))
     known = core_spread(model, none if columns is None else columns)

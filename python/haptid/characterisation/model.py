@@ -99,7 +99,10 @@ class Figure:
 
 
 def spread(model: Model) -> Array | None:
-    """Columns whose outer products sum to the covariance of the base parameters, (p, s); None without one."""
+    """Columns whose outer products sum to the covariance of the base parameters, (p, s); None without one.
+
+    Of an estimate that is held to possible bodies it is that of its free fit, as its own deviations are.
+    """
     if model.covariance is None:
         return None
     values, vectors = np.linalg.eigh(model.covariance)

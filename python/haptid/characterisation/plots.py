@@ -90,8 +90,9 @@ def plot_map(x: Array, y: Array, value: Array, labels: tuple[str, str, str], pat
     panel = picture.subplots()
     panel.set_facecolor(UNKNOWN)
     known = np.ma.masked_invalid(value)
-    mesh = panel.pcolormesh(x, y, known, cmap="cividis", norm="log", shading="nearest", rasterized=True)
-    picture.colorbar(mesh, ax=panel, label=labels[2])
+    if known.count():
+        mesh = panel.pcolormesh(x, y, known, cmap="cividis", norm="log", shading="nearest", rasterized=True)
+        picture.colorbar(mesh, ax=panel, label=labels[2])
     if known.count() and known.min() < known.max():
         lines = panel.contour(x, y, known, colors="white", linewidths=0.7)
         panel.clabel(lines, fontsize="small")
