@@ -48,7 +48,7 @@ def poses_of(centre: tuple[float, ...], count: int) -> np.ndarray:
     return np.array(centre)[:, None] + np.random.default_rng(1).uniform(-0.5, 0.5, (len(centre), count))
 
 
-def best_of(work: Callable[[], object], times: int = 4) -> float:
+def best_of(work: Callable[[], object], times: int = 3) -> float:
     """Seconds of the fastest of a few runs."""
     clock = time.process_time if os.environ.get("RAYON_NUM_THREADS") == "1" else time.perf_counter
     taken = []

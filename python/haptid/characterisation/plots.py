@@ -92,7 +92,9 @@ def plot_map(x: Array, y: Array, value: Array, labels: tuple[str, str, str], pat
     known = np.ma.masked_invalid(value)
     if known.count():
         mesh = panel.pcolormesh(x, y, known, cmap="cividis", norm="log", shading="nearest", rasterized=True)
-        picture.colorbar(mesh, ax=panel, label=labels[2])
+        bar = picture.colorbar(mesh, ax=panel, label=labels[2])
+        for which in (bar.ax.yaxis.set_major_formatter, bar.ax.yaxis.set_minor_formatter):
+            which("{x:g}")
     if known.count() and known.min() < known.max():
         lines = panel.contour(x, y, known, colors="white", linewidths=0.7)
         panel.clabel(lines, fontsize="small")
