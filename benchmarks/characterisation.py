@@ -1,8 +1,8 @@
 """A map of the handle's dynamics over a million poses: the mass matrix and Jacobian, and felt masses with deviations.
 
 Agreement with the plain road, unit accelerations through the inverse dynamics and NumPy's eigenvalues, is checked
-before any time is taken. One thread is a process of its own, since threads are counted once; its time is the
-processor's, which others on the machine disturb less.
+before any time is taken. One thread is a process of its own, since threads are counted once; its time, and the
+plain road's, is the processor's, which others on the machine disturb less.
 """
 
 from __future__ import annotations
@@ -50,7 +50,7 @@ def poses_of(centre: tuple[float, ...], count: int) -> np.ndarray:
 
 def best_of(work: Callable[[], object], times: int = 3) -> float:
     """Seconds of the fastest of a few runs."""
-    clock = time.process_time if os.environ.get("RAYON_NUM_THREADS") == "1" else time.perf_counter
+    clock = time.perf_counter if int(os.environ.get("RAYON_NUM_THREADS", "1")) > 1 else time.process_time
     taken = []
     for _ in range(times):
         begin = clock()
