@@ -14,7 +14,7 @@ from haptid.characterisation.grasp import LINEAR, check_settings, moving_coordin
 from haptid.characterisation.model import Figure, Model, freedom, spread, trusted
 from haptid.dynamics import mass_matrix, raw_parameters
 from haptid.force import WORST_CONDITION
-from haptid.kinematics import handle_motion, handle_of, tree_positions
+from haptid.kinematics import handle_motion, handle_of
 
 # Degrees of freedom are looked at in so many poses.
 LOOKED_AT = 6
@@ -107,10 +107,12 @@ def core_arguments(model: Model, qa: Array) -> tuple[Any, Array, Array, int, lis
     raw, links = raw_parameters(device, model.beta), 10 * len(device.joints)
     rotors = [(links + k, term.weights) for k, term in enumerate(device.terms) if term.kind == "rotor"]
     weights = np.array([w for _, w in rotors], dtype=float).reshape(-1, len(device.active))
+    followed = device.closure.follow(qa).by(device.frame)
+    rates = followed.G if followed.G.ndim == 2 else followed.G.reshape(qa.shape[1], -1).T
     return (
         device.mechanism,
-        np.ascontiguousarray(tree_positions(device, qa)),
-        np.ascontiguousarray(device.rates),
+        np.ascontiguousarray(followed.q),
+        np.ascontiguousarray(rates),
         handle.link,
         handle.translation.tolist(),
         raw[:links],
