@@ -12,6 +12,45 @@ __version__: str
 def backends() -> list[str]:
     """Names of the instruction sets this machine can run, fastest first."""
 
+def handle_dynamics(
+    mechanism: Mechanism,
+    position: Array,
+    rates: Array,
+    link: int,
+    point: Sequence[float],
+    chi: Array,
+    rotors: Array,
+    inertia: Array,
+    rows: Sequence[int],
+) -> Array:
+    """Jacobian of a point of a link, and the mass matrix, (samples, (rows + coordinates) * coordinates).
+
+    All joints' positions are (joints, samples); their rates by the coordinates (joints, coordinates), or where they
+    vary (joints * coordinates, samples). chi has ten parameters for each link; rotors (rotors, coordinates) and inertia
+    (rotors,) are beside them. Rows are of the velocity in the base frame: 0 to 2 linear, 3 to 5 angular.
+    """
+
+def felt_mass(
+    mechanism: Mechanism,
+    position: Array,
+    rates: Array,
+    link: int,
+    point: Sequence[float],
+    chi: Array,
+    rotors: Array,
+    inertia: Array,
+    rows: Sequence[int],
+    moving: Sequence[int],
+    worst: float,
+    spread: Array,
+) -> Array:
+    """Principal values of (J A^-1 J')^-1 at every pose, one row of numbers for each.
+
+    The condition number of J; r = min(rows, moving) masses, largest first; their directions, (r, rows); the upper
+    triangle of their covariance from spread, (links * 10 + rotors, any), whose columns' outer products are summed. NaN
+    where the condition number is above `worst`, or A is not positive definite.
+    """
+
 class Mechanism:
     """A tree or closed chain, ready for the kernels.
 

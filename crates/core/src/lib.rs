@@ -4,18 +4,21 @@
 //! finite filter and decimator ([`filter`]), and folded into one small triangle per motor and time block
 //! ([`triangle`], [`reduce`]). Everything works on plain slices; nothing here knows Python, files or clocks.
 //! Without accelerations the rows are those of momentum and of the rest of the torque ([`momentum`]), and the filter
-//! differentiates the former.
+//! differentiates the former. What a hand feels at many poses has kernels of its own ([`handle`], [`felt`]).
 //!
 //! Arrays of samples are "channel major": the samples of one coordinate are contiguous.
 
 mod course;
 mod dispatch;
 mod error;
+mod felt;
 mod filter;
+mod handle;
 mod lane;
 mod link;
 mod mechanism;
 mod momentum;
+mod principal;
 mod reduce;
 mod regressor;
 mod rows;
@@ -25,6 +28,8 @@ mod vector;
 
 pub use dispatch::Backend;
 pub use error::Error;
+pub use felt::{View, felt_mass};
+pub use handle::{Bodies, Grip, Poses, handle_dynamics};
 pub use mechanism::{Closure, Joint, Mechanism};
 pub use reduce::{Reduction, Triangles, reduce};
 pub use regressor::{Motion, reach, regressor, torque};

@@ -1,6 +1,7 @@
 //! The seam between haptid-core and Python: borrow arrays, leave the interpreter, map the error. No arithmetic.
 
 mod arrays;
+mod handle;
 
 use arrays::{row_major, square_stack};
 use haptid_core::{Backend, Closure, Error, Joint, Law, Mechanism, Motion, Reduction, Term};
@@ -269,5 +270,7 @@ fn backends() -> Vec<&'static str> {
 fn _core(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add_class::<PyMechanism>()?;
     module.add_function(wrap_pyfunction!(backends, module)?)?;
+    module.add_function(wrap_pyfunction!(handle::handle_dynamics, module)?)?;
+    module.add_function(wrap_pyfunction!(handle::felt_mass, module)?)?;
     module.add("__version__", env!("CARGO_PKG_VERSION"))
 }

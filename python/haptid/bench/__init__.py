@@ -7,7 +7,7 @@ from haptid.bench.mjcf import Payload, Physics, mjcf
 from haptid.bench.picture import draw_strip, render_strip
 from haptid.bench.run import Job, make_log, make_logs, perform
 from haptid.bench.schema import experiment_schema
-from haptid.bench.setup import Amplifiers, Controller, Encoders, ForceSensor, Push, Recording, Setup
+from haptid.bench.setup import Amplifiers, Controller, Encoders, ForceSensor, Push, Recording, Setup, TorqueLaw
 from haptid.bench.simulation import simulate
 from haptid.bench.trajectories import Fourier, Grid, Multisine, Sweep, Trajectory, Triangles, TrianglesAndSines, plan
 
@@ -28,6 +28,7 @@ __all__ = [
     "Recording",
     "Setup",
     "Sweep",
+    "TorqueLaw",
     "Trajectory",
     "Triangles",
     "TrianglesAndSines",

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, field
+from typing import Protocol
 
 import numpy as np
 
@@ -32,6 +34,17 @@ class Controller:
     rate_hz: float = 1000.0
     velocity_cutoff_hz: float = 100.0
     tracking_limit: float = 0.3
+
+
+class TorqueLaw(Protocol):
+    """A law of control beside the PD's, such as `haptid.compensation.Compensation`."""
+
+    def begin(self, dt: float) -> Callable[[float, Array], Array]:
+        """The law from rest, for a control period of dt, s.
+
+        What it returns is called once every period, with the time, s, and the measured positions of the active joints,
+        (active,), rad or m, and gives torques of the motors' coordinates, (motors,), N m or N.
+        """
 
 
 @dataclass(frozen=True)
@@ -116,6 +129,7 @@ class Setup:
         payload: a mass at the handle.
         hand: forces at the handle.
         sensor: a force sensor there.
+        law: torque beside the controller's, None for none; amplifiers limit the sum.
     """
 
     device: Device
@@ -127,6 +141,7 @@ class Setup:
     payload: Payload | None = None
     hand: tuple[Push, ...] = ()
     sensor: ForceSensor | None = None
+    law: TorqueLaw | None = None
 
     def __post_init__(self) -> None:
         for what, there in (("hand", bool(self.hand)), ("force sensor", self.sensor is not None)):

@@ -158,6 +158,8 @@ class _Control:
         self.integral = np.zeros(len(motors))
         self.velocity = self.speed[0].copy()
         self.last: Array | None = None
+        self.law = setup.law.begin(setup.dt) if setup.law is not None else None
+        self.to_joints = np.linalg.inv(self.coupling)
 
     def read(self, qa: Array) -> Array:
         """Positions of the drives' coordinates as the encoders give them, and their velocity from them, (active,)."""
@@ -175,6 +177,8 @@ class _Control:
         self.integral += self.dt * self.ki * error
         damping = self.kd * (self.speed[k] - self.velocity)[self.driven]
         asked = self.kp * error + damping + self.integral + self.forward[k]
+        if self.law is not None:
+            asked = asked + self.law(k * self.dt, self.to_joints @ c)
         return np.asarray(np.clip(asked, -self.limit, self.limit))
 
 

@@ -57,3 +57,37 @@ class UnknownLinkError(HandleError):
 
     def __init__(self, name: str, known: Iterable[str]) -> None:
         super().__init__(f"no link {name!r} with free inertial parameters. {suggestion(name, known)}")
+
+
+class CharacterisationSettingError(HandleError):
+    """A setting of a characterisation that means nothing."""
+
+    def __init__(self, name: str, value: object, wanted: str) -> None:
+        super().__init__(f"{name} is {value!r}; write {wanted}.")
+
+
+class SpareJointsError(HandleError):
+    """A figure that the handle's motion does not determine, since joints can share that motion in many ways."""
+
+    def __init__(self, figure: str, joints: int, rows: int) -> None:
+        super().__init__(
+            f"{figure} is not determined: {joints} joints move {rows} components of the handle's velocity, so they can "
+            f"share a motion in many ways. Choose more rows; masses and greatest forces are known all the same."
+        )
+
+
+class TorqueLimitError(HandleError):
+    """Torque limits of motors that are not known, or mean nothing."""
+
+    def __init__(self, motor: str, found: object) -> None:
+        super().__init__(
+            f"the torque limit of motor {motor} is {found!r}; give a finite torque of its coordinate above zero, N m "
+            f"or N, or torque limits of its joint in the device file."
+        )
+
+
+class CompensationSettingError(HandleError):
+    """A setting of a compensation law that means nothing."""
+
+    def __init__(self, name: str, value: object, wanted: str) -> None:
+        super().__init__(f"{name} is {value!r}; write {wanted}.")

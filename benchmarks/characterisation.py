@@ -1,0 +1,102 @@
+"""A map of the handle's dynamics over a million poses: the mass matrix and Jacobian, and felt masses with deviations.
+
+Agreement with the plain road, unit accelerations through the inverse dynamics and NumPy's eigenvalues, is checked
+before any time is taken. One thread is a process of its own, since threads are counted once; its time, and the
+plain road's, is the processor's, which others on the machine disturb less.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import subprocess
+import sys
+import time
+from collections.abc import Callable
+
+import numpy as np
+
+import haptid
+from haptid import _core
+from haptid.characterisation import GivenModel, felt_mass
+from haptid.characterisation.masses import core_arguments
+from haptid.dynamics import mass_matrix
+from haptid.kinematics import handle_motion
+
+POSES = 1_000_000
+DEVICES = {
+    "CEA branch": ("cea_medical_branch", (-0.5, -0.9, 4.0)),
+    "PHANToM": ("phantom_premium_15", (0.0, 0.3, 0.4)),
+}
+
+
+def model_of(name: str) -> GivenModel:
+    """The device with parameters of some size, and a covariance of one per cent."""
+    device = haptid.read_device(name)
+    chi = np.nan_to_num(device.chi_prior)
+    if not chi.any():
+        kinds = {"ZZ": 0.02, "XX": 0.015, "YY": 0.015, "M": 0.3, "MX": 0.01, "IA": 0.001, "FV": 1e-3, "FC": 0.05}
+        chi = np.array([kinds.get(kind, 0.0) for kind in device.parameters.kinds])
+    beta = device.base.of(chi)
+    rng = np.random.default_rng(0)
+    L = 0.01 * np.abs(beta)[:, None] * rng.normal(size=(len(beta),) * 2) / np.sqrt(len(beta))
+    return GivenModel(device, beta, L @ L.T)
+
+
+def poses_of(centre: tuple[float, ...], count: int) -> np.ndarray:
+    """Positions of the active joints, (active, poses), rad."""
+    return np.array(centre)[:, None] + np.random.default_rng(1).uniform(-0.5, 0.5, (len(centre), count))
+
+
+def best_of(work: Callable[[], object], times: int = 3) -> float:
+    """Seconds of the fastest of a few runs."""
+    clock = time.perf_counter if int(os.environ.get("RAYON_NUM_THREADS", "1")) > 1 else time.process_time
+    taken = []
+    for _ in range(times):
+        begin = clock()
+        work()
+        taken.append(clock() - begin)
+    return min(taken)
+
+
+def check(model: GivenModel, qa: np.ndarray) -> None:
+    """The kernel's masses are those of the plain road."""
+    A, J = mass_matrix(model.device, model.beta, qa), handle_motion(model.device, qa).row_jacobian[:, :3]
+    wanted = np.linalg.eigvalsh(np.linalg.inv(J @ np.linalg.solve(A, J.mT)))[:, ::-1]
+    found = felt_mass(model, qa)
+    np.testing.assert_allclose(found.mass.value[found.definite], wanted[found.definite], rtol=1e-8)
+
+
+def timed() -> dict[str, float]:
+    """Seconds for a million poses, with the threads this process has."""
+    made = {}
+    for label, (name, centre) in DEVICES.items():
+        model = model_of(name)
+        check(model, poses_of(centre, 2000))
+        qa = poses_of(centre, POSES)
+        at = core_arguments(model, qa)
+        made[f"{label}: Jacobian and mass matrix"] = best_of(lambda at=at: _core.handle_dynamics(*at, rows=[0, 1, 2]))
+        made[f"{label}: masses with deviations"] = best_of(lambda m=model, qa=qa: felt_mass(m, qa))
+    return made
+
+
+def run() -> dict[str, float]:
+    """Seconds for a million poses on one thread and on all, and the plain road's, scaled from fewer poses."""
+    found = {}
+    for threads in ("1", str(os.cpu_count())):
+        environment = {**os.environ, "RAYON_NUM_THREADS": threads}
+        out = subprocess.run([sys.executable, __file__], capture_output=True, text=True, check=True, env=environment)
+        for what, seconds in json.loads(out.stdout).items():
+            found[f"{what}, {threads} thread{'s' * (threads != '1')}, s per million"] = seconds
+    for label, (name, centre) in DEVICES.items():
+        model, few = model_of(name), 20_000
+        qa = poses_of(centre, few)
+        plain = best_of(
+            lambda m=model, qa=qa: (mass_matrix(m.device, m.beta, qa), handle_motion(m.device, qa).row_jacobian)
+        )
+        found[f"{label}: Jacobian and mass matrix, plain road, s per million"] = plain * POSES / few
+    return found
+
+
+if __name__ == "__main__":
+    print(json.dumps(timed()))

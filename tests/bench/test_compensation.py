@@ -1,0 +1,167 @@
+"""Compensation on the bench: a hand that shakes the handle, and the share at which the loop gets unstable."""
+
+from importlib.resources import files
+
+import numpy as np
+import pytest
+
+import haptid
+from haptid import bench, errors
+from haptid.characterisation import GivenModel, characterise, felt_mass
+from haptid.characterisation.neglected import drift
+from haptid.compensation import Compensation, stable_share
+from haptid.dynamics import mass_matrix
+from haptid.kinematics import handle_motion
+from true_parameters import true_parameters
+
+pytest.importorskip("mujoco", reason="MuJoCo has no wheel for this platform")
+SHAKEN_HZ, SECONDS, DT = 4.0, 1.0, 1e-3
+POSES = ((0.0, 0.2, 0.3), (0.1, 0.7, 0.9), (-0.2, -0.3, 0.0))
+OFF = bench.Controller((0.0,), (0.0,), tracking_limit=1.0)
+
+
+def rest(pose, seconds=SECONDS):
+    """A planned motion that stays where it is."""
+    q = np.tile(pose, (round(seconds / DT), 1))
+    return bench.Trajectory(DT, q, np.zeros_like(q), np.zeros_like(q))
+
+
+def smooth(device):
+    """True parameters without friction, so that what a hand feels is mass alone."""
+    return true_parameters(device, FV=1e-6, FC=0.0)
+
+
+def shake(device, chi, pose, law, direction, newtons=0.05):
+    """Force of the hand, acceleration and velocity of the handle along a direction, (samples, 3), from 0.5 s on."""
+    # A cosine: the handle goes to and fro about where it is.
+    push = bench.Push(tuple(newtons * direction), SHAKEN_HZ, start=-0.25 / SHAKEN_HZ)
+    setup = bench.Setup(device, chi, OFF, hand=(push,), law=law)
+    found = bench.simulate(setup, rest(pose), np.random.default_rng(0))
+    qa, qda, qdda = (x[500:, list(device.active)].T for x in (found.q, found.qd, found.qdd))
+    J = handle_motion(device, qa).jacobian[:, :3]
+    a = np.einsum("pij,jp->pi", J, qdda) + drift(device, qa, qda)[:, :3]
+    v = np.einsum("pij,jp->pi", J, qda)
+    return np.column_stack([x @ direction for x in (found.hand[500:], a, v)])
+
+
+def shaken(device, chi, pose, law, direction):
+    """Mass along a direction."""
+    force, a, v = shake(device, chi, pose, law, direction).T
+    return np.linalg.lstsq(np.column_stack([a, v, np.ones(len(a))]), force, rcond=None)[0][0]
+
+
+@pytest.fixture(scope="module")
+def device():
+    return haptid.read_device("phantom_premium_15")
+
+
+def test_the_hand_feels_the_share_that_is_left(device):
+    """At three poses; and the masses differ less from pose to pose, by the same share."""
+    chi = smooth(device)
+    model = GivenModel(device, device.base.of(chi))
+    law = Compensation(model, share=0.6)
+    left = 1 - 0.6 * law.passed(SHAKEN_HZ, DT).real
+    bare, compensated = [], []
+    for pose in POSES:
+        felt = felt_mass(model, np.array(pose)[:, None])
+        direction = felt.directions[0, 0]
+        none = shaken(device, chi, pose, Compensation(model, share=0.0), direction)
+        some = shaken(device, chi, pose, law, direction)
+        np.testing.assert_allclose(none, felt.mass.value[0, 0], rtol=0.02)
+        np.testing.assert_allclose(some, left * none, rtol=0.03)
+        bare.append(none)
+        compensated.append(some)
+    assert left < 0.45
+    np.testing.assert_allclose(np.ptp(compensated), left * np.ptp(bare), rtol=0.1)
+
+
+def test_weight_is_carried(device):
+    """Without a hand nothing moves; without the law the device falls."""
+    chi = smooth(device)
+    model = GivenModel(device, device.base.of(chi))
+    for law, far in ((Compensation(model, share=0.5), False), (None, True)):
+        setup = bench.Setup(device, chi, OFF, law=law)
+        found = bench.simulate(setup, rest(POSES[0], 0.15), np.random.default_rng(0))
+        moved = np.abs(found.q[-1] - found.q[0]).max()
+        assert (moved > 1e-2) if far else (moved < 1e-6)
+
+
+def test_friction_is_taken_off(device):
+    """What the hand feels of dry friction in motion falls by the share."""
+    chi = true_parameters(device, FV=1e-6)
+    model = GivenModel(device, device.base.of(chi))
+    c = characterise(model, np.array(POSES[0])[:, None])
+    direction = c.masses.directions[0, 0]
+    dry = float(c.coulomb_friction(direction).value[0] @ direction)
+    for share in (0.0, 0.7):
+        law = Compensation(model, share=0.0, friction=share, slow=0.005)
+        found = shake(device, chi, POSES[0], law, direction, newtons=2 * dry + 0.1)
+        force, a, v = found.T
+        fast = np.abs(v) > 0.5 * np.abs(v).max()
+        columns = np.column_stack([a, np.sign(v)])[fast]
+        np.testing.assert_allclose(np.linalg.lstsq(columns, force[fast], rcond=None)[0][1], (1 - share) * dry, rtol=0.1)
+
+
+@pytest.fixture(scope="module")
+def held(tmp_path_factory):
+    """The device, and the same with springs on its motors: a hand that holds it with stiffness and damping."""
+    text = (files("haptid") / "devices" / "phantom_premium_15.toml").read_text(encoding="utf-8")
+    springs = '[[terms]]\nkind = "spring"\nmotors = "all"\nprefix = "K"\n\n[handle]'
+    path = tmp_path_factory.mktemp("held") / "held.toml"
+    path.write_text(text.replace("[handle]", springs, 1), encoding="utf-8")
+    return haptid.read_device(path)
+
+
+STIFFNESS, DAMPING = 2.0, 0.012
+
+
+def ends(device, held, share):
+    """Greatest distance from rest at the beginning and at the end, after a short push."""
+    chi = true_parameters(held, FV=DAMPING, FC=0.0)
+    for k, kind in enumerate(held.parameters.kinds):
+        if kind[0] == "K":
+            chi[k] = STIFFNESS
+    model = GivenModel(device, device.base.of(smooth(device)))
+    setup = bench.Setup(held, chi, OFF, hand=(bench.Push((0.3, 0.3, 0.3), stop=0.05),), law=Compensation(model, share))
+    found = bench.simulate(setup, rest((0.0, 0.0, 0.0), 2.0), np.random.default_rng(0))
+    away = np.abs(found.q - found.q[0]).max(axis=1)
+    return away[:500].max(), away[-500:].max()
+
+
+def test_below_the_bound_it_is_stable_and_above_it_is_not(device, held):
+    model = GivenModel(device, device.base.of(smooth(device)))
+    A = mass_matrix(device, model.beta, np.zeros((3, 1)))[0]
+    lag = Compensation(model, 0.5).lag(DT)
+    bound = stable_share(A, DAMPING * np.eye(3), STIFFNESS * np.eye(3), lag)
+    assert 0.3 < bound < 0.8
+    early, late = ends(device, held, 0.9 * bound)
+    assert late < early
+    try:
+        early, late = ends(device, held, 1.15 * bound)
+    except errors.BenchError:
+        return  # it ran away
+    assert late > early
+
+
+def test_the_bound_by_hand():
+    one = np.eye(1)
+    assert stable_share(2 * one, 0.5 * one, 10 * one, 0.01) == pytest.approx(1 / 1.2)
+    assert stable_share(2 * one, 0.5 * one, 10 * one, 0.01, hand=one) == pytest.approx(1.5 / 1.2)
+    assert stable_share(one, 0 * one, 0 * one, 0.01) == 1.0
+    assert stable_share(one, 0 * one, one, 0.01) == 0.0
+    # The roots of the cubic: on the left below the bound, on the right above.
+    a, b, k, T = 2.0, 0.5, 10.0, 0.01
+    for share, stable in ((0.99 / 1.2, True), (1.01 / 1.2, False)):
+        roots = np.roots([share * a * T, (1 - share) * a, b, k])
+        assert (roots.real.max() < 0) == stable
+
+
+def test_settings_that_mean_nothing(device):
+    model = GivenModel(device, device.base.of(smooth(device)))
+    for wrong in ({"share": 1.0}, {"share": -0.1}, {"weight": 1.1}, {"friction": np.nan}, {"slow": 0.0}):
+        with pytest.raises(errors.CompensationSettingError, match="write"):
+            Compensation(model, **wrong)
+    with pytest.raises(errors.CompensationSettingError, match="velocity_cutoff_hz"):
+        Compensation(model, velocity_cutoff_hz=-1.0)
+    with pytest.raises(errors.ShapeError):
+        stable_share(np.eye(2), np.eye(1), np.eye(2), 0.01)

@@ -1,0 +1,220 @@
+"""Figures at the handle: their intervals, what is not determined, what is left out, and misuse."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import haptid
+from haptid import errors
+from haptid.characterisation import GivenModel, characterise, felt_mass, line, sweep
+from haptid.characterisation.plots import Sweep, plot_map, plot_sweeps
+from haptid.workspace import workspace
+from mechanisms import draw
+from motions import motion
+from random_devices import as_device, parameters
+from true_parameters import true_parameters
+
+
+@pytest.fixture(scope="module")
+def phantom():
+    return haptid.read_device("phantom_premium_15")
+
+
+@pytest.fixture(scope="module")
+def estimate(phantom):
+    beta = phantom.base.of(true_parameters(phantom))
+    made = motion(phantom, beta, seconds=10.0, noise=0.05)
+    return haptid.estimate(haptid.observe(phantom, made), haptid.WLS())
+
+
+POSES = np.array([[0.0, 0.3, -0.2], [0.2, 0.5, 0.1], [0.3, 0.1, 0.4]])
+
+
+@pytest.fixture(scope="module")
+def doubtful(phantom):
+    """Parameters with a covariance, and draws of it."""
+    beta = phantom.base.of(true_parameters(phantom))
+    rng = np.random.default_rng(0)
+    L = 0.01 * np.abs(beta)[:, None] * rng.normal(size=(len(beta),) * 2) / np.sqrt(len(beta))
+    drawn = beta + rng.normal(size=(3000, len(beta))) @ L.T
+    return GivenModel(phantom, beta, L @ L.T), [GivenModel(phantom, b) for b in drawn]
+
+
+FIGURES = {
+    "masses": lambda c: c.apparent_mass,
+    "isotropy": lambda c: c.isotropy,
+    "mass along": lambda c: c.mass_along([1.0, 0.2, 0.3]),
+    "viscous": lambda c: c.viscous_friction,
+    "coulomb": lambda c: c.coulomb_friction([1.0, 0.2, 0.3]),
+    "weight": lambda c: c.weight,
+    "back-drive": lambda c: c.backdrive_force([0.0, 1.0, 0.3]),
+    "neglected": lambda c: c.neglected_force(0.5),
+    "greatest force": lambda c: c.greatest_force({"1": 0.5, "2": 0.4, "3": 0.3})[0],
+}
+
+
+@pytest.mark.parametrize("name", FIGURES)
+def test_deviations_are_those_of_drawn_parameters(name, doubtful):
+    model, draws = doubtful
+    figure, count = FIGURES[name](characterise(model, POSES)), 60 if name == "neglected" else 1200
+    values = np.array([FIGURES[name](characterise(m, POSES)).value for m in draws[:count]])
+    spread = values.std(axis=0)
+    # A deviation of so many draws is itself known to 1 / sqrt(2 count).
+    close = 4.5 / np.sqrt(2 * count) + 0.03
+    # Components that vanish by symmetry have rounding for a deviation.
+    np.testing.assert_allclose(figure.sd, spread, rtol=close, atol=1e-4 * spread.max())
+    np.testing.assert_allclose(
+        figure.value, values.mean(axis=0), atol=6 * spread.max() / np.sqrt(count) + 0.02 * spread.max()
+    )
+
+
+def test_intervals_of_an_estimate_hold_the_truth(estimate, phantom):
+    found = characterise(estimate, POSES)
+    true = characterise(GivenModel(phantom, phantom.base.of(true_parameters(phantom))), POSES)
+    for name in ("masses", "weight", "back-drive"):
+        got, wanted = FIGURES[name](found), FIGURES[name](true).value
+        assert got.freedom < 100
+        low, high = np.moveaxis(got.interval95, -1, 0)
+        margin = 1e-9
+        assert ((low - margin <= wanted) & (wanted <= high + margin)).mean() > 0.8, name
+
+
+def test_an_estimate_that_leans_on_one_stretch_has_infinite_deviations(estimate):
+    lonely = replace(estimate, lonely=(0,))
+    found = characterise(lonely, POSES)
+    assert np.isinf(found.apparent_mass.sd).all()
+    assert "infinite" in found.summary()
+
+
+def test_without_covariance_there_are_no_intervals(phantom):
+    found = characterise(GivenModel(phantom, np.ones(len(phantom.base))), POSES)
+    assert found.weight.sd is None
+    assert found.weight.interval95 is None
+
+
+def test_singular_poses_are_reported_and_unknown(phantom):
+    """At the PHANToM's full reach the arm and forearm are in line."""
+    beta = phantom.base.of(true_parameters(phantom))
+    qa = line([0.0, 0.2, 0.2], [0.0, 0.2, 0.2 + np.pi / 2], 101)
+    found = characterise(GivenModel(phantom, beta), qa)
+    out = ~found.grasp.usable
+    assert 0 < out.sum() < 101
+    assert out[-1]
+    for figure in (found.apparent_mass, found.weight, found.viscous_friction, found.neglected_force(0.3)):
+        assert np.isnan(figure.value[out]).all()
+        assert np.isfinite(figure.value[~out]).all()
+    assert f"{out.sum()} of 101 poses" in found.summary()
+    np.testing.assert_array_equal(found.masses.usable, found.grasp.usable)
+
+
+def test_a_mass_matrix_that_is_not_positive_gives_no_mass(phantom):
+    beta = np.array(phantom.base.of(true_parameters(phantom)))
+    beta[phantom.base.names.index("ZZdfR")] = -1e-3
+    found = characterise(GivenModel(phantom, beta), POSES)
+    assert not found.masses.definite.any()
+    assert np.isnan(found.apparent_mass.value).all()
+    assert "not positive definite" in found.summary()
+
+
+def test_a_workspace_is_characterised_on_its_grid(phantom):
+    model = GivenModel(phantom, phantom.base.of(true_parameters(phantom)))
+    found = characterise(model, workspace(phantom), worst_condition=10.0)
+    assert len(found.grasp) > 1000
+    assert "left out" in found.summary()
+    with pytest.raises(errors.DifferentModelError, match="PHANToM"):
+        characterise(model, workspace(haptid.read_device("cea_medical_branch")))
+
+
+def test_spare_joints_leave_friction_open_but_masses_known():
+    mechanism = draw(5, joints=5, closed=False, chain=True)
+    device = as_device(mechanism)
+    qa = np.random.default_rng(0).normal(size=(5, 4))
+    found = characterise(GivenModel(device, device.base.of(parameters(mechanism, device))), qa, worst_condition=1e6)
+    assert np.isfinite(found.apparent_mass.value).all()
+    with pytest.raises(errors.SpareJointsError, match="5 joints"):
+        _ = found.weight
+    assert "not determined" in found.summary()
+    limits = {motor.name: 5.0 for motor in device.motors}
+    assert (found.greatest_force(limits)[0].value >= 0).all()
+
+
+def test_chosen_rows(phantom):
+    model = GivenModel(phantom, phantom.base.of(true_parameters(phantom)))
+    all_rows, across = felt_mass(model, POSES), felt_mass(model, POSES, rows=(0,))
+    assert across.mass.value.shape == (3, 1)
+    # With y and z free to yield, x feels no more than the largest mass and no less than the smallest.
+    assert (across.mass.value[:, 0] <= all_rows.mass.value[:, 0] * (1 + 1e-12)).all()
+    assert (across.mass.value[:, 0] >= all_rows.mass.value[:, 2] * (1 - 1e-12)).all()
+
+
+def test_settings_that_mean_nothing(phantom):
+    model = GivenModel(phantom, np.ones(len(phantom.base)))
+    for wrong in (
+        {"rows": ()},
+        {"rows": (0, 0)},
+        {"rows": (6,)},
+        {"worst_condition": 1.0},
+        {"worst_condition": np.nan},
+    ):
+        with pytest.raises(errors.CharacterisationSettingError, match="write"):
+            characterise(model, POSES, **wrong)
+    with pytest.raises(errors.CharacterisationSettingError, match="finite positions"):
+        felt_mass(model, np.full((3, 2), np.nan))
+    found = characterise(model, POSES)
+    with pytest.raises(errors.CharacterisationSettingError, match="direction"):
+        found.mass_along([0.0, 0.0, 0.0])
+    with pytest.raises(errors.ShapeError):
+        found.mass_along([1.0, 0.0])
+    with pytest.raises(errors.ShapeError):
+        characterise(model, POSES[:2])
+    for limits, match in (
+        (None, "motor 1"),
+        ({"1": 1, "2": 1, "3": -1}, "motor 3"),
+        ({"1": 1, "2": 1, "3": 1, "4": 1}, "4"),
+    ):
+        with pytest.raises(errors.TorqueLimitError, match=match):
+            found.greatest_force(limits)
+    with pytest.raises(errors.ShapeError):
+        found.stiffness([1.0, 2.0])
+
+
+def test_a_handle_on_the_base_moves_nothing(phantom):
+    fixed = replace(phantom, handle=replace(phantom.handle, link=-1))
+    with pytest.raises(errors.CharacterisationSettingError, match="a link that moves"):
+        felt_mass(GivenModel(fixed, np.ones(len(fixed.base))), POSES)
+    with pytest.raises(errors.HandleMissingError):
+        felt_mass(GivenModel(replace(phantom, handle=None), np.ones(len(phantom.base))), POSES)
+
+
+def test_a_table_of_parameters_as_papers_print_it(phantom):
+    model = GivenModel.of(phantom, {"FV1": 2.0}, {"FV1": 0.5})
+    k = phantom.base.names.index("FV1")
+    assert model.beta[k] == 2.0
+    assert model.covariance[k, k] == 0.25
+    assert np.count_nonzero(model.beta) == np.count_nonzero(model.covariance) == 1
+    with pytest.raises(errors.BaseNameError, match="FV9"):
+        GivenModel.of(phantom, {"FV9": 2.0})
+
+
+def test_sweeps_and_lines():
+    np.testing.assert_array_equal(sweep([1.0, 2.0], 1, [3.0, 4.0]), [[1, 1], [3, 4]])
+    np.testing.assert_array_equal(line([0.0, 1.0], [1.0, 1.0], 3), [[0, 0.5, 1], [1, 1, 1]])
+
+
+def test_sweeps_and_maps_are_drawn(doubtful, phantom, tmp_path):
+    model, _ = doubtful
+    x = np.linspace(0.0, 0.8, 9)
+    masses = felt_mass(model, sweep([0.0, 0.0, 0.3], 1, x)).mass
+    bare = felt_mass(GivenModel(phantom, model.beta), sweep([0.0, 0.0, 0.3], 1, x)).mass
+    drawn = Sweep("be, rad", x, {"with intervals": masses, "without": bare})
+    plot_sweeps([drawn, drawn], "mass, kg", tmp_path / "sweeps.png")
+    value = np.outer(np.linspace(1, 2, 5), masses.value[:, 0])
+    value[0, 0] = np.nan
+    for name, shown in (("map", value), ("empty", np.full_like(value, np.nan))):
+        plot_map(x, np.arange(5.0), shown, ("x", "y", "kg"), tmp_path / f"{name}.png")
+    assert all(path.stat().st_size > 5000 for path in tmp_path.iterdir())
+    with pytest.raises(errors.ShapeError):
+        Sweep("be, rad", x[:-1], {"": masses})
+    with pytest.raises(errors.ShapeError):
+        plot_map(x, x, value, ("x", "y", "kg"), tmp_path / "wrong.png")
