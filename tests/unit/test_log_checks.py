@@ -13,6 +13,7 @@ from hypothesis import strategies as st
 
 from haptid import errors
 from haptid.log import Channels, Log, Signal, read_log
+from haptid.log.time import from_stamps
 from haptid.log.units import SPELLINGS, TABLES, meant
 
 QUICK = settings(max_examples=40, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
@@ -223,6 +224,11 @@ def test_units_of_something_else() -> None:
 def test_counts_need_a_gain() -> None:
     with pytest.raises(errors.CountsGainError, match="rad or m of one count"):
         Channels(Signal("q", "counts"), Signal("tau", "N m"), "t")
+
+
+def test_times_in_another_unit_than_they_are_said_to_be() -> None:
+    with pytest.raises(errors.SlowClockError, match=r"every 1e\+03 s.*time_unit.*'us'"):
+        from_stamps(Path("log.csv"), "t", 1000.0 * np.arange(200), 1.0)
 
 
 def test_time_is_given_once() -> None:

@@ -221,6 +221,16 @@ class SignalError(LogError):
         super().__init__(f"{name} is {found}; wanted {wanted}.")
 
 
+class SlowClockError(LogError):
+    """Samples so far apart that their times must be in another unit."""
+
+    def __init__(self, path: object, name: str, step: float, limit: float) -> None:
+        super().__init__(
+            f"{path}: by its times in {name!r} there is a sample every {step:.3g} s, and no motion is told by samples "
+            f"further apart than {limit:g} s. Give the `time_unit` that the channel has: 'ms', 'us' or 'ns'."
+        )
+
+
 class TimeBaseError(LogError):
     """No time, or two of them."""
 

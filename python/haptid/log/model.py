@@ -164,7 +164,10 @@ class Log:
         return 1.0 / self.dt
 
     def busiest(self, seconds: float) -> Log:
-        """The stretch, at most so long (but of some thousand samples), in which its positions move most, each against its own spread."""
+        """The stretch in which its positions move most, each against its own spread.
+
+        At most so long, but of LEAST_STRETCH samples where the log has them.
+        """
         keep = min(self.t.size, max(LEAST_STRETCH, round(seconds / self.dt)))
         if keep == self.t.size:
             return self

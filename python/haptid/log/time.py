@@ -17,6 +17,7 @@ from haptid.errors import (
     MissingSamplesError,
     NonFiniteError,
     RepeatedStampError,
+    SlowClockError,
     StretchError,
     TimeBackwardsError,
 )
@@ -28,6 +29,8 @@ UNIFORM = 1e-4
 # A step longer than this many ordinary ones is a gap; one longer than LONGEST_GAP is not filled.
 GAP = 1.5
 LONGEST_GAP = 10.0
+# Samples further apart tell no motion: their times are in another unit, s.
+SLOWEST = 0.5
 MISSING_LIMIT = 0.01
 REPEATED_LIMIT = 0.01
 # From that many steps on, every other one, or third, ... tells the median.
@@ -142,9 +145,13 @@ def from_stamps(path: Path, name: str, seconds: Array, fineness: float) -> TimeB
         GapError: a hole of more than `LONGEST_GAP` steps.
         MissingSamplesError: too many short holes.
         LogTooShortError: fewer than `FEWEST_SAMPLES`.
+        SlowClockError: the stamps are further apart than `SLOWEST`.
     """
     check_length(path, seconds.size)
     _check_order(path, name, seconds)
+    step = float(np.median(np.diff(seconds[:PIECE])))
+    if step > SLOWEST:
+        raise SlowClockError(path, name, step, SLOWEST)
     repeated = np.flatnonzero(seconds[1:] == seconds[:-1]) + 1
     notes: list[str] = []
     if repeated.size:
