@@ -2,27 +2,67 @@
 
 from __future__ import annotations
 
-import numpy as np
-from scipy import linalg
+from dataclasses import dataclass
 
-from haptid._values import Array
+import numpy as np
+from scipy import linalg, stats
+
+from haptid._values import Array, read_only
 from haptid.comparison import compare
-from haptid.diagnosis.finding import LEVEL, Finding, Status, listed
+from haptid.diagnosis.finding import LEVEL, Finding, listed
 from haptid.diagnosis.widened import stack
 from haptid.errors import EstimationError
 from haptid.estimators import WLS, Estimate, estimate
+from haptid.estimators.jackknife import ALONE
 
-# A block that moves an estimate by more than one deviation of all the others' doing deserves a look; beyond three, the
-# estimate is that block's word against theirs (after Belsley, Kuh and Welsch 1980, section 2.1).
-LOOK, DECIDES = 1.0, 3.0
+# A block that moves an estimate by more than one deviation of all the others' doing deserves a look; beyond two, the
+# estimate is that block's word against theirs.
+LOOK, DECIDES = 1.0, 2.0
+# Least sum of squares that is divided by.
+TINY = float(np.finfo(float).tiny)
 # Halves of a log with fewer blocks are not compared.
 FEWEST_BLOCKS = 8
 # Half of the estimate changed is a drift that matters.
 MATTERS = 0.5
 
 
-def shifts(made: Estimate) -> Array:
-    """How the estimate moves without each block of all motors together, (blocks, p), SI; infinite if it cannot be."""
+@dataclass(frozen=True, eq=False)
+class Deletions:
+    """What leaving out each block of all motors together does.
+
+    Attributes:
+        shift: how the estimate moves, (blocks, p), SI.
+        expected: variance of that shift if all rows were alike, up to one factor for each parameter, (blocks, p).
+    """
+
+    shift: Array
+    expected: Array
+
+    def __post_init__(self) -> None:
+        for name in ("shift", "expected"):
+            object.__setattr__(self, name, read_only(getattr(self, name)))
+
+    @property
+    def ratio(self) -> Array:
+        """Each shift in deviations that all other blocks give the parameter, (blocks, p)."""
+        return np.asarray(np.abs(self.shift) / np.sqrt(_others(self.shift**2)))
+
+    @property
+    def p(self) -> Array:
+        """Probability of so great a shift by chance, each taken by itself: Student's t, deletion by deletion."""
+        rest = _others(self.expected)
+        variance = self.expected * _others(self.shift**2) / rest
+        freedom = np.maximum(rest**2 / _others(self.expected**2) - 1.0, 1.0)
+        return np.asarray(2 * stats.t.sf(np.abs(self.shift) / np.sqrt(np.maximum(variance, TINY)), freedom))
+
+
+def _others(values: Array) -> Array:
+    """Sum over all other blocks, (blocks, p)."""
+    return np.asarray(np.maximum(values.sum(axis=0) - values, TINY))
+
+
+def deletions(made: Estimate) -> Deletions:
+    """Leave out each block of all motors together (Belsley, Kuh and Welsch 1980, section 2.1, for blocks of rows)."""
     observation, p = made.observation, len(made.beta)
     whole = stack(observation.motors, made.weights, p)
     R = whole[:-1, :-1]
@@ -35,33 +75,35 @@ def shifts(made: Estimate) -> Array:
         e = T[:, :, -1] - T[:, :, :-1] @ beta[motor.columns]
         A += U.transpose(0, 2, 1) @ U
         b += np.einsum("bij,bi->bj", U, e)
+    # Without the block: (I - U'U)^-1 U'e, whose variance is U'U (I - U'U)^-1 for rows alike.
     values, vectors = np.linalg.eigh(A)
-    with np.errstate(divide="ignore"):
-        scale = 1.0 / np.maximum(1.0 - values, 0.0)
-    moved = np.einsum("bij,bj->bi", vectors.transpose(0, 2, 1), b) * np.minimum(scale, 1e12)
-    return np.asarray(-np.einsum("bij,bj->bi", vectors, moved) @ inverse.T)
+    values = np.clip(values, 0.0, ALONE)
+    shape = inverse @ vectors
+    moved = np.einsum("bij,bi->bj", vectors, b) / (1.0 - values)
+    return Deletions(-np.einsum("bij,bj->bi", shape, moved), np.einsum("bij,bj->bi", shape**2, values / (1.0 - values)))
 
 
 def influence(made: Estimate) -> Finding:
-    """The block without which an estimate moves most, beside what all other blocks do to it."""
-    moved = shifts(made)
-    power = (moved**2).sum(axis=0)
-    others = np.sqrt(np.maximum(power - moved**2, np.finfo(float).tiny))
-    ratio = np.abs(moved) / others
-    b, k = (int(i) for i in np.unravel_index(int(np.argmax(ratio)), ratio.shape))
-    block, most = made.observation.blocks[b], float(ratio[b, k])
-    name = made.base.names[k]
-    figures = {"deviations": most, "start": block.start, "stop": block.stop, "shift": moved[b, k]}
-    status: Status = "bad" if most > DECIDES else "doubt" if most > LOOK else "ok"
+    """The block without which an estimate moves more than the other blocks let expect."""
+    without = deletions(made)
+    ratio, p = without.ratio, np.minimum(without.p * without.p.size, 1.0)
+    odd = (p < LEVEL) & (ratio > LOOK)
+    b, k = (int(i) for i in np.unravel_index(int(np.argmax(np.where(odd, ratio, ratio * 1e-9))), ratio.shape))
+    block, most, name = made.observation.blocks[b], float(ratio[b, k]), made.base.names[k]
+    figures = {"deviations": most, "p": p[b, k], "start": block.start, "stop": block.stop}
     where = f"{block.start:.1f} to {block.stop:.1f} s"
-    if status == "ok":
-        text = f"No stretch decides alone: the most is {most:.2g} deviations of {name}, {where} (limit {LOOK:g})."
-        return Finding("influence", status, figures, text)
+    if not odd.any():
+        text = (
+            f"No stretch decides alone: the most is {most:.2g} deviations of {name}, {where} (limit {LOOK:g}, and not "
+            f"by chance: p = {p[b, k]:.2g}, limit {LEVEL:g})."
+        )
+        return Finding("influence", "ok", figures, text)
     text = (
-        f"Without {where}, {name} moves by {most:.1f} deviations that all other stretches give it (limit {LOOK:g}): "
-        f"look at the log there for a touch, an end stop or a jump; if nothing is wrong, record more such motion."
+        f"Without {where}, {name} moves by {most:.1f} of the deviations that all other stretches give it (limit "
+        f"{LOOK:g}; p = {p[b, k]:.1e}, limit {LEVEL:g}): look at the log there for a touch, an end stop or a jump, and "
+        f"cut it out; if nothing is wrong, record more such motion."
     )
-    return Finding("influence", status, figures, text)
+    return Finding("influence", "bad" if most > DECIDES else "doubt", figures, text)
 
 
 def drift(made: Estimate) -> Finding:

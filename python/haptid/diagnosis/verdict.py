@@ -99,8 +99,8 @@ def _next(by_name: Mapping[str, Finding], errors: Validation) -> tuple[str, ...]
     return (*made, "Validate it on another log.") if errors.seen else made
 
 
-def _rank(finding: Finding) -> tuple[bool, int, float]:
-    """Bad before doubtful, causes before what they cause, of misfits the surest."""
+def _rank(finding: Finding) -> tuple[bool, bool, int, float]:
+    """Causes before what only shows them, bad before doubtful, of misfits the surest."""
     name = "misfit" if finding.name in COMPENSATION else finding.name
     place = FIRST.index(name) if name in FIRST else len(FIRST)
-    return (finding.status != "bad", place, float(finding.figures.get("p", 1.0)))
+    return (name not in FIRST, finding.status != "bad", place, float(finding.figures.get("p", 1.0)))
