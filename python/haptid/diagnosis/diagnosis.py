@@ -99,10 +99,10 @@ def _tested(estimate: Estimate, left: Residuals) -> Iterator[Finding]:
     groups: dict[str, list[Extra]] = {}
     for shape in misfit.SHAPES:
         for k, place in enumerate(spots):
-            groups[f"{shape.name} {k}"] = list(misfit.extras(shape, place, left, chi))
+            groups[f"{shape.name} {k}"] = list(misfit.extras(shape, place, left))
     bodies = suspicion.known(device)
     if _accelerated(estimate):
-        groups["late"] = list(late.rates(device, chi))
+        groups["late"] = list(late.rates(device))
         groups["known"] = list(suspicion.expected(device, bodies)) if bodies else []
     calm = [(motion, exogeneity.instrument(motion)) for motion in estimate.observation.motions]
     pairs = [(motion, smooth) for motion, smooth in calm if smooth is not None]

@@ -7,7 +7,6 @@ from collections.abc import Sequence
 import numpy as np
 from scipy import stats
 
-from haptid._values import Array
 from haptid.device import Device
 from haptid.diagnosis.finding import LEVEL, Finding, Status, holm
 from haptid.diagnosis.widened import Extra, Widened
@@ -16,14 +15,14 @@ from haptid.diagnosis.widened import Extra, Widened
 NEAR, FAR = 0.05, 0.25
 
 
-def rates(device: Device, chi: Array) -> tuple[Extra, ...]:
+def rates(device: Device) -> tuple[Extra, ...]:
     """For every measured row, the rate of change of the model's torque."""
 
     def rate(row: int) -> Extra:
         return Extra(
             np.eye(len(device.drives))[row],
             1,
-            lambda sight: np.gradient(sight.torque(chi)[row], sight.plan.motion.dt)[None],
+            lambda sight: np.gradient(sight.model[row], sight.plan.motion.dt)[None],
         )
 
     return tuple(rate(int(row)) for row in np.flatnonzero(device.measured))

@@ -103,14 +103,13 @@ SHAPES = (
 )
 
 
-def extras(shape: Shape, place: Place, left: Residuals, chi: Array) -> tuple[Extra, ...]:
+def extras(shape: Shape, place: Place, left: Residuals) -> tuple[Extra, ...]:
     """The shape's alternatives at a place.
 
     Args:
         shape: which.
         place: where.
         left: rows that say which speeds and positions are typical.
-        chi: the estimate's parameters of the core's columns, (r,), SI.
     """
     v, x = place.weights @ left.velocity, place.weights @ left.position
     speed = float(np.sqrt(np.nanmean(v**2))) or 1.0
@@ -120,7 +119,7 @@ def extras(shape: Shape, place: Place, left: Residuals, chi: Array) -> tuple[Ext
     def local(sight: Sight) -> Local:
         c, cd, _ = sight.motion
         at = (2 * (place.weights @ c) - low - high) / (high - low or 1.0)
-        return Local(place.weights @ cd / speed, at, np.abs(sight.torque(chi)[row]))
+        return Local(place.weights @ cd / speed, at, np.abs(sight.model[row]))
 
     def values(columns: Callable[[Local], Array]) -> Callable[[Sight], Array]:
         return lambda sight: columns(local(sight))

@@ -7,7 +7,7 @@ from functools import cached_property
 
 import numpy as np
 
-from haptid._values import Array
+from haptid._values import Array, freeze
 from haptid.device import Device
 from haptid.dynamics import core_torque
 from haptid.observation import Plan
@@ -20,10 +20,12 @@ class Sight:
 
     Attributes:
         plan: of the rows.
+        chi: the estimate's parameters of the core's columns, (r,), SI.
         low, high: first sample, and one past the last.
     """
 
     plan: Plan
+    chi: Array
     low: int
     high: int
 
@@ -37,6 +39,11 @@ class Sight:
         """Position, velocity, and acceleration where rows have one, each (coordinates, samples), SI."""
         c, cd, cdd, _ = self.plan.signals(self.low, self.high)
         return c, cd, cdd
+
+    @cached_property
+    def model(self) -> Array:
+        """Torque of the estimate, (coordinates, samples), N m or N."""
+        return freeze(self.torque(self.chi))
 
     def torque(self, chi: Array) -> Array:
         """Torque of these parameters of the core's columns, (coordinates, samples), N m or N; at rest without cdd."""

@@ -17,6 +17,7 @@ from scipy import linalg, stats
 from haptid._values import Array, freeze, read_only
 from haptid.device.terms import TermColumn
 from haptid.diagnosis.sight import Sight
+from haptid.dynamics import raw_parameters
 from haptid.estimators import Estimate
 from haptid.estimators.jackknife import jackknife
 from haptid.estimators.solve import Solution
@@ -53,15 +54,17 @@ class Added:
         covariance: by the block jackknife, (k, k).
         freedom: degrees of freedom, the least of the columns'.
         explained: share of the residual's power that goes with them, of each motor, (motors,).
+        beta: the parameters of the other columns in the fit, in their order, SI.
     """
 
     gamma: Array
     covariance: Array
     freedom: float
     explained: Array
+    beta: Array
 
     def __post_init__(self) -> None:
-        for name in ("gamma", "covariance", "explained"):
+        for name in ("gamma", "covariance", "explained", "beta"):
             object.__setattr__(self, name, read_only(getattr(self, name)))
 
     @property
@@ -127,7 +130,7 @@ class Widened:
         before = [motor.residual(self.estimate.beta) for motor in self.estimate.observation.motors[chosen]]
         after = [motor.residual(beta) for motor in motors]
         explained = 1.0 - np.square(after) / np.where(np.array(before) > 0, np.square(before), 1.0)
-        return Added(beta[-k:], jack.covariance, float(jack.freedom.min()), explained)
+        return Added(beta[-k:], jack.covariance, float(jack.freedom.min()), explained, beta[:-k])
 
 
 def widen(estimate: Estimate, extras: Sequence[Extra]) -> Widened:
@@ -153,16 +156,18 @@ class _WidePlan(Plan):
 
     Attributes:
         narrow: the same without.
+        chi: the estimate's parameters of the core's columns, (r,), SI.
         extras: what is added.
     """
 
     narrow: Plan
+    chi: Array
     extras: tuple[Extra, ...]
 
     def signals(self, low: int, high: int) -> Signals:
         """As of the plan without, and the extras' values below the columns that Python computes."""
         c, cd, cdd, own = self.narrow.signals(low, high)
-        sight = Sight(self.narrow, low, high)
+        sight = Sight(self.narrow, self.chi, low, high)
         return c, cd, cdd, np.concatenate([own, *(extra.values(sight) for extra in self.extras)])
 
 
@@ -186,8 +191,9 @@ def _observed(
     selection = linalg.block_diag(plan.selection, np.eye(len(more)))
     with_more = replace(device, terms=(*device.terms, *more))
     shared = {field.name: getattr(plan, field.name) for field in fields(plan)}
+    chi = raw_parameters(device, estimate.beta)
     shared |= {"device": with_more, "columns": (*plan.columns, *columns.tolist()), "selection": selection}
-    wide = _WidePlan(**shared, narrow=plan, extras=tuple(extras))
+    wide = _WidePlan(**shared, narrow=plan, chi=chi, extras=tuple(extras))
     parts = [wide.reduce(start, stop) for start, stop in plan.segments()]
     name = motion.log.sha256 if motion.log else f"motion {id(motion):x}"
     rows = np.concatenate([many for _, many in parts], axis=1)
