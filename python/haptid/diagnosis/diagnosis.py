@@ -22,6 +22,9 @@ from haptid.dynamics import raw_parameters
 from haptid.estimators import Estimate
 from haptid.validation import Validation, direct
 
+# Per cent of every motor's torque below which a residual is rounding.
+EXACT = 1e-8
+
 
 @dataclass(frozen=True, eq=False)
 class Diagnosis:
@@ -75,15 +78,17 @@ def diagnose(estimate: Estimate, validation: Validation | None = None) -> Diagno
     Raises:
         HaptidError: as `observe` does where a motion no longer fits the device.
     """
-    left = residuals(estimate)
     errors = validation or direct(estimate)
-    rows, missing = _on_rows(estimate, left), _left_out(estimate)
-    findings = (excitation(estimate), collinearity(estimate), *rows, influence(estimate), drift(estimate))
-    return Diagnosis(estimate, errors, findings, tuple(missing))
+    motion = (excitation(estimate), collinearity(estimate))
+    if max(motor.relative for motor in direct(estimate).motors) < EXACT:
+        return Diagnosis(estimate, errors, motion, ("The model fits to rounding: no residual is left to look at.",))
+    findings = (*motion, *_on_rows(estimate), influence(estimate), drift(estimate))
+    return Diagnosis(estimate, errors, findings, tuple(_left_out(estimate)))
 
 
-def _on_rows(estimate: Estimate, left: Residuals) -> Iterator[Finding]:
+def _on_rows(estimate: Estimate) -> Iterator[Finding]:
     """Findings that need the rows again."""
+    left = residuals(estimate)
     measured = [int(row) for row in np.flatnonzero(estimate.device.measured)]
     yield whiteness(estimate, left)
     yield distribution.normality(left)

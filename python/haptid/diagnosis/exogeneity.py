@@ -27,6 +27,8 @@ from haptid.treatment import Motion, treat
 # Errors that move no parameter by more than this many of its deviations are harmless; beyond the second, its interval
 # no longer holds the truth as often as it says.
 HARMLESS, BIASED = 0.5, 1.0
+# Least deviation that is divided by.
+TINY = float(np.finfo(float).tiny)
 
 
 def instrument(motion: Motion) -> Motion | None:
@@ -75,7 +77,7 @@ def exogeneity(widened: Widened, which: Sequence[int], labels: Sequence[str]) ->
     p = holm([one.p for _, one in told])
     first = int(np.argmin(p))
     label, explained = told[first][0], float(told[first][1].explained.max())
-    moved = np.abs(told[first][1].beta - made.beta) / made.sd
+    moved = np.abs(told[first][1].beta - made.beta) / np.maximum(made.sd, TINY)
     worst, most = made.base.names[int(np.argmax(moved))], float(moved.max())
     figures = {
         "p": float(p[first]),
@@ -85,8 +87,8 @@ def exogeneity(widened: Widened, which: Sequence[int], labels: Sequence[str]) ->
     }
     if p[first] < LEVEL and most <= HARMLESS:
         text = (
-            f"Errors in W show in the residual of {label} (Durbin-Wu-Hausman, p = {p[first]:.1e}, limit {LEVEL:g}), but "
-            f"they are harmless: {worst} moves by {most:.2g} deviations (limit {HARMLESS:g}), the others by less."
+            f"Errors in W show in the residual of {label} (Durbin-Wu-Hausman, p = {p[first]:.1e}, limit {LEVEL:g}) but "
+            f"do no harm: {worst} moves by {most:.2g} deviations (limit {HARMLESS:g}), the others by less."
         )
         return Finding("errors in W", "ok", figures, text)
     if p[first] >= LEVEL:

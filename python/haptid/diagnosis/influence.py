@@ -22,8 +22,8 @@ LOOK, DECIDES = 1.0, 2.0
 TINY = float(np.finfo(float).tiny)
 # Halves of a log with fewer blocks are not compared.
 FEWEST_BLOCKS = 8
-# Half of the estimate changed is a drift that matters.
-MATTERS = 0.5
+# A change of less than this share of a parameter is no matter, and one of more than the second is a great one.
+SMALL, MATTERS = 0.02, 0.5
 
 
 @dataclass(frozen=True, eq=False)
@@ -125,9 +125,14 @@ def drift(made: Estimate) -> Finding:
     k = int(np.argmin(found.p))
     share = float(np.abs(found.difference[k]) / max(abs(found.first[k]), abs(found.second[k])))
     figures = {"p": least, "first": found.first[k], "second": found.second[k], "share": share}
+    if share < SMALL:
+        text = (
+            f"{listed(found.differs)} changed along the log, but by {100 * share:.1g} % only (limit {100 * SMALL:g} %)."
+        )
+        return Finding("drift", "ok", figures, text)
     text = (
-        f"{listed(found.differs)} changed along the log: {found.names[k]} from {found.first[k]:.3g} to "
-        f"{found.second[k]:.3g} {found.units[k]} (p = {least:.1e}, limit {LEVEL:g}). Warm the device up, check that "
+        f"{listed(found.differs)} changed along the log: {found.names[k]} from {found.first[k]:.4g} to "
+        f"{found.second[k]:.4g} {found.units[k]} (p = {least:.1e}, limit {LEVEL:g}). Warm the device up, check that "
         f"nothing slipped, and identify warm and cold apart."
     )
     return Finding("drift", "bad" if share > MATTERS else "doubt", figures, text)

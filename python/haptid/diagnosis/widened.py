@@ -216,8 +216,7 @@ def _pick(motor: MotorRows, kept: np.ndarray) -> MotorRows:
     place = {int(column): k for k, column in enumerate(motor.columns)}
     own = np.array([k for k, column in enumerate(kept) if int(column) in place], dtype=int)
     at = [place[int(kept[k])] for k in own] + [len(motor.columns)]
-    T = motor.triangles[:, :, at]
-    return replace(motor, columns=own, triangles=np.stack([triangle(each) for each in T]))
+    return replace(motor, columns=own, triangles=np.linalg.qr(motor.triangles[:, :, at], mode="r"))
 
 
 def _groups(blocks: Sequence[Block], wanted: Sequence[Block]) -> list[np.ndarray]:
