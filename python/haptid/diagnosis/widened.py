@@ -216,7 +216,7 @@ def _pick(motor: MotorRows, kept: np.ndarray) -> MotorRows:
     place = {int(column): k for k, column in enumerate(motor.columns)}
     own = np.array([k for k, column in enumerate(kept) if int(column) in place], dtype=int)
     at = [place[int(kept[k])] for k in own] + [len(motor.columns)]
-    return replace(motor, columns=own, triangles=np.linalg.qr(motor.triangles[:, :, at], mode="r"))
+    return replace(motor, columns=own, triangles=np.asarray(np.linalg.qr(motor.triangles[:, :, at], mode="r")))
 
 
 def _groups(blocks: Sequence[Block], wanted: Sequence[Block]) -> list[np.ndarray]:
