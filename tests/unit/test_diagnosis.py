@@ -11,12 +11,15 @@ from diagnosed import estimated, log, phantom
 from haptid.diagnosis import diagnose
 from haptid.diagnosis.excitation import advice
 from haptid.diagnosis.exogeneity import instrument
+from haptid.diagnosis.finding import LEVEL
 from haptid.diagnosis.late import rates
 from haptid.diagnosis.misfit import SHAPES
 from haptid.diagnosis.places import places
 from haptid.diagnosis.residual import residuals
 from haptid.diagnosis.suspicion import cause
 from haptid.diagnosis.widened import Extra, widen
+from haptid.estimators.essential import untold
+from haptid.estimators.reduced import Without
 from motions import motion, truth
 
 LOOKS = {
@@ -72,7 +75,7 @@ def test_rows_that_were_left_out_of_the_fit_are_left_out_of_the_diagnosis(clean)
     assert [int(left.used(m).sum()) for m in range(3)] == [int(motor.rows.sum()) for motor in half.observation.motors]
     for m, motor in enumerate(half.observation.motors):
         assert np.sqrt(np.nansum(left.e[m] ** 2)) == pytest.approx(motor.residual(half.beta), rel=1e-9)
-    wide = widen(half, rates(half.device))
+    wide = widen(half, rates(half.device, [0, 1, 2]))
     for motor, wanted in zip(wide.observation.motors, half.observation.motors, strict=True):
         assert motor.rows.sum() == wanted.rows.sum()
 
@@ -82,6 +85,21 @@ def test_several_motions_are_diagnosed_together():
     found = diagnose(haptid.estimate(both[0] + both[1], haptid.WLS()))
     assert found.verdict.torque == "ok"
     assert found["whiteness"].figures["rows"] == sum(o.rows for o in both)
+
+
+def test_parameters_and_motors_that_were_left_out_stay_out(clean):
+    reduced = haptid.estimate(clean.observation, Without(("FV2",)))
+    found = diagnose(reduced)
+    assert found["bent viscosity"].figures["p"] < LEVEL or found["time delay"].status != "ok"
+    assert "FV2" not in found["excitation"].sentence
+    own = haptid.estimate(clean.observation.only("1"), Without(untold_by_motor_1(clean), haptid.OLS()))
+    alone = diagnose(own)
+    assert "motor 1" in alone.verdict.sentences[0]
+    assert not any("motor 2" in name for finding in alone.findings for name in finding.figures)
+
+
+def untold_by_motor_1(made):
+    return tuple(made.base.names[k] for k in untold(made.observation.only("1")))
 
 
 def test_a_clean_log_has_every_look_and_a_good_verdict(diagnosis):
@@ -126,8 +144,8 @@ def test_no_instrument_where_the_filter_is_already_as_narrow_as_the_motion(clean
 
 
 def test_places_are_where_friction_is_declared():
-    assert [place.label for place in places(phantom())] == ["motor 1", "motor 2", "motor 3"]
-    coupled = places(haptid.read_device("staubli_tx40"))
+    assert [place.label for place in places(phantom(), range(3))] == ["motor 1", "motor 2", "motor 3"]
+    coupled = places(haptid.read_device("staubli_tx40"), range(6))
     assert len({place.label for place in coupled}) == len(coupled) >= 6
     assert any(np.count_nonzero(place.weights) > 1 for place in coupled)
 

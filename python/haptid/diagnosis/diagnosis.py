@@ -6,8 +6,6 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cached_property
 
-import numpy as np
-
 from haptid.diagnosis import distribution, exogeneity, late, misfit, suspicion
 from haptid.diagnosis.excitation import collinearity, excitation
 from haptid.diagnosis.finding import Finding, Status, worst
@@ -17,7 +15,7 @@ from haptid.diagnosis.residual import Residuals, residuals
 from haptid.diagnosis.ripple import ripple
 from haptid.diagnosis.serial import whiteness
 from haptid.diagnosis.verdict import Verdict, verdict
-from haptid.diagnosis.widened import Extra, Widened, widen
+from haptid.diagnosis.widened import Extra, Widened, device_rows, widen
 from haptid.dynamics import raw_parameters
 from haptid.estimators import Estimate
 from haptid.validation import Validation, direct
@@ -89,30 +87,31 @@ def diagnose(estimate: Estimate, validation: Validation | None = None) -> Diagno
 def _on_rows(estimate: Estimate) -> Iterator[Finding]:
     """Findings that need the rows again."""
     left = residuals(estimate)
-    measured = [int(row) for row in np.flatnonzero(estimate.device.measured)]
+    rows = device_rows(estimate)
     yield whiteness(estimate, left)
     yield distribution.normality(left)
-    yield distribution.spread(left, left.velocity[measured])
+    yield distribution.spread(left, left.velocity[rows])
     yield from _tested(estimate, left)
-    yield ripple(places(estimate.device), left, measured)
+    yield ripple(places(estimate.device, rows), left, rows)
 
 
 def _tested(estimate: Estimate, left: Residuals) -> Iterator[Finding]:
     """Findings of fits with more columns, all columns made in one walk over the samples."""
     device, chi = estimate.device, raw_parameters(estimate.device, estimate.beta)
-    spots, labels = places(device), left.labels
+    rows = device_rows(estimate)
+    spots, labels = places(device, rows), left.labels
     groups: dict[str, list[Extra]] = {}
     for shape in misfit.SHAPES:
         for k, place in enumerate(spots):
             groups[f"{shape.name} {k}"] = list(misfit.extras(shape, place, left))
     bodies = suspicion.known(device)
     if _accelerated(estimate):
-        groups["late"] = list(late.rates(device))
-        groups["known"] = list(suspicion.expected(device, bodies)) if bodies else []
+        groups["late"] = list(late.rates(device, rows))
+        groups["known"] = list(suspicion.expected(device, rows, bodies)) if bodies else []
     calm = [(motion, exogeneity.instrument(motion)) for motion in estimate.observation.motions]
     pairs = [(motion, smooth) for motion, smooth in calm if smooth is not None]
     if len(pairs) == len(calm):
-        groups["errors"] = list(exogeneity.errors_in_columns(device, chi, pairs))
+        groups["errors"] = list(exogeneity.errors_in_columns(device, rows, chi, pairs))
     widened, places_of = _widen(estimate, groups)
     names = [shape.name for shape in misfit.SHAPES]
     looks = [

@@ -10,6 +10,7 @@ from haptid._values import Array, read_only
 from haptid.diagnosis.finding import Finding, Status, listed
 from haptid.estimators import Estimate
 from haptid.estimators.estimate import WELL_CONDITIONED
+from haptid.observation import triangle
 
 # Condition indices above which a dependency is strong, and shares of variance that belong to it (Belsley, Kuh and
 # Welsch 1980, Regression Diagnostics, sections 3.2 and 3.4).
@@ -75,13 +76,20 @@ def advice(made: Estimate, k: int) -> str:
     return (words[0] if words else "move {} through its whole range and speed").format(on)
 
 
+def _table(made: Estimate) -> tuple[Dependencies, tuple[str, ...]]:
+    """Belsley's table of the parameters that were not left out, and their names."""
+    kept = list(made.kept)
+    R = triangle(made.observation.stack(made.weights)[:-1, kept])
+    return dependencies(R), tuple(made.base.names[k] for k in kept)
+
+
 def excitation(made: Estimate) -> Finding:
     """Which parameters the log does not tell from zero, and what motion would show them."""
     carried, half = shares(made), np.diff(made.interval95, axis=1)[:, 0] / 2
-    dark = [k for k in np.argsort(carried) if not half[k] < abs(made.beta[k])]
-    table = dependencies(made.observation.stack(made.weights)[:-1, :-1])
+    dark = [int(k) for k in np.argsort(carried) if k in made.kept and not half[k] < abs(made.beta[k])]
+    table, names = _table(made)
     weakest = table.directions[-1]
-    parts = [f"{weakest[k]:+.2f} {made.base.names[k]}" for k in np.argsort(-np.abs(weakest)) if abs(weakest[k]) > NAMED]
+    parts = [f"{weakest[k]:+.2f} {names[k]}" for k in np.argsort(-np.abs(weakest)) if abs(weakest[k]) > NAMED]
     figures = {f"share {name}": share for name, share in zip(made.base.names, carried, strict=True)}
     figures |= {"dark": len(dark), "weakest": 1.0 / table.index[-1]}
     least = f"{1 / table.index[-1]:.1e} of the best"
@@ -89,11 +97,11 @@ def excitation(made: Estimate) -> Finding:
     if not dark:
         return Finding("excitation", "ok", figures, f"The log tells every parameter from zero; {direction}.")
     hopeless = [k for k in dark if np.isinf(half[k]) or _beyond_prior(made, k, float(half[k]))]
-    status: Status = "bad" if hopeless or 2 * len(dark) > len(carried) else "doubt"
-    names = listed([made.base.names[k] for k in dark])
+    status: Status = "bad" if hopeless or 2 * len(dark) > len(names) else "doubt"
+    shown = listed([made.base.names[k] for k in dark])
     advised = "; ".join(dict.fromkeys(advice(made, k) for k in dark[:3]))
     text = (
-        f"The log does not tell {names} from zero ({len(dark)} of {len(carried)} parameters, 95 % intervals); "
+        f"The log does not tell {shown} from zero ({len(dark)} of {len(names)} parameters, 95 % intervals); "
         f"{direction}. To see more: {advised}."
     )
     return Finding("excitation", status, figures, text)
@@ -107,7 +115,7 @@ def _beyond_prior(made: Estimate, k: int, half: float) -> bool:
 
 def collinearity(made: Estimate) -> Finding:
     """Which parameters the log cannot tell from one another."""
-    table = dependencies(made.observation.stack(made.weights)[:-1, :-1])
+    table, every = _table(made)
     strong = table.index > STRONG
     together = table.proportions[strong].sum(axis=0)
     involved = np.flatnonzero(together > SHARED)
@@ -117,10 +125,10 @@ def collinearity(made: Estimate) -> Finding:
         text = f"Every parameter can be told from the others (largest condition index {largest:.3g}, limit {STRONG:g})."
         return Finding("collinearity", "ok", figures, text)
     status: Status = "bad" if largest > WELL_CONDITIONED else "doubt"
-    names = listed([made.base.names[k] for k in involved[np.argsort(-table.proportions[-1, involved])]])
+    names = listed([every[k] for k in involved[np.argsort(-table.proportions[-1, involved])]])
     text = (
         f"{names} are hard to tell from one another ({int(strong.sum())} condition indices above {STRONG:g}, the "
         f"largest {largest:.3g}; above {WELL_CONDITIONED:g} none is to be trusted by itself): trust their torque "
-        f"together, or record motion that makes them differ: {advice(made, int(involved[0]))}."
+        f"together, or record motion that makes them differ: {advice(made, made.kept[int(involved[0])])}."
     )
     return Finding("collinearity", status, figures, text)

@@ -46,11 +46,14 @@ def instrument(motion: Motion) -> Motion | None:
     return treat(motion.log, replace(motion.treatment, cutoff_hz=narrow))
 
 
-def errors_in_columns(device: Device, chi: Array, smooth: Sequence[tuple[Motion, Motion]]) -> tuple[Extra, ...]:
-    """For every measured row, torque of the motion less torque of the instrument: of bodies, and of other terms.
+def errors_in_columns(
+    device: Device, rows: Sequence[int], chi: Array, smooth: Sequence[tuple[Motion, Motion]]
+) -> tuple[Extra, ...]:
+    """For every row, torque of the motion less torque of the instrument: of bodies, and of other terms.
 
     Args:
         device: the mechanism.
+        rows: its rows.
         chi: the estimate's parameters of the core's columns, (r,), SI.
         smooth: every motion, and its instrument.
     """
@@ -64,7 +67,7 @@ def errors_in_columns(device: Device, chi: Array, smooth: Sequence[tuple[Motion,
 
         return Extra(np.eye(len(device.drives))[row], len(parts), values)
 
-    return tuple(differences(int(row)) for row in np.flatnonzero(device.measured))
+    return tuple(differences(row) for row in rows)
 
 
 def exogeneity(widened: Widened, which: Sequence[int], labels: Sequence[str]) -> Finding:
@@ -77,8 +80,9 @@ def exogeneity(widened: Widened, which: Sequence[int], labels: Sequence[str]) ->
     p = holm([one.p for _, one in told])
     first = int(np.argmin(p))
     label, explained = told[first][0], float(told[first][1].explained.max())
-    moved = np.abs(told[first][1].beta - made.beta) / np.maximum(made.sd, TINY)
-    worst, most = made.base.names[int(np.argmax(moved))], float(moved.max())
+    kept = list(made.kept)
+    moved = np.abs(told[first][1].beta - made.beta[kept]) / np.maximum(made.sd[kept], TINY)
+    worst, most = made.base.names[kept[int(np.argmax(moved))]], float(moved.max())
     figures = {
         "p": float(p[first]),
         "explained": explained,

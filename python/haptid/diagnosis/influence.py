@@ -5,15 +5,15 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy import linalg, stats
+from scipy import stats
 
 from haptid._values import Array, read_only
 from haptid.comparison import compare
 from haptid.diagnosis.finding import LEVEL, Finding, listed
-from haptid.diagnosis.widened import stack
 from haptid.errors import EstimationError
-from haptid.estimators import WLS, Estimate, estimate
+from haptid.estimators import WLS, Estimate, Restricted, estimate
 from haptid.estimators.jackknife import ALONE
+from haptid.estimators.solve import solve
 
 # A block that moves an estimate by more than one deviation of all the others' doing deserves a look; beyond two, the
 # estimate is that block's word against theirs.
@@ -63,22 +63,20 @@ def _others(values: Array) -> Array:
 
 def deletions(made: Estimate) -> Deletions:
     """Leave out each block of all motors together (Belsley, Kuh and Welsch 1980, section 2.1, for blocks of rows)."""
-    observation, p = made.observation, len(made.beta)
-    whole = stack(observation.motors, made.weights, p)
-    R = whole[:-1, :-1]
-    inverse, beta = linalg.solve_triangular(R, np.eye(p)), linalg.solve_triangular(R, whole[:-1, -1])
-    blocks = len(observation.blocks)
-    A, b = np.zeros((blocks, p, p)), np.zeros((blocks, p))
+    observation = made.observation
+    solution = solve(observation, made.weights, made.zero)
+    k, blocks = len(solution.R), len(observation.blocks)
+    A, b = np.zeros((blocks, k, k)), np.zeros((blocks, k))
     for motor, weight in zip(observation.motors, made.weights, strict=True):
         T = motor.triangles * weight
-        U = T[:, :, :-1] @ inverse[motor.columns]
-        e = T[:, :, -1] - T[:, :, :-1] @ beta[motor.columns]
+        U = T[:, :, :-1] @ solution.root[motor.columns]
+        e = T[:, :, -1] - T[:, :, :-1] @ solution.beta[motor.columns]
         A += U.transpose(0, 2, 1) @ U
         b += np.einsum("bij,bi->bj", U, e)
     # Without the block: (I - U'U)^-1 U'e, whose variance is U'U (I - U'U)^-1 for rows alike.
     values, vectors = np.linalg.eigh(A)
     values = np.clip(values, 0.0, ALONE)
-    shape = inverse @ vectors
+    shape = solution.root @ vectors
     moved = np.einsum("bij,bi->bj", vectors, b) / (1.0 - values)
     return Deletions(-np.einsum("bij,bj->bi", shape, moved), np.einsum("bij,bj->bi", shape**2, values / (1.0 - values)))
 
@@ -113,8 +111,9 @@ def drift(made: Estimate) -> Finding:
         return Finding("drift", "ok", {"blocks": blocks}, f"{blocks} blocks are too few to look for a drift.")
     index = np.arange(blocks)
     halves = [made.observation.pick(index[index * 2 // blocks == half]) for half in (0, 1)]
+    method = WLS() if isinstance(made.method, Restricted) else made.method
     try:
-        first, last = (estimate(half, WLS()) for half in halves)
+        first, last = (estimate(half, method) for half in halves)
         found = compare(first, last, confidence=1 - LEVEL)
     except EstimationError:
         return Finding("drift", "ok", {}, "Half of the log alone does not tell the parameters: no drift can be seen.")

@@ -15,8 +15,8 @@ from haptid.diagnosis.widened import Extra, Widened
 NEAR, FAR = 0.05, 0.25
 
 
-def rates(device: Device) -> tuple[Extra, ...]:
-    """For every measured row, the rate of change of the model's torque."""
+def rates(device: Device, rows: Sequence[int]) -> tuple[Extra, ...]:
+    """For every row, the rate of change of the model's torque."""
 
     def rate(row: int) -> Extra:
         return Extra(
@@ -25,7 +25,7 @@ def rates(device: Device) -> tuple[Extra, ...]:
             lambda sight: np.gradient(sight.model[row], sight.plan.motion.dt)[None],
         )
 
-    return tuple(rate(int(row)) for row in np.flatnonzero(device.measured))
+    return tuple(rate(row) for row in rows)
 
 
 def late(widened: Widened, which: Sequence[int], labels: Sequence[str]) -> Finding:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -27,14 +28,14 @@ class Place:
         object.__setattr__(self, "weights", read_only(self.weights))
 
 
-def places(device: Device) -> tuple[Place, ...]:
-    """The coordinates with declared dry friction, and those of the rows without any."""
+def places(device: Device, rows: Sequence[int]) -> tuple[Place, ...]:
+    """The coordinates with declared dry friction, and those of rows without any."""
     found: list[Place] = []
-    for row in np.flatnonzero(device.measured):
-        directions = device.coulomb_directions(int(row)) or (np.eye(len(device.drives))[row],)
+    for row in rows:
+        directions = device.coulomb_directions(row) or (np.eye(len(device.drives))[row],)
         for weights in directions:
             if not any(np.array_equal(np.abs(weights), np.abs(known.weights)) for known in found):
-                found.append(Place(_label(device, int(row), weights), weights))
+                found.append(Place(_label(device, row, weights), weights))
     return tuple(found)
 
 

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from haptid._values import Array, read_only
+from haptid.diagnosis.widened import device_rows
 from haptid.dynamics import raw_parameters
 from haptid.estimators import Estimate
 from haptid.stretches import stretches
@@ -84,11 +85,13 @@ def _of(estimate: Estimate, motion: Motion) -> Iterator[Part]:
     device = estimate.device
     chi = raw_parameters(device, estimate.beta)
     index = {block: k for k, block in enumerate(estimate.observation.blocks)}
+    measured_rows = np.flatnonzero(device.measured).tolist()
+    own = [measured_rows.index(row) for row in device_rows(estimate)]
     for stretch in stretches(device, motion):
         name = motion.log.sha256 if motion.log else f"motion {id(motion):x}"
         at = np.array([index.get(block, -1) for block in stretch.plan.blocks(name)])
-        measured, model = stretch.measured(), stretch.torque(chi)
-        e = np.where(stretch.used, measured - model, np.nan)
+        measured, model = stretch.measured()[own], stretch.torque(chi)[own]
+        e = np.where(stretch.used[own], measured - model, np.nan)
         block = at[np.arange(stretch.start, stretch.stop) // stretch.plan.block].astype(float)
         yield stretch.t, e, model, stretch.centres(stretch.c), stretch.centres(stretch.cd), block
     motors, coordinates = (np.full((size, BETWEEN), np.nan) for size in (len(e), len(stretch.c)))

@@ -58,7 +58,7 @@ def ripple(places: Sequence[Place], left: Residuals, device_rows: Sequence[int])
     """
     p, explained, period, names = [], [], [], []
     for place in places:
-        m = list(device_rows).index(int(np.argmax(np.abs(place.weights))))
+        m = max(range(len(left.e)), key=lambda k: abs(place.weights[device_rows[k]]))
         used = left.used(m)
         x, e = (place.weights @ left.position)[used], left.e[m, used] - np.nanmean(left.e[m])
         if used.sum() < PERIODS or x.max() == x.min():

@@ -61,8 +61,8 @@ def known(device: Device) -> Known | None:
     return Known(inertial, beta) if beta.any() else None
 
 
-def expected(device: Device, bodies: Known) -> tuple[Extra, ...]:
-    """For every measured row the torque of the known bodies: that of motion, and that of gravity.
+def expected(device: Device, rows: Sequence[int], bodies: Known) -> tuple[Extra, ...]:
+    """For every row the torque of the known bodies: that of motion, and that of gravity.
 
     Only the first is judged: of a balanced device, gravity is a small difference that no prior tells.
     """
@@ -73,10 +73,10 @@ def expected(device: Device, bodies: Known) -> tuple[Extra, ...]:
         return torque_of(device, chi, c, np.zeros_like(c), np.zeros_like(c))
 
     made = []
-    for row in np.flatnonzero(device.measured):
+    for row in rows:
         unit = np.eye(len(device.drives))[row]
-        made.append(Extra(unit, 1, lambda sight, r=int(row): (sight.torque(chi) - weight(sight))[[r]]))  # type: ignore[misc]
-        made.append(Extra(unit, 1, lambda sight, r=int(row): weight(sight)[[r]]))  # type: ignore[misc]
+        made.append(Extra(unit, 1, lambda sight, r=row: (sight.torque(chi) - weight(sight))[[r]]))  # type: ignore[misc]
+        made.append(Extra(unit, 1, lambda sight, r=row: weight(sight)[[r]]))  # type: ignore[misc]
     return tuple(made)
 
 

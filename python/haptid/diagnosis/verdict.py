@@ -70,14 +70,14 @@ def verdict(made: Estimate, errors: Validation, findings: Sequence[Finding]) -> 
     friction = of(COMPENSATION)
     compensation = worst([torque, mild(friction) if size == "ok" else friction])
     good = [p.name for p in made.parameters if p.relative_sd < QUOTABLE]
-    told: Status = "ok" if len(good) == len(made.beta) else "doubt"
+    told: Status = "ok" if len(good) == len(made.kept) else "doubt"
     single = worst([told, of(PREDICTION), of(COMPENSATION), of(SINGLE)])
     kind = "on the rows of the fit, which proves little" if errors.seen else "on unseen rows"
     sentences = (
         f"The model is {WORDS[torque]} predicting torque: {largest.relative:.2g} % is left of {largest.label}, where "
         f"it is most, {kind} (limits {CLOSE:g} and {ROUGH:g} %).",
         f"It is {WORDS[compensation]} compensation of friction and gravity.",
-        f"It is {WORDS[single]} quoting single parameters: {_quotable(good, len(made.beta))}.",
+        f"It is {WORDS[single]} quoting single parameters: {_quotable(good, len(made.kept))}.",
         *_next(by_name, errors),
     )
     return Verdict(torque, compensation, single, sentences)

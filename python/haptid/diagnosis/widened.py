@@ -115,7 +115,8 @@ class Widened:
         rows, weights = self.observation.motors[chosen], self.estimate.weights[chosen]
         reached = np.unique(np.concatenate([motor.columns for motor in rows]))
         new = [self.first[e] + j for e in which for j in range(self.extras[e].many)]
-        kept = np.array([k for k in reached if k < self.first[0] and k not in without] + new)
+        left_out = {*without, *self.estimate.zero}
+        kept = np.array([k for k in reached if k < len(self.estimate.beta) and k not in left_out] + new)
         motors = tuple(_pick(motor, kept) for motor in rows)
         whole = stack(motors, weights, len(kept))
         R, z, k = whole[:-1, :-1], whole[:-1, -1], len(new)
@@ -124,7 +125,8 @@ class Widened:
             return None
         beta = linalg.solve_triangular(R, z)
         freedom = int(sum(motor.rows.sum() for motor in motors)) - len(kept)
-        solution = Solution(beta, R, abs(float(whole[-1, -1])), freedom)
+        root = linalg.solve_triangular(R, np.eye(len(R)))
+        solution = Solution(beta, R, root, abs(float(whole[-1, -1])), freedom)
         observation = replace(self.observation, motors=motors)
         jack = jackknife(observation, weights, solution, np.eye(len(kept))[-k:])
         before = [motor.residual(self.estimate.beta) for motor in self.estimate.observation.motors[chosen]]
@@ -171,6 +173,11 @@ class _WidePlan(Plan):
         return c, cd, cdd, np.concatenate([own, *(extra.values(sight) for extra in self.extras)])
 
 
+def device_rows(estimate: Estimate) -> list[int]:
+    """The device's row of each motor of an estimate's observation."""
+    return [estimate.device.row_names.index(motor.name) for motor in estimate.observation.motors]
+
+
 def stack(motors: Sequence[MotorRows], weights: Array, columns: int) -> Array:
     """The triangle of all rows, each motor's multiplied by its weight, (columns + 1, columns + 1)."""
     parts = []
@@ -206,7 +213,7 @@ def _observed(
             freeze(np.concatenate([stacks[k][1] for stacks, _ in parts])),
             rows[k],
         )
-        for k in np.flatnonzero(device.measured)
+        for k in device_rows(estimate)
     )
     return plan.blocks(name), motors
 
