@@ -73,11 +73,16 @@ def verdict(made: Estimate, errors: Validation, findings: Sequence[Finding]) -> 
     told: Status = "ok" if len(good) == len(made.kept) else "doubt"
     single = worst([told, of(PREDICTION), of(COMPENSATION), of(SINGLE)])
     kind = "on the rows of the fit, which proves little" if errors.seen else "on unseen rows"
+
+    def see(names: Sequence[str]) -> str:
+        open_ones = [name for name in names if name in by_name and by_name[name].status != "ok"]
+        return f"; see {listed(open_ones)}" if open_ones else ""
+
     sentences = (
         f"The model is {WORDS[torque]} predicting torque: {largest.relative:.2g} % is left of {largest.label}, where "
-        f"it is most, {kind} (limits {CLOSE:g} and {ROUGH:g} %).",
-        f"It is {WORDS[compensation]} compensation of friction and gravity.",
-        f"It is {WORDS[single]} quoting single parameters: {_quotable(good, len(made.kept))}.",
+        f"it is most, {kind} (limits {CLOSE:g} and {ROUGH:g} %){see(PREDICTION)}.",
+        f"It is {WORDS[compensation]} compensation of friction and gravity{see(COMPENSATION)}.",
+        f"It is {WORDS[single]} quoting single parameters: {_quotable(good, len(made.kept))}{see(SINGLE)}.",
         *_next(by_name, errors),
     )
     return Verdict(torque, compensation, single, sentences)
