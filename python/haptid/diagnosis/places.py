@@ -9,7 +9,6 @@ import numpy as np
 
 from haptid._values import Array, read_only
 from haptid.device import Device
-from haptid.device.terms import DRY
 
 
 @dataclass(frozen=True, eq=False)
@@ -29,16 +28,14 @@ class Place:
 
 
 def places(device: Device, rows: Sequence[int]) -> tuple[Place, ...]:
-    """The coordinates with declared dry friction, and those of rows without any."""
+    """The coordinates with declared dry friction, and those of rows without any.
+
+    Friction of a joint whose rate varies with the pose is no place of its own: its row is looked at.
+    """
     found: list[Place] = []
     for row in rows:
-        directions = device.coulomb_directions(row) or (np.eye(len(device.drives))[row],)
-        for weights in directions:
+        declared = [(term.on, term.weights) for term in device.coulomb_terms(row) if term.joint is None]
+        for label, weights in declared or [(device.row_labels[row], np.eye(len(device.drives))[row])]:
             if not any(np.array_equal(np.abs(weights), np.abs(known.weights)) for known in found):
-                found.append(Place(_label(device, row, weights), weights))
+                found.append(Place(label, weights))
     return tuple(found)
-
-
-def _label(device: Device, row: int, weights: Array) -> str:
-    named = [term.on for term in device.terms if term.kind in DRY and np.array_equal(term.weights, weights)]
-    return named[0] if named else device.row_labels[row]
