@@ -10,6 +10,7 @@ from pathlib import Path
 
 import bench_identification
 import coverage
+import diagnosis
 import groupings
 import kernel
 import long_log
@@ -26,6 +27,7 @@ STUDIES = {
     "bench-identification": bench_identification.run,
     "phantom-study": phantom_study.run,
     "groupings": groupings.run,
+    "diagnosis": diagnosis.run,
 }
 
 

@@ -1,0 +1,151 @@
+"""`diagnose(estimate)`: everything that can be asked of an estimate with its own rows, in sentences to act on."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from functools import cached_property
+
+from haptid.diagnosis import distribution, exogeneity, late, misfit, suspicion
+from haptid.diagnosis.excitation import collinearity, excitation
+from haptid.diagnosis.finding import Finding, Status, worst
+from haptid.diagnosis.influence import drift, influence
+from haptid.diagnosis.places import places
+from haptid.diagnosis.residual import Residuals, residuals
+from haptid.diagnosis.ripple import ripple
+from haptid.diagnosis.serial import whiteness
+from haptid.diagnosis.verdict import Verdict, verdict
+from haptid.diagnosis.widened import Extra, Widened, device_rows, widen
+from haptid.dynamics import raw_parameters
+from haptid.estimators import Estimate
+from haptid.validation import Validation, direct
+
+# Per cent of every motor's torque below which a residual is rounding.
+EXACT = 1e-8
+
+
+@dataclass(frozen=True, eq=False)
+class Diagnosis:
+    """What was found of an estimate.
+
+    Attributes:
+        estimate: of which.
+        validation: its errors on unseen rows; on those of the fit where none was given.
+        findings: one for each look.
+        left_out: a sentence for each look that these rows do not allow.
+    """
+
+    estimate: Estimate
+    validation: Validation
+    findings: tuple[Finding, ...]
+    left_out: tuple[str, ...]
+
+    def __getitem__(self, name: str) -> Finding:
+        """The finding of that name."""
+        return next(finding for finding in self.findings if finding.name == name)
+
+    @property
+    def status(self) -> Status:
+        """The worst of all findings."""
+        return worst([finding.status for finding in self.findings])
+
+    @cached_property
+    def verdict(self) -> Verdict:
+        """What the estimate is good for, and what to do next."""
+        return verdict(self.estimate, self.validation, self.findings)
+
+    def summary(self) -> str:
+        """The verdict, then a line for each finding, the worst first."""
+        width = max(len(finding.name) for finding in self.findings)
+        order = {"bad": 0, "doubt": 1, "ok": 2}
+        ranked = sorted(self.findings, key=lambda finding: order[finding.status])
+        lines = [f"  {f.status:5s}  {f.name:{width}s}  {f.sentence}" for f in ranked]
+        return "\n".join([*self.verdict.sentences, "", *lines, *(f"  -      {text}" for text in self.left_out)])
+
+
+def diagnose(estimate: Estimate, validation: Validation | None = None) -> Diagnosis:
+    """Look at an estimate from all sides; its observation holds the rows and the motions.
+
+    Each look that is a test speaks up once in a hundred logs by chance (`finding.LEVEL`), serial correlation of the
+    residual taken into account.
+
+    Args:
+        estimate: of any method.
+        validation: its errors on unseen rows; the rows of the fit where None.
+
+    Raises:
+        HaptidError: as `observe` does where a motion no longer fits the device.
+    """
+    errors = validation or direct(estimate)
+    motion = (excitation(estimate), collinearity(estimate))
+    if max(motor.relative for motor in direct(estimate).motors) < EXACT:
+        return Diagnosis(estimate, errors, motion, ("The model fits to rounding: no residual is left to look at.",))
+    findings = (*motion, *_on_rows(estimate), influence(estimate), drift(estimate))
+    return Diagnosis(estimate, errors, findings, tuple(_left_out(estimate)))
+
+
+def _on_rows(estimate: Estimate) -> Iterator[Finding]:
+    """Findings that need the rows again."""
+    left = residuals(estimate)
+    rows = device_rows(estimate)
+    yield whiteness(estimate, left)
+    yield distribution.normality(left)
+    yield distribution.spread(left, left.velocity[rows])
+    yield from _tested(estimate, left)
+    yield ripple(places(estimate.device, rows), left, rows)
+
+
+def _tested(estimate: Estimate, left: Residuals) -> Iterator[Finding]:
+    """Findings of fits with more columns, all columns made in one walk over the samples."""
+    device, chi = estimate.device, raw_parameters(estimate.device, estimate.beta)
+    rows = device_rows(estimate)
+    spots, labels = places(device, rows), left.labels
+    groups: dict[str, list[Extra]] = {}
+    for shape in misfit.SHAPES:
+        for k, place in enumerate(spots):
+            groups[f"{shape.name} {k}"] = list(misfit.extras(shape, place, left))
+    bodies = suspicion.known(device)
+    if _accelerated(estimate):
+        groups["late"] = list(late.rates(device, rows))
+        groups["known"] = list(suspicion.expected(device, rows, bodies)) if bodies else []
+    calm = [(motion, exogeneity.instrument(motion)) for motion in estimate.observation.motions]
+    pairs = [(motion, smooth) for motion, smooth in calm if smooth is not None]
+    if len(pairs) == len(calm):
+        groups["errors"] = list(exogeneity.errors_in_columns(device, rows, chi, pairs))
+    widened, places_of = _widen(estimate, groups)
+    names = [shape.name for shape in misfit.SHAPES]
+    looks = [
+        misfit.shadowed(widened, {name: misfit.look(widened, places_of[f"{name} {k}"]) for name in names})
+        for k in range(len(spots))
+    ]
+    for shape in misfit.SHAPES:
+        yield misfit.misfit(shape, spots, [at[shape.name] for at in looks])
+    if "late" in groups:
+        yield late.late(widened, places_of["late"], labels)
+    if "errors" in groups:
+        yield exogeneity.exogeneity(widened, places_of["errors"], labels)
+    factors = suspicion.factors(widened, places_of["known"], bodies, labels) if groups.get("known") and bodies else ()
+    yield suspicion.suspicion(estimate, factors)
+
+
+def _widen(estimate: Estimate, groups: dict[str, list[Extra]]) -> tuple[Widened, dict[str, list[int]]]:
+    """All extras at once, and which of them belong to which group."""
+    every: list[Extra] = []
+    at: dict[str, list[int]] = {}
+    for name, extras in groups.items():
+        at[name] = list(range(len(every), len(every) + len(extras)))
+        every += extras
+    return widen(estimate, every), at
+
+
+def _accelerated(estimate: Estimate) -> bool:
+    """Whether every row is made with accelerations."""
+    return not any(motion.treatment.momentum for motion in estimate.observation.motions)
+
+
+def _left_out(estimate: Estimate) -> Iterator[str]:
+    """What these rows do not allow to be asked."""
+    if not _accelerated(estimate):
+        yield "Not asked, for want of accelerations: the torque's delay, its size beside the device file's bodies."
+    if any(exogeneity.instrument(motion) is None for motion in estimate.observation.motions):
+        yield "Not asked: errors in W. There is no log, or no room for a narrower filter of its positions."

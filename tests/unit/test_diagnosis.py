@@ -1,0 +1,165 @@
+"""A diagnosis: its missing columns against a device that has them, its sentences, and what it leaves out."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import haptid
+from diagnosed import estimated, log, phantom
+from haptid.diagnosis import diagnose
+from haptid.diagnosis.excitation import advice
+from haptid.diagnosis.exogeneity import instrument
+from haptid.diagnosis.finding import LEVEL
+from haptid.diagnosis.late import rates
+from haptid.diagnosis.misfit import SHAPES
+from haptid.diagnosis.places import places
+from haptid.diagnosis.residual import residuals
+from haptid.diagnosis.suspicion import cause
+from haptid.diagnosis.widened import Extra, widen
+from haptid.estimators.essential import untold
+from haptid.estimators.reduced import Without
+from motions import motion, truth
+
+LOOKS = {
+    *("excitation", "collinearity", "whiteness", "normality", "even spread", "time delay", "errors in W"),
+    *("units and signs", "ripple", "influence", "drift"),
+    *(shape.name for shape in SHAPES),
+}
+
+
+@pytest.fixture(scope="module")
+def clean():
+    return estimated(log(1, seconds=20.0))
+
+
+@pytest.fixture(scope="module")
+def diagnosis(clean):
+    return diagnose(clean)
+
+
+@pytest.fixture(scope="module")
+def without_viscosity(tmp_path_factory):
+    """The device without viscous friction on motor 2."""
+    text = (Path(haptid.__file__).parent / "devices" / "phantom_premium_15.toml").read_text(encoding="utf-8")
+    path = tmp_path_factory.mktemp("device") / "device.toml"
+    text = text.partition("[targets]")[0]
+    path.write_text(text.replace('kind = "viscous"\nmotors = "all"', 'kind = "viscous"\nmotors = ["1", "3"]'))
+    return haptid.read_device(path)
+
+
+def test_a_missing_column_is_what_a_device_with_that_term_estimates(without_viscosity):
+    full = phantom()
+    made = motion(full, truth(full), seconds=12.0, noise=0.05, phi=0.8)
+    wanted = haptid.estimate(haptid.observe(full, made), haptid.OLS())
+    lacking = haptid.estimate(haptid.observe(without_viscosity, made), haptid.OLS())
+    row = np.eye(3)[1]
+    added = widen(lacking, [Extra(row, 1, lambda sight: sight.motion[1][[1]])]).test([0])
+    k = wanted.base.names.index("FV2")
+    assert added.gamma[0] == pytest.approx(wanted.beta[k], rel=1e-8)
+    assert added.sd[0] == pytest.approx(wanted.sd[k], rel=1e-6)
+    assert added.freedom == pytest.approx(wanted.freedom[k], rel=1e-6)
+    np.testing.assert_allclose(added.beta, np.delete(wanted.beta, k), rtol=1e-7)
+    assert added.explained[1] > 0
+
+
+def test_a_column_that_the_model_has_cannot_be_told_from_it(clean):
+    again = widen(clean, [Extra(np.eye(3)[0], 1, lambda sight: sight.motion[1][[0]])])
+    assert again.test([0]) is None
+
+
+def test_rows_that_were_left_out_of_the_fit_are_left_out_of_the_diagnosis(clean):
+    half = haptid.estimate(clean.observation.alternate()[0], haptid.WLS())
+    left = residuals(half)
+    assert [int(left.used(m).sum()) for m in range(3)] == [int(motor.rows.sum()) for motor in half.observation.motors]
+    for m, motor in enumerate(half.observation.motors):
+        assert np.sqrt(np.nansum(left.e[m] ** 2)) == pytest.approx(motor.residual(half.beta), rel=1e-9)
+    wide = widen(half, rates(half.device, [0, 1, 2]))
+    for motor, wanted in zip(wide.observation.motors, half.observation.motors, strict=True):
+        assert motor.rows.sum() == wanted.rows.sum()
+
+
+def test_several_motions_are_diagnosed_together():
+    both = [haptid.observe(phantom(), motion(phantom(), truth(phantom()), seed=s, noise=0.02)) for s in (1, 2)]
+    found = diagnose(haptid.estimate(both[0] + both[1], haptid.WLS()))
+    assert found.verdict.torque == "ok"
+    assert found["whiteness"].figures["rows"] == sum(o.rows for o in both)
+
+
+def test_parameters_and_motors_that_were_left_out_stay_out(clean):
+    reduced = haptid.estimate(clean.observation, Without(("FV2",)))
+    found = diagnose(reduced)
+    assert found["bent viscosity"].figures["p"] < LEVEL or found["time delay"].status != "ok"
+    assert "FV2" not in found["excitation"].sentence
+    own = haptid.estimate(clean.observation.only("1"), Without(untold_by_motor_1(clean), haptid.OLS()))
+    alone = diagnose(own)
+    assert "motor 1" in alone.verdict.sentences[0]
+    assert not any("motor 2" in name for finding in alone.findings for name in finding.figures)
+
+
+def untold_by_motor_1(made):
+    return tuple(made.base.names[k] for k in untold(made.observation.only("1")))
+
+
+def test_a_clean_log_has_every_look_and_a_good_verdict(diagnosis):
+    assert {finding.name for finding in diagnosis.findings} == LOOKS
+    assert [f.sentence for f in diagnosis.findings if f.status == "bad"] == []
+    assert (diagnosis.verdict.torque, diagnosis.verdict.parameters) == ("ok", "ok")
+    assert "Validate it on another log." in str(diagnosis.verdict)
+    assert all(name in diagnosis.summary() for name in LOOKS)
+    for finding in diagnosis.findings:
+        assert finding.sentence[0].isupper()
+        assert finding.sentence.endswith(".")
+        assert all(np.isfinite(value) for value in finding.figures.values()), finding.name
+
+
+def test_a_validation_on_unseen_rows_takes_the_place_of_the_direct_one(clean):
+    unseen = haptid.observe(phantom(), haptid.treat(log(2, seconds=12.0), clean.observation.motions[0].treatment))
+    found = diagnose(clean, haptid.validate(clean, unseen))
+    assert "on unseen rows" in found.verdict.sentences[0]
+    assert not any("Validate it" in sentence for sentence in found.verdict.sentences)
+
+
+def test_an_exact_fit_leaves_no_residual_to_look_at():
+    made = haptid.estimate(haptid.observe(phantom(), motion(phantom(), truth(phantom()))), haptid.OLS())
+    found = diagnose(made)
+    assert {finding.name for finding in found.findings} == {"excitation", "collinearity"}
+    assert "rounding" in found.left_out[0]
+
+
+def test_without_accelerations_some_looks_are_left_out():
+    found = diagnose(estimated(log(1), accelerations="momentum"))
+    assert {finding.name for finding in found.findings} == LOOKS - {"time delay", "errors in W"}
+    assert len(found.left_out) == 2
+    assert found.verdict.torque == "ok"
+
+
+def test_no_instrument_where_the_filter_is_already_as_narrow_as_the_motion(clean):
+    (used,) = clean.observation.motions
+    assert instrument(used).treatment.cutoff_hz < used.treatment.cutoff_hz
+    narrow = haptid.treat(used.log, replace(used.treatment, cutoff_hz=5.0, parallel_cutoff_hz=None))
+    assert instrument(narrow) is None
+    assert instrument(motion(phantom(), truth(phantom()))) is None
+
+
+def test_places_are_where_friction_is_declared():
+    assert [place.label for place in places(phantom(), range(3))] == ["motor 1", "motor 2", "motor 3"]
+    coupled = places(haptid.read_device("staubli_tx40"), range(6))
+    assert len({place.label for place in coupled}) == len(coupled) >= 6
+    assert any(np.count_nonzero(place.weights) > 1 for place in coupled)
+
+
+def test_factors_are_named_after_what_makes_them():
+    assert cause(1000.0, []) == "milli- for whole units"
+    assert cause(57.0, []) == "degrees for radians"
+    assert cause(-0.0175, []) == "radians for degrees"
+    assert cause(2.7, [2.73]) == "a gear ratio left out"
+    assert cause(0.37, [2.73]) == "a gear ratio counted twice"
+    assert cause(4.0, []) is None
+
+
+def test_advice_names_the_joint_or_motor(clean):
+    names = clean.base.names
+    assert "motor 2" in advice(clean, names.index("FV2"))
+    assert "joint be" in advice(clean, names.index("ZZbeR"))
