@@ -9,6 +9,7 @@ import subprocess
 from pathlib import Path
 
 import bench_identification
+import characterisation
 import coverage
 import diagnosis
 import groupings
@@ -28,6 +29,7 @@ STUDIES = {
     "phantom-study": phantom_study.run,
     "groupings": groupings.run,
     "diagnosis": diagnosis.run,
+    "characterisation": characterisation.run,
 }
 
 

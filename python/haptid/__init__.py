@@ -14,10 +14,13 @@ from haptid import errors
 from haptid._core import __version__
 from haptid.base import BaseParameters, base_parameters
 from haptid.causal import Causal, HighPass
+from haptid.characterisation import Characterisation, FeltMass, GivenModel, characterise, felt_mass
 from haptid.comparison import Comparison, compare
+from haptid.compensation import Compensation, stable_share
 from haptid.definiteness import Definiteness, definiteness
 from haptid.delay import Delay, find_delay
 from haptid.device import Device, device_schema, read_device, shipped_devices
+from haptid.diagnosis import Diagnosis, Finding, Verdict, diagnose
 from haptid.dissection import Dissection, dissect
 from haptid.dynamics import bias_torque, gravity_torque, inverse_dynamics, mass_matrix
 from haptid.estimators import (
@@ -30,13 +33,17 @@ from haptid.estimators import (
     Method,
     Parameter,
     Possible,
+    Without,
     estimate,
     possible,
     project,
     pseudo_inertia,
 )
+from haptid.estimators.essential import AtMost, Essential, Reduction, TimesSmallest, essential, essential_by_motor
 from haptid.exact import Regroupings, loop_regroupings, regroupings
 from haptid.force import HandleForce, estimate_force
+from haptid.friction import ByModel, ByPairs, Constant, FrictionCurve, friction_curve
+from haptid.friction_choice import FrictionChoice, choose_friction
 from haptid.identification import Identification, Run, identify
 from haptid.kinematics import HandleMotion, handle_motion, link_poses
 from haptid.log import Channels, Log, Signal, read_log
@@ -55,20 +62,33 @@ from haptid.workspace import Box, Workspace, workspace
 __all__ = [
     "OLS",
     "WLS",
+    "AtMost",
     "BaseParameters",
     "Bell",
     "Block",
     "Box",
+    "ByModel",
+    "ByPairs",
     "Causal",
     "Channels",
+    "Characterisation",
     "Comparison",
+    "Compensation",
     "Consistent",
+    "Constant",
     "Cost",
     "Definiteness",
     "Delay",
     "Device",
+    "Diagnosis",
     "Dissection",
+    "Essential",
     "Estimate",
+    "FeltMass",
+    "Finding",
+    "FrictionChoice",
+    "FrictionCurve",
+    "GivenModel",
     "HandleForce",
     "HandleMotion",
     "Held",
@@ -85,28 +105,39 @@ __all__ = [
     "Possible",
     "Prediction",
     "Proposal",
+    "Reduction",
     "Regroupings",
     "Run",
     "Sharp",
     "Signal",
     "Study",
     "Targets",
+    "TimesSmallest",
     "Treatment",
     "Validation",
+    "Verdict",
     "Watched",
+    "Without",
     "Workspace",
     "__version__",
     "base_parameters",
     "bias_torque",
+    "characterise",
+    "choose_friction",
     "compare",
     "definiteness",
     "device_schema",
+    "diagnose",
     "direct",
     "dissect",
     "errors",
+    "essential",
+    "essential_by_motor",
     "estimate",
     "estimate_force",
+    "felt_mass",
     "find_delay",
+    "friction_curve",
     "gravity_torque",
     "handle_motion",
     "identify",
@@ -128,6 +159,7 @@ __all__ = [
     "result",
     "shipped_devices",
     "side_by_side",
+    "stable_share",
     "study_schema",
     "target_map",
     "targets",
