@@ -11,13 +11,17 @@ from typing import Any
 
 from haptid._core import __version__
 from haptid.causal import Causal
-from haptid.estimators import Estimate, Held, Parameter
+from haptid.estimators import Consistent, Estimate, Held, Method, Parameter
 from haptid.identification import Identification, Run
 from haptid.targets import targets
 from haptid.treatment import Treatment
 from haptid.validation import Validation
 
 SCHEMA = 1
+INTERVAL = "CR3 jackknife over motor and time block, Student t with Satterthwaite degrees of freedom"
+HELD_INTERVAL = (
+    f"{INTERVAL}, of the free fit; cut at 0 where a parameter cannot be negative, widened to the value where it is held"
+)
 
 
 def result(identification: Identification) -> dict[str, Any]:
@@ -41,9 +45,10 @@ def result(identification: Identification) -> dict[str, Any]:
             "blocks": len(estimate.observation.blocks),
         },
         "estimate": {
-            "method": estimate.method.name,
+            "method": weighting(estimate.method).name,
+            "possible": isinstance(estimate.method, Consistent),
             "status": estimate.status,
-            "interval": "CR3 jackknife over motor and time block, Student t with Satterthwaite degrees of freedom",
+            "interval": HELD_INTERVAL if estimate.held else INTERVAL,
             "parameters": [parameter(p) for p in estimate.parameters],
             "targets": [parameter(p) for p in targets(estimate).parameters] if estimate.device.targets else [],
             "held": held(estimate.held),
@@ -57,9 +62,15 @@ def result(identification: Identification) -> dict[str, Any]:
     }
 
 
+def weighting(method: Method) -> Method:
+    """The method by its name in a study, whether or not its estimate is held to what is possible."""
+    return method.weighting if isinstance(method, Consistent) else method
+
+
 def treatment(treated: Treatment) -> dict[str, Any]:
     """The settings by their names in a study, the filter's shape by its name."""
     shape, settings = treated.parallel_shape, dataclasses.asdict(treated)
+    settings["cutoff_hz"] = "none" if treated.cutoff_hz is None else treated.cutoff_hz
     settings["parallel_shape"] = shape.name
     settings["parallel_order"] = shape.order if isinstance(shape, Causal) else None
     differentiator = settings.pop("velocity")
@@ -95,10 +106,14 @@ def held(found: Held | None) -> dict[str, Any] | None:
 
 
 def parameter(p: Parameter) -> dict[str, Any]:
-    """One base parameter. `essential` is null: no reduction to essential parameters was asked for."""
+    """One base parameter. `essential` is null: no reduction to essential parameters was asked for.
+
+    Of a value held outside of the free fit's interval there is no relative deviation: `sd` belongs to `free`.
+    """
     return {
         "name": p.name,
         "value": p.value,
+        "free": p.free,
         "sd": p.sd,
         "interval95": list(p.interval),
         "relative_sd_percent": p.relative_sd,
@@ -159,10 +174,12 @@ def write_result(identification: Identification, folder: Path) -> None:
                 "textbook_sd",
                 "unit",
                 "grouping",
+                "free",
             ]
         )
         for p in identification.estimate.parameters:
-            table.writerow([p.name, p.value, p.sd, *p.interval, p.relative_sd, p.textbook_sd, p.unit, p.grouping])
+            relative = "" if p.strained else p.relative_sd
+            table.writerow([p.name, p.value, p.sd, *p.interval, relative, p.textbook_sd, p.unit, p.grouping, p.free])
 
 
 def finite(value: Any) -> Any:

@@ -54,14 +54,14 @@ def parameter_table(title: str, parameters: Sequence[Parameter]) -> Table:
 
 
 def parameter_cells(p: Parameter) -> list[str]:
-    """One row of the table, as many digits as the deviation allows."""
+    """One row of the table, as many digits as the deviation allows; no deviation of a value that is strained."""
     low, high = (with_digits(end, p.sd) for end in p.interval)
     return [
         p.name,
-        with_digits(p.value, p.sd),
+        f"{p.value:.4g}" if p.strained else with_digits(p.value, p.sd),
         f"{low} .. {high}",
-        short_percent(p.sd, p.value),
-        short_percent(p.textbook_sd, p.value),
+        "" if p.strained else short_percent(p.sd, p.value),
+        "" if p.strained else short_percent(p.textbook_sd, p.value),
         "" if p.prior is None else with_digits(p.prior[0], p.sd),
         p.unit,
     ]

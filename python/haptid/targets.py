@@ -84,9 +84,13 @@ class Targets:
     @cached_property
     def interval95(self) -> Array:
         """Honest 95 % intervals, (k, 2)."""
-        half = stats.t.ppf(0.975, self.freedom) * self.sd
-        low, high = np.minimum(self.free - half, self.value), np.maximum(self.free + half, self.value)
+        low, high = np.minimum(self.free - self._half, self.value), np.maximum(self.free + self._half, self.value)
         return freeze(np.column_stack([low, high]))
+
+    @property
+    def _half(self) -> Array:
+        """Half-widths of the 95 % intervals of the free fit, (k,)."""
+        return np.asarray(stats.t.ppf(0.975, self.freedom) * self.sd)
 
     @cached_property
     def correlation(self) -> Array:
@@ -100,6 +104,7 @@ class Targets:
     def parameters(self) -> tuple[Parameter, ...]:
         """The targets one by one, as an estimate gives its base parameters."""
         textbook = np.sqrt(np.diag(self.textbook_covariance))
+        strained = np.abs(self.value - self.free) > self._half
         return tuple(
             Parameter(
                 name=name,
@@ -110,6 +115,8 @@ class Targets:
                 textbook_sd=float(textbook[k]),
                 interval=(float(self.interval95[k, 0]), float(self.interval95[k, 1])),
                 prior=self.prior[k],
+                free=float(self.free[k]),
+                strained=bool(strained[k]),
             )
             for k, name in enumerate(self.names)
         )

@@ -9,6 +9,7 @@ from typer.testing import CliRunner
 
 import haptid
 from haptid.cli import app
+from haptid.result import treatment
 from haptid.tables import short_percent, with_digits
 
 
@@ -107,6 +108,27 @@ def test_result_file_keeps_its_contract(phantom):
         assert set(v) >= {"log", "motor", "relative_error_percent", "rmse", "unit"}
     assert {v["rows"] for v in found["validation"]} == {"fit", "unseen"}
     assert all(isinstance(note, str) for note in found["notes"])
+
+
+def test_result_file_says_that_an_estimate_is_held(phantom, request, tmp_path):
+    folder, _ = phantom
+    text = (request.config.rootpath / "examples" / "phantom" / "study.toml").read_text()
+    assert "[estimate]" not in text
+    study = tmp_path / "study.toml"
+    study.write_text(f"{text}\n[estimate]\npossible = true\n")
+    done = call("identify", study, "--data", folder / "logs", "--out", tmp_path / "held", "--quiet")
+    assert done.exit_code == 0, done.output
+    free, held = (json.loads((f / "result.json").read_text()) for f in (folder / "result", tmp_path / "held"))
+    for found, possible in ((free, False), (held, True)):
+        assert found["estimate"]["method"] == "WLS"
+        assert found["estimate"]["possible"] is possible
+        assert ("cut at 0" in found["estimate"]["interval"]) is possible
+    assert all(p["free"] == p["value"] for p in free["estimate"]["parameters"])
+
+
+def test_treatment_has_the_settings_of_a_study():
+    assert treatment(haptid.Treatment(cutoff_hz=None))["cutoff_hz"] == "none"
+    assert treatment(haptid.Treatment(cutoff_hz=30.0))["cutoff_hz"] == 30.0
 
 
 def test_truth_is_inside_its_interval(phantom):

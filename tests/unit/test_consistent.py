@@ -10,6 +10,8 @@ import haptid
 from haptid.errors import MetricError, NoBodyError, ParameterValueError, ShapeError, UnsolvedError
 from haptid.estimators import Consistent, possible, programme, project, pseudo_inertia
 from haptid.estimators.cone import PSEUDO, UPPER, cone, never_negative
+from haptid.result import finite, parameter
+from haptid.tables import parameter_cells
 from mechanisms import mechanisms
 from motions import motion, truth
 from random_devices import as_device, parameters
@@ -143,6 +145,15 @@ def test_what_is_far_outside_of_its_interval_is_said(device):
     low, high = found["FV1"].interval
     assert low == 0.0 < high
     np.testing.assert_allclose(found.held.free, haptid.estimate(found.observation, haptid.WLS()).beta)
+    held, other = found["FV1"], found["FC3"]
+    assert held.strained
+    assert held.value == 0.0 > held.free
+    assert parameter_cells(held)[1] == "0"
+    assert parameter_cells(held)[3:5] == ["", ""]
+    assert finite(parameter(held))["relative_sd_percent"] is None
+    assert parameter(held)["free"] == held.free
+    assert not other.strained
+    assert other.relative_sd == 100 * other.sd / abs(other.value)
 
 
 def test_links_on_the_border_are_named():

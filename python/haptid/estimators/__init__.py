@@ -2,7 +2,8 @@
 
 from haptid.estimators.cone import pseudo_inertia
 from haptid.estimators.consistent import Consistent, Cost, Held
-from haptid.estimators.estimate import Estimate, Method, Parameter, Reduced, Restricted, estimate
+from haptid.estimators.estimate import Estimate, Parameter, Reduced, Restricted, estimate
+from haptid.estimators.method import Method
 from haptid.estimators.ols import OLS
 from haptid.estimators.possible import Possible, possible, project
 from haptid.estimators.reduced import Without

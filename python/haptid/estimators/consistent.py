@@ -4,31 +4,16 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from typing import Protocol
 
 import numpy as np
 
 from haptid._values import Array, read_only
 from haptid.estimators.cone import never_negative
+from haptid.estimators.method import Method
 from haptid.estimators.possible import Possible, hold, possible
 from haptid.estimators.solve import Solution
 from haptid.estimators.wls import WLS
 from haptid.observation import MotorRows, Observation
-
-
-class Weighting(Protocol):
-    """How rows are weighted: any method that weighs motors, such as `OLS()` or `WLS()`."""
-
-    @property
-    def name(self) -> str:
-        """Short name, as in tables and the result file."""
-
-    @property
-    def unit_residual(self) -> bool:
-        """Whether the weighted residual has unit variance, or its variance is still to be estimated."""
-
-    def weights(self, observation: Observation) -> Array:
-        """Weight of each motor's rows, (motors,)."""
 
 
 @dataclass(frozen=True)
@@ -56,7 +41,7 @@ class Consistent:
         weighting: how the motors' rows are weighted.
     """
 
-    weighting: Weighting = field(default_factory=WLS)
+    weighting: Method = field(default_factory=WLS)
 
     @property
     def name(self) -> str:

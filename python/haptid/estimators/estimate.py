@@ -15,27 +15,13 @@ from haptid.base import BaseParameters
 from haptid.device import Device
 from haptid.estimators.consistent import Held
 from haptid.estimators.jackknife import Jackknife, jackknife
+from haptid.estimators.method import Method
 from haptid.estimators.possible import Possible
 from haptid.estimators.solve import Solution, solve
 from haptid.observation import Observation
 
 # Scaled condition number above which single parameters are not to be trusted one by one (Gautier's rule).
 WELL_CONDITIONED = 200.0
-
-
-class Method(Protocol):
-    """How rows are weighted: a small frozen type, its settings its fields."""
-
-    @property
-    def name(self) -> str:
-        """Short name, as in tables and the result file."""
-
-    @property
-    def unit_residual(self) -> bool:
-        """Whether the weighted residual has unit variance, or its variance is still to be estimated."""
-
-    def weights(self, observation: Observation) -> Array:
-        """Weight of each motor's rows, (motors,)."""
 
 
 @runtime_checkable
@@ -64,6 +50,8 @@ class Parameter:
         textbook_sd: its deviation if the residual were white.
         interval: the honest 95 % interval.
         prior: value and deviation known beforehand, or None.
+        free: value of the fit that is held to nothing, to which `sd` belongs; `value` where nothing holds it.
+        strained: whether the value is held outside of the free fit's interval.
     """
 
     name: str
@@ -74,10 +62,17 @@ class Parameter:
     textbook_sd: float
     interval: tuple[float, float]
     prior: tuple[float, float | None] | None
+    free: float
+    strained: bool
 
     @property
     def relative_sd(self) -> float:
-        """100 sd / |value|, per cent (Janot et al. 2007, eq. 17, with the absolute value it lacks)."""
+        """100 sd / |value|, per cent (Janot et al. 2007, eq. 17, with the absolute value it lacks).
+
+        NaN where `strained`: the deviation then says nothing about the value.
+        """
+        if self.strained:
+            return float("nan")
         return 100 * self.sd / abs(self.value) if self.value else float("inf")
 
 
@@ -145,15 +140,20 @@ class Estimate:
     @property
     def interval95(self) -> Array:
         """Honest 95 % intervals, (p, 2)."""
-        half = stats.t.ppf(0.975, self.freedom) * self.sd
         if self.held:
-            return self.held.interval(half)
-        return np.column_stack([self.beta - half, self.beta + half])
+            return self.held.interval(self._half)
+        return np.column_stack([self.beta - self._half, self.beta + self._half])
+
+    @property
+    def _half(self) -> Array:
+        """Half-widths of the 95 % intervals of the free fit, (p,)."""
+        return np.asarray(stats.t.ppf(0.975, self.freedom) * self.sd)
 
     @cached_property
     def parameters(self) -> tuple[Parameter, ...]:
         """The estimate, parameter by parameter."""
-        textbook = np.sqrt(np.diag(self.textbook_covariance))
+        textbook, free = np.sqrt(np.diag(self.textbook_covariance)), self.held.free if self.held else self.beta
+        strained = self.held.strained(self._half) if self.held else ()
         return tuple(
             Parameter(
                 name=name,
@@ -164,6 +164,8 @@ class Estimate:
                 textbook_sd=float(textbook[k]),
                 interval=(float(self.interval95[k, 0]), float(self.interval95[k, 1])),
                 prior=self.device.base_prior[k],
+                free=float(free[k]),
+                strained=name in strained,
             )
             for k, name in enumerate(self.base.names)
         )

@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 
 from haptid._values import Array
 from haptid.errors import BaseNameError
-from haptid.estimators.consistent import Weighting
+from haptid.estimators.method import Method
 from haptid.estimators.wls import WLS
 from haptid.observation import Observation
 
@@ -23,7 +23,7 @@ class Without:
     """
 
     names: tuple[str, ...]
-    weighting: Weighting = field(default_factory=WLS)
+    weighting: Method = field(default_factory=WLS)
 
     @property
     def name(self) -> str:
