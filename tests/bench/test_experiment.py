@@ -199,6 +199,11 @@ def test_schema_knows_every_table():
         ("seed = 5", "seeds = 5", "seeds"),
         ("seconds = 1.0", "seconds = 0.0", "trajectory.multisine.seconds"),
         ("schema = 1", "schema = 2", "schema"),
+        ("ramp = 0.3", "frequencies_hz = [5.0, 1.0]", "trajectory.frequencies_hz.*lowest, 5 Hz, is above"),
+        ("ramp = 0.3", "frequencies_hz = [5.0, 480.0]", "more than a control rate of 1000 Hz carries"),
+        ("frequency_hz = 1.0", "start = 2.0\nstop = 1.0", "hand.0.stop.*not after start"),
+        ('kind = "multisine"', "", 'trajectory.kind`: this key is missing; write one of "multisine"'),
+        ('"multisine"', '"sine"', "trajectory.kind`: there is no kind 'sine'; write one of"),
         ("schema = 1", "schema = ", "Invalid value"),
     ],
 )
@@ -215,7 +220,6 @@ def test_keys_that_are_wrong_are_named(before, after, where, tmp_path):
     "more",
     [
         "\nFD1 = 0.1",
-        '\n[[bodies]]\nlink = "arm"\nmass = 1.0\ncom = [0.0, 0.0, 0.0]\ninertia = [1.0, 1.0, 1.0, 0.0, 0.0, 0.0]',
         '\n[[bodies]]\nlink = "a"\nmass = 1.0\ncom = [0.0, 0.1, 0.0]\ninertia = [1.0, 1.0, 1.0, 0.0, 0.0, 0.0]',
     ],
 )
@@ -224,6 +228,16 @@ def test_true_parameters_that_the_device_does_not_have_are_refused(more, tmp_pat
     path.write_text(SHORT + more)
     with pytest.raises(errors.ParameterNameError, match="no free parameter"):
         bench.read_experiment(path).setup(haptid.read_device("phantom_premium_15"))
+
+
+@pytest.mark.parametrize("table", ["bodies", "weights"])
+def test_masses_on_links_that_the_device_does_not_have_are_refused(table, tmp_path):
+    path, device = tmp_path / "experiment.toml", haptid.read_device("phantom_premium_15")
+    inertia = "\ninertia = [1.0, 1.0, 1.0, 0.0, 0.0, 0.0]" if table == "bodies" else ""
+    for link, said in (("zz", "Known: ba, be, df, a, c"), ("base", "The base does not move")):
+        path.write_text(f'{SHORT}\n[[{table}]]\nlink = "{link}"\nmass = 1.0\ncom = [0.0, 0.0, 0.0]{inertia}')
+        with pytest.raises(errors.LinkNameError, match=rf"\[\[{table}\]\].*no link '{link}'.*{said}"):
+            bench.read_experiment(path).setup(device)
 
 
 def test_a_run_that_fails_leaves_nothing_and_says_what_to_do(tmp_path):

@@ -13,16 +13,17 @@ from pydantic import ValidationError
 
 from haptid._values import Array, freeze
 from haptid.bench.mjcf import Payload, Physics
-from haptid.bench.schema import ExperimentTable, TrianglesTable
+from haptid.bench.schema import ExperimentTable, SinesTable, TrianglesTable
 from haptid.bench.setup import Amplifiers, Controller, Encoders, ForceSensor, Push, Setup
-from haptid.bench.trajectories import Fourier, Grid, Kind, Multisine, Sweep, Triangles, TrianglesAndSines
+from haptid.bench.trajectories import SPREAD, Fourier, Grid, Kind, Multisine, Sweep, Triangles, TrianglesAndSines
 from haptid.device import INERTIAL, Device
 from haptid.device.prior import Body, inertial_parameters, tensor
-from haptid.errors import ExperimentFileError, ParameterNameError
+from haptid.errors import ExperimentFileError, LinkNameError, ParameterNameError
 
 # An experiment is a page of text; anything much larger is not one.
 LARGEST_FILE = 1 << 20
 KINDS: Mapping[str, type] = {"multisine": Multisine, "fourier": Fourier, "sweep": Sweep, "grid": Grid}
+KIND_NAMES = ", ".join(f'"{kind}"' for kind in (*KINDS, "triangles"))
 
 
 @dataclass(frozen=True, eq=False)
@@ -45,7 +46,7 @@ class Experiment:
         """What is on the bench.
 
         Raises:
-            ParameterNameError: a true parameter that the device does not have.
+            LinkNameError, ParameterNameError: a link, or a true parameter, that the device does not have.
             NoHandleError, TimingError: a setting that cannot be met.
         """
         table = self.table
@@ -83,9 +84,27 @@ def read_experiment(path: str | Path) -> Experiment:
         table = ExperimentTable.model_validate(data)
     except ValidationError as error:
         first = error.errors()[0]
-        where = ".".join(str(part) for part in first["loc"])
+        where = ".".join([*map(str, first["loc"]), *(["kind"] if first["type"].startswith("union_tag") else [])])
         raise ExperimentFileError(path, where, _sentence(first)) from error
+    _check(path, table)
     return Experiment(table.name, table.seed, _kind(table), table)
+
+
+def _check(path: Path, table: ExperimentTable) -> None:
+    """Raise ExperimentFileError for settings that mean nothing together."""
+    given, rate = table.trajectory, table.controller.rate_hz
+    sines = given.sines if isinstance(given, TrianglesTable) else given
+    if isinstance(sines, SinesTable):
+        where = "trajectory.frequencies_hz" if sines is given else "trajectory.sines.frequencies_hz"
+        low, high = sines.frequencies_hz
+        if low > high:
+            raise ExperimentFileError(path, where, f"the lowest, {low:g} Hz, is above the highest, {high:g} Hz")
+        if high * (1 + SPREAD) >= rate / 2:
+            what = f"{high:g} Hz is more than a control rate of {rate:g} Hz carries, which is below {rate / 2:g} Hz"
+            raise ExperimentFileError(path, where, what)
+    for k, push in enumerate(table.hand):
+        if push.stop is not None and push.stop <= push.start:
+            raise ExperimentFileError(path, f"hand.{k}.stop", f"{push.stop:g} s is not after start, {push.start:g} s")
 
 
 def true_parameters(device: Device, table: ExperimentTable) -> Array:
@@ -94,12 +113,13 @@ def true_parameters(device: Device, table: ExperimentTable) -> Array:
     Bodies and parameters take the place of what was there, weights are added to it. What none of them says is zero.
 
     Raises:
+        LinkNameError: a link that the device does not have.
         ParameterNameError: a name that the device does not have, or that its symmetries set to zero.
     """
     chi, index = np.nan_to_num(device.chi_prior), device.parameters.index
     for table_of_body in table.bodies:
         body = Body(table_of_body.mass, np.array(table_of_body.com), tensor(np.array(table_of_body.inertia)))
-        for name, value in _body_values(device, table_of_body.link, body).items():
+        for name, value in _body_values(device, "bodies", table_of_body.link, body).items():
             chi[index[name]] = value
     for name, value in table.parameters.items():
         if name not in index:
@@ -107,20 +127,21 @@ def true_parameters(device: Device, table: ExperimentTable) -> Array:
         chi[index[name]] = value
     for weight in table.weights:
         point = Body(weight.mass, np.array(weight.com), np.zeros((3, 3)))
-        for name, value in _body_values(device, weight.link, point).items():
+        for name, value in _body_values(device, "weights", weight.link, point).items():
             chi[index[name]] += value
     return freeze(chi)
 
 
-def _body_values(device: Device, link: str, body: Body) -> dict[str, float]:
+def _body_values(device: Device, table: str, link: str, body: Body) -> dict[str, float]:
     """The parameters of a link by name, without those that a symmetry sets to zero, as they are.
 
     Raises:
-        ParameterNameError: no such link, or the body is not as symmetric as the device file says.
+        LinkNameError: no such link.
+        ParameterNameError: the body is not as symmetric as the device file says.
     """
     index = device.parameters.index
     if link not in device.joint_names:
-        raise ParameterNameError(f"M{link}", [f"M{name}" for name in device.joint_names])
+        raise LinkNameError(table, link, device.joint_names)
     joint = device.joints[device.joint_names.index(link)]
     values = dict(zip((kind + link for kind in INERTIAL), inertial_parameters(body, joint), strict=True))
     for name, value in values.items():
@@ -172,4 +193,8 @@ def _figures(given: Mapping[str, Any]) -> dict[str, Any]:
 def _sentence(error: Any) -> str:
     found = "" if error["type"] == "missing" else f" (found {str(error.get('input'))[:60]!r})"
     text = {"missing": "this key is missing", "extra_forbidden": "there is no such key"}.get(error["type"])
+    if error["type"] == "union_tag_not_found":
+        return f"this key is missing; write one of {KIND_NAMES}"
+    if error["type"] == "union_tag_invalid":
+        return f"there is no kind {error['ctx']['tag']!r}; write one of {KIND_NAMES}"
     return (text or str(error["msg"])) + found

@@ -30,6 +30,14 @@ class ParameterNameError(BenchError):
         super().__init__(f"the device has no free parameter {name!r}. {suggestion(name, known)}")
 
 
+class LinkNameError(BenchError):
+    """A mass on a link that the device does not have."""
+
+    def __init__(self, table: str, name: str, known: Iterable[str]) -> None:
+        still = " The base does not move: leave out what is fixed to it." if name == "base" else ""
+        super().__init__(f"[[{table}]]: the device has no link {name!r}.{still} {suggestion(name, known)}")
+
+
 class FigureCountError(BenchError):
     """More or fewer figures than joints or motors."""
 
