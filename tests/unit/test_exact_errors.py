@@ -72,8 +72,16 @@ def test_angles_that_are_many(tmp_path: Path) -> None:
 def test_a_column_that_is_another_in_disguise(tmp_path: Path) -> None:
     column = '[[terms]]\nkind = "column"\njoints = ["1"]\nname = "D1"\nunit = "N m s/rad"\nexpression = "2*v_1"\n'
     device = device_of(tmp_path, LINK + '[[terms]]\nkind = "viscous"\njoints = "all"\n' + column)
-    with pytest.raises(errors.RoadsDisagreeError, match="only the former have D1; only the latter have none"):
+    with pytest.raises(errors.RoadsDisagreeError, match=r"differ: only the former have D1\. The"):
         haptid.regroupings(device)
+
+
+def test_a_column_of_accelerations_that_others_make_up(tmp_path: Path) -> None:
+    column = '[[terms]]\nkind = "column"\njoints = ["1"]\nname = "J1"\nunit = "kg m^2"\nexpression = "{}"\n'
+    device = device_of(tmp_path, LINK + column.format("a_1"))
+    with pytest.raises(errors.AccelerationRegroupingError, match="a column of accelerations, J1, is not independent"):
+        haptid.regroupings(device)
+    assert "J1" in "".join(device_of(tmp_path, LINK + column.format("abs(a_1)")).regroupings.names)
 
 
 def test_coefficients_that_differ(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

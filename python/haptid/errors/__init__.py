@@ -75,6 +75,7 @@ from haptid.errors.devices import (
     UnknownNameError,
 )
 from haptid.errors.exact import (
+    AccelerationRegroupingError,
     ManyAnglesError,
     NoDyadError,
     RegroupingCheckError,
@@ -159,6 +160,7 @@ from haptid.errors.roots import (
 
 __all__ = [
     "AccelerationColumnError",
+    "AccelerationRegroupingError",
     "ActiveJointError",
     "BaseNameError",
     "BenchError",

@@ -60,17 +60,30 @@ class RegroupingCheckError(RegroupingError):
         )
 
 
+class AccelerationRegroupingError(RegroupingError):
+    """A column of accelerations that other parameters' columns make up."""
+
+    def __init__(self, columns: Sequence[str]) -> None:
+        super().__init__(
+            f"a column of accelerations, {_list(columns)}, is not independent of the other parameters, and groupings "
+            f"with symbols do not see that. Leave the column out, write it as a rotor inertia, or use the numeric "
+            f"groupings of `base_parameters`."
+        )
+
+
 class RoadsDisagreeError(RegroupingError):
     """Base parameters that differ with lengths as symbols and at the device's own lengths."""
 
     def __init__(self, exact: int, numeric: int, only_exact: Sequence[str], only_numeric: Sequence[str]) -> None:
+        halves = (("former", only_exact), ("latter", only_numeric))
+        found = "; ".join(f"only the {which} have {_list(names)}" for which, names in halves if names)
         super().__init__(
             f"base parameters with lengths as symbols ({exact}) and at the device's own lengths ({numeric}) differ: "
-            f"only the former have {_list(only_exact)}; only the latter have {_list(only_numeric)}. The device's "
+            f"{found}. The device's "
             f"lengths or angles are special, or a column's law ties it to others: write equal lengths by one name and "
             f"lengths of zero as 0, or use the numeric groupings of `base_parameters`."
         )
 
 
 def _list(names: Sequence[str]) -> str:
-    return ", ".join(names[:8]) + (f" and {len(names) - 8} more" if len(names) > 8 else "") if names else "none"
+    return ", ".join(names[:8]) + (f" and {len(names) - 8} more" if len(names) > 8 else "")

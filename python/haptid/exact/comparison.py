@@ -7,7 +7,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from haptid.base import random_regressor
-from haptid.errors import RoadsDisagreeError
+from haptid.device.expressions import Column
+from haptid.errors import AccelerationRegroupingError, RoadsDisagreeError
 
 if TYPE_CHECKING:
     from haptid.base import BaseParameters
@@ -27,9 +28,13 @@ def check_agreement(exact: Regroupings, device: Device) -> None:
         device: its numbers, for the other.
 
     Raises:
-        RoadsDisagreeError: they do not.
+        AccelerationRegroupingError: a column of accelerations is kept by the one and not by the other.
+        RoadsDisagreeError: they do not agree for another reason.
     """
     numeric = device.base
+    tied = [name for name in accelerated(device) if (name in _kept(exact)) != (name in _kept(numeric))]
+    if tied:
+        raise AccelerationRegroupingError(tied)
     if exact.kept != numeric.kept or exact.no_effect != numeric.no_effect:
         only = [_names(exact, a, b) for a, b in ((exact, numeric), (numeric, exact))]
         raise RoadsDisagreeError(len(exact), len(numeric), only[0], only[1])
@@ -41,6 +46,17 @@ def check_agreement(exact: Regroupings, device: Device) -> None:
         where = f"{exact.standard[column]} in {exact.names[row]}"
         found = (float(exact.values[row, column]), float(numeric.regrouping[row, column]))
         raise RoadsDisagreeError(len(exact), len(numeric), [f"{found[0]:.6g} {where}"], [f"{found[1]:.6g} {where}"])
+
+
+def accelerated(device: Device) -> list[str]:
+    """Names of the user's own columns that are made of accelerations."""
+    rates = {f"a_{name}" for name in device.joint_names}
+    return [term.name for term in device.externals if isinstance(term.shape, Column) and term.shape.reads(rates)]
+
+
+def _kept(one: Regroupings | BaseParameters) -> list[str]:
+    """Standard parameters that base parameters are named after."""
+    return [one.standard[k] for k in one.kept]
 
 
 def _names(exact: Regroupings, one: Regroupings | BaseParameters, other: Regroupings | BaseParameters) -> list[str]:

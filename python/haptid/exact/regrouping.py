@@ -128,6 +128,7 @@ def regroupings(device: Device, seed: int = 0) -> Regroupings:
         NoDyadError: a loop that is not linear is no planar dyad.
         ManyAnglesError: too many angles are no quarter turns.
         RegroupingFormError: a coefficient is no ratio of polynomials of low degree.
+        AccelerationRegroupingError: a column of accelerations depends on other parameters.
         RoadsDisagreeError: base parameters at the device's own lengths differ, so that its geometry is a special one.
     """
     if isinstance(device.closure, NewtonClosure):
