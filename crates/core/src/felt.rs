@@ -207,7 +207,7 @@ mod tests {
         let eye = [1., 0., 0., 0., 1., 0., 0., 0., 1.];
         let bar = |parent, x| Joint { parent, rotation: eye, translation: [x, 0., 0.], prismatic: false };
         let joints = [bar(None, 0.0), bar(Some(0), 1.0)];
-        Mechanism::new(&joints, &Closure::open(2), [0.; 3], Vec::new(), backend).unwrap()
+        Mechanism::new(&joints, &Closure::open(2), [0.; 3], &[], backend).unwrap()
     }
 
     fn masses(backend: Backend, q: &[f64], worst: f64) -> Vec<f64> {
