@@ -19,7 +19,7 @@ def test_the_table_of_the_study_has_the_recorded_figures(page, request):
     table = re.search(r"\| mounting \| torque.*?\n\n", page, re.DOTALL)
     assert table is not None
     titles = {mounting.title for mounting in read_demo("phantom").mountings}
-    for line in table[0].splitlines()[2:]:
+    for line in table[0].strip().splitlines()[2:]:
         title, *cells = [cell.strip() for cell in line.strip("|").split("|")]
         assert title in titles
         for what, cell in zip(("torque", "parameters", "Coulomb", "viscous"), cells, strict=True):

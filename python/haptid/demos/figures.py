@@ -159,7 +159,7 @@ def draw_hand(found: Results, number: int, path: Path) -> None:
         Curve("with the model", (felt.modelled[:, axis] - sensor)[None], BLUE, 1.0),
     ]
     fine = [
-        Curve("with the model", (felt.modelled_late - felt.true_late)[:, axis][None], BLUE, 1.0),
+        Curve("with the model", (felt.modelled_late - felt.true_late)[:, axis][None], BLUE, 2.4),
         Curve("momentum observer", (felt.observed - felt.true_late)[:, axis][None], GREEN, 1.0),
     ]
     figure = _figure(f"Fig. {number}: force of the hand on the device along {name}", (10, 7.5))

@@ -158,9 +158,10 @@ def _judged(
 ) -> tuple[dict[str, Judged], dict[tuple[str, str], Judged]]:
     """What becomes of published parameters and of ours."""
     like = next(iter(fits.values()))["encoders"].targets
-    many = len(demo.parameters.columns) + len(JUDGED) * len(fits)
+    named = (demo.parameters.columns[0], *fits)
+    many = len(named) + len(JUDGED) * len(fits)
     columns, ours = dict[str, Judged](), dict[tuple[str, str], Judged]()
-    for name in demo.parameters.columns:
+    for name in named:
         tell("judging", len(columns) / many)
         columns[name] = judge(name, published(demo, like, name), device, demo.workspaces)
     for key, made in fits.items():
