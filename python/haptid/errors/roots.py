@@ -43,6 +43,10 @@ class HandleError(HaptidError):
     """Something about the handle, the workspace or the force of the hand."""
 
 
+class ExportError(HaptidError):
+    """Something about writing a model out for other programs."""
+
+
 class ShapeError(HaptidError):
     """An array whose shape is not what the call needs."""
 

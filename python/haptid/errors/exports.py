@@ -1,0 +1,65 @@
+"""What can be wrong with writing a model out for other programs."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from haptid.errors.roots import ExportError
+
+
+class UnexportableTermError(ExportError):
+    """A term of the device that code for a control loop cannot compute."""
+
+    def __init__(self, name: str, why: str) -> None:
+        super().__init__(
+            f"term {name} cannot be written as code: {why}. Write it with positions and velocities only, or leave it "
+            f"out of the device file and add its torque in the control loop."
+        )
+
+
+class FailedValidationError(ExportError):
+    """A model that predicts unseen motion worse than its criterion allows."""
+
+    def __init__(self, relative: float, limit: float) -> None:
+        super().__init__(
+            f"the model misses {relative:.2f} % of the unseen torque, the criterion is {limit:.2f} %. Identify it "
+            f"again, or export it anyway: the header will then say that it failed."
+        )
+
+
+class CodeNameError(ExportError):
+    """A name that is none in C, or too long for the linker of an old compiler."""
+
+    def __init__(self, name: str, longest: int) -> None:
+        super().__init__(
+            f"{name!r} cannot begin the names of C functions. Write a lower-case letter, then lower-case letters, "
+            f"digits and underscores, at most {longest} characters."
+        )
+
+
+class CodeSettingError(ExportError):
+    """A setting of the written code that means nothing."""
+
+    def __init__(self, name: str, value: object, wanted: str) -> None:
+        super().__init__(f"{name} is {value!r}; write {wanted}.")
+
+
+class UnvalidatedError(ExportError):
+    """A model with a criterion that nothing has tested."""
+
+    def __init__(self, limit: float) -> None:
+        super().__init__(
+            f"the criterion is {limit:.2f} %, and the model was not validated on unseen motion. Give a validation or a "
+            f"log with the role validate, or export it anyway: the header will then say that it was not tested."
+        )
+
+
+class VaryingLoopError(ExportError):
+    """A loop whose joints do not follow the active ones in proportion."""
+
+    def __init__(self, device: str, joints: Sequence[str]) -> None:
+        super().__init__(
+            f"{device} has loops that are solved at every pose: {', '.join(joints)} do not follow the active joints in "
+            f"proportion. Code without iterations is only written of loops such as parallelograms, couplings and mimic "
+            f"joints."
+        )

@@ -1,0 +1,115 @@
+"""Fewer operations for the same sums and products: flatten, take common factors out, build again."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Sequence
+
+from haptid.export.graph import RUN, Expr, Graph, cost
+
+# One product of a sum: its sign, and the nodes that are multiplied.
+Term = tuple[int, tuple[int, ...]]
+# After so many rounds nothing is gained.
+ROUNDS = 3
+
+
+def shortest(graph: Graph, outputs: Sequence[Expr]) -> list[Expr]:
+    """The outputs as they are, or factored in up to ROUNDS rounds: whatever costs least."""
+    tried = [list(outputs)]
+    for _ in range(ROUNDS):
+        tried.append(factored(graph, tried[-1]))
+    return min(tried, key=lambda made: cost(graph, made))
+
+
+def factored(graph: Graph, outputs: Sequence[Expr]) -> list[Expr]:
+    """The same outputs, with a b + a c written as a (b + c)."""
+    rewriting = _Rewriting(graph, outputs)
+    made = [(out.sign, rewriting.expression(out.node)) for out in outputs]
+    return [expr if sign > 0 else -expr for sign, expr in made]
+
+
+class _Rewriting:
+    """One pass over the outputs: sums and products that are used once melt into what uses them."""
+
+    def __init__(self, graph: Graph, outputs: Sequence[Expr]) -> None:
+        self.graph = graph
+        self.uses = Counter(out.node for out in outputs)
+        for node in graph.live(outputs):
+            self.uses.update(graph.operands(node))
+        self.made: dict[int, Expr] = {}
+
+    def expression(self, node: int) -> Expr:
+        """The node, written again."""
+        if node not in self.made:
+            self.made[node] = self._again(node)
+        return self.made[node]
+
+    def _again(self, node: int) -> Expr:
+        graph, (op, _, when) = self.graph, self.graph.nodes[node]
+        args = graph.operands(node)
+        if when < RUN or not args:
+            return graph.at(node)
+        if op in "+-":
+            return self._sum(self._terms(node, 1))
+        if op == "*":
+            return self._product(self._factors(node))
+        inner = [self.expression(arg) for arg in args]
+        if op == "/":
+            return inner[0] / inner[1]
+        if op == "pow":
+            return graph.power(inner[0], inner[1])
+        return -inner[0] if op == "negative" else graph.apply(op, inner[0])
+
+    def _melts(self, node: int, ops: str) -> bool:
+        known = self.graph.nodes[node]
+        return known.op in ops and known.when == RUN and self.uses[node] == 1
+
+    def _terms(self, node: int, sign: int) -> list[Term]:
+        """The products that a sum is made of."""
+        left, right = self.graph.operands(node)
+        found: list[Term] = []
+        for arg, s in ((left, sign), (right, sign if self.graph.nodes[node].op == "+" else -sign)):
+            if self._melts(arg, "+-"):
+                found += self._terms(arg, s)
+            else:
+                found.append((s, self._factors(arg)))
+        return found
+
+    def _factors(self, node: int) -> tuple[int, ...]:
+        """The nodes that a product is made of."""
+        if self.graph.nodes[node].op != "*" or self.graph.nodes[node].when < RUN:
+            return (node,)
+        found: list[int] = []
+        for arg in self.graph.operands(node):
+            found += self._factors(arg) if self._melts(arg, "*") else (arg,)
+        return tuple(sorted(found))
+
+    def _product(self, factors: tuple[int, ...]) -> Expr:
+        made = self.graph.number(1.0)
+        for factor in sorted(factors, key=lambda node: (self.graph.nodes[node].when == RUN, node)):
+            made = made * self.expression(factor)
+        return made
+
+    def _sum(self, terms: list[Term]) -> Expr:
+        """The factor that most products share comes out, then the same within and without."""
+        shared = Counter(node for _, factors in terms for node in set(factors))
+        best = max(shared, default=-1, key=lambda node: (shared[node], self.graph.nodes[node].when == RUN, -node))
+        if shared[best] > 1 and len(terms) > 1:
+            inside = [(sign, _without(factors, best)) for sign, factors in terms if best in factors]
+            outside = [term for term in terms if best not in term[1]]
+            made = self.expression(best) * self._sum(inside)
+            return made + self._sum(outside) if outside else made
+        made = self.graph.number(0.0)
+        for sign, factors in sorted(terms, key=lambda term: (self._latest(term[1]), term[1])):
+            product = self._product(factors)
+            made = made + product if sign > 0 else made - product
+        return made
+
+    def _latest(self, factors: tuple[int, ...]) -> int:
+        return max((self.graph.nodes[node].when for node in factors), default=0)
+
+
+def _without(factors: tuple[int, ...], node: int) -> tuple[int, ...]:
+    """The factors with one occurrence of a node taken out."""
+    k = factors.index(node)
+    return factors[:k] + factors[k + 1 :]

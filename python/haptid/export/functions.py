@@ -1,0 +1,299 @@
+"""The functions of the written code, each as expressions of its inputs."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from contextlib import suppress
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from haptid.device import Device
+from haptid.errors import VaryingLoopError
+from haptid.export.composite import mass_matrix
+from haptid.export.factoring import shortest
+from haptid.export.graph import Expr, Graph, Operations, cost, operations
+from haptid.export.hamilton import momentum
+from haptid.export.handle import HandleExpressions, handle_expressions
+from haptid.export.moments import moments_of
+from haptid.export.newton import Bodies, inverse_dynamics
+from haptid.export.polynomial import TRIALS, cheapest
+from haptid.export.solving import Factors, force, mobility
+from haptid.export.terms import term_torque
+from haptid.export.tree import Tree, tree_of
+
+# Times as many orders are tried for the inverse dynamics, which most loops call.
+MORE = 4
+
+
+@dataclass(frozen=True)
+class Function:
+    """One function of the written code.
+
+    Attributes:
+        name: without the model's prefix.
+        about: what it does, with units, in sentences.
+        inputs: names and sizes of the arrays it reads.
+        outputs: names of the arrays it fills, and what with.
+        checks: what must be above zero; the function otherwise fills its outputs with zeros and says so.
+        parameters: whether it reads the parameters, or geometry alone.
+    """
+
+    name: str
+    about: tuple[str, ...]
+    inputs: tuple[tuple[str, int], ...]
+    outputs: tuple[tuple[str, tuple[Expr, ...]], ...]
+    checks: tuple[Expr, ...] = ()
+    parameters: bool = True
+
+    @property
+    def all(self) -> list[Expr]:
+        """Everything that it computes."""
+        return [*(value for _, values in self.outputs for value in values), *self.checks]
+
+
+@dataclass(frozen=True, eq=False)
+class Code:
+    """The functions of one mechanism; see `code_of`.
+
+    Attributes:
+        device: the mechanism.
+        graph: where their expressions are.
+        functions: in the order of the file.
+        speed: below it the sign of a velocity is smoothed, rad/s or m/s.
+    """
+
+    device: Device
+    graph: Graph
+    functions: tuple[Function, ...]
+    speed: float
+
+    def __getitem__(self, name: str) -> Function:
+        return next(function for function in self.functions if function.name == name)
+
+    def __contains__(self, name: str) -> bool:
+        return any(function.name == name for function in self.functions)
+
+    @property
+    def operations(self) -> dict[str, Operations]:
+        """What one call of every function costs."""
+        return {function.name: operations(self.graph, function.all) for function in self.functions}
+
+
+def code_of(device: Device, speed: float) -> Code:
+    """All functions of a device, with its base parameters as symbols.
+
+    Args:
+        device: the mechanism.
+        speed: below it the sign of a velocity is smoothed, rad/s or m/s.
+
+    Raises:
+        UnexportableTermError: a term that code cannot compute.
+        VaryingLoopError: loops that are not linear.
+    """
+    varying = device.varying.any(axis=1)
+    if varying.any():
+        raise VaryingLoopError(device.name, [device.joint_names[j] for j in np.flatnonzero(varying)])
+    graph, tree = Graph(), tree_of(device)
+    bodies = Bodies.of(moments_of(device), graph, tree.length)
+    made = _Functions(device, graph, tree, bodies, speed)
+    functions = [*made.torques(), *made.rigid(), made.momentum()]
+    if device.handle is not None:
+        functions += made.at_handle(handle_expressions(tree, device.handle, made.q))
+    return Code(device, graph, tuple(functions), speed)
+
+
+def cheapest_form(graph: Graph, outputs: Sequence[Expr], trials: int = TRIALS) -> list[Expr]:
+    """The same outputs for the fewest operations found: as recursions, or nested polynomials where these are small."""
+    nested = cheapest(graph, outputs, trials)
+    forms = [shortest(graph, outputs)] + ([] if nested is None else [nested])
+    return min(forms, key=lambda form: cost(graph, form))
+
+
+@dataclass(frozen=True, eq=False)
+class _Functions:
+    """What the functions are made of."""
+
+    device: Device
+    graph: Graph
+    tree: Tree
+    bodies: Bodies
+    speed: float
+    q: list[Expr] = field(init=False)
+    qd: list[Expr] = field(init=False)
+    qdd: list[Expr] = field(init=False)
+    tau: list[Expr] = field(init=False)
+
+    def __post_init__(self) -> None:
+        for name in ("q", "qd", "qdd", "tau"):
+            symbols = [self.graph.name(f"{name}[{k}]") for k in range(self.tree.active)]
+            object.__setattr__(self, name, symbols)
+
+    @property
+    def none(self) -> list[Expr]:
+        return [self.graph.number(0.0)] * self.tree.active
+
+    def sizes(self, *names: str) -> tuple[tuple[str, int], ...]:
+        return tuple((name, self.tree.active) for name in names)
+
+    def newton(self, qd: list[Expr], qdd: list[Expr]) -> list[Expr]:
+        return inverse_dynamics(self.tree, self.bodies, self.q, qd, qdd, self.tree.gravity)
+
+    def torques(self) -> list[Function]:
+        """Torque of bodies and terms."""
+        inverse = cheapest_form(self.graph, self.newton(self.qd, self.qdd), MORE * TRIALS)
+        gravity = cheapest_form(self.graph, self.newton(self.none, self.none))
+        terms = term_torque(self.device, self.graph, self.q, self.qd, self.speed, friction_only=False)
+        friction = term_torque(self.device, self.graph, self.q, self.qd, self.speed, friction_only=True)
+        return [
+            Function(
+                "inverse_dynamics",
+                ("Torque of bodies and rotors, M qdd + C qd + g: no friction, no springs, N m or N.",),
+                self.sizes("q", "qd", "qdd"),
+                (("tau", tuple(inverse)),),
+            ),
+            Function(
+                "gravity",
+                ("Torque that holds the bodies still, N m or N.",),
+                self.sizes("q"),
+                (("tau", tuple(gravity)),),
+            ),
+            Function(
+                "terms",
+                (
+                    "Torque of friction, springs, offsets and all other terms beside bodies and rotors, N m or N.",
+                    f"The sign of a velocity v is tanh(v / {self.speed:g}), or smoother where the device file says so.",
+                ),
+                self.sizes("q", "qd"),
+                (("tau", tuple(shortest(self.graph, terms))),),
+            ),
+            Function(
+                "friction",
+                ("Torque of friction alone, viscous and dry, N m or N; smoothed in the same way.",),
+                self.sizes("qd"),
+                (("tau", tuple(shortest(self.graph, friction))),),
+            ),
+        ]
+
+    def rigid(self) -> list[Function]:
+        """Mass matrix and forward dynamics."""
+        mass = self.mass(self.tree.relative(self.q))
+        full = tuple(mass[a][b] for a in range(self.tree.active) for b in range(self.tree.active))
+        turns = self.tree.turns(self.q)
+        low = _low(mass_matrix(self.tree, self.bodies, self.q, self.tree.differences(turns)))
+        both = cheapest_form(self.graph, [*self.newton(self.qd, self.none), *low])
+        bias, entries = both[: self.tree.active], both[self.tree.active :]
+        made = Function(
+            "mass_matrix",
+            ("Mass matrix, rotors included, row by row, kg m^2, kg m or kg.",),
+            self.sizes("q"),
+            (("M", full),),
+        )
+        try:
+            factors = Factors.of(_full(entries, self.tree.active))
+        except ZeroDivisionError:  # a coordinate without inertia
+            return [made]
+        qdd = factors.solve([t - h for t, h in zip(self.tau, bias, strict=True)])
+        return [
+            made,
+            Function(
+                "forward_dynamics",
+                (
+                    "Accelerations under a torque on bodies and rotors: the motors' less friction, springs and other",
+                    "terms, plus the hand's. rad/s^2 or m/s^2.",
+                ),
+                self.sizes("q", "qd", "tau"),
+                (("qdd", tuple(qdd)),),
+                tuple(factors.checks),
+            ),
+        ]
+
+    def mass(self, relative: list[tuple[Expr, Expr]]) -> list[list[Expr]]:
+        """The matrix, from angles to parents' frames or from absolute angles: whichever is cheaper."""
+        own = _low(mass_matrix(self.tree, self.bodies, self.q, relative))
+        turns = self.tree.turns(self.q)
+        absolute = _low(mass_matrix(self.tree, self.bodies, self.q, self.tree.differences(turns)))
+        forms = [cheapest_form(self.graph, form) for form in (own, absolute)]
+        return _full(min(forms, key=lambda form: cost(self.graph, form)), self.tree.active)
+
+    def momentum(self) -> Function:
+        """What the observer of the hand's torque watches."""
+        p, slope = momentum(self.tree, self.bodies, self.q, self.qd, self.tree.turns(self.q))
+        gravity = self.newton(self.none, self.none)
+        rest = [g - s for g, s in zip(gravity, slope, strict=True)]
+        both = cheapest_form(self.graph, [*p, *rest])
+        n = self.tree.active
+        return Function(
+            "momentum",
+            ("Momentum p = M qd, kg m^2/s or kg m/s, and the rest in tau = dp/dt + rest, N m or N.",),
+            self.sizes("q", "qd"),
+            (("p", tuple(both[:n])), ("rest", tuple(both[n:]))),
+        )
+
+    def at_handle(self, handle: HandleExpressions) -> list[Function]:
+        """Pose, Jacobian, and where they exist mobility and force of the handle."""
+        n = self.tree.active
+        pose = cheapest_form(self.graph, [*handle.position, *(x for row in handle.rotation for x in row)])
+        entries = cheapest_form(self.graph, [x for row in handle.jacobian for x in row])
+        J = [entries[k : k + n] for k in range(0, 3 * n, n)]
+        made = [
+            Function(
+                "handle_pose",
+                ("Origin of the handle in the base frame, m, and its frame there, 3 x 3 row by row.",),
+                self.sizes("q"),
+                (("position", tuple(pose[:3])), ("rotation", tuple(pose[3:]))),
+                parameters=False,
+            ),
+            Function(
+                "handle_jacobian",
+                (
+                    f"6 x {n}, row by row: velocity of the handle's origin, then angular velocity, in the base frame,",
+                    "by the coordinates' rates. Its transpose takes a wrench to torques.",
+                ),
+                self.sizes("q"),
+                (("J", tuple(entries)),),
+                parameters=False,
+            ),
+        ]
+        wanted = [self._mobility] + [self._force] * all(self.device.measured)
+        for function in wanted:
+            with suppress(ZeroDivisionError):  # no pose has one
+                made.append(function(J))
+        return made
+
+    def _mobility(self, J: list[list[Expr]]) -> Function:
+        turns = self.tree.turns(self.q)
+        low = _low(mass_matrix(self.tree, self.bodies, self.q, self.tree.differences(turns)))
+        factors = Factors.of(_full(cheapest_form(self.graph, low), self.tree.active))
+        A = mobility(factors, J)
+        return Function(
+            "handle_mobility",
+            ("Jv M^-1 Jv', 3 x 3: acceleration of the handle by a force on it, in the base frame, 1/kg.",),
+            self.sizes("q"),
+            (("mobility", tuple(x for row in A for x in row)),),
+            tuple(factors.checks),
+        )
+
+    def _force(self, J: list[list[Expr]]) -> Function:
+        found, checks = force(J, self.tau)
+        return Function(
+            "handle_force",
+            ("Force at the handle's origin, in the base frame, that makes these torques; no moment there, N.",),
+            self.sizes("q", "tau"),
+            (("force", tuple(found)),),
+            tuple(checks),
+            parameters=False,
+        )
+
+
+def _low(M: list[list[Expr]]) -> list[Expr]:
+    """Lower triangle, row by row."""
+    return [M[a][b] for a in range(len(M)) for b in range(a + 1)]
+
+
+def _full(low: list[Expr], n: int) -> list[list[Expr]]:
+    rows, columns = np.tril_indices(n)
+    made = [[low[0]] * n for _ in range(n)]
+    for a, b, value in zip(rows, columns, low, strict=True):
+        made[a][b] = made[b][a] = value
+    return made

@@ -1,0 +1,90 @@
+"""Where the handle is and how it moves, as expressions.
+
+Along a group of parallel axes the Jacobian telescopes: each link's absolute angle moves only its own bar.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from haptid.device import Handle
+from haptid.export.graph import Expr
+from haptid.export.tree import Tree
+from haptid.export.vectors import Turn, Vector, constant, cross, forth, plus, rotated, zero
+
+
+@dataclass(frozen=True)
+class HandleExpressions:
+    """The handle in the base frame.
+
+    Attributes:
+        position: of its origin, m.
+        rotation: of its frame, rows of (3, 3).
+        jacobian: rows of (6, active): velocity and angular velocity by the coordinates' rates.
+    """
+
+    position: Vector
+    rotation: tuple[Vector, Vector, Vector]
+    jacobian: list[list[Expr]]
+
+
+def handle_expressions(tree: Tree, handle: Handle, q: list[Expr]) -> HandleExpressions:
+    """The handle's pose and Jacobian.
+
+    Args:
+        tree: the mechanism.
+        handle: where the hand holds it.
+        q: the coordinates.
+    """
+    graph, turns = q[0].graph, tree.turns(q)
+    chain: list[int] = []
+    i = handle.link
+    while i >= 0:
+        chain.insert(0, i)
+        i = tree.links[i].parent
+    bars = [_in_base(tree, turns, tree.links[i].parent, tree.origin(i, q, 1.0)) for i in chain]
+    bars.append(_in_base(tree, turns, handle.link, constant(graph, handle.translation)))
+    position = zero(graph)
+    for bar in bars:
+        position = plus(position, bar)
+    axes = [_in_base(tree, turns, handle.link, constant(graph, column)) for column in handle.rotation.T]
+    x, y, z = ((axes[0][k], axes[1][k], axes[2][k]) for k in range(3))
+    columns = _columns(tree, turns, chain, bars)
+    return HandleExpressions(position, (x, y, z), [list(row) for row in zip(*columns, strict=True)])
+
+
+def _columns(tree: Tree, turns: list[Turn], chain: list[int], bars: list[Vector]) -> list[list[Expr]]:
+    """Of the Jacobian, (active, 6).
+
+    Args:
+        tree: the mechanism.
+        turns: of every link in its group's base.
+        chain: links from the base to the handle.
+        bars: from the base to the first link's origin, from each origin to the next, and to the handle's.
+    """
+    graph, links = bars[0][0].graph, tree.links
+    columns = [[graph.number(0.0)] * 6 for _ in range(tree.active)]
+    beyond = zero(graph)
+    for k in reversed(range(len(chain))):
+        link = links[chain[k]]
+        beyond = plus(beyond, bars[k + 1])
+        axis = _in_base(tree, turns, chain[k], constant(graph, (0.0, 0.0, 1.0)))
+        # The next link of the same group has an absolute angle of its own, and all that is beyond keeps to it.
+        joined = k + 1 < len(chain) and links[chain[k + 1]].group == link.group
+        linear = axis if link.prismatic else cross(axis, bars[k + 1] if joined else beyond)
+        turned = zero(graph) if link.prismatic or joined else axis
+        weights = link.rate if link.prismatic else link.turn
+        for column, weight in zip(columns, weights, strict=True):
+            for row, value in enumerate((*linear, *turned)):
+                column[row] = column[row] + float(weight) * value
+    return columns
+
+
+def _in_base(tree: Tree, turns: list[Turn], link: int, v: Vector) -> Vector:
+    """A vector in a link's frame, seen in the base frame; -1 for the base itself."""
+    while link >= 0:
+        # Within a group one turn leads to the base of it.
+        head = tree.links[link].group
+        v = rotated(tree.links[head].rotation, forth(turns[link], v))
+        link = tree.links[head].parent
+    return v

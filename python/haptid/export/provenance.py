@@ -1,0 +1,87 @@
+"""What a model is, where it comes from, and whether it may be written out."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from haptid._values import Array, expect, read_only
+from haptid.device import Device
+from haptid.errors import FailedValidationError, UnvalidatedError
+from haptid.estimators import Estimate
+from haptid.identification import Identification
+from haptid.validation import Validation
+
+# What can be exported: an identification by a study, an estimate, or a device with base parameters from elsewhere.
+Model = Identification | Estimate | tuple[Device, ArrayLike]
+
+
+@dataclass(frozen=True, eq=False)
+class Provenance:
+    """A model to write out.
+
+    Attributes:
+        device: the mechanism.
+        beta: its base parameters, (p,), SI.
+        intervals: 95 % intervals of them, (p, 2), or None where nothing is known.
+        hashes: SHA-256 of the logs that it was identified from.
+        verdict: on unseen motion, a sentence.
+    """
+
+    device: Device
+    beta: Array
+    intervals: Array | None
+    hashes: tuple[str, ...]
+    verdict: str
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "beta", read_only(self.beta))
+
+
+def provenance(model: Model, validation: Validation | None, largest_error: float | None, anyway: bool) -> Provenance:
+    """The model, if its validation lets it pass.
+
+    Args:
+        model: what to export.
+        validation: of an estimate; an identification has its own.
+        largest_error: criterion, per cent; an identification has that of its study where this is None.
+        anyway: write a model that fails its criterion, and say so.
+
+    Raises:
+        FailedValidationError: it misses more of the torque than its criterion allows.
+        UnvalidatedError: there is a criterion, and no validation.
+        ShapeError: the base parameters are not as many as the device has.
+    """
+    validations: tuple[Validation, ...] = () if validation is None else (validation,)
+    if isinstance(model, Identification):
+        validations = validations or tuple(model.unseen)
+        largest_error = model.study.largest_error if largest_error is None else largest_error
+        model = model.estimate
+    verdict = _verdict(validations, largest_error, anyway)
+    if isinstance(model, Estimate):
+        hashes = dict.fromkeys(motion.log.sha256 for motion in model.observation.motions if motion.log)
+        return Provenance(model.device, model.beta, model.interval95, tuple(hashes), verdict)
+    device, beta = model
+    expect("beta", np.shape(beta), (len(device.base),))
+    return Provenance(device, np.asarray(beta, dtype=float), None, (), verdict)
+
+
+def _verdict(validations: tuple[Validation, ...], limit: float | None, anyway: bool) -> str:
+    """A sentence on how the model predicts, or an error where it may not pass."""
+    if not validations:
+        if limit is not None and not anyway:
+            raise UnvalidatedError(limit)
+        asked = "" if limit is None else f" Its criterion, {limit:.2f} %, was not tested."
+        return f"NOT VALIDATED: nothing is known of how it predicts unseen motion.{asked}"
+    worst = max(validations, key=lambda found: found.relative)
+    rows = "rows of its own fit" if worst.seen else "unseen motion"
+    error = f"{worst.relative:.2f} % of the torque on {rows}"
+    if limit is None:
+        return f"Error {error}; no criterion was set."
+    if worst.relative <= limit:
+        return f"Error {error}; criterion {limit:.2f} %: met."
+    if not anyway:
+        raise FailedValidationError(worst.relative, limit)
+    return f"VALIDATION FAILED: error {error}; criterion {limit:.2f} %."

@@ -1,0 +1,133 @@
+"""Torque of friction, springs and the other terms of a device, as expressions."""
+
+from __future__ import annotations
+
+import ast
+from collections.abc import Mapping
+
+import numpy as np
+
+from haptid._values import Array
+from haptid.device import Device
+from haptid.device.expressions import Column
+from haptid.device.terms import DRY, Counterbalance, TermColumn
+from haptid.errors import UnexportableTermError
+from haptid.export.graph import PARAMETER, Expr, Graph
+from haptid.export.vectors import combined
+from haptid.reversals import WIDTH
+
+# What resists motion, and is compensated by a share at most.
+FRICTION = ("viscous", *DRY)
+
+
+def term_torque(
+    device: Device, graph: Graph, q: list[Expr], qd: list[Expr], speed: float, friction_only: bool
+) -> list[Expr]:
+    """Torque of the terms on the coordinates, (active), rotors left out.
+
+    Args:
+        device: the mechanism.
+        graph: the store.
+        q, qd: the coordinates and their rates.
+        speed: below it the sign of a velocity is smoothed, rad/s or m/s.
+        friction_only: leave out what does not resist motion.
+    """
+    S = device.parameters.S[10 * len(device.joints) :, list(device.base.kept)]
+    tau = [graph.number(0.0)] * len(q)
+    for term, row in zip(device.terms, S, strict=True):
+        wanted = term.kind in FRICTION if friction_only else term.kind != "rotor"
+        if not wanted or not row.any():
+            continue
+        parameter = combined(row[row != 0], [graph.name(f"p[{k}]", PARAMETER) for k in np.flatnonzero(row)])
+        felt = parameter * _column(device, term, graph, q, qd, speed)
+        tau = [t + float(w) * felt for t, w in zip(tau, term.weights, strict=True)]
+    return tau
+
+
+def _column(device: Device, term: TermColumn, graph: Graph, q: list[Expr], qd: list[Expr], speed: float) -> Expr:
+    """The column, as the core has it, with the sign of a velocity smoothed."""
+    x, v = combined(term.weights, q) + term.offset, combined(term.weights, qd)
+    if term.kind == "viscous":
+        return v
+    if term.kind == "offset":
+        return graph.number(1.0)
+    if term.kind == "spring":
+        return x - term.settings[0]
+    if term.kind in DRY:
+        return _dry(term, graph, v, speed)
+    joints = [combined(row, q) + float(offset) for row, offset in zip(device.rates, device.closure.offset, strict=True)]
+    if isinstance(term.shape, Counterbalance):
+        return _strut(term.shape, graph, joints[term.shape.joint])
+    assert isinstance(term.shape, Column)  # the last kind
+    return _written(device, term, term.shape, graph, joints, qd)
+
+
+def _dry(term: TermColumn, graph: Graph, v: Expr, speed: float) -> Expr:
+    """tanh(v / width) of the whole velocity or one half of it, falling with speed where it is Stribeck's."""
+    width = max(term.settings[WIDTH[term.kind]], speed)
+    side = {"coulomb+": "above", "coulomb-": "below"}.get(term.kind)
+    moving = graph.apply(side, v) if side else v
+    sign = graph.apply("tanh", moving * (1.0 / width))
+    if term.kind != "stribeck":
+        return sign
+    velocity, exponent, _ = term.settings
+    slow = graph.power(graph.apply("fabs", v) * (1.0 / velocity), graph.number(exponent))
+    return sign * graph.apply("exp", -slow)
+
+
+def _strut(strut: Counterbalance, graph: Graph, q: Expr) -> Expr:
+    """A counterbalance's torque per unit of its parameter."""
+    delta = q + strut.angle
+    product = strut.base * strut.crank
+    squared = strut.base**2 + strut.crank**2 - 2 * product * graph.apply("cos", delta)
+    length = graph.apply("sqrt", squared)
+    longer = length - abs(strut.base - strut.crank)
+    lever = (strut.sign * product) * graph.apply("sin", delta) / length
+    if strut.force == "linear":
+        return lever * longer
+    return lever / (1.0 - longer * (1.0 / strut.stroke)) if strut.force == "gas" else lever
+
+
+def _written(
+    device: Device, term: TermColumn, column: Column, graph: Graph, joints: list[Expr], qd: list[Expr]
+) -> Expr:
+    """A column that the device file writes out."""
+    if column.reads({f"a_{name}" for name in device.joint_names}):
+        raise UnexportableTermError(term.name, f"its expression {column.text} reads accelerations")
+    values: dict[str, Expr] = {name: graph.number(value) for name, value in column.constants.items()}
+    values["pi"] = graph.number(np.pi)
+    for name, position, rate in zip(device.joint_names, joints, _joint_rates(device.rates, qd), strict=True):
+        values[f"q_{name}"], values[f"v_{name}"] = position, rate
+    return _expression(graph, column.tree, values)
+
+
+def _joint_rates(rates: Array, qd: list[Expr]) -> list[Expr]:
+    return [combined(row, qd) for row in rates]
+
+
+def _expression(graph: Graph, node: ast.expr, values: Mapping[str, Expr]) -> Expr:
+    """A checked expression, node by node."""
+    match node:
+        case ast.Constant(value=value):
+            return graph.number(float(value))  # type: ignore[arg-type]
+        case ast.Name(id=name):
+            return values[name]
+        case ast.UnaryOp(op=ast.USub(), operand=operand):
+            return -_expression(graph, operand, values)
+        case ast.UnaryOp(operand=operand):
+            return _expression(graph, operand, values)
+        case ast.Call(func=ast.Name(id=name), args=[argument]):
+            return graph.apply("fabs" if name == "abs" else name, _expression(graph, argument, values))
+        case ast.BinOp(left=left, op=op, right=right):
+            a, b = _expression(graph, left, values), _expression(graph, right, values)
+            match op:
+                case ast.Add():
+                    return a + b
+                case ast.Sub():
+                    return a - b
+                case ast.Mult():
+                    return a * b
+                case ast.Div():
+                    return a / b
+            return graph.power(a, b)
+    raise TypeError(f"{ast.dump(node)} was not checked")

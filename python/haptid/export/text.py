@@ -1,0 +1,199 @@
+"""The files as text: templates filled with what the model says."""
+
+from __future__ import annotations
+
+import string
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from importlib import resources
+
+import numpy as np
+
+from haptid._core import __version__
+from haptid.device import Device
+from haptid.export.emit import Dialect, Emitted, emitted
+from haptid.export.functions import Code, Function
+from haptid.export.provenance import Provenance
+
+# Widest line of a comment, characters.
+WIDTH = 116
+# What examples use, s, rad/s and Hz.
+STEP, GAIN, CUTOFF_HZ, CREEP = 0.001, 40.0, 50.0, 1e-4
+
+
+class _Template(string.Template):
+    """@{name} stands for a value: $ and {} are common in what is written."""
+
+    delimiter = "@"
+
+
+@dataclass(frozen=True, eq=False)
+class Files:
+    """What all files of one model have in common.
+
+    Attributes:
+        source: the model.
+        code: its functions.
+        dialect: double or single precision.
+        name: how all names in C begin.
+    """
+
+    source: Provenance
+    code: Code
+    dialect: Dialect
+    name: str
+
+    @property
+    def device(self) -> Device:
+        return self.source.device
+
+    @cached_property
+    def generated(self) -> Emitted:
+        return emitted(self.code, self.dialect)
+
+    @cached_property
+    def common(self) -> Mapping[str, object]:
+        """Values that most templates use."""
+        numbers = {"zero": 0.0, "half": 0.5, "one": 1.0, "two": 2.0, "tau": 2 * np.pi}
+        example = {"step": STEP, "gain": GAIN, "cutoff": CUTOFF_HZ, "creep": CREEP}
+        literals = {key: self.dialect.literal(float(value)) for key, value in (numbers | example).items()}
+        return {
+            "name": self.name,
+            "NAME": self.name.upper(),
+            "title": comment(self.device.name),
+            "real": self.dialect.real,
+            "f": self.dialect.suffix,
+            "n": len(self.device.drives),
+            "p": max(len(self.source.beta), 1),
+            "k": self.generated.constants,
+            "speed": f"{self.code.speed:g}",
+            "verdict": self.source.verdict,
+            **literals,
+        }
+
+    def filled(self, template: str, **values: object) -> str:
+        """A template of this package with its values."""
+        text = resources.files("haptid.export").joinpath("templates", template).read_text(encoding="utf-8")
+        return _Template(text).substitute(self.common, **values)
+
+    def header(self) -> str:
+        """Declarations, with units, limits, the verdict and the data's hashes."""
+        handle = self.filled("handle.h") if "handle_mobility" in self.code else ""
+        prototypes = "".join(f"{_about(function)}{self.signature(function)};\n\n" for function in self.code.functions)
+        return self.filled(
+            "model.h",
+            about=self._about(),
+            coordinates="\n".join(f" *   {line}" for line in coordinate_lines(self.device)),
+            parameters="\n".join(f" *   {line}" for line in self._parameter_lines()),
+            prototypes=prototypes,
+            handle=handle,
+        )
+
+    def body(self) -> str:
+        """Definitions."""
+        beta = ",\n".join(f"    {float(value)!r}" for value in self.source.beta) or "    0.0"
+        inverse = self.code.operations["inverse_dynamics"]
+        return self.filled(
+            "model.c",
+            counts=f"inverse dynamics: {inverse.multiplications} multiplications, {inverse.additions} additions, "
+            f"{inverse.trigonometric} sines and cosines",
+            beta=beta,
+            init=_indented(["(void)p;", *self.generated.init]),
+            bodies="".join(self._definition(function) for function in self.code.functions),
+            handle=self.filled("handle.c") if "handle_mobility" in self.code else "",
+        )
+
+    def signature(self, function: Function) -> str:
+        """The function's declaration, without what ends it."""
+        real = f"{self.name}_real"
+        arguments = [f"const {self.name}_model *model"] if function.parameters else []
+        arguments += [f"const {real} {name}[{size}]" for name, size in function.inputs]
+        arguments += [f"{real} {name}[{len(values)}]" for name, values in function.outputs]
+        start = f"{'int' if function.checks else 'void'} {self.name}_{function.name}("
+        return wrapped(arguments, start)
+
+    def _definition(self, function: Function) -> str:
+        lines = list(self.generated.bodies[function.name])
+        read = "\n".join(lines)
+        idle = [name for name, _ in function.inputs if f"{name}[" not in read]
+        idle += ["model"] if function.parameters and "model" not in read else []
+        declared = [line for line in lines if line.startswith("const ")]
+        rest = [line for line in lines if not line.startswith("const ")]
+        body = [*declared, *(f"(void){name};" for name in idle), *rest]
+        return f"\n{self.signature(function)}\n{{\n{_indented(body)}\n}}\n"
+
+    def _about(self) -> str:
+        """First lines of the header."""
+        hashes = self.source.hashes or ("none: parameters from elsewhere",)
+        lines = [
+            f"{self.device.name}: dynamics for a control loop, written by haptid {__version__}.",
+            *([self.device.description] if self.device.description else []),
+            "",
+            self.source.verdict,
+            *(f"Data, SHA-256: {sha}" for sha in hashes),
+        ]
+        return "\n".join(f" * {comment(line)}".rstrip() for line in lines)
+
+    def _parameter_lines(self) -> list[str]:
+        base, lines = self.device.base, []
+        for k, (name, unit, value) in enumerate(zip(base.names, base.units, self.source.beta, strict=True)):
+            known = self.source.intervals
+            within = "" if known is None else f", 95 % within {known[k, 0]:.6g} and {known[k, 1]:.6g}"
+            lines.append(comment(f"p[{k}] {name}: {value:.6g} {unit}{within}"))
+        return lines
+
+
+def coordinate_lines(device: Device) -> list[str]:
+    """What each coordinate is: its label, units, limits, and the command of its motor."""
+    lines = []
+    for k, (row, label) in enumerate(zip(device.frame, device.row_labels, strict=True)):
+        unit, torque = device.coordinate_units[k], device.torque_units[k]
+        parts = [f"{label}, {unit}, {torque}"]
+        moved = [(float(w), device.joints[j]) for w, j in zip(row, device.active, strict=True) if w]
+        if len(moved) == 1 and moved[0][0] == 1.0:
+            joint = moved[0][1]
+            if joint.position_limits:
+                parts.append(f"from {joint.position_limits[0]:.6g} to {joint.position_limits[1]:.6g} {unit}")
+            if joint.velocity_limit:
+                parts.append(f"at most {joint.velocity_limit:.6g} {unit}/s")
+            if joint.torque_limit:
+                parts.append(f"at most {joint.torque_limit:.6g} {torque}")
+        else:
+            parts.append(" ".join(f"{weight:+.6g} joint {joint.name}" for weight, joint in moved))
+        drive = device.drives[k]
+        if device.torque_rows == "motor" and drive.motorised:
+            parts.append(f"command = torque / {drive.gear * drive.gain:.9g} {drive.unit}")
+        if not device.measured[k]:
+            parts.append("no motor: known as far as other rows tell")
+        lines.append(comment(f"q[{k}] {'; '.join(parts)}"))
+    return lines
+
+
+def comment(text: str) -> str:
+    """Text that cannot end a comment, on one line, no wider than a line."""
+    plain = " ".join(text.split()).replace("*/", "* /").replace("/*", "/ *").replace("\\", "/")
+    return plain if len(plain) <= WIDTH else plain[: WIDTH - 3] + "..."
+
+
+def wrapped(arguments: Sequence[str], start: str) -> str:
+    """start, arguments and a closing bracket, on as many lines as they need."""
+    lines, line = [], start
+    for k, argument in enumerate(arguments):
+        piece = argument + (")" if k == len(arguments) - 1 else ",")
+        gap = "" if line.endswith(("(", " ")) else " "
+        if len(line) + len(gap) + len(piece) > WIDTH and line.strip():
+            lines.append(line)
+            line, gap = " " * len(start), ""
+        line += gap + piece
+    return "\n".join([*lines, line])
+
+
+def _about(function: Function) -> str:
+    if len(function.about) == 1:
+        return f"/* {function.about[0]} */\n"
+    return "/*\n" + "".join(f" * {line}\n" for line in function.about) + " */\n"
+
+
+def _indented(lines: Sequence[str]) -> str:
+    return "\n".join(f"    {line}" for line in lines)

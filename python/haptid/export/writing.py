@@ -1,0 +1,142 @@
+"""`export_c(model, folder)`: a folder with the model in C99, its test and examples."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Literal, get_args
+
+from haptid._values import positive
+from haptid.errors import CodeNameError, CodeSettingError
+from haptid.export.emit import DOUBLE, SINGLE
+from haptid.export.functions import Code, code_of
+from haptid.export.graph import Operations
+from haptid.export.provenance import Model, provenance
+from haptid.export.selftest import selftest
+from haptid.export.text import Files
+from haptid.force import REVERSAL_SPEED
+from haptid.outputs import publishing
+from haptid.validation import Validation
+
+# Names of C functions are told apart by their first 31 characters at least (C99, 5.2.4.1): so much is left for ours.
+LONGEST_NAME = 24
+Precision = Literal["double", "single"]
+
+
+@dataclass(frozen=True)
+class CCode:
+    """How the code is to be.
+
+    Attributes:
+        name: how all names in C begin; after the device where None.
+        precision: "double" or "single".
+        reversal_speed: below it the sign of a velocity is smoothed, tanh(v / speed), rad/s or m/s.
+    """
+
+    name: str | None = None
+    precision: Precision = "double"
+    reversal_speed: float = REVERSAL_SPEED
+
+    def __post_init__(self) -> None:
+        if self.name is not None:
+            check_name(self.name)
+        if self.precision not in get_args(Precision):
+            raise CodeSettingError("precision", self.precision, " or ".join(map(repr, get_args(Precision))))
+        if not positive(self.reversal_speed):
+            raise CodeSettingError("reversal_speed", self.reversal_speed, "a finite speed above zero, rad/s or m/s")
+
+
+@dataclass(frozen=True, eq=False)
+class CExport:
+    """What was written.
+
+    Attributes:
+        folder: where.
+        files: names of the files in it.
+        operations: what a call of each function costs.
+        verdict: on unseen motion, as in the header.
+    """
+
+    folder: Path
+    files: tuple[str, ...]
+    operations: dict[str, Operations]
+    verdict: str
+
+
+def export_c(
+    model: Model,
+    folder: str | Path,
+    code: CCode | None = None,
+    *,
+    validation: Validation | None = None,
+    largest_error: float | None = None,
+    anyway: bool = False,
+) -> CExport:
+    """Write a model as C99 for a control loop: header, source, self-test, examples, CMakeLists.txt and README.md.
+
+    Inverse dynamics, gravity, friction, mass matrix, forward dynamics, and with a handle its pose, Jacobian, mobility
+    and force; the momentum observer and a differentiator. All but the observer and the differentiator are
+    straight-line code. The coordinates are those of the device's torque rows. Functions that could never succeed are
+    left out: forward dynamics of a coordinate without inertia, the force at a handle that does not move.
+
+    Args:
+        model: an identification, an estimate, or a device and its base parameters.
+        folder: where; files that are there already are replaced, and only if all goes well.
+        code: names and precision.
+        validation: of an estimate, on unseen motion; an identification has its own.
+        largest_error: criterion, per cent; an identification has that of its study.
+        anyway: write a model that fails its criterion or was not tested, and say so in the header.
+
+    Raises:
+        FailedValidationError, UnvalidatedError: the model may not pass.
+        UnexportableTermError: a term that code cannot compute.
+        VaryingLoopError: loops that are not linear.
+        ShapeError: the base parameters are not as many as the device has.
+        OutputError: the folder cannot be written.
+    """
+    code, folder = code or CCode(), Path(folder)
+    source = provenance(model, validation, largest_error, anyway)
+    made = code_of(source.device, code.reversal_speed)
+    name = code.name or default_name(source.device.name)
+    files = Files(source, made, SINGLE if code.precision == "single" else DOUBLE, name)
+    texts = _texts(files)
+    with publishing(folder) as scratch:
+        for file, text in texts.items():
+            (scratch / file).write_text(text, encoding="utf-8")
+    return CExport(folder, tuple(texts), made.operations, source.verdict)
+
+
+def check_name(name: str) -> None:
+    """Raise CodeNameError unless names in C can begin so."""
+    if not re.fullmatch(rf"[a-z][a-z0-9_]{{0,{LONGEST_NAME - 1}}}", name):
+        raise CodeNameError(name, LONGEST_NAME)
+
+
+def default_name(device: str) -> str:
+    """The device's name, as far as C allows."""
+    plain = re.sub(r"[^a-z0-9]+", "_", device.lower()).strip("_")
+    plain = plain if plain[:1].isalpha() else f"device_{plain}"
+    return plain[:LONGEST_NAME].rstrip("_")
+
+
+def _texts(files: Files) -> dict[str, str]:
+    """Every file's name and content."""
+    name = files.name
+    return {
+        f"{name}.h": files.header(),
+        f"{name}.c": files.body(),
+        f"{name}_selftest.c": selftest(files),
+        f"{name}_example.c": files.filled("example.c"),
+        f"{name}_ros2_control.cpp": files.filled("ros2_control.cpp"),
+        "CMakeLists.txt": files.filled("CMakeLists.txt"),
+        "README.md": files.filled("README.md", table="\n".join(_rows(files.code))),
+    }
+
+
+def _rows(code: Code) -> list[str]:
+    return [
+        f"| `{name}` | {found.multiplications} | {found.additions} | {found.divisions} | {found.trigonometric} | "
+        f"{found.others} |"
+        for name, found in code.operations.items()
+    ]

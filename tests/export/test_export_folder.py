@@ -1,0 +1,183 @@
+"""What may be exported, what the files say of it, and what is left behind when it may not."""
+
+import inspect
+import re
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.csv
+import pytest
+
+import haptid
+from haptid import errors
+from haptid.export import CCode, export_c
+from haptid.export.text import comment, wrapped
+from haptid.export.writing import default_name
+from motions import multisine
+
+DEVICE = """
+schema = 1
+name = "two links"
+gravity = [0.0, -9.81, 0.0]
+convention = "modified-dh"
+[[joints]]
+name = "1"
+limits = { position = [-2.0, 2.0] }
+[[joints]]
+name = "2"
+d = 0.3
+limits = { position = [-2.5, 2.5] }
+[[terms]]
+kind = "viscous"
+joints = "all"
+"""
+STUDY = """
+schema = 1
+name = "two links"
+device = "device.toml"
+[channels]
+time = "t"
+position = { channels = ["q1", "q2"], unit = "rad" }
+torque = { channels = ["tau1", "tau2"], unit = "N m" }
+[[logs]]
+path = "log.csv"
+[[logs]]
+path = "check.csv"
+role = "validate"
+[treatment]
+cutoff_hz = 30
+decimation = 5
+"""
+
+
+@pytest.fixture(scope="module")
+def identification(tmp_path_factory):
+    """A device of two links from two logs of noisy torque."""
+    folder = tmp_path_factory.mktemp("study")
+    (folder / "device.toml").write_text(DEVICE)
+    (folder / "study.toml").write_text(STUDY)
+    device = haptid.read_device(folder / "device.toml")
+    beta = np.linspace(0.2, 0.5, len(device.base))
+    for seed, name in ((1, "log.csv"), (2, "check.csv")):
+        q, qd, qdd = multisine(2, 6.0, 2e-3, seed)
+        tau = haptid.inverse_dynamics(device, beta, q, qd, qdd)
+        tau += 0.05 * np.random.default_rng(seed).standard_normal(tau.shape)
+        t = 2e-3 * np.arange(q.shape[1])
+        table = {"t": t, "q1": q[0], "q2": q[1], "tau1": tau[0], "tau2": tau[1]}
+        pyarrow.csv.write_csv(pa.table(table), folder / name)
+    return haptid.identify(haptid.read_study(folder / "study.toml"))
+
+
+def header(folder, name="two_links"):
+    return (folder / f"{name}.h").read_text()
+
+
+def test_header_says_what_the_model_is_and_how_it_was_validated(tmp_path, identification):
+    made = export_c(identification, tmp_path / "out", largest_error=50.0)
+    text = header(made.folder)
+    error = identification.unseen[0].relative
+    assert f"Error {error:.2f} % of the torque on unseen motion; criterion 50.00 %: met." in text
+    assert made.verdict in text
+    assert identification.runs[0].motion.log.sha256 in text
+    assert identification.runs[1].motion.log.sha256 not in text  # it validated, and identified nothing
+    assert "q[0] motor 1, rad, N m; from -2 to 2 rad; command = torque / 1 N m" in text
+    for parameter in identification.estimate.parameters:
+        assert f"{parameter.name}: {parameter.value:.6g} {parameter.unit}" in text
+    assert made.verdict in (made.folder / "README.md").read_text()
+
+
+def test_a_failed_validation_is_refused_and_told(tmp_path, identification):
+    out = tmp_path / "out"
+    with pytest.raises(errors.FailedValidationError, match=r"misses .* the criterion is 0.00 %"):
+        export_c(identification, out, largest_error=1e-6)
+    assert not out.exists()
+    export_c(identification, out, largest_error=1e-6, anyway=True)
+    assert "VALIDATION FAILED" in header(out)
+
+
+def test_a_criterion_asks_for_a_validation(tmp_path, identification):
+    estimate = identification.estimate
+    with pytest.raises(errors.UnvalidatedError, match=r"5\.00 %.*not validated"):
+        export_c(estimate, tmp_path / "out", largest_error=5.0)
+    export_c(estimate, tmp_path / "out", largest_error=5.0, anyway=True)
+    assert "NOT VALIDATED" in header(tmp_path / "out")
+    export_c(estimate, tmp_path / "out", validation=haptid.direct(estimate))
+    assert "rows of its own fit; no criterion was set" in header(tmp_path / "out")
+
+
+def test_parameters_from_elsewhere(tmp_path, identification):
+    device = identification.device
+    made = export_c((device, np.ones(len(device.base))), tmp_path / "out")
+    assert "NOT VALIDATED" in made.verdict
+    assert "none: parameters from elsewhere" in header(made.folder)
+    with pytest.raises(errors.ShapeError):
+        export_c((device, np.ones(1 + len(device.base))), tmp_path / "out")
+
+
+def test_what_was_there_stays_where_the_export_fails(tmp_path, identification):
+    (tmp_path / "two_links.h").write_text("mine")
+    (tmp_path / "two_links.c").mkdir()
+    with pytest.raises(errors.OutputError):
+        export_c(identification, tmp_path)
+    assert header(tmp_path) == "mine"
+
+
+@pytest.mark.parametrize("name", ["Arm", "9arm", "arm-7", "", "a" * 25, "int main"])
+def test_names_that_are_none_in_c(name):
+    with pytest.raises(errors.CodeNameError, match="lower-case letter"):
+        CCode(name=name)
+
+
+@pytest.mark.parametrize("setting", [{"precision": "half"}, {"reversal_speed": 0.0}, {"reversal_speed": np.nan}])
+def test_settings_that_mean_nothing(setting):
+    with pytest.raises(errors.CodeSettingError, match=next(iter(setting))):
+        CCode(**setting)
+
+
+def test_a_column_that_reads_accelerations(tmp_path):
+    text = DEVICE + '[[terms]]\nkind = "column"\njoints = ["2"]\nname = "K"\nunit = "N m"\nexpression = "a_1"\n'
+    (tmp_path / "device.toml").write_text(text)
+    device = haptid.read_device(tmp_path / "device.toml")
+    with pytest.raises(errors.UnexportableTermError, match="reads accelerations"):
+        export_c((device, np.ones(len(device.base))), tmp_path / "out")
+    assert not (tmp_path / "out").exists()
+
+
+def test_loops_that_are_solved_at_every_pose(tmp_path):
+    device = haptid.read_device("four_bar")
+    with pytest.raises(errors.VaryingLoopError, match="solved at every pose"):
+        export_c((device, np.ones(len(device.base))), tmp_path / "out")
+
+
+def test_every_error_of_exporting_is_tested():
+    source = inspect.getsource(inspect.getmodule(test_every_error_of_exporting_is_tested))
+    raised = set(re.findall(r"pytest\.raises\(errors\.(\w+)", source))
+    kinds = {kind.__name__ for kind in errors.ExportError.__subclasses__()}
+    assert kinds <= raised
+    assert kinds <= set(errors.__all__)
+
+
+def test_comments_cannot_be_left():
+    assert "*/" not in comment("a */ b")
+    assert "\n" not in comment("a\n b")
+    assert len(comment("a" * 500)) < 120
+
+
+def test_long_declarations_are_wrapped():
+    lines = wrapped([f"const double argument_{k}[3]" for k in range(9)], "void function(").splitlines()
+    assert max(map(len, lines)) <= 116
+    assert len(lines) > 2
+
+
+@pytest.mark.parametrize(
+    ("device", "name"),
+    [
+        ("PHANToM Premium 1.5", "phantom_premium_1_5"),
+        ("7R", "device_7r"),
+        ("A" * 40, "a" * 24),
+        ("arm (left)", "arm_left"),
+    ],
+)
+def test_names_after_devices(device, name):
+    assert default_name(device) == name
+    CCode(name=default_name(device))
