@@ -10,6 +10,7 @@ from pathlib import Path
 
 import bench_identification
 import characterisation
+import codegen
 import coverage
 import diagnosis
 import groupings
@@ -30,6 +31,7 @@ STUDIES = {
     "groupings": groupings.run,
     "diagnosis": diagnosis.run,
     "characterisation": characterisation.run,
+    "codegen": codegen.run,
 }
 
 

@@ -41,6 +41,7 @@ from haptid.estimators import (
 )
 from haptid.estimators.essential import AtMost, Essential, Reduction, TimesSmallest, essential, essential_by_motor
 from haptid.exact import Regroupings, loop_regroupings, regroupings
+from haptid.export import CCode, CExport, export_c
 from haptid.force import HandleForce, estimate_force
 from haptid.friction import ByModel, ByPairs, Constant, FrictionCurve, friction_curve
 from haptid.friction_choice import FrictionChoice, choose_friction
@@ -69,6 +70,8 @@ __all__ = [
     "Box",
     "ByModel",
     "ByPairs",
+    "CCode",
+    "CExport",
     "Causal",
     "Channels",
     "Characterisation",
@@ -135,6 +138,7 @@ __all__ = [
     "essential_by_motor",
     "estimate",
     "estimate_force",
+    "export_c",
     "felt_mass",
     "find_delay",
     "friction_curve",
