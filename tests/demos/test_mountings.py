@@ -49,8 +49,8 @@ def test_the_hand_is_felt(found):
     assert bool(made.hand) == (key == read_demo("phantom").hand.mounting)
     if made.hand:
         assert made.hand["without the model"] >= 5 * made.hand["with the model"]
-        # At one bandwidth they see the same, to five digits.
-        assert made.hand["observer"] <= 1.00001 * made.hand["with the model, through the observer's low-pass"]
+        # At one bandwidth they see the same, to three digits: only velocities are differentiated in another order.
+        assert made.hand["observer"] <= 1.001 * made.hand["with the model, through the observer's low-pass"]
 
 
 @pytest.fixture(scope="module")
