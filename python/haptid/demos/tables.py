@@ -54,7 +54,12 @@ def layout(rows: Mapping[str, Mapping[str, float]], columns: Mapping[str, str], 
 
 
 def markdown(cells: list[list[str]]) -> list[str]:
-    """A table of cells, the first row its heading."""
+    """A table of cells, the first row its heading; columns of figures to the right."""
     head, *rows = cells
-    rule = ["---", *["---:"] * (len(head) - 1)]
+    rule = ["---", *("---:" if all(map(figure, column)) else "---" for column in list(zip(*rows, strict=True))[1:])]
     return [f"| {' | '.join(row)} |" for row in (head, rule, *rows)]
+
+
+def figure(cell: str) -> bool:
+    """Whether a cell begins with a figure, or is blank."""
+    return not cell or cell.lstrip("-")[:1].isdigit()
