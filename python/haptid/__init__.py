@@ -12,6 +12,7 @@ The corridor, one value after the other:
 
 from haptid import errors
 from haptid._core import __version__
+from haptid.addition import Addition, addition
 from haptid.base import BaseParameters, base_parameters
 from haptid.causal import Causal, HighPass
 from haptid.characterisation import Characterisation, FeltMass, GivenModel, characterise, felt_mass
@@ -63,6 +64,7 @@ from haptid.workspace import Box, Workspace, workspace
 __all__ = [
     "OLS",
     "WLS",
+    "Addition",
     "AtMost",
     "BaseParameters",
     "Bell",
@@ -123,6 +125,7 @@ __all__ = [
     "Without",
     "Workspace",
     "__version__",
+    "addition",
     "base_parameters",
     "bias_torque",
     "characterise",
