@@ -73,8 +73,6 @@ Needs MuJoCo: pip install mujoco. Channels of the log:
 
   command1..       what was sent to the motors, in their own unit
 
-  held1..          the command averaged over the period about the sample: use it to identify
-
   velocity1..      as the controller computes it; target1.. as planned
 
 With --truth, the true parameters go to LOG.truth.json, exact states and torques to LOG.truth.parquet. The same seed

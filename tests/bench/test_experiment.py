@@ -63,7 +63,7 @@ def short(tmp_path_factory):
 
 def test_help_says_what_goes_in_and_what_comes_out():
     text = call("bench", "--help").stdout
-    for part in ("device", "EXPERIMENT", "--out", "--truth", "--seed", "Exit status", "Example", "held1"):
+    for part in ("device", "EXPERIMENT", "--out", "--truth", "--seed", "Exit status", "Example", "command1"):
         assert part in text
 
 
@@ -81,7 +81,7 @@ def test_log_has_units_and_everything_that_made_it(short):
     units = {field.name: field.metadata[b"unit"].decode() for field in schema}
     assert units["t"] == "s"
     assert units["q3"] == "rad"
-    assert units["command1"] == units["held1"] == "N m"
+    assert units["command1"] == "N m"
     assert units["velocity2"] == "rad/s"
     assert units["force_x"] == "N"
     assert units["moment_z"] == "N m"
@@ -96,7 +96,7 @@ def test_log_is_read_like_any_other(short):
     folder, _ = short
     channels = haptid.Channels(
         haptid.Signal(("q1", "q2", "q3"), "rad"),
-        haptid.Signal(("held1", "held2", "held3"), "N m", side="motor"),
+        haptid.Signal(("command1", "command2", "command3"), "N m", side="motor"),
         time="t",
     )
     log = haptid.read_log(folder / "log.parquet", channels)
@@ -117,13 +117,6 @@ def test_truth_has_parameters_and_exact_states(short):
     assert np.abs(np.array(states["q_ba"]) - log["q1"]).max() <= 0.5001 * step
     assert np.abs(np.array(states["q_a"]) - (np.array(states["q_df"]) - states["q_be"])).max() < 1e-8
     assert set(states) >= {"qd_c", "qdd_c", "torque_3", "hand_z"}
-
-
-def test_held_command_is_the_mean_of_what_acts_about_the_sample(short):
-    folder, _ = short
-    log = parquet.read_table(folder / "log.parquet").to_pydict()
-    # Half a period late, the command of the period before acts about a sample, and no other.
-    np.testing.assert_allclose(log["held2"][2:], log["command2"][1:-1], rtol=1e-12)
 
 
 def test_one_seed_gives_one_file_and_another_seed_another(short, tmp_path):

@@ -8,7 +8,6 @@ from scipy import signal
 
 import haptid
 from haptid import bench
-from haptid.bench.logs import averaged
 from haptid.dynamics import core_torque, raw_parameters
 from haptid.force import estimate_force
 from haptid.kinematics import handle_motion
@@ -17,7 +16,8 @@ from haptid.reversals import softened
 from motions import motion
 from true_parameters import true_parameters
 
-TREATMENT = haptid.Treatment(cutoff_hz=40.0, decimation=10)
+# A command is held for a period of 1 ms: it acts half of that late.
+TREATMENT = haptid.Treatment(cutoff_hz=40.0, decimation=10, torque_delay=5e-4)
 PUSHES_FROM, SECONDS = 3.0, 8.0
 
 
@@ -46,14 +46,14 @@ def bench_run():
 @pytest.fixture(scope="module")
 def log(bench_run):
     """What an instrument has of it."""
-    setup, found = bench_run
+    _, found = bench_run
     names = ("1", "2", "3")
     channels = haptid.Channels(
         haptid.Signal(tuple(f"q{k}" for k in names), "rad"),
-        haptid.Signal(tuple(f"held{k}" for k in names), "N m", side="motor"),
+        haptid.Signal(tuple(f"command{k}" for k in names), "N m", side="motor"),
         time="t",
     )
-    return haptid.Log("bench.parquet", "", found.t, found.position, averaged(setup, found.command), channels)
+    return haptid.Log("bench.parquet", "", found.t, found.position, found.command, channels)
 
 
 @pytest.fixture(scope="module")
@@ -119,7 +119,7 @@ def test_in_real_time_the_observer_beats_differentiated_velocities(bench_run, es
     """From the controller's own velocity: no acceleration, and no more noise than with one."""
     setup, found = bench_run
     device, observer, dt = setup.device, MomentumObserver(), found.dt
-    qa, qda, tau = found.position.T, found.velocity.T, averaged(setup, found.command).T / 2.73
+    qa, qda, tau = found.position.T, found.velocity.T, found.command.T / 2.73
     seen = observer.follow(device, estimate.beta, dt, qa, qda, tau).torque
     qdda = np.diff(qda, axis=1, prepend=qda[:, :1]) / dt
     soft = softened(device, observer.reversal_speed)

@@ -34,13 +34,10 @@ def write_log(path: Path, experiment: Experiment, setup: Setup, made: Recording,
     device, columns = setup.device, {"t": (made.t, "s")}
     units = [joint_unit(device, j) for j in device.active]
     commands = [drive.unit for drive in device.motors]
-    held = averaged(setup, made.command)
     for k, unit in enumerate(units):
         columns[f"q{k + 1}"] = (made.position[:, k], unit)
     for k, unit in enumerate(commands):
         columns[f"command{k + 1}"] = (made.command[:, k], unit)
-    for k, unit in enumerate(commands):
-        columns[f"held{k + 1}"] = (held[:, k], unit)
     for k, unit in enumerate(units):
         columns[f"velocity{k + 1}"] = (made.velocity[:, k], f"{unit}/s")
     for k, unit in enumerate(units):
@@ -73,19 +70,6 @@ def write_truth(path: Path, experiment: Experiment, setup: Setup, made: Recordin
     for k, axis in enumerate("xyz"):
         columns[f"hand_{axis}"] = (made.hand[:, k], "N")
     _write(states, columns, description(experiment, device, seed))
-
-
-def averaged(setup: Setup, command: Array) -> Array:
-    """The command that acts, averaged over the control period about each sample, (n, motors).
-
-    A command is held from one sample to the next, so that at the sample itself it is half a period late; against
-    positions differentiated without delay that alone would bias viscous friction.
-    """
-    late = setup.amplifiers.delay / setup.dt + 0.5
-    first = np.floor(np.arange(len(command)) - late + 1e-9)
-    share = np.clip(first + 1 - (np.arange(len(command)) - late), 0, 1)[:, None]
-    before, after = (np.clip(first + k, 0, None).astype(int) for k in (0, 1))
-    return np.asarray(share * command[before] + (1 - share) * command[after])
 
 
 def description(experiment: Experiment, device: Device, seed: int) -> dict[str, Any]:
