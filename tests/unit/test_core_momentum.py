@@ -7,15 +7,9 @@ from hypothesis import strategies as st
 
 from haptid import _core
 from mechanisms import draw, mechanisms
+from windows import FILTERS, windows
 
-FILTERS = st.sampled_from([(1, 1), (3, 1), (21, 1), (201, 10), (11, 50), (1, 7), (33, 4)])
 TERMS = ("viscous", "external", "rotor", "coulomb")
-
-
-def windows(signals, taps, first, decimation, rows):
-    half = len(taps) // 2
-    starts = first - half + decimation * np.arange(rows)
-    return np.stack([np.tensordot(signals[..., s : s + len(taps)], taps, 1) for s in starts], axis=-1)
 
 
 @settings(max_examples=60, deadline=None)
