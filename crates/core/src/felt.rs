@@ -11,6 +11,7 @@ use crate::handle::{Bodies, Grip, Group, Model, Poses, Slot, check_indices, each
 use crate::lane::{Lane, MAX_WIDTH};
 use crate::mechanism::{LINK_PARAMETERS, Mechanism};
 use crate::momentum::{LinkVelocity, contract_momentum};
+use crate::vector::zero;
 use crate::principal::Principal;
 
 /// What is asked of the poses.
@@ -156,8 +157,7 @@ unsafe fn changes_in_lanes<T: Lane>(model: &Model, group: &Group, felt: &mut Fel
                 // SAFETY: k leaves room for a lane.
                 let energies: Energies<T> = if i < model.mechanism.links.len() {
                     let (x, u) = unsafe { weighted::<T>(model, group, i, rates, k) };
-                    let z = T::splat(0.0);
-                    let velocity = LinkVelocity::of([x[0], x[1], x[2], u[0], u[1], u[2], z, z, z]);
+                    let velocity = LinkVelocity { w: x, v: u, a: zero() };
                     Energies::Link(contract_momentum(&velocity, x, u))
                 } else {
                     Energies::Rotors

@@ -200,7 +200,7 @@ unsafe fn carry_lane<T: Lane>(model: &Model, group: &mut Group, k: usize) {
                         let (x, u) = load_axis::<T>(&group.axes[above], k);
                         joint.carry(link, x, u, rate)
                     }
-                    None => joint.own(link, rate),
+                    None => JointMotion::own(link, rate),
                 };
                 for (e, part) in x.into_iter().chain(u).enumerate() {
                     store(&mut group.axes[slot][e], k, part);

@@ -8,6 +8,7 @@
 //!
 //! Arrays of samples are "channel major": the samples of one coordinate are contiguous.
 
+mod batch;
 mod course;
 mod dispatch;
 mod error;
@@ -18,6 +19,8 @@ mod lane;
 mod link;
 mod mechanism;
 mod momentum;
+mod momentum_rows;
+mod places;
 mod principal;
 mod reduce;
 mod regressor;

@@ -57,17 +57,56 @@ pub(crate) enum Turn {
     General,
 }
 
+/// What a joint does beside the constant rotation.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(crate) enum Way {
+    /// It turns about an axis through the parent's origin.
+    TurnsInPlace,
+    /// It turns about an axis away from the parent's origin.
+    Turns,
+    Slides,
+}
+
+/// What the kernels know of a joint before they see a sample.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(crate) struct Shape {
+    pub turn: Turn,
+    pub way: Way,
+}
+
+/// Evaluate an expression with a shape that is a constant in it, so that it is compiled once for every shape.
+macro_rules! for_shape {
+    ($shape:expr, $name:ident => $body:expr) => {
+        $crate::mechanism::for_case!($shape.turn, [Turn::Identity, Turn::AboutX, Turn::AboutMinusX, Turn::General], turn =>
+            $crate::mechanism::for_case!($shape.way, [Way::TurnsInPlace, Way::Turns, Way::Slides], way => {
+                let $name = $crate::mechanism::Shape { turn, way };
+                $body
+            })
+        )
+    };
+}
+pub(crate) use for_shape;
+
+macro_rules! for_case {
+    ($value:expr, [$($kind:ident::$case:ident),*], $name:ident => $body:expr) => {
+        match $value {
+            $($crate::mechanism::$kind::$case => {
+                let $name = $crate::mechanism::$kind::$case;
+                $body
+            })*
+        }
+    };
+}
+pub(crate) use for_case;
+
 /// A link as the kernel wants it.
 #[derive(Debug, Clone)]
 pub(crate) struct Link {
     pub parent: Option<usize>,
     /// Rotation from the parent's frame to the joint's, row-major.
     pub inverse: [f64; 9],
-    pub turn: Turn,
+    pub shape: Shape,
     pub translation: [f64; 3],
-    /// The joint's origin is away from the parent's, or moves along its own axis.
-    pub displaced: bool,
-    pub prismatic: bool,
     /// How the joint follows the coordinates.
     pub course: Course,
     /// The coordinates that move this link, and where their axes are in the workspace.
@@ -177,10 +216,8 @@ impl Mechanism {
         self.links.push(Link {
             parent: joint.parent,
             inverse,
-            turn: Turn::of(&inverse),
+            shape: Shape { turn: Turn::of(&inverse), way: Way::of(joint) },
             translation: joint.translation,
-            displaced: joint.prismatic || joint.translation != [0.0; 3],
-            prismatic: joint.prismatic,
             course,
             axes,
             first,
@@ -207,6 +244,14 @@ impl Mechanism {
         LINK_PARAMETERS * self.links.len()
     }
 
+    /// Whether a column can differ from zero in the row of coordinate `a`.
+    pub(crate) fn reaches(&self, a: usize, column: usize) -> bool {
+        match column.checked_sub(self.inertial_columns()) {
+            Some(t) => !self.terms[t].course.rate(a).is_zero(),
+            None => self.links[column / LINK_PARAMETERS].axis(a).is_some(),
+        }
+    }
+
     /// Whether a column's parameter carries momentum: those of the links and of rotors do.
     pub(crate) fn has_momentum(&self, column: usize) -> bool {
         column.checked_sub(self.inertial_columns()).is_none_or(|t| self.terms[t].law == Law::Rotor)
@@ -214,6 +259,10 @@ impl Mechanism {
 }
 
 impl Link {
+    pub(crate) fn slides(&self) -> bool {
+        self.shape.way == Way::Slides
+    }
+
     /// Where the axis of coordinate `a` is in the workspace, if it moves this link.
     fn axis(&self, a: usize) -> Option<usize> {
         self.axes.iter().position(|axis| axis.coordinate == a).map(|k| self.first + k)
@@ -232,6 +281,16 @@ impl Turn {
             Turn::AboutMinusX
         } else {
             Turn::General
+        }
+    }
+}
+
+impl Way {
+    fn of(joint: &Joint) -> Way {
+        match joint.prismatic {
+            true => Way::Slides,
+            false if joint.translation == [0.0; 3] => Way::TurnsInPlace,
+            false => Way::Turns,
         }
     }
 }

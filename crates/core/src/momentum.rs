@@ -5,6 +5,7 @@
 //! of an axis follows the recursion of the axis itself, `sd_i = X_i sd_parent + v_i x (G[i, a] z)` (Featherstone 2008,
 //! section 2.9); where G changes with position, `dG/dt[i, a] z` is added there.
 
+use crate::batch::{Slot, load, store};
 use crate::lane::Lane;
 use crate::link::JointMotion;
 use crate::mechanism::{LINK_PARAMETERS, Link, Mechanism};
@@ -14,24 +15,27 @@ use crate::vector::{Vector, cross, dot, zero};
 #[derive(Clone, Copy)]
 pub(crate) struct LinkVelocity<T> {
     /// Angular velocity, and velocity of the origin.
-    w: Vector<T>,
-    v: Vector<T>,
+    pub(crate) w: Vector<T>,
+    pub(crate) v: Vector<T>,
     /// Acceleration of the base less gravity: minus gravity, seen from the link.
-    a: Vector<T>,
+    pub(crate) a: Vector<T>,
 }
 
 /// Numbers of a [`LinkVelocity`].
 pub(crate) const VELOCITY_NUMBERS: usize = 9;
 
+/// # Safety
+/// Of both methods: the pointer is to [`VELOCITY_NUMBERS`] slots, and a lane from `k` on is inside them.
 impl<T: Lane> LinkVelocity<T> {
     #[inline(always)]
-    pub(crate) fn flat(&self) -> [T; VELOCITY_NUMBERS] {
+    pub(crate) unsafe fn store(&self, slots: *mut Slot, k: usize) {
         let LinkVelocity { w, v, a } = self;
-        [w[0], w[1], w[2], v[0], v[1], v[2], a[0], a[1], a[2]]
+        unsafe { store(slots, k, [w[0], w[1], w[2], v[0], v[1], v[2], a[0], a[1], a[2]]) }
     }
 
     #[inline(always)]
-    pub(crate) fn of(m: [T; VELOCITY_NUMBERS]) -> LinkVelocity<T> {
+    pub(crate) unsafe fn at(slots: *const Slot, k: usize) -> LinkVelocity<T> {
+        let m: [T; VELOCITY_NUMBERS] = unsafe { load(slots, k) };
         LinkVelocity { w: [m[0], m[1], m[2]], v: [m[3], m[4], m[5]], a: [m[6], m[7], m[8]] }
     }
 }
@@ -47,7 +51,7 @@ pub(crate) fn link_velocity<T: Lane>(
 ) -> LinkVelocity<T> {
     match parent {
         None => {
-            let (w, v) = joint.own(link, rate);
+            let (w, v) = JointMotion::own(link, rate);
             LinkVelocity { w, v, a: joint.rotate(link, mechanism.gravity.map(|g| T::splat(-g))) }
         }
         Some(parent) => {
@@ -74,14 +78,14 @@ pub(crate) fn axis_rate<T: Lane>(
     };
     if let Some(rate) = rate {
         // The cross products of the link's velocity with its joint's axis: of an angular axis both parts turn.
-        if link.prismatic {
+        if link.slides() {
             u = about_z(m.w, rate, u);
         } else {
             (x, u) = (about_z(m.w, rate, x), about_z(m.v, rate, u));
         }
     }
     if let Some(change) = change {
-        let own = if link.prismatic { &mut u[2] } else { &mut x[2] };
+        let own = if link.slides() { &mut u[2] } else { &mut x[2] };
         *own = own.add(change);
     }
     (x, u)

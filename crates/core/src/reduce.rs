@@ -5,12 +5,14 @@ use crate::filter::Filter;
 use crate::lane::MAX_WIDTH;
 use crate::mechanism::Mechanism;
 use crate::regressor::{Motion, check_columns, reach};
-use crate::rows::{CHUNK, Places, Workspace, rows};
+use crate::places::Places;
+use crate::rows::{Workspace, rows};
 use crate::triangle::fold;
 use rayon::prelude::*;
 use std::ops::Range;
 
-/// Rows folded at a time; without a filter, also made at a time.
+/// Samples made at a time, and rows folded at a time.
+const CHUNK: usize = 256;
 const FOLD: usize = CHUNK;
 /// Starting threads costs more than this many samples' work.
 const SINGLE_THREAD: usize = 2000;
@@ -120,7 +122,7 @@ struct Raw {
     run: usize,
     from: usize,
     held: usize,
-    place: Vec<usize>,
+    sets: Vec<Places>,
     /// First run of each motor, and one past the last.
     motors: Vec<usize>,
     /// Entries whose momenta follow, in their order.
@@ -133,21 +135,22 @@ impl Raw {
         let longest = filter.reach() + CHUNK;
         let run = if filter.is_identity() { FOLD + PAD } else { longest.next_multiple_of(MAX_WIDTH) + PAD };
         let entries = 1 + reached.iter().map(|reached| reached.len() + 1).sum::<usize>();
-        let mut place = vec![0; sets * na * all]; // the first run takes what nobody wants
+        let mut place = vec![None; sets * na * all];
         let (mut motors, mut moving) = (vec![1], Vec::new());
         for (a, reached) in reached.iter().enumerate() {
             for (entry, &c) in (motors[a]..).zip(reached) {
                 let column = columns[c];
                 // With two sets the first one holds the momenta.
-                place[((sets - 1) * na + a) * all + column] = entry * run;
+                place[((sets - 1) * na + a) * all + column] = Some(entry * run);
                 if sets == 2 && mechanism.has_momentum(column) {
-                    place[a * all + column] = (entries + moving.len()) * run;
+                    place[a * all + column] = Some((entries + moving.len()) * run);
                     moving.push(entry);
                 }
             }
             motors.push(motors[a] + reached.len() + 1);
         }
-        Raw { numbers: vec![0.0; (entries + moving.len()) * run], run, from: 0, held: 0, place, motors, moving }
+        let sets = (0..sets).map(|set| Places::new(mechanism, |a, c| place[(set * na + a) * all + c])).collect();
+        Raw { numbers: vec![0.0; (entries + moving.len()) * run], run, from: 0, held: 0, sets, motors, moving }
     }
 
     fn entry(&self, entry: usize) -> &[f64] {
@@ -172,11 +175,10 @@ impl Raw {
         let (mechanism, motion, reduction) = reducer;
         let next = self.from + self.held;
         let count = CHUNK.min(end - next);
-        let place: &[usize] = &self.place;
         // SAFETY: a run has room for what the filter reaches back to, a chunk, and a lane.
         unsafe {
             let out = self.numbers.as_mut_ptr().add(self.held);
-            rows(mechanism, motion, next, count, &Places { place, out }, workspace);
+            rows(mechanism, motion, next, count, &self.sets, out, workspace);
         }
         for (a, motor) in self.motors.windows(2).enumerate() {
             let torque = &reduction.torque[a * motion.samples + next..][..count];
@@ -196,7 +198,7 @@ impl<'a> Reducer<'a> {
     ) -> Reducer<'a> {
         let raw = Raw::new(mechanism, motion.sets(), reduction.columns, reached, filter);
         let decimated = vec![0.0; raw.motors[raw.motors.len() - 1] * (FOLD + PAD)];
-        Reducer { mechanism, motion, reduction, filter, reached, workspace: Workspace::new(mechanism), raw, decimated }
+        Reducer { mechanism, motion, reduction, filter, reached, workspace: Workspace::new(mechanism, motion), raw, decimated }
     }
 
     /// The triangles of one time block, one per motor, row-major.

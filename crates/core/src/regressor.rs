@@ -2,8 +2,9 @@
 
 use crate::error::{Error, expect_length};
 use crate::lane::MAX_WIDTH;
-use crate::mechanism::{LINK_PARAMETERS, Mechanism};
-use crate::rows::{CHUNK, Places, Workspace, rows};
+use crate::mechanism::Mechanism;
+use crate::places::Places;
+use crate::rows::{Workspace, rows};
 
 /// Positions, velocities and accelerations of the coordinates, and the caller's own columns, channel major:
 /// sample `k` of coordinate `a` is at `a * samples + k`.
@@ -39,16 +40,9 @@ impl Motion<'_> {
 
 /// Which of the chosen columns each row can reach: coordinates x columns, row-major. The rest is structurally zero.
 pub fn reach(mechanism: &Mechanism, columns: &[usize]) -> Result<Vec<bool>, Error> {
-    let inertial = mechanism.inertial_columns();
     check_columns(mechanism, columns)?;
-    let reaches = |a: usize, c: usize| {
-        if c >= inertial {
-            return !mechanism.terms[c - inertial].course.rate(a).is_zero();
-        }
-        mechanism.links[c / LINK_PARAMETERS].axes.iter().any(|axis| axis.coordinate == a)
-    };
     let na = mechanism.coordinates;
-    Ok((0..na).flat_map(|a| columns.iter().map(move |&c| reaches(a, c))).collect())
+    Ok((0..na).flat_map(|a| columns.iter().map(move |&c| mechanism.reaches(a, c))).collect())
 }
 
 pub(crate) fn check_columns(mechanism: &Mechanism, columns: &[usize]) -> Result<(), Error> {
@@ -63,39 +57,42 @@ pub(crate) fn check_columns(mechanism: &Mechanism, columns: &[usize]) -> Result<
     Ok(())
 }
 
-/// A buffer for one chunk of rows, one run of samples per entry (row a, chosen column).
-pub(crate) struct Tile {
-    numbers: Vec<f64>,
-    place: Vec<usize>,
-    /// First sample of entry (r, c): `at[r * chosen + c]`.
-    at: Vec<usize>,
+/// The entries of some rows and chosen columns that can differ from zero, and where they go.
+struct Entries {
+    /// Numbers of the entries, row * chosen + column, in the order in which they were placed.
+    filled: Vec<usize>,
+    sets: Vec<Places>,
 }
 
-/// Runs are this far apart: a multiple of 4 KiB would make them fight for the same cache lines.
-const RUN: usize = CHUNK + MAX_WIDTH;
-
-impl Tile {
-    pub(crate) fn new(mechanism: &Mechanism, rows: usize, columns: &[usize]) -> Tile {
-        let all = mechanism.columns();
-        let mut place = vec![0; rows * all]; // the first run takes what nobody wants
-        let mut at = Vec::with_capacity(rows * columns.len());
-        for r in 0..rows {
-            for &c in columns {
-                at.push((1 + at.len()) * RUN);
-                place[r * all + c] = at[at.len() - 1];
-            }
-        }
-        Tile { numbers: vec![0.0; (1 + at.len()) * RUN], place, at }
+impl Entries {
+    /// `place(entry, index)` is the place of the entry with that index among the filled ones.
+    fn new(
+        mechanism: &Mechanism,
+        motion: &Motion,
+        columns: &[usize],
+        place: impl Fn(usize, usize) -> usize,
+    ) -> Entries {
+        let (na, sets) = (mechanism.coordinates, motion.sets());
+        let mut chosen = vec![None; mechanism.columns()];
+        columns.iter().enumerate().for_each(|(c, &column)| chosen[column] = Some(c));
+        let mut filled = Vec::with_capacity(sets * na * columns.len());
+        let mut of_set = |set: usize| {
+            Places::new(mechanism, |a, column| {
+                let momentum = set + 1 < sets;
+                let c = chosen[column].filter(|_| !momentum || mechanism.has_momentum(column))?;
+                filled.push((set * na + a) * columns.len() + c);
+                Some(place(filled[filled.len() - 1], filled.len() - 1))
+            })
+        };
+        let sets = (0..sets).map(&mut of_set).collect();
+        Entries { filled, sets }
     }
 
-    fn fill(&mut self, mechanism: &Mechanism, motion: &Motion, from: usize, count: usize, workspace: &mut Workspace) {
-        let places = Places { place: &self.place, out: self.numbers.as_mut_ptr() };
-        // SAFETY: every run has room for a chunk and a lane.
-        unsafe { rows(mechanism, motion, from, count, &places, workspace) }
-    }
-
-    fn run(&self, entry: usize, count: usize) -> &[f64] {
-        &self.numbers[self.at[entry]..][..count]
+    /// Of `all` entries, those that are structurally zero.
+    fn empty(&self, all: usize) -> impl Iterator<Item = usize> {
+        let mut empty = vec![true; all];
+        self.filled.iter().for_each(|&entry| empty[entry] = false);
+        (0..all).filter(move |&entry| empty[entry])
     }
 }
 
@@ -104,18 +101,32 @@ impl Tile {
 pub fn regressor(mechanism: &Mechanism, motion: &Motion, columns: &[usize], out: &mut [f64]) -> Result<(), Error> {
     motion.check(mechanism)?;
     check_columns(mechanism, columns)?;
-    let (n, rows) = (motion.samples, motion.sets() * mechanism.coordinates);
-    expect_length("out", out.len(), rows * columns.len() * n)?;
-    let (mut tile, mut workspace) = (Tile::new(mechanism, rows, columns), Workspace::new(mechanism));
-    for from in (0..n).step_by(CHUNK) {
-        let count = CHUNK.min(n - from);
-        tile.fill(mechanism, motion, from, count, &mut workspace);
-        for (entry, column) in out.chunks_exact_mut(n).enumerate() {
-            column[from..from + count].copy_from_slice(tile.run(entry, count));
+    let n = motion.samples;
+    expect_length("out", out.len(), motion.sets() * mechanism.coordinates * columns.len() * n)?;
+    let whole = n - n % MAX_WIDTH;
+    let mut workspace = Workspace::new(mechanism, motion);
+    let entries = Entries::new(mechanism, motion, columns, |entry, _| entry * n);
+    for entry in entries.empty(motion.sets() * mechanism.coordinates * columns.len()) {
+        out[entry * n..(entry + 1) * n].fill(0.0);
+    }
+    // SAFETY: every entry has n numbers, and these are whole lanes of them.
+    unsafe { rows(mechanism, motion, 0, whole, &entries.sets, out.as_mut_ptr(), &mut workspace) };
+    if whole < n {
+        let tail = Entries::new(mechanism, motion, columns, |_, index| index * MAX_WIDTH);
+        let mut tile = vec![0.0; tail.filled.len() * MAX_WIDTH];
+        // SAFETY: every entry has a lane.
+        unsafe { rows(mechanism, motion, whole, n - whole, &tail.sets, tile.as_mut_ptr(), &mut workspace) };
+        for (run, &entry) in tile.chunks_exact(MAX_WIDTH).zip(&tail.filled) {
+            out[entry * n + whole..(entry + 1) * n].copy_from_slice(&run[..n - whole]);
         }
     }
     Ok(())
 }
+
+/// Samples whose torques are made at a time, and how far apart the runs of a tile are: a multiple of 4 KiB would make them
+/// fight for the same cache lines.
+const TILE: usize = 64;
+const RUN: usize = TILE + MAX_WIDTH;
 
 /// Torques of the chosen columns' parameters `chi`: `out[r * samples + k]`, rows as in [`regressor`].
 pub fn torque(
@@ -128,19 +139,20 @@ pub fn torque(
     motion.check(mechanism)?;
     check_columns(mechanism, columns)?;
     expect_length("chi", chi.len(), columns.len())?;
-    let (n, rows) = (motion.samples, motion.sets() * mechanism.coordinates);
-    expect_length("out", out.len(), rows * n)?;
-    let (mut tile, mut workspace) = (Tile::new(mechanism, rows, columns), Workspace::new(mechanism));
+    let n = motion.samples;
+    expect_length("out", out.len(), motion.sets() * mechanism.coordinates * n)?;
+    let entries = Entries::new(mechanism, motion, columns, |_, index| index * RUN);
+    let mut tile = vec![0.0; entries.filled.len() * RUN];
+    let mut workspace = Workspace::new(mechanism, motion);
     out.fill(0.0);
-    for from in (0..n).step_by(CHUNK) {
-        let count = CHUNK.min(n - from);
-        tile.fill(mechanism, motion, from, count, &mut workspace);
-        for (r, row) in out.chunks_exact_mut(n).enumerate() {
-            let row = &mut row[from..from + count];
-            for (c, &parameter) in chi.iter().enumerate() {
-                let column = tile.run(r * columns.len() + c, count);
-                row.iter_mut().zip(column).for_each(|(tau, y)| *tau += y * parameter);
-            }
+    for from in (0..n).step_by(TILE) {
+        let count = TILE.min(n - from);
+        // SAFETY: every run has room for a tile and a lane.
+        unsafe { rows(mechanism, motion, from, count, &entries.sets, tile.as_mut_ptr(), &mut workspace) };
+        for (run, &entry) in tile.chunks_exact(RUN).zip(&entries.filled) {
+            let (row, parameter) = (entry / columns.len(), chi[entry % columns.len()]);
+            let row = &mut out[row * n + from..][..count];
+            row.iter_mut().zip(run).for_each(|(tau, y)| *tau += y * parameter);
         }
     }
     Ok(())
