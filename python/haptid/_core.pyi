@@ -99,8 +99,12 @@ class Mechanism:
         external: Array,
         columns: Sequence[int],
         loops: Array | None = None,
+        out: Array | None = None,
     ) -> Array:
-        """The chosen columns of every coordinate's torque, (coordinates, columns, samples)."""
+        """The chosen columns of every coordinate's torque, (coordinates, columns, samples).
+
+        Written into `out`, row-major and of this shape, where it is given: new memory costs more than the numbers.
+        """
 
     def torque(
         self,

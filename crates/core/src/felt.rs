@@ -11,8 +11,8 @@ use crate::handle::{Bodies, Grip, Group, Model, Poses, Slot, check_indices, each
 use crate::lane::{Lane, MAX_WIDTH};
 use crate::mechanism::{LINK_PARAMETERS, Mechanism};
 use crate::momentum::{LinkVelocity, contract_momentum};
-use crate::vector::zero;
 use crate::principal::Principal;
+use crate::vector::zero;
 
 /// What is asked of the poses.
 #[derive(Debug, Clone, Copy)]

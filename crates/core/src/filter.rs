@@ -66,17 +66,27 @@ dispatched! {
 
 #[inline(always)]
 unsafe fn add_in_lanes<T: Lane>(taps: &[f64], decimation: usize, x: *const f64, out: &mut [f64]) {
-    for (i, out) in out.iter_mut().enumerate() {
-        let x = unsafe { x.add(i * decimation) };
-        // Two sums hide the latency of the fused multiply-add; the padded length is a multiple of two lanes or one.
-        let mut sums = [T::splat(0.0); 2];
-        let mut k = 0;
-        let mut turn = 0;
-        while k < taps.len() {
-            sums[turn] = unsafe { T::load(taps.as_ptr().add(k)).fma(T::load(x.add(k)), sums[turn]) };
-            turn ^= 1;
-            k += T::WIDTH;
-        }
-        *out += sums[0].add(sums[1]).sum();
+    // Four windows hide the latency of the fused multiply-add, and share the taps. How they are grouped changes no sum.
+    let (fours, rest) = out.as_chunks_mut::<4>();
+    let alone = 4 * fours.len();
+    for (i, out) in fours.iter_mut().enumerate() {
+        unsafe { add_some::<T, 4>(taps, decimation, x.add(4 * i * decimation), out) };
     }
+    for (i, out) in (alone..).zip(rest) {
+        unsafe { add_some::<T, 1>(taps, decimation, x.add(i * decimation), core::array::from_mut(out)) };
+    }
+}
+
+#[inline(always)]
+unsafe fn add_some<T: Lane, const N: usize>(taps: &[f64], decimation: usize, x: *const f64, out: &mut [f64; N]) {
+    let mut sums = [T::splat(0.0); N];
+    let mut k = 0;
+    while k < taps.len() {
+        let tap = unsafe { T::load(taps.as_ptr().add(k)) };
+        for (i, sum) in sums.iter_mut().enumerate() {
+            *sum = tap.fma(unsafe { T::load(x.add(i * decimation + k)) }, *sum);
+        }
+        k += T::WIDTH;
+    }
+    out.iter_mut().zip(sums).for_each(|(out, sum)| *out += sum.sum());
 }

@@ -9,6 +9,8 @@ pub const MAX_WIDTH: usize = 8;
 /// compiled for the back end's instructions, never stand alone.
 pub trait Lane: Copy {
     const WIDTH: usize;
+    /// Columns that the triangle takes at a time: as many as keep their inner products in the registers.
+    const PANEL: usize;
     fn splat(x: f64) -> Self;
     /// # Safety
     /// `p` is valid for reading `WIDTH` numbers.
@@ -67,6 +69,7 @@ impl<const FUSED: bool> Plain<FUSED> {
 
 impl<const FUSED: bool> Lane for Plain<FUSED> {
     const WIDTH: usize = 8;
+    const PANEL: usize = 2;
 
     #[inline(always)]
     fn splat(x: f64) -> Self {
@@ -147,10 +150,11 @@ pub mod x86 {
     pub struct Avx512(__m512d);
 
     macro_rules! intrinsic {
-        ($name:ident, $width:literal, $splat:ident, $load:ident, $store:ident, $add:ident, $sub:ident, $mul:ident,
+        ($name:ident, $width:literal, $panel:literal, $splat:ident, $load:ident, $store:ident, $add:ident, $sub:ident, $mul:ident,
          $fma:ident, $fnma:ident, $floor:expr, $select:expr, $sum:expr) => {
             impl Lane for $name {
                 const WIDTH: usize = $width;
+                const PANEL: usize = $panel;
                 #[inline(always)]
                 fn splat(x: f64) -> Self {
                     unsafe { $name($splat(x)) }
@@ -202,6 +206,7 @@ pub mod x86 {
     intrinsic!(
         Avx2,
         4,
+        3,
         _mm256_set1_pd,
         _mm256_loadu_pd,
         _mm256_storeu_pd,
@@ -220,6 +225,7 @@ pub mod x86 {
     intrinsic!(
         Avx512,
         8,
+        4,
         _mm512_set1_pd,
         _mm512_loadu_pd,
         _mm512_storeu_pd,

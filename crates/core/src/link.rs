@@ -159,13 +159,13 @@ impl<T: Lane> JointMotion<T> {
 #[inline(always)]
 pub(crate) fn link_motion<T: Lane>(
     mechanism: &Mechanism,
-    (shape, link): (Shape, &Link),
+    link: &Link,
     joint: &JointMotion<T>,
     parent: Option<LinkMotion<T>>,
     v: T,
     acceleration: T,
 ) -> LinkMotion<T> {
-    let rotate = |v| joint.rotate_by(shape, link, v);
+    let (shape, rotate) = (link.shape, |v| joint.rotate(link, v));
     let (mut w, mut wd, mut a);
     match parent {
         None => {

@@ -20,13 +20,7 @@ dispatched! {
 }
 
 #[inline(always)]
-unsafe fn momenta_in_lanes<T: Lane>(
-    batch: Batch,
-    momentum: &Places,
-    rest: &Places,
-    out: *mut f64,
-    slots: &mut Slots,
-) {
+unsafe fn momenta_in_lanes<T: Lane>(batch: Batch, momentum: &Places, rest: &Places, out: *mut f64, slots: &mut Slots) {
     unsafe {
         for i in 0..batch.mechanism.links.len() {
             let link = &batch.mechanism.links[i];

@@ -4,10 +4,10 @@ use crate::error::{Error, expect_length};
 use crate::filter::Filter;
 use crate::lane::MAX_WIDTH;
 use crate::mechanism::Mechanism;
-use crate::regressor::{Motion, check_columns, reach};
 use crate::places::Places;
+use crate::regressor::{Motion, check_columns, reach};
 use crate::rows::{Workspace, rows};
-use crate::triangle::fold;
+use crate::triangle::{Compact, fold, merge};
 use rayon::prelude::*;
 use std::ops::Range;
 
@@ -16,6 +16,8 @@ const CHUNK: usize = 256;
 const FOLD: usize = CHUNK;
 /// Starting threads costs more than this many samples' work.
 const SINGLE_THREAD: usize = 2000;
+/// Rows of a long block that are folded in one go; what is made of them is merged.
+const PIECE: usize = 2048;
 /// Runs are padded so that their distance is no multiple of 4 KiB.
 const PAD: usize = MAX_WIDTH;
 
@@ -57,25 +59,55 @@ pub fn reduce(mechanism: &Mechanism, motion: &Motion, reduction: &Reduction) -> 
     let p = reduction.columns.len();
     let rows_of: Vec<Vec<usize>> =
         (0..mechanism.coordinates()).map(|a| (0..p).filter(|&c| reached[a * p + c]).collect()).collect();
-    let blocks = reduction.rows.div_ceil(reduction.block);
+    let pieces = pieces(reduction);
     let threads = if reduction.rows * reduction.decimation < SINGLE_THREAD { 1 } else { rayon::current_num_threads() };
     // A few parts per thread even out the load; each part reads one window more than its own samples.
-    let parts = if threads == 1 { 1 } else { (4 * threads).min(blocks.max(1)) };
-    let part = |k: usize| k * blocks / parts..(k + 1) * blocks / parts;
+    let parts = if threads == 1 { 1 } else { (4 * threads).min(pieces.len().max(1)) };
+    let part = |k: usize| &pieces[k * pieces.len() / parts..(k + 1) * pieces.len() / parts];
     let run = |k: usize| {
         let mut reducer = Reducer::new(mechanism, motion, reduction, &filter, &rows_of);
-        part(k).map(|block| reducer.block(block)).collect::<Vec<_>>()
+        part(k).iter().map(|piece| reducer.piece(piece.clone())).collect::<Vec<_>>()
     };
     let done: Vec<Vec<Vec<Vec<f64>>>> =
         if parts == 1 { vec![run(0)] } else { (0..parts).into_par_iter().map(run).collect() };
-    let mut triangles: Vec<Triangles> =
-        rows_of.iter().map(|columns| Triangles { columns: columns.clone(), blocks: Vec::new() }).collect();
-    for block in done.into_iter().flatten() {
-        for (motor, triangle) in triangles.iter_mut().zip(block) {
-            motor.blocks.push(triangle);
+    let made: Vec<Vec<Vec<f64>>> = done.into_iter().flatten().collect();
+    Ok(rows_of
+        .into_iter()
+        .enumerate()
+        .map(|(a, columns)| gather(mechanism, reduction, &pieces, &made, a, columns))
+        .collect())
+}
+
+/// Rows of every block in pieces of a fixed size, so that long blocks are shared out too.
+fn pieces(reduction: &Reduction) -> Vec<Range<usize>> {
+    let Reduction { rows, block, .. } = *reduction;
+    let of_block = |begin: usize| {
+        let end = begin.saturating_add(block).min(rows);
+        (begin..end).step_by(PIECE).map(move |from| from..end.min(from + PIECE))
+    };
+    (0..rows).step_by(block).flat_map(of_block).collect()
+}
+
+/// One motor's triangles, row-major, its pieces merged into blocks.
+fn gather(
+    mechanism: &Mechanism,
+    reduction: &Reduction,
+    pieces: &[Range<usize>],
+    made: &[Vec<Vec<f64>>],
+    a: usize,
+    columns: Vec<usize>,
+) -> Triangles {
+    let (size, mut rows) = (columns.len() + 1, Vec::new());
+    let mut blocks: Vec<Vec<f64>> = Vec::new();
+    for (piece, made) in pieces.iter().zip(made) {
+        match blocks.last_mut() {
+            Some(block) if !piece.start.is_multiple_of(reduction.block) => {
+                merge(mechanism.backend, block, &made[a], size, &mut rows)
+            }
+            _ => blocks.push(made[a].clone()),
         }
     }
-    Ok(triangles)
+    Triangles { columns, blocks: blocks.iter().map(|block| transpose(block, size)).collect() }
 }
 
 fn check(mechanism: &Mechanism, motion: &Motion, reduction: &Reduction) -> Result<Filter, Error> {
@@ -113,6 +145,7 @@ struct Reducer<'a> {
     raw: Raw,
     /// Decimated rows, FOLD + PAD apart, in the order of the raw runs.
     decimated: Vec<f64>,
+    panels: Vec<Compact>,
 }
 
 /// Raw columns, one run per entry (motor, reached column or torque), holding samples `from..from + held`; without
@@ -198,26 +231,25 @@ impl<'a> Reducer<'a> {
     ) -> Reducer<'a> {
         let raw = Raw::new(mechanism, motion.sets(), reduction.columns, reached, filter);
         let decimated = vec![0.0; raw.motors[raw.motors.len() - 1] * (FOLD + PAD)];
-        Reducer { mechanism, motion, reduction, filter, reached, workspace: Workspace::new(mechanism, motion), raw, decimated }
+        let (workspace, panels) = (Workspace::new(mechanism, motion), Vec::new());
+        Reducer { mechanism, motion, reduction, filter, reached, workspace, raw, decimated, panels }
     }
 
-    /// The triangles of one time block, one per motor, row-major.
-    fn block(&mut self, block: usize) -> Vec<Vec<f64>> {
-        let begin = block * self.reduction.block;
-        let end = (begin + self.reduction.block).min(self.reduction.rows);
+    /// The triangles of some rows, one per motor, column-major.
+    fn piece(&mut self, piece: Range<usize>) -> Vec<Vec<f64>> {
         let mut triangles: Vec<Vec<f64>> = self.reached.iter().map(|c| vec![0.0; (c.len() + 1).pow(2)]).collect();
-        for from in (begin..end).step_by(FOLD) {
-            let to = end.min(from + FOLD);
+        for from in piece.clone().step_by(FOLD) {
+            let to = piece.end.min(from + FOLD);
             self.decimate(from, to);
             self.weigh(from, to);
             for (a, triangle) in triangles.iter_mut().enumerate() {
                 let motor = self.raw.motors[a] * (FOLD + PAD)..self.raw.motors[a + 1] * (FOLD + PAD);
                 let columns = self.reached[a].len() + 1;
-                let rows = &mut self.decimated[motor];
-                fold(self.mechanism.backend, triangle, columns, rows, to - from, FOLD + PAD);
+                let rows = (&mut self.decimated[motor], to - from, FOLD + PAD);
+                fold(self.mechanism.backend, triangle, columns, rows, &mut self.panels);
             }
         }
-        triangles.into_iter().zip(self.reached).map(|(t, c)| transpose(&t, c.len() + 1)).collect()
+        triangles
     }
 
     /// Rows `from..to`, filtered, into `decimated`, with zeros up to a whole lane after them.
@@ -288,7 +320,7 @@ impl<'a> Reducer<'a> {
     }
 }
 
-/// A column-major square as row-major.
+/// A column-major upper triangle as row-major.
 fn transpose(square: &[f64], size: usize) -> Vec<f64> {
     (0..size * size).map(|k| square[(k % size) * size + k / size]).collect()
 }

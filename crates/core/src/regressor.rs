@@ -5,6 +5,8 @@ use crate::lane::MAX_WIDTH;
 use crate::mechanism::Mechanism;
 use crate::places::Places;
 use crate::rows::{Workspace, rows};
+use rayon::prelude::*;
+use std::ops::Range;
 
 /// Positions, velocities and accelerations of the coordinates, and the caller's own columns, channel major:
 /// sample `k` of coordinate `a` is at `a * samples + k`.
@@ -104,16 +106,19 @@ pub fn regressor(mechanism: &Mechanism, motion: &Motion, columns: &[usize], out:
     let n = motion.samples;
     expect_length("out", out.len(), motion.sets() * mechanism.coordinates * columns.len() * n)?;
     let whole = n - n % MAX_WIDTH;
-    let mut workspace = Workspace::new(mechanism, motion);
     let entries = Entries::new(mechanism, motion, columns, |entry, _| entry * n);
     for entry in entries.empty(motion.sets() * mechanism.coordinates * columns.len()) {
         out[entry * n..(entry + 1) * n].fill(0.0);
     }
-    // SAFETY: every entry has n numbers, and these are whole lanes of them.
-    unsafe { rows(mechanism, motion, 0, whole, &entries.sets, out.as_mut_ptr(), &mut workspace) };
+    let shared = Shared(out.as_mut_ptr());
+    in_parts(mechanism, motion, whole, |part, workspace| {
+        // SAFETY: every entry has n numbers, these are whole lanes of them, and no other part writes them.
+        unsafe { rows(mechanism, motion, part.start, part.len(), &entries.sets, shared.at(part.start), workspace) };
+    });
     if whole < n {
         let tail = Entries::new(mechanism, motion, columns, |_, index| index * MAX_WIDTH);
         let mut tile = vec![0.0; tail.filled.len() * MAX_WIDTH];
+        let mut workspace = Workspace::new(mechanism, motion);
         // SAFETY: every entry has a lane.
         unsafe { rows(mechanism, motion, whole, n - whole, &tail.sets, tile.as_mut_ptr(), &mut workspace) };
         for (run, &entry) in tile.chunks_exact(MAX_WIDTH).zip(&tail.filled) {
@@ -121,6 +126,43 @@ pub fn regressor(mechanism: &Mechanism, motion: &Motion, columns: &[usize], out:
         }
     }
     Ok(())
+}
+
+/// Samples that one thread takes at a time, a multiple of any lane; starting threads costs more than a few of these.
+const PART: usize = 1024;
+
+/// An array that threads write to, each its own numbers.
+#[derive(Clone, Copy)]
+struct Shared(*mut f64);
+
+// SAFETY: whoever writes promises that nobody else writes the same numbers.
+unsafe impl Send for Shared {}
+unsafe impl Sync for Shared {}
+
+impl Shared {
+    /// # Safety
+    /// `number` is inside the array, or one past it.
+    unsafe fn at(self, number: usize) -> *mut f64 {
+        unsafe { self.0.add(number) }
+    }
+}
+
+/// Do the work for every part of some samples, on one thread where they are few.
+fn in_parts(
+    mechanism: &Mechanism,
+    motion: &Motion,
+    samples: usize,
+    work: impl Fn(Range<usize>, &mut Workspace) + Sync,
+) {
+    let part = |k: usize| k * PART..samples.min((k + 1) * PART);
+    let parts = samples.div_ceil(PART);
+    if parts <= 2 {
+        let mut workspace = Workspace::new(mechanism, motion);
+        (0..parts).for_each(|k| work(part(k), &mut workspace));
+    } else {
+        let workspace = || Workspace::new(mechanism, motion);
+        (0..parts).into_par_iter().for_each_init(workspace, |workspace, k| work(part(k), workspace));
+    }
 }
 
 /// Samples whose torques are made at a time, and how far apart the runs of a tile are: a multiple of 4 KiB would make them
@@ -142,18 +184,21 @@ pub fn torque(
     let n = motion.samples;
     expect_length("out", out.len(), motion.sets() * mechanism.coordinates * n)?;
     let entries = Entries::new(mechanism, motion, columns, |_, index| index * RUN);
-    let mut tile = vec![0.0; entries.filled.len() * RUN];
-    let mut workspace = Workspace::new(mechanism, motion);
     out.fill(0.0);
-    for from in (0..n).step_by(TILE) {
-        let count = TILE.min(n - from);
-        // SAFETY: every run has room for a tile and a lane.
-        unsafe { rows(mechanism, motion, from, count, &entries.sets, tile.as_mut_ptr(), &mut workspace) };
-        for (run, &entry) in tile.chunks_exact(RUN).zip(&entries.filled) {
-            let (row, parameter) = (entry / columns.len(), chi[entry % columns.len()]);
-            let row = &mut out[row * n + from..][..count];
-            row.iter_mut().zip(run).for_each(|(tau, y)| *tau += y * parameter);
+    let shared = Shared(out.as_mut_ptr());
+    in_parts(mechanism, motion, n, |part, workspace| {
+        let mut tile = vec![0.0; entries.filled.len() * RUN];
+        for from in part.clone().step_by(TILE) {
+            let count = TILE.min(part.end - from);
+            // SAFETY: every run has room for a tile and a lane.
+            unsafe { rows(mechanism, motion, from, count, &entries.sets, tile.as_mut_ptr(), workspace) };
+            for (run, &entry) in tile.chunks_exact(RUN).zip(&entries.filled) {
+                let (row, parameter) = (entry / columns.len(), chi[entry % columns.len()]);
+                // SAFETY: the row has n numbers, and no other part touches these.
+                let row = unsafe { core::slice::from_raw_parts_mut(shared.at(row * n + from), count) };
+                row.iter_mut().zip(run).for_each(|(tau, y)| *tau += y * parameter);
+            }
         }
-    }
+    });
     Ok(())
 }

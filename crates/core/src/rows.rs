@@ -96,38 +96,26 @@ unsafe fn torques_in_lanes<T: Lane>(batch: Batch, places: &Places, out: *mut f64
     unsafe {
         for i in 0..batch.mechanism.links.len() {
             let link = &batch.mechanism.links[i];
-            for_shape!(link.shape, shape => link_rows::<T>(batch, shape, i, places, out, slots));
+            move_link::<T>(batch, i, slots);
+            let motions = LinkMotions(slots.links[i].as_mut_ptr());
+            for (own, axis) in (link.first..).zip(&link.axes) {
+                let sink = places.axis(own);
+                match axis.above {
+                    Some(above) => for_shape!(link.shape, shape => carried_rows::<T>(
+                        batch, (shape, link), axis, (above, own), motions, &sink, out, slots
+                    )),
+                    None => first_rows::<T>(batch, link, axis, own, motions, &sink, out, slots),
+                }
+            }
         }
         term_rows::<T>(batch, false, places, out, &mut slots.followed);
     }
 }
 
-#[inline(always)]
-unsafe fn link_rows<T: Lane>(
-    batch: Batch,
-    shape: Shape,
-    i: usize,
-    places: &Places,
-    out: *mut f64,
-    slots: &mut Slots,
-) {
-    let link = &batch.mechanism.links[i];
-    unsafe {
-        move_link::<T>(batch, (shape, link), i, slots);
-        let motions = LinkMotions(slots.links[i].as_mut_ptr());
-        for (slot, axis) in (link.first..).zip(&link.axes) {
-            let sink = places.axis(slot);
-            match axis.above {
-                Some(above) => carried_rows::<T>(batch, (shape, link), axis, (above, slot), motions, &sink, out, slots),
-                None => first_rows::<T>(batch, link, axis, slot, motions, &sink, out, slots),
-            }
-        }
-    }
-}
-
 /// The joint's motion and the link's, from the parent's.
 #[inline(always)]
-unsafe fn move_link<T: Lane>(batch: Batch, (shape, link): (Shape, &Link), i: usize, slots: &mut Slots) {
+unsafe fn move_link<T: Lane>(batch: Batch, i: usize, slots: &mut Slots) {
+    let link = &batch.mechanism.links[i];
     unsafe {
         let followed = batch.follow::<T>(&link.course, &mut slots.followed);
         let parent = link.parent.map(|p| LinkMotions(slots.links[p].as_mut_ptr()));
@@ -137,7 +125,7 @@ unsafe fn move_link<T: Lane>(batch: Batch, (shape, link): (Shape, &Link), i: usi
             let joint = JointMotion::new(link, q);
             joint.keep(link, &mut slots.joint, k);
             let parent = parent.map(|parent| parent.at::<T>(k));
-            motions.set(k, link_motion(batch.mechanism, (shape, link), &joint, parent, v, acceleration));
+            motions.set(k, link_motion(batch.mechanism, link, &joint, parent, v, acceleration));
         }
     }
 }

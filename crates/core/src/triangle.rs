@@ -1,4 +1,8 @@
-//! A small upper triangle that takes up blocks of rows: Householder QR of [R; A], panels of four columns.
+//! A small upper triangle that takes up blocks of rows: Householder QR of [R; A], a panel of columns at a time.
+//!
+//! A panel is worked on when its turn comes, by all panels before it: the step that takes one panel's reflections out of
+//! its columns finds their inner products with the next panel's too, so that a column is read and written once for both.
+//! (Reflections in compact form: Schreiber and Van Loan 1989, SIAM J. Sci. Stat. Comput. 10(1), eq. 3.)
 //!
 //! Never the normal equations: they lose one to three digits at the condition numbers of this field.
 //!
@@ -6,82 +10,212 @@
 //! function below takes columns of that A by pointer, and reads and writes whole lanes inside their `stride`.
 
 use crate::dispatch::{Backend, dispatched};
-use crate::lane::Lane;
+use crate::lane::{Lane, MAX_WIDTH};
 
-const PANEL: usize = 4;
+/// Widest panel of any back end.
+const MAX_PANEL: usize = 4;
 
-/// Fold `rows` rows into the triangle: R becomes the triangle of [R; A]. A is overwritten.
+/// The upper triangle of a panel's compact form I - V T V', where column k of V is that of A below a unit in row k of R.
+pub(crate) type Compact = [[f64; MAX_PANEL]; MAX_PANEL];
+
+/// Fold `rows` rows into the triangle: R becomes the triangle of [R; A]. A is overwritten, and so is `panels`.
 ///
 /// `r` is `columns` x `columns`, column-major, upper. Column c of A is at `a[c * stride..]`; its numbers from `rows`
 /// to the next whole lane must be zero.
 ///
 /// # Panics
 /// When a slice is shorter than its shape says.
-pub(crate) fn fold(backend: Backend, r: &mut [f64], columns: usize, a: &mut [f64], rows: usize, stride: usize) {
-    let padded = rows.next_multiple_of(crate::lane::MAX_WIDTH);
+pub(crate) fn fold(
+    backend: Backend,
+    r: &mut [f64],
+    columns: usize,
+    (a, rows, stride): (&mut [f64], usize, usize),
+    panels: &mut Vec<Compact>,
+) {
+    let padded = rows.next_multiple_of(MAX_WIDTH);
     assert!(r.len() >= columns * columns && padded <= stride && a.len() >= columns * stride);
     if rows > 0 {
+        let block = Block { r, columns, a: a.as_mut_ptr(), rows: padded, stride };
         // SAFETY: checked above: R and A are as large as the kernel takes them to be.
-        unsafe { fold_raw(backend, r, columns, a.as_mut_ptr(), padded, stride) }
+        unsafe { fold_raw(backend, block, panels) }
     }
 }
 
-dispatched! {
-    unsafe fn fold_raw = fold_in_lanes(r: &mut [f64], columns: usize, a: *mut f64, rows: usize, stride: usize)
-}
-
-/// Inner product of two columns.
-#[inline(always)]
-unsafe fn product<T: Lane>(x: *const f64, y: *const f64, rows: usize) -> f64 {
-    let mut sum = T::splat(0.0);
-    let mut i = 0;
-    while i < rows {
-        sum = unsafe { T::load(x.add(i)).fma(T::load(y.add(i)), sum) };
-        i += T::WIDTH;
+/// Fold the triangle `other`, of the same size, into `r`. `rows` is a buffer.
+pub(crate) fn merge(backend: Backend, r: &mut [f64], other: &[f64], columns: usize, rows: &mut Vec<f64>) {
+    let stride = columns.next_multiple_of(MAX_WIDTH);
+    rows.clear();
+    rows.resize(columns * stride, 0.0);
+    for (column, source) in rows.chunks_exact_mut(stride).zip(other.chunks_exact(columns)) {
+        column[..columns].copy_from_slice(source);
     }
-    sum.sum()
+    fold(backend, r, columns, (rows, columns, stride), &mut Vec::new());
 }
 
-/// The reflectors of one panel: v_k is column `first + k` of A below a unit in row k of R, and T is the upper
-/// triangle of the compact form I - V T V'.
-struct Panel {
-    first: usize,
-    width: usize,
-    t: [[f64; PANEL]; PANEL],
-}
-
-#[inline(always)]
-unsafe fn fold_in_lanes<T: Lane>(r: &mut [f64], columns: usize, a: *mut f64, rows: usize, stride: usize) {
-    let mut first = 0;
-    while first < columns {
-        let width = PANEL.min(columns - first);
-        // SAFETY: columns first..first + width of A exist, and so do the later ones.
-        unsafe {
-            let panel = factor::<T>(r, columns, a, rows, stride, first, width);
-            if width == PANEL {
-                update::<T>(&panel, r, columns, a, rows, stride);
-            }
-        }
-        first += width;
-    }
-}
-
-#[inline(always)]
-unsafe fn factor<T: Lane>(
-    r: &mut [f64],
+/// The triangle and the rows it takes up.
+struct Block<'a> {
+    r: &'a mut [f64],
     columns: usize,
     a: *mut f64,
     rows: usize,
     stride: usize,
+}
+
+impl Block<'_> {
+    #[inline(always)]
+    unsafe fn column(&self, c: usize) -> *mut f64 {
+        unsafe { self.a.add(c * self.stride) }
+    }
+
+    #[inline(always)]
+    unsafe fn some<const N: usize>(&self, first: usize) -> [*mut f64; N] {
+        core::array::from_fn(|k| unsafe { self.column(first + k) })
+    }
+}
+
+dispatched! {
+    unsafe fn fold_raw = fold_in_lanes(block: Block, panels: &mut Vec<Compact>)
+}
+
+#[inline(always)]
+unsafe fn fold_in_lanes<T: Lane>(block: Block, panels: &mut Vec<Compact>) {
+    // SAFETY: the caller's promise.
+    unsafe {
+        match T::PANEL {
+            2 => fold_panels::<T, 2>(block, panels),
+            3 => fold_panels::<T, 3>(block, panels),
+            _ => fold_panels::<T, MAX_PANEL>(block, panels),
+        }
+    }
+}
+
+#[inline(always)]
+unsafe fn fold_panels<T: Lane, const P: usize>(mut block: Block, panels: &mut Vec<Compact>) {
+    panels.clear();
+    for first in (0..block.columns).step_by(P) {
+        let width = P.min(block.columns - first);
+        // SAFETY: columns first..first + width of A exist, and so do the earlier ones.
+        unsafe {
+            if width == P {
+                reflect::<T, P, P>(&mut block, panels, first);
+            } else {
+                (first..block.columns).for_each(|c| reflect::<T, P, 1>(&mut block, panels, c));
+            }
+            panels.push(factor::<T>(&mut block, first, width));
+        }
+    }
+}
+
+/// Apply all panels to N columns.
+#[inline(always)]
+unsafe fn reflect<T: Lane, const P: usize, const N: usize>(block: &mut Block, panels: &[Compact], c: usize) {
+    let Some(last) = panels.len().checked_sub(1) else { return };
+    unsafe {
+        let x = block.some::<N>(c);
+        let mut v = block.some::<P>(0);
+        let mut sums = exchange::<T, P, N, false, true>(v, &[[T::splat(0.0); N]; P], v, x, block.rows);
+        for (j, panel) in panels.iter().enumerate() {
+            let weights = weigh(block, panel, j * P, c, &sums);
+            if j == last {
+                exchange::<T, P, N, true, false>(v, &weights, v, x, block.rows);
+            } else {
+                let next = block.some::<P>((j + 1) * P);
+                sums = exchange::<T, P, N, true, true>(v, &weights, next, x, block.rows);
+                v = next;
+            }
+        }
+    }
+}
+
+/// What is taken out of N columns along each reflector, and out of their heads in R.
+#[inline(always)]
+fn weigh<T: Lane, const P: usize, const N: usize>(
+    block: &mut Block,
+    panel: &Compact,
     first: usize,
-    width: usize,
-) -> Panel {
-    let mut t = [[0.0; PANEL]; PANEL];
+    c: usize,
+    sums: &[[T; N]; P],
+) -> [[T; N]; P] {
+    let mut weights = [[T::splat(0.0); N]; P];
+    for j in 0..N {
+        let head = &mut block.r[(c + j) * block.columns + first..][..P];
+        let s: [f64; P] = core::array::from_fn(|k| sums[k][j].sum() + head[k]);
+        for k in 0..P {
+            let weight: f64 = (0..=k).map(|l| panel[l][k] * s[l]).sum();
+            weights[k][j] = T::splat(weight);
+            head[k] -= weight;
+        }
+    }
+    weights
+}
+
+/// Take one panel's reflections out of N columns, if `TAKE`; if `SUM`, return their inner products with the next panel.
+#[inline(always)]
+unsafe fn exchange<T: Lane, const P: usize, const N: usize, const TAKE: bool, const SUM: bool>(
+    v: [*mut f64; P],
+    weights: &[[T; N]; P],
+    next: [*mut f64; P],
+    x: [*mut f64; N],
+    rows: usize,
+) -> [[T; N]; P] {
+    let mut sums = [[T::splat(0.0); N]; P];
+    let mut i = 0;
+    while i < rows {
+        let mut lanes: [T; N] = core::array::from_fn(|j| unsafe { T::load(x[j].add(i)) });
+        if TAKE {
+            for (v, weights) in v.iter().zip(weights) {
+                let v = unsafe { T::load(v.add(i)) };
+                for (lane, &weight) in lanes.iter_mut().zip(weights) {
+                    *lane = v.fnma(weight, *lane);
+                }
+            }
+            for (lane, x) in lanes.iter().zip(x) {
+                unsafe { lane.store(x.add(i)) };
+            }
+        }
+        if SUM {
+            for (v, sums) in next.iter().zip(&mut sums) {
+                let v = unsafe { T::load(v.add(i)) };
+                for (sum, &lane) in sums.iter_mut().zip(&lanes) {
+                    *sum = v.fma(lane, *sum);
+                }
+            }
+        }
+        i += T::WIDTH;
+    }
+    sums
+}
+
+/// Inner products of N columns with one.
+#[inline(always)]
+unsafe fn products<T: Lane, const N: usize>(x: [*mut f64; N], y: *mut f64, rows: usize) -> [f64; N] {
+    // Two sums each hide the latency of the fused multiply-add.
+    let mut sums = [[T::splat(0.0); N]; 2];
+    let mut i = 0;
+    while i < rows {
+        for sums in &mut sums {
+            if i < rows {
+                let y = unsafe { T::load(y.add(i)) };
+                for (sum, x) in sums.iter_mut().zip(x) {
+                    *sum = unsafe { T::load(x.add(i)) }.fma(y, *sum);
+                }
+            }
+            i += T::WIDTH;
+        }
+    }
+    core::array::from_fn(|k| sums[0][k].add(sums[1][k]).sum())
+}
+
+/// Reflect `width` columns onto R.
+#[inline(always)]
+unsafe fn factor<T: Lane>(block: &mut Block, first: usize, width: usize) -> Compact {
+    let (columns, rows) = (block.columns, block.rows);
+    let mut t = [[0.0; MAX_PANEL]; MAX_PANEL];
     for k in 0..width {
-        let v = unsafe { a.add((first + k) * stride) };
-        let below = unsafe { product::<T>(v, v, rows) };
+        let v = unsafe { block.column(first + k) };
+        let below = unsafe { products::<T, 1>([v], v, rows)[0] };
         let diagonal = (first + k) * columns + first + k;
-        let alpha = r[diagonal];
+        let alpha = block.r[diagonal];
         // Below this the column is zero beside its diagonal, and its square may not be told from zero.
         if below < f64::MIN_POSITIVE {
             unsafe { scale::<T>(v, rows, 0.0) };
@@ -89,25 +223,26 @@ unsafe fn factor<T: Lane>(
         }
         let beta = -(alpha * alpha + below).sqrt().copysign(alpha);
         let tau = (beta - alpha) / beta;
-        r[diagonal] = beta;
+        block.r[diagonal] = beta;
         unsafe { scale::<T>(v, rows, 1.0 / (alpha - beta)) };
         for c in k + 1..width {
-            let x = unsafe { a.add((first + c) * stride) };
+            let x = unsafe { block.column(first + c) };
             let above = (first + c) * columns + first + k;
-            let s = tau * (r[above] + unsafe { product::<T>(v, x, rows) });
-            r[above] -= s;
+            let s = tau * (block.r[above] + unsafe { products::<T, 1>([x], v, rows)[0] });
+            block.r[above] -= s;
             unsafe { subtract::<T>(x, v, s, rows) };
         }
         t[k][k] = tau;
-        let inner: [f64; PANEL] = core::array::from_fn(|j| match j < k {
-            true => unsafe { product::<T>(v, a.add((first + j) * stride), rows) },
-            false => 0.0,
-        });
+        let inner = match k {
+            0 => [0.0; 3],
+            // The panel's first columns; those from k on are not read below.
+            _ => unsafe { products::<T, 3>(core::array::from_fn(|j| block.column(first + j.min(k - 1))), v, rows) },
+        };
         for (j, row) in t.iter_mut().enumerate().take(k) {
             row[k] = -tau * (j..k).map(|l| row[l] * inner[l]).sum::<f64>();
         }
     }
-    Panel { first, width, t }
+    t
 }
 
 #[inline(always)]
@@ -127,68 +262,6 @@ unsafe fn subtract<T: Lane>(x: *mut f64, v: *const f64, s: f64, rows: usize) {
     let mut i = 0;
     while i < rows {
         unsafe { T::load(v.add(i)).fnma(s, T::load(x.add(i))).store(x.add(i)) };
-        i += T::WIDTH;
-    }
-}
-
-/// Apply the panel's reflectors to the columns after it, four at a time.
-#[inline(always)]
-unsafe fn update<T: Lane>(panel: &Panel, r: &mut [f64], columns: usize, a: *mut f64, rows: usize, stride: usize) {
-    let mut c = panel.first + panel.width;
-    while c + PANEL <= columns {
-        unsafe { update_some::<T, PANEL>(panel, r, columns, a, rows, stride, c) };
-        c += PANEL;
-    }
-    while c < columns {
-        unsafe { update_some::<T, 1>(panel, r, columns, a, rows, stride, c) };
-        c += 1;
-    }
-}
-
-#[inline(always)]
-unsafe fn update_some<T: Lane, const N: usize>(
-    panel: &Panel,
-    r: &mut [f64],
-    columns: usize,
-    a: *mut f64,
-    rows: usize,
-    stride: usize,
-    c: usize,
-) {
-    let v: [*const f64; PANEL] = core::array::from_fn(|k| unsafe { a.add((panel.first + k) * stride).cast_const() });
-    let x: [*mut f64; N] = core::array::from_fn(|j| unsafe { a.add((c + j) * stride) });
-    let mut sums = [[T::splat(0.0); N]; PANEL];
-    let mut i = 0;
-    while i < rows {
-        let lanes: [T; N] = core::array::from_fn(|j| unsafe { T::load(x[j].add(i)) });
-        for (sums, v) in sums.iter_mut().zip(v) {
-            let v = unsafe { T::load(v.add(i)) };
-            for (sum, &x) in sums.iter_mut().zip(&lanes) {
-                *sum = v.fma(x, *sum);
-            }
-        }
-        i += T::WIDTH;
-    }
-    let mut weights = [[T::splat(0.0); N]; PANEL];
-    for j in 0..N {
-        let head = &mut r[(c + j) * columns + panel.first..][..PANEL];
-        let s: [f64; PANEL] = core::array::from_fn(|k| sums[k][j].sum() + head[k]);
-        for k in 0..PANEL {
-            let weight: f64 = (0..=k).map(|l| panel.t[l][k] * s[l]).sum();
-            weights[k][j] = T::splat(weight);
-            head[k] -= weight;
-        }
-    }
-    let mut i = 0;
-    while i < rows {
-        let v: [T; PANEL] = core::array::from_fn(|k| unsafe { T::load(v[k].add(i)) });
-        for j in 0..N {
-            let mut lane = unsafe { T::load(x[j].add(i)) };
-            for k in 0..PANEL {
-                lane = v[k].fnma(weights[k][j], lane);
-            }
-            unsafe { lane.store(x[j].add(i)) };
-        }
         i += T::WIDTH;
     }
 }
@@ -222,7 +295,7 @@ mod tests {
                     }
                     let kept = a.clone();
                     let mut r = vec![0.0; columns * columns];
-                    fold(backend, &mut r, columns, &mut a, rows, stride);
+                    fold(backend, &mut r, columns, (&mut a, rows, stride), &mut Vec::new());
                     for i in 0..columns {
                         for j in 0..columns {
                             let wanted: f64 = (0..rows).map(|k| kept[i * stride + k] * kept[j * stride + k]).sum();
@@ -231,6 +304,30 @@ mod tests {
                         }
                     }
                 }
+            }
+        }
+    }
+
+    /// A triangle merged into another is that of all the rows.
+    #[test]
+    fn merged_triangles_are_that_of_all_rows() {
+        for backend in Backend::available() {
+            let (columns, rows) = (7, 40);
+            let a = numbers(columns * rows, 3);
+            let of = |from: usize, count: usize| {
+                let stride = count.next_multiple_of(8);
+                let mut some = vec![0.0; columns * stride];
+                for c in 0..columns {
+                    some[c * stride..][..count].copy_from_slice(&a[c * rows + from..][..count]);
+                }
+                let mut r = vec![0.0; columns * columns];
+                fold(backend, &mut r, columns, (&mut some, count, stride), &mut Vec::new());
+                r
+            };
+            let (mut some, whole) = (of(0, 19), of(0, rows));
+            merge(backend, &mut some, &of(19, rows - 19), columns, &mut Vec::new());
+            for (got, wanted) in some.iter().zip(&whole) {
+                assert!((got.abs() - wanted.abs()).abs() < 1e-13, "{backend:?} {got} {wanted}");
             }
         }
     }

@@ -13,6 +13,21 @@ pub fn row_major<'a>(matrix: &'a PyReadonlyArray2<'_, f64>) -> PyResult<&'a [f64
     Ok(matrix.as_slice()?)
 }
 
+/// The caller's array to write to, if it has the shape and is row-major; else, if there is none, a new one.
+pub fn output<'py>(
+    py: Python<'py>,
+    given: Option<Bound<'py, PyArray3<f64>>>,
+    shape: [usize; 3],
+) -> PyResult<Bound<'py, PyArray3<f64>>> {
+    match given {
+        None => Ok(PyArray3::zeros(py, shape, false)),
+        Some(out) if out.shape() == shape && out.is_c_contiguous() => Ok(out),
+        Some(out) => {
+            Err(PyValueError::new_err(format!("out has shape {:?}; it must be row-major, {shape:?}", out.shape())))
+        }
+    }
+}
+
 /// A motor's columns, and its triangles as one array (blocks, columns + 1, columns + 1).
 pub fn square_stack(py: Python<'_>, motor: Triangles) -> PyResult<(Vec<usize>, Bound<'_, PyArray3<f64>>)> {
     let (blocks, size) = (motor.blocks.len(), motor.columns.len() + 1);

@@ -3,7 +3,7 @@
 mod arrays;
 mod handle;
 
-use arrays::{row_major, square_stack};
+use arrays::{output, row_major, square_stack};
 use haptid_core::{Backend, Closure, Error, Joint, Law, Mechanism, Motion, Reduction, Term};
 use numpy::{
     IntoPyArray, PyArray2, PyArray3, PyArray4, PyArrayMethods, PyReadonlyArray1, PyReadonlyArray2, PyReadonlyArray3,
@@ -137,7 +137,7 @@ impl PyMechanism {
         self.0.columns()
     }
 
-    #[pyo3(signature = (position, velocity, acceleration, external, columns, loops=None))]
+    #[pyo3(signature = (position, velocity, acceleration, external, columns, loops=None, out=None))]
     #[allow(clippy::too_many_arguments)]
     fn regressor<'py>(
         &self,
@@ -148,13 +148,15 @@ impl PyMechanism {
         external: PyReadonlyArray2<'py, f64>,
         columns: Vec<usize>,
         loops: Option<PyReadonlyArray2<'py, f64>>,
+        out: Option<Bound<'py, PyArray3<f64>>>,
     ) -> PyResult<Bound<'py, PyArray3<f64>>> {
         let borrowed = Borrowed { position, velocity, acceleration: Some(acceleration), external, loops };
         let motion = borrowed.motion()?;
-        let shape = [self.0.coordinates(), columns.len(), motion.samples];
-        let mut out = vec![0.0; shape.iter().product()];
-        py.detach(|| haptid_core::regressor(&self.0, &motion, &columns, &mut out)).map_err(to_python)?;
-        out.into_pyarray(py).reshape(shape)
+        let out = output(py, out, [self.0.coordinates(), columns.len(), motion.samples])?;
+        let mut borrowed = out.try_readwrite()?;
+        let numbers = borrowed.as_slice_mut()?;
+        py.detach(|| haptid_core::regressor(&self.0, &motion, &columns, numbers)).map_err(to_python)?;
+        Ok(out)
     }
 
     #[pyo3(signature = (position, velocity, acceleration, external, columns, chi, loops=None))]
