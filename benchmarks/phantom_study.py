@@ -23,7 +23,7 @@ from pathlib import Path
 import numpy as np
 
 import haptid
-from haptid.definiteness import definiteness
+from haptid.definite import definiteness
 from haptid.demos import Demo, read_demo
 from haptid.demos.fits import Accuracy, Fit, accuracy, fitted
 from haptid.demos.hand import feel

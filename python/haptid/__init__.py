@@ -12,13 +12,13 @@ The corridor, one value after the other:
 
 from haptid import errors
 from haptid._core import __version__
-from haptid.addition import Addition, addition
+from haptid.added import Addition, addition
 from haptid.base import BaseParameters, base_parameters
 from haptid.causal import Causal, HighPass
 from haptid.characterisation import Characterisation, FeltMass, GivenModel, characterise, felt_mass
 from haptid.comparison import Comparison, compare
 from haptid.compensation import Compensation, stable_share
-from haptid.definiteness import Definiteness, definiteness
+from haptid.definite import Definiteness, definiteness
 from haptid.delay import Delay, find_delay
 from haptid.device import Device, device_schema, read_device, shipped_devices
 from haptid.diagnosis import Diagnosis, Finding, Verdict, diagnose
@@ -53,13 +53,13 @@ from haptid.observation import Block, MotorRows, Observation, observe
 from haptid.observer import MomentumObserver, Watched, observe_force
 from haptid.prediction import Prediction, predict
 from haptid.proposal import Proposal, propose
-from haptid.result import result, write_result
+from haptid.reach import Box, Workspace, workspace
+from haptid.result_file import result, write_result
 from haptid.shapes import Bell, Sharp
 from haptid.study import Study, read_study, study_schema
-from haptid.targets import Targets, side_by_side, target_map, targets
+from haptid.target_parameters import Targets, side_by_side, target_map, targets
 from haptid.treatment import Motion, Treatment, treat
 from haptid.validation import MotorError, Validation, direct, validate
-from haptid.workspace import Box, Workspace, workspace
 
 __all__ = [
     "OLS",

@@ -14,7 +14,7 @@ from haptid.demos.judged import published
 from haptid.demos.recordings import as_in_file
 from haptid.demos.tables import layout, markdown
 from haptid.dynamics import inverse_dynamics
-from haptid.targets import target_map, targets
+from haptid.target_parameters import target_map, targets
 from motions import motion, multisine, truth
 
 

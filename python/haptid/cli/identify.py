@@ -47,7 +47,7 @@ def identify(
     from haptid.outputs import check_writable, publishing
     from haptid.plots import plot_torque
     from haptid.prediction import predictions
-    from haptid.result import finite, result, write_result
+    from haptid.result_file import finite, result, write_result
     from haptid.study import read_study
 
     with errors_shown():

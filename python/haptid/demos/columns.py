@@ -9,7 +9,7 @@ import numpy as np
 from haptid.demos.fits import Fits
 from haptid.demos.run import Results
 from haptid.demos.tables import layout
-from haptid.targets import aligned
+from haptid.target_parameters import aligned
 
 # Fits that the tables show, in their order.
 SHOWN = ("exact", "encoders", "held")

@@ -17,7 +17,7 @@ from haptid.dynamics import inverse_dynamics
 from haptid.estimators import WLS, Consistent, Estimate, Method, estimate
 from haptid.observation import observe
 from haptid.proposal import Proposal, propose
-from haptid.targets import Targets, target_map, targets
+from haptid.target_parameters import Targets, target_map, targets
 from haptid.treatment import Motion
 from haptid.validation import Validation, validate
 

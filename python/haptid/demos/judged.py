@@ -8,11 +8,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from haptid._values import Array
-from haptid.definiteness import Definiteness, definiteness
+from haptid.definite import Definiteness, definiteness
 from haptid.demos.plan import Demo, Place
 from haptid.device import Device
 from haptid.estimators import Estimate, Possible, possible
-from haptid.targets import Targets, target_map
+from haptid.target_parameters import Targets, target_map
 
 
 @dataclass(frozen=True, eq=False)

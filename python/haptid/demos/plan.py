@@ -14,8 +14,8 @@ from haptid.causal import Causal, HighPass
 from haptid.demos.tables import Table, read_table
 from haptid.device import Device
 from haptid.errors import UnknownDemoError
+from haptid.reach import Box, Workspace, workspace
 from haptid.treatment import Treatment
-from haptid.workspace import Box, Workspace, workspace
 
 HERE = Path(__file__).parent
 PLAN = "demo.toml"

@@ -11,7 +11,7 @@ from haptid.demos.chapters import chapters
 from haptid.demos.columns import cells2, ours, published_columns, table1, table2, titles, truth
 from haptid.demos.run import Results
 from haptid.demos.values import values
-from haptid.targets import aligned
+from haptid.target_parameters import aligned
 
 
 def write_all(found: Results, folder: Path) -> None:

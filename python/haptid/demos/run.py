@@ -7,7 +7,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
-from haptid.addition import Addition, addition
+from haptid.added import Addition, addition
 from haptid.bench.experiment import read_experiment
 from haptid.bench.simulation import load_mujoco
 from haptid.comparison import Comparison, compare

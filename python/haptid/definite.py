@@ -13,7 +13,7 @@ from haptid.dynamics import mass_matrix
 from haptid.errors import DifferentModelError
 from haptid.estimators import Estimate
 from haptid.estimators.possible import checked
-from haptid.workspace import Workspace
+from haptid.reach import Workspace
 
 # The smallest eigenvalue is refined from so many of the grid's lowest poses.
 STARTS = 20

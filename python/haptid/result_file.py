@@ -13,7 +13,7 @@ from haptid._core import __version__
 from haptid.causal import Causal
 from haptid.estimators import Consistent, Estimate, Held, Method, Parameter
 from haptid.identification import Identification, Run
-from haptid.targets import targets
+from haptid.target_parameters import targets
 from haptid.treatment import Treatment
 from haptid.validation import Validation
 

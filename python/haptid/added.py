@@ -13,7 +13,7 @@ from haptid.comparison import compare
 from haptid.device import INERTIAL
 from haptid.errors import DifferentModelError, UnknownLinkError
 from haptid.estimators import Estimate
-from haptid.targets import free_fit
+from haptid.target_parameters import free_fit
 
 # A direction of the added parameters that shows less than this, beside the one that shows most, is not known.
 SHOWN = 1e-9
