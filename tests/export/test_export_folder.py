@@ -4,8 +4,6 @@ import inspect
 import re
 
 import numpy as np
-import pyarrow as pa
-import pyarrow.csv
 import pytest
 
 import haptid
@@ -13,59 +11,13 @@ from haptid import errors
 from haptid.export import CCode, export_c
 from haptid.export.text import comment, wrapped
 from haptid.export.writing import default_name
-from motions import multisine
-
-DEVICE = """
-schema = 1
-name = "two links"
-gravity = [0.0, -9.81, 0.0]
-convention = "modified-dh"
-[[joints]]
-name = "1"
-limits = { position = [-2.0, 2.0] }
-[[joints]]
-name = "2"
-d = 0.3
-limits = { position = [-2.5, 2.5] }
-[[terms]]
-kind = "viscous"
-joints = "all"
-"""
-STUDY = """
-schema = 1
-name = "two links"
-device = "device.toml"
-[channels]
-time = "t"
-position = { channels = ["q1", "q2"], unit = "rad" }
-torque = { channels = ["tau1", "tau2"], unit = "N m" }
-[[logs]]
-path = "log.csv"
-[[logs]]
-path = "check.csv"
-role = "validate"
-[treatment]
-cutoff_hz = 30
-decimation = 5
-"""
+from small_study import DEVICE, write_study
 
 
 @pytest.fixture(scope="module")
 def identification(tmp_path_factory):
     """A device of two links from two logs of noisy torque."""
-    folder = tmp_path_factory.mktemp("study")
-    (folder / "device.toml").write_text(DEVICE)
-    (folder / "study.toml").write_text(STUDY)
-    device = haptid.read_device(folder / "device.toml")
-    beta = np.linspace(0.2, 0.5, len(device.base))
-    for seed, name in ((1, "log.csv"), (2, "check.csv")):
-        q, qd, qdd = multisine(2, 6.0, 2e-3, seed)
-        tau = haptid.inverse_dynamics(device, beta, q, qd, qdd)
-        tau += 0.05 * np.random.default_rng(seed).standard_normal(tau.shape)
-        t = 2e-3 * np.arange(q.shape[1])
-        table = {"t": t, "q1": q[0], "q2": q[1], "tau1": tau[0], "tau2": tau[1]}
-        pyarrow.csv.write_csv(pa.table(table), folder / name)
-    return haptid.identify(haptid.read_study(folder / "study.toml"))
+    return haptid.identify(haptid.read_study(write_study(tmp_path_factory.mktemp("study"))))
 
 
 def header(folder, name="two_links"):
