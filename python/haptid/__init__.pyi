@@ -44,6 +44,7 @@ from haptid.observer import MomentumObserver, Watched, observe_force
 from haptid.prediction import Prediction, predict
 from haptid.proposal import Proposal, propose
 from haptid.reach import Box, Workspace, workspace
+from haptid.recorded import Recorded, RecordedLog, read_result
 from haptid.result_file import result, write_result
 from haptid.shapes import Bell, Sharp
 from haptid.study import Study, read_study, study_schema
@@ -100,6 +101,8 @@ __all__ = [
     "Possible",
     "Prediction",
     "Proposal",
+    "Recorded",
+    "RecordedLog",
     "Reduction",
     "Regroupings",
     "Run",
@@ -151,6 +154,7 @@ __all__ = [
     "pseudo_inertia",
     "read_device",
     "read_log",
+    "read_result",
     "read_study",
     "regroupings",
     "result",

@@ -11,6 +11,7 @@ from typing import Any
 
 from haptid._core import __version__
 from haptid.causal import Causal
+from haptid.device import Device
 from haptid.estimators import Consistent, Estimate, Held, Method, Parameter
 from haptid.identification import Identification, Run
 from haptid.target_parameters import targets
@@ -52,6 +53,8 @@ def result(identification: Identification) -> dict[str, Any]:
             "parameters": [parameter(p) for p in estimate.parameters],
             "targets": [parameter(p) for p in targets(estimate).parameters] if estimate.device.targets else [],
             "held": held(estimate.held),
+            "freedom": estimate.freedom.tolist(),
+            "covariance": estimate.covariance.tolist(),
         },
         "validation": [entry for run in identification.runs for entry in validations(run)],
         "criteria": {
@@ -59,7 +62,14 @@ def result(identification: Identification) -> dict[str, Any]:
             "met": identification.meets_criteria,
         },
         "notes": notes(estimate),
+        "device_file": device_file(identification.device),
     }
+
+
+def device_file(device: Device) -> dict[str, Any]:
+    """What the device file says, by which the device can be made again; gravity as it is mounted."""
+    said: dict[str, Any] = device.tables.model_dump(mode="json", by_alias=True, exclude_unset=True)
+    return {**said, "gravity": device.gravity.tolist()}
 
 
 def weighting(method: Method) -> Method:
@@ -132,7 +142,7 @@ def validations(run: Run) -> list[dict[str, Any]]:
 
 
 def errors(path: str, validation: Validation) -> list[dict[str, Any]]:
-    """One validation, motor by motor, then all motors (whose RMSE would mix units, and is null)."""
+    """One validation, motor by motor, then all motors (whose RMSE and norms would mix units, and are null)."""
     kind = "fit" if validation.seen else "unseen"
     rows: list[dict[str, Any]] = [
         {
@@ -142,11 +152,15 @@ def errors(path: str, validation: Validation) -> list[dict[str, Any]]:
             "relative_error_percent": m.relative,
             "rmse": m.rmse,
             "unit": m.unit,
+            "residual": m.residual,
+            "measured": m.measured,
+            "count": m.rows,
         }
         for m in validation.motors
     ]
     whole = {"log": path, "rows": kind, "motor": "all", "relative_error_percent": validation.relative}
-    return [*rows, {**whole, "rmse": None, "unit": None}]
+    mixed = dict.fromkeys(("rmse", "unit", "residual", "measured", "count"))
+    return [*rows, {**whole, **mixed}]
 
 
 def notes(estimate: Estimate) -> list[str]:

@@ -152,6 +152,7 @@ from haptid.errors.reduction import (
     NoRangeError,
     NoStretchesError,
 )
+from haptid.errors.results import ResultDeviceError, ResultFileError
 from haptid.errors.roots import (
     BenchError,
     DeviceError,
@@ -268,6 +269,8 @@ __all__ = [
     "RelationError",
     "RepeatedNameError",
     "RepeatedStampError",
+    "ResultDeviceError",
+    "ResultFileError",
     "RoadsDisagreeError",
     "SameRowsError",
     "SaturatedTorqueError",
