@@ -9,6 +9,7 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import pairwise
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -26,6 +27,9 @@ from haptid.errors import (
 from haptid.parallel import ParallelFilter
 from haptid.signals import check_log, coordinate_torque, coordinates, external, state
 from haptid.treatment import Motion
+
+if TYPE_CHECKING:
+    from haptid.rows import RowStretch
 
 # Samples handed to the core at a time: enough to keep its threads busy, little beside a log.
 SEGMENT = 1 << 16
@@ -118,6 +122,7 @@ class Observation:
         blocks: where and when each block's rows are from, (blocks,).
         motions: what they were made from.
         notes: sentences a user should read.
+        change: what was done to the motions' rows before they were folded, where a method weighs or whitens them.
     """
 
     device: Device
@@ -125,6 +130,7 @@ class Observation:
     blocks: tuple[Block, ...]
     motions: tuple[Motion, ...]
     notes: tuple[str, ...] = ()
+    change: Callable[[RowStretch], RowStretch] | None = None
 
     @property
     def base(self) -> BaseParameters:
