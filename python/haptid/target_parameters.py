@@ -15,8 +15,6 @@ from haptid.device import Device
 from haptid.device.prior import combined_prior
 from haptid.errors import NoTargetsError, UnidentifiableTargetError
 from haptid.estimators import Estimate, Parameter
-from haptid.estimators.jackknife import jackknife
-from haptid.estimators.solve import solve
 
 # What of a target is left beside base parameters, as a share of what cancelled: below this it is rounding.
 ROUNDING = 1e-7
@@ -162,11 +160,11 @@ def targets(estimate: Estimate) -> Targets:
         NoTargetsError: it has none.
         UnidentifiableTargetError: a target is not a combination of base parameters.
     """
-    device, observation = estimate.device, estimate.observation
+    device = estimate.device
     C = target_map(device)
-    jack = jackknife(observation, estimate.weights, solve(observation, estimate.weights, estimate.zero), C)
+    spread = estimate.spread(C)
     wanted = device.targets
-    alone = tuple(int(k) for k in jack.alone)
+    alone = tuple(int(k) for k in spread.alone)
     names = ", ".join(wanted[k].name for k in alone)
     sentence = f"One stretch of the log alone tells {names}: the interval is infinite."
     return Targets(
@@ -179,7 +177,7 @@ def targets(estimate: Estimate) -> Targets:
         free=C @ free_fit(estimate),
         covariance=C @ estimate.covariance @ C.T,
         textbook_covariance=C @ estimate.textbook_covariance @ C.T,
-        freedom=jack.freedom,
+        freedom=spread.freedom,
         lonely=alone,
         prior=combined_prior(device, np.array([target.row for target in wanted])),
         notes=(sentence,) if alone else (),

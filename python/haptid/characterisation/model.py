@@ -13,8 +13,6 @@ from haptid._values import Array, expect, freeze, read_only
 from haptid.device import Device
 from haptid.errors import BaseNameError
 from haptid.estimators import Estimate
-from haptid.estimators.jackknife import jackknife
-from haptid.estimators.solve import solve
 
 # Degrees of freedom of a figure are looked at in so many of its places, evenly chosen; the least counts.
 LOOKED_AT = 16
@@ -130,8 +128,7 @@ def freedom(model: Model, combinations: Array) -> float:
     if not len(known):
         return float("inf")
     few = known[np.linspace(0, len(known) - 1, min(len(known), LOOKED_AT)).astype(int)]
-    observation = model.observation
-    return float(jackknife(observation, model.weights, solve(observation, model.weights), few).freedom.min())
+    return float(model.spread(few).freedom.min())
 
 
 def linear(model: Model, of: Callable[[Array], Array], unit: str) -> Figure:
