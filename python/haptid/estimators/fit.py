@@ -44,7 +44,7 @@ class Moments:
         """How far g moves back when each cell is left out, (1 - G)^-1 s, (cells, k)."""
         values, vectors = self._modes
         shrink = 1.0 / (1.0 - np.minimum(values, ALONE))
-        return np.einsum("bij,bj->bi", vectors, np.einsum("bij,bi->bj", vectors, self.s) * shrink)
+        return np.asarray(np.einsum("bij,bj->bi", vectors, np.einsum("bij,bi->bj", vectors, self.s) * shrink))
 
     def alone(self, spread: Array) -> np.ndarray:
         """Combinations (q, k) of g that lean on a single cell, as indices."""

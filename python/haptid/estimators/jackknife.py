@@ -74,4 +74,5 @@ def freedom(made: Moments, spread: Array) -> Array:
     shares = made.shares(spread)
     squares = (shares**2).sum(axis=0)  # zero where a parameter is held at zero, which nothing can doubt
     whole = shares.sum(axis=0) ** 2
-    return np.maximum(np.divide(whole, squares, out=np.full(len(whole), np.inf), where=squares > 0) - 1, LEAST_FREEDOM)
+    effective = np.divide(whole, squares, out=np.full(len(whole), np.inf), where=squares > 0)
+    return np.asarray(np.maximum(effective - 1.0, LEAST_FREEDOM))
