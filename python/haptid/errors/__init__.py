@@ -21,6 +21,7 @@ from haptid.errors.bench import (
     UnstableError,
     WeightlessLinkError,
 )
+from haptid.errors.commands import OptionError
 from haptid.errors.corridor import (
     AccelerationColumnError,
     ChannelCountError,
@@ -86,7 +87,9 @@ from haptid.errors.exact import (
 from haptid.errors.exports import (
     CodeNameError,
     CodeSettingError,
+    ExportFormatError,
     FailedValidationError,
+    ImpossibleModelError,
     UnexportableTermError,
     UnvalidatedError,
     VaryingLoopError,
@@ -104,6 +107,7 @@ from haptid.errors.handle import (
     WorkspaceLimitError,
 )
 from haptid.errors.logs import (
+    ChangedLogError,
     ChannelGuessError,
     CorruptLogError,
     CountsGainError,
@@ -124,6 +128,7 @@ from haptid.errors.logs import (
     MissingSamplesError,
     NoHeaderError,
     NonFiniteError,
+    NotByRowsError,
     NotNumericError,
     OversizedLogError,
     PickledLogError,
@@ -152,6 +157,7 @@ from haptid.errors.reduction import (
     NoRangeError,
     NoStretchesError,
 )
+from haptid.errors.reports import ReportDataError
 from haptid.errors.results import ResultDeviceError, ResultFileError
 from haptid.errors.roots import (
     BenchError,
@@ -167,6 +173,13 @@ from haptid.errors.roots import (
     StudyError,
     TreatmentError,
 )
+from haptid.errors.simulated import (
+    ControllerError,
+    MasslessError,
+    NoControllerError,
+    SimulationLostError,
+    UnsettledError,
+)
 
 __all__ = [
     "AccelerationColumnError",
@@ -174,6 +187,7 @@ __all__ = [
     "ActiveJointError",
     "BaseNameError",
     "BenchError",
+    "ChangedLogError",
     "ChannelCountError",
     "ChannelGuessError",
     "CharacterisationSettingError",
@@ -183,6 +197,7 @@ __all__ = [
     "CommandUnitError",
     "CompensationSettingError",
     "ConfidenceError",
+    "ControllerError",
     "CorruptLogError",
     "CountsGainError",
     "CutoffError",
@@ -204,6 +219,7 @@ __all__ = [
     "ExcitationError",
     "ExperimentFileError",
     "ExportError",
+    "ExportFormatError",
     "ExpressionError",
     "FailedValidationError",
     "FigureCountError",
@@ -216,6 +232,7 @@ __all__ = [
     "HaptidError",
     "IdenticalChannelsError",
     "IdleMotorError",
+    "ImpossibleModelError",
     "LimitHitError",
     "LinkNameError",
     "LogAccessError",
@@ -232,6 +249,7 @@ __all__ = [
     "LoopUnreachableError",
     "ManyAnglesError",
     "MappedTwiceError",
+    "MasslessError",
     "MethodSettingError",
     "MetricError",
     "MissingChannelError",
@@ -243,6 +261,7 @@ __all__ = [
     "MujocoMissingError",
     "NoAccelerationError",
     "NoBodyError",
+    "NoControllerError",
     "NoDyadError",
     "NoFeasibleMotionError",
     "NoHandleError",
@@ -254,7 +273,9 @@ __all__ = [
     "NoTorqueError",
     "NonFiniteError",
     "NonlinearTargetError",
+    "NotByRowsError",
     "NotNumericError",
+    "OptionError",
     "OutputError",
     "OversizedLogError",
     "ParameterNameError",
@@ -269,6 +290,7 @@ __all__ = [
     "RelationError",
     "RepeatedNameError",
     "RepeatedStampError",
+    "ReportDataError",
     "ResultDeviceError",
     "ResultFileError",
     "RoadsDisagreeError",
@@ -277,6 +299,7 @@ __all__ = [
     "SeenRowsError",
     "ShapeError",
     "SignalError",
+    "SimulationLostError",
     "SingularLoopError",
     "SlowClockError",
     "SpareJointsError",
@@ -309,6 +332,7 @@ __all__ = [
     "UnknownNameError",
     "UnknownUnitError",
     "UnphysicalBodyError",
+    "UnsettledError",
     "UnsimulatedLoopError",
     "UnsimulatedTermError",
     "UnsolvedError",
