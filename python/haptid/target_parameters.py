@@ -192,32 +192,40 @@ def free_fit(estimate: Estimate) -> Array:
 def target_map(device: Device) -> Array:
     """C in target = C beta, (targets, base parameters).
 
-    A target is a combination of base parameters where its factors of those that base parameters are named after
-    give back all its other factors.
-
     Raises:
         NoTargetsError: the device has no targets.
         UnidentifiableTargetError: a target is not such a combination.
     """
     if not device.targets:
         raise NoTargetsError(device.name)
-    base = device.base
     rows = np.array([target.row for target in device.targets])
+    return base_combinations(device, [target.name for target in device.targets], rows)
+
+
+def base_combinations(device: Device, names: Sequence[str], rows: Array) -> Array:
+    """Combinations of standard parameters, (k, n), as combinations of base parameters, (k, p).
+
+    They are where their factors of those that base parameters are named after give back all their other factors.
+
+    Raises:
+        UnidentifiableTargetError: one is not, given by its name.
+    """
+    base = device.base
     C = rows[:, list(base.kept)]
     shown = C @ base.regrouping
     cancelled = np.abs(rows) + np.abs(C) @ np.abs(base.regrouping)
     hidden = np.where(np.abs(rows - shown) > ROUNDING * cancelled, rows - shown, 0.0)
     for k in np.flatnonzero(hidden.any(axis=1)):
-        raise _unidentifiable(device, int(k), hidden[k], shown[k])
+        raise _unidentifiable(device, names[k], hidden[k], shown[k])
     return freeze(np.ascontiguousarray(C))
 
 
-def _unidentifiable(device: Device, target: int, hidden: Array, shown: Array) -> UnidentifiableTargetError:
+def _unidentifiable(device: Device, target: str, hidden: Array, shown: Array) -> UnidentifiableTargetError:
     base = device.base
     holding = np.flatnonzero((base.regrouping[:, hidden != 0] != 0).any(axis=1) & (not shown.any()))
     groups = [f"{base.names[k]} = {base.groupings[k]}" for k in holding[:MOST_GROUPS]]
     texts = [formula(row, base.standard, int(np.argmax(row != 0))) if row.any() else "" for row in (hidden, shown)]
-    return UnidentifiableTargetError(device.targets[target].name, texts[0], texts[1], groups)
+    return UnidentifiableTargetError(target, texts[0], texts[1], groups)
 
 
 def side_by_side(columns: Mapping[str, Targets], decimals: int = 4) -> str:

@@ -1,6 +1,7 @@
 """Every error haptid raises: one class per cause, each saying what, how much, the limit, and what to do."""
 
 from haptid.errors.bench import (
+    CompileError,
     ExperimentFileError,
     FigureCountError,
     FlatLoopError,
@@ -8,6 +9,8 @@ from haptid.errors.bench import (
     LinkNameError,
     LoopBrokenError,
     MujocoMissingError,
+    NoCodeError,
+    NoCompilerError,
     NoHandleError,
     ParameterNameError,
     PictureError,
@@ -180,6 +183,7 @@ from haptid.errors.simulated import (
     SimulationLostError,
     UnsettledError,
 )
+from haptid.errors.weighing import ContradictionError, NoisyColumnsError, NoPriorError, NoResolutionError
 
 __all__ = [
     "AccelerationColumnError",
@@ -196,7 +200,9 @@ __all__ = [
     "ColumnValueError",
     "CommandUnitError",
     "CompensationSettingError",
+    "CompileError",
     "ConfidenceError",
+    "ContradictionError",
     "ControllerError",
     "CorruptLogError",
     "CountsGainError",
@@ -261,16 +267,21 @@ __all__ = [
     "MujocoMissingError",
     "NoAccelerationError",
     "NoBodyError",
+    "NoCodeError",
+    "NoCompilerError",
     "NoControllerError",
     "NoDyadError",
     "NoFeasibleMotionError",
     "NoHandleError",
     "NoHeaderError",
+    "NoPriorError",
     "NoRangeError",
+    "NoResolutionError",
     "NoRowsError",
     "NoStretchesError",
     "NoTargetsError",
     "NoTorqueError",
+    "NoisyColumnsError",
     "NonFiniteError",
     "NonlinearTargetError",
     "NotByRowsError",
