@@ -31,7 +31,7 @@ class IV(Simulating):
         """Rows of the second stage."""
         courses = self.courses(observation, smoothed, beta)
         simulated = along(observation, [treated_as(observation.device, course) for course in courses])
-        weights = self.inner.weights(observation)
+        weights = self.weighting.weights(observation)
         return second_stage(observation, simulated, weights)
 
 
@@ -55,7 +55,8 @@ def second_stage(observation: Observation, instruments: Observation, weights: Ar
         corner = triangle(np.concatenate([corner, parts.reshape(-1, 2 * p + 1)]))
     RZ, QW, Qy = corner[:p, :p], corner[:p, p : 2 * p], corner[:p, -1]
     check(observation, RZ, QW)
-    beta, P = np.linalg.solve(QW, Qy), np.linalg.solve(RZ, QW)
+    beta = np.asarray(np.linalg.solve(QW, Qy), dtype=np.float64)
+    P = np.linalg.solve(RZ, QW)
 
     def change(stretch: RowStretch) -> RowStretch:
         explained = (Z[stretch.blocks].W * stretch.used[:, :, None]) @ P

@@ -3,15 +3,20 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
-from typing import Protocol
 
 import numpy as np
 
 from haptid._values import Array, positive, whole
 from haptid.device import Device
-from haptid.errors import MasslessError, MethodSettingError, NoControllerError, SimulationLostError
-from haptid.estimators.estimate import Estimate, estimate
-from haptid.estimators.method import Method
+from haptid.errors import (
+    MasslessError,
+    MethodSettingError,
+    NoControllerError,
+    SimulationLostError,
+    UnsettledError,
+)
+from haptid.estimators.estimate import estimate
+from haptid.estimators.method import Method, expect_weighting, rows_of
 from haptid.estimators.wls import WLS
 from haptid.observation import Observation
 from haptid.rows import Rows
@@ -23,27 +28,13 @@ from haptid.treatment import Motion, treat
 HALVINGS = 6
 
 
-class Restated(Protocol):
-    """What a pass needs of a method."""
-
-    most: int
-    tolerance: float
-
-    @property
-    def inner(self) -> Method:
-        """How restated rows are fitted."""
-
-    def restate(self, observation: Observation, smoothed: Device, beta: Array) -> Observation:
-        """Rows whose least squares are the next estimate, from the model simulated with beta, (p,)."""
-
-
 @dataclass(frozen=True)
 class Simulating:
     """Settings of a method that simulates the device under the controller that moved it.
 
     Attributes:
         controller: PD or PID with its reference.
-        inner: how the rows that the simulation gives are fitted: `WLS()`, or `Consistent()` for what bodies can have.
+        weighting: how the rows that the simulation gives are weighted.
         start: the method that gives the first parameters to simulate with.
         most: passes at most.
         tolerance: a pass that moves no parameter by more deviations than this is the last.
@@ -52,15 +43,16 @@ class Simulating:
     """
 
     controller: PID | None = None
-    inner: Method = field(default_factory=WLS)
+    weighting: Method = field(default_factory=WLS)
     start: Method = field(default_factory=WLS)
     most: int = 10
-    tolerance: float = 0.05
+    tolerance: float = 0.1
     friction: float = 0.005
     stretch: float = 0.5
     settle: float = 0.5
 
     def __post_init__(self) -> None:
+        expect_weighting(self.name, self.weighting)
         if not (whole(self.most) and self.most >= 1):
             raise MethodSettingError(self.name, "most", self.most, "a whole number, 1 or more")
         for name in ("tolerance", "friction", "stretch", "settle"):
@@ -70,6 +62,15 @@ class Simulating:
     @property
     def name(self) -> str:
         return type(self).__name__
+
+    @property
+    def unit_residual(self) -> bool:
+        """Whether the weighted residual has unit variance, or its variance is still to be estimated."""
+        return self.weighting.unit_residual
+
+    def weights(self, observation: Observation) -> Array:
+        """Of each motor's rows, (motors,)."""
+        return self.weighting.weights(observation)
 
     @property
     def law(self) -> PID:
@@ -82,16 +83,48 @@ class Simulating:
             raise NoControllerError(type(self).__name__)
         return self.controller
 
-    def estimate(self, observation: Observation) -> Estimate:
-        """Simulate, restate the rows, fit; again until the estimate stays.
+    def rows(self, observation: Observation) -> Observation:
+        """Rows whose weighted least squares are the estimate: simulated, restated and fitted until it stays.
 
         Raises:
             NoControllerError: there is no controller.
             SimulationLostError, MasslessError: the model cannot be simulated from the first parameters.
+            UnsettledError: the estimate still moves after `most` passes.
         """
-        law = self.law
-        law.figures("kp", observation.device)  # a controller of another device is an error before any work
-        return passes(self, observation, estimate(observation, self.start).beta, self.friction)
+        self.check(observation)
+        beta, found = None, estimate(observation, self.start)
+        smoothed = smooth(observation.device, observation.motions, self.friction)
+        for _ in range(self.most):
+            beta, rows = self._next(observation, smoothed, beta, found.beta)
+            rows = rows_of(self.weighting, rows)
+            found = estimate(rows, self.weighting)
+            moved = np.abs(found.beta - beta) / np.maximum(found.sd, np.finfo(float).tiny)
+            if moved.max() <= self.tolerance:
+                return rows
+        worst = int(np.argmax(moved))
+        raise UnsettledError(self.name, self.most, observation.base.names[worst], float(moved[worst]), self.tolerance)
+
+    def _next(
+        self, observation: Observation, smoothed: Device, before: Array | None, found: Array
+    ) -> tuple[Array, Observation]:
+        """Parameters to simulate with, and rows; where the model runs away, nearer to those before."""
+        for _ in range(HALVINGS):
+            try:
+                return found, self.restate(observation, smoothed, found)
+            except (SimulationLostError, MasslessError):
+                if before is None:
+                    raise
+                found = 0.5 * (before + found)
+        return found, self.restate(observation, smoothed, found)
+
+    def check(self, observation: Observation) -> None:
+        """Raise what is missing before any work.
+
+        Raises:
+            NoControllerError: there is no controller.
+            ControllerError: it is one of another device.
+        """
+        self.law.figures("kp", observation.device)
 
     def courses(self, observation: Observation, smoothed: Device, beta: Array) -> list[Course]:
         """What the model does along every motion."""
@@ -109,43 +142,6 @@ class Simulating:
     def restate(self, observation: Observation, smoothed: Device, beta: Array) -> Observation:
         """Rows whose least squares are the next estimate; every method has its own."""
         raise NotImplementedError
-
-
-def passes(method: Restated, observation: Observation, beta: Array, friction: float) -> Estimate:
-    """Fit restated rows until the estimate stays.
-
-    Args:
-        method: how rows are restated.
-        observation: the rows as they are.
-        beta: base parameters to begin with, (p,).
-        friction: share of the speed within which dry friction turns over.
-    """
-    smoothed = smooth(observation.device, observation.motions, friction)
-    rows = method.restate(observation, smoothed, beta)
-    moved = np.inf
-    for count in range(1, method.most + 1):
-        found = estimate(rows, method.inner)
-        moved = float((np.abs(found.beta - beta) / np.maximum(found.sd, np.finfo(float).tiny)).max())
-        if moved <= method.tolerance or count == method.most:
-            break
-        beta, rows = _next(method, observation, smoothed, beta, found.beta)
-    settled = moved <= method.tolerance
-    note = f"Simulated and fitted in {count} passes; the last moved no parameter by more than {moved:.2g} deviations"
-    note += "." if settled else f" (limit {method.tolerance:g}): more passes, or a better start, are needed."
-    status = found.status if settled else "weak"
-    return replace(found, observation=observation, method=method, status=status, notes=(*found.notes, note))
-
-
-def _next(
-    method: Restated, observation: Observation, smoothed: Device, before: Array, found: Array
-) -> tuple[Array, Observation]:
-    """The next parameters and their rows; where the model runs away, nearer to those before."""
-    for _ in range(HALVINGS):
-        try:
-            return found, method.restate(observation, smoothed, found)
-        except (SimulationLostError, MasslessError):
-            found = 0.5 * (before + found)
-    return found, method.restate(observation, smoothed, found)
 
 
 def treated_as(device: Device, course: Course) -> Motion:
