@@ -12,12 +12,12 @@ from haptid.cli.common import app, errors_shown, out, progress_bars, teller
 HELP = """\
 Reproduce a published identification on the virtual bench, and do it better. Without a NAME, list the demos.
 
-Records every mounting (in parallel), identifies the published way and with haptid's own treatment, and compares all of
-it with what was published. A few minutes on two cores. Needs MuJoCo: pip install mujoco. Writes into OUT:
+Records every log on the virtual bench (in parallel), identifies, and compares all of it with what was published and
+with what is true there. A few minutes on two cores. Needs MuJoCo: pip install mujoco. Writes into OUT:
 
   report.md        everything in sentences, with tables and figures
 
-  table1, table2   parameters and torque errors, published and found, as text and CSV
+  table*           the published tables with haptid's own columns, as text and CSV
 
   fig*.png         the published figures, with haptid's own numbers
 
@@ -37,8 +37,7 @@ def demo(
     out_folder: Annotated[Path, typer.Option("--out", help="folder for the results")] = Path("haptid-demo"),
     quiet: Annotated[bool, typer.Option("--quiet", "-q", help="no progress, no summary")] = False,
 ) -> None:
-    from haptid.demos import demo_names, read_demo, run_demo
-    from haptid.demos.columns import summary
+    from haptid.demos import demo_names, kind_of, read_demo, run_demo
     from haptid.outputs import check_writable, publishing
 
     if name is None:
@@ -51,5 +50,5 @@ def demo(
         with progress_bars(quiet) as progress, publishing(out_folder) as folder:
             found = run_demo(plan, folder, teller(progress))
     if not quiet:
-        out.print(summary(found))
+        out.print(kind_of(plan).summary(found))
         out.print(f"Report in {out_folder / 'report.md'}")

@@ -4,20 +4,18 @@ from __future__ import annotations
 
 from typing import Any
 
-from haptid.demos.columns import table2
-from haptid.demos.fits import Fits, accuracy
-from haptid.demos.judged import Judged
-from haptid.demos.run import Results
+from haptid.demos.mountings.columns import table2
+from haptid.demos.mountings.finding import Results
+from haptid.demos.mountings.fits import Fits, accuracy
+from haptid.demos.mountings.judged import Judged
+from haptid.demos.report import head
 
 
 def values(found: Results) -> dict[str, Any]:
     """Every figure, as JSON holds it."""
     demo = found.demo
     return {
-        "schema": 1,
-        "demo": demo.name,
-        "title": demo.title,
-        "source": demo.source,
+        **head(demo),
         "mountings": {key: _mounting(found, fits) for key, fits in found.fits.items()},
         "table2": table2(found),
         "published": {name: _judged(found, judged) for name, judged in found.published.items()},
@@ -38,7 +36,6 @@ def values(found: Results) -> dict[str, Any]:
                 found.tool.names, found.tool.value.tolist(), found.tool.interval95.tolist(), strict=True
             )
         },
-        "claims": [claim.model_dump() for claim in demo.claims],
     }
 
 

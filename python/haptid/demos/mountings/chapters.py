@@ -6,11 +6,12 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from haptid.demos.columns import cells2, ours, published_columns, table1, table2, truth
-from haptid.demos.figures import FIRST_OF_PARTS, per_command
-from haptid.demos.fits import Accuracy, accuracy
-from haptid.demos.judged import Judged
-from haptid.demos.run import Results
+from haptid.demos.mountings.columns import cells2, ours, published_columns, table1, table2, truth
+from haptid.demos.mountings.figures import FIRST_OF_PARTS, per_command
+from haptid.demos.mountings.finding import Results
+from haptid.demos.mountings.fits import Accuracy, accuracy
+from haptid.demos.mountings.judged import Judged
+from haptid.demos.report import claims
 from haptid.demos.tables import markdown
 from haptid.dissection import RIGID, dissect
 
@@ -19,8 +20,9 @@ VISCOUS = "viscous"
 
 def chapters(found: Results) -> Iterator[str]:
     """All lines of the report."""
-    for chapter in (_head, _parameters, _errors, _late, _accuracy, _models, _torques, _hand, _compared, _claims):
+    for chapter in (_head, _parameters, _errors, _late, _accuracy, _models, _torques, _hand, _compared):
         yield from chapter(found)
+    yield from claims(found.demo)
 
 
 def _head(found: Results) -> Iterator[str]:
@@ -253,13 +255,3 @@ def _compared(found: Results) -> Iterator[str]:
         if name in found.tool_truth:
             yield f"- {name}: {value:.5g}, 95 % interval {low:.5g} .. {high:.5g}; true {found.tool_truth[name]:.5g}"
     yield ""
-
-
-def _claims(found: Results) -> Iterator[str]:
-    yield "## What is printed and does not hold"
-    yield ""
-    cells = [["", "where", "printed", "found", "check"]]
-    cells += [[c.name, c.where, c.printed, c.found, f"`{c.check}`"] for c in found.demo.claims]
-    yield from markdown(cells)
-    yield ""
-    yield "The checks are among the golden tests of the project."

@@ -2,42 +2,28 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Mapping
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 
 import numpy as np
-from matplotlib.axes import Axes
-from matplotlib.backends.backend_agg import FigureCanvasAgg
-from matplotlib.figure import Figure
 
 from haptid._values import Array
-from haptid.demos.fits import Fit, Fits
-from haptid.demos.hand import Felt
-from haptid.demos.run import Results, Tell
+from haptid.demos.drawing import BLACK, BLUE, GREEN, ORANGE, PURPLE, Curve, lines, panels, picture
+from haptid.demos.kind import Tell
+from haptid.demos.mountings.finding import Results
+from haptid.demos.mountings.fits import Fit, Fits
+from haptid.demos.mountings.hand import Felt
 from haptid.device import Device
 from haptid.dissection import dissect
 from haptid.prediction import predict
 from haptid.stretches import stretches
 from haptid.treatment import Motion
 
-# Colours that colour-blind readers tell apart (Okabe and Ito 2008).
-BLACK, BLUE, ORANGE, GREEN, PURPLE = "#000000", "#0072B2", "#D55E00", "#009E73", "#CC79A7"
 # Seconds that are drawn, from the beginning of the half that validates.
 TORQUES, PARTS = 9.0, 10.0
 FIRST_OF_PARTS = 7
-
-
-@dataclass(frozen=True)
-class Curve:
-    """A line to be drawn: its name, its values by panel, (panels, n), colour, width and style."""
-
-    name: str
-    values: Array
-    colour: str
-    width: float = 1.2
-    style: str = "-"
 
 
 def draw_all(found: Results, folder: Path, tell: Tell) -> None:
@@ -108,7 +94,7 @@ def draw_clusters(fits: Fits, path: Path) -> None:
     made = predict(fit.estimate, fit.unseen)
     speed = np.concatenate([s.filtered(s.cd) for s in stretches(device, fit.unseen)], axis=1)
     error = scale * (made.measured - made.predicted)
-    figure = _figure("Fig. 4: what 8 parameters do not predict, against velocity", (10, 3.6))
+    figure = picture("Fig. 4: what 8 parameters do not predict, against velocity", (10, 3.6))
     for k, panel in enumerate(figure.subplots(1, len(error))):
         panel.plot(speed[k], error[k], ".", color=BLUE, markersize=2)
         panel.axhline(0, color=BLACK, linewidth=0.6)
@@ -162,11 +148,11 @@ def draw_hand(found: Results, number: int, path: Path) -> None:
         Curve("with the model", (felt.modelled_late - felt.true_late)[:, axis][None], BLUE, 2.4),
         Curve("momentum observer", (felt.observed - felt.true_late)[:, axis][None], GREEN, 1.0),
     ]
-    figure = _figure(f"Fig. {number}: force of the hand on the device along {name}", (10, 7.5))
+    figure = picture(f"Fig. {number}: force of the hand on the device along {name}", (10, 7.5))
     rows = figure.subplots(3, 1, sharex=True)
-    _lines(rows[0], felt.t, upper, 0, "force, N")
-    _lines(rows[1], felt.t, errors, 0, "error, N")
-    _lines(rows[2], felt.t, fine, 0, "error at the observer's\nbandwidth, N")
+    lines(rows[0], felt.t, upper, 0, "force, N")
+    lines(rows[1], felt.t, errors, 0, "error, N")
+    lines(rows[2], felt.t, fine, 0, "error at the observer's\nbandwidth, N")
     rows[2].set_xlabel("time, s")
     figure.savefig(path, dpi=120)
 
@@ -181,36 +167,6 @@ def _parts(fit: Fit, seconds: float) -> tuple[Array, dict[str, Array]]:
     made, scale = dissect(fit.estimate, beginning(fit.unseen, seconds)), per_command(fit.estimate.device)[:, None]
     parts = {part: scale * made[part] for part in made.parts}
     return made.t, parts | {"friction": scale * made.friction, "measured": scale * made.measured}
-
-
-def panels(title: str, t: Array, curves: Sequence[Curve], labels: Sequence[str], path: Path) -> None:
-    """One panel for each motor, one above the other."""
-    figure = _figure(title, (10, 1.2 + 2.1 * len(labels)))
-    rows = figure.subplots(len(labels), 1, sharex=True)
-    for k, (panel, label) in enumerate(zip(rows, labels, strict=True)):
-        _lines(panel, t, curves, k, label)
-    rows[-1].set_xlabel("time, s")
-    figure.savefig(path, dpi=120)
-
-
-def _figure(title: str, size: tuple[float, float]) -> Figure:
-    figure = Figure(figsize=size, layout="constrained")
-    FigureCanvasAgg(figure)
-    figure.suptitle(title)
-    return figure
-
-
-def _lines(panel: Axes, t: Array, curves: Sequence[Curve], row: int, label: str) -> None:
-    """The curves of one panel, with a legend where it is the first of them."""
-    for curve in curves:
-        panel.plot(
-            t, curve.values[row], color=curve.colour, linewidth=curve.width, linestyle=curve.style, label=curve.name
-        )
-    panel.set_ylabel(label)
-    panel.margins(x=0)
-    panel.grid(alpha=0.3)
-    if row == 0:
-        panel.legend(loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=len(curves), fontsize="small", frameon=False)
 
 
 def _labels(device: Device) -> list[str]:

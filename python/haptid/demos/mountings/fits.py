@@ -9,8 +9,8 @@ from functools import cached_property
 import numpy as np
 
 from haptid._values import Array, expect, read_only
-from haptid.demos.frictionless import without_terms
-from haptid.demos.plan import Demo, Mounting
+from haptid.demos.mountings.frictionless import without_terms
+from haptid.demos.mountings.plan import Mounting, Mountings
 from haptid.demos.recordings import Recorded
 from haptid.device import Device
 from haptid.dynamics import inverse_dynamics
@@ -93,7 +93,7 @@ class Fits:
         return self.encoders.device
 
 
-def fit_all(demo: Demo, mounting: Mounting, exact: Recorded, encoders: Recorded) -> Fits:
+def fit_all(demo: Mountings, mounting: Mounting, exact: Recorded, encoders: Recorded) -> Fits:
     """Every identification of one mounting."""
     device, halves = encoders.device, demo.stretch
     proposal = propose(device, encoders.log(halves.fit))

@@ -6,8 +6,8 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from haptid.demos.fits import Fits
-from haptid.demos.run import Results
+from haptid.demos.mountings.finding import Results
+from haptid.demos.mountings.fits import Fits
 from haptid.demos.tables import layout
 from haptid.target_parameters import aligned
 

@@ -9,7 +9,7 @@ import numpy as np
 
 from haptid._values import Array
 from haptid.definite import Definiteness, definiteness
-from haptid.demos.plan import Demo, Place
+from haptid.demos.mountings.plan import Mountings, Place
 from haptid.device import Device
 from haptid.estimators import Estimate, Possible, possible
 from haptid.target_parameters import Targets, target_map
@@ -41,7 +41,7 @@ def judge(title: str, model: Estimate | Array, device: Device, places: Sequence[
     return Judged(title, found, possible(device, beta))
 
 
-def published(demo: Demo, like: Targets, column: str) -> Array:
+def published(demo: Mountings, like: Targets, column: str) -> Array:
     """Base parameters of a published column, in SI; a parameter that it does not have is taken as zero, (p,).
 
     Args:

@@ -8,8 +8,8 @@ import numpy as np
 from scipy import signal
 
 from haptid._values import Array, expect, read_only
-from haptid.demos.fits import Fit
-from haptid.demos.plan import Hand
+from haptid.demos.mountings.fits import Fit
+from haptid.demos.mountings.plan import Hand
 from haptid.demos.recordings import Recorded
 from haptid.estimators import Estimate
 from haptid.force import estimate_force
