@@ -9,7 +9,7 @@ import numpy as np
 from haptid._values import Array
 from haptid.device import Device
 from haptid.estimators.linearised import Linearised, gathered
-from haptid.estimators.simulating import Simulating
+from haptid.estimators.simulating import ClosedLoop
 from haptid.late import delayed
 from haptid.observation import Observation
 from haptid.signals import coordinate_torque
@@ -17,7 +17,7 @@ from haptid.simulation import Course, columns
 
 
 @dataclass(frozen=True)
-class DIDIM(Simulating):
+class DIDIM(ClosedLoop):
     """Direct and inverse dynamic identification models: Gauss-Newton on the torque of the simulated closed loop.
 
     The derivative of the simulated torque by the parameters is taken to be the columns of the inverse model at the

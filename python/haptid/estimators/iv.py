@@ -9,14 +9,14 @@ import numpy as np
 from haptid._values import Array
 from haptid.device import Device
 from haptid.errors import UnexcitedError
-from haptid.estimators.simulating import Simulating, along, treated_as
+from haptid.estimators.simulating import ClosedLoop, along, treated_as
 from haptid.estimators.solve import EXCITED
 from haptid.observation import Observation, triangle
 from haptid.rows import Rows, RowStretch
 
 
 @dataclass(frozen=True)
-class IV(Simulating):
+class IV(ClosedLoop):
     """Two stages: columns explained by instruments, torque by what is explained of the columns.
 
     Instruments Z are the columns at the motion of the model under the same controller, treated the same: they go with

@@ -10,7 +10,7 @@ from haptid._values import Array
 from haptid.device import Device
 from haptid.estimators.didim import base_columns, torque_error
 from haptid.estimators.linearised import Linearised, gathered
-from haptid.estimators.simulating import Simulating, treated_as
+from haptid.estimators.simulating import ClosedLoop, treated_as
 from haptid.observation import Observation
 from haptid.signals import state
 from haptid.simulation import DirectModel, Sensitivity, Steps, closed_loop, sensitivity, sets_of
@@ -18,7 +18,7 @@ from haptid.treatment import Motion
 
 
 @dataclass(frozen=True)
-class CLIE(Simulating):
+class CLIE(ClosedLoop):
     """Closed-loop input error: the measured torque against that of the model under the same controller.
 
     As `DIDIM`, but with the torque's true derivatives, the controller's answer among them.

@@ -28,12 +28,11 @@ from haptid.treatment import Motion, treat
 HALVINGS = 6
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Simulating:
-    """Settings of a method that simulates the device under the controller that moved it.
+    """A method that simulates the model, restates the rows with what it did, and fits these, until it stays.
 
     Attributes:
-        controller: PD or PID with its reference.
         weighting: how the rows that the simulation gives are weighted.
         start: the method that gives the first parameters to simulate with.
         most: passes at most.
@@ -42,7 +41,6 @@ class Simulating:
         stretch, settle: length of what is simulated in one go, and of its running in, s.
     """
 
-    controller: PID | None = None
     weighting: Method = field(default_factory=WLS)
     start: Method = field(default_factory=WLS)
     most: int = 10
@@ -72,22 +70,11 @@ class Simulating:
         """Of each motor's rows, (motors,)."""
         return self.weighting.weights(observation)
 
-    @property
-    def law(self) -> PID:
-        """The controller.
-
-        Raises:
-            NoControllerError: there is none.
-        """
-        if self.controller is None:
-            raise NoControllerError(type(self).__name__)
-        return self.controller
-
     def rows(self, observation: Observation) -> Observation:
         """Rows whose weighted least squares are the estimate: simulated, restated and fitted until it stays.
 
         Raises:
-            NoControllerError: there is no controller.
+            NoControllerError, ControllerError: a closed loop without controller, or with that of another device.
             SimulationLostError, MasslessError: the model cannot be simulated from the first parameters.
             UnsettledError: the estimate still moves after `most` passes.
         """
@@ -118,6 +105,39 @@ class Simulating:
         return found, self.restate(observation, smoothed, found)
 
     def check(self, observation: Observation) -> None:
+        """Raise what is missing before any work."""
+
+    def stretches(self, motion: Motion) -> Stretches:
+        """Of one motion."""
+        return Stretches.of(len(motion), round(self.stretch / motion.dt), round(self.settle / motion.dt))
+
+    def restate(self, observation: Observation, smoothed: Device, beta: Array) -> Observation:
+        """Rows whose least squares are the next estimate; every method has its own."""
+        raise NotImplementedError
+
+
+@dataclass(frozen=True)
+class ClosedLoop(Simulating):
+    """One that simulates the device under the controller that moved it.
+
+    Attributes:
+        controller: PD or PID with its reference.
+    """
+
+    controller: PID | None = None
+
+    @property
+    def law(self) -> PID:
+        """The controller.
+
+        Raises:
+            NoControllerError: there is none.
+        """
+        if self.controller is None:
+            raise NoControllerError(type(self).__name__)
+        return self.controller
+
+    def check(self, observation: Observation) -> None:
         """Raise what is missing before any work.
 
         Raises:
@@ -134,14 +154,6 @@ class Simulating:
             steps = closed_loop(model, self.law, motion, place, self.stretches(motion))
             found.append(steps.course(motion))
         return found
-
-    def stretches(self, motion: Motion) -> Stretches:
-        """Of one motion."""
-        return Stretches.of(len(motion), round(self.stretch / motion.dt), round(self.settle / motion.dt))
-
-    def restate(self, observation: Observation, smoothed: Device, beta: Array) -> Observation:
-        """Rows whose least squares are the next estimate; every method has its own."""
-        raise NotImplementedError
 
 
 def treated_as(device: Device, course: Course) -> Motion:
