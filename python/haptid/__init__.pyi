@@ -38,7 +38,7 @@ from haptid.friction import ByModel, ByPairs, Constant, FrictionCurve, friction_
 from haptid.friction_choice import FrictionChoice, choose_friction
 from haptid.identification import Identification, Run, identify
 from haptid.kinematics import HandleMotion, handle_motion, link_poses
-from haptid.log import Channels, Log, Signal, read_log
+from haptid.log import Channels, Log, Signal, open_log, read_log
 from haptid.observation import Block, MotorRows, Observation, observe
 from haptid.observer import MomentumObserver, Watched, observe_force
 from haptid.prediction import Prediction, predict
@@ -147,6 +147,7 @@ __all__ = [
     "mass_matrix",
     "observe",
     "observe_force",
+    "open_log",
     "possible",
     "predict",
     "project",

@@ -106,10 +106,10 @@ class MotorRows:
 
 
 def triangle(rows: Array) -> Array:
-    """The square upper triangle R with R'R = rows'rows, (columns, columns)."""
-    size = rows.shape[1]
-    R = np.linalg.qr(rows, mode="r")
-    return np.vstack([R, np.zeros((size - len(R), size))]) if len(R) < size else np.asarray(R)
+    """The square upper triangle R with R'R = rows'rows, (..., columns, columns), of rows (..., many, columns)."""
+    R = np.asarray(np.linalg.qr(rows, mode="r"))
+    missing = rows.shape[-1] - R.shape[-2]
+    return np.pad(R, [(0, 0)] * (R.ndim - 2) + [(0, missing), (0, 0)]) if missing else R
 
 
 @dataclass(frozen=True, eq=False)
@@ -393,7 +393,7 @@ class Plan:
             return base, triangles
         mix = np.zeros((len(reached) + 1, len(base) + 1))
         mix[:-1, :-1], mix[-1, -1] = chosen[:, base], 1.0
-        return base, np.stack([triangle(T @ mix) for T in triangles])
+        return base, triangle(triangles @ mix)
 
     def weights(self, start: int, stop: int) -> Array:
         """One for a row that counts, zero for one too near slow motion for sgn to be known, (coordinates, rows)."""

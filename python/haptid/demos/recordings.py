@@ -21,8 +21,9 @@ from haptid.bench.setup import Encoders
 from haptid.device import Device, read_device
 from haptid.dynamics import inverse_dynamics
 from haptid.errors import MountingError
+from haptid.late import lost
 from haptid.log import Channels, Log, Signal, read_log
-from haptid.treatment import Motion, Treatment, lost, treat
+from haptid.treatment import Motion, Treatment, treat
 
 # What of a mounting's torque the device's own base parameters may leave, as a share: rounding.
 LEFT = 1e-9

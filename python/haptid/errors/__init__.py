@@ -52,6 +52,7 @@ from haptid.errors.corridor import (
     TreatmentValueError,
     UnexcitedError,
     UnidentifiableTargetError,
+    UnsearchableError,
     UnsolvedError,
 )
 from haptid.errors.demos import MountingError, UnknownDemoError
@@ -343,6 +344,7 @@ __all__ = [
     "UnknownNameError",
     "UnknownUnitError",
     "UnphysicalBodyError",
+    "UnsearchableError",
     "UnsettledError",
     "UnsimulatedLoopError",
     "UnsimulatedTermError",
