@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import shlex
 import sys
 from pathlib import Path
 from typing import Annotated
@@ -18,6 +19,8 @@ The STUDY (a TOML file) names the device, the logs and what each is for, the cha
 treatment, and the estimator. Writes into OUT:
 
   result.json      every figure: parameters with 95 % intervals, groupings, errors, conditions, notes
+
+  report.html      everything in one file: verdict, parameters, plots, the device in 3D, where it all came from
 
   parameters.csv   the table of parameters
 
@@ -47,6 +50,7 @@ def identify(
     from haptid.outputs import check_writable, publishing
     from haptid.plots import plot_torque
     from haptid.prediction import predictions
+    from haptid.report import Source, report_of, sparklines
     from haptid.result_file import finite, result, write_result
     from haptid.study import read_study
 
@@ -57,6 +61,10 @@ def identify(
             tell = teller(progress)
             found = walk(plan, data, tell)
             write_result(found, folder)
+            tell("writing the report", 0.0)
+            source = Source(found, _typed(study, data, out_folder))
+            report_of(source).write(folder)
+            tell("writing the report", 1.0)
             for k, run in enumerate(found.runs):
                 name = f"torque-{k + 1}-{Path(run.entry.path).stem}.png"
                 tell(f"drawing {name}", 0.0)
@@ -69,6 +77,14 @@ def identify(
         sys.stdout.write(json.dumps(finite(result(found)), indent=1, allow_nan=False) + "\n")
     elif not quiet:
         tables.show_identification(out, found)
-        out.print(f"Results in {out_folder}")
+        for line in ("", *sparklines(source), "", *source.diagnosis.verdict.sentences, ""):
+            out.print(line, highlight=False)
+        out.print(f"Results in {out_folder}; read {out_folder / 'report.html'} first")
     if found.meets_criteria is False:
         raise typer.Exit(EXIT_CRITERIA)
+
+
+def _typed(study: Path, data: Path | None, out_folder: Path) -> str:
+    """The command as a person would type it."""
+    given = ["--data", str(data)] if data else []
+    return shlex.join(["haptid", "identify", str(study), *given, "--out", str(out_folder)])

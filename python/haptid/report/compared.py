@@ -7,7 +7,7 @@ from pathlib import Path
 
 from haptid._core import __version__
 from haptid.recorded import read_result
-from haptid.report.page import page
+from haptid.report.page import page, write_text
 from haptid.report.sections.comparison import ComparisonSection
 
 
@@ -21,12 +21,13 @@ def write_comparison(folders: Sequence[str | Path], path: str | Path) -> Compari
     Raises:
         ResultFileError, ResultDeviceError: a folder has no result that can be read.
         DifferentParametersError: a result has no parameter in common with the first.
+        OutputError: the page cannot be written there.
     """
     found = [read_result(folder) for folder in folders]
     made = ComparisonSection.between(found, names_of([Path(folder) for folder in folders]))
     title = f"Comparison of {len(found)} results"
     about = f"{', '.join(dict.fromkeys(r.device.name for r in found))}, haptid {__version__}"
-    Path(path).write_text(page(title, about, (made,)), encoding="utf-8")
+    write_text(Path(path), page(title, about, (made,)))
     return made
 
 

@@ -73,11 +73,10 @@ class _Typesetter:
         return f"<mrow>{''.join(self.element(*token) for token in TOKEN.findall(text))}</mrow>"
 
     def terms(self, text: str) -> str:
-        """A text as an element for each of its terms."""
-        parts, depth = [""], 0
+        """A text as an element for each of its terms, those in brackets too."""
+        parts = [""]
         for token in TOKEN.findall(text):
-            depth += {"(": 1, ")": -1}.get(token[2], 0)
-            if token[2] in ("+", "-") and depth == 0 and parts[-1]:
+            if token[2] in ("+", "-") and parts[-1]:
                 parts.append(_between(token[2]))
             else:
                 parts[-1] += self.element(*token)
@@ -89,7 +88,7 @@ class _Typesetter:
             return self.made[int(number)]
         if digits:
             return f"<mn>{digits}</mn>"
-        return "<mo>&#x2212;</mo>" if sign == "-" else f"<mo>{sign}</mo>"
+        return {"-": "<mo>&#x2212;</mo>", "+": "<mo>+</mo>"}.get(sign, f'<mo stretchy="false">{sign}</mo>')
 
 
 def _between(sign: str) -> str:
@@ -108,16 +107,20 @@ def _name(text: str) -> str:
     return f"<msub><mi>{escape(found[1])}</mi><mi>{escape(found[2])}</mi></msub>"
 
 
-def _symbol(text: str) -> str:
-    """d3 is d with the subscript 3."""
+def _symbol(text: str, exponent: int = 1) -> str:
+    """d3 is d with the subscript 3, and an exponent above it where it has one."""
     stem = text.rstrip("0123456789_")
     number = text[len(stem) :].replace("_", "\u2032")
     shown = f"<mi>{'&#x3c0;' if stem == 'pi' else escape(stem)}</mi>"
-    return f"<msub>{shown}<mn>{number}</mn></msub>" if number else shown
+    under, above = f"<mn>{number}</mn>", f"<mn>{exponent}</mn>"
+    if exponent == 1:
+        return f"<msub>{shown}{under}</msub>" if number else shown
+    return f"<msubsup>{shown}{under}{above}</msubsup>" if number else f"<msup>{shown}{above}</msup>"
 
 
 def _power(text: str, exponent: int) -> str:
-    of = text[4:-1] if text.startswith(("cos(", "sin(")) else ""
-    base = f"<mi>{text[:3]}</mi>" if of else _symbol(text)
-    raised = base if exponent == 1 else f"<msup>{base}<mn>{exponent}</mn></msup>"
-    return f"<mrow>{raised}<mo>&#x2061;</mo>{_symbol(of)}</mrow>" if of else raised
+    if not text.startswith(("cos(", "sin(")):
+        return _symbol(text, exponent)
+    name = f"<mi>{text[:3]}</mi>"
+    raised = name if exponent == 1 else f"<msup>{name}<mn>{exponent}</mn></msup>"
+    return f"<mrow>{raised}<mo>&#x2061;</mo>{_symbol(text[4:-1])}</mrow>"

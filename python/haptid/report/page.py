@@ -6,11 +6,13 @@ import json
 from collections.abc import Sequence
 from functools import cache
 from importlib.resources import files
+from pathlib import Path
 from typing import Any
 
 from jinja2 import Environment, PackageLoader, StrictUndefined
 from markupsafe import Markup
 
+from haptid.errors import OutputError
 from haptid.report.chart import Chart
 from haptid.report.section import Section
 from haptid.result_file import finite
@@ -44,6 +46,18 @@ def page(title: str, about: str, sections: Sequence[Section]) -> str:
             drawings=_embedded({key: chart.drawing for key, chart in charts.items()}),
         )
     )
+
+
+def write_text(path: Path, text: str) -> None:
+    """Write a file.
+
+    Raises:
+        OutputError: it cannot be written there.
+    """
+    try:
+        path.write_text(text, encoding="utf-8")
+    except OSError as error:
+        raise OutputError(path, error.strerror or str(error)) from error
 
 
 @cache

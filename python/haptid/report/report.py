@@ -13,7 +13,7 @@ from types import MappingProxyType
 from haptid._core import __version__
 from haptid.errors import ReportDataError
 from haptid.identification import Identification
-from haptid.report.page import page
+from haptid.report.page import page, write_text
 from haptid.report.section import Section
 from haptid.report.sections import SECTIONS
 from haptid.report.source import Hand, Source
@@ -51,9 +51,17 @@ class Report:
         """The page, whole in itself."""
         return page(self.name, f"{self.device}, {self.made}, haptid {self.haptid}", tuple(self.sections.values()))
 
+    def write_page(self, path: Path) -> None:
+        """Write the page.
+
+        Raises:
+            OutputError: it cannot be written there.
+        """
+        write_text(path, self.html())
+
     def write(self, folder: Path) -> None:
         """Write the page, and the data that it can be made from again, into a folder."""
-        (folder / PAGE).write_text(self.html(), encoding="utf-8")
+        self.write_page(folder / PAGE)
         plain = {key: section.plain() for key, section in self.sections.items()}
         head = {"schema": SCHEMA, "haptid": self.haptid, "name": self.name, "device": self.device, "made": self.made}
         text = json.dumps(finite({**head, "sections": plain}), allow_nan=False, separators=(",", ":"))
@@ -71,12 +79,16 @@ def report(
         hands: forces of the hand that were estimated.
         made: when; now where None.
     """
-    source = Source(identification, command, tuple(hands))
+    return report_of(Source(identification, command, tuple(hands)), made)
+
+
+def report_of(source: Source, made: datetime | None = None) -> Report:
+    """The same of what was asked of an identification already."""
     found = [kind.of(source) for kind in SECTIONS]
     moment = (made or datetime.now(UTC)).astimezone(UTC)
     return Report(
-        name=identification.study.name,
-        device=identification.device.name,
+        name=source.identification.study.name,
+        device=source.identification.device.name,
         made=f"{moment:%Y-%m-%d %H:%M} UTC",
         haptid=__version__,
         sections={section.key: section for section in found if section is not None},

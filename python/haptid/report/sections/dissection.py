@@ -46,6 +46,7 @@ class DissectionSection(Section):
 def shares(found: Dissection, k: int) -> Chart:
     """RMS of each part as a share of all parts' RMS, motor by motor."""
     whole = found.rms.sum(axis=0)
+    there = present(found)
     parts = found.rms / np.where(whole > 0, whole, 1.0)
     largest = [found.parts[int(j)] for j in np.argmax(found.rms, axis=0)]
     first = ", ".join(
@@ -56,8 +57,8 @@ def shares(found: Dissection, k: int) -> Chart:
     drawing = {
         "kind": "bars",
         "rows": list(found.motors),
-        "parts": [{"name": name, "colour": _colour(j)} for j, name in enumerate(found.parts)],
-        "values": packed(100 * parts.T),
+        "parts": [{"name": found.parts[j], "colour": _colour(j)} for j in there],
+        "values": packed(100 * parts[there].T),
         "unit": "%",
     }
     return Chart(f"shares-{k}", "Shares", "Shares of the parts of the torque, a bar for each motor.", caption, drawing)
@@ -68,14 +69,14 @@ def stacked(track: Track, found: Dissection, k: int, motor: int) -> Chart:
     label, unit = found.motors[motor], found.units[motor]
     each = -(-len(found.t) // INSTANTS)
     t0 = track.t0 + 0.5 * (each - 1) * track.step
-    means = [averaged(torque, each) for torque in found.torque[:, motor]]
-    curves = [
-        series(name, "stack", _colour(j), x=even(t0, each * track.step, len(means[j])), y=packed(means[j]))
-        for j, name in enumerate(found.parts)
-    ]
     total = averaged(found.model[motor], each)
-    curves.append(series("model", "line", "black", x=even(t0, each * track.step, len(total)), y=packed(total), width=1))
-    text = ", ".join(f"{name} {float(rms):.3g}" for name, rms in zip(found.parts, found.rms[:, motor], strict=True))
+    times = even(t0, each * track.step, len(total))
+    curves = [
+        series(found.parts[j], "stack", _colour(j), x=times, y=packed(averaged(found.torque[j, motor], each)))
+        for j in present(found)
+    ]
+    curves.append(series("model", "line", "black", x=times, y=packed(total), width=1))
+    text = ", ".join(f"{found.parts[j]} {float(found.rms[j, motor]):.3g}" for j in present(found))
     drawn = f"Means over {each} rows are drawn ({each * track.step:.3g} s)." if each > 1 else "Every row is drawn."
     caption = f"RMS in {unit}: {text}. {drawn}"
     alt = f"Parts of the torque of {label} stacked against time, {track.name}."
@@ -87,6 +88,11 @@ def averaged(y: Array, each: int) -> Array:
     """Means of every `each` values, the last of what is left, (bins,)."""
     starts = np.arange(0, len(y), each)
     return np.asarray(np.add.reduceat(y, starts) / np.diff(np.append(starts, len(y))))
+
+
+def present(found: Dissection) -> list[int]:
+    """Parts that are not zero all along on every motor."""
+    return [int(j) for j in np.flatnonzero(found.rms.any(axis=1))]
 
 
 def _colour(part: int) -> str:

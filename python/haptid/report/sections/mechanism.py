@@ -80,7 +80,9 @@ def _slider(device: Device, k: int, q: Array) -> dict[str, Any]:
         "low": ends[0],
         "high": ends[1],
         "start": float(q[len(q) // 2]),
-        "limits": "limits of the device file" if joint.position_limits else "a little beyond the motion of the log",
+        "limits": "at the limits of the device file"
+        if joint.position_limits
+        else "a little beyond the motion of the log",
     }
 
 
@@ -114,8 +116,9 @@ def scene(source: Source, qa: Array, sliders: list[dict[str, Any]]) -> Chart:
     moving = ", ".join(slider["name"] for slider in sliders)
     loops = len(device.closure.cuts)
     caption = (
-        f"{len(device.joints)} joints, {len(device.active)} of them independent ({moving}), {loops} closed "
-        f"{'loop' if loops == 1 else 'loops'}. Drag to turn, use the buttons to zoom, move the joints by their sliders."
+        f"{len(device.joints)} joints, {len(device.active)} of them independent ({moving}), {loops or 'no'} "
+        f"closed {'loop' if loops == 1 else 'loops'}. Drag to turn, use the buttons to zoom, move the joints by "
+        f"their sliders."
     )
     alt = f"Three-dimensional drawing of {device.name}: links as bars, joints as discs, the handle as a ring."
     return Chart("scene", device.name, alt, caption, drawing)

@@ -25,7 +25,8 @@ class VerdictSection(Section):
         criterion: whether the study's own criterion is met, as a sentence; empty where it has none.
         met: the same as a value.
         uses: for each use its name, status and word.
-        sentences: of the verdict.
+        sentences: of the verdict, one for each use.
+        next: what to do next, in sentences; none where nothing is in doubt.
         findings: for each look its name, status and sentence, the worst first.
         left_out: sentences for looks that these rows do not allow.
         notes: sentences that go with the estimate.
@@ -37,6 +38,7 @@ class VerdictSection(Section):
     met: bool | None
     uses: list[dict[str, str]]
     sentences: list[str]
+    next: list[str]
     findings: list[dict[str, str]]
     left_out: list[str]
     notes: list[str]
@@ -50,7 +52,8 @@ class VerdictSection(Section):
             criterion=_criterion(source),
             met=found.meets_criteria,
             uses=[{"name": name, "status": status, "word": WORDS[status]} for name, status in statuses],
-            sentences=list(made.verdict.sentences),
+            sentences=list(made.verdict.sentences[: len(USES)]),
+            next=list(made.verdict.sentences[len(USES) :]),
             findings=[_plain(finding) for finding in sorted(made.findings, key=_rank)],
             left_out=list(made.left_out),
             notes=list(source.estimate.notes),
