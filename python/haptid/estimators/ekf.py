@@ -8,7 +8,7 @@ import numpy as np
 from scipy import linalg
 
 from haptid._values import Array
-from haptid.estimators.kalman import Belief, Filtering, Track
+from haptid.estimators.kalman import Belief, Filtering, Track, lower
 from haptid.simulation.parametric import ParametricModel
 
 
@@ -33,7 +33,7 @@ class EKF(Filtering):
         step[: 2 * n, : 2 * n], step[: 2 * n, 2 * n :] = F, forced[:, n:] @ by_beta
         shaken = np.zeros((len(x), n))
         shaken[: 2 * n] = forced[:, n:] @ (inverse * track.noise[1])
-        S = np.linalg.qr(np.column_stack([step @ belief.S, shaken]).T, mode="r").T
+        S = lower(np.column_stack([step @ belief.S, shaken]))
         return Belief(x, S)
 
 

@@ -5,8 +5,8 @@ shakes it, positions are measured. A filter tells beta and a covariance that is 
 what every block of time adds to the information on beta is kept as rows of that block, R beta = z: their least squares
 are the filter's estimate, and the jackknife over them is as honest as that of any other method.
 
-Sources: Gautier and Poignet (2001), Control Engineering Practice 9(12), the extended filter for robots; Kaminski, Bryson
-and Schmidt (1971), IEEE Trans. Automatic Control 16(6), square-root arrays.
+Sources: Gautier and Poignet (2001), Control Engineering Practice 9(12), the extended filter for robots; Kaminski,
+Bryson and Schmidt (1971), IEEE Trans. Automatic Control 16(6), square-root arrays.
 """
 
 from __future__ import annotations
@@ -50,7 +50,7 @@ class Belief:
     def information(self, p: int) -> tuple[Array, Array]:
         """On beta alone: the inverse of its covariance, (p, p), and that times beta, (p,)."""
         root = self.S[-p:]
-        inverse = np.linalg.pinv(root @ root.T, rcond=1e-15, hermitian=True)
+        inverse = np.asarray(np.linalg.pinv(root @ root.T, rcond=1e-15, hermitian=True), dtype=np.float64)
         return inverse, inverse @ self.x[-p:]
 
     def measured(self, c: Array, noise: Array) -> Belief:
@@ -58,7 +58,7 @@ class Belief:
         n, size = len(c), len(self.x)
         before = np.zeros((n + size, n + size))
         before[:n, :n], before[:n, n:], before[n:, n:] = np.diag(noise), self.S[:n], self.S
-        after = np.linalg.qr(before.T, mode="r").T
+        after = lower(before)
         gain = np.linalg.solve(after[:n, :n].T, after[n:, :n].T).T
         return Belief(self.x + gain @ (c - self.x[:n]), after[n:, n:])
 
@@ -148,7 +148,7 @@ class Filtering:
                         belief = belief.measured(track.c[:, k + 1], track.noise[0])
                     triangles[block] = gained(before, belief.information(p))
                     counts[block] = (stop - start) * len(track.c)
-                beta, root = belief.x[-p:], np.linalg.qr(belief.S[-p:].T, mode="r").T
+                beta, root = belief.x[-p:], lower(belief.S[-p:])
         motor = MotorRows("filter", "filter", "noise", np.arange(p), freeze(triangles), counts)
         return replace(observation, motors=(motor,))
 
@@ -169,6 +169,11 @@ class Filtering:
             if figures.shape != (len(raw),):
                 raise MethodSettingError(self.name, name, figures.tolist(), f"{len(raw)} figures, one for each row")
         return Track(motion, raw, held_torque(device, motion), treated, (positions, torques))
+
+
+def lower(root: Array) -> Array:
+    """The lower triangle L with L L' = root root', from a wide root."""
+    return np.ascontiguousarray(np.asarray(np.linalg.qr(root.T, mode="r"), dtype=np.float64).T)
 
 
 def begin(track: Track, k: int, beta: Array, root: Array) -> Belief:

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from haptid._values import Array
-from haptid.estimators.kalman import Belief, Filtering, Track
+from haptid.estimators.kalman import Belief, Filtering, Track, lower
 from haptid.simulation.parametric import ParametricModel
 
 # Runge and Kutta's method is stable up to this rate times the step.
@@ -40,7 +40,7 @@ class UKF(Filtering):
         push = inverse * track.noise[1]
         shaken[:n], shaken[n : 2 * n] = 0.5 * dt**2 * push, dt * push
         apart = (points - x[:, None]) / np.sqrt(2 * size)
-        return Belief(x, np.linalg.qr(np.column_stack([apart, shaken]).T, mode="r").T)
+        return Belief(x, lower(np.column_stack([apart, shaken])))
 
     def _h(self, track: Track) -> float:
         return track.motion.dt / self.parts
