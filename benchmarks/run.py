@@ -13,7 +13,10 @@ import characterisation
 import codegen
 import coverage
 import diagnosis
+import efficiency
+import estimators
 import groupings
+import in_the_loop
 import kernel
 import long_log
 import phantom_study
@@ -30,8 +33,11 @@ STUDIES = {
     "phantom-study": phantom_study.run,
     "groupings": groupings.run,
     "diagnosis": diagnosis.run,
+    "efficiency": efficiency.run,
+    "estimators": estimators.run,
     "characterisation": characterisation.run,
     "codegen": codegen.run,
+    "in-the-loop": in_the_loop.run,
 }
 
 

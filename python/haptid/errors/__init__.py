@@ -176,6 +176,7 @@ from haptid.errors.roots import (
     ShapeError,
     StudyError,
     TreatmentError,
+    WorkError,
 )
 from haptid.errors.simulated import (
     ControllerError,
@@ -185,6 +186,7 @@ from haptid.errors.simulated import (
     UnsettledError,
 )
 from haptid.errors.weighing import ContradictionError, NoisyColumnsError, NoPriorError, NoResolutionError
+from haptid.errors.workers import ClusterError, DistributedMissingError, WorkerCountError, WorkerLostError
 
 __all__ = [
     "AccelerationColumnError",
@@ -196,6 +198,7 @@ __all__ = [
     "ChannelCountError",
     "ChannelGuessError",
     "CharacterisationSettingError",
+    "ClusterError",
     "CodeNameError",
     "CodeSettingError",
     "ColumnValueError",
@@ -219,6 +222,7 @@ __all__ = [
     "DeviceValueError",
     "DifferentModelError",
     "DifferentParametersError",
+    "DistributedMissingError",
     "DuplicateNameError",
     "EmptyLogError",
     "EmptyWorkspaceError",
@@ -353,6 +357,9 @@ __all__ = [
     "UnvalidatedError",
     "VaryingLoopError",
     "WeightlessLinkError",
+    "WorkError",
+    "WorkerCountError",
+    "WorkerLostError",
     "WorkspaceLimitError",
     "WrappedPositionError",
     "WrongContentError",
