@@ -38,7 +38,7 @@ class Tree:
         """Rates of all joints by those of the active ones, (joints, active), as the pins allow them."""
         _, s, Vt = np.linalg.svd(self.J)
         rank = int((s > 1e-9 * s[0]).sum())
-        assert len(s) - rank == len(s) - (len(self.M) - len(active))  # the pins leave the active joints free
+        assert rank == len(self.M) - len(active)  # the pins leave the active joints free
         N = Vt[rank:].T
         return N @ np.linalg.inv(N[active])
 
@@ -72,7 +72,7 @@ def tree_of(device, model, data, q, qd):
 
 
 def rates(device, model, data, J):
-    """How the Jacobian of the pins changes, by MuJoCo's own derivative of a point's Jacobian; that of relations stays."""
+    """How the Jacobian of the pins changes, by MuJoCo's derivative of a point's Jacobian; that of relations stays."""
     found = np.zeros_like(J)
     for k, pair in enumerate(cut_sites(device)):
         for name, sign in zip(pair, (1.0, -1.0), strict=True):
@@ -119,7 +119,7 @@ def close(found, wanted, size=0.0):
 
 
 def test_pins_allow_the_motion_and_no_other(compared):
-    device, _, (qa, qda, _), (_, qd, qdd), active, trees = compared
+    device, _, (qa, _, _), (_, qd, qdd), active, trees = compared
     G = np.broadcast_to(device.closure.follow(qa).G, (STATES, *device.closure.constant.shape))
     G = G[:, list(depth_first(device))]
     for k, tree in enumerate(trees):
