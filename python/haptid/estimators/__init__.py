@@ -5,6 +5,8 @@ from haptid.estimators.bounded import Bounded, Within
 from haptid.estimators.cone import pseudo_inertia
 from haptid.estimators.consistent import Consistent, Cost, Held
 from haptid.estimators.corrected import Corrected
+from haptid.estimators.didim import DIDIM
+from haptid.estimators.ekf import EKF
 from haptid.estimators.equal import Equal
 from haptid.estimators.estimate import Estimate, Parameter, Restricted, estimate
 from haptid.estimators.fit import Fit
@@ -12,10 +14,13 @@ from haptid.estimators.fixed_b import FixedB
 from haptid.estimators.gls import GLS
 from haptid.estimators.heteroscedastic import Heteroscedastic
 from haptid.estimators.irls import IRLS
+from haptid.estimators.iv import IV
 from haptid.estimators.jackknife import BlockJackknife
 from haptid.estimators.knowledge import Knowledge
 from haptid.estimators.method import ByRows, Fitting, Knowing, Method, Reduced
 from haptid.estimators.ols import OLS
+from haptid.estimators.open_loop import OutputError
+from haptid.estimators.output_error import CLIE, CLOE
 from haptid.estimators.possible import Possible, possible, project
 from haptid.estimators.profile import Profile
 from haptid.estimators.reduced import Without
@@ -26,14 +31,21 @@ from haptid.estimators.spread import Intervals, Spread
 from haptid.estimators.sur import SUR
 from haptid.estimators.textbook import Textbook
 from haptid.estimators.tls import TLS
+from haptid.estimators.ukf import UKF
 from haptid.estimators.wls import WLS
 
 __all__ = [
+    "CLIE",
+    "CLOE",
+    "DIDIM",
+    "EKF",
     "GLS",
     "IRLS",
+    "IV",
     "OLS",
     "SUR",
     "TLS",
+    "UKF",
     "WLS",
     "BlockJackknife",
     "Bootstrap",
@@ -55,6 +67,7 @@ __all__ = [
     "Knowledge",
     "Loss",
     "Method",
+    "OutputError",
     "Parameter",
     "Possible",
     "Profile",
