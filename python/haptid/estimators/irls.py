@@ -35,7 +35,7 @@ class IRLS:
         most: passes at most.
     """
 
-    loss: Loss = field(default_factory=Huber)
+    loss: Loss = field(default_factory=Tukey)
     most: int = 100
 
     def __post_init__(self) -> None:
