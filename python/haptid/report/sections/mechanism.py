@@ -12,6 +12,7 @@ from haptid.characterisation.grasp import moving_coordinates
 from haptid.device import Device, Frame, NewtonClosure
 from haptid.device.closure import Closure
 from haptid.dynamics import raw_parameters, rigid
+from haptid.force import WORST_CONDITION
 from haptid.kinematics import handle_motion
 from haptid.report.chart import Chart, packed
 from haptid.report.section import Section
@@ -28,7 +29,7 @@ class MechanismSection(Section):
 
     Attributes:
         joints: for each active joint its name, unit and slider: low, high, start.
-        relations: of the other joints, such as "q3 = pi/2 - q2 + q7".
+        relations: of the other joints, such as "q3 = pi/2 - q2 + q7", where they are constant.
         source_of_geometry: where the device file has it from.
         felt: whether there is a handle whose mass can be shown.
     """
@@ -42,14 +43,22 @@ class MechanismSection(Section):
 
     @classmethod
     def of(cls, source: Source) -> MechanismSection:
-        device = source.estimate.device
-        qa = poses_of(source)
+        return cls.drawn(source.estimate.device, source.estimate.beta, poses_of(source))
+
+    @classmethod
+    def drawn(cls, device: Device, beta: Array, qa: Array) -> MechanismSection:
+        """Of any device.
+
+        Args:
+            device: the mechanism.
+            beta: its base parameters, (p,), SI.
+            qa: a motion of its active joints, (active, samples), rad or m: where sliders begin and end.
+        """
         sliders = sliders_of(device, qa)
-        chart = scene(source, qa, sliders)
         return cls(
-            charts=(chart,),
+            charts=(scene(device, beta, qa, sliders),),
             joints=sliders,
-            relations=list(device.closure.relations),
+            relations=list(device.closure.relations) if isinstance(device.closure, Closure) else [],
             source_of_geometry=device.source,
             felt=device.handle is not None and device.handle.link >= 0,
         )
@@ -86,9 +95,8 @@ def _slider(device: Device, k: int, q: Array) -> dict[str, Any]:
     }
 
 
-def scene(source: Source, qa: Array, sliders: list[dict[str, Any]]) -> Chart:
+def scene(device: Device, beta: Array, qa: Array, sliders: list[dict[str, Any]]) -> Chart:
     """Everything that the page needs to move the device and to weigh its handle."""
-    device = source.estimate.device
     drawing = {
         "kind": "scene",
         "joints": [
@@ -110,7 +118,7 @@ def scene(source: Source, qa: Array, sliders: list[dict[str, Any]]) -> Chart:
         ],
         "handle": None if device.handle is None else _frame(device.handle),
         "trail": _trail(device, qa),
-        "mass": _mass(source),
+        "mass": _mass(device, beta),
         "height": 420,
     }
     moving = ", ".join(slider["name"] for slider in sliders)
@@ -144,12 +152,11 @@ def _trail(device: Device, qa: Array) -> dict[str, Any] | None:
     return packed(handle_motion(device, qa).position)
 
 
-def _mass(source: Source) -> dict[str, Any] | None:
+def _mass(device: Device, beta: Array) -> dict[str, Any] | None:
     """Bodies and rotors that give the model's inertia, for the mass at the handle; None without a handle that moves."""
-    device = source.estimate.device
     if device.handle is None or device.handle.link < 0:
         return None
-    raw, links = rigid(device, raw_parameters(device, source.estimate.beta)), 10 * len(device.joints)
+    raw, links = rigid(device, raw_parameters(device, beta)), 10 * len(device.joints)
     rotors = [(k, term) for k, term in enumerate(device.terms) if term.kind == "rotor" and term.joint is None]
     if any(term.kind == "rotor" and term.joint is not None for term in device.terms):
         return None
@@ -158,4 +165,5 @@ def _mass(source: Source) -> dict[str, Any] | None:
         "rotors": [{"weights": term.weights.tolist(), "value": float(raw[links + k])} for k, term in rotors],
         "frame": device.frame.ravel().tolist(),
         "moving": list(moving_coordinates(device)),
+        "worst": WORST_CONDITION,
     }

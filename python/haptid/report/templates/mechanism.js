@@ -164,17 +164,27 @@ class Mechanism {
     return M;
   }
 
-  // Principal masses at the handle, (J A^-1 J')^-1, largest first; null where A is not positive definite.
+  // Condition number of the handle's Jacobian, its columns J.
+  condition(J) {
+    const square = [0, 1, 2].map((i) => [0, 1, 2].map((k) => J.reduce((sum, { v }) => sum + v[i] * v[k], 0)));
+    const sizes = eigen(square).map(({ value }) => Math.max(value, 0)).sort((a, b) => b - a);
+    return Math.sqrt(sizes[0] / sizes[Math.min(J.length, 3) - 1]);
+  }
+
+  // Principal masses at the handle, (J A^-1 J')^-1, largest first, or in words why there are none.
   felt() {
     const links = this.links(), G = this.coordinateRates(), inner = this.mass.moving;
     const at = this.placed(links, this.handle).p, J = this.twists(links, this.handle.link, at, G);
+    const worst = this.mass.worst;
+    if (!(this.condition(inner.map((a) => J[a])) <= worst)) return { why: `The condition number of the handle's Jacobian is above ${worst} at this pose: no mass is shown.` };
+    const indefinite = { why: "The mass matrix is not positive definite at this pose: no mass is felt." };
     const M = this.massMatrix(links, G), A = inner.map((a) => inner.map((b) => M[a][b]));
     const rates = solved(A, inner.map((a) => J[a].v));
-    if (!rates) return null;
+    if (!rates) return indefinite;
     const mobility = [0, 1, 2].map((i) => [0, 1, 2].map((k) => inner.reduce((sum, a, r) => sum + J[a].v[i] * rates[r][k], 0)));
     const found = eigen(mobility).sort((a, b) => a.value - b.value);
     const most = found[2].value;
-    if (found.some(({ value }) => value < -1e-9 * Math.abs(most)) || !(most > 0)) return null;
-    return found.filter(({ value }) => value > 1e-9 * most).map(({ value, vector }) => ({ mass: 1 / value, vector }));
+    if (found.some(({ value }) => value < -1e-9 * Math.abs(most)) || !(most > 0)) return indefinite;
+    return { masses: found.filter(({ value }) => value > 1e-9 * most).map(({ value, vector }) => ({ mass: 1 / value, vector })) };
   }
 }

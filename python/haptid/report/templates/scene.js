@@ -31,7 +31,7 @@ class Scene {
   // Metres for a kilogram, so that the largest mass at the start is a fifth of the picture.
   massUnit() {
     const felt = this.device.mass && this.device.felt();
-    return felt ? (0.22 * this.size) / felt[0].mass : 0;
+    return felt?.masses ? (0.22 * this.size) / felt.masses[0].mass : 0;
   }
 
   addControls() {
@@ -166,11 +166,12 @@ class Scene {
   // Half-axes of the ellipsoid are the principal masses, in one scale for all poses.
   ellipsoid(c) {
     if (!this.device.mass) return;
-    const felt = this.device.felt();
-    if (!felt) {
-      this.words.textContent = "The mass matrix is not positive definite at this pose: no mass is felt.";
+    const { masses: felt, why } = this.device.felt();
+    if (why) {
+      this.words.textContent = why;
       return;
     }
+    this.unit ||= (0.22 * this.size) / felt[0].mass;
     const at = this.device.placed(this.device.links(), this.device.handle).p;
     const arms = felt.map(({ mass, vector }) => vector.map((v) => v * Math.min(this.unit * mass, this.size)));
     c.lineWidth = 1.3;
