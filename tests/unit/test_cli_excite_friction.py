@@ -137,3 +137,20 @@ def test_a_log_without_constant_velocities_is_one_line(tmp_path, request):
     assert len(whole["essential"]) + len(whole["left_out"]) == whole["parameters"] == 14
     assert set(whole["error_percent"]) == {"fit", "unseen"}
     assert "essential" in done.stdout
+
+
+def test_a_parameter_that_is_to_be_kept_is(tmp_path):
+    plain = json.loads(call("model", "five_bar", "--json").stdout)
+    kept = json.loads(call("model", "five_bar", "--keep", "MX4", "--json").stdout)
+    assert "MX4R" not in {p["name"] for p in plain["base_parameters"]}
+    assert {p["name"] for p in kept["base_parameters"]} & {"MX4", "MX4R"}
+    assert len(kept["base_parameters"]) == len(plain["base_parameters"])
+    done = call("model", "five_bar", "--keep", "ZZ9")
+    assert done.exit_code == 2
+    assert "ZZ9" in done.stderr
+
+
+def test_regroupings_as_latex():
+    text = call("model", "five_bar", "--latex").stdout
+    assert text.splitlines()[0].startswith("ZZ_{1R} = ZZ_{1}")
+    assert r"\frac" in text

@@ -16,15 +16,22 @@ def model(
     device: Annotated[
         str, typer.Argument(help="a device file (TOML) or the name of a shipped device", show_default=False)
     ],
+    keep: Annotated[
+        list[str] | None, typer.Option("--keep", help="a parameter to keep as a base parameter, before all others")
+    ] = None,
+    latex: Annotated[bool, typer.Option("--latex", help="only the regroupings, as LaTeX")] = False,
     as_json: Annotated[bool, typer.Option("--json", help="the same as JSON")] = False,
 ) -> None:
     """Print a device's tree, loops, motors, base parameters and how the others regroup into them."""
     from haptid import tables
     from haptid.device import read_device
+    from haptid.device.reading import keeping
 
     with errors_shown():
-        read = read_device(device)
-        if as_json:
+        read = keeping(read_device(device), keep) if keep else read_device(device)
+        if latex:
+            sys.stdout.write("".join(f"{line}\n" for line in read.regroupings.latex))
+        elif as_json:
             sys.stdout.write(json.dumps(tables.model_values(read), indent=1) + "\n")
         else:
             tables.show_model(out, read)
