@@ -57,6 +57,7 @@ def figures_of(made: bench.Rehearsal) -> dict[str, float]:
     return felt | {
         "weight left, %": 100 * made.weight_left,
         "dry friction taken off, %": 100 * made.friction_taken,
+        "vibration, % of the dry friction": 100 * made.roughness,
         "tracking by PD, mm": 1e3 * made.tracking_pd,
         "tracking with the model, mm": 1e3 * made.tracking_model,
         "tracking better, times": made.better_tracking,

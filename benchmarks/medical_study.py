@@ -1,6 +1,7 @@
-"""Two branches of an interface as in the demo, 20 seeds each: are intervals honest, the reduced model right, errors small?
+"""Two branches of an interface as in the demo, 20 seeds each: are intervals honest, errors small, the reduction right?
 
-Of every branch and seed: a log that identifies and one with another motion, with encoders and noise, motions drawn anew.
+Of every branch and seed: a log that identifies and one with another motion, with encoders and noise; motions are drawn
+anew.
 
 Limits that the figures are meant to meet: the interval of every published parameter holds the truth in 90 % of the
 seeds or more; relative deviations at or below the published ones; the relative error on unseen motion at most 3 %.

@@ -15,6 +15,7 @@ import coverage
 import diagnosis
 import efficiency
 import estimators
+import exciting_motion
 import groupings
 import in_the_loop
 import kernel
@@ -35,6 +36,7 @@ STUDIES = {
     "diagnosis": diagnosis.run,
     "efficiency": efficiency.run,
     "estimators": estimators.run,
+    "exciting-motion": exciting_motion.run,
     "characterisation": characterisation.run,
     "codegen": codegen.run,
     "in-the-loop": in_the_loop.run,

@@ -11,6 +11,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
+from scipy import signal
 
 from haptid._values import Array
 from haptid.bench.setup import Setup, TorqueLaw
@@ -21,6 +22,8 @@ from haptid.kinematics import handle_motion
 
 # Samples slower than this share of the greatest speed are left out: there friction is not its full size.
 FAST = 0.5
+# A hand feels what is faster as a vibration, Hz.
+VIBRATION_HZ = 50.0
 
 
 @dataclass(frozen=True)
@@ -33,6 +36,7 @@ class Felt:
         friction: dry, N.
         weight: force that holds the handle in the middle of the line, N.
         slope: by which the weight grows along the line, N/m.
+        roughness: of the law's own force, what is faster than a hand can follow, rms, N.
     """
 
     mass: float
@@ -40,6 +44,7 @@ class Felt:
     friction: float
     weight: float
     slope: float
+    roughness: float
 
 
 @dataclass(frozen=True)
@@ -77,18 +82,33 @@ def feel(
     trajectory = _line(setup, pose, direction, stroke)
     made = simulate(replace(setup, law=given), trajectory, np.random.default_rng(0))
     begin = round(1 / (stroke.frequency_hz * setup.dt))
-    torque = made.torque - (np.array(given.told) if given is not None else 0.0)
+    own = np.array(given.told) if given is not None else np.zeros_like(made.torque)
     device, active = setup.device, list(setup.device.active)
     qa, qda, qdda = (x[begin:, active].T for x in (made.q, made.qd, made.qdd))
-    driven = [k for k, drive in enumerate(device.drives) if drive.motorised]
-    J = handle_motion(device, qa).jacobian[:, :3]
-    force = np.linalg.pinv(J.mT) @ (torque[begin:] @ device.coupling[driven])[:, :, None]
+    moved, middle = handle_motion(device, qa), handle_motion(device, np.asarray(pose, dtype=float)[:, None])
+    J = moved.jacobian[:, :3]
     v = np.einsum("nij,jn->ni", J, qda) @ direction
     a = (np.einsum("nij,jn->ni", J, qdda) + drift(device, qa, qda)[:, :3]) @ direction
+    way = (moved.position - middle.position) @ direction
     fast = np.abs(v) > FAST * np.abs(v).max()
-    way = (handle_motion(device, qa).position - handle_motion(device, np.asarray(pose)[:, None]).position) @ direction
     columns = np.column_stack([a, v, np.sign(v), np.ones(len(v)), way])[fast]
-    return Felt(*map(float, np.linalg.lstsq(columns, (force[:, :, 0] @ direction)[fast], rcond=None)[0]))
+    force = _along(setup, J, (made.torque - own)[begin:], direction)
+    fitted = np.linalg.lstsq(columns, force[fast], rcond=None)[0]
+    rough = signal.sosfiltfilt(_high(setup.dt), _along(setup, J, own[begin:], direction))
+    return Felt(*map(float, (*fitted, np.sqrt(np.mean(rough**2)))))
+
+
+def _along(setup: Setup, J: Array, torque: Array, direction: Array) -> Array:
+    """Force at the handle along a line that motors' torques make, (samples,), N."""
+    device = setup.device
+    driven = [k for k, drive in enumerate(device.drives) if drive.motorised]
+    force = np.linalg.pinv(J.mT) @ (torque @ device.coupling[driven])[:, :, None]
+    return np.asarray(force[:, :, 0] @ direction)
+
+
+def _high(dt: float) -> Array:
+    """Second-order sections of a high-pass."""
+    return np.asarray(signal.butter(2, VIBRATION_HZ, "high", fs=1 / dt, output="sos"))
 
 
 def _line(setup: Setup, pose: Array, direction: Array, stroke: Stroke) -> Trajectory:

@@ -55,6 +55,11 @@ class Rehearsal:
         return 1 - _size(felt.friction for felt in self.assisted) / _size(felt.friction for felt in self.bare)
 
     @property
+    def roughness(self) -> float:
+        """Vibration that friction compensation makes, beside the dry friction, over all poses and axes."""
+        return _size(felt.roughness for felt in self.assisted) / _size(felt.friction for felt in self.bare)
+
+    @property
     def better_tracking(self) -> float:
         """Times that the model makes the error of tracking smaller."""
         return self.tracking_pd / self.tracking_model
