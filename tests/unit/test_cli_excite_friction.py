@@ -139,7 +139,7 @@ def test_a_log_without_constant_velocities_is_one_line(tmp_path, request):
     assert "essential" in done.stdout
 
 
-def test_a_parameter_that_is_to_be_kept_is(tmp_path):
+def test_a_parameter_that_is_to_be_kept_is():
     plain = json.loads(call("model", "five_bar", "--json").stdout)
     kept = json.loads(call("model", "five_bar", "--keep", "MX4", "--json").stdout)
     assert "MX4R" not in {p["name"] for p in plain["base_parameters"]}
