@@ -240,29 +240,41 @@ def observe(device: Device, motion: Motion, progress: Callable[[float], None] | 
         MotionTooShortError: not one row fits between the filters' ends.
         NoRowsError: every row of a motor was dropped as too slow.
     """
-    doubts = check_log(device, motion.log) if motion.log else ()
+    if motion.log:
+        check_log(device, motion.log)
     plan = Plan.of(device, motion)
-    stacks: list[list[tuple[np.ndarray, Array]]] = []
-    counts = []
+    parts = []
     for start, stop in plan.segments():
-        stack, many = plan.reduce(start, stop)
-        stacks.append(stack)
-        counts.append(many)
+        parts.append(plan.reduce(start, stop))
         if progress:
             progress(stop / plan.rows)
-    rows = np.concatenate(counts, axis=1)
-    name = motion.log.sha256 if motion.log else f"motion {id(motion):x}"
-    blocks = plan.blocks(name)
+    return assemble(plan, parts)
+
+
+# Triangles of some rows by coordinate (columns, stack), and how many rows went into each block, (coordinates, blocks).
+Reduced = tuple[list[tuple[np.ndarray, Array]], np.ndarray]
+
+
+def assemble(plan: Plan, parts: Sequence[Reduced]) -> Observation:
+    """The observation of a plan's rows, from what its segments gave, in order.
+
+    Raises:
+        NoRowsError: every row of a motor was dropped as too slow.
+    """
+    device, motion = plan.device, plan.motion
+    rows = np.concatenate([many for _, many in parts], axis=1)
     if not all(many.any() for many in rows):
         raise NoRowsError(device.row_names[int(np.argmin(rows.any(axis=1)))], motion.treatment.low_speed)
     motors = []
     for k in np.flatnonzero(device.measured):
-        columns = stacks[0][k][0]
-        triangles = freeze(np.concatenate([stack[k][1] for stack in stacks]))
+        columns = parts[0][0][k][0]
+        triangles = freeze(np.concatenate([stack[k][1] for stack, _ in parts]))
         motors.append(
             MotorRows(device.row_names[k], device.row_labels[k], device.torque_units[k], columns, triangles, rows[k])
         )
-    return Observation(device, tuple(motors), blocks, (motion,), doubts)
+    name = motion.log.sha256 if motion.log else f"motion {id(motion):x}"
+    doubts = check_log(device, motion.log) if motion.log else ()
+    return Observation(device, tuple(motors), plan.blocks(name), (motion,), doubts)
 
 
 # Position, velocity, acceleration (None where rows are made without) and columns that Python computes.
@@ -361,7 +373,7 @@ class Plan:
         edges = [*range(0, self.rows, self.block), self.rows]
         return tuple(Block(log, begin + a * step, begin + b * step) for a, b in pairwise(edges))
 
-    def reduce(self, start: int, stop: int) -> tuple[list[tuple[np.ndarray, Array]], np.ndarray]:
+    def reduce(self, start: int, stop: int) -> Reduced:
         """Triangles of rows start..stop by coordinate (columns, stack), and how many rows went into each block."""
         low, high = self.window(start, stop)
         weights = self.weights(start, stop)

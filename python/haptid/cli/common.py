@@ -57,12 +57,13 @@ def progress_bars(quiet: bool) -> Progress:
 
 
 def teller(progress: Progress) -> Callable[[str, float], None]:
-    """A bar for each thing that is being done."""
+    """A bar for each thing that is being done; what follows a colon says how it goes, and changes."""
     tasks: dict[str, TaskID] = {}
 
     def tell(what: str, share: float) -> None:
-        if what not in tasks:
-            tasks[what] = progress.add_task(what, total=1.0)
-        progress.update(tasks[what], completed=share)
+        name = what.partition(": ")[0]
+        if name not in tasks:
+            tasks[name] = progress.add_task(what, total=1.0)
+        progress.update(tasks[name], completed=share, description=what)
 
     return tell

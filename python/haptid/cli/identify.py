@@ -26,6 +26,9 @@ treatment, and the estimator. Writes into OUT:
 
   torque-*.png     measured against predicted torque, one picture for each log
 
+Long logs are read piece by piece, and what has been made of them is kept in .OUT.partial beside OUT until all is done:
+an interrupted run goes on from there, if study, logs and device are the same.
+
 Exit status: 0 when done (and the study's criteria, if it has any, are met), 1 when its criteria are not met, 2 when
 something is wrong with the study, the device or a log; the message says what to do. 3 is a defect of haptid.
 
@@ -43,8 +46,14 @@ def identify(
     out_folder: Annotated[Path, typer.Option("--out", help="folder for the results")] = Path("haptid-result"),
     quiet: Annotated[bool, typer.Option("--quiet", "-q", help="no progress, no tables")] = False,
     as_json: Annotated[bool, typer.Option("--json", help="print result.json instead of tables")] = False,
+    count: Annotated[int, typer.Option("--workers", min=1, help="processes that reduce the logs")] = 1,
+    scheduler: Annotated[
+        str | None, typer.Option(help="address of a Dask scheduler whose workers reduce the logs, tcp://host:8786")
+    ] = None,
+    fresh: Annotated[bool, typer.Option("--fresh", help="do not go on from an interrupted run")] = False,
 ) -> None:
     from haptid import tables
+    from haptid.cli.work import resumed, workers
     from haptid.identification import identify as walk
     from haptid.observation import Plan
     from haptid.outputs import check_writable, publishing
@@ -57,9 +66,10 @@ def identify(
     with errors_shown():
         check_writable(out_folder)
         plan = read_study(study)
+        kept = resumed(out_folder, fresh, quiet or as_json)
         with progress_bars(quiet or as_json) as progress, publishing(out_folder) as folder:
             tell = teller(progress)
-            found = walk(plan, data, tell)
+            found = walk(plan, data, tell, workers(count, scheduler), kept)
             write_result(found, folder)
             tell("writing the report", 0.0)
             source = Source(found, _typed(study, data, out_folder))
@@ -73,6 +83,7 @@ def identify(
                 parts = predictions(found.estimate, run.motion)
                 plot_torque(parts, Plan.of(found.device, run.motion).rows, title, folder / name)
                 tell(f"drawing {name}", 1.0)
+        kept.forget()
     if as_json:
         sys.stdout.write(json.dumps(finite(result(found)), indent=1, allow_nan=False) + "\n")
     elif not quiet:

@@ -209,6 +209,10 @@ class Device:
         expect("drives", (len(self.drives),), (len(self.active),))
         object.__setattr__(self, "gravity", read_only(self.gravity))
 
+    def __getstate__(self) -> dict[str, Any]:
+        """What goes to another process: all but the compiled mechanism, which is made there anew."""
+        return {name: value for name, value in self.__dict__.items() if name != "mechanism"}
+
     def with_gravity(self, gravity: ArrayLike) -> Device:
         """The same mechanism, mounted so that gravity has another direction or size in its base frame.
 

@@ -3,7 +3,7 @@
 from haptid.log.limits import check_against
 from haptid.log.model import Channels, Log, Signal
 from haptid.log.on_disk import OnDisk, as_array
-from haptid.log.opening import open_log
+from haptid.log.opening import is_long, open_log
 from haptid.log.reading import read_log
 
-__all__ = ["Channels", "Log", "OnDisk", "Signal", "as_array", "check_against", "open_log", "read_log"]
+__all__ = ["Channels", "Log", "OnDisk", "Signal", "as_array", "check_against", "is_long", "open_log", "read_log"]

@@ -27,6 +27,8 @@ from haptid.log.model import Channels, Log, Signal
 from haptid.log.on_disk import CHUNK, Course, OnDisk, as_array
 from haptid.log.reading import FORMATS, Format, Inspection, Kind, format_of, sha256_of, time_base
 
+# A file of more bytes is long.
+LARGE = 2**26
 # Of a channel that is not unwrapped.
 UNTURNED = (np.empty(0, np.intp), np.empty(0))
 
@@ -111,6 +113,15 @@ class Recorded(OnDisk):
         made *= np.array([[scale * self.signal.gain[k]] for k in channels])
         made += np.array([[self.signal.offset[k]] for k in channels])
         return made
+
+
+def is_long(path: Path) -> bool:
+    """Whether a file is better opened than read: it is large, and of a format that has rows."""
+    return (
+        path.is_file()
+        and path.stat().st_size > LARGE
+        and any(kind.by_rows and path.suffix.lower() in kind.suffixes for kind in FORMATS)
+    )
 
 
 def open_log(
