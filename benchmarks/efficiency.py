@@ -24,7 +24,7 @@ from haptid.rows import Rows
 sys.path.insert(0, str(Path(__file__).resolve().parent))
 from coverage import NOISE, clean_motion, noise
 
-RUNS, FEW = 200, 40
+RUNS, FEW = 150, 30
 SECONDS = 10.0
 OUTLIERS, SIZE = 0.2, 10.0
 

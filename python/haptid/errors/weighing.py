@@ -28,10 +28,10 @@ class ContradictionError(EstimationError):
 class NoisyColumnsError(EstimationError):
     """Noise in the columns that is as large as what the motion says."""
 
-    def __init__(self, name: str, share: float) -> None:
+    def __init__(self, name: str, share: float, limit: float) -> None:
         super().__init__(
-            f"of what the rows say of {name}, {100 * share:.0f} % would be noise of the columns, limit 100 %. "
-            f"Lower the cut-off of the position filter, or check the resolution of the encoders."
+            f"of what the rows say of {name}, {100 * share:.0f} % would be noise of the columns, limit {100 * limit:.0f} %. "
+            f"Lower the cut-off of the position filter, check the resolution of the encoders, or take WLS()."
         )
 
 

@@ -16,7 +16,7 @@ from haptid.rows import Rows, RowStretch
 # Median absolute deviation of a unit normal distribution.
 NORMAL_MAD = 0.6744897501960817
 # Passes end where no parameter moves by more than this share of its deviation.
-SETTLED = 1e-6
+SETTLED = 1e-3
 
 
 @dataclass(frozen=True)
@@ -31,12 +31,12 @@ class IRLS:
     7.6, eqs 6.5 and 8.4 for the pseudo-values.
 
     Attributes:
-        loss: `Huber()`, `Tukey()` or `StudentT()`.
+        loss: `Tukey()`, `Huber()` or `StudentT()`.
         most: passes at most.
     """
 
     loss: Loss = field(default_factory=Tukey)
-    most: int = 100
+    most: int = 50
 
     def __post_init__(self) -> None:
         if not (whole(self.most) and self.most >= 1):
@@ -66,7 +66,7 @@ class IRLS:
         if isinstance(self.loss, Tukey):
             beta = settled(rows, Huber(), beta, self.most)
         beta = settled(rows, self.loss, beta, self.most)
-        return rows.folded(pseudo_values(rows, self.loss, beta))
+        return rows.folded(PseudoValues(judged(rows, self.loss, beta)))
 
 
 def _deviation(motor: MotorRows) -> float:
@@ -84,7 +84,7 @@ def settled(rows: Rows, loss: Loss, beta: Array, most: int) -> Array:
     """Parameters whose weights give them back, (p,)."""
     ones = np.ones(len(rows.observation.motors))
     for _ in range(most):
-        found = solve(rows.folded(Reweighting(loss, beta, scales(rows, beta))), ones)
+        found = solve(rows.folded(Reweighting(judged(rows, loss, beta))), ones)
         moved = np.abs(found.beta - beta) / np.linalg.norm(found.root, axis=1)
         beta = found.beta
         if moved.max() < SETTLED:
@@ -92,29 +92,17 @@ def settled(rows: Rows, loss: Loss, beta: Array, most: int) -> Array:
     return beta
 
 
-def scales(rows: Rows, beta: Array) -> Array:
-    """Deviation of each motor's residual from its median size, (motors,); of an exact fit rounding's."""
-    made = [float(np.median(np.abs(e))) / NORMAL_MAD for e in rows.residuals(beta)]
-    floors = [np.finfo(float).eps * _deviation(motor) for motor in rows.observation.motors]
-    return np.maximum(made, floors)
-
-
 @dataclass(frozen=True, eq=False)
-class Reweighting:
-    """Rows multiplied by the root of their weights, in each motor's unit."""
+class Judged:
+    """What a loss makes of the residuals of some parameters.
 
-    loss: Loss
-    beta: Array
-    scale: Array
-
-    def __call__(self, stretch: RowStretch) -> RowStretch:
-        u = stretch.residual(self.beta) / self.scale[:, None]
-        return stretch.scaled(np.sqrt(self.loss.weight(u)) / self.scale[:, None])
-
-
-@dataclass(frozen=True, eq=False)
-class PseudoValues:
-    """Torque W beta + gain s psi(u) in units of each motor's `unit`; columns in the same units."""
+    Attributes:
+        loss: the loss.
+        beta: the parameters, (p,).
+        scale: deviation s of each motor's residual, (motors,).
+        gain: one over the mean of psi', (motors,).
+        unit: deviation of gain s psi(u), (motors,).
+    """
 
     loss: Loss
     beta: Array
@@ -122,20 +110,44 @@ class PseudoValues:
     gain: Array
     unit: Array
 
-    def __call__(self, stretch: RowStretch) -> RowStretch:
-        e = stretch.residual(self.beta)
-        kept = e * self.loss.weight(e / self.scale[:, None]) * self.gain[:, None]
-        made = replace(stretch, y=np.where(stretch.used, stretch.y - e + kept, 0.0))
-        return made.scaled(np.broadcast_to(1.0 / self.unit[:, None], e.shape))
+    def weights(self, e: Array) -> Array:
+        """psi(u) / u of residuals, (motors, rows)."""
+        return self.loss.weight(e / self.scale[:, None])
 
 
-def pseudo_values(rows: Rows, loss: Loss, beta: Array) -> PseudoValues:
-    """With the gain and the deviation of every motor's residual (Huber 1981, eq. 7.6.5)."""
-    scale, gain, unit = scales(rows, beta), [], []
-    for s, e, motor in zip(scale, rows.residuals(beta), rows.observation.motors, strict=True):
+def judged(rows: Rows, loss: Loss, beta: Array) -> Judged:
+    """Scale by the median absolute deviation, gain and unit by Huber (1981), eq. 7.6.5; rounding's in an exact fit."""
+    scale, gain, unit = [], [], []
+    for e, motor in zip(rows.residuals(beta), rows.observation.motors, strict=True):
+        s = max(float(np.median(np.abs(e))) / NORMAL_MAD, np.finfo(float).eps * _deviation(motor))
         u = e / s
         mean_slope = float(np.mean(loss.slope(u)))
         power = float(np.sum((loss.weight(u) * u) ** 2)) / max(1, len(u) - len(motor.columns))
+        scale.append(s)
         gain.append(1.0 / mean_slope)
         unit.append(s * max(np.sqrt(power), np.finfo(float).eps) / mean_slope)
-    return PseudoValues(loss, beta, scale, np.array(gain), np.array(unit))
+    return Judged(loss, beta, np.array(scale), np.array(gain), np.array(unit))
+
+
+@dataclass(frozen=True, eq=False)
+class Reweighting:
+    """Rows multiplied by the root of their weights, motors as their pseudo-values are."""
+
+    judged: Judged
+
+    def __call__(self, stretch: RowStretch) -> RowStretch:
+        weights = self.judged.weights(stretch.residual(self.judged.beta))
+        return stretch.scaled(np.sqrt(weights * self.judged.gain[:, None]) / self.judged.unit[:, None])
+
+
+@dataclass(frozen=True, eq=False)
+class PseudoValues:
+    """Torque W beta + gain s psi(u), and columns, in units of each motor's `unit`."""
+
+    judged: Judged
+
+    def __call__(self, stretch: RowStretch) -> RowStretch:
+        e = stretch.residual(self.judged.beta)
+        kept = e * self.judged.weights(e) * self.judged.gain[:, None]
+        made = replace(stretch, y=np.where(stretch.used, stretch.y - e + kept, 0.0))
+        return made.scaled(np.broadcast_to(1.0 / self.judged.unit[:, None], e.shape))

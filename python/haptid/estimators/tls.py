@@ -15,6 +15,8 @@ from haptid.estimators.solve import Solution, solve
 from haptid.estimators.wls import WLS
 from haptid.observation import Observation, triangle
 
+# Where noise makes more than this share of what the rows say of a direction, taking it off leaves nothing to trust.
+MOST_NOISE = 0.5
 # Kinds of parameters whose columns are known exactly: signs of velocity, and ones.
 EXACT_KINDS = ("FC", "OFF")
 
@@ -52,6 +54,7 @@ class TLS:
 
         Raises:
             UnexcitedError: the log leaves a direction of the parameters in the dark.
+            NoisyColumnsError: the motion tells some parameters apart by less than the noise: take another method.
         """
         solve(observation, np.ones(len(observation.motors)))  # an error where a direction is in the dark
         weights = self.weights(observation)
@@ -95,15 +98,15 @@ def corrected(observation: Observation, weights: Array, noise: Sequence[Array]) 
         noise: expected squares of every motor's blocks' noise in weighted rows, each (blocks, p + 1, p + 1).
 
     Raises:
-        NoisyColumnsError: nothing is left of a direction of the parameters.
+        NoisyColumnsError: more than half of what the rows say of a direction of the parameters would be noise.
     """
     plain = solve(observation, weights)
     N = np.sum([own[motor.rows > 0].sum(axis=0) for own, motor in zip(noise, observation.motors, strict=True)], axis=0)
     # In coordinates in which W'W is the unit matrix.
     shares, vectors = np.linalg.eigh(plain.root.T @ N[:-1, :-1] @ plain.root)
-    if shares[-1] >= 1.0:
+    if shares[-1] >= MOST_NOISE:
         largest = int(np.argmax(np.abs(plain.root @ vectors[:, -1]) / np.linalg.norm(plain.root, axis=1)))
-        raise NoisyColumnsError(observation.base.names[largest], float(shares[-1]))
+        raise NoisyColumnsError(observation.base.names[largest], float(shares[-1]), MOST_NOISE)
     root = plain.root @ (vectors / np.sqrt(1.0 - shares))
     beta = plain.beta + root @ root.T @ (N[:-1, :-1] @ plain.beta - N[:-1, -1])
     rest = float(np.linalg.norm(observation.stack(weights) @ np.append(-beta, 1.0)))
