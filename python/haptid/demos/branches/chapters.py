@@ -195,14 +195,14 @@ def _compensated(found: Results) -> Iterator[str]:
     yield "## Less of it"
     yield ""
     yield (
-        f"The published conclusion asks for a law of control. Motors carry {100 * asked.share:.0f} % of the mass, all "
-        f"of the weight and {100 * asked.friction:.0f} % of friction, from the essential parameters that were found. "
-        f"On the bench a hand shakes the handle of the {found.found[asked.branch].branch.title.lower()} branch at "
-        f"{asked.shaken_hz:g} Hz along its largest mass. kg:"
+        f"The published conclusion asks for a law of control. Motors carry {100 * asked.share:.0f} % of the mass and "
+        f"all of the weight, from the essential parameters that were found. On the bench a hand shakes the handle of "
+        f"the {found.found[asked.branch].branch.title.lower()} branch at {asked.shaken_hz:g} Hz along its largest "
+        f"mass. Friction is off in this trial, so that what the hand feels is mass alone. kg:"
     )
     yield ""
-    cells = [["angle", "weight and friction carried", "with the law", "promised"]]
-    for angle, *masses in zip(made.degrees, made.before, made.after, made.promised, strict=True):
+    cells = [["angle", "model", "felt, weight carried", "felt, with the law", "promised"]]
+    for angle, *masses in zip(made.degrees, made.model, made.before, made.after, made.promised, strict=True):
         cells.append([f"{angle:g}", *(f"{mass:.3f}" for mass in masses)])
     yield from (*markdown(cells), "")
     before, after = np.ptp(made.before), np.ptp(made.after)

@@ -105,9 +105,9 @@ def told(figure: Figure, k: int | None = None) -> str:
     pick = 0 if k is None else (0, k)
     value, band = float(figure.value[pick]), figure.interval95
     if band is None or not np.isfinite(band[pick]).all() or np.ptp(band[pick]) == 0:
-        return f"{value:.3f}"
+        return f"{value:.4f}"
     low, high = band[pick]
-    return f"{value:.3f} ({low:.3f} .. {high:.3f})"
+    return f"{value:.4f} ({low:.4f} .. {high:.4f})"
 
 
 def summary(found: Results) -> str:

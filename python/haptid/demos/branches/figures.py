@@ -126,7 +126,7 @@ def draw_compensation(found: Results, path: Path) -> None:
     figure = picture(f"Largest mass that a hand feels at {asked.shaken_hz:g} Hz on the bench", (7, 4.2))
     panel = figure.subplots()
     panel.plot(sweep.plotted, mass, color=BLACK, linewidth=1.0, label="model")
-    panel.plot(made.degrees, made.before, "o", color=BLUE, label="felt, weight and friction carried")
+    panel.plot(made.degrees, made.before, "o", color=BLUE, label="felt, weight carried")
     panel.plot(made.degrees, made.promised, "_", color=BLACK, markersize=14, label="promised with the law")
     panel.plot(
         made.degrees, made.after, "s", color=ORANGE, label=f"felt, {100 * asked.share:.0f} % of the mass carried"

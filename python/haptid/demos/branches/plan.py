@@ -97,13 +97,15 @@ class Posture(Part):
 
 
 class Compensating(Part):
-    """Compensation on the bench: a hand shakes the handle along its largest mass, without the law and with it."""
+    """Compensation on the bench: a hand shakes the handle along its largest mass, without the law and with it.
+
+    Friction is off in that trial, so that what the hand feels is mass alone.
+    """
 
     branch: str
     sweep: str
     degrees: tuple[float, ...] = Field(description="of the sweep's joint")
     share: float
-    friction: float
     shaken_hz: float
     newtons: float
     seconds: float

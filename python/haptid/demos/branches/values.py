@@ -20,6 +20,7 @@ def values(found: Results) -> dict[str, Any]:
         "branches": {key: _branch(found, key) for key in found.found},
         "compensation": {
             "degrees": made.degrees.tolist(),
+            "mass": made.model.tolist(),
             "mass_before": made.before.tolist(),
             "mass_after": made.after.tolist(),
             "mass_promised": made.promised.tolist(),
