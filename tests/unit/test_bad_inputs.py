@@ -44,6 +44,8 @@ def test_the_good_one_is_good(folder):
     assert done.exit_code == 0, done.output
     assert sorted(p.name for p in (folder / "out").iterdir()) == [
         "parameters.csv",
+        "report-data.json.gz",
+        "report.html",
         "result.json",
         "torque-1-log.png",
         "torque-2-check.png",

@@ -12,7 +12,7 @@ from haptid.estimators import Consistent
 from haptid.report.citations import bibtex
 from haptid.report.section import Section
 from haptid.report.source import Source
-from haptid.result_file import INTERVAL, treatment, weighting
+from haptid.result_file import interval, treatment, weighting
 
 
 @dataclass(frozen=True)
@@ -79,7 +79,7 @@ def _estimate(source: Source) -> dict[str, str]:
         "possible": "yes" if isinstance(made.method, Consistent) else "no",
         "rows": str(made.observation.rows),
         "condition": f"{raw:.4g} raw, {scaled:.4g} with unit columns",
-        "intervals": INTERVAL,
+        "intervals": interval(made),
     }
 
 

@@ -195,7 +195,7 @@ function axes(root, box, x, y, drawing) {
     svg("line", { x1: x.at(value), x2: x.at(value), y1: box.top, y2: box.bottom, class: "grid" }, group);
     svg("text", { x: x.at(value), y: box.bottom + 14, "text-anchor": "middle" }, group, shown(value));
   }
-  for (const value of y.ticks(30)) {
+  for (const value of y.ticks(22)) {
     svg("line", { x1: box.left, x2: box.right, y1: y.at(value), y2: y.at(value), class: value === 0 ? "zero" : "grid" }, group);
     svg("text", { x: box.left - 5, y: y.at(value) + 4, "text-anchor": "end" }, group, shown(value));
   }
