@@ -12,17 +12,16 @@ from typing import Any
 from haptid._core import __version__
 from haptid.causal import Causal
 from haptid.device import Device
-from haptid.estimators import Consistent, Estimate, Held, Method, Parameter
+from haptid.estimators import Consistent, Estimate, Held, Method, Parameter, Within
 from haptid.identification import Identification, Run
+from haptid.projection import Projection
 from haptid.target_parameters import targets
 from haptid.treatment import Treatment
 from haptid.validation import Validation
 
 SCHEMA = 1
-INTERVAL = "CR3 jackknife over motor and time block, Student t with Satterthwaite degrees of freedom"
-HELD_INTERVAL = (
-    f"{INTERVAL}, of the free fit; cut at 0 where a parameter cannot be negative, widened to the value where it is held"
-)
+HELD_INTERVAL = "of the free fit; cut at 0 where a parameter cannot be negative, widened to the value where it is held"
+WITHIN_INTERVAL = "of the free fit; cut at the limits, widened to the value where it is held"
 
 
 def result(identification: Identification) -> dict[str, Any]:
@@ -49,9 +48,10 @@ def result(identification: Identification) -> dict[str, Any]:
             "method": weighting(estimate.method).name,
             "possible": isinstance(estimate.method, Consistent),
             "status": estimate.status,
-            "interval": HELD_INTERVAL if estimate.held else INTERVAL,
+            "interval": interval(estimate),
             "parameters": [parameter(p) for p in estimate.parameters],
             "targets": [parameter(p) for p in targets(estimate).parameters] if estimate.device.targets else [],
+            "searched": searched(identification.projection),
             "held": held(estimate.held),
             "freedom": estimate.freedom.tolist(),
             "covariance": estimate.covariance.tolist(),
@@ -61,9 +61,31 @@ def result(identification: Identification) -> dict[str, Any]:
             "relative_error_percent": study.largest_error,
             "met": identification.meets_criteria,
         },
-        "notes": notes(estimate),
+        "notes": [*notes(estimate), *(identification.projection.notes if identification.projection else ())],
         "device_file": device_file(identification.device),
     }
+
+
+def searched(projection: Projection | None) -> list[dict[str, Any]]:
+    """Constants that the torque is not linear in, as found."""
+    return [
+        {
+            "name": constant.name,
+            "value": constant.value,
+            "sd": constant.sd,
+            "interval95": list(constant.interval),
+            "range": [constant.low, constant.high],
+            "unit": constant.unit,
+        }
+        for constant in (projection.constants if projection else ())
+    ]
+
+
+def interval(estimate: Estimate) -> str:
+    """How the intervals were made."""
+    if estimate.held is None:
+        return estimate.intervals.name
+    return f"{estimate.intervals.name}, {HELD_INTERVAL if isinstance(estimate.held, Held) else WITHIN_INTERVAL}"
 
 
 def device_file(device: Device) -> dict[str, Any]:
@@ -102,10 +124,12 @@ def log(run: Run) -> dict[str, Any]:
     }
 
 
-def held(found: Held | None) -> dict[str, Any] | None:
+def held(found: Held | Within | None) -> dict[str, Any] | None:
     """What an estimate was held to, where it would not have been possible: bodies, and what that cost."""
     if found is None:
         return None
+    if isinstance(found, Within):
+        return {"active": list(found.active)}
     inside, names = found.possible, found.possible.device.parameters.names
     return {
         "margin": inside.margin,

@@ -30,8 +30,9 @@ class NoisyColumnsError(EstimationError):
 
     def __init__(self, name: str, share: float, limit: float) -> None:
         super().__init__(
-            f"of what the rows say of {name}, {100 * share:.0f} % would be noise of the columns, limit {100 * limit:.0f} %. "
-            f"Lower the cut-off of the position filter, check the resolution of the encoders, or take WLS()."
+            f"of what the rows say of {name}, {100 * share:.0f} % would be noise of the columns, limit "
+            f"{100 * limit:.0f} %. Lower the cut-off of the position filter, check the resolution of the encoders, or "
+            f"take WLS()."
         )
 
 
