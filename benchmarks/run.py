@@ -20,8 +20,10 @@ import groupings
 import in_the_loop
 import kernel
 import long_log
+import noisy_columns
 import phantom_study
 import virtual_bench
+import yardstick
 from haptid import _core
 
 HERE = Path(__file__).parent
@@ -40,6 +42,8 @@ STUDIES = {
     "characterisation": characterisation.run,
     "codegen": codegen.run,
     "in-the-loop": in_the_loop.run,
+    "noisy-columns": noisy_columns.run,
+    "yardstick": yardstick.run,
 }
 
 
