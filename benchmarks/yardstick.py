@@ -32,6 +32,8 @@ GEAR, COUNTS = (32.0, 32.0, 45.0, 48.0, 45.0, 32.0), 4096.0
 NOISE = (0.5, 0.5, 0.3, 0.1, 0.1, 0.1)
 # The motion is below 3 Hz; a command is held from one sample to the next.
 TREATMENT = haptid.Treatment(cutoff_hz=40.0, decimation=10, low_speed=0.05, torque_delay=0.5 / RATE_HZ)
+# Simulated dry friction turns over within this share of the speed: less would cost time, for little.
+FRICTION = 0.02
 # Controller's velocity filter on the bench, Hz.
 VELOCITY_HZ = 100.0
 # Samples at either end that are left out: the fall into the controller's arms, and rest.
@@ -50,13 +52,13 @@ METHODS: dict[str, Makes] = {
     "consistent OLS": lambda _: estimators.Consistent(estimators.OLS()),
     "consistent WLS": lambda _: estimators.Consistent(),
     "consistent IRLS": lambda _: estimators.Consistent(estimators.IRLS()),
-    "IV": lambda law: estimators.IV(law),
-    "consistent IV": lambda law: estimators.Consistent(estimators.IV(law)),
-    "DIDIM": lambda law: estimators.DIDIM(law),
-    "consistent DIDIM": lambda law: estimators.Consistent(estimators.DIDIM(law)),
-    "CLIE": lambda law: estimators.CLIE(law),
-    "CLOE": lambda law: estimators.CLOE(law),
-    "OutputError": lambda _: estimators.OutputError(),
+    "IV": lambda law: estimators.IV(law, friction=FRICTION),
+    "consistent IV": lambda law: estimators.Consistent(estimators.IV(law, friction=FRICTION)),
+    "DIDIM": lambda law: estimators.DIDIM(law, friction=FRICTION),
+    "consistent DIDIM": lambda law: estimators.Consistent(estimators.DIDIM(law, friction=FRICTION)),
+    "CLIE": lambda law: estimators.CLIE(law, friction=FRICTION),
+    "CLOE": lambda law: estimators.CLOE(law, friction=FRICTION),
+    "OutputError": lambda _: estimators.OutputError(friction=FRICTION),
     "EKF": lambda _: estimators.EKF(),
     "UKF": lambda _: estimators.UKF(),
 }

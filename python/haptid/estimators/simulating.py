@@ -45,7 +45,7 @@ class Simulating:
     start: Method = field(default_factory=WLS)
     most: int = 10
     tolerance: float = 0.1
-    friction: float = 0.005
+    friction: float = 0.01
     stretch: float = 0.5
     settle: float = 0.5
 
