@@ -30,6 +30,7 @@ from haptid.estimators import (
     project,
     pseudo_inertia,
 )
+from haptid.estimators.entropic import Entropic
 from haptid.estimators.essential import AtMost, Essential, Reduction, TimesSmallest, essential, essential_by_motor
 from haptid.exact import Regroupings, loop_regroupings, regroupings
 from haptid.export import CCode, CExport, export_c
@@ -42,15 +43,18 @@ from haptid.log import Channels, Log, Signal, open_log, read_log
 from haptid.observation import Block, MotorRows, Observation, observe
 from haptid.observer import MomentumObserver, Watched, observe_force
 from haptid.prediction import Prediction, predict
+from haptid.projection import Projection, variable_projection
 from haptid.proposal import Proposal, propose
 from haptid.reach import Box, Workspace, workspace
 from haptid.recorded import Recorded, RecordedLog, read_result
+from haptid.reduction import Kept, observe_all
 from haptid.result_file import result, write_result
 from haptid.shapes import Bell, Sharp
 from haptid.study import Study, read_study, study_schema
 from haptid.target_parameters import Targets, side_by_side, target_map, targets
 from haptid.treatment import Motion, Treatment, treat
 from haptid.validation import MotorError, Validation, direct, validate
+from haptid.workers import Cluster, Here, Processes, Workers
 
 __all__ = [
     "OLS",
@@ -68,6 +72,7 @@ __all__ = [
     "Causal",
     "Channels",
     "Characterisation",
+    "Cluster",
     "Comparison",
     "Compensation",
     "Consistent",
@@ -78,6 +83,7 @@ __all__ = [
     "Device",
     "Diagnosis",
     "Dissection",
+    "Entropic",
     "Essential",
     "Estimate",
     "FeltMass",
@@ -88,8 +94,10 @@ __all__ = [
     "HandleForce",
     "HandleMotion",
     "Held",
+    "Here",
     "HighPass",
     "Identification",
+    "Kept",
     "Log",
     "Method",
     "MomentumObserver",
@@ -100,6 +108,8 @@ __all__ = [
     "Parameter",
     "Possible",
     "Prediction",
+    "Processes",
+    "Projection",
     "Proposal",
     "Recorded",
     "RecordedLog",
@@ -116,6 +126,7 @@ __all__ = [
     "Verdict",
     "Watched",
     "Without",
+    "Workers",
     "Workspace",
     "__version__",
     "addition",
@@ -146,6 +157,7 @@ __all__ = [
     "loop_regroupings",
     "mass_matrix",
     "observe",
+    "observe_all",
     "observe_force",
     "open_log",
     "possible",
@@ -167,6 +179,7 @@ __all__ = [
     "targets",
     "treat",
     "validate",
+    "variable_projection",
     "workspace",
     "write_result",
 ]

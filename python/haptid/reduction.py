@@ -69,7 +69,7 @@ class Kept:
     def read(self, path: Path) -> Reduced | None:
         """What is in a file; None where there is none that can be read."""
         try:
-            with np.load(path) as file:
+            with path.open("rb") as stream, np.load(stream) as file:
                 stacks = [(file[f"columns{k}"], file[f"triangles{k}"]) for k in range((len(file.files) - 1) // 2)]
                 return stacks, file["rows"]
         except (OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile):

@@ -182,7 +182,7 @@ class Cluster:
             # Made on the workers from its bytes, not scattered: it is made again where the worker that had it is lost.
             held = client.submit(pickle.loads, pickle.dumps(function), pure=False)
             running = {client.submit(_call, held, item, pure=False): k for k, item in enumerate(items)}
-            for future in distributed.as_completed(running):
+            for future in distributed.as_completed(list(running), loop=client.loop):
                 try:
                     made = future.result()
                 except distributed.KilledWorker as error:

@@ -46,10 +46,15 @@ def bench(
     count: Annotated[
         int, typer.Option(min=1, help="so many logs, LOG-1, LOG-2, .. with one seed after the other, several at a time")
     ] = 1,
+    many: Annotated[
+        int | None, typer.Option("--workers", min=1, help="processes for many logs; default: one a processor")
+    ] = None,
+    scheduler: Annotated[str | None, typer.Option(help="a Dask scheduler whose workers make many logs")] = None,
     quiet: Annotated[bool, typer.Option("--quiet", "-q", help="no progress, no summary")] = False,
 ) -> None:
     from haptid.bench.logs import truth_paths
     from haptid.bench.run import Job, make_log, make_logs, repeated
+    from haptid.workers import Cluster, Processes
 
     with errors_shown(), progress_bars(quiet) as progress:
         task = progress.add_task("simulating", total=1.0)
@@ -57,7 +62,11 @@ def bench(
         if len(jobs) == 1:
             make_log(jobs[0], lambda share: progress.update(task, completed=share))
         else:
-            make_logs(jobs, tell=lambda _, share: progress.update(task, completed=share))
+            make_logs(
+                jobs,
+                Cluster(scheduler) if scheduler else Processes(many),
+                lambda _, share: progress.update(task, completed=share),
+            )
     for job in () if quiet else jobs:
         beside = f", truth in {' and '.join(str(path) for path in truth_paths(job.out))}" if truth else ""
         beside += f", picture in {job.strip}" if picture else ""
