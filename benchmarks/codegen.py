@@ -2,7 +2,7 @@
 
 CasADi is large, so it is no dependency of haptid: without it the ratios are left out. Both inverse dynamics have base
 parameters as inputs, are compiled with the same flags and called on the same states in turn, and their torques are
-compared before any time is taken.
+compared before any time is taken. Times are the processor's, so that other programs take no part in them.
 """
 
 from __future__ import annotations
@@ -20,9 +20,16 @@ import numpy as np
 
 import haptid
 from haptid.export import CCode, export_c
-from haptid.export.functions import code_of
+from haptid.export.functions import Code, code_of
 
 DEVICES = ("phantom_premium_15", "cea_medical_branch", "puma560", "rx90", "arm7")
+# A seven-joint arm whose axes intersect: modified Denavit-Hartenberg, alpha in quarter turns, r in m.
+SEVEN = "seven intersecting axes"
+ANGLES, OFFSETS = (0, -1, 1, 1, -1, -1, 1), (0.34, 0, 0.4, 0, 0.4, 0, 0)
+# What a loop calls beside observer, differentiator and friction compensation: gravity, computed torque, the handle.
+LOOP = ("inverse_dynamics", "terms", "gravity", "handle_pose", "handle_jacobian", "handle_force")
+# Periods of a second of a control loop.
+LOOP_HZ = 1000.0
 FLAGS = ["gcc", "-std=c99", "-O2", "-fPIC", "-shared"]
 SPEED = 0.01
 STATES, BATCHES = 1024, 101
@@ -36,10 +43,11 @@ TIMING = """
 #define STATES {states}
 #define BATCHES {batches}
 {peer}
+{everything}
 static double now(void)
 {{
     struct timespec t;
-    clock_gettime(CLOCK_MONOTONIC, &t);
+    clock_gettime(CLOCK_THREAD_CPUTIME_ID, &t);
     return 1e9 * (double)t.tv_sec + (double)t.tv_nsec;
 }}
 static int smaller(const void *a, const void *b)
@@ -60,17 +68,39 @@ void torques(int which, const double *x, double *tau)
 }}
 void timed(const double *x, double *tau, double *median)
 {{
-    static double taken[2][BATCHES];
+    static double taken[3][BATCHES];
     for (int b = 0; b < BATCHES; b++) {{
-        for (int which = 0; which < 2; which++) {{
+        for (int which = 0; which < 3; which++) {{
             const double start = now();
-            torques(which, x, tau);
+            if (which < 2) torques(which, x, tau);
+            else ticks(x);
             taken[which][b] = (now() - start) / STATES;
         }}
     }}
-    for (int which = 0; which < 2; which++) {{
+    for (int which = 0; which < 3; which++) {{
         qsort(taken[which], BATCHES, sizeof(double), smaller);
         median[which] = taken[which][BATCHES / 2];
+    }}
+}}
+"""
+TICKS = """
+double sum = 0.0;
+static void ticks(const double *x)
+{{
+    static dev_model model;
+    static dev_observer observer;
+    static dev_differentiator filter;
+    double qd[N], made[N];
+{declared}
+    dev_init(&model, dev_beta);
+    dev_observer_init(&observer, 40.0, 0.001);
+    dev_differentiator_init(&filter, 50.0, 0.001);
+    for (int i = 0; i < STATES; i++) {{
+        const double *q = x + 3 * N * i, *qdd = q + 2 * N, *tau = q + N;
+        dev_differentiator_update(&filter, q, qd);
+        dev_observer_update(&model, &observer, q, qd, tau, made);
+        dev_friction_compensation(&model, qd, 0.9, made);
+{calls}
     }}
 }}
 """
@@ -86,6 +116,33 @@ static void peer(const double *s, const double *p, double *tau)
     inverse(arg, res, iw, w, 0);
 }
 """
+
+
+def everything(code: Code) -> str:
+    """C that does in a tick what a loop with everything on does."""
+    declared, calls = [], []
+    for function in (code[name] for name in LOOP if name in code):
+        outputs = [f"{function.name}_{name}" for name, _ in function.outputs]
+        declared += [f"    double {o}[{len(v)}];" for o, (_, v) in zip(outputs, function.outputs, strict=True)]
+        inputs = ["&model"] if function.parameters else []
+        arguments = [*inputs, *(name for name, _ in function.inputs), *outputs]
+        calls += [f"        dev_{function.name}({', '.join(arguments)});", f"        sum += {outputs[0]}[0];"]
+    return TICKS.format(declared="\n".join(declared), calls="\n".join(calls))
+
+
+def device_of(name: str) -> haptid.Device:
+    """A shipped device, or the arm that has no file."""
+    if name != SEVEN:
+        return haptid.read_device(name)
+    joints = "".join(
+        f'[[joints]]\nname = "{k + 1}"\nalpha = "{a}*pi/2"\nr = {r}\n'
+        for k, (a, r) in enumerate(zip(ANGLES, OFFSETS, strict=True))
+    )
+    head = 'schema = 1\nname = "seven"\ngravity = [0.0, 0.0, -9.81]\nconvention = "modified-dh"\n'
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / "seven.toml"
+        path.write_text(head + joints)
+        return haptid.read_device(path)
 
 
 def peer_function(ca: Any, device: haptid.Device) -> Any:
@@ -130,19 +187,21 @@ def peer_function(ca: Any, device: haptid.Device) -> Any:
     return ca.Function("inverse", [q, qd, qdd, p], [ca.cse(tau)])
 
 
-def measured(device: haptid.Device, beta: np.ndarray, ca: Any | None) -> dict[str, float]:
-    """Nanoseconds of a call, ours and the peer's."""
+def measured(device: haptid.Device, beta: np.ndarray, code: Code, ca: Any | None) -> dict[str, float]:
+    """Nanoseconds of an inverse dynamics, ours and the peer's, and of a tick with everything on."""
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
         export_c((device, beta), folder, CCode("dev"))
         sources = ["dev.c", "timing.c"]
         if ca is not None:
-            code = ca.CodeGenerator("peer.c")
-            code.add(peer_function(ca, device))
-            code.generate(f"{folder}/")
+            generator = ca.CodeGenerator("peer.c")
+            generator.add(peer_function(ca, device))
+            generator.generate(f"{folder}/")
             sources.append("peer.c")
         n = len(device.drives)
-        text = TIMING.format(n=n, states=STATES, batches=BATCHES, peer=PEER if ca is not None else NO_PEER)
+        text = TIMING.format(
+            n=n, states=STATES, batches=BATCHES, peer=PEER if ca is not None else NO_PEER, everything=everything(code)
+        )
         (folder / "timing.c").write_text(text)
         subprocess.run([*FLAGS, *sources, "-lm", "-o", "timing.so"], cwd=folder, check=True, capture_output=True)
         library = ctypes.CDLL(str(folder / "timing.so"))
@@ -152,9 +211,9 @@ def measured(device: haptid.Device, beta: np.ndarray, ca: Any | None) -> dict[st
             library.torques(which, _pointer(x), _pointer(made[which]))
         if ca is not None and np.abs(made[0] - made[1]).max() > 1e-10 * np.abs(made[0]).max():
             raise ArithmeticError(f"the two codes of {device.name} differ")
-        median = np.zeros(2)
+        median = np.zeros(3)
         library.timed(_pointer(x), _pointer(made[0]), _pointer(median))
-    return {"ours": float(median[0]), "peer": float(median[1])}
+    return {"ours": float(median[0]), "peer": float(median[1]), "tick": float(median[2])}
 
 
 def _pointer(array: np.ndarray) -> ctypes.c_void_p:
@@ -165,8 +224,8 @@ def run() -> dict[str, float]:
     """Operations of every function, ns of an inverse dynamics, and the ratio to CasADi's where it is there."""
     ca = importlib.import_module("casadi") if importlib.util.find_spec("casadi") else None
     figures: dict[str, float] = {}
-    for name in DEVICES:
-        device = haptid.read_device(name)
+    for name in (*DEVICES, SEVEN):
+        device = device_of(name)
         beta = np.random.default_rng(1).uniform(0.1, 1.0, len(device.base))
         begin = time.process_time()
         code = code_of(device, SPEED)
@@ -174,8 +233,10 @@ def run() -> dict[str, float]:
         for function, found in code.operations.items():
             figures[f"{name}: {function}, mul + add + div"] = found.arithmetic
         figures[f"{name}: inverse_dynamics, sin + cos"] = code.operations["inverse_dynamics"].trigonometric
-        times = measured(device, beta, ca)
+        times = measured(device, beta, code, ca)
         figures[f"{name}: inverse dynamics, ns"] = times["ours"]
+        figures[f"{name}: a tick with everything on, ns"] = times["tick"]
+        figures[f"{name}: a loop of 1 kHz with everything on, % of a core"] = 100 * LOOP_HZ * 1e-9 * times["tick"]
         if ca is not None:
             figures[f"{name}: CasADi's inverse dynamics, ns"] = times["peer"]
             figures[f"{name}: CasADi's time over ours"] = times["peer"] / times["ours"]

@@ -23,10 +23,11 @@ from pathlib import Path
 import numpy as np
 
 import haptid
-from haptid.definiteness import definiteness
-from haptid.demos import Demo, read_demo
-from haptid.demos.fits import Accuracy, Fit, accuracy, fitted
-from haptid.demos.hand import feel
+from haptid.definite import definiteness
+from haptid.demos import read_demo
+from haptid.demos.mountings.fits import Accuracy, Fit, accuracy, fitted
+from haptid.demos.mountings.hand import feel
+from haptid.demos.mountings.plan import Mountings
 from haptid.demos.recordings import Recorded, Take, read_recorded, record
 from haptid.estimators import Consistent, possible
 
@@ -98,14 +99,14 @@ def errors_of(near: Accuracy) -> dict[str, float]:
     return {"torque": float(near.torque.max()), **{what: near.worst(kind) for what, kind in KINDS.items()}}
 
 
-def by_exact_velocity(demo: Demo, recorded: Recorded) -> Fit:
+def by_exact_velocity(demo: Mountings, recorded: Recorded) -> Fit:
     """The paper's way."""
     paper, halves = demo.published.treatment(recorded.dt), demo.stretch
     motions = (recorded.exact(half, paper) for half in (halves.fit, halves.unseen))
     return fitted("exact velocity", recorded.device, *motions)
 
 
-def encoders(demo: Demo, recorded: Recorded, method: haptid.Method | None = None) -> Fit:
+def encoders(demo: Mountings, recorded: Recorded, method: haptid.Method | None = None) -> Fit:
     """As proposed from the first half."""
     halves = demo.stretch
     treatment = haptid.propose(recorded.device, recorded.log(halves.fit)).treatment

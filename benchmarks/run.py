@@ -13,11 +13,17 @@ import characterisation
 import codegen
 import coverage
 import diagnosis
+import efficiency
+import estimators
+import exciting_motion
 import groupings
+import in_the_loop
 import kernel
 import long_log
+import noisy_columns
 import phantom_study
 import virtual_bench
+import yardstick
 from haptid import _core
 
 HERE = Path(__file__).parent
@@ -30,8 +36,14 @@ STUDIES = {
     "phantom-study": phantom_study.run,
     "groupings": groupings.run,
     "diagnosis": diagnosis.run,
+    "efficiency": efficiency.run,
+    "estimators": estimators.run,
+    "exciting-motion": exciting_motion.run,
     "characterisation": characterisation.run,
     "codegen": codegen.run,
+    "in-the-loop": in_the_loop.run,
+    "noisy-columns": noisy_columns.run,
+    "yardstick": yardstick.run,
 }
 
 

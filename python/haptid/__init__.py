@@ -10,168 +10,33 @@ The corridor, one value after the other:
     validation = haptid.validate(estimate, haptid.observe(device, unseen))
 """
 
-from haptid import errors
-from haptid._core import __version__
-from haptid.addition import Addition, addition
-from haptid.base import BaseParameters, base_parameters
-from haptid.causal import Causal, HighPass
-from haptid.characterisation import Characterisation, FeltMass, GivenModel, characterise, felt_mass
-from haptid.comparison import Comparison, compare
-from haptid.compensation import Compensation, stable_share
-from haptid.definiteness import Definiteness, definiteness
-from haptid.delay import Delay, find_delay
-from haptid.device import Device, device_schema, read_device, shipped_devices
-from haptid.diagnosis import Diagnosis, Finding, Verdict, diagnose
-from haptid.dissection import Dissection, dissect
-from haptid.dynamics import bias_torque, gravity_torque, inverse_dynamics, mass_matrix
-from haptid.estimators import (
-    OLS,
-    WLS,
-    Consistent,
-    Cost,
-    Estimate,
-    Held,
-    Method,
-    Parameter,
-    Possible,
-    Without,
-    estimate,
-    possible,
-    project,
-    pseudo_inertia,
-)
-from haptid.estimators.essential import AtMost, Essential, Reduction, TimesSmallest, essential, essential_by_motor
-from haptid.exact import Regroupings, loop_regroupings, regroupings
-from haptid.export import CCode, CExport, export_c
-from haptid.force import HandleForce, estimate_force
-from haptid.friction import ByModel, ByPairs, Constant, FrictionCurve, friction_curve
-from haptid.friction_choice import FrictionChoice, choose_friction
-from haptid.identification import Identification, Run, identify
-from haptid.kinematics import HandleMotion, handle_motion, link_poses
-from haptid.log import Channels, Log, Signal, read_log
-from haptid.observation import Block, MotorRows, Observation, observe
-from haptid.observer import MomentumObserver, Watched, observe_force
-from haptid.prediction import Prediction, predict
-from haptid.proposal import Proposal, propose
-from haptid.result import result, write_result
-from haptid.shapes import Bell, Sharp
-from haptid.study import Study, read_study, study_schema
-from haptid.targets import Targets, side_by_side, target_map, targets
-from haptid.treatment import Motion, Treatment, treat
-from haptid.validation import MotorError, Validation, direct, validate
-from haptid.workspace import Box, Workspace, workspace
+import ast
+from importlib import import_module
+from pathlib import Path
 
-__all__ = [
-    "OLS",
-    "WLS",
-    "Addition",
-    "AtMost",
-    "BaseParameters",
-    "Bell",
-    "Block",
-    "Box",
-    "ByModel",
-    "ByPairs",
-    "CCode",
-    "CExport",
-    "Causal",
-    "Channels",
-    "Characterisation",
-    "Comparison",
-    "Compensation",
-    "Consistent",
-    "Constant",
-    "Cost",
-    "Definiteness",
-    "Delay",
-    "Device",
-    "Diagnosis",
-    "Dissection",
-    "Essential",
-    "Estimate",
-    "FeltMass",
-    "Finding",
-    "FrictionChoice",
-    "FrictionCurve",
-    "GivenModel",
-    "HandleForce",
-    "HandleMotion",
-    "Held",
-    "HighPass",
-    "Identification",
-    "Log",
-    "Method",
-    "MomentumObserver",
-    "Motion",
-    "MotorError",
-    "MotorRows",
-    "Observation",
-    "Parameter",
-    "Possible",
-    "Prediction",
-    "Proposal",
-    "Reduction",
-    "Regroupings",
-    "Run",
-    "Sharp",
-    "Signal",
-    "Study",
-    "Targets",
-    "TimesSmallest",
-    "Treatment",
-    "Validation",
-    "Verdict",
-    "Watched",
-    "Without",
-    "Workspace",
-    "__version__",
-    "addition",
-    "base_parameters",
-    "bias_torque",
-    "characterise",
-    "choose_friction",
-    "compare",
-    "definiteness",
-    "device_schema",
-    "diagnose",
-    "direct",
-    "dissect",
-    "errors",
-    "essential",
-    "essential_by_motor",
-    "estimate",
-    "estimate_force",
-    "export_c",
-    "felt_mass",
-    "find_delay",
-    "friction_curve",
-    "gravity_torque",
-    "handle_motion",
-    "identify",
-    "inverse_dynamics",
-    "link_poses",
-    "loop_regroupings",
-    "mass_matrix",
-    "observe",
-    "observe_force",
-    "possible",
-    "predict",
-    "project",
-    "propose",
-    "pseudo_inertia",
-    "read_device",
-    "read_log",
-    "read_study",
-    "regroupings",
-    "result",
-    "shipped_devices",
-    "side_by_side",
-    "stable_share",
-    "study_schema",
-    "target_map",
-    "targets",
-    "treat",
-    "validate",
-    "workspace",
-    "write_result",
-]
+from haptid import errors
+from haptid._core import __version__ as __version__
+
+
+def _homes() -> dict[str, str]:
+    """Module of each public name, from the imports in the stub beside: the one list of them."""
+    stub = ast.parse(Path(__file__).with_suffix(".pyi").read_text(encoding="utf-8"))
+    imports = [node for node in stub.body if isinstance(node, ast.ImportFrom) and node.module != __name__]
+    return {alias.name: node.module for node in imports for alias in node.names if node.module}
+
+
+_HOMES = _homes()
+__all__ = ["errors", *_HOMES]
+
+
+def __getattr__(name: str) -> object:
+    """A public name at its first use (PEP 562): a program loads what it calls, and nothing else."""
+    if name not in _HOMES:
+        raise AttributeError(f"module 'haptid' has no attribute {name!r}")
+    value = getattr(import_module(_HOMES[name]), name)
+    globals()[name] = value
+    return value
+
+
+def __dir__() -> list[str]:
+    return sorted({*globals(), *__all__})

@@ -12,7 +12,7 @@ from haptid._values import Array, freeze, read_only
 from haptid.base import BaseParameters
 from haptid.errors import ConfidenceError, DependentEstimatesError, DifferentParametersError
 from haptid.estimators import Estimate
-from haptid.targets import Targets, aligned, free_fit
+from haptid.target_parameters import Targets, aligned, free_fit
 
 # Regrouping coefficients that differ by a larger share make two base parameters of one name two things.
 SAME_MEANING = 1e-6

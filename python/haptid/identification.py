@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import reduce
@@ -10,12 +11,14 @@ from pathlib import Path
 
 from haptid.device import Device, read_device
 from haptid.estimators import Estimate, estimate
-from haptid.log import Log, read_log
-from haptid.observation import Observation, observe
+from haptid.log import Log, is_long, open_log, read_log
+from haptid.observation import Observation
 from haptid.proposal import Proposal, propose
+from haptid.reduction import Kept, observe_all
 from haptid.study import LogEntry, Study
 from haptid.treatment import Motion, Treatment, treat
 from haptid.validation import Validation, direct, pooled, validate
+from haptid.workers import Workers
 
 Progress = Callable[[str, float], None]
 
@@ -73,13 +76,21 @@ class Identification:
         return bool(self.unseen) and all(v.relative <= limit for v in self.unseen)
 
 
-def identify(study: Study, data: str | Path | None = None, progress: Progress | None = None) -> Identification:
+def identify(
+    study: Study,
+    data: str | Path | None = None,
+    progress: Progress | None = None,
+    workers: Workers | None = None,
+    kept: Kept | None = None,
+) -> Identification:
     """Read, treat, observe, estimate and validate.
 
     Args:
         study: what to do.
         data: where the study's relative log paths start; the study's own folder where None.
-        progress: called with what is being done and the share of it done.
+        progress: called with what is being done and the share of it done; what follows a colon says how it goes.
+        workers: who reduces the logs to triangles; this process where None.
+        kept: where triangles of long logs are kept for the case of an interruption; nowhere where None.
 
     Raises:
         HaptidError: one of the errors of the rooms it walks through.
@@ -91,7 +102,8 @@ def identify(study: Study, data: str | Path | None = None, progress: Progress | 
     seen = [log for log, entry in zip(logs, study.logs, strict=True) if entry.role == "identify"]
     proposal = propose(device, *seen, **study.treatment)
     tell("choosing a treatment", 1.0)
-    observations = [_observe(device, log, proposal.treatment, tell) for log in logs]
+    motions = [_treat(log, proposal.treatment, tell) for log in logs]
+    observations = observe_all(device, motions, workers, kept, _pace(tell))
     fitted = [o for o, entry in zip(observations, study.logs, strict=True) if entry.role == "identify"]
     tell("estimating", 0.0)
     final = estimate(reduce(add, fitted), study.method)
@@ -113,17 +125,30 @@ def _silent(_what: str, _share: float) -> None:
 def _read(entry: LogEntry, data: Path, tell: Progress) -> Log:
     name = Path(entry.path).name
     tell(f"reading {name}", 0.0)
-    log = read_log(data / entry.path, entry.channels, stretch=entry.stretch)
+    path = data / entry.path
+    log = (open_log if is_long(path) else read_log)(path, entry.channels, stretch=entry.stretch)
     tell(f"reading {name}", 1.0)
     return log
 
 
-def _observe(device: Device, log: Log, treatment: Treatment, tell: Progress) -> Observation:
-    name = log.path.name
-    tell(f"treating {name}", 0.0)
+def _treat(log: Log, treatment: Treatment, tell: Progress) -> Motion:
+    tell(f"treating {log.path.name}", 0.0)
     motion = treat(log, treatment)
-    tell(f"treating {name}", 1.0)
-    return observe(device, motion, progress=lambda share: tell(f"observing {name}", share))
+    tell(f"treating {log.path.name}", 1.0)
+    return motion
+
+
+def _pace(tell: Progress) -> Callable[[Motion, float], None]:
+    """Progress of observing, with the samples of a second."""
+    begin, done = time.perf_counter(), dict[Motion, float]()
+
+    def observing(motion: Motion, share: float) -> None:
+        done[motion] = share * len(motion)
+        rate = sum(done.values()) / max(time.perf_counter() - begin, 1e-9)
+        assert motion.log is not None  # a study's motions all come from logs
+        tell(f"observing {motion.log.path.name}: {rate:.2g} samples/s", share)
+
+    return observing
 
 
 def held_out(study: Study, observation: Observation, others: list[Observation]) -> tuple[Validation, ...]:

@@ -9,6 +9,7 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import pairwise
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -26,6 +27,9 @@ from haptid.errors import (
 from haptid.parallel import ParallelFilter
 from haptid.signals import check_log, coordinate_torque, coordinates, external, state
 from haptid.treatment import Motion
+
+if TYPE_CHECKING:
+    from haptid.rows import RowStretch
 
 # Samples handed to the core at a time: enough to keep its threads busy, little beside a log.
 SEGMENT = 1 << 16
@@ -102,10 +106,10 @@ class MotorRows:
 
 
 def triangle(rows: Array) -> Array:
-    """The square upper triangle R with R'R = rows'rows, (columns, columns)."""
-    size = rows.shape[1]
-    R = np.linalg.qr(rows, mode="r")
-    return np.vstack([R, np.zeros((size - len(R), size))]) if len(R) < size else np.asarray(R)
+    """The square upper triangle R with R'R = rows'rows, (..., columns, columns), of rows (..., many, columns)."""
+    R = np.asarray(np.linalg.qr(rows, mode="r"))
+    missing = rows.shape[-1] - R.shape[-2]
+    return np.pad(R, [(0, 0)] * (R.ndim - 2) + [(0, missing), (0, 0)]) if missing else R
 
 
 @dataclass(frozen=True, eq=False)
@@ -118,6 +122,7 @@ class Observation:
         blocks: where and when each block's rows are from, (blocks,).
         motions: what they were made from.
         notes: sentences a user should read.
+        change: what was done to the motions' rows before they were folded, where a method weighs or whitens them.
     """
 
     device: Device
@@ -125,6 +130,7 @@ class Observation:
     blocks: tuple[Block, ...]
     motions: tuple[Motion, ...]
     notes: tuple[str, ...] = ()
+    change: Callable[[RowStretch], RowStretch] | None = None
 
     @property
     def base(self) -> BaseParameters:
@@ -234,29 +240,41 @@ def observe(device: Device, motion: Motion, progress: Callable[[float], None] | 
         MotionTooShortError: not one row fits between the filters' ends.
         NoRowsError: every row of a motor was dropped as too slow.
     """
-    doubts = check_log(device, motion.log) if motion.log else ()
+    if motion.log:
+        check_log(device, motion.log)
     plan = Plan.of(device, motion)
-    stacks: list[list[tuple[np.ndarray, Array]]] = []
-    counts = []
+    parts = []
     for start, stop in plan.segments():
-        stack, many = plan.reduce(start, stop)
-        stacks.append(stack)
-        counts.append(many)
+        parts.append(plan.reduce(start, stop))
         if progress:
             progress(stop / plan.rows)
-    rows = np.concatenate(counts, axis=1)
-    name = motion.log.sha256 if motion.log else f"motion {id(motion):x}"
-    blocks = plan.blocks(name)
+    return assemble(plan, parts)
+
+
+# Triangles of some rows by coordinate (columns, stack), and how many rows went into each block, (coordinates, blocks).
+Reduced = tuple[list[tuple[np.ndarray, Array]], np.ndarray]
+
+
+def assemble(plan: Plan, parts: Sequence[Reduced]) -> Observation:
+    """The observation of a plan's rows, from what its segments gave, in order.
+
+    Raises:
+        NoRowsError: every row of a motor was dropped as too slow.
+    """
+    device, motion = plan.device, plan.motion
+    rows = np.concatenate([many for _, many in parts], axis=1)
     if not all(many.any() for many in rows):
         raise NoRowsError(device.row_names[int(np.argmin(rows.any(axis=1)))], motion.treatment.low_speed)
     motors = []
     for k in np.flatnonzero(device.measured):
-        columns = stacks[0][k][0]
-        triangles = freeze(np.concatenate([stack[k][1] for stack in stacks]))
+        columns = parts[0][0][k][0]
+        triangles = freeze(np.concatenate([stack[k][1] for stack, _ in parts]))
         motors.append(
             MotorRows(device.row_names[k], device.row_labels[k], device.torque_units[k], columns, triangles, rows[k])
         )
-    return Observation(device, tuple(motors), blocks, (motion,), doubts)
+    name = motion.log.sha256 if motion.log else f"motion {id(motion):x}"
+    doubts = check_log(device, motion.log) if motion.log else ()
+    return Observation(device, tuple(motors), plan.blocks(name), (motion,), doubts)
 
 
 # Position, velocity, acceleration (None where rows are made without) and columns that Python computes.
@@ -355,7 +373,7 @@ class Plan:
         edges = [*range(0, self.rows, self.block), self.rows]
         return tuple(Block(log, begin + a * step, begin + b * step) for a, b in pairwise(edges))
 
-    def reduce(self, start: int, stop: int) -> tuple[list[tuple[np.ndarray, Array]], np.ndarray]:
+    def reduce(self, start: int, stop: int) -> Reduced:
         """Triangles of rows start..stop by coordinate (columns, stack), and how many rows went into each block."""
         low, high = self.window(start, stop)
         weights = self.weights(start, stop)
@@ -387,7 +405,7 @@ class Plan:
             return base, triangles
         mix = np.zeros((len(reached) + 1, len(base) + 1))
         mix[:-1, :-1], mix[-1, -1] = chosen[:, base], 1.0
-        return base, np.stack([triangle(T @ mix) for T in triangles])
+        return base, triangle(triangles @ mix)
 
     def weights(self, start: int, stop: int) -> Array:
         """One for a row that counts, zero for one too near slow motion for sgn to be known, (coordinates, rows)."""

@@ -11,8 +11,6 @@ from haptid._values import Array
 from haptid.device import Device
 from haptid.device.terms import DRY, TermColumn
 
-# Place of the width in each kind's settings.
-WIDTH = {"coulomb": 0, "coulomb+": 0, "coulomb-": 0, "stribeck": 2}
 # Devices whose softened twin is kept: a stream asks for it at every sample.
 KEPT = 8
 
@@ -31,9 +29,7 @@ def softened(device: Device, speed: float) -> Device:
 def _softer(term: TermColumn, speed: float) -> TermColumn:
     if term.kind not in DRY:
         return term
-    settings = list(term.settings)
-    settings[WIDTH[term.kind]] = max(settings[WIDTH[term.kind]], speed)
-    return replace(term, settings=(settings[0], settings[1], settings[2]))
+    return term.with_constant("width", max(term.constant("width"), speed))
 
 
 def doubt(device: Device, chi: Array, c: Array, cd: Array, speed: float) -> Array:
@@ -53,6 +49,6 @@ def doubt(device: Device, chi: Array, c: Array, cd: Array, speed: float) -> Arra
     for k, term in enumerate(device.terms) if speed else ():
         if term.kind in DRY:
             shares = device.shares(term, c, cd)
-            s = np.tanh((shares * cd).sum(axis=0) / max(term.settings[WIDTH[term.kind]], speed))
+            s = np.tanh((shares * cd).sum(axis=0) / max(term.constant("width"), speed))
             squared += np.square(shares) * chi[10 * len(device.joints) + k] ** 2 * (1 - s**2)
     return np.asarray(np.sqrt(squared))

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import tomllib
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any, Literal
@@ -11,8 +11,26 @@ from typing import Annotated, Any, Literal
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from haptid.causal import Causal, HighPass
-from haptid.errors import LogError, StudyFileError, StudyLogsError
-from haptid.estimators import OLS, WLS, Consistent, Method
+from haptid.errors import LogError, MethodSettingError, StudyFileError, StudyLogsError
+from haptid.estimators import (
+    GLS,
+    IRLS,
+    OLS,
+    SUR,
+    TLS,
+    WLS,
+    Bounded,
+    Consistent,
+    Corrected,
+    Equal,
+    Heteroscedastic,
+    Huber,
+    Loss,
+    Method,
+    Ridge,
+    StudentT,
+    Tukey,
+)
 from haptid.log import Channels, Signal
 from haptid.shapes import SHAPES
 from haptid.treatment import Treatment
@@ -102,12 +120,29 @@ class HoldoutTable(_Table):
     )
 
 
+class LimitTable(_Table):
+    """Between what a base parameter is held."""
+
+    low: Finite | None = Field(None, description="least value, SI")
+    high: Finite | None = Field(None, description="largest value, SI")
+
+
 class EstimateTable(_Table):
     """The estimator."""
 
-    method: Literal["OLS", "WLS"] = Field("WLS", description="OLS, or WLS: weighted by each motor's residual")
-    passes: int = Field(2, ge=1, description="WLS: times the weights are made anew")
+    method: Literal["OLS", "WLS", "SUR", "GLS", "IRLS", "heteroscedastic", "TLS", "encoder noise", "ridge"] = Field(
+        "WLS", description="how rows are weighted, and what is taken off or added; see the page on estimators"
+    )
+    passes: int | None = Field(None, ge=1, description="times the weights are made anew; not of OLS, IRLS and TLS")
+    loss: Literal["Tukey", "Huber", "Student t"] | None = Field(None, description="IRLS: what wild rows count; Tukey")
+    resolution: Positive | list[Positive] | None = Field(
+        None, description="encoder noise: step of the position channels, rad or m; the log's smallest"
+    )
+    share: Positive | None = Field(None, description="ridge: deviation of prior values that have none, as a share; 0.3")
+    strength: Positive | None = Field(None, description="ridge: of the pull; the one that predicts best")
     possible: bool = Field(False, description="hold the estimate to what bodies and passive friction can have")
+    limits: dict[str, LimitTable] | None = Field(None, description="hold base parameters between limits, by name")
+    relations: dict[str, Finite] | None = Field(None, description="combinations of parameters and their exact values")
 
 
 class CriteriaTable(_Table):
@@ -126,7 +161,7 @@ class StudyTable(_Table):
     logs: list[LogTable] = Field(min_length=1)
     treatment: TreatmentTable = TreatmentTable.model_construct()
     holdout: HoldoutTable | None = None
-    estimate: EstimateTable = EstimateTable.model_construct(method="WLS", passes=2, possible=False)
+    estimate: EstimateTable = EstimateTable.model_validate({})
     criteria: CriteriaTable = CriteriaTable.model_construct(relative_error_percent=None)
 
 
@@ -186,7 +221,7 @@ def read_study(path: str | Path) -> Study:
         device=_device(path, table.device),
         logs=logs,
         treatment=_treatment(path, table.treatment),
-        method=_method(table.estimate),
+        method=_method(path, table.estimate),
         holdout=table.holdout.pattern if table.holdout else None,
         largest_error=table.criteria.relative_error_percent,
     )
@@ -207,9 +242,49 @@ def _treatment(study: Path, table: TreatmentTable) -> dict[str, Any]:
     return settings
 
 
-def _method(table: EstimateTable) -> Method:
-    weighting = OLS() if table.method == "OLS" else WLS(table.passes)
-    return Consistent(weighting) if table.possible else weighting
+# What each method is made of, and the keys of the study that are its settings.
+METHODS: Mapping[str, tuple[Callable[..., Method], tuple[str, ...]]] = {
+    "OLS": (OLS, ()),
+    "WLS": (WLS, ("passes",)),
+    "SUR": (SUR, ("passes",)),
+    "GLS": (GLS, ("passes",)),
+    "IRLS": (IRLS, ("loss",)),
+    "heteroscedastic": (Heteroscedastic, ("passes",)),
+    "TLS": (TLS, ()),
+    "encoder noise": (Corrected, ("resolution",)),
+    "ridge": (Ridge, ("share", "strength", "passes")),
+}
+LOSSES: Mapping[str, Callable[[], Loss]] = {"Tukey": Tukey, "Huber": Huber, "Student t": StudentT}
+SETTINGS = tuple(dict.fromkeys(key for _, keys in METHODS.values() for key in keys))
+HOLDING = ("possible", "limits", "relations")
+
+
+def _method(study: Path, table: EstimateTable) -> Method:
+    make, keys = METHODS[table.method]
+    given = {key: value for key in SETTINGS if (value := getattr(table, key)) is not None}
+    for key in given:
+        if key not in keys:
+            raise StudyFileError(study, f"estimate.{key}", f"the method {table.method!r} has no such setting")
+    if "loss" in given:
+        given["loss"] = LOSSES[given["loss"]]()
+    if isinstance(given.get("resolution"), list):
+        given["resolution"] = tuple(given["resolution"])
+    held = [key for key in HOLDING if getattr(table, key)]
+    if len(held) > 1:
+        raise StudyFileError(study, f"estimate.{held[1]}", f"beside {held[0]}: give one of {', '.join(HOLDING)}")
+    try:
+        return _held(table, make(**given))
+    except MethodSettingError as error:
+        raise StudyFileError(study, "estimate", str(error).rstrip(".")) from error
+
+
+def _held(table: EstimateTable, weighting: Method) -> Method:
+    """The method with what holds its estimate."""
+    if table.possible:
+        return Consistent(weighting)
+    if table.limits:
+        return Bounded({name: (limit.low, limit.high) for name, limit in table.limits.items()}, weighting)
+    return Equal(table.relations, weighting) if table.relations else weighting
 
 
 def _parse(path: Path) -> StudyTable:

@@ -15,7 +15,7 @@ from haptid.errors import RegroupingError
 from haptid.estimators import Parameter
 from haptid.exact import Regroupings
 from haptid.identification import Identification, Run
-from haptid.targets import targets
+from haptid.target_parameters import targets
 from haptid.validation import Validation
 
 

@@ -20,7 +20,9 @@ from scipy import ndimage, signal
 from haptid._values import Array, expect, freeze, positive, read_only, whole
 from haptid.causal import Causal, HighPass
 from haptid.errors import CutoffError, MotionTooShortError, NoAccelerationError, TreatmentValueError
-from haptid.log import Log
+from haptid.late import delayed, lost
+from haptid.log import Log, OnDisk, as_array
+from haptid.long_motion import Late, filtered
 from haptid.parallel import DIFFERENCES, SECOND_DIFFERENCES, ParallelFilter, centred
 from haptid.shapes import Bell, Shape
 
@@ -157,6 +159,8 @@ def finite(value: Any) -> bool:
 class Motion:
     """Treated signals on a uniform grid, and how they were made.
 
+    Of a log that was opened and not read, `q` and `tau` are `haptid.log.OnDisk`.
+
     Attributes:
         dt: step, s.
         q: positions as the log has them, at the joints or at the motors, (n, coordinates), rad or m.
@@ -177,7 +181,8 @@ class Motion:
 
     def __post_init__(self) -> None:
         for name in ("q", "tau"):
-            object.__setattr__(self, name, read_only(getattr(self, name)))
+            if not isinstance(getattr(self, name), OnDisk):
+                object.__setattr__(self, name, read_only(getattr(self, name)))
         expect("q", self.q.shape, (None, None))
         expect("tau", self.tau.shape, (len(self.q), None))
         if self.log is None:  # a log has been checked
@@ -288,32 +293,6 @@ def settling(sections: Array, longest: int) -> int:
         half *= 2
 
 
-def delayed(channels: Array, samples: float) -> Array:
-    """Channels so many samples later, which may be a fraction, by cubic interpolation, each (n, channels).
-
-    The first and last `lost(samples)` samples repeat their neighbours.
-    """
-    whole_part = int(np.floor(samples))
-    x = samples - whole_part  # between the samples n - whole_part - 1 (1) and n - whole_part (0)
-    weights = {
-        -1: -x * (x - 1) * (x - 2) / 6,
-        0: (x + 1) * (x - 1) * (x - 2) / 2,
-        1: -(x + 1) * x * (x - 2) / 2,
-        2: (x + 1) * x * (x - 1) / 6,
-    }
-    made = np.zeros((channels.shape[1], len(channels)))
-    for back, weight in weights.items():
-        if weight:
-            index = np.clip(np.arange(len(channels)) - whole_part - back, 0, len(channels) - 1)
-            made += weight * channels.T[:, index]
-    return freeze(made).T
-
-
-def lost(samples: float) -> int:
-    """Samples at each end that `delayed` has no neighbours for."""
-    return int(np.ceil(abs(samples))) + 2 if samples else 0
-
-
 def treat(log: Log, treatment: Treatment | None = None) -> Motion:
     """Filter a log's positions without delay, and keep its torques for the parallel filter.
 
@@ -329,13 +308,26 @@ def treat(log: Log, treatment: Treatment | None = None) -> Motion:
     dt = float(log.dt)
     sections = treatment.position_filter(dt)
     n = len(log.t)
-    q = np.empty((log.position.shape[1], n))
     if sections is not None and n <= 3 * (2 * len(sections) + 1):
         raise MotionTooShortError(n * dt, 3 * (2 * len(sections) + 1) * dt, "the position filter")
-    for channel, out in zip(log.position.T, q, strict=True):
-        # Without its level, so that what stands still is exactly still.
-        out[:] = channel if sections is None else signal.sosfiltfilt(sections, channel - channel[0]) + channel[0]
-    tau = log.torque if treatment.torque_delay == 0 else delayed(log.torque, treatment.torque_delay / dt)
-    motion = Motion(dt, freeze(q).T, tau, treatment, log, float(log.t[0]))
+    q = log.position if sections is None else _filtered(log.position, sections)
+    tau = log.torque if treatment.torque_delay == 0 else _late(log.torque, treatment.torque_delay / dt)
+    motion = Motion(dt, q, tau, treatment, log, float(log.t[0]))
     motion.usable  # noqa: B018 - a log too short for its filter is an error here, not later
     return motion
+
+
+def _filtered(channels: Array, sections: Array) -> Array:
+    """Each channel through the filter both ways, (n, channels)."""
+    if isinstance(channels, OnDisk):
+        return as_array(filtered(channels, sections))
+    made = np.empty((channels.shape[1], len(channels)))
+    for channel, out in zip(channels.T, made, strict=True):
+        # Without its level, so that what stands still is exactly still.
+        out[:] = signal.sosfiltfilt(sections, channel - channel[0]) + channel[0]
+    return freeze(made).T
+
+
+def _late(channels: Array, samples: float) -> Array:
+    """Each channel so many samples later, (n, channels)."""
+    return as_array(Late(channels, samples)) if isinstance(channels, OnDisk) else delayed(channels, samples)

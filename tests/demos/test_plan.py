@@ -9,12 +9,12 @@ from haptid import errors
 from haptid.bench import read_experiment
 from haptid.cli import app
 from haptid.demos import demo_names, read_demo
-from haptid.demos.frictionless import without_terms
-from haptid.demos.judged import published
+from haptid.demos.mountings.frictionless import without_terms
+from haptid.demos.mountings.judged import published
 from haptid.demos.recordings import as_in_file
 from haptid.demos.tables import layout, markdown
 from haptid.dynamics import inverse_dynamics
-from haptid.targets import target_map, targets
+from haptid.target_parameters import target_map, targets
 from motions import motion, multisine, truth
 
 
@@ -42,10 +42,8 @@ def test_a_demo_that_is_not_there_is_an_error(tmp_path):
     assert not (tmp_path / "out").exists()
 
 
-@pytest.mark.parametrize("name", demo_names())
-def test_every_file_of_a_plan_is_there_and_its_names_fit(name):
-    demo = read_demo(name)
-    device, keys = haptid.read_device(demo.device), {mounting.key for mounting in demo.mountings}
+def test_every_file_of_a_plan_is_there_and_its_names_fit(demo, device):
+    keys = {mounting.key for mounting in demo.mountings}
     files = [*(m.experiment for m in demo.mountings), demo.hand.experiment, demo.tool.experiment]
     for file in files:
         assert read_experiment(demo.folder / file).setup(device).device.name == device.name

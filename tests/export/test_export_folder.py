@@ -2,70 +2,23 @@
 
 import inspect
 import re
+from dataclasses import replace
 
 import numpy as np
-import pyarrow as pa
-import pyarrow.csv
 import pytest
 
 import haptid
 from haptid import errors
-from haptid.export import CCode, export_c
+from haptid.export import FORMATS, CCode, export, export_c
+from haptid.export.names import default_name
 from haptid.export.text import comment, wrapped
-from haptid.export.writing import default_name
-from motions import multisine
-
-DEVICE = """
-schema = 1
-name = "two links"
-gravity = [0.0, -9.81, 0.0]
-convention = "modified-dh"
-[[joints]]
-name = "1"
-limits = { position = [-2.0, 2.0] }
-[[joints]]
-name = "2"
-d = 0.3
-limits = { position = [-2.5, 2.5] }
-[[terms]]
-kind = "viscous"
-joints = "all"
-"""
-STUDY = """
-schema = 1
-name = "two links"
-device = "device.toml"
-[channels]
-time = "t"
-position = { channels = ["q1", "q2"], unit = "rad" }
-torque = { channels = ["tau1", "tau2"], unit = "N m" }
-[[logs]]
-path = "log.csv"
-[[logs]]
-path = "check.csv"
-role = "validate"
-[treatment]
-cutoff_hz = 30
-decimation = 5
-"""
+from small_study import DEVICE, write_study
 
 
 @pytest.fixture(scope="module")
 def identification(tmp_path_factory):
     """A device of two links from two logs of noisy torque."""
-    folder = tmp_path_factory.mktemp("study")
-    (folder / "device.toml").write_text(DEVICE)
-    (folder / "study.toml").write_text(STUDY)
-    device = haptid.read_device(folder / "device.toml")
-    beta = np.linspace(0.2, 0.5, len(device.base))
-    for seed, name in ((1, "log.csv"), (2, "check.csv")):
-        q, qd, qdd = multisine(2, 6.0, 2e-3, seed)
-        tau = haptid.inverse_dynamics(device, beta, q, qd, qdd)
-        tau += 0.05 * np.random.default_rng(seed).standard_normal(tau.shape)
-        t = 2e-3 * np.arange(q.shape[1])
-        table = {"t": t, "q1": q[0], "q2": q[1], "tau1": tau[0], "tau2": tau[1]}
-        pyarrow.csv.write_csv(pa.table(table), folder / name)
-    return haptid.identify(haptid.read_study(folder / "study.toml"))
+    return haptid.identify(haptid.read_study(write_study(tmp_path_factory.mktemp("study"))))
 
 
 def header(folder, name="two_links"):
@@ -147,6 +100,39 @@ def test_loops_that_are_solved_at_every_pose(tmp_path):
     device = haptid.read_device("four_bar")
     with pytest.raises(errors.VaryingLoopError, match="solved at every pose"):
         export_c((device, np.ones(len(device.base))), tmp_path / "out")
+
+
+def test_parameters_that_no_body_has(tmp_path, identification):
+    device = identification.device
+    with pytest.raises(errors.ImpossibleModelError, match="possible = true"):
+        export((device, -np.ones(len(device.base))), tmp_path / "out", ["json", "mjcf"])
+    assert not (tmp_path / "out").exists()  # nothing, where not all can be written
+
+
+def test_a_format_that_is_none(tmp_path, identification):
+    with pytest.raises(errors.ExportFormatError, match=r"'fortran'.*matlab"):
+        export(identification, tmp_path / "out", ["c", "fortran"])
+
+
+@pytest.mark.parametrize("name", FORMATS)
+def test_every_format_says_how_the_model_was_validated(tmp_path, identification, name):
+    """From the result folder as from the identification; and what fails is written only when it is told."""
+    (tmp_path / "result").mkdir()
+    haptid.write_result(identification, tmp_path / "result")
+    read = haptid.read_result(tmp_path / "result")
+    for model in (identification, read):
+        made = export(model, tmp_path / "out", [name])[name]
+        assert made.verdict == f"Error {identification.unseen[0].relative:.2f} % of the torque on unseen motion; " + (
+            "no criterion was set."
+        )
+        said = "".join((made.folder / file).read_text() for file in made.files).replace("\\%", "%")
+        assert made.verdict in said
+        assert identification.runs[0].motion.log.sha256 in said
+    strict = replace(read, largest_error=1e-6)
+    with pytest.raises(errors.FailedValidationError):
+        export(strict, tmp_path / "strict", [name])
+    assert not (tmp_path / "strict").exists()
+    assert "VALIDATION FAILED" in export(strict, tmp_path / "strict", [name], anyway=True)[name].verdict
 
 
 def test_every_error_of_exporting_is_tested():

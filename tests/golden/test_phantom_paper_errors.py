@@ -5,12 +5,12 @@ import pytest
 from scipy import signal
 
 import haptid
-from haptid.definiteness import definiteness
+from haptid.definite import definiteness
 from haptid.demos import read_demo
 from haptid.dynamics import mass_matrix
 from haptid.force import estimate_force
 from haptid.kinematics import handle_motion
-from haptid.targets import target_map
+from haptid.target_parameters import target_map
 from motions import motion, multisine
 
 ALPHA, DT, OMEGA = 2.73, 1e-3, 2 * np.pi * 10.0

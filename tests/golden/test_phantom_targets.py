@@ -5,7 +5,7 @@ import pytest
 
 import haptid
 from haptid.base import formula
-from haptid.targets import target_map
+from haptid.target_parameters import target_map
 
 ALPHA = 2.73  # command per N m
 # Table I, column [1] times alpha, in units of command.

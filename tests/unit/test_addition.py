@@ -5,7 +5,7 @@ import pytest
 
 import haptid
 from haptid import errors
-from haptid.addition import addition
+from haptid.added import addition
 from motions import motion
 
 

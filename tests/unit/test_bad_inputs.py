@@ -11,66 +11,9 @@ import pyarrow.parquet as pq
 import pytest
 from typer.testing import CliRunner
 
-import haptid
 from haptid import cli
 from haptid.cli import app
-from motions import multisine, truth
-
-DEVICE = """
-schema = 1
-name = "two links"
-gravity = [0.0, -9.81, 0.0]
-convention = "modified-dh"
-[[joints]]
-name = "1"
-limits = { position = [-2.0, 2.0] }
-[[joints]]
-name = "2"
-d = 0.3
-limits = { position = [-2.5, 2.5] }
-[[terms]]
-kind = "viscous"
-joints = "all"
-[[terms]]
-kind = "coulomb"
-joints = "all"
-"""
-STUDY = """
-schema = 1
-name = "two links"
-device = "device.toml"
-[channels]
-time = "t"
-position = { channels = ["q1", "q2"], unit = "rad" }
-torque = { channels = ["tau1", "tau2"], unit = "N m" }
-[[logs]]
-path = "log.csv"
-[[logs]]
-path = "check.csv"
-role = "validate"
-[treatment]
-cutoff_hz = 30
-decimation = 5
-"""
-
-
-def columns(seed, seconds=6.0):
-    """A log's columns, as an instrument would give them."""
-    device = haptid.read_device("arm7") if seed is None else _device()
-    q, qd, qdd = multisine(2, seconds, 2e-3, seed)
-    tau = haptid.inverse_dynamics(device, truth(device) + 0.1, q, qd, qdd)
-    tau += 0.02 * np.random.default_rng(seed).standard_normal(tau.shape)
-    t = 2e-3 * np.arange(q.shape[1])
-    return {"t": t, "q1": q[0], "q2": q[1], "tau1": tau[0], "tau2": tau[1]}
-
-
-def _device():
-    import tempfile
-
-    with tempfile.TemporaryDirectory() as folder:
-        path = Path(folder) / "device.toml"
-        path.write_text(DEVICE)
-        return haptid.read_device(path)
+from small_study import DEVICE, columns, write_study
 
 
 def write(path, table):
@@ -81,10 +24,7 @@ def write(path, table):
 def good(tmp_path_factory):
     """A folder in which everything is right."""
     folder = tmp_path_factory.mktemp("good")
-    (folder / "device.toml").write_text(DEVICE)
-    (folder / "study.toml").write_text(STUDY)
-    write(folder / "log.csv", columns(1))
-    write(folder / "check.csv", columns(2))
+    write_study(folder)
     return folder
 
 
@@ -104,6 +44,8 @@ def test_the_good_one_is_good(folder):
     assert done.exit_code == 0, done.output
     assert sorted(p.name for p in (folder / "out").iterdir()) == [
         "parameters.csv",
+        "report-data.json.gz",
+        "report.html",
         "result.json",
         "torque-1-log.png",
         "torque-2-check.png",

@@ -9,7 +9,7 @@ from typer.testing import CliRunner
 
 import haptid
 from haptid.cli import app
-from haptid.result import treatment
+from haptid.result_file import treatment
 from haptid.tables import short_percent, with_digits
 
 

@@ -12,7 +12,7 @@ import haptid
 from haptid import errors
 from haptid.comparison import Comparison, compare
 from haptid.estimators.consistent import Consistent
-from haptid.targets import targets
+from haptid.target_parameters import targets
 from motions import motion, truth
 
 

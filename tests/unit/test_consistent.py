@@ -10,7 +10,7 @@ import haptid
 from haptid.errors import MetricError, NoBodyError, ParameterValueError, ShapeError, UnsolvedError
 from haptid.estimators import Consistent, possible, programme, project, pseudo_inertia
 from haptid.estimators.cone import PSEUDO, UPPER, cone, never_negative
-from haptid.result import finite, parameter
+from haptid.result_file import finite, parameter
 from haptid.tables import parameter_cells
 from mechanisms import mechanisms
 from motions import motion, truth

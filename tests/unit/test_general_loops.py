@@ -11,7 +11,7 @@ import haptid
 from closed_devices import NAMES, poses
 from haptid import errors
 from haptid.device import Closure, NewtonClosure
-from haptid.workspace import workspace
+from haptid.reach import workspace
 
 
 def edited(folder: Path, name: str, *pairs: tuple[str, str]) -> haptid.Device:

@@ -9,8 +9,8 @@ from hypothesis import strategies as st
 
 import haptid
 from haptid.errors import SwappedChannelsError, TreatmentValueError
+from haptid.late import delayed
 from haptid.proposal import bandwidth
-from haptid.treatment import delayed
 from motions import multisine, truth
 
 STEP = 2 * np.pi / 4000 / 12

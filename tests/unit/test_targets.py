@@ -13,7 +13,7 @@ from haptid.device.expressions import combination
 from haptid.device.model import Combination
 from haptid.device.place import Place
 from haptid.estimators.consistent import Consistent
-from haptid.targets import side_by_side, target_map, targets
+from haptid.target_parameters import side_by_side, target_map, targets
 from mechanisms import mechanisms
 from motions import motion, truth
 from random_devices import as_device

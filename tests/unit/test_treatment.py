@@ -8,7 +8,7 @@ from scipy import signal
 
 import haptid
 from haptid.errors import CutoffError, MotionTooShortError, TreatmentValueError
-from haptid.treatment import delayed, lost
+from haptid.late import delayed, lost
 
 
 def gain(filtered, t, frequency):

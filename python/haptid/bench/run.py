@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import multiprocessing
 from collections.abc import Callable, Sequence
-from concurrent.futures import ProcessPoolExecutor, as_completed
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -19,6 +17,7 @@ from haptid.bench.trajectories import plan
 from haptid.device import read_device
 from haptid.errors import OutputError
 from haptid.outputs import publishing
+from haptid.workers import Processes, Workers
 
 
 @dataclass(frozen=True)
@@ -84,27 +83,19 @@ def make_log(job: Job, tell: Tell | None = None) -> Path:
 
 
 def make_logs(
-    jobs: Sequence[Job], processes: int | None = None, tell: Callable[[Path, float], None] | None = None
+    jobs: Sequence[Job], workers: Workers | None = None, tell: Callable[[Path, float], None] | None = None
 ) -> tuple[Path, ...]:
     """Make many logs, several at a time.
 
     Args:
         jobs: what to make.
-        processes: how many at a time; None for as many as there are processors.
+        workers: who makes them; as many processes as there are processors where None.
         tell: called after each log with its path and the share of logs that is done.
 
     Raises:
         HaptidError: the first that a job raised; logs that were made before stay.
     """
-    context = multiprocessing.get_context("spawn")
-    with ProcessPoolExecutor(processes, mp_context=context) as pool:
-        running = [pool.submit(make_log, job) for job in jobs]
-        try:
-            for count, done in enumerate(as_completed(running), 1):
-                path = done.result()
-                if tell is not None:
-                    tell(path, count / len(jobs))
-        except BaseException:
-            pool.shutdown(cancel_futures=True)
-            raise
+    for count, (_, path) in enumerate((workers or Processes()).map(make_log, jobs), 1):
+        if tell is not None:
+            tell(path, count / len(jobs))
     return tuple(job.out for job in jobs)

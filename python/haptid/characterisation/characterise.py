@@ -22,7 +22,7 @@ from haptid.device import Device
 from haptid.dynamics import inverse_dynamics, mass_matrix
 from haptid.errors import CharacterisationSettingError, DifferentModelError
 from haptid.force import WORST_CONDITION
-from haptid.workspace import Workspace
+from haptid.reach import Workspace
 
 # Poses of a workspace's grid, unless another number is asked for.
 POSES = 8000

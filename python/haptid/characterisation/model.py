@@ -13,8 +13,6 @@ from haptid._values import Array, expect, freeze, read_only
 from haptid.device import Device
 from haptid.errors import BaseNameError
 from haptid.estimators import Estimate
-from haptid.estimators.jackknife import jackknife
-from haptid.estimators.solve import solve
 
 # Degrees of freedom of a figure are looked at in so many of its places, evenly chosen; the least counts.
 LOOKED_AT = 16
@@ -28,11 +26,15 @@ class GivenModel:
         device: the mechanism.
         beta: its base parameters, (p,), SI.
         covariance: of them, (p, p); None where nothing is known of it.
+        freedom: degrees of freedom of intervals that are made from the covariance.
+        lonely: parameters, by index, whose deviation nothing tells: no figure made from them has an interval.
     """
 
     device: Device
     beta: Array
     covariance: Array | None = None
+    freedom: float = float("inf")
+    lonely: tuple[int, ...] = ()
 
     def __post_init__(self) -> None:
         p = len(self.device.base)
@@ -112,21 +114,21 @@ def spread(model: Model) -> Array | None:
 
 def trusted(model: Model, sd: Array) -> Array:
     """The deviations, infinite where the estimate cannot say how far to trust some parameter."""
-    lonely = isinstance(model, Estimate) and model.lonely
-    return np.where(np.isnan(sd), np.nan, np.inf) if lonely else sd
+    return np.where(np.isnan(sd), np.nan, np.inf) if model.lonely else sd
 
 
 def freedom(model: Model, combinations: Array) -> float:
     """Least degrees of freedom of these combinations of base parameters, (q, p): Satterthwaite's, by the jackknife.
 
-    Infinite for a given covariance.
+    Of a given covariance they are given too.
     """
+    if not isinstance(model, Estimate):
+        return model.freedom
     known = combinations[np.isfinite(combinations).all(axis=1) & combinations.any(axis=1)]
-    if not isinstance(model, Estimate) or not len(known):
+    if not len(known):
         return float("inf")
     few = known[np.linspace(0, len(known) - 1, min(len(known), LOOKED_AT)).astype(int)]
-    observation = model.observation
-    return float(jackknife(observation, model.weights, solve(observation, model.weights), few).freedom.min())
+    return float(model.spread(few).freedom.min())
 
 
 def linear(model: Model, of: Callable[[Array], Array], unit: str) -> Figure:
@@ -155,7 +157,7 @@ def changing(model: Model, value: Array, slope: Callable[[Array], Array], unit: 
 def _freedom_of(model: Model, slope: Callable[[Array], Array], size: int) -> float:
     """Degrees of freedom of a figure, from some of its places."""
     if not isinstance(model, Estimate):
-        return float("inf")
+        return model.freedom
     few = np.linspace(0, size - 1, min(size, LOOKED_AT)).astype(int)
     gradients = np.array([slope(unit).ravel()[few] for unit in np.eye(len(model.beta))])
     return freedom(model, gradients.T)

@@ -10,6 +10,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure as Picture
+from matplotlib.ticker import LogLocator
 
 from haptid._values import Array, expect, read_only
 from haptid.characterisation.model import Figure
@@ -19,6 +20,7 @@ COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9")
 STYLES = ("-", "--", ":", "-.")
 # What is not known is grey on a map.
 UNKNOWN = "0.8"
+DECADE = 10.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -93,10 +95,14 @@ def plot_map(x: Array, y: Array, value: Array, labels: tuple[str, str, str], pat
     if known.count():
         mesh = panel.pcolormesh(x, y, known, cmap="cividis", norm="log", shading="nearest", rasterized=True)
         bar = picture.colorbar(mesh, ax=panel, label=labels[2])
-        for which in (bar.ax.yaxis.set_major_formatter, bar.ax.yaxis.set_minor_formatter):
-            which("{x:g}")
+        bar.ax.yaxis.set_major_formatter("{x:g}")
+        if known.max() < DECADE * known.min():  # over several decades the minor ticks' figures would overlap
+            bar.ax.yaxis.set_minor_formatter("{x:g}")
+        else:
+            bar.ax.yaxis.set_minor_formatter("")
     if known.count() and known.min() < known.max():
-        lines = panel.contour(x, y, known, colors="white", linewidths=0.7)
+        levels = LogLocator(subs=(1.0, 2.0, 5.0))
+        lines = panel.contour(x, y, known, colors="white", linewidths=0.7, norm="log", locator=levels)
         panel.clabel(lines, fontsize="small")
     panel.set_xlabel(labels[0], parse_math=False)
     panel.set_ylabel(labels[1], parse_math=False)

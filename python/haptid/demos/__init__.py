@@ -1,6 +1,7 @@
 """Demonstrations: a published identification, reproduced on the virtual bench, and what can be done better."""
 
-from haptid.demos.plan import Demo, demo_names, read_demo
-from haptid.demos.run import Results, run_demo
+from haptid.demos.known import demo_names, kind_of, read_demo
+from haptid.demos.plan import Demo
+from haptid.demos.run import run_demo
 
-__all__ = ["Demo", "Results", "demo_names", "read_demo", "run_demo"]
+__all__ = ["Demo", "demo_names", "kind_of", "read_demo", "run_demo"]

@@ -1,137 +1,22 @@
-"""What a demonstration is made of: a folder with a plan, the mountings' experiments and the published tables."""
+"""What every demonstration is made of: a folder with a plan, experiments, published tables, and what does not hold."""
 
 from __future__ import annotations
 
-import tomllib
-from functools import cached_property
 from pathlib import Path
-from typing import Annotated, Literal
 
-import numpy as np
 from pydantic import BaseModel, ConfigDict, Field
 
-from haptid.causal import Causal, HighPass
-from haptid.demos.tables import Table, read_table
-from haptid.device import Device
-from haptid.errors import UnknownDemoError
-from haptid.treatment import Treatment
-from haptid.workspace import Box, Workspace, workspace
-
 HERE = Path(__file__).parent
-PLAN = "demo.toml"
-Triple = Annotated[tuple[float, float, float], Field()]
+PLAN, CLAIMS = "demo.toml", "claims.toml"
 
 
-class _Part(BaseModel):
+class Part(BaseModel):
+    """A table of a plan: every key is known."""
+
     model_config = ConfigDict(extra="forbid", frozen=True)
 
 
-class Halves(_Part):
-    """Times that bound the two halves of every log, s: the first identifies, the second validates."""
-
-    start: float
-    middle: float
-    stop: float
-
-    @property
-    def fit(self) -> tuple[float, float]:
-        """The half that identifies, s."""
-        return self.start, self.middle
-
-    @property
-    def unseen(self) -> tuple[float, float]:
-        """The half that validates, s."""
-        return self.middle, self.stop
-
-
-class Published(_Part):
-    """The paper's treatment: momentum rows through a causal low-pass."""
-
-    cutoff_hz: float
-    decimation: int
-    lags: tuple[float, ...] = Field(description="of the velocity's high-pass, s")
-    low_speed: float = Field(description="rows whose filter sees a slower motion are left out, rad/s or m/s")
-
-    def treatment(self, dt: float, lag: float | None = None) -> Treatment:
-        """The treatment of a command that is held for a sampling period `dt`, s.
-
-        Args:
-            dt: sampling period, s.
-            lag: of the high-pass that makes the velocity, s; None where the velocity is known.
-        """
-        return Treatment(
-            cutoff_hz=None,
-            velocity=None if lag is None else HighPass(1 / (2 * np.pi * lag)),
-            accelerations="momentum",
-            parallel_cutoff_hz=self.cutoff_hz,
-            parallel_shape=Causal(),
-            decimation=self.decimation,
-            low_speed=self.low_speed,
-            torque_delay=dt / 2,
-        )
-
-
-class Mounting(_Part):
-    """One way in which the device is mounted; the experiment holds what is different."""
-
-    key: str
-    title: str
-    experiment: str
-
-
-class Pair(_Part):
-    """Two mountings that are compared; `flipped` are the targets that alone should differ, by their sign."""
-
-    first: str
-    second: str
-    flipped: tuple[str, ...] = ()
-
-
-class Limits(_Part):
-    """Corners of a box for the handle, m."""
-
-    low: Triple
-    high: Triple
-
-
-class Place(_Part):
-    """A workspace: the device file's limits, some of them replaced."""
-
-    name: str
-    title: str
-    degrees: dict[str, tuple[float, float]] = {}
-    box: Limits | None = None
-
-    def of(self, device: Device) -> Workspace:
-        """The workspace of a device."""
-        limits = {joint: np.radians(pair).tolist() for joint, pair in self.degrees.items()}
-        return workspace(device, limits, None if self.box is None else Box(self.box.low, self.box.high))
-
-
-class Hand(_Part):
-    """A log in which a hand pushes, in one of the mountings."""
-
-    mounting: str
-    experiment: str
-    start: float
-    stop: float
-    axis: int
-    cutoff_hz: float
-    decimation: int
-
-    def treatment(self, dt: float) -> Treatment:
-        """Zero-phase, wide enough for a hand; no row is left out."""
-        return Treatment(cutoff_hz=self.cutoff_hz, decimation=self.decimation, torque_delay=dt / 2)
-
-
-class Tool(_Part):
-    """A log with a tool at the handle, in one of the mountings."""
-
-    mounting: str
-    experiment: str
-
-
-class Claim(_Part):
+class Claim(Part):
     """Something printed that does not hold, and the check that shows it."""
 
     name: str
@@ -141,62 +26,18 @@ class Claim(_Part):
     check: str
 
 
-class Demo(_Part):
-    """A demonstration; paths are those of files in its folder.
+class Demo(Part):
+    """A demonstration; paths are those of files in its folder."""
 
-    The targets of its device must tell all base parameters, as published sets of parameters do.
-    """
-
-    schema_: Literal[1] = Field(alias="schema")
+    schema_: int = Field(1, alias="schema", ge=1, le=1)
     name: str
+    kind: str
     title: str
     source: str
     device: str
-    bodies: str
-    table1: str
-    table2: str
-    stretch: Halves
-    published: Published
-    mountings: tuple[Mounting, ...]
-    comparisons: tuple[Pair, ...]
-    workspaces: tuple[Place, ...]
-    hand: Hand
-    tool: Tool
     claims: tuple[Claim, ...]
 
     @property
     def folder(self) -> Path:
         """Where its files are."""
         return HERE / self.name
-
-    @cached_property
-    def parameters(self) -> Table:
-        """Published parameters, by target and mounting, in units of command."""
-        return read_table(self.folder / self.table1)
-
-    @cached_property
-    def errors(self) -> Table:
-        """Published errors, per cent, by motor and mounting."""
-        return read_table(self.folder / self.table2)
-
-    def mounting(self, key: str) -> Mounting:
-        """One of the mountings."""
-        return next(mounting for mounting in self.mountings if mounting.key == key)
-
-
-def demo_names() -> tuple[str, ...]:
-    """Names of all demonstrations."""
-    return tuple(sorted(path.parent.name for path in HERE.glob(f"*/{PLAN}")))
-
-
-def read_demo(name: str) -> Demo:
-    """A demonstration by its name.
-
-    Raises:
-        UnknownDemoError: there is none of that name.
-    """
-    if name not in demo_names():
-        raise UnknownDemoError(name, demo_names())
-    plan = tomllib.loads((HERE / name / PLAN).read_text(encoding="utf-8"))
-    claims = tomllib.loads((HERE / name / "claims.toml").read_text(encoding="utf-8"))
-    return Demo.model_validate({**plan, **claims, "name": name})

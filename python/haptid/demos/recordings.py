@@ -4,9 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Iterator, Sequence
-from concurrent.futures import ProcessPoolExecutor, as_completed
 from dataclasses import dataclass, replace
-from multiprocessing import get_context
 from pathlib import Path
 from typing import Any
 
@@ -21,8 +19,10 @@ from haptid.bench.setup import Encoders
 from haptid.device import Device, read_device
 from haptid.dynamics import inverse_dynamics
 from haptid.errors import MountingError
+from haptid.late import lost
 from haptid.log import Channels, Log, Signal, read_log
-from haptid.treatment import Motion, Treatment, lost, treat
+from haptid.treatment import Motion, Treatment, treat
+from haptid.workers import Processes
 
 # What of a mounting's torque the device's own base parameters may leave, as a share: rounding.
 LEFT = 1e-9
@@ -72,14 +72,8 @@ def record(take: Take) -> Path:
 
 def record_all(takes: Sequence[Take], processes: int | None = None) -> Iterator[Path]:
     """Record many, several at a time; the path of each as it is done."""
-    with ProcessPoolExecutor(processes, mp_context=get_context("spawn")) as pool:
-        running = [pool.submit(record, take) for take in takes]
-        try:
-            for done in as_completed(running):
-                yield done.result()
-        except BaseException:
-            pool.shutdown(cancel_futures=True)
-            raise
+    for _, path in Processes(processes).map(record, takes):
+        yield path
 
 
 @dataclass(frozen=True, eq=False)

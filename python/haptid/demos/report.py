@@ -1,69 +1,46 @@
-"""What a demonstration found, written down: tables, a result file, and a report in sentences."""
+"""What a demonstration found, written down: a result file, and a report in sentences."""
 
 from __future__ import annotations
 
-import csv
 import json
+from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
-from haptid.demos.chapters import chapters
-from haptid.demos.columns import cells2, ours, published_columns, table1, table2, titles, truth
-from haptid.demos.run import Results
-from haptid.demos.values import values
-from haptid.targets import aligned
+from haptid.demos.plan import Demo
+from haptid.demos.tables import markdown
 
 
-def write_all(found: Results, folder: Path) -> None:
-    """table1, table2, result.json and report.md."""
-    write_table1(found, folder)
-    write_table2(found, folder)
-    text = json.dumps(values(found), indent=1, allow_nan=False)
+def write_report(values: Mapping[str, Any], lines: Iterable[str], folder: Path) -> None:
+    """result.json and report.md.
+
+    Args:
+        values: every figure, as JSON holds it.
+        lines: of the report, in Markdown.
+        folder: where they go.
+    """
+    text = json.dumps(values, indent=1, allow_nan=False)
     (folder / "result.json").write_text(text + "\n", encoding="utf-8")
-    (folder / "report.md").write_text("\n".join(chapters(found)) + "\n", encoding="utf-8")
+    (folder / "report.md").write_text("\n".join(lines) + "\n", encoding="utf-8")
 
 
-def write_table1(found: Results, folder: Path) -> None:
-    """Parameters in the layout of the paper's Table I, and every one with its interval as CSV."""
-    blocks = [("Published, units of command", published_columns(found))]
-    blocks += [(f"{title}, units of command", ours(found, key)) for key, title in titles(found).items()]
-    blocks.append(("True on the bench, units of command", truth(found)))
-    text = []
-    for title, columns in blocks:
-        text += [title, "", *aligned(table1(found, columns)), ""]
-    text += ["Encoders, proposed treatment, SI", "", *aligned(table1(found, ours(found, "encoders", True), 6)), ""]
-    (folder / "table1.txt").write_text("\n".join(text), encoding="utf-8")
-    heads = ["mounting", "fit", "parameter", "unit", "value", "sd", "low", "high", "true", "published", "command"]
-    with (folder / "table1.csv").open("w", newline="", encoding="utf-8") as file:
-        rows = csv.writer(file, lineterminator="\n")
-        rows.writerow(heads)
-        rows.writerows(_long(found))
+def head(demo: Demo) -> dict[str, Any]:
+    """What stands first in every result file, and what is printed and does not hold."""
+    return {
+        "schema": 1,
+        "demo": demo.name,
+        "title": demo.title,
+        "source": demo.source,
+        "claims": [claim.model_dump() for claim in demo.claims],
+    }
 
 
-def _long(found: Results) -> list[list[Any]]:
-    """One line for each mounting, fit and parameter."""
-    lines = []
-    for key, fits in found.fits.items():
-        for name, fit in fits.by.items():
-            true = dict(zip(fits["exact"].targets.names, fits["exact"].targets.C @ fits.exact.beta, strict=True))
-            command = dict(zip(fit.command.names, fit.command.value.tolist(), strict=True))
-            for p in fit.targets.parameters:
-                known = found.demo.parameters.figures.get((p.name, key), "")
-                lines.append(
-                    [key, name, p.name, p.unit, p.value, p.sd, *p.interval, true[p.name], known, command[p.name]]
-                )
-    return lines
-
-
-def write_table2(found: Results, folder: Path) -> None:
-    """Torque errors in the layout of the paper's Table II."""
-    text, lines = [], []
-    for title, columns in table2(found).items():
-        text += [f"{title}, per cent", "", *aligned(cells2(found, columns)), ""]
-        for key, figures in columns.items():
-            lines += [[title, key, motor, figure] for motor, figure in figures.items()]
-    (folder / "table2.txt").write_text("\n".join(text), encoding="utf-8")
-    with (folder / "table2.csv").open("w", newline="", encoding="utf-8") as file:
-        rows = csv.writer(file, lineterminator="\n")
-        rows.writerow(["table", "mounting", "motor", "percent"])
-        rows.writerows(lines)
+def claims(demo: Demo) -> Iterator[str]:
+    """The last chapter of every report."""
+    yield "## What is printed and does not hold"
+    yield ""
+    cells = [["", "where", "printed", "found", "check"]]
+    cells += [[c.name, c.where, c.printed, c.found, f"`{c.check}`"] for c in demo.claims]
+    yield from markdown(cells)
+    yield ""
+    yield "The checks are among the golden tests of the project."

@@ -12,7 +12,7 @@ import numpy as np
 from haptid._values import Array
 
 # Columns that are no figures.
-WORDS = ("name", "motor", "meaning")
+WORDS = ("name", "motor", "meaning", "unit")
 
 
 @dataclass(frozen=True)

@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
 from haptid._values import Array
 from haptid.device.closure import Closure
-from haptid.device.expressions import column
+from haptid.device.expressions import RESERVED, column
 from haptid.device.geometry import Reader
 from haptid.device.model import Joint, Motor
 from haptid.device.newton import NewtonClosure
@@ -19,12 +20,13 @@ from haptid.device.schema import (
     ColumnTerm,
     CoulombTerm,
     CounterbalanceTerm,
+    SearchedTable,
     SpringTerm,
     StribeckTerm,
     TermTable,
 )
-from haptid.device.terms import UNITS, Counterbalance, TermColumn
-from haptid.errors import DeviceKeyError, DeviceValueError, UnknownNameError
+from haptid.device.terms import PLACES, UNITS, Counterbalance, Searched, TermColumn
+from haptid.errors import DeviceKeyError, DeviceValueError, DuplicateNameError, UnknownNameError
 
 # Stem of the parameter's name, by kind.
 STEMS = {
@@ -37,6 +39,10 @@ STEMS = {
     "spring": "K",
     "counterbalance": "CB",
 }
+# Unit of a velocity, for a turning and for a sliding coordinate.
+SPEED = ("rad/s", "m/s")
+# A searched constant without limits stays within its start times this, either way.
+RANGE = 100.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -173,10 +179,7 @@ def read_terms(tables: Sequence[AnyTerm], targets: Targets, reader: Reader, plac
 
 def _columns(table: AnyTerm, target: Target, targets: Targets, reader: Reader, place: Place) -> list[TermColumn]:
     if isinstance(table, ColumnTerm):
-        _alone(table, targets, place)
-        joints = [joint.name for joint in targets.joints]
-        shape = column(table.expression, joints, reader.lengths, place.at("expression"))
-        return [target.external(table.name, table.unit, shape)]
+        return [_own_column(table, target, targets, reader, place)]
     motor = table.prefix is None and target.joint is None
     stem = table.prefix or STEMS[table.kind]
 
@@ -185,15 +188,12 @@ def _columns(table: AnyTerm, target: Target, targets: Targets, reader: Reader, p
 
     match table:
         case CoulombTerm(kind=kind):
-            width = _not_negative(table.width, reader, place.at("width"))
-            if kind == "coulomb":
-                return [target.column(name(), kind, settings=(width, 0.0, 0.0))]
-            signs = (("P", "coulomb+"), ("N", "coulomb-"))
-            return [target.column(name(suffix), kind, settings=(width, 0.0, 0.0)) for suffix, kind in signs]
+            signs = (("", kind),) if kind == "coulomb" else (("P", "coulomb+"), ("N", "coulomb-"))
+            made = [target.column(name(suffix), sign) for suffix, sign in signs]
+            return [_with_constants(column, {"width": table.width}, reader, place) for column in made]
         case StribeckTerm():
-            velocity, exponent = (_positive(getattr(table, k), reader, place.at(k)) for k in ("velocity", "exponent"))
-            width = _not_negative(table.width, reader, place.at("width"))
-            return [target.column(name(), "stribeck", settings=(velocity, exponent, width))]
+            given = {key: getattr(table, key) for key in PLACES["stribeck"]}
+            return [_with_constants(target.column(name(), "stribeck"), given, reader, place)]
         case SpringTerm():
             return [target.column(name(), "spring", settings=(reader.number(table.rest, place.at("rest")), 0.0, 0.0))]
         case CounterbalanceTerm():
@@ -206,6 +206,57 @@ def _columns(table: AnyTerm, target: Target, targets: Targets, reader: Reader, p
             ]
         case _:
             return [target.column(name(), table.kind)]
+
+
+def _own_column(table: ColumnTerm, target: Target, targets: Targets, reader: Reader, place: Place) -> TermColumn:
+    _alone(table, targets, place)
+    for name in table.constants:
+        if name in reader.lengths or name in RESERVED:
+            known = "a named length" if name in reader.lengths else "arithmetic"
+            raise DuplicateNameError(str(place.at("constants", name)), "constant", name, known)
+    joints = [joint.name for joint in targets.joints]
+    named = {**reader.lengths, **dict.fromkeys(table.constants, 0.0)}
+    shape = column(table.expression, joints, named, place.at("expression"))
+    made = target.external(table.name, table.unit, shape)
+    return _with_constants(made, table.constants, reader, place.at("constants"))
+
+
+def _with_constants(term: TermColumn, given: Mapping[str, Any], reader: Reader, place: Place) -> TermColumn:
+    """The term with its constants; those that the file gives a range for are searched."""
+    searched = []
+    for name, value in given.items():
+        here = place.at(name)
+        if isinstance(value, SearchedTable):
+            start, made = _searched(term, name, value, reader, here)
+            searched.append(made)
+        else:
+            start = reader.number(value, here)
+        if term.kind != "external":
+            start = _positive(start, reader, here) if name != "width" else _not_negative(start, reader, here)
+        term = term.with_constant(name, start)
+    return replace(term, searched=tuple(searched))
+
+
+def _searched(
+    term: TermColumn, name: str, table: SearchedTable, reader: Reader, place: Place
+) -> tuple[float, Searched]:
+    """Where the search of a constant starts, and its range: a hundredth to a hundred times where none is given."""
+    start = reader.number(table.start, place.at("start"))
+    ends = []
+    for key, factor in (("low", 1 / RANGE), ("high", RANGE)):
+        given = getattr(table, key)
+        if given is None and start <= 0:
+            found = f"start is {start:g}, from which no range follows"
+            raise DeviceKeyError(str(place.at(key)), found, f"Write {key} = ... beside start.")
+        ends.append(start * factor if given is None else reader.number(given, place.at(key)))
+    low, high = ends
+    if not low <= start <= high or low == high:
+        found = f"start is {start:g}, low {low:g}, high {high:g}"
+        raise DeviceValueError(str(place), found, "Let low be below high, and start between them.")
+    if term.kind != "external" and low <= 0:
+        raise DeviceValueError(str(place.at("low")), f"found {low:g}", "Write a number above zero.")
+    unit = {"velocity": SPEED, "width": SPEED}.get(name, ("", ""))[term.unit == "N"] if term.kind != "external" else ""
+    return start, Searched(name, unit, low, high)
 
 
 def _alone(table: TermTable, targets: Targets, place: Place) -> None:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import TYPE_CHECKING, Any, Literal
@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike
 
 from haptid._values import Array, expect, freeze, read_only
 from haptid.device.parameters import StandardParameters, Symmetry
-from haptid.device.terms import DRY, TermColumn, external_columns
+from haptid.device.terms import DRY, Searched, TermColumn, external_columns
 
 if TYPE_CHECKING:
     from haptid.base import BaseParameters
@@ -209,6 +209,10 @@ class Device:
         expect("drives", (len(self.drives),), (len(self.active),))
         object.__setattr__(self, "gravity", read_only(self.gravity))
 
+    def __getstate__(self) -> dict[str, Any]:
+        """What goes to another process: all but the compiled mechanism, which is made there anew."""
+        return {name: value for name, value in self.__dict__.items() if name != "mechanism"}
+
     def with_gravity(self, gravity: ArrayLike) -> Device:
         """The same mechanism, mounted so that gravity has another direction or size in its base frame.
 
@@ -221,6 +225,18 @@ class Device:
             ShapeError: it is not three numbers.
         """
         return replace(self, gravity=np.asarray(gravity, dtype=float))
+
+    @property
+    def searched(self) -> tuple[tuple[int, Searched], ...]:
+        """Constants of terms that are not known, each with the index of its term."""
+        return tuple((k, constant) for k, term in enumerate(self.terms) for constant in term.searched)
+
+    def with_constants(self, values: Sequence[float]) -> Device:
+        """The same device with other values of its searched constants, in their order, SI."""
+        terms = list(self.terms)
+        for (k, constant), value in zip(self.searched, values, strict=True):
+            terms[k] = terms[k].with_constant(constant.name, float(value))
+        return replace(self, terms=tuple(terms))
 
     @cached_property
     def joint_names(self) -> tuple[str, ...]:

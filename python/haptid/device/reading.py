@@ -54,6 +54,17 @@ def read_device(path: str | Path) -> Device:
     return device_of(*read_tables(path))
 
 
+def keeping(device: Device, names: Sequence[str]) -> Device:
+    """The same device, with these parameters preferred as base parameters in place of those of its file.
+
+    Raises:
+        UnknownNameError: no free standard parameter of that name.
+    """
+    table = device.tables.base_parameters.model_copy(update={"keep": list(names)})
+    tables = device.tables.model_copy(update={"base_parameters": table})
+    return device_of(tables, device.name).with_gravity(device.gravity)
+
+
 def device_of(tables: AnyDevice, file: str) -> Device:
     """The device of checked tables; errors call its file by the name given.
 

@@ -5,7 +5,16 @@ from __future__ import annotations
 import math
 from typing import Annotated, Any, Literal
 
-from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, TypeAdapter, WithJsonSchema
+from pydantic import (
+    BaseModel,
+    BeforeValidator,
+    ConfigDict,
+    Discriminator,
+    Field,
+    Tag,
+    TypeAdapter,
+    WithJsonSchema,
+)
 
 
 def _quantity(value: Any) -> float | str:
@@ -136,6 +145,24 @@ class MotorTable(Table):
     unit: Literal["N m", "N", "V", "A", "counts"] = "N m"
 
 
+class SearchedTable(Table):
+    """A constant of a term that is not known: where the search for it starts, and between what it stays."""
+
+    start: Quantity
+    low: Quantity | None = None
+    high: Quantity | None = None
+
+
+def _is_searched(value: Any) -> str:
+    return "searched" if isinstance(value, dict | SearchedTable) else "given"
+
+
+# A constant that is given, or one that is searched.
+Constant = Annotated[
+    Annotated[Quantity, Tag("given")] | Annotated[SearchedTable, Tag("searched")], Discriminator(_is_searched)
+]
+
+
 class TermTable(Table):
     """What every kind of term has."""
 
@@ -154,16 +181,16 @@ class CoulombTerm(TermTable):
     """Dry friction; width smooths its sign, rad/s or m/s."""
 
     kind: Literal["coulomb", "coulomb-by-direction"]
-    width: Quantity = 0.0
+    width: Constant = 0.0
 
 
 class StribeckTerm(TermTable):
     """Friction that fades with speed: sgn(v) exp(-(|v| / velocity)^exponent)."""
 
     kind: Literal["stribeck"]
-    velocity: Quantity
-    exponent: Quantity = 2.0
-    width: Quantity = 0.0
+    velocity: Constant
+    exponent: Constant = 2.0
+    width: Constant = 0.0
 
 
 class SpringTerm(TermTable):
@@ -192,6 +219,7 @@ class ColumnTerm(TermTable):
     name: Name
     unit: Text
     expression: Text
+    constants: dict[Name, Constant] = {}
 
 
 AnyTerm = Annotated[

@@ -47,7 +47,15 @@ def shipped_devices() -> tuple[str, ...]:
 def read_tables(path: str | Path) -> tuple[AnyDevice, str]:
     """The checked tables of a device file, or of a shipped device by name; and how errors call the file."""
     file, content = _content(path)
-    data = _parsed(file, content)
+    return checked(_parsed(file, content), file)
+
+
+def checked(data: dict[str, Any], file: str) -> tuple[AnyDevice, str]:
+    """The checked tables of what a device file says, and the name by which errors call the file.
+
+    Raises:
+        DeviceError: in one of its kinds; see `read_device`.
+    """
     convention = data.get("convention", "modified-dh")
     if not isinstance(convention, str) or convention not in CONVENTIONS:
         raise DeviceValueError(

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -24,6 +24,34 @@ UNITS: Mapping[str, tuple[str, str]] = {
 }
 # Kinds in which the sign of a velocity matters.
 DRY = ("coulomb", "coulomb+", "coulomb-", "stribeck")
+# Place of each constant in a kind's settings.
+PLACES: Mapping[str, Mapping[str, int]] = {
+    "coulomb": {"width": 0},
+    "coulomb+": {"width": 0},
+    "coulomb-": {"width": 0},
+    "stribeck": {"velocity": 0, "exponent": 1, "width": 2},
+}
+
+
+@dataclass(frozen=True)
+class Searched:
+    """A constant of a term that is not known beforehand; the term itself holds its present value.
+
+    Attributes:
+        name: of the constant in its term: "velocity", "exponent", "width", or one of an expression.
+        unit: of the constant.
+        low, high: between what it is searched.
+    """
+
+    name: str
+    unit: str
+    low: float
+    high: float
+
+    @property
+    def positive(self) -> bool:
+        """Whether it is searched by its logarithm."""
+        return self.low > 0
 
 
 @dataclass(frozen=True)
@@ -79,6 +107,7 @@ class TermColumn:
         shape: how an external column is computed, None for the others.
         joint: index of the joint it acts on where that joint's rates vary with the pose: in place of weights, which
             are then zero, and offset.
+        searched: its constants that are not known.
     """
 
     name: str
@@ -90,9 +119,24 @@ class TermColumn:
     settings: tuple[float, float, float] = (0.0, 0.0, 0.0)
     shape: Counterbalance | Column | None = None
     joint: int | None = None
+    searched: tuple[Searched, ...] = ()
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "weights", read_only(self.weights))
+
+    def constant(self, name: str) -> float:
+        """Present value of a constant, SI."""
+        if isinstance(self.shape, Column):
+            return self.shape.constants[name]
+        return self.settings[PLACES[self.kind][name]]
+
+    def with_constant(self, name: str, value: float) -> TermColumn:
+        """The same term with another value of a constant."""
+        if isinstance(self.shape, Column):
+            return replace(self, shape=replace(self.shape, constants={**self.shape.constants, name: value}))
+        place = PLACES[self.kind][name]
+        a, b, c = (value if k == place else old for k, old in enumerate(self.settings))
+        return replace(self, settings=(a, b, c))
 
     def moves_as(self, other: TermColumn) -> bool:
         """Whether its velocity is another's, or the opposite."""

@@ -1,6 +1,7 @@
 """Every error haptid raises: one class per cause, each saying what, how much, the limit, and what to do."""
 
 from haptid.errors.bench import (
+    CompileError,
     ExperimentFileError,
     FigureCountError,
     FlatLoopError,
@@ -8,6 +9,8 @@ from haptid.errors.bench import (
     LinkNameError,
     LoopBrokenError,
     MujocoMissingError,
+    NoCodeError,
+    NoCompilerError,
     NoHandleError,
     ParameterNameError,
     PictureError,
@@ -21,6 +24,7 @@ from haptid.errors.bench import (
     UnstableError,
     WeightlessLinkError,
 )
+from haptid.errors.commands import OptionError
 from haptid.errors.corridor import (
     AccelerationColumnError,
     ChannelCountError,
@@ -48,6 +52,7 @@ from haptid.errors.corridor import (
     TreatmentValueError,
     UnexcitedError,
     UnidentifiableTargetError,
+    UnsearchableError,
     UnsolvedError,
 )
 from haptid.errors.demos import MountingError, UnknownDemoError
@@ -86,7 +91,9 @@ from haptid.errors.exact import (
 from haptid.errors.exports import (
     CodeNameError,
     CodeSettingError,
+    ExportFormatError,
     FailedValidationError,
+    ImpossibleModelError,
     UnexportableTermError,
     UnvalidatedError,
     VaryingLoopError,
@@ -104,6 +111,7 @@ from haptid.errors.handle import (
     WorkspaceLimitError,
 )
 from haptid.errors.logs import (
+    ChangedLogError,
     ChannelGuessError,
     CorruptLogError,
     CountsGainError,
@@ -124,6 +132,7 @@ from haptid.errors.logs import (
     MissingSamplesError,
     NoHeaderError,
     NonFiniteError,
+    NotByRowsError,
     NotNumericError,
     OversizedLogError,
     PickledLogError,
@@ -152,6 +161,8 @@ from haptid.errors.reduction import (
     NoRangeError,
     NoStretchesError,
 )
+from haptid.errors.reports import ReportDataError
+from haptid.errors.results import ResultDeviceError, ResultFileError
 from haptid.errors.roots import (
     BenchError,
     DeviceError,
@@ -165,7 +176,17 @@ from haptid.errors.roots import (
     ShapeError,
     StudyError,
     TreatmentError,
+    WorkError,
 )
+from haptid.errors.simulated import (
+    ControllerError,
+    MasslessError,
+    NoControllerError,
+    SimulationLostError,
+    UnsettledError,
+)
+from haptid.errors.weighing import ContradictionError, NoisyColumnsError, NoPriorError, NoResolutionError
+from haptid.errors.workers import ClusterError, DistributedMissingError, WorkerCountError, WorkerLostError
 
 __all__ = [
     "AccelerationColumnError",
@@ -173,15 +194,20 @@ __all__ = [
     "ActiveJointError",
     "BaseNameError",
     "BenchError",
+    "ChangedLogError",
     "ChannelCountError",
     "ChannelGuessError",
     "CharacterisationSettingError",
+    "ClusterError",
     "CodeNameError",
     "CodeSettingError",
     "ColumnValueError",
     "CommandUnitError",
     "CompensationSettingError",
+    "CompileError",
     "ConfidenceError",
+    "ContradictionError",
+    "ControllerError",
     "CorruptLogError",
     "CountsGainError",
     "CutoffError",
@@ -196,6 +222,7 @@ __all__ = [
     "DeviceValueError",
     "DifferentModelError",
     "DifferentParametersError",
+    "DistributedMissingError",
     "DuplicateNameError",
     "EmptyLogError",
     "EmptyWorkspaceError",
@@ -203,6 +230,7 @@ __all__ = [
     "ExcitationError",
     "ExperimentFileError",
     "ExportError",
+    "ExportFormatError",
     "ExpressionError",
     "FailedValidationError",
     "FigureCountError",
@@ -215,6 +243,7 @@ __all__ = [
     "HaptidError",
     "IdenticalChannelsError",
     "IdleMotorError",
+    "ImpossibleModelError",
     "LimitHitError",
     "LinkNameError",
     "LogAccessError",
@@ -231,6 +260,7 @@ __all__ = [
     "LoopUnreachableError",
     "ManyAnglesError",
     "MappedTwiceError",
+    "MasslessError",
     "MethodSettingError",
     "MetricError",
     "MissingChannelError",
@@ -242,18 +272,26 @@ __all__ = [
     "MujocoMissingError",
     "NoAccelerationError",
     "NoBodyError",
+    "NoCodeError",
+    "NoCompilerError",
+    "NoControllerError",
     "NoDyadError",
     "NoFeasibleMotionError",
     "NoHandleError",
     "NoHeaderError",
+    "NoPriorError",
     "NoRangeError",
+    "NoResolutionError",
     "NoRowsError",
     "NoStretchesError",
     "NoTargetsError",
     "NoTorqueError",
+    "NoisyColumnsError",
     "NonFiniteError",
     "NonlinearTargetError",
+    "NotByRowsError",
     "NotNumericError",
+    "OptionError",
     "OutputError",
     "OversizedLogError",
     "ParameterNameError",
@@ -268,12 +306,16 @@ __all__ = [
     "RelationError",
     "RepeatedNameError",
     "RepeatedStampError",
+    "ReportDataError",
+    "ResultDeviceError",
+    "ResultFileError",
     "RoadsDisagreeError",
     "SameRowsError",
     "SaturatedTorqueError",
     "SeenRowsError",
     "ShapeError",
     "SignalError",
+    "SimulationLostError",
     "SingularLoopError",
     "SlowClockError",
     "SpareJointsError",
@@ -306,6 +348,8 @@ __all__ = [
     "UnknownNameError",
     "UnknownUnitError",
     "UnphysicalBodyError",
+    "UnsearchableError",
+    "UnsettledError",
     "UnsimulatedLoopError",
     "UnsimulatedTermError",
     "UnsolvedError",
@@ -313,6 +357,9 @@ __all__ = [
     "UnvalidatedError",
     "VaryingLoopError",
     "WeightlessLinkError",
+    "WorkError",
+    "WorkerCountError",
+    "WorkerLostError",
     "WorkspaceLimitError",
     "WrappedPositionError",
     "WrongContentError",

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 
 from haptid.errors.devices import suggestion
 from haptid.errors.roots import BenchError
@@ -180,3 +180,25 @@ class PictureError(BenchError):
 
     def __init__(self, path: object, what: str) -> None:
         super().__init__(f"cannot draw {path}: {what}.")
+
+
+class NoCodeError(BenchError):
+    """A folder without the code of one model."""
+
+    def __init__(self, folder: object, found: Sequence[str]) -> None:
+        what = f"has the code of several models: {', '.join(found)}" if found else "has no code of a model"
+        super().__init__(f"{folder} {what}. Give a folder that `export_c`, or `haptid export --to c`, wrote.")
+
+
+class NoCompilerError(BenchError):
+    """No compiler for the code of a model."""
+
+    def __init__(self, command: str) -> None:
+        super().__init__(f"there is no C compiler {command!r}. Install one, or name it in the environment variable CC.")
+
+
+class CompileError(BenchError):
+    """Code of a model that the compiler refuses."""
+
+    def __init__(self, source: object, said: str) -> None:
+        super().__init__(f"{source} does not compile. Export the model again; the compiler said:\n{said.strip()}")

@@ -140,6 +140,14 @@ class MethodSettingError(EstimationError):
         super().__init__(f"{method}: {name} is {value!r}; write {wanted}.")
 
 
+class UnsearchableError(EstimationError):
+    """Constants of a device that cannot be searched."""
+
+    def __init__(self, device: str, why: str) -> None:
+        instead = "Write a constant as velocity = { start = 0.05, low = 0.005, high = 0.5 }, each term on its own."
+        super().__init__(f"{device}: {why}. {instead}")
+
+
 class DifferentModelError(EstimationError):
     """Two values of different devices put together."""
 

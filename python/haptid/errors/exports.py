@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 
 from haptid.errors.roots import ExportError
 
@@ -63,3 +63,20 @@ class VaryingLoopError(ExportError):
             f"proportion. Code without iterations is only written of loops such as parallelograms, couplings and mimic "
             f"joints."
         )
+
+
+class ImpossibleModelError(ExportError):
+    """Base parameters that no bodies have, for a format that asks for bodies."""
+
+    def __init__(self, failing: Sequence[str]) -> None:
+        super().__init__(
+            f"no real bodies have these base parameters: {'; '.join(failing)}. A simulator needs bodies. Identify with "
+            f"`possible = true` under [estimate] in the study, or hold the estimate with `haptid.Consistent`."
+        )
+
+
+class ExportFormatError(ExportError):
+    """A format that haptid does not write."""
+
+    def __init__(self, name: str, known: Iterable[str]) -> None:
+        super().__init__(f"there is no format {name!r} to export to; write one of {', '.join(known)}.")

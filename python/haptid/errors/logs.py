@@ -49,6 +49,26 @@ class EmptyLogError(LogError):
         super().__init__(f"{path} has {what}, so there is no motion in it. Record or export the log again.")
 
 
+class NotByRowsError(LogError):
+    """A log that can only be read as a whole was to stay on disk."""
+
+    def __init__(self, path: object, kind: str, known: Sequence[str]) -> None:
+        super().__init__(
+            f"{path} is {kind}, of which some rows cannot be read without the others. Read it with read_log, or write "
+            f"it as {' or '.join(known)}."
+        )
+
+
+class ChangedLogError(LogError):
+    """A log file that is not the size that it had when it was checked."""
+
+    def __init__(self, path: object, size: int, checked: int) -> None:
+        super().__init__(
+            f"{path} has {size} bytes, and had {checked} when it was checked. Wait until nothing writes to it, and "
+            f"start anew; on another machine, put the same file there."
+        )
+
+
 class LogFormatError(LogError):
     """A suffix that belongs to no format that haptid reads."""
 

@@ -6,6 +6,16 @@ from __future__ import annotations
 class HaptidError(Exception):
     """Root of haptid's errors."""
 
+    def __reduce__(self) -> tuple[object, ...]:
+        """By what it holds, not by what it was made from: so it comes back from another process."""
+        return _again, (type(self), self.args), self.__dict__
+
+
+def _again(kind: type[HaptidError], args: tuple[object, ...]) -> HaptidError:
+    error = kind.__new__(kind)
+    error.args = args
+    return error
+
 
 class DeviceError(HaptidError):
     """Something about a device file or a mechanism."""
@@ -45,6 +55,10 @@ class HandleError(HaptidError):
 
 class ExportError(HaptidError):
     """Something about writing a model out for other programs."""
+
+
+class WorkError(HaptidError):
+    """Something about the processes or machines that do the work."""
 
 
 class ShapeError(HaptidError):

@@ -9,7 +9,7 @@ import numpy as np
 
 from haptid._values import Array, read_only
 from haptid.estimators.cone import never_negative
-from haptid.estimators.method import Method
+from haptid.estimators.method import Method, expect_weighting, rows_of
 from haptid.estimators.possible import Possible, hold, possible
 from haptid.estimators.solve import Solution
 from haptid.estimators.wls import WLS
@@ -43,6 +43,9 @@ class Consistent:
 
     weighting: Method = field(default_factory=WLS)
 
+    def __post_init__(self) -> None:
+        expect_weighting("Consistent", self.weighting)
+
     @property
     def name(self) -> str:
         return f"{self.weighting.name}, physically consistent"
@@ -51,6 +54,10 @@ class Consistent:
     def unit_residual(self) -> bool:
         """Whether the weighted residual has unit variance, or its variance is still to be estimated."""
         return self.weighting.unit_residual
+
+    def rows(self, observation: Observation) -> Observation:
+        """Those of the free fit."""
+        return rows_of(self.weighting, observation)
 
     def weights(self, observation: Observation) -> Array:
         """Those of the free fit, (motors,)."""
@@ -119,6 +126,11 @@ class Held:
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "free", read_only(self.free))
+
+    @property
+    def beta(self) -> Array:
+        """The held base parameters, (p,), SI."""
+        return self.possible.beta
 
     def interval(self, half: Array) -> Array:
         """The free interval cut where a parameter cannot be negative, and widened to the estimate, (p, 2).

@@ -13,11 +13,15 @@ from scipy import stats
 from haptid._values import Array, read_only
 from haptid.base import BaseParameters
 from haptid.device import Device
+from haptid.estimators.bounded import Within
 from haptid.estimators.consistent import Held
-from haptid.estimators.jackknife import Jackknife, jackknife
-from haptid.estimators.method import Method
+from haptid.estimators.fit import Fit
+from haptid.estimators.jackknife import BlockJackknife
+from haptid.estimators.method import Fitting, Knowing, Method, Reduced, rows_of
 from haptid.estimators.possible import Possible
 from haptid.estimators.solve import Solution, solve
+from haptid.estimators.spread import Intervals, Limiting, Spread
+from haptid.estimators.wls import WLS
 from haptid.observation import Observation
 
 # Scaled condition number above which single parameters are not to be trusted one by one (Gautier's rule).
@@ -28,16 +32,8 @@ WELL_CONDITIONED = 200.0
 class Restricted(Method, Protocol):
     """A method that holds the solution to a set of parameters, such as `Consistent`."""
 
-    def hold(self, observation: Observation, free: Solution) -> Held:
+    def hold(self, observation: Observation, free: Solution) -> Held | Within:
         """The solution in the set, beside the free one."""
-
-
-@runtime_checkable
-class Reduced(Method, Protocol):
-    """A method that holds some base parameters at zero, such as `Without`."""
-
-    def zero(self, observation: Observation) -> tuple[int, ...]:
-        """Their indices."""
 
 
 @dataclass(frozen=True)
@@ -83,13 +79,15 @@ class Estimate:
     Attributes:
         observation: the rows it was made from.
         method: how.
+        fit: the solution that is held to nothing, and the rows as least squares saw them.
+        intervals: how deviations are made.
         beta: (p,), SI.
-        covariance: by the block jackknife, (p, p).
+        covariance: honest, (p, p).
         textbook_covariance: if the residual were white, (p, p).
         freedom: degrees of freedom of each interval, (p,).
         lonely: parameters that one stretch of the log alone tells: their intervals are infinite, for nothing else can
             say how far to trust it.
-        weights: of each motor's rows, (motors,).
+        weights: of each motor's rows, (motors,); of a method that weighs single rows one over each motor's residual.
         status: "ok", or what is wrong with it: "weak", or "strained" where what is possible lies beyond an interval.
         notes: sentences a user should read.
         held: of a method that holds the estimate to what bodies can have: those bodies, the free estimate beside it,
@@ -99,6 +97,8 @@ class Estimate:
 
     observation: Observation
     method: Method
+    fit: Fit
+    intervals: Intervals
     beta: Array
     covariance: Array
     textbook_covariance: Array
@@ -107,7 +107,7 @@ class Estimate:
     weights: Array
     status: str
     notes: tuple[str, ...]
-    held: Held | None = None
+    held: Held | Within | None = None
     zero: tuple[int, ...] = ()
 
     def __post_init__(self) -> None:
@@ -130,7 +130,7 @@ class Estimate:
     @property
     def possible(self) -> Possible | None:
         """Bodies that have these base parameters, of a method that looks for them."""
-        return self.held.possible if self.held else None
+        return self.held.possible if isinstance(self.held, Held) else None
 
     @property
     def sd(self) -> Array:
@@ -140,6 +140,8 @@ class Estimate:
     @property
     def interval95(self) -> Array:
         """Honest 95 % intervals, (p, 2)."""
+        if self.held and isinstance(self.intervals, Limiting):
+            return self.intervals.limits(self.fit, self.held, self._half)
         if self.held:
             return self.held.interval(self._half)
         return np.column_stack([self.beta - self._half, self.beta + self._half])
@@ -173,34 +175,42 @@ class Estimate:
     def __getitem__(self, name: str) -> Parameter:
         return self.parameters[self.base.names.index(name)]
 
+    def spread(self, combinations: Array) -> Spread:
+        """Deviations and degrees of freedom of combinations of base parameters, (q, p), of the free fit."""
+        return self.intervals.spread(self.fit, combinations)
 
-def estimate(observation: Observation, method: Method) -> Estimate:
+
+def estimate(observation: Observation, method: Method, intervals: Intervals | None = None) -> Estimate:
     """Base parameters with honest intervals.
 
     Args:
         observation: the rows.
-        method: `OLS()`, `WLS()`, `Consistent()`, ...
+        method: `OLS()`, `WLS()`, `GLS()`, `Consistent()`, ...
+        intervals: how deviations are made; `BlockJackknife()` where None.
 
     Raises:
         TooFewRowsError: fewer rows than parameters.
         UnexcitedError: the log leaves a direction of the parameters in the dark.
         NoBodyError, UnsolvedError: `Consistent()` finds no bodies.
     """
-    weights = method.weights(observation)
+    intervals = intervals or BlockJackknife()
     zero = method.zero(observation) if isinstance(method, Reduced) else ()
-    solution = solve(observation, weights, zero)
-    jack = jackknife(observation, weights, solution)
+    fit = method.fit(observation) if isinstance(method, Fitting) else fitted(observation, method, zero)
+    solution, spread = fit.solution, intervals.spread(fit)
     held = method.hold(observation, solution) if isinstance(method, Restricted) else None
-    status, notes = verdict(observation, jack, held, zero)
+    status, notes = verdict(observation, spread, held, zero)
+    own = fit.observation is observation
     return Estimate(
         observation=observation,
         method=method,
-        beta=held.possible.beta if held else solution.beta,
-        covariance=jack.covariance,
-        textbook_covariance=solution.textbook_covariance(method.unit_residual),
-        freedom=jack.freedom,
-        lonely=tuple(int(k) for k in jack.alone),
-        weights=weights,
+        fit=fit,
+        intervals=intervals,
+        beta=held.beta if held else solution.beta,
+        covariance=spread.covariance,
+        textbook_covariance=solution.textbook_covariance(fit.unit_residual),
+        freedom=spread.freedom,
+        lonely=tuple(int(k) for k in spread.alone),
+        weights=fit.weights if own else np.array([WLS().weight(m, solution.beta) for m in observation.motors]),
         status=status,
         notes=notes,
         held=held,
@@ -208,8 +218,16 @@ def estimate(observation: Observation, method: Method) -> Estimate:
     )
 
 
+def fitted(observation: Observation, method: Method, zero: tuple[int, ...]) -> Fit:
+    """Least squares on the rows as the method wants them seen, with what it knows beside them."""
+    known = method.knowledge(observation) if isinstance(method, Knowing) else None
+    seen = rows_of(method, observation)
+    weights = method.weights(seen)
+    return Fit(seen, weights, solve(seen, weights, zero, known), method.unit_residual)
+
+
 def verdict(
-    observation: Observation, jack: Jackknife, held: Held | None, zero: tuple[int, ...]
+    observation: Observation, spread: Spread, held: Held | Within | None, zero: tuple[int, ...]
 ) -> tuple[str, tuple[str, ...]]:
     """The status of an estimate, and the sentences a user should read."""
     raw, scaled = observation.condition_without(zero)
@@ -221,15 +239,15 @@ def verdict(
             f"The motion tells some parameters apart only weakly (condition number {scaled:.0f} with unit columns, "
             f"{raw:.0f} raw): trust the torque, and of single parameters only those with a small deviation."
         )
-    if len(jack.alone):
+    if len(spread.alone):
         status = "weak"
-        names = ", ".join(observation.base.names[k] for k in jack.alone)
+        names = ", ".join(observation.base.names[k] for k in spread.alone)
         notes.append(
             f"One stretch of the log alone tells {names}, so nothing says how far to trust it and the interval is "
             f"infinite. Record longer, or motion that shows it again and again."
         )
     if held:
-        half = stats.t.ppf(0.975, jack.freedom) * deviations(jack.covariance, jack.alone)
+        half = stats.t.ppf(0.975, spread.freedom) * deviations(spread.covariance, spread.alone)
         status = "strained" if held.strained(half) else status
         notes += held.notes(half)
     return status, tuple(notes)

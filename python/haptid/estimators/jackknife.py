@@ -12,40 +12,40 @@ from dataclasses import dataclass
 import numpy as np
 
 from haptid._values import Array
+from haptid.estimators.fit import ALONE, Fit, Moments, moments
 from haptid.estimators.solve import Solution
+from haptid.estimators.spread import Spread
 from haptid.observation import Observation
 
-# A block that alone carries more than this share of a direction cannot be left out: without it nothing is left.
-ALONE = 1.0 - 1e-6
-# A parameter leans on such a block when this much of its variance is in that direction.
-MOSTLY = 0.1
+__all__ = ["ALONE", "BlockJackknife", "jackknife"]
+
 # With fewer effective blocks than this an interval means nothing; Student's t is held here.
 LEAST_FREEDOM = 2.0
 
 
-@dataclass(frozen=True, eq=False)
-class Jackknife:
-    """What leaving out blocks says.
+@dataclass(frozen=True)
+class BlockJackknife:
+    """The default: each block of each motor is left out in turn.
 
-    Attributes:
-        covariance: of the base parameters, or of combinations of them, (p, p).
-        freedom: degrees of freedom of the t interval of each, (p,).
-        blocks: how many blocks of rows there were.
-        alone: those that lean on a single block, as indices, (k,).
+    Source: Bell and McCaffrey (2002), Survey Methodology 28, CR3, and their degrees of freedom.
     """
 
-    covariance: Array
-    freedom: Array
-    blocks: int
-    alone: np.ndarray
+    @property
+    def name(self) -> str:
+        return "CR3 jackknife over motor and time block, Student t with Satterthwaite degrees of freedom"
+
+    def spread(self, fit: Fit, combinations: Array | None = None) -> Spread:
+        """Covariance by leaving out each block of each motor in turn; of base parameters, or combinations (q, p).
+
+        Knowledge with a deviation adds its own variance, as if its value had been drawn with that deviation.
+        """
+        return _spread(fit.moments, fit.combined(combinations), fit.solution.pull)
 
 
 def jackknife(
     observation: Observation, weights: Array, solution: Solution, combinations: Array | None = None
-) -> Jackknife:
-    """Covariance by leaving out each block of each motor in turn.
-
-    Degrees of freedom are Satterthwaite's, from how evenly the blocks carry a parameter: (sum l)^2 / sum l^2 - 1.
+) -> Spread:
+    """The same of rows and a solution of them.
 
     Args:
         observation: the rows.
@@ -54,32 +54,25 @@ def jackknife(
         combinations: of base parameters, (q, p), in whose place the result is; each base parameter by itself where
             left out.
     """
-    inverse = solution.root
-    spread = inverse if combinations is None else combinations @ inverse
-    q = len(spread)
-    variance = (spread**2).sum(axis=1)
-    outer, leverage, alone = np.zeros((q, q)), [], np.zeros(q, dtype=bool)
-    for motor, weight in zip(observation.motors, weights, strict=True):
-        T = motor.triangles[motor.rows > 0] * weight
-        U = T[:, :, :-1] @ inverse[motor.columns]
-        e = T[:, :, -1] - T[:, :, :-1] @ solution.beta[motor.columns]
-        # Without block b: (I - U'U)^-1 U'e = U'(I - UU')^-1 e, in the smaller of the two sizes.
-        values, vectors = np.linalg.eigh(U @ U.transpose(0, 2, 1))
-        carried = np.einsum("bij,bik->bjk", vectors, U)
-        lonely = np.where((values > ALONE)[:, :, None], carried, 0.0) @ spread.T
-        alone |= ((lonely**2).sum(axis=1) > MOSTLY * variance).any(axis=0)
-        shrink = 1.0 / (1.0 - np.minimum(values, ALONE))
-        moved = np.einsum("bij,bi->bj", vectors, e) * shrink
-        shift = np.einsum("bjk,bj->bk", carried, moved) @ spread.T
-        outer += shift.T @ shift
-        leverage.append(((U @ spread.T) ** 2).sum(axis=1))
-    shares = np.concatenate(leverage)
-    blocks = len(shares)
+    spread = solution.root if combinations is None else combinations @ solution.root
+    return _spread(moments(observation, weights, solution), spread, solution.pull)
+
+
+def _spread(made: Moments, spread: Array, pull: Array | None) -> Spread:
+    """Of combinations (q, k) of the moments' coordinates."""
+    shifts, blocks = made.moved @ spread.T, len(made.s)
+    outer = shifts.T @ shifts * (blocks - 1) / max(blocks, 1)
+    believed = np.zeros_like(outer) if pull is None else (spread @ pull.T) @ (spread @ pull.T).T
+    own, whole = np.diag(outer), np.diag(outer + believed)
+    # What is only believed has no degrees of freedom to lose (Satterthwaite 1946).
+    grown = np.divide(whole, own, out=np.ones_like(whole), where=own > 0) ** 2
+    return Spread(outer + believed, freedom(made, spread) * grown, blocks, made.alone(spread))
+
+
+def freedom(made: Moments, spread: Array) -> Array:
+    """Satterthwaite's, from how evenly the blocks carry a combination: (sum l)^2 / sum l^2 - 1, (q,)."""
+    shares = made.shares(spread)
     squares = (shares**2).sum(axis=0)  # zero where a parameter is held at zero, which nothing can doubt
-    freedom = np.divide(shares.sum(axis=0) ** 2, squares, out=np.full(q, np.inf), where=squares > 0) - 1.0
-    return Jackknife(
-        covariance=outer * (blocks - 1) / max(blocks, 1),
-        freedom=np.maximum(freedom, LEAST_FREEDOM),
-        blocks=blocks,
-        alone=np.flatnonzero(alone),
-    )
+    whole = shares.sum(axis=0) ** 2
+    effective = np.divide(whole, squares, out=np.full(len(whole), np.inf), where=squares > 0)
+    return np.asarray(np.maximum(effective - 1.0, LEAST_FREEDOM))

@@ -1,10 +1,13 @@
-"""What every method of estimation can do."""
+"""What every method of estimation can do, and what some can do besides."""
 
 from __future__ import annotations
 
-from typing import Protocol
+from typing import Protocol, runtime_checkable
 
 from haptid._values import Array
+from haptid.errors import MethodSettingError
+from haptid.estimators.fit import Fit
+from haptid.estimators.knowledge import Knowledge
 from haptid.observation import Observation
 
 
@@ -21,3 +24,51 @@ class Method(Protocol):
 
     def weights(self, observation: Observation) -> Array:
         """Weight of each motor's rows, (motors,)."""
+
+
+@runtime_checkable
+class ByRows(Method, Protocol):
+    """A method that changes single rows before they are folded, such as `GLS` and `IRLS`."""
+
+    def rows(self, observation: Observation) -> Observation:
+        """The rows as least squares is to see them; `weights` is asked of these."""
+
+
+@runtime_checkable
+class Reduced(Method, Protocol):
+    """A method that holds some base parameters at zero, such as `Without`."""
+
+    def zero(self, observation: Observation) -> tuple[int, ...]:
+        """Their indices."""
+
+
+@runtime_checkable
+class Knowing(Method, Protocol):
+    """A method that knows combinations of parameters beside the rows, such as `Equal` and `Ridge`."""
+
+    def knowledge(self, observation: Observation) -> Knowledge:
+        """What it knows."""
+
+
+@runtime_checkable
+class Fitting(Method, Protocol):
+    """A method whose solution is not that of least squares on triangles, such as `TLS`."""
+
+    def fit(self, observation: Observation) -> Fit:
+        """Its solution, and what each block adds to it."""
+
+
+def rows_of(method: Method, observation: Observation) -> Observation:
+    """The rows as least squares is to see them."""
+    return method.rows(observation) if isinstance(method, ByRows) else observation
+
+
+def expect_weighting(owner: str, method: Method) -> None:
+    """Raise MethodSettingError unless a method does no more than weigh rows.
+
+    Raises:
+        MethodSettingError: it reduces, holds or knows parameters, which the method around it would not hear of.
+    """
+    if isinstance(method, Reduced | Knowing | Fitting) or hasattr(method, "hold"):
+        wanted = "a method that only weighs rows: OLS, WLS, SUR, GLS, IRLS or Heteroscedastic"
+        raise MethodSettingError(owner, "weighting", method.name, wanted)

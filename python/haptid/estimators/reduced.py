@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 
 from haptid._values import Array
 from haptid.errors import BaseNameError
-from haptid.estimators.method import Method
+from haptid.estimators.method import Method, expect_weighting, rows_of
 from haptid.estimators.wls import WLS
 from haptid.observation import Observation
 
@@ -25,6 +25,9 @@ class Without:
     names: tuple[str, ...]
     weighting: Method = field(default_factory=WLS)
 
+    def __post_init__(self) -> None:
+        expect_weighting("Without", self.weighting)
+
     @property
     def name(self) -> str:
         return f"{self.weighting.name} without {len(self.names)}"
@@ -33,6 +36,10 @@ class Without:
     def unit_residual(self) -> bool:
         """Whether the weighted residual has unit variance, or its variance is still to be estimated."""
         return self.weighting.unit_residual
+
+    def rows(self, observation: Observation) -> Observation:
+        """As the other method sees them with all parameters."""
+        return rows_of(self.weighting, observation)
 
     def weights(self, observation: Observation) -> Array:
         """Those of the fit with all parameters, (motors,)."""

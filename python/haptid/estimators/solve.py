@@ -10,6 +10,7 @@ from scipy import linalg
 
 from haptid._values import Array
 from haptid.errors import TooFewRowsError, UnexcitedError
+from haptid.estimators.knowledge import Knowledge
 from haptid.observation import Observation, triangle
 
 # A direction of the scaled parameters that carries less than this share of the largest one is not in the log.
@@ -22,10 +23,12 @@ class Solution:
 
     Attributes:
         beta: base parameters, (p,), SI; those held at zero are 0.
-        R: triangle of the weighted rows of the k parameters that are not held at zero, (k, k).
-        root: its inverse, with rows of zeros for those that are: root root' is (W'W)^-1, (p, k).
+        R: triangle of the weighted rows in the k directions that nothing fixes, (k, k): the parameters themselves,
+            without those held at zero, where nothing else is known exactly.
+        root: those directions times the inverse of R: root root' is (W'W)^-1, (p, k).
         rest: norm of the weighted residual.
-        freedom: rows less parameters that are not held at zero.
+        freedom: rows less free directions.
+        pull: of knowledge with deviations, its rows in the coordinates of `root`, (known, k); None where there is none.
     """
 
     beta: Array
@@ -33,6 +36,7 @@ class Solution:
     root: Array
     rest: float
     freedom: int
+    pull: Array | None = None
 
     def textbook_covariance(self, unit_residual: bool) -> Array:
         """Covariance if the residual were white, (p, p).
@@ -45,13 +49,16 @@ class Solution:
         return np.asarray(variance * self.root @ self.root.T)
 
 
-def solve(observation: Observation, weights: Array, zero: Sequence[int] = ()) -> Solution:
+def solve(
+    observation: Observation, weights: Array, zero: Sequence[int] = (), known: Knowledge | None = None
+) -> Solution:
     """Minimise the norm of the rows, each motor's multiplied by its weight.
 
     Args:
         observation: the rows.
         weights: of each motor's rows, (motors,).
         zero: indices of base parameters that are held at zero.
+        known: of other combinations; those with a deviation count as rows in its units.
 
     Raises:
         TooFewRowsError: fewer rows than parameters.
@@ -59,17 +66,35 @@ def solve(observation: Observation, weights: Array, zero: Sequence[int] = ()) ->
     """
     p = len(observation.base)
     kept = [k for k in range(p) if k not in zero]
+    known = known or Knowledge.nothing(p)
     if observation.rows <= len(kept):
         raise TooFewRowsError(observation.rows, len(kept))
-    whole = observation.stack(weights)
-    if len(kept) < p:
-        whole = triangle(whole[:, [*kept, p]])
+    start, free = directions(known, kept)
+    change = np.zeros((p + 1, free.shape[1] + 1))
+    change[:p, :-1], change[:p, -1], change[p, -1] = free, -start, 1.0
+    own = known.rows @ change
+    whole = triangle(np.concatenate([observation.stack(weights) @ change, own]))
     R, z, rest = whole[:-1, :-1], whole[:-1, -1], abs(float(whole[-1, -1]))
-    check_excited([observation.base.names[k] for k in kept], R)
-    beta, root = np.zeros(p), np.zeros((p, len(kept)))
-    beta[kept] = linalg.solve_triangular(R, z)
-    root[kept] = linalg.solve_triangular(R, np.eye(len(kept)))
-    return Solution(beta, R, root, rest, observation.rows - len(kept))
+    check_excited([observation.base.names[int(np.argmax(np.abs(d)))] for d in free.T], R)
+    inverse = linalg.solve_triangular(R, np.eye(len(R)))
+    beta = start + free @ linalg.solve_triangular(R, z)
+    pull = own[:, :-1] @ inverse if len(own) else None
+    return Solution(beta, R, free @ inverse, rest, observation.rows - len(R), pull)
+
+
+def directions(known: Knowledge, kept: Sequence[int]) -> tuple[Array, Array]:
+    """Parameters that meet what is known exactly, (p,), and directions in which they stay free to move, (p, k).
+
+    The directions are the kept parameters themselves where no combination of them is known.
+    """
+    p = known.A.shape[1]
+    free = np.eye(p)[:, kept]
+    A, b = known.exact
+    if not len(b):
+        return np.zeros(p), free
+    sizes = np.linalg.norm(A[:, kept], axis=1)
+    A, b = A[:, kept] / sizes[:, None], b / sizes
+    return free @ np.linalg.lstsq(A, b, rcond=None)[0], free @ linalg.null_space(A)
 
 
 def check_excited(names: Sequence[str], R: Array) -> None:

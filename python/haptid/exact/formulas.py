@@ -62,12 +62,12 @@ def joined(parts: Iterable[tuple[Fraction, str]]) -> str:
 
 def text(row: Mapping[int, Coefficient], kept: int, names: Sequence[str], links: Sequence[int]) -> str:
     """A base parameter's combination of standard parameters, in plain text."""
-    return _formula(row, kept, names, links, TEXT)
+    return formula(row, kept, names, links, TEXT)
 
 
 def latex(row: Mapping[int, Coefficient], kept: int, names: Sequence[str], links: Sequence[int]) -> str:
     """The same in LaTeX."""
-    return _formula(row, kept, names, links, LATEX)
+    return formula(row, kept, names, links, LATEX)
 
 
 def coefficient(found: Coefficient) -> str:
@@ -79,10 +79,8 @@ def _quotient(found: Coefficient, style: Style) -> str:
     return style.fraction(*(_held(style.polynomial(part)) for part in (found.numerator, found.denominator)))
 
 
-def _formula(
-    row: Mapping[int, Coefficient], kept: int, names: Sequence[str], links: Sequence[int], style: Style
-) -> str:
-    """The parameter kept, plain ones link by link, then those that come with lengths."""
+def formula(row: Mapping[int, Coefficient], kept: int, names: Sequence[str], links: Sequence[int], style: Style) -> str:
+    """A base parameter in a style: the parameter kept, plain ones link by link, then those that come with lengths."""
     order = sorted(row, key=lambda k: (k != kept, links[k] < 0, links[k], k))
     by_monomial: dict[Powers, list[tuple[str, Fraction]]] = {}
     for k in order:

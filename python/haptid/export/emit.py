@@ -1,38 +1,17 @@
-"""Expressions as C99: one constant after the other, no loops, no branches, no memory but the stack."""
+"""Expressions as straight-line code: one constant after the other, no loops, no branches, no memory but the stack."""
 
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
+from haptid.export.dialects import ARITHMETIC, DOUBLE, Dialect, Keeping
 from haptid.export.functions import Code, Function
 from haptid.export.graph import PARAMETER, RUN, Graph
 
 # An expression used once and no longer than this, characters, is written where it is used.
 INLINE = 44
-ARITHMETIC = ("+", "-", "*", "/")
-
-
-@dataclass(frozen=True)
-class Dialect:
-    """How numbers look.
-
-    Attributes:
-        real: the type.
-        suffix: of literals and of the C library's functions.
-    """
-
-    real: str
-    suffix: str
-
-    def literal(self, value: float) -> str:
-        """A number that reads back as itself."""
-        return repr(value) + self.suffix
-
-
-DOUBLE = Dialect("double", "")
-SINGLE = Dialect("float", "f")
 
 
 @dataclass(frozen=True, eq=False)
@@ -50,24 +29,31 @@ class Emitted:
     bodies: Mapping[str, tuple[str, ...]]
 
 
-def emitted(code: Code, dialect: Dialect) -> Emitted:
-    """All functions' statements; what depends on parameters alone goes to the initialisation, always in double."""
+def emitted(code: Code, dialect: Keeping, wide: Dialect = DOUBLE) -> Emitted:
+    """All functions' statements; what depends on parameters alone goes to the initialisation.
+
+    Args:
+        code: the functions.
+        dialect: how they are written.
+        wide: how the initialisation is, always in double precision.
+    """
     graph = code.graph
     places: dict[int, int] = {}
     for function in code.functions:
         for node in sorted(_kept(graph, function)):
             places.setdefault(node, len(places))
-    writer = _Writer(graph, DOUBLE, {})
+    writer = _Writer(graph, wide, {})
     init = writer.statements(places, lambda node: graph.nodes[node].when == PARAMETER)
     # Names and one-operation parameters are read from their place like all others.
-    cast = "" if dialect is DOUBLE else f"({dialect.real})"
-    init += [f"model->k[{place}] = {cast}{_bracketed(writer.texts[node], cast)};" for node, place in places.items()]
-    bodies = {function.name: tuple(_body(graph, function, dialect, places)) for function in code.functions}
+    init += [dialect.keep(place, writer.texts[node]) for node, place in places.items()]
+    known = {node: dialect.kept(place) for node, place in places.items()}
+    bodies = {f.name: tuple(_body(graph, f, dialect, known, dialect.begin())) for f in code.functions}
     return Emitted(max(len(places), 1), tuple(init), bodies)
 
 
-def _bracketed(text: str, cast: str) -> str:
-    return f"({text})" if cast and " " in text else text
+def straight(code: Code, function: Function, dialect: Dialect) -> list[str]:
+    """Statements of one function with everything in it, what depends on parameters alone too."""
+    return _body(code.graph, function, dialect, {}, ())
 
 
 def _kept(graph: Graph, function: Function) -> set[int]:
@@ -78,24 +64,22 @@ def _kept(graph: Graph, function: Function) -> set[int]:
     return {node for node in read if graph.nodes[node].when == PARAMETER}
 
 
-def _body(graph: Graph, function: Function, dialect: Dialect, places: Mapping[int, int]) -> list[str]:
-    """Statements of one function."""
-    writer = _Writer(graph, dialect, {node: f"k[{place}]" for node, place in places.items()})
-    lines = writer.statements((value.node for value in function.all), lambda node: graph.nodes[node].when == RUN)
-    if any("k[" in line for line in (*lines, *writer.texts.values())) and _kept(graph, function):
-        lines.insert(0, f"const {dialect.real} *const k = model->k;")
-    zero = dialect.literal(0.0)
+def _body(
+    graph: Graph, function: Function, dialect: Dialect, known: Mapping[int, str], begin: Sequence[str]
+) -> list[str]:
+    """Statements of one function; what is known is read as its text says, after the statements that begin."""
+    writer = _Writer(graph, dialect, known)
+
+    def wanted(node: int) -> bool:
+        return not known or graph.nodes[node].when == RUN
+
+    lines = writer.statements((value.node for value in function.all), wanted)
+    if known and _kept(graph, function):
+        lines = [*begin, *lines]
     if function.checks:
-        tests = " && ".join(f"({writer.signed(check.sign, check.node)} > {zero})" for check in function.checks)
-        lines.append(f"const int sound = {tests};")
-    for name, values in function.outputs:
-        for place, value in enumerate(values):
-            text = writer.signed(value.sign, value.node)
-            text = f"(sound != 0) ? ({text}) : {zero}" if function.checks else text
-            lines.append(f"{name}[{place}] = {text};")
-    if function.checks:
-        lines.append("return (sound != 0) ? 0 : 1;")
-    return lines
+        lines += dialect.sound([writer.signed(check.sign, check.node) for check in function.checks])
+    outputs = {name: [writer.signed(value.sign, value.node) for value in values] for name, values in function.outputs}
+    return [*lines, *dialect.end(outputs, bool(function.checks))]
 
 
 class _Writer:
@@ -118,7 +102,7 @@ class _Writer:
                 continue
             op, args, _ = graph.nodes[node]
             if op in ("number", "name"):
-                self.texts[node] = self.dialect.literal(args[0]) if op == "number" else str(args[0])  # type: ignore[arg-type]
+                self.texts[node] = self._leaf(op, args[0])
                 continue
             if not wanted(node):
                 continue
@@ -126,7 +110,7 @@ class _Writer:
             if op in ARITHMETIC and uses[node] == 1 and len(text) <= INLINE:
                 self.texts[node], self.ops[node] = text, op
             else:
-                lines.append(f"const {self.dialect.real} t{node} = {text};")
+                lines.append(self.dialect.constant(f"t{node}", text))
                 self.texts[node] = f"t{node}"
         return lines
 
@@ -136,20 +120,16 @@ class _Writer:
             return self.texts[node]
         return f"-({self.texts[node]})" if node in self.ops else f"-{self.texts[node]}"
 
+    def _leaf(self, op: str, value: float | str | int) -> str:
+        return self.dialect.literal(float(value)) if op == "number" else self.dialect.named(str(value))
+
     def _operation(self, op: str, args: tuple[int, ...]) -> str:
-        suffix, zero = self.dialect.suffix, self.dialect.literal(0.0)
         if op in ARITHMETIC:
             return f"{self._operand(op, args[0], left=True)} {op} {self._operand(op, args[1], left=False)}"
-        text = self.texts[args[0]]
         if op == "negative":
+            text = self.texts[args[0]]
             return f"-({text})" if args[0] in self.ops else f"-{text}"
-        if op == "pow":
-            return f"pow{suffix}({text}, {self.texts[args[1]]})"
-        if op in ("above", "below"):
-            return f"{'fmax' if op == 'above' else 'fmin'}{suffix}({text}, {zero})"
-        if op == "sign":
-            return f"({self.dialect.real})(({text}) > {zero}) - ({self.dialect.real})(({text}) < {zero})"
-        return f"{op}{suffix}({text})"
+        return self.dialect.call(op, [self.texts[arg] for arg in args])
 
     def _operand(self, op: str, node: int, left: bool) -> str:
         """Brackets wherever C's rules would read it otherwise, and between equals on the right."""

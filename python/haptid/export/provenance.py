@@ -7,15 +7,18 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
+from haptid._core import __version__
 from haptid._values import Array, expect, read_only
 from haptid.device import Device
 from haptid.errors import FailedValidationError, UnvalidatedError
 from haptid.estimators import Estimate
 from haptid.identification import Identification
+from haptid.recorded import Recorded
 from haptid.validation import Validation
 
-# What can be exported: an identification by a study, an estimate, or a device with base parameters from elsewhere.
-Model = Identification | Estimate | tuple[Device, ArrayLike]
+# What can be exported: an identification by a study, the same read back from its result folder, an estimate, or a
+# device with base parameters from elsewhere.
+Model = Identification | Recorded | Estimate | tuple[Device, ArrayLike]
 
 
 @dataclass(frozen=True, eq=False)
@@ -26,6 +29,7 @@ class Provenance:
         device: the mechanism.
         beta: its base parameters, (p,), SI.
         intervals: 95 % intervals of them, (p, 2), or None where nothing is known.
+        covariance: of them, (p, p), or None where nothing is known.
         hashes: SHA-256 of the logs that it was identified from.
         verdict: on unseen motion, a sentence.
     """
@@ -33,6 +37,7 @@ class Provenance:
     device: Device
     beta: Array
     intervals: Array | None
+    covariance: Array | None
     hashes: tuple[str, ...]
     verdict: str
 
@@ -45,7 +50,7 @@ def provenance(model: Model, validation: Validation | None, largest_error: float
 
     Args:
         model: what to export.
-        validation: of an estimate; an identification has its own.
+        validation: of an estimate; an identification and a result have their own.
         largest_error: criterion, per cent; an identification has that of its study where this is None.
         anyway: write a model that fails its criterion, and say so.
 
@@ -59,13 +64,19 @@ def provenance(model: Model, validation: Validation | None, largest_error: float
         validations = validations or tuple(model.unseen)
         largest_error = model.study.largest_error if largest_error is None else largest_error
         model = model.estimate
+    if isinstance(model, Recorded):
+        validations = validations or model.unseen
+        largest_error = model.largest_error if largest_error is None else largest_error
     verdict = _verdict(validations, largest_error, anyway)
+    if isinstance(model, Recorded):
+        used = dict.fromkeys(log.sha256 for log in model.logs if log.role == "identify")
+        return Provenance(model.device, model.beta, model.interval95, model.covariance, tuple(used), verdict)
     if isinstance(model, Estimate):
         hashes = dict.fromkeys(motion.log.sha256 for motion in model.observation.motions if motion.log)
-        return Provenance(model.device, model.beta, model.interval95, tuple(hashes), verdict)
+        return Provenance(model.device, model.beta, model.interval95, model.covariance, tuple(hashes), verdict)
     device, beta = model
     expect("beta", np.shape(beta), (len(device.base),))
-    return Provenance(device, np.asarray(beta, dtype=float), None, (), verdict)
+    return Provenance(device, np.asarray(beta, dtype=float), None, None, (), verdict)
 
 
 def _verdict(validations: tuple[Validation, ...], limit: float | None, anyway: bool) -> str:
@@ -85,3 +96,15 @@ def _verdict(validations: tuple[Validation, ...], limit: float | None, anyway: b
     if not anyway:
         raise FailedValidationError(worst.relative, limit)
     return f"VALIDATION FAILED: error {error}; criterion {limit:.2f} %."
+
+
+def about(source: Provenance) -> list[str]:
+    """The first lines of every file: the device, the verdict, the data."""
+    device = source.device
+    return [
+        f"{device.name}: dynamic model, written by haptid {__version__}.",
+        *([device.description] if device.description else []),
+        "",
+        source.verdict,
+        *(f"Data, SHA-256: {sha}" for sha in source.hashes or ("none: parameters from elsewhere",)),
+    ]

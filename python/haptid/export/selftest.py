@@ -8,7 +8,7 @@ import numpy as np
 
 from haptid._values import Array
 from haptid.causal import HighPass
-from haptid.export.emit import DOUBLE, Dialect
+from haptid.export.dialects import DOUBLE, C
 from haptid.export.functions import Function
 from haptid.export.golden import Golden
 from haptid.export.text import CUTOFF_HZ, GAIN, STEP, Files
@@ -77,7 +77,7 @@ def watched(files: Files, q: Array, qd: Array, tau: Array) -> tuple[Array, Array
     return seen.torque.T, HighPass(CUTOFF_HZ).velocity(q, STEP).T
 
 
-def table(name: str, values: Array, dialect: Dialect, inputs: bool = False) -> str:
+def table(name: str, values: Array, dialect: C, inputs: bool = False) -> str:
     """A static array of numbers, (samples, size)."""
     rows = ",\n".join("    {" + ", ".join(dialect.literal(float(x)) for x in row) + "}" for row in values)
     real = dialect.real if inputs else "double"

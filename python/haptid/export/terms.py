@@ -14,7 +14,6 @@ from haptid.device.terms import DRY, Counterbalance, TermColumn
 from haptid.errors import UnexportableTermError
 from haptid.export.graph import PARAMETER, Expr, Graph
 from haptid.export.vectors import combined
-from haptid.reversals import WIDTH
 
 # What resists motion, and is compensated by a share at most.
 FRICTION = ("viscous", *DRY)
@@ -64,7 +63,7 @@ def _column(device: Device, term: TermColumn, graph: Graph, q: list[Expr], qd: l
 
 def _dry(term: TermColumn, graph: Graph, v: Expr, speed: float) -> Expr:
     """tanh(v / width) of the whole velocity or one half of it, falling with speed where it is Stribeck's."""
-    width = max(term.settings[WIDTH[term.kind]], speed)
+    width = max(term.constant("width"), speed)
     side = {"coulomb+": "above", "coulomb-": "below"}.get(term.kind)
     moving = graph.apply(side, v) if side else v
     sign = graph.apply("tanh", moving * (1.0 / width))

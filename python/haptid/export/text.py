@@ -10,11 +10,11 @@ from importlib import resources
 
 import numpy as np
 
-from haptid._core import __version__
 from haptid.device import Device
-from haptid.export.emit import Dialect, Emitted, emitted
+from haptid.export.dialects import C
+from haptid.export.emit import Emitted, emitted
 from haptid.export.functions import Code, Function
-from haptid.export.provenance import Provenance
+from haptid.export.provenance import Provenance, about
 
 # Widest line of a comment, characters.
 WIDTH = 116
@@ -41,7 +41,7 @@ class Files:
 
     source: Provenance
     code: Code
-    dialect: Dialect
+    dialect: C
     name: str
 
     @property
@@ -125,15 +125,7 @@ class Files:
 
     def _about(self) -> str:
         """First lines of the header."""
-        hashes = self.source.hashes or ("none: parameters from elsewhere",)
-        lines = [
-            f"{self.device.name}: dynamics for a control loop, written by haptid {__version__}.",
-            *([self.device.description] if self.device.description else []),
-            "",
-            self.source.verdict,
-            *(f"Data, SHA-256: {sha}" for sha in hashes),
-        ]
-        return "\n".join(f" * {comment(line)}".rstrip() for line in lines)
+        return "\n".join(f" * {comment(line)}".rstrip() for line in about(self.source))
 
     def _parameter_lines(self) -> list[str]:
         base, lines = self.device.base, []

@@ -2,25 +2,23 @@
 
 from __future__ import annotations
 
-import re
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal, get_args
 
 from haptid._values import positive
-from haptid.errors import CodeNameError, CodeSettingError
-from haptid.export.emit import DOUBLE, SINGLE
+from haptid.errors import CodeSettingError
+from haptid.export.dialects import DOUBLE, SINGLE
+from haptid.export.folder import write
 from haptid.export.functions import Code, code_of
 from haptid.export.graph import Operations
+from haptid.export.names import check_name, default_name
 from haptid.export.provenance import Model, provenance
 from haptid.export.selftest import selftest
 from haptid.export.text import Files
 from haptid.force import REVERSAL_SPEED
-from haptid.outputs import publishing
 from haptid.validation import Validation
 
-# Names of C functions are told apart by their first 31 characters at least (C99, 5.2.4.1): so much is left for ours.
-LONGEST_NAME = 24
 Precision = Literal["double", "single"]
 
 
@@ -100,24 +98,8 @@ def export_c(
     made = code_of(source.device, code.reversal_speed)
     name = code.name or default_name(source.device.name)
     files = Files(source, made, SINGLE if code.precision == "single" else DOUBLE, name)
-    texts = _texts(files)
-    with publishing(folder) as scratch:
-        for file, text in texts.items():
-            (scratch / file).write_text(text, encoding="utf-8")
-    return CExport(folder, tuple(texts), made.operations, source.verdict)
-
-
-def check_name(name: str) -> None:
-    """Raise CodeNameError unless names in C can begin so."""
-    if not re.fullmatch(rf"[a-z][a-z0-9_]{{0,{LONGEST_NAME - 1}}}", name):
-        raise CodeNameError(name, LONGEST_NAME)
-
-
-def default_name(device: str) -> str:
-    """The device's name, as far as C allows."""
-    plain = re.sub(r"[^a-z0-9]+", "_", device.lower()).strip("_")
-    plain = plain if plain[:1].isalpha() else f"device_{plain}"
-    return plain[:LONGEST_NAME].rstrip("_")
+    written = write(folder, _texts(files), source.verdict)
+    return CExport(folder, written.files, made.operations, source.verdict)
 
 
 def _texts(files: Files) -> dict[str, str]:

@@ -2,6 +2,8 @@
 
 from haptid.log.limits import check_against
 from haptid.log.model import Channels, Log, Signal
+from haptid.log.on_disk import OnDisk, as_array
+from haptid.log.opening import is_long, open_log
 from haptid.log.reading import read_log
 
-__all__ = ["Channels", "Log", "Signal", "check_against", "read_log"]
+__all__ = ["Channels", "Log", "OnDisk", "Signal", "as_array", "check_against", "is_long", "open_log", "read_log"]

@@ -137,21 +137,26 @@ def jumps(path: Path, name: str, column: Array, stamps: Array, signal: Signal, s
             raise PositionJumpError(path, name, float(stamps[k + 1]), largest, signal.unit, usual)
 
 
-def unwrapped(column: Array, signal: Signal) -> tuple[Array, int]:
-    """The column with whole periods put back, (m,), and the number of jumps."""
+def turns(column: Array, signal: Signal) -> tuple[NDArray[np.intp], Array]:
+    """Samples at which a wrapped channel jumps, and what must be taken off from each of them on, each (jumps,)."""
     steps = np.diff(column)
     turn = period(signal, float(np.abs(steps).max()))
     if turn is None:
-        return column, 0
-    turns = np.rint(np.divide(steps, turn, out=steps), out=steps)
-    count = int(np.count_nonzero(turns))
-    if count == 0:
-        return column, 0
-    shift = np.cumsum(turns, out=turns)
-    shift *= turn
-    straight = column.copy()
-    straight[1:] -= shift
-    return straight, count
+        return np.empty(0, np.intp), np.empty(0)
+    whole = np.rint(np.divide(steps, turn, out=steps), out=steps)
+    before = np.flatnonzero(whole)
+    return before + 1, np.cumsum(whole[before]) * turn
+
+
+def taken_off(at: NDArray[np.intp], shift: Array, low: int, high: int) -> Array:
+    """What `turns` says must be taken off samples low..high, (high - low,)."""
+    return np.asarray(np.append(0.0, shift)[np.searchsorted(at, np.arange(low, high), side="right")])
+
+
+def unwrapped(column: Array, signal: Signal) -> tuple[Array, int]:
+    """The column with whole periods put back, (m,), and the number of jumps."""
+    at, shift = turns(column, signal)
+    return (column - taken_off(at, shift, 0, column.size) if at.size else column), at.size
 
 
 def saturated(path: Path, name: str, column: Array, bits: NDArray[np.uint8], signal: Signal) -> str | None:

@@ -40,6 +40,18 @@ def columns(path: Path, wanted: Sequence[str]) -> dict[str, Column]:
         return collect(wanted, _columns(path, file, wanted))
 
 
+def rows(path: Path, wanted: Sequence[str], start: int, stop: int) -> list[Column]:
+    """Rows start..stop of channels that the file has, each (stop - start,)."""
+    with opened(path, KIND), h5py.File(path, "r", locking=False) as file:
+        places = {name: (dataset, at) for dataset in _datasets(file) for name, at in _channels(dataset).items()}
+        return [np.asarray(dataset[_only(at, start, stop)]) for dataset, at in (places[name] for name in wanted)]
+
+
+def _only(at: Address, start: int, stop: int) -> Address:
+    """The address of some of a channel's rows."""
+    return tuple(slice(start, stop) if isinstance(part, slice) else part for part in at)
+
+
 def _columns(path: Path, file: h5py.File, wanted: Sequence[str]) -> Iterator[tuple[str, Column]]:
     for dataset in _datasets(file):
         name, found = _flat(dataset), _channels(dataset)

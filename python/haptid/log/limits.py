@@ -5,9 +5,6 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 
-import numpy as np
-
-from haptid._values import Array
 from haptid.errors import LooksLikeDegreesError, LooksLikeRadiansError, SwappedChannelsError
 from haptid.log.model import Log
 
@@ -49,7 +46,7 @@ def check_against(
     count = len(log.channels.position.channels)
     if log.channels.position.side != "joint" or not len(position_ranges) == len(prismatic) == len(names) == count:
         return ()
-    spans: list[Range] = [(float(q.min()), float(q.max())) for q in log.position.T]
+    spans = list(log.course.spans)
     angles = [k for k in range(count) if not prismatic[k]]
     if log.channels.position.unit == "deg":
         _check_radians(angles, spans, position_ranges, names)
@@ -118,10 +115,10 @@ def _check_swapped(
             if j == k or others is None or prismatic[j] != prismatic[k]:
                 continue
             if _inside(other, limits) and _inside(span, others):
-                reach = _furthest(log.position[:, k], limits)
+                reach = _furthest(span, limits)
                 raise SwappedChannelsError(names[k], names[j], channels[k], channels[j], reach, limits)
 
 
-def _furthest(position: Array, limits: Range) -> float:
-    """The position that is furthest from the middle of the limits."""
-    return float(position[np.argmax(np.abs(position - 0.5 * (limits[0] + limits[1])))])
+def _furthest(span: Range, limits: Range) -> float:
+    """The end that is further from the middle of the limits."""
+    return max(span, key=lambda end: abs(end - 0.5 * (limits[0] + limits[1])))

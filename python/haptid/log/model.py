@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from pathlib import Path
 from typing import Literal
 
@@ -13,6 +14,7 @@ from numpy.typing import ArrayLike
 from haptid._values import Array, expect, freeze, read_only
 from haptid.errors import CountsGainError, LogTooShortError, MappedTwiceError, SignalError, TimeBaseError
 from haptid.log import units
+from haptid.log.on_disk import Course, OnDisk, as_array
 
 Side = Literal["joint", "motor"]
 # Samples that a stretch of a log has at least, whatever its rate.
@@ -122,7 +124,8 @@ class Channels:
 class Log:
     """What was recorded, checked, in SI and on a uniform grid.
 
-    Each channel lies contiguous in memory: `position.T` and `torque.T` are C-contiguous.
+    Each channel lies contiguous in memory: `position.T` and `torque.T` are C-contiguous. Of a log that was opened and
+    not read, `position` and `torque` are `OnDisk`.
 
     Attributes:
         path: the file.
@@ -163,6 +166,11 @@ class Log:
         """Samples in a second."""
         return 1.0 / self.dt
 
+    @cached_property
+    def course(self) -> Course:
+        """How far the positions go, and when they move."""
+        return self.position.course() if isinstance(self.position, OnDisk) else Course.of(self.position.T)
+
     def busiest(self, seconds: float) -> Log:
         """The stretch in which its positions move most, each against its own spread.
 
@@ -171,10 +179,7 @@ class Log:
         keep = min(self.t.size, max(LEAST_STRETCH, round(seconds / self.dt)))
         if keep == self.t.size:
             return self
-        moved = np.zeros(self.t.size)
-        for channel in self.position.T:
-            steps = np.diff(channel) ** 2
-            moved[1:] += steps / (steps.sum() or 1.0)
+        moved = self.course.moved
         total = np.concatenate([[0.0], np.cumsum(moved)])
         start = int(np.argmax(total[keep:] - total[:-keep]))
         part = slice(start, start + keep)
@@ -183,6 +188,8 @@ class Log:
 
 def _channel_major(array: ArrayLike) -> Array:
     """The (n, channels) array read-only with every channel contiguous; copied only where it must be."""
+    if isinstance(array, OnDisk):
+        return as_array(array)
     given = np.asarray(array, dtype=np.float64)
     ordered = np.asfortranarray(given)
     return read_only(given) if ordered is given else freeze(ordered)

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from functools import lru_cache
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pyarrow as pa
@@ -14,7 +16,10 @@ from haptid.log.content import Column, collect, guard, opened, require
 
 KIND = "Parquet"
 BATCH_ROWS = 2**16
-BUFFER_BYTES = 2**20
+# How files are opened: bytes are read as they are needed.
+SPARING: dict[str, Any] = {"pre_buffer": False, "buffer_size": 2**20}
+# Row groups that are held ready: those at a stretch's two ends, of positions and of torques.
+GROUPS_HELD = 4
 
 
 def names(path: Path) -> list[str]:
@@ -32,8 +37,33 @@ def columns(path: Path, wanted: Sequence[str]) -> dict[str, Column]:
         OversizedLogError: a column declares far more rows than its bytes can be taken to hold.
     """
     require(path, KIND, "Parquet")
-    with opened(path, KIND), parquet.ParquetFile(path, pre_buffer=False, buffer_size=BUFFER_BYTES) as file:
+    with opened(path, KIND), parquet.ParquetFile(path, **SPARING) as file:
         return collect(wanted, _columns(path, file, wanted))
+
+
+def rows(path: Path, wanted: Sequence[str], start: int, stop: int) -> list[Column]:
+    """Rows start..stop of columns that the file has, each (stop - start,); their row groups are held ready."""
+    with opened(path, KIND), parquet.ParquetFile(path) as file:
+        counts = [file.metadata.row_group(k).num_rows for k in range(file.metadata.num_row_groups)]
+    edges, parts = np.cumsum([0, *counts]), []
+    for k, begin in enumerate(edges[:-1]):
+        if begin < stop and edges[k + 1] > start:
+            columns = _group(path, path.stat().st_mtime_ns, k, tuple(wanted))
+            parts.append([column[max(start - begin, 0) : stop - begin] for column in columns])
+    return [np.concatenate(pieces) for pieces in zip(*parts, strict=True)]
+
+
+@lru_cache(maxsize=GROUPS_HELD)
+def _group(path: Path, _written: int, k: int, wanted: tuple[str, ...]) -> list[Column]:
+    """Columns of one row group of the file as it was written at some time, ns."""
+    with opened(path, KIND), parquet.ParquetFile(path, **SPARING) as file:
+        table = file.read_row_group(k, columns=list(wanted), use_threads=False)
+    kinds = (table.schema.field(name).type for name in wanted)
+    columns = [
+        table[name].cast(pa.float64()) if types.is_decimal(kind) else table[name]
+        for name, kind in zip(wanted, kinds, strict=True)
+    ]
+    return [column.to_numpy() for column in columns]
 
 
 def _columns(path: Path, file: parquet.ParquetFile, wanted: Sequence[str]) -> Iterator[tuple[str, Column]]:

@@ -27,14 +27,21 @@ from haptid.log.content import Column, block_of
 from haptid.log.guess import guess
 from haptid.log.model import Channels, Log, Signal
 
+Kind = Literal["position", "torque"]
+
 
 @dataclass(frozen=True)
 class Format:
-    """A kind of file: its name, its suffixes, and the module that reads it, loaded when needed."""
+    """A kind of file: its name, its suffixes, and the module that reads it, loaded when needed.
+
+    Attributes:
+        by_rows: whether some rows can be read without the others.
+    """
 
     name: str
     suffixes: tuple[str, ...]
     module: str
+    by_rows: bool = False
 
     def names(self, path: Path) -> list[str]:
         """Every channel of the file."""
@@ -46,13 +53,18 @@ class Format:
         found: dict[str, Column] = import_module(f"haptid.log.{self.module}").columns(path, wanted)
         return found
 
+    def rows(self, path: Path, wanted: Sequence[str], start: int, stop: int) -> list[Column]:
+        """Rows start..stop of channels that the file has, each (stop - start,); where `by_rows`."""
+        found: list[Column] = import_module(f"haptid.log.{self.module}").rows(path, wanted, start, stop)
+        return found
+
 
 FORMATS = (
     Format("CSV", (".csv", ".tsv", ".txt"), "csv"),
-    Format("Parquet", (".parquet", ".pq"), "parquet"),
+    Format("Parquet", (".parquet", ".pq"), "parquet", by_rows=True),
     Format("MATLAB", (".mat",), "mat"),
     Format("NumPy", (".npz",), "npz"),
-    Format("HDF5", (".h5", ".hdf5"), "hdf5"),
+    Format("HDF5", (".h5", ".hdf5"), "hdf5", by_rows=True),
 )
 
 
@@ -76,7 +88,7 @@ def read_log(
         LogError: one class for each cause; see `haptid.errors`.
     """
     path = Path(path)
-    kind, sha256 = _format(path), _sha256(path)
+    kind, sha256 = format_of(path), sha256_of(path)
     notes: list[str] = []
     if channels is None:
         channels, sentence = guess(path, kind.names(path))
@@ -85,19 +97,22 @@ def read_log(
     for name in channels.sources:
         if name not in columns:
             raise MissingChannelError(path, name, kind.names(path))
-    if checks.lengths(path, columns) == 0:
+    count = checks.lengths(path, columns)
+    if count == 0:
         raise EmptyLogError(path, "channels and no rows")
-    base, rows, seconds = _time_base(path, channels, columns, stretch, notes)
+    stamps = None if channels.time is None else columns.pop(channels.time)
+    base, rows, seconds = time_base(path, channels, stamps, count, stretch, notes)
+    del stamps
     columns = {name: column[rows] for name, column in columns.items()}
     _check_raw(path, columns, seconds, base.repeated)
     del seconds
-    assembly = _Assembly(path, columns, base, notes)
-    position = assembly.block(channels.position, "position")
-    torque = assembly.block(channels.torque, "torque")
+    inspection = Inspection(path, base, notes)
+    position = _block(inspection, columns, channels.position, "position")
+    torque = _block(inspection, columns, channels.torque, "torque")
     return Log(path, sha256, base.t, position.T, torque.T, channels, tuple(notes))
 
 
-def _format(path: Path) -> Format:
+def format_of(path: Path) -> Format:
     """The format of the suffix, for a file that is there and can be read."""
     try:
         if path.is_dir():
@@ -118,27 +133,37 @@ def _format(path: Path) -> Format:
     raise LogFormatError(path, path.suffix, [f"{kind.name} ({', '.join(kind.suffixes)})" for kind in FORMATS])
 
 
-def _sha256(path: Path) -> str:
+def sha256_of(path: Path) -> str:
+    """Of the file's bytes."""
     with path.open("rb") as file:
         return hashlib.file_digest(file, "sha256").hexdigest()
 
 
-def _time_base(
+def time_base(
     path: Path,
     channels: Channels,
-    columns: dict[str, Column],
+    raw: Column | None,
+    count: int,
     stretch: tuple[float, float] | None,
     notes: list[str],
 ) -> tuple[time.TimeBase, slice, Array]:
-    """The time base, the rows of the stretch and their stamps; takes time out of the columns."""
-    count = checks.lengths(path, columns)
-    if channels.time is None:
+    """The time base, the rows of the stretch and their stamps.
+
+    Args:
+        path: the file.
+        channels: which of them is time.
+        raw: that channel, (count,); overwritten. None where there is none.
+        count: rows of the file.
+        stretch: the part to keep, s.
+        notes: grows.
+    """
+    if channels.time is None or raw is None:
         rate = float(channels.rate_hz or 0.0)
         rows = time.part(path, np.arange(count) / rate, stretch)
         base = time.from_rate(path, rows, rate)
         seconds = base.stamps
     else:
-        raw, scale = columns.pop(channels.time), units.scale(channels.time_unit, "time")[1]
+        scale = units.scale(channels.time_unit, "time")[1]
         first, fineness = raw[0] * scale, time.resolution(raw) * scale
         seconds = time.since_first(path, channels.time, raw, scale)
         rows = time.part(path, seconds, stretch)
@@ -162,50 +187,36 @@ def _check_raw(path: Path, columns: Mapping[str, Column], seconds: Array, repeat
     checks.identical(path, columns)
 
 
-class _Assembly:
-    """Raw columns on their way into a log: each is checked, put on the grid, scaled to SI, and let go.
+class Inspection:
+    """Raw columns as they come: each is checked, and its turns are put back.
 
     Attributes:
         path: the file.
-        columns: those not used yet, each of the rows that are kept.
-        base: where they go.
+        base: where the samples go.
         notes: grows.
         moving: where each position differs from the sample before, as bits; complete after the positions.
     """
 
-    def __init__(self, path: Path, columns: dict[str, Column], base: time.TimeBase, notes: list[str]) -> None:
-        self.path, self.columns, self.base, self.notes = path, columns, base, notes
+    def __init__(self, path: Path, base: time.TimeBase, notes: list[str]) -> None:
+        self.path, self.base, self.notes = path, base, notes
         self.moving: list[NDArray[np.uint8]] = []
 
-    def block(self, signal: Signal, kind: Literal["position", "torque"]) -> Array:
-        """The channels of a signal on the grid, (channels, n), SI."""
-        scale = units.scale(signal.unit, kind)[1]
-        block, in_place = self._room(signal)
-        for name, gain, offset, out in zip(signal.channels, signal.gain, signal.offset, block, strict=True):
-            column = self.columns.pop(name)
-            if self.base.repeated.size:
-                column = np.delete(column, self.base.repeated)
-            column = column.astype(np.float64, copy=False)
-            self._note(checks.constant(self.path, name, column, kind, signal.constant_ok))
-            if kind == "position":
-                column = self._position(name, column, signal, scale * gain)
-            else:
-                self._torque(name, column, signal)
-            if self.base.regular:
-                out[:] = column
-            else:
-                time.interpolate(self.base, column.copy() if in_place else column, kind, out)
-            out *= scale * gain
-            out += offset
-        return freeze(block)
+    def column(self, name: str, raw: Column, signal: Signal, kind: Kind, si: float) -> Array:
+        """A channel of a signal at the stamps, (m,), in the file's unit; positions come before torques.
 
-    def _room(self, signal: Signal) -> tuple[Array, bool]:
-        """Where the signal goes, (channels, n), and whether its raw columns are there already."""
-        n, count = self.base.t.size, len(signal.channels)
-        block = block_of([self.columns[name] for name in signal.channels], 2 * count + 1)
-        if block is None or block.shape[1] != n:
-            return np.empty((count, n)), False
-        return block, True
+        Args:
+            name, raw: of the channel; raw as it is in the file, repeated samples too.
+            signal, kind: what it belongs to.
+            si: SI in one of its unit.
+        """
+        if self.base.repeated.size:
+            raw = np.delete(raw, self.base.repeated)
+        column = raw.astype(np.float64, copy=False)
+        self._note(checks.constant(self.path, name, column, kind, signal.constant_ok))
+        if kind == "position":
+            return self._position(name, column, signal, si)
+        self._torque(name, column, signal)
+        return column
 
     def _position(self, name: str, column: Array, signal: Signal, si: float) -> Array:
         """The column with its turns put back where that is asked for, and checked for jumps."""
@@ -225,3 +236,27 @@ class _Assembly:
     def _note(self, sentence: str | None) -> None:
         if sentence:
             self.notes.append(sentence)
+
+
+def _block(inspection: Inspection, columns: dict[str, Column], signal: Signal, kind: Kind) -> Array:
+    """The channels of a signal on the grid, (channels, n), SI; each column is let go once it is there."""
+    base, scale = inspection.base, units.scale(signal.unit, kind)[1]
+    block, in_place = _room(base, columns, signal)
+    for name, gain, offset, out in zip(signal.channels, signal.gain, signal.offset, block, strict=True):
+        column = inspection.column(name, columns.pop(name), signal, kind, scale * gain)
+        if base.regular:
+            out[:] = column
+        else:
+            time.interpolate(base, column.copy() if in_place else column, kind, out)
+        out *= scale * gain
+        out += offset
+    return freeze(block)
+
+
+def _room(base: time.TimeBase, columns: Mapping[str, Column], signal: Signal) -> tuple[Array, bool]:
+    """Where the signal goes, (channels, n), and whether its raw columns are there already."""
+    n, count = base.t.size, len(signal.channels)
+    block = block_of([columns[name] for name in signal.channels], 2 * count + 1)
+    if block is None or block.shape[1] != n:
+        return np.empty((count, n)), False
+    return block, True

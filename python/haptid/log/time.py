@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
@@ -265,9 +266,21 @@ def interpolate(base: TimeBase, values: Array, kind: Literal["position", "torque
         kind: what they are.
         out: (n,), written.
     """
-    curve = CubicSpline if kind == "position" else PchipInterpolator
     for start in range(0, base.t.size, PIECE):
-        t = base.t[start : start + PIECE]
-        low = max(int(np.searchsorted(base.stamps, t[0])) - MARGIN, 0)
-        high = int(np.searchsorted(base.stamps, t[-1])) + MARGIN
-        out[start : start + PIECE] = curve(base.stamps[low:high], values[low:high])(t)
+        stop = min(start + PIECE, base.t.size)
+        low, high = around(base, start, stop)
+        out[start:stop] = curve(base, values[low:high], low, kind)(base.t[start:stop])
+
+
+def around(base: TimeBase, start: int, stop: int) -> tuple[int, int]:
+    """First and one past the last of the stamps that places start..stop of the grid are interpolated from."""
+    low = max(int(np.searchsorted(base.stamps, base.t[start])) - MARGIN, 0)
+    high = int(np.searchsorted(base.stamps, base.t[stop - 1])) + MARGIN
+    return low, min(high, base.stamps.size)
+
+
+def curve(base: TimeBase, values: Array, low: int, kind: Literal["position", "torque"]) -> Callable[[Array], Array]:
+    """Through the samples at the stamps from `low` on, each channel along the last axis."""
+    kinds = {"position": CubicSpline, "torque": PchipInterpolator}
+    made: Callable[[Array], Array] = kinds[kind](base.stamps[low : low + values.shape[-1]], values, axis=-1)
+    return made

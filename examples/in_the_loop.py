@@ -1,0 +1,59 @@
+"""Let exported C control a device on the virtual bench, and print what it does for the hand.
+
+    haptid export RESULT --to c --out MODEL
+    python examples/in_the_loop.py DEVICE EXPERIMENT MODEL/c
+
+EXPERIMENT says what is true, and how the device is controlled; the code only knows what was identified. Needs MuJoCo
+and a C compiler.
+"""
+
+from __future__ import annotations
+
+import argparse
+
+import numpy as np
+
+import haptid
+from haptid import bench
+
+# Places in which the hand feels the device, as shares of the motion's amplitude around its centre.
+PLACES = (0.0, 0.4)
+
+
+def rehearsed(device: str, path: str, folder: str) -> bench.Rehearsal:
+    """All that is measured."""
+    experiment = bench.read_experiment(path)
+    setup = experiment.setup(haptid.read_device(device))
+    trajectory = bench.plan(experiment.kind, setup.device, setup.dt, np.random.default_rng(experiment.seed + 1000))
+    centre, reach = trajectory.q.mean(axis=0), np.ptp(trajectory.q, axis=0) / 2
+    code = bench.Compiled.of(folder)
+    return bench.rehearse(setup, code, trajectory, [centre + place * reach for place in PLACES])
+
+
+def table(made: bench.Rehearsal) -> str:
+    """The figures as text."""
+    lines = ["felt at the handle    before    after"]
+    for what, unit in (("mass", "kg"), ("weight", "N"), ("friction", "N"), ("damping", "N s/m")):
+        before, after = (np.mean(np.abs([getattr(felt, what) for felt in side])) for side in (made.bare, made.assisted))
+        lines.append(f"{what + ', ' + unit:20s}  {before:6.4f}   {after:6.4f}")
+    lines += [
+        f"weight left: {100 * made.weight_left:.1f} %",
+        f"dry friction taken off: {100 * made.friction_taken:.0f} %",
+        f"tracking error: {1e3 * made.tracking_pd:.3f} mm by PD, {1e3 * made.tracking_model:.3f} mm with the model",
+        f"error of the hand's force: {made.force_bare:.3f} N without the model, {made.force_model:.3f} N with it",
+        f"speed left after a tap on the free handle: {made.restless:.1g} rad/s",
+    ]
+    return "\n".join(lines)
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("device", help="a device file, or the name of a shipped device")
+    parser.add_argument("experiment", help="an experiment file of the bench")
+    parser.add_argument("folder", help="with the exported C")
+    given = parser.parse_args()
+    print(table(rehearsed(given.device, given.experiment, given.folder)))
+
+
+if __name__ == "__main__":
+    main()

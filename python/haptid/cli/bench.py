@@ -1,0 +1,73 @@
+"""`haptid bench`."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from haptid.cli.common import app, errors_shown, out, progress_bars
+
+HELP = """\
+Simulate a device under its controller, and write the log that the controller would write.
+
+The EXPERIMENT (a TOML file) holds the motion, the controller, encoders and amplifiers, and the true parameters where
+the device file has none. The motion is checked against the limits of joints, loops and motors before anything moves.
+Needs MuJoCo: pip install mujoco. Channels of the log:
+
+  t                in s
+
+  q1..             positions by the encoders, rad or m
+
+  command1..       what was sent to the motors, in their own unit
+
+  velocity1..      as the controller computes it; target1.. as planned
+
+With --truth, the true parameters go to LOG.truth.json, exact states and torques to LOG.truth.parquet. The same seed
+gives the same file.
+
+Exit status: 0 when done, 2 when something is wrong; the message says what to do.
+
+Example: haptid bench phantom_premium_15 examples/phantom/experiment.toml --out sweep.parquet --truth
+"""
+
+
+@app.command(help=HELP)
+def bench(
+    device: Annotated[
+        str, typer.Argument(help="a device file (TOML) or the name of a shipped device", show_default=False)
+    ],
+    experiment: Annotated[Path, typer.Argument(help="the experiment file (TOML)", show_default=False)],
+    out_log: Annotated[Path, typer.Option("--out", help="the log to write, a .parquet file", show_default=False)],
+    truth: Annotated[bool, typer.Option("--truth", help="write true parameters and exact states too")] = False,
+    seed: Annotated[int | None, typer.Option(min=0, help="in place of the experiment's")] = None,
+    picture: Annotated[bool, typer.Option("--picture", help="draw the moving device, LOG.png")] = False,
+    count: Annotated[
+        int, typer.Option(min=1, help="so many logs, LOG-1, LOG-2, .. with one seed after the other, several at a time")
+    ] = 1,
+    many: Annotated[
+        int | None, typer.Option("--workers", min=1, help="processes for many logs; default: one a processor")
+    ] = None,
+    scheduler: Annotated[str | None, typer.Option(help="a Dask scheduler whose workers make many logs")] = None,
+    quiet: Annotated[bool, typer.Option("--quiet", "-q", help="no progress, no summary")] = False,
+) -> None:
+    from haptid.bench.logs import truth_paths
+    from haptid.bench.run import Job, make_log, make_logs, repeated
+    from haptid.workers import Cluster, Processes
+
+    with errors_shown(), progress_bars(quiet) as progress:
+        task = progress.add_task("simulating", total=1.0)
+        jobs = repeated(Job(device, experiment, out_log, truth, seed, picture), count)
+        if len(jobs) == 1:
+            make_log(jobs[0], lambda share: progress.update(task, completed=share))
+        else:
+            make_logs(
+                jobs,
+                Cluster(scheduler) if scheduler else Processes(many),
+                lambda _, share: progress.update(task, completed=share),
+            )
+    for job in () if quiet else jobs:
+        beside = f", truth in {' and '.join(str(path) for path in truth_paths(job.out))}" if truth else ""
+        beside += f", picture in {job.strip}" if picture else ""
+        out.print(f"Log in {job.out}{beside}")

@@ -1,0 +1,76 @@
+"""`haptid characterise`."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from haptid.cli.common import app, errors_shown, out, progress_bars, teller
+
+HELP = """\
+Say what a hand feels of an identified device: mass, friction, weight and forces at the handle, each with its interval.
+
+RESULT is the output folder of `haptid identify`. Poses are one or more of --at, or one --sweep, or a --grid over the
+joints' ranges; without any, a grid. Writes into OUT:
+
+  figures.csv   a row for each pose: joints, handle, condition number, figures with 95 % intervals
+
+  masses.png    the masses along the sweep, or the largest one over two joints of the grid
+
+Poses at which the handle's Jacobian is nearly singular have no figures; the summary says how many they are and where.
+Positions are in rad or m, in the order of the active joints; see `haptid model`.
+
+Exit status: 0 when done, 2 when something is wrong; the message says what to do.
+
+Example: haptid characterise haptid-result --sweep 0,-0.2,0.3 0,0.8,0.3 --along 0,0,1
+"""
+
+
+@app.command(help=HELP)
+def characterise(
+    result: Annotated[Path, typer.Argument(help="output folder of `haptid identify`", show_default=False)],
+    at: Annotated[list[str] | None, typer.Option("--at", help="a pose: 0,0.2,0.3")] = None,
+    sweep: Annotated[
+        tuple[str, str] | None, typer.Option("--sweep", help="two poses, and a straight line between them")
+    ] = None,
+    grid: Annotated[int | None, typer.Option("--grid", min=1, help="so many poses over the joints' ranges")] = None,
+    limit: Annotated[
+        list[str] | None, typer.Option("--limit", help="range of a joint for the grid: NAME=LOW:HIGH")
+    ] = None,
+    along: Annotated[str | None, typer.Option("--along", help="direction of motion in the base frame: x,y,z")] = None,
+    speed: Annotated[
+        float | None, typer.Option("--speed", help="of the handle, m/s: largest force of speed and weight")
+    ] = None,
+    stiffness: Annotated[str | None, typer.Option("--stiffness", help="of the joints: one for all, or each")] = None,
+    torque: Annotated[list[str] | None, typer.Option("--torque", help="greatest, of a motor: NAME=VALUE")] = None,
+    worst: Annotated[
+        float | None, typer.Option("--worst", help="condition number beyond which a pose is left out (default: 30)")
+    ] = None,
+    out_folder: Annotated[Path, typer.Option("--out", help="folder for the figures")] = Path("haptid-handle"),
+    quiet: Annotated[bool, typer.Option("--quiet", "-q", help="no progress, no summary")] = False,
+) -> None:
+    from haptid.characterisation.characterise import characterise as feel
+    from haptid.characterisation.columns import columns, write_columns
+    from haptid.cli.handle import asked, chosen, draw, show
+    from haptid.force import WORST_CONDITION
+    from haptid.outputs import check_writable, publishing
+    from haptid.recorded import read_result
+
+    with errors_shown():
+        check_writable(out_folder)
+        read = read_result(result)
+        poses = chosen(read.device, at or (), sweep, grid, limit or ())
+        wanted = asked(read.device, along, speed, stiffness, torque or ())
+        with progress_bars(quiet) as progress, publishing(out_folder) as folder:
+            tell = teller(progress)
+            tell("figures", 0.0)
+            found = feel(read.model, poses.qa, worst_condition=WORST_CONDITION if worst is None else worst)
+            made = columns(found, wanted)
+            write_columns(found, made, folder / "figures.csv")
+            tell("figures", 1.0)
+            draw(poses, found, folder / "masses.png", tell)
+    if not quiet:
+        show(out, found, made)
+        out.print(f"Figures in {out_folder}")

@@ -1,0 +1,54 @@
+"""`haptid demo`."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from haptid.cli.common import app, errors_shown, out, progress_bars, teller
+
+HELP = """\
+Reproduce a published identification on the virtual bench, and do it better. Without a NAME, list the demos.
+
+Records every log on the virtual bench (in parallel), identifies, and compares all of it with what was published and
+with what is true there. A few minutes on two cores. Needs MuJoCo: pip install mujoco. Writes into OUT:
+
+  report.md        everything in sentences, with tables and figures
+
+  table*           the published tables with haptid's own columns, as text and CSV
+
+  fig*.png         the published figures, with haptid's own numbers
+
+  result.json      every figure
+
+  logs/            the experiments, the logs, and what is true beside them
+
+Exit status: 0 when done, 2 when something is wrong; the message says what to do.
+
+Example: haptid demo phantom --out phantom-demo
+"""
+
+
+@app.command(help=HELP)
+def demo(
+    name: Annotated[str | None, typer.Argument(help="of the demo", show_default=False)] = None,
+    out_folder: Annotated[Path, typer.Option("--out", help="folder for the results")] = Path("haptid-demo"),
+    quiet: Annotated[bool, typer.Option("--quiet", "-q", help="no progress, no summary")] = False,
+) -> None:
+    from haptid.demos import demo_names, kind_of, read_demo, run_demo
+    from haptid.outputs import check_writable, publishing
+
+    if name is None:
+        for known in demo_names():
+            out.print(f"{known:{max(map(len, demo_names()))}}  {read_demo(known).title}")
+        return
+    with errors_shown():
+        check_writable(out_folder)
+        plan = read_demo(name)
+        with progress_bars(quiet) as progress, publishing(out_folder) as folder:
+            found = run_demo(plan, folder, teller(progress))
+    if not quiet:
+        out.print(kind_of(plan).summary(found))
+        out.print(f"Report in {out_folder / 'report.md'}")

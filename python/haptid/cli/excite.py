@@ -1,0 +1,121 @@
+"""`haptid excite`."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from haptid.cli.common import app, errors_shown, out, progress_bars
+
+if TYPE_CHECKING:
+    from haptid.device import Device
+    from haptid.excitation import Excitation, Family, Limits
+
+HELP = """\
+Search a motion that tells a device's base parameters well, within its limits.
+
+Limits are those of the DEVICE file, unless --centre with --stroke, or --speed, replace them. The motion is a Fourier
+series, or triangles with sines on them (--triangles). Writes:
+
+  OUT           an experiment file, which `haptid bench` takes
+
+  OUT with .csv in place of .toml: samples for a real controller: t, then position, velocity and acceleration of joints
+
+With --like, the experiment is otherwise like another one: its controller, instruments and true parameters. Prints the
+condition number of the observation matrix, raw and with columns of unit length, before and after.
+
+Exit status: 0 when done, 2 when something is wrong; the message says what to do.
+
+Example: haptid excite phantom_premium_15 --like examples/phantom/experiment.toml --speed 3 --out excite.toml
+"""
+
+
+@app.command(help=HELP)
+def excite(
+    device: Annotated[
+        str, typer.Argument(help="a device file (TOML) or the name of a shipped device", show_default=False)
+    ],
+    out_file: Annotated[Path, typer.Option("--out", help="the experiment to write, a .toml file", show_default=False)],
+    like: Annotated[Path | None, typer.Option(help="an experiment that it is otherwise like")] = None,
+    centre: Annotated[str | None, typer.Option(help="of the motion, rad or m: 0,0.2,0.3")] = None,
+    stroke: Annotated[str | None, typer.Option(help="to either side of the centre: one for all, or each")] = None,
+    speed: Annotated[str | None, typer.Option(help="greatest, rad/s or m/s: one for all, or each")] = None,
+    triangles: Annotated[bool, typer.Option("--triangles", help="triangles with sines on them")] = False,
+    seconds: Annotated[float | None, typer.Option(min=1.0, help="duration of the motion")] = None,
+    keep: Annotated[
+        list[str] | None, typer.Option("--parameter", help="a base parameter that counts (default: all)")
+    ] = None,
+    tries: Annotated[int, typer.Option(min=1, help="motions tried")] = 4000,
+    seed: Annotated[int, typer.Option(min=0, help="of the search")] = 0,
+    rate_hz: Annotated[float, typer.Option(min=1.0, help="of the samples in the CSV")] = 1000.0,
+    quiet: Annotated[bool, typer.Option("--quiet", "-q", help="no progress, no summary")] = False,
+) -> None:
+    from haptid.bench import read_experiment
+    from haptid.device import read_device
+    from haptid.errors import OptionError
+    from haptid.excitation import Search, design, write_experiment
+    from haptid.excitation.plain import plain_experiment, write_samples
+
+    with errors_shown():
+        if out_file.suffix != ".toml":
+            raise OptionError("--out", str(out_file), "a file whose name ends in .toml")
+        read = read_device(device)
+        other = None if like is None else read_experiment(like)
+        beta = None if other is None else read.base.of(other.setup(read).chi)
+        within, family = _limits(read, centre, stroke, speed), _family(triangles, seconds)
+        columns = tuple(keep) if keep else None
+        with progress_bars(quiet) as progress:
+            task = progress.add_task("searching", total=1.0)
+            found = design(
+                read,
+                family,
+                within,
+                columns=columns,
+                beta=beta,
+                search=Search(tries=tries, seed=seed),
+                progress=lambda share, _: progress.update(task, completed=share),
+            )
+        write_experiment(out_file, found, plain_experiment(found) if other is None else other)
+        write_samples(found, out_file.with_suffix(".csv"), rate_hz)
+    if not quiet:
+        _show(found, out_file)
+
+
+def _limits(device: Device, centre: str | None, stroke: str | None, speed: str | None) -> Limits:
+    """What the options say in place of the device file."""
+    from haptid.cli.figures import numbers, spread
+    from haptid.errors import OptionError
+    from haptid.excitation import Limits
+
+    names, count = ", ".join(device.joint_names[j] for j in device.active), len(device.active)
+    if (centre is None) != (stroke is None):
+        raise OptionError("--centre without --stroke" if stroke is None else "--stroke", "alone", "both of them")
+    position = None
+    if centre is not None and stroke is not None:
+        middle = numbers("--centre", centre, f"positions of joints {names}", count)
+        reach = spread("--stroke", stroke, f"strokes of joints {names}", count)
+        position = tuple((x - abs(half), x + abs(half)) for x, half in zip(middle, reach, strict=True))
+    fastest = None if speed is None else spread("--speed", speed, f"speeds of joints {names}", count)
+    return Limits(position=position, speed=fastest)
+
+
+def _family(triangles: bool, seconds: float | None) -> Family:
+    """The motions to search among."""
+    from haptid.excitation import FourierSeries, TrianglesWithSines
+
+    if triangles:
+        return TrianglesWithSines() if seconds is None else TrianglesWithSines(seconds=seconds)
+    return FourierSeries() if seconds is None else FourierSeries(seconds=seconds)
+
+
+def _show(found: Excitation, path: Path) -> None:
+    """Conditions before and after, and where the files are."""
+    out.print(f"{found.device.name}: {len(found.after.names)} parameters, {found.tried} motions tried", style="bold")
+    for when, one in (("first motion within the limits", found.before), ("motion found", found.after)):
+        out.print(f"  {when}: condition {one.raw:.4g} raw, {one.scaled:.4g} with unit columns", highlight=False)
+    weak = [name for name, sd in found.predicted.items() if sd > 50]
+    if weak and len(weak) < len(found.after.names):
+        out.print(f"  hardly told, by the values known beforehand: {', '.join(weak)}", highlight=False)
+    out.print(f"Experiment in {path}, samples in {path.with_suffix('.csv')}")

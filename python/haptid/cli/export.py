@@ -1,0 +1,52 @@
+"""`haptid export`."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from haptid.cli.common import app, errors_shown, out
+
+HELP = """\
+Write an identified model for other programs.
+
+RESULT is the output folder of haptid identify. Formats:
+
+  c, c-single       C99 for a control loop, in double or single precision
+
+  rust, matlab      the same functions as a no_std crate, and for MATLAB and Octave
+
+  mjcf, urdf        the device for simulators, with bodies that have the identified parameters
+
+  json              parameters, groupings and covariance for programs
+
+  latex             tables for a paper
+
+Each format gets a folder of its own, OUT/c and so on. A model that misses its study's criterion is refused.
+
+Exit status: 0 when done, 2 when something is wrong; the message says what to do.
+
+Example: haptid export first-result --to c --to mjcf --out first-model
+"""
+
+
+@app.command(help=HELP)
+def export(
+    result: Annotated[Path, typer.Argument(help="output folder of haptid identify", show_default=False)],
+    to: Annotated[list[str], typer.Option("--to", help="a format; several are allowed", show_default=False)],
+    folder: Annotated[Path, typer.Option("--out", help="where the formats' folders go", show_default=False)],
+    anyway: Annotated[bool, typer.Option("--anyway", help="write a model that failed, and say so in it")] = False,
+    quiet: Annotated[bool, typer.Option("--quiet", "-q", help="no summary")] = False,
+) -> None:
+    import haptid.export
+    from haptid.recorded import read_result
+
+    with errors_shown():
+        made = haptid.export.export(read_result(result), folder, to, anyway=anyway)
+    if quiet:
+        return
+    for written in made.values():
+        out.print(f"{written.folder}: {', '.join(written.files)}", soft_wrap=True)
+    out.print(next(iter(made.values())).verdict, soft_wrap=True)

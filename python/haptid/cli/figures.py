@@ -1,0 +1,66 @@
+"""Figures as they are written in options: numbers with commas between them, and names with a range."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+
+import numpy as np
+
+from haptid.errors import OptionError
+
+
+def numbers(option: str, text: str, what: str, count: int) -> tuple[float, ...]:
+    """So many finite numbers.
+
+    Args:
+        option: by its name on the command line.
+        text: as written.
+        what: what the numbers are, for the error.
+        count: how many there must be.
+
+    Raises:
+        OptionError: they are not.
+    """
+    try:
+        found = tuple(float(part) for part in text.split(","))
+    except ValueError:
+        found = ()
+    if len(found) != count or not np.isfinite(found).all():
+        raise OptionError(option, text, f"{count} {'number' if count == 1 else 'numbers'} with commas between: {what}")
+    return found
+
+
+def spread(option: str, text: str, what: str, count: int) -> tuple[float, ...]:
+    """One number for all, or so many."""
+    return numbers(option, text, what, count) if "," in text else numbers(option, text, what, 1) * count
+
+
+def ranges(option: str, texts: Iterable[str]) -> dict[str, tuple[float, float]]:
+    """`NAME=LOW:HIGH` each, by name.
+
+    Raises:
+        OptionError: one that is not so.
+    """
+    found: dict[str, tuple[float, float]] = {}
+    for text in texts:
+        name, equals, pair = text.partition("=")
+        if not equals or pair.count(":") != 1:
+            raise OptionError(option, text, "NAME=LOW:HIGH, such as 2=-0.5:1.2")
+        low, high = numbers(option, pair.replace(":", ","), "the lower limit, the higher one", 2)
+        found[name] = (low, high)
+    return found
+
+
+def named(option: str, texts: Sequence[str]) -> Mapping[str, float]:
+    """`NAME=NUMBER` each, by name.
+
+    Raises:
+        OptionError: one that is not so.
+    """
+    found: dict[str, float] = {}
+    for text in texts:
+        name, equals, value = text.partition("=")
+        if not equals:
+            raise OptionError(option, text, "NAME=NUMBER, such as 2=1.5")
+        found[name] = numbers(option, value, "a number", 1)[0]
+    return found

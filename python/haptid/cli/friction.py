@@ -1,0 +1,93 @@
+"""`haptid friction`."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from haptid.cli.common import app, errors_shown, out, progress_bars, teller
+
+if TYPE_CHECKING:
+    from haptid.device import Device
+    from haptid.treatment import Motion
+
+HELP = """\
+Tell from a test at constant velocities which friction model each joint asks for.
+
+In the test each joint in turn goes to and fro at several constant speeds (kind = "sweep" on `haptid bench`). WHAT is a
+study, whose first log with the role "identify" is the test; or a device with the log's path after it, whose channels
+then are t, q1.., tau1.. (N m at the joints). Coulomb, Coulomb and viscous, viscous by direction, and Stribeck friction
+are compared by AICc; a larger model must be lower by 2. Writes into OUT:
+
+  friction.csv    velocity, friction torque and its 95 % interval, one row for each constant velocity
+
+  friction.json   every model with its parameters, intervals, AICc and error, and the one to use
+
+  friction.png    the curves, drawn
+
+Exit status: 0 when done, 2 when something is wrong; the message says what to do.
+
+Example: haptid friction friction-study.toml --out friction
+"""
+
+
+@app.command(help=HELP)
+def friction(
+    what: Annotated[str, typer.Argument(help="a study (TOML), or a device", show_default=False)],
+    log: Annotated[Path | None, typer.Argument(help="the log, after a device", show_default=False)] = None,
+    data: Annotated[Path | None, typer.Option(help="where the study's relative log paths start")] = None,
+    tolerance: Annotated[
+        float | None, typer.Option(min=0.001, max=0.5, help="share by which a constant velocity may vary")
+    ] = None,
+    slowest: Annotated[float | None, typer.Option(help="least speed that counts, rad/s or m/s")] = None,
+    out_folder: Annotated[Path, typer.Option("--out", help="folder for the results")] = Path("haptid-friction"),
+    quiet: Annotated[bool, typer.Option("--quiet", "-q", help="no progress, no summary")] = False,
+) -> None:
+    from haptid.friction import Constant, friction_curve
+    from haptid.friction_choice import choose_friction
+    from haptid.friction_files import choice_values, plot_friction, write_points
+    from haptid.outputs import check_writable, publishing
+
+    with errors_shown():
+        check_writable(out_folder)
+        settings = {"tolerance": tolerance, "slowest": slowest}
+        constant = Constant(**{name: value for name, value in settings.items() if value is not None})
+        with progress_bars(quiet) as progress, publishing(out_folder) as folder:
+            tell = teller(progress)
+            device, motion = _test(what, log, data, tell)
+            tell("friction by velocity", 0.0)
+            curve = friction_curve(device, motion, constant=constant)
+            choice = choose_friction(curve)
+            write_points(curve, folder / "friction.csv")
+            text = json.dumps(choice_values(choice), indent=1, allow_nan=False)
+            (folder / "friction.json").write_text(text + "\n", encoding="utf-8")
+            plot_friction(curve, choice, f"{device.name}: friction test", folder / "friction.png")
+            tell("friction by velocity", 1.0)
+    if not quiet:
+        for sentence in (*choice.summary().splitlines(), *curve.notes):
+            out.print(sentence, highlight=False, soft_wrap=True)
+        out.print(f"Figures in {out_folder}")
+
+
+def _test(what: str, log: Path | None, data: Path | None, tell: Callable[[str, float], None]) -> tuple[Device, Motion]:
+    """The device and the motion of the test, as a study says or as they are given."""
+    from haptid.device import read_device
+    from haptid.log import read_log
+    from haptid.proposal import propose
+    from haptid.study import read_study
+    from haptid.treatment import treat
+
+    tell("reading the log", 0.0)
+    if log is not None:
+        device, read, asked = read_device(what), read_log(log), {}
+    else:
+        study = read_study(what)
+        entry = next(one for one in study.logs if one.role == "identify")
+        device, asked = read_device(study.device), dict(study.treatment)
+        read = read_log(Path(data or study.path.parent) / entry.path, entry.channels, stretch=entry.stretch)
+    tell("reading the log", 1.0)
+    return device, treat(read, propose(device, read, **asked).treatment)

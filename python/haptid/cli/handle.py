@@ -1,0 +1,147 @@
+"""What `haptid characterise` asks, draws and shows."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from rich.console import Console
+from rich.table import Table
+
+from haptid._values import Array
+from haptid.characterisation import Characterisation, felt_mass, line
+from haptid.characterisation.characterise import POSES
+from haptid.characterisation.columns import Asked, Column
+from haptid.characterisation.plots import Sweep, plot_map, plot_sweeps
+from haptid.characterisation.summary import notes
+from haptid.cli.figures import named, numbers, ranges, spread
+from haptid.device import Device
+from haptid.errors import OptionError
+from haptid.reach import Workspace, workspace
+
+# Poses of a sweep, and of each side of a map.
+SWEEP, SIDE = 201, 120
+
+
+@dataclass(frozen=True, eq=False)
+class Poses:
+    """Poses that were asked for.
+
+    Attributes:
+        qa: of the active joints, (active, poses), rad or m.
+        path: from 0 to 1 along a sweep, (poses,), None of other poses.
+        where: that a grid covers, None of other poses.
+    """
+
+    qa: Array
+    path: Array | None = None
+    where: Workspace | None = None
+
+
+def chosen(
+    device: Device, at: Sequence[str], sweep: tuple[str, str] | None, grid: int | None, limit: Sequence[str]
+) -> Poses:
+    """The poses that the options ask for.
+
+    Raises:
+        OptionError: options that do not go together, or numbers that do not fit the device.
+        HaptidError: a workspace that cannot be.
+    """
+    if sum((bool(at), sweep is not None, grid is not None)) > 1:
+        raise OptionError("the choice of poses", "several of --at, --sweep and --grid", "one of them")
+    names = ", ".join(device.joint_names[j] for j in device.active)
+    what, count = f"positions of joints {names}", len(device.active)
+    if at:
+        return Poses(np.array([numbers("--at", text, what, count) for text in at]).T)
+    if sweep is not None:
+        start, end = (numbers("--sweep", text, what, count) for text in sweep)
+        return Poses(line(start, end, SWEEP), path=np.linspace(0.0, 1.0, SWEEP))
+    where = workspace(device, ranges("--limit", limit))
+    return Poses(where.grid(grid or POSES), where=where)
+
+
+def asked(
+    device: Device, along: str | None, speed: float | None, stiffness: str | None, torque: Sequence[str]
+) -> Asked:
+    """What figures need beside the model.
+
+    Raises:
+        OptionError: numbers that do not fit the device.
+    """
+    joints = f"stiffnesses of {', '.join(device.row_labels)}"
+    limits = named("--torque", torque)
+    motors = [drive.name for drive in device.motors]
+    for name in limits:
+        if name not in motors:
+            raise OptionError("--torque", name, f"NAME=VALUE of a motor: {', '.join(motors)}")
+    return Asked(
+        along=numbers("--along", along, "x, y, z", 3) if along is not None else None,
+        speed=speed,
+        stiffness=spread("--stiffness", stiffness, joints, len(device.active)) if stiffness is not None else None,
+        torque=limits or None,
+    )
+
+
+def draw(poses: Poses, found: Characterisation, path: Path, tell: Callable[[str, float], None]) -> None:
+    """Masses along a sweep, or the largest over two joints of a grid; of single poses there is nothing to draw."""
+    if poses.path is None and (poses.where is None or len(poses.where.limits) < 2):
+        return
+    tell("drawing", 0.0)
+    if poses.path is not None:
+        label = "from the first pose (0) to the second (1)"
+        plot_sweeps([Sweep(label, poses.path, {found.device.name: found.apparent_mass})], "apparent mass, kg", path)
+    elif poses.where is not None:
+        _draw_map(poses.where, found, path)
+    tell("drawing", 1.0)
+
+
+def _draw_map(where: Workspace, found: Characterisation, path: Path) -> None:
+    """Over the last two active joints, the others in the middle of their ranges; poses outside are not drawn."""
+    (low, high), (lowest, highest) = where.limits[-2:].tolist()
+    first, second = np.linspace(low, high, SIDE), np.linspace(lowest, highest, SIDE)
+    qa = np.repeat(where.limits.mean(axis=1)[:, None], SIDE * SIDE, axis=1)
+    across, up = np.meshgrid(first, second)
+    qa[-2:] = across.ravel(), up.ravel()
+    mass = np.full(SIDE * SIDE, np.nan)
+    inside = where.holds(qa)
+    mass[inside] = felt_mass(found.model, qa[:, inside], worst_condition=found.grasp.worst).mass.value[:, 0]
+    joints = [found.device.joints[j] for j in found.device.active[-2:]]
+    across_label, up_label = (f"{joint.name}, {'m' if joint.prismatic else 'rad'}" for joint in joints)
+    labels = (across_label, up_label, "largest apparent mass, kg")
+    plot_map(first, second, mass.reshape(SIDE, SIDE), labels, path)
+
+
+def show(console: Console, found: Characterisation, made: Sequence[Column]) -> None:
+    """A table of the figures: of one pose with intervals, of several their median and range; what is not known."""
+    grasp = found.grasp
+    console.print(f"{found.device.name} at the handle: {int(grasp.usable.sum())} of {len(grasp)} poses", style="bold")
+    single = len(grasp) == 1
+    table = Table(box=None, pad_edge=False)
+    table.add_column("")
+    for heading in ("value", "95 % interval") if single else ("median", "lowest", "highest", "widest 95 % half"):
+        table.add_column(heading, justify="right", no_wrap=True)
+    table.add_column("unit")
+    for column in made:
+        unit = "" if column.figure.unit == "1" else column.figure.unit
+        table.add_row(column.name, *(_single(column) if single else _several(column)), unit)
+    console.print(table)
+    for note in notes(found):
+        console.print(f"- {note}", soft_wrap=True)
+
+
+def _single(column: Column) -> list[str]:
+    value, interval = float(column.figure.value[0]), column.figure.interval95
+    if not np.isfinite(value):
+        return ["not known", ""]
+    return [f"{value:.4g}", "" if interval is None else f"{interval[0, 0]:.4g} .. {interval[0, 1]:.4g}"]
+
+
+def _several(column: Column) -> list[str]:
+    value, interval = column.figure.value, column.figure.interval95
+    known = np.isfinite(value)
+    if not known.any():
+        return ["not known", "", "", ""]
+    shown = [f"{x:.4g}" for x in (np.median(value[known]), value[known].min(), value[known].max())]
+    return [*shown, "" if interval is None else f"{np.ptp(interval[known], axis=1).max() / 2:.2g}"]

@@ -1,0 +1,101 @@
+"""`haptid identify`."""
+
+from __future__ import annotations
+
+import json
+import shlex
+import sys
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from haptid.cli.common import EXIT_CRITERIA, app, errors_shown, out, progress_bars, teller
+
+HELP = """\
+Identify a device from the logs a study names, and validate the model.
+
+The STUDY (a TOML file) names the device, the logs and what each is for, the channels in them with their units, the
+treatment, and the estimator. Writes into OUT:
+
+  result.json      every figure: parameters with 95 % intervals, groupings, errors, conditions, notes
+
+  report.html      everything in one file: verdict, parameters, plots, the device in 3D, where it all came from
+
+  parameters.csv   the table of parameters
+
+  torque-*.png     measured against predicted torque, one picture for each log
+
+Long logs are read piece by piece, and what has been made of them is kept in .OUT.partial beside OUT until all is done:
+an interrupted run goes on from there, if study, logs and device are the same.
+
+Exit status: 0 when done (and the study's criteria, if it has any, are met), 1 when its criteria are not met, 2 when
+something is wrong with the study, the device or a log; the message says what to do. 3 is a defect of haptid.
+
+Example: haptid identify examples/emps/study.toml --data ../shared/data/emps --out emps-result
+"""
+
+
+@app.command(help=HELP)
+def identify(
+    study: Annotated[Path, typer.Argument(help="the study file (TOML)", show_default=False)],
+    data: Annotated[
+        Path | None,
+        typer.Option(help="where the study's relative log paths start (default: the study's folder)"),
+    ] = None,
+    out_folder: Annotated[Path, typer.Option("--out", help="folder for the results")] = Path("haptid-result"),
+    quiet: Annotated[bool, typer.Option("--quiet", "-q", help="no progress, no tables")] = False,
+    as_json: Annotated[bool, typer.Option("--json", help="print result.json instead of tables")] = False,
+    count: Annotated[int, typer.Option("--workers", min=1, help="processes that reduce the logs")] = 1,
+    scheduler: Annotated[
+        str | None, typer.Option(help="address of a Dask scheduler whose workers reduce the logs, tcp://host:8786")
+    ] = None,
+    fresh: Annotated[bool, typer.Option("--fresh", help="do not go on from an interrupted run")] = False,
+) -> None:
+    from haptid import tables
+    from haptid.cli.work import resumed, workers
+    from haptid.identification import identify as walk
+    from haptid.observation import Plan
+    from haptid.outputs import check_writable, publishing
+    from haptid.plots import plot_torque
+    from haptid.prediction import predictions
+    from haptid.report import Source, report_of, sparklines
+    from haptid.result_file import finite, result, write_result
+    from haptid.study import read_study
+
+    with errors_shown():
+        check_writable(out_folder)
+        plan = read_study(study)
+        kept = resumed(out_folder, fresh, quiet or as_json)
+        with progress_bars(quiet or as_json) as progress, publishing(out_folder) as folder:
+            tell = teller(progress)
+            found = walk(plan, data, tell, workers(count, scheduler), kept)
+            write_result(found, folder)
+            tell("writing the report", 0.0)
+            source = Source(found, _typed(study, data, out_folder))
+            report_of(source).write(folder)
+            tell("writing the report", 1.0)
+            for k, run in enumerate(found.runs):
+                name = f"torque-{k + 1}-{Path(run.entry.path).stem}.png"
+                tell(f"drawing {name}", 0.0)
+                kind = "rows of the fit" if run.direct else "unseen"
+                title = f"{plan.name}: {run.entry.path} ({kind})"
+                parts = predictions(found.estimate, run.motion)
+                plot_torque(parts, Plan.of(found.device, run.motion).rows, title, folder / name)
+                tell(f"drawing {name}", 1.0)
+        kept.forget()
+    if as_json:
+        sys.stdout.write(json.dumps(finite(result(found)), indent=1, allow_nan=False) + "\n")
+    elif not quiet:
+        tables.show_identification(out, found)
+        for line in ("", *sparklines(source), "", *source.diagnosis.verdict.sentences, ""):
+            out.print(line, highlight=False)
+        out.print(f"Results in {out_folder}; read {out_folder / 'report.html'} first")
+    if found.meets_criteria is False:
+        raise typer.Exit(EXIT_CRITERIA)
+
+
+def _typed(study: Path, data: Path | None, out_folder: Path) -> str:
+    """The command as a person would type it."""
+    given = ["--data", str(data)] if data else []
+    return shlex.join(["haptid", "identify", str(study), *given, "--out", str(out_folder)])

@@ -1,0 +1,37 @@
+"""`haptid model`."""
+
+from __future__ import annotations
+
+import json
+import sys
+from typing import Annotated
+
+import typer
+
+from haptid.cli.common import app, errors_shown, out
+
+
+@app.command()
+def model(
+    device: Annotated[
+        str, typer.Argument(help="a device file (TOML) or the name of a shipped device", show_default=False)
+    ],
+    keep: Annotated[
+        list[str] | None, typer.Option("--keep", help="a parameter to keep as a base parameter, before all others")
+    ] = None,
+    latex: Annotated[bool, typer.Option("--latex", help="only the regroupings, as LaTeX")] = False,
+    as_json: Annotated[bool, typer.Option("--json", help="the same as JSON")] = False,
+) -> None:
+    """Print a device's tree, loops, motors, base parameters and how the others regroup into them."""
+    from haptid import tables
+    from haptid.device import read_device
+    from haptid.device.reading import keeping
+
+    with errors_shown():
+        read = keeping(read_device(device), keep) if keep else read_device(device)
+        if latex:
+            sys.stdout.write("".join(f"{line}\n" for line in read.regroupings.latex))
+        elif as_json:
+            sys.stdout.write(json.dumps(tables.model_values(read), indent=1) + "\n")
+        else:
+            tables.show_model(out, read)

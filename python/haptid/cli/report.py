@@ -1,0 +1,49 @@
+"""`haptid report`."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from haptid.cli.common import app, errors_shown, out
+
+HELP = """\
+Write the report of a result as one HTML file, or compare several results.
+
+RESULT is the output folder of haptid identify, which has written report.html already; this writes it again, from the
+folder alone: the logs are not needed. With several RESULTs the page compares each with the first: what changed beyond
+what the intervals allow.
+
+The file works offline, on a screen, a phone and paper.
+
+Exit status: 0 when done, 2 when something is wrong; the message says what to do.
+
+Example: haptid report before after --out comparison.html
+"""
+
+
+@app.command(help=HELP)
+def report(
+    results: Annotated[list[Path], typer.Argument(help="output folders of haptid identify", show_default=False)],
+    page: Annotated[
+        Path | None,
+        typer.Option("--out", help="file to write (default: RESULT/report.html, or comparison.html)"),
+    ] = None,
+    quiet: Annotated[bool, typer.Option("--quiet", "-q", help="print nothing")] = False,
+) -> None:
+    from haptid.report import read_report, write_comparison
+
+    with errors_shown():
+        if len(results) == 1:
+            written = page or results[0] / "report.html"
+            read_report(results[0]).write_page(written)
+            said: tuple[str, ...] = ()
+        else:
+            written = page or Path("comparison.html")
+            made = write_comparison(results, written)
+            said = tuple(f"{pair['second']}: {line}" for pair in made.pairs for line in pair["sentences"])
+    if not quiet:
+        for line in (*said, f"Report in {written}"):
+            out.print(line, highlight=False, soft_wrap=True)

@@ -1,0 +1,25 @@
+"""`haptid schema`."""
+
+from __future__ import annotations
+
+import json
+import sys
+from typing import Annotated
+
+import typer
+
+from haptid.cli.common import EXIT_ERROR, app, complain
+
+
+@app.command()
+def schema(kind: Annotated[str, typer.Argument(help="device, study or experiment", show_default=False)]) -> None:
+    """Print the JSON Schema of device, study or experiment files, for editors."""
+    from haptid.bench.schema import experiment_schema
+    from haptid.device import device_schema
+    from haptid.study import study_schema
+
+    schemas = {"device": device_schema, "study": study_schema, "experiment": experiment_schema}
+    if kind not in schemas:
+        complain(f"there is no schema {kind!r}; write device, study or experiment.")
+        raise typer.Exit(EXIT_ERROR)
+    sys.stdout.write(json.dumps(schemas[kind](), indent=1) + "\n")

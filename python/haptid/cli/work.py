@@ -1,0 +1,27 @@
+"""Who does the work of a command, and where an interrupted one goes on."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from haptid.cli.common import err
+from haptid.reduction import Kept
+from haptid.workers import Cluster, Here, Processes, Workers
+
+
+def workers(count: int, scheduler: str | None) -> Workers:
+    """A cluster where there is one, processes where there are to be several."""
+    if scheduler is not None:
+        return Cluster(scheduler)
+    return Here() if count == 1 else Processes(count)
+
+
+def resumed(out: Path, fresh: bool, quiet: bool) -> Kept:
+    """What an interrupted run has left beside its folder, which is said; nothing where all is to be done anew."""
+    target = out.resolve()
+    kept = Kept(target.with_name(f".{target.name}.partial"))
+    if fresh:
+        kept.forget()
+    elif not quiet and (parts := kept.count()):
+        err.print(f"Going on from an interrupted run: {parts} parts are there, in {kept.folder}. --fresh starts anew.")
+    return kept

@@ -1,0 +1,1 @@
+"""One device in several mountings: fits, judgements, the hand's force, comparisons."""

@@ -1,0 +1,108 @@
+"""What a method makes of rows, before anything is said of how far it may be off."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from haptid._values import Array
+from haptid.estimators.solve import Solution
+from haptid.observation import Observation
+
+# A block that alone carries more than this share of a direction cannot be left out: without it nothing is left.
+ALONE = 1.0 - 1e-6
+# A parameter leans on such a block when this much of its variance is in that direction.
+MOSTLY = 0.1
+
+
+@dataclass(frozen=True, eq=False)
+class Moments:
+    """What each block of each motor's rows adds to a fit, in coordinates g in which all of them together are the unit
+    matrix: beta = root g, sum G + pull'pull = 1.
+
+    Attributes:
+        G: of the columns, (cells, k, k); a cell is one block of one motor.
+        s: of columns and residual, W'e, (cells, k): what a cell asks the solution to move, which adds up to zero.
+        block: of each cell, (cells,).
+    """
+
+    G: Array
+    s: Array
+    block: np.ndarray
+
+    @cached_property
+    def _modes(self) -> tuple[Array, Array]:
+        """Eigenvalues of each cell's G, (cells, k), and its eigenvectors in columns, (cells, k, k)."""
+        values, vectors = np.linalg.eigh(self.G)
+        return values, vectors
+
+    @cached_property
+    def moved(self) -> Array:
+        """How far g moves back when each cell is left out, (1 - G)^-1 s, (cells, k)."""
+        values, vectors = self._modes
+        shrink = 1.0 / (1.0 - np.minimum(values, ALONE))
+        return np.asarray(np.einsum("bij,bj->bi", vectors, np.einsum("bij,bi->bj", vectors, self.s) * shrink))
+
+    def alone(self, spread: Array) -> np.ndarray:
+        """Combinations (q, k) of g that lean on a single cell, as indices."""
+        values, vectors = self._modes
+        cells = np.flatnonzero((values > ALONE).any(axis=1))
+        lonely = np.where(values[cells, None] > ALONE, np.abs(spread @ vectors[cells]), 0.0)
+        return np.flatnonzero(((lonely**2).sum(axis=2) > MOSTLY * (spread**2).sum(axis=1)).any(axis=0))
+
+    def shares(self, spread: Array) -> Array:
+        """How much of the variance of combinations (q, k) of g each cell carries, (cells, q)."""
+        return np.asarray(np.einsum("qi,bij,qj->bq", spread, self.G, spread, optimize=True))
+
+
+@dataclass(frozen=True, eq=False)
+class Fit:
+    """A solution and the rows it came from.
+
+    Attributes:
+        observation: the rows as least squares saw them: whitened or weighted one by one where the method does that.
+        weights: of each motor's rows, (motors,).
+        solution: of these rows with these weights.
+        unit_residual: whether the weighted residual has unit variance, or its variance is still to be estimated.
+        noise: what is taken off the squares of every motor's blocks [W y]'[W y] for noise in the columns, each
+            (blocks, p + 1, p + 1) over all base parameters; None where columns are exact.
+    """
+
+    observation: Observation
+    weights: Array
+    solution: Solution
+    unit_residual: bool
+    noise: Sequence[Array] | None = None
+
+    @cached_property
+    def moments(self) -> Moments:
+        """Of every block of every motor that has rows."""
+        return moments(self.observation, self.weights, self.solution, self.noise)
+
+    def combined(self, combinations: Array | None) -> Array:
+        """Combinations (q, p) of base parameters as combinations of the coordinates of `moments`, (q, k)."""
+        return self.solution.root if combinations is None else combinations @ self.solution.root
+
+
+def moments(
+    observation: Observation, weights: Array, solution: Solution, noise: Sequence[Array] | None = None
+) -> Moments:
+    """What each block of each motor adds to a solution: see `Fit`."""
+    G, s, blocks = [], [], []
+    for k, (motor, weight) in enumerate(zip(observation.motors, weights, strict=True)):
+        filled = motor.rows > 0
+        T = motor.triangles[filled] * weight
+        U = T[:, :, :-1] @ solution.root[motor.columns]
+        e = T[:, :, -1] - T[:, :, :-1] @ solution.beta[motor.columns]
+        here, score = U.transpose(0, 2, 1) @ U, np.einsum("bij,bi->bj", U, e)
+        if noise is not None:
+            N = noise[k][filled]
+            here = here - solution.root.T @ N[:, :-1, :-1] @ solution.root
+            score = score - (N[:, :-1, -1] - N[:, :-1, :-1] @ solution.beta) @ solution.root
+        G.append(here)
+        s.append(score)
+        blocks.append(np.flatnonzero(filled))
+    return Moments(np.concatenate(G), np.concatenate(s), np.concatenate(blocks))

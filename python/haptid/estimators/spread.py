@@ -1,0 +1,47 @@
+"""How far an estimate may be off: what every kind of interval says of a fit."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Protocol, runtime_checkable
+
+import numpy as np
+
+from haptid._values import Array
+from haptid.estimators.fit import Fit
+
+
+@dataclass(frozen=True, eq=False)
+class Spread:
+    """Deviations of base parameters, or of combinations of them, and how well these are known.
+
+    Attributes:
+        covariance: (q, q).
+        freedom: degrees of freedom of the t interval of each, (q,).
+        blocks: how many blocks of rows there were.
+        alone: those that lean on a single block, as indices, (k,).
+    """
+
+    covariance: Array
+    freedom: Array
+    blocks: int
+    alone: np.ndarray
+
+
+class Intervals(Protocol):
+    """A way to say how far an estimate may be off: a small frozen type, its settings its fields."""
+
+    @property
+    def name(self) -> str:
+        """In words, as in the result file."""
+
+    def spread(self, fit: Fit, combinations: Array | None = None) -> Spread:
+        """Deviations of combinations of base parameters, (q, p); of each base parameter by itself where left out."""
+
+
+@runtime_checkable
+class Limiting(Intervals, Protocol):
+    """Intervals that are not a deviation to both sides, for estimates that are held."""
+
+    def limits(self, fit: Fit, held: object, half: Array) -> Array:
+        """Ends of the 95 % intervals, (p, 2), where the free fit's half-widths are (p,)."""

@@ -1,0 +1,119 @@
+"""`export_latex(model, folder)`: tables of parameters and groupings for a paper."""
+
+from __future__ import annotations
+
+import math
+import re
+from pathlib import Path
+
+from haptid.device import Device
+from haptid.errors import RegroupingError
+from haptid.exact.formulas import subscript
+from haptid.export.folder import Export, write
+from haptid.export.names import default_name
+from haptid.export.provenance import Model, Provenance, about, provenance
+from haptid.validation import Validation
+
+# Digits of a figure that stands without its deviation.
+DIGITS = 5
+# Characters with a meaning of their own in LaTeX.
+SPECIAL = {c: rf"\{c}" for c in "#$%&_{}"} | {"\\": r"\textbackslash{}", "~": r"\textasciitilde{}", "^": r"\^{}"}
+DOCUMENT = r"""\documentclass{article}
+\usepackage[margin=2.5cm]{geometry}
+\usepackage{amsmath,booktabs,longtable}
+\begin{document}
+\section*{@title}
+@verdict
+\input{@name_parameters}
+\input{@name_groupings}
+\end{document}
+"""
+
+
+def export_latex(
+    model: Model,
+    folder: str | Path,
+    *,
+    validation: Validation | None = None,
+    largest_error: float | None = None,
+    anyway: bool = False,
+) -> Export:
+    """Write a model's parameters and groupings as LaTeX tables, and a document that shows them.
+
+    The tables need the packages amsmath, booktabs and longtable. Groupings have the lengths as symbols where these are
+    known exactly, else as numbers.
+
+    Args:
+        model, validation, largest_error, anyway: as in `export_c`.
+        folder: where NAME.tex, NAME_parameters.tex and NAME_groupings.tex go.
+
+    Raises:
+        FailedValidationError, UnvalidatedError: the model may not pass.
+        OutputError: the folder cannot be written.
+    """
+    source = provenance(model, validation, largest_error, anyway)
+    name = default_name(source.device.name)
+    head = "\n".join(f"% {line}".rstrip() for line in about(source))
+    document = DOCUMENT.replace("@title", escaped(source.device.name)).replace("@name", name)
+    texts = {
+        f"{name}.tex": document.replace("@verdict", escaped(source.verdict)),
+        f"{name}_parameters.tex": f"{head}\n{_parameters(source)}",
+        f"{name}_groupings.tex": f"{head}\n{_groupings(source.device)}",
+    }
+    return write(folder, texts, source.verdict)
+
+
+def _parameters(source: Provenance) -> str:
+    """One line for each base parameter."""
+    lines = []
+    for k, (name, unit) in enumerate(zip(source.device.base.names, source.device.base.units, strict=True)):
+        within = ("", "") if source.intervals is None else tuple(map(number, source.intervals[k]))
+        lines.append(" & ".join((f"${subscript(name)}$", number(source.beta[k]), *within, unit_text(unit))))
+    head = r"parameter & value & \multicolumn{2}{c}{95\,\% interval} & unit"
+    return _table("lrrrl", head, lines)
+
+
+def _groupings(device: Device) -> str:
+    """One line for each base parameter: inline formulas, which break where they are long."""
+    try:
+        formulas = device.regroupings.latex
+    except RegroupingError:
+        rows = zip(device.base.names, device.base.groupings, strict=True)
+        formulas = tuple(f"{subscript(name)} = {_numeric(grouping)}" for name, grouping in rows)
+    return _table(r"p{0.95\linewidth}", "groupings", [f"${formula}$" for formula in formulas])
+
+
+def _numeric(grouping: str) -> str:
+    """A grouping with numbers, such as `ZZ1 + 0.2025 M3`."""
+    words = grouping.split()
+    return " ".join(word if word in "+-" else _factor(word) for word in words)
+
+
+def _factor(word: str) -> str:
+    if re.fullmatch(r"[0-9.]+(e[-+]?[0-9]+)?", word):
+        return number(float(word)).strip("$") + r"\,"
+    return f"-{subscript(word[1:])}" if word.startswith("-") else subscript(word)
+
+
+def _table(columns: str, head: str, lines: list[str]) -> str:
+    body = "\n".join(f"{line} \\\\" for line in lines)
+    top = rf"\begin{{longtable}}{{{columns}}}" + "\n" + rf"\toprule {head} \\ \midrule \endhead"
+    return f"{top}\n{body}\n" + r"\bottomrule" + "\n" + r"\end{longtable}" + "\n"
+
+
+def number(value: float) -> str:
+    """A figure in mathematics: 1.2345, or 1.2345 times a power of ten."""
+    if math.isinf(value):
+        return r"$-\infty$" if value < 0 else r"$\infty$"
+    mantissa, _, exponent = f"{value:.{DIGITS}g}".partition("e")
+    return f"${mantissa}$" if not exponent else rf"${mantissa} \times 10^{{{int(exponent)}}}$"
+
+
+def unit_text(unit: str) -> str:
+    """A unit upright: kg m^2 with its exponent raised."""
+    return re.sub(r"\^(-?\w+)", r"$^{\1}$", unit).replace(" ", r"\,")
+
+
+def escaped(text: str) -> str:
+    """Text that LaTeX prints as it is."""
+    return "".join(SPECIAL.get(character, character) for character in text)

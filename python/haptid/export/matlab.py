@@ -1,0 +1,74 @@
+"""`export_matlab(model, folder)`: the functions of the C code for MATLAB and Octave, one file each."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+from haptid.export.dialects import Matlab
+from haptid.export.emit import straight
+from haptid.export.folder import Export, write
+from haptid.export.functions import Code, Function, code_of
+from haptid.export.names import default_name
+from haptid.export.provenance import Model, Provenance, about, provenance
+from haptid.export.text import coordinate_lines
+from haptid.force import REVERSAL_SPEED
+from haptid.validation import Validation
+
+
+def export_matlab(
+    model: Model,
+    folder: str | Path,
+    *,
+    validation: Validation | None = None,
+    largest_error: float | None = None,
+    anyway: bool = False,
+) -> Export:
+    """Write a model as functions of MATLAB, which Octave reads too: the same operations as in `export_c`.
+
+    Vectors are columns. Each function takes the base parameters as its last argument, the identified ones where it is
+    left out. The sign of a velocity is smoothed as in the C code.
+
+    Args:
+        model, validation, largest_error, anyway: as in `export_c`.
+        folder: where NAME_parameters.m, NAME_inverse_dynamics.m and so on go.
+
+    Raises:
+        FailedValidationError, UnvalidatedError: the model may not pass.
+        UnexportableTermError: a term that code cannot compute.
+        VaryingLoopError: loops that are not linear.
+        OutputError: the folder cannot be written.
+    """
+    source = provenance(model, validation, largest_error, anyway)
+    code, name = code_of(source.device, REVERSAL_SPEED), default_name(source.device.name)
+    texts = {f"{name}_parameters.m": _parameters(source, name)}
+    texts |= {f"{name}_{function.name}.m": _function(code, function, name) for function in code.functions}
+    return write(folder, texts, source.verdict)
+
+
+def _parameters(source: Provenance, name: str) -> str:
+    """The base parameters, with what is known of the model."""
+    device, base = source.device, source.device.base
+    lines = [f"function beta = {name}_parameters()", *(f"% {line}".rstrip() for line in about(source)), "%"]
+    lines += ["% Coordinates:", *(f"% {_one_based(line)}" for line in coordinate_lines(device)), "beta = ["]
+    rows = zip(base.names, base.units, source.beta, strict=True)
+    lines += [f"    {float(value)!r}  % {parameter}, {unit}" for parameter, unit, value in rows]
+    return "\n".join([*lines, "];", "end", ""])
+
+
+def _function(code: Code, function: Function, name: str) -> str:
+    inputs = [text for text, _ in function.inputs]
+    outputs = [text for text, _ in function.outputs]
+    made = outputs[0] if len(outputs) == 1 else f"[{', '.join(outputs)}]"
+    arguments = [*inputs, "beta"] if function.parameters else inputs
+    lines = [f"function {made} = {name}_{function.name}({', '.join(arguments)})"]
+    lines += [f"% {line}" for line in function.about]
+    if function.parameters:
+        lines.append(f"if nargin < {len(arguments)}, beta = {name}_parameters(); end")
+    body = straight(code, function, Matlab(len(code.device.drives)))
+    return "\n".join([*lines, *body, "end", ""])
+
+
+def _one_based(line: str) -> str:
+    """A line that begins with q[0], as MATLAB counts."""
+    return re.sub(r"^q\[(\d+)\]", lambda found: f"q({int(found[1]) + 1})", line)

@@ -1,0 +1,113 @@
+"""`export_json(model, folder)`: the model for programs, with everything that is known of its parameters."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from haptid._core import __version__
+from haptid._values import Array
+from haptid.device import Device
+from haptid.estimators.possible import possible
+from haptid.export.folder import Export, write
+from haptid.export.names import default_name
+from haptid.export.provenance import Model, Provenance, provenance
+from haptid.result_file import device_file, finite
+from haptid.validation import Validation
+
+# Version of the format.
+SCHEMA = 1
+NOTE = "Of all bodies that have the parameters, those nearest to the prior; null where no bodies have them."
+
+
+def export_json(
+    model: Model,
+    folder: str | Path,
+    *,
+    validation: Validation | None = None,
+    largest_error: float | None = None,
+    anyway: bool = False,
+) -> Export:
+    """Write a model as JSON: device file, coordinates, base parameters, regroupings, covariance.
+
+    Args:
+        model, validation, largest_error, anyway: as in `export_c`.
+        folder: where NAME.json goes.
+
+    Raises:
+        FailedValidationError, UnvalidatedError: the model may not pass.
+        OutputError: the folder cannot be written.
+    """
+    source = provenance(model, validation, largest_error, anyway)
+    text = json.dumps(finite(model_values(source)), indent=1, ensure_ascii=False, allow_nan=False)
+    return write(folder, {f"{default_name(source.device.name)}.json": text + "\n"}, source.verdict)
+
+
+def model_values(source: Provenance) -> dict[str, Any]:
+    """The model as plain values, SI."""
+    device, found = source.device, possible(source.device, source.beta)
+    standard = dict(zip(device.parameters.names, found.chi.tolist(), strict=True)) if found.ok else None
+    return {
+        "schema": SCHEMA,
+        "haptid": __version__,
+        "device": device.name,
+        "verdict": source.verdict,
+        "data_sha256": list(source.hashes),
+        "gravity": device.gravity.tolist(),
+        "coordinates": _coordinates(device),
+        "joints": _joints(device),
+        "parameters": _parameters(source),
+        "covariance": None if source.covariance is None else source.covariance.tolist(),
+        "no_effect": list(device.base.no_effect),
+        "standard": standard,
+        "standard_note": NOTE,
+        "device_file": device_file(device),
+    }
+
+
+def _parameters(source: Provenance) -> list[dict[str, Any]]:
+    base = source.device.base
+    return [
+        {
+            "name": name,
+            "value": float(source.beta[k]),
+            "unit": unit,
+            "interval95": None if source.intervals is None else source.intervals[k].tolist(),
+            "grouping": base.groupings[k],
+            "regroups": _nonzero(base.regrouping[k], base.standard),
+        }
+        for k, (name, unit) in enumerate(zip(base.names, base.units, strict=True))
+    ]
+
+
+def _nonzero(row: Array, names: tuple[str, ...]) -> dict[str, float]:
+    return {names[k]: float(row[k]) for k in np.flatnonzero(row)}
+
+
+def _coordinates(device: Device) -> list[dict[str, Any]]:
+    """What torque rows belong to, as combinations of the active joints' positions."""
+    active = tuple(device.joints[j].name for j in device.active)
+    return [
+        {"label": label, "unit": unit, "torque_unit": torque, "joints": _nonzero(row, active)}
+        for label, unit, torque, row in zip(
+            device.row_labels, device.coordinate_units, device.torque_units, device.frame, strict=True
+        )
+    ]
+
+
+def _joints(device: Device) -> list[dict[str, Any]]:
+    """The tree: pose of a link = pose of its parent * (rotation, translation) * Rz(q) or Tz(q)."""
+    return [
+        {
+            "name": joint.name,
+            "parent": "base" if joint.parent < 0 else device.joints[joint.parent].name,
+            "prismatic": joint.prismatic,
+            "active": j in device.active,
+            "rotation": joint.rotation.tolist(),
+            "translation": joint.translation.tolist(),
+        }
+        for j, joint in enumerate(device.joints)
+    ]

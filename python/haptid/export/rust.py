@@ -1,0 +1,115 @@
+"""`export_rust(model, folder)`: the functions of the C code as a crate without the standard library."""
+
+from __future__ import annotations
+
+import textwrap
+from pathlib import Path
+
+from haptid.export.dialects import Rust
+from haptid.export.emit import Emitted, emitted
+from haptid.export.folder import Export, write
+from haptid.export.functions import Code, Function, code_of
+from haptid.export.names import default_name
+from haptid.export.provenance import Model, Provenance, about, provenance
+from haptid.export.text import coordinate_lines
+from haptid.force import REVERSAL_SPEED
+from haptid.validation import Validation
+
+CARGO = """[package]
+name = "{name}"
+version = "0.1.0"
+edition = "2021"
+
+[dependencies]
+libm = "0.2"
+"""
+MODEL = """
+/// How many coordinates there are.
+pub const COORDINATES: usize = {n};
+/// How many base parameters there are.
+pub const PARAMETERS: usize = {p};
+
+/// The base parameters as identified.
+pub const BETA: [f64; PARAMETERS] = [
+{beta}
+];
+
+/// All that depends on the base parameters alone.
+#[derive(Clone, Copy, Debug)]
+pub struct Model {{
+    k: [f64; {k}],
+}}
+
+impl Model {{
+    /// A model of base parameters: `BETA`, or others.
+    #[must_use]
+    pub fn new(p: &[f64; PARAMETERS]) -> Self {{
+        let mut k = [0.0; {k}];
+{init}
+        let _ = p;
+        Self {{ k }}
+    }}
+}}
+"""
+
+
+def export_rust(
+    model: Model,
+    folder: str | Path,
+    *,
+    validation: Validation | None = None,
+    largest_error: float | None = None,
+    anyway: bool = False,
+) -> Export:
+    """Write a model as a Rust crate for `no_std`: the same operations as in `export_c`; its one dependency is libm.
+
+    Functions that solve linear systems give `None` where the matrix is singular, or nearly so. The observer and the
+    differentiator are in the C code alone.
+
+    Args:
+        model, validation, largest_error, anyway: as in `export_c`.
+        folder: where Cargo.toml and src/lib.rs go.
+
+    Raises:
+        FailedValidationError, UnvalidatedError: the model may not pass.
+        UnexportableTermError: a term that code cannot compute.
+        VaryingLoopError: loops that are not linear.
+        OutputError: the folder cannot be written.
+    """
+    source = provenance(model, validation, largest_error, anyway)
+    code = code_of(source.device, REVERSAL_SPEED)
+    texts = {
+        "Cargo.toml": CARGO.format(name=default_name(source.device.name)),
+        "src/lib.rs": _library(source, code, emitted(code, Rust(), Rust())),
+    }
+    return write(folder, texts, source.verdict)
+
+
+def _library(source: Provenance, code: Code, generated: Emitted) -> str:
+    heading = [*about(source), "", "Numbers are SI. Coordinates:", "", *coordinate_lines(source.device)]
+    documentation = "\n".join(f"//! {line}".rstrip() for line in heading)
+    model = MODEL.format(
+        n=len(source.device.drives),
+        p=len(source.beta),
+        beta="\n".join(f"    {float(value)!r}," for value in source.beta),
+        k=generated.constants,
+        init=textwrap.indent("\n".join(generated.init), " " * 8),
+    )
+    functions = "".join(_function(function, generated.bodies[function.name]) for function in code.functions)
+    return f"{documentation}\n#![no_std]\n#![allow(clippy::all)]\n{model}{functions}"
+
+
+def _function(function: Function, lines: tuple[str, ...]) -> str:
+    arguments = ["model: &Model"] if function.parameters else []
+    arguments += [f"{name}: &[f64; {size}]" for name, size in function.inputs]
+    arrays = [f"[f64; {len(values)}]" for _, values in function.outputs]
+    made = arrays[0] if len(arrays) == 1 else f"({', '.join(arrays)})"
+    result = f"Option<{made}>" if function.checks else made
+    text = "\n".join(lines)
+    idle = [name for name, _ in function.inputs if f"{name}[" not in text]
+    idle += ["model"] if function.parameters and "model" not in text else []
+    body = textwrap.indent("\n".join([*(f"let _ = {name};" for name in idle), text]), " " * 4)
+    comments = "\n".join(f"/// {line}" for line in function.about)
+    named = f"/// Gives {', '.join(f'`{name}`' for name, _ in function.outputs)}."
+    head = f"pub fn {function.name}({', '.join(arguments)}) -> {result} {{"
+    return f"\n{comments}\n{named}\n#[must_use]\n{head}\n{body}\n}}\n"

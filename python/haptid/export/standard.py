@@ -1,0 +1,59 @@
+"""Full parameters of real bodies behind base parameters: what simulators and robot descriptions ask for."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from haptid._values import Array
+from haptid.device import Device
+from haptid.errors import ImpossibleModelError
+from haptid.estimators.cone import Cone
+from haptid.estimators.possible import possible, roomy
+
+# Bodies on the border of what is possible go this far inside, in each link's own mass and length: simulators refuse
+# what rounding may push out.
+INSIDE = 1e-9
+
+
+def standard_parameters(device: Device, beta: Array) -> Array:
+    """Free standard parameters that real bodies and passive terms can have, with these base parameters, (n,), SI.
+
+    Of all that have them, those of `Possible`: nearest to the prior, or to a ball for every link without one. The base
+    parameters come out to rounding; where a body lies on the border of what is possible, to 1e-9 of its size.
+
+    Args:
+        device: the mechanism.
+        beta: its base parameters, (p,), SI.
+
+    Raises:
+        ImpossibleModelError: no bodies have these base parameters.
+    """
+    found = possible(device, beta)
+    if not found.ok:
+        raise ImpossibleModelError(found.failing)
+    conditions = roomy(device, beta)
+    return conditions.scale * inward(conditions, found.chi / conditions.scale)
+
+
+def inward(conditions: Cone, x: Array) -> Array:
+    """x, with as much of a ball in every part on the border as brings it inside, (n,)."""
+    moved = np.array(x)
+    for part in conditions.parts:
+        margin = part.margin(x)
+        if margin < INSIDE:
+            ball = conditions.ball[part.columns]
+            moved[part.columns] += (INSIDE - margin) / part.margin(conditions.ball) * ball
+    return moved
+
+
+def departure(device: Device, beta: Array, chi: Array) -> float:
+    """Largest difference of base parameters from those of standard parameters, beside what they are sums of.
+
+    Args:
+        device: the mechanism.
+        beta: its base parameters, (p,), SI.
+        chi: its free standard parameters, (n,), SI.
+    """
+    sizes = np.abs(device.base.regrouping) @ np.abs(chi)
+    gaps = np.abs(device.base.of(chi) - beta)
+    return float((gaps / np.where(sizes > 0, sizes, 1.0)).max(initial=0.0))

@@ -1,0 +1,212 @@
+"""`export_urdf(model, folder)`: the identified device as URDF, with what URDF has no place for said beside it.
+
+URDF knows trees. A joint that closes a loop is given to Gazebo as an SDF joint in a `<gazebo>` element, which other
+readers skip; a passive joint that follows one other joint by a relation is a `<mimic>`. Rotors are in `<transmission>`,
+as Drake reads them.
+
+Source: http://wiki.ros.org/urdf/XML, and Drake's "Parsing URDF", section on drake:rotor_inertia.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+from xml.etree.ElementTree import Element, SubElement, indent, tostring
+
+import numpy as np
+
+from haptid._values import Array
+from haptid.bench.bodies import Body, Effect, bodies, effects
+from haptid.bench.mjcf import numbers
+from haptid.device import Cut, Device, Joint
+from haptid.export.folder import Export, write
+from haptid.export.mjcf import xml_comment
+from haptid.export.names import default_name
+from haptid.export.provenance import Model, about, provenance
+from haptid.export.standard import departure, standard_parameters
+from haptid.validation import Validation
+
+DRAKE = "http://drake.mit.edu"
+# URDF wants limits of every joint that has any: what is unknown is this, SI.
+UNLIMITED = 1e3
+# Cosine of a pitch that is as good as a right angle.
+LEVEL = 1e-9
+
+
+def export_urdf(
+    model: Model,
+    folder: str | Path,
+    *,
+    validation: Validation | None = None,
+    largest_error: float | None = None,
+    anyway: bool = False,
+) -> Export:
+    """Write a model as URDF: bodies that have the identified base parameters, damping, dry friction, rotors.
+
+    Args:
+        model, validation, largest_error, anyway: as in `export_c`.
+        folder: where NAME.urdf goes.
+
+    Raises:
+        FailedValidationError, UnvalidatedError: the model may not pass.
+        ImpossibleModelError: no bodies have its base parameters.
+        UnsimulatedTermError: a term that no simulator of rigid bodies has.
+        OutputError: the folder cannot be written.
+    """
+    source = provenance(model, validation, largest_error, anyway)
+    device = source.device
+    chi = standard_parameters(device, source.beta)
+    made = bodies(device, chi)
+    acts = effects(device, chi, made)
+    lines = [
+        *about(source),
+        "Of all bodies with the identified base parameters, those nearest to the prior, or to a ball without one.",
+        f"They have the base parameters to {departure(device, source.beta, chi):.0e} of their size.",
+        *_unsaid(device, acts),
+    ]
+    root = _robot(device, made, acts)
+    indent(root)
+    text = f'<?xml version="1.0"?>\n{xml_comment(lines)}\n{tostring(root, encoding="unicode")}\n'
+    return write(folder, {f"{default_name(device.name)}.urdf": text}, source.verdict)
+
+
+def _robot(device: Device, made: tuple[Body, ...], acts: tuple[Effect, ...]) -> Element:
+    root = Element("robot", {"name": default_name(device.name), "xmlns:drake": DRAKE})
+    _base(root, device)
+    for j, (joint, body) in enumerate(zip(device.joints, made, strict=True)):
+        _link(root, joint, body)
+        _joint(root, device, j, acts[j])
+    if device.handle is not None:
+        SubElement(root, "link", name="handle")
+        above = _link_name(device, device.handle.link)
+        _fixed(root, "handle mount", above, "handle", device.handle.rotation, device.handle.translation)
+    for act in acts[: len(device.joints)]:
+        if act.armature:
+            _rotor(root, act)
+    for k, cut in enumerate(device.closure.cuts):
+        _cut(root, device, f"cut {k + 1}", cut)
+    return root
+
+
+def _base(root: Element, device: Device) -> None:
+    """A world in which things fall along -z, as simulators have it, and the device's base in it."""
+    SubElement(root, "link", name="world")
+    SubElement(root, "link", name="base")
+    _fixed(root, "base mount", "world", "base", upright(device.gravity), np.zeros(3))
+
+
+def _link(root: Element, joint: Joint, body: Body) -> None:
+    link = SubElement(root, "link", name=f"link {joint.name}")
+    if body.weightless:
+        return
+    inertial = SubElement(link, "inertial")
+    SubElement(inertial, "origin", xyz=numbers(body.com), rpy="0 0 0")
+    SubElement(inertial, "mass", value=repr(body.mass))
+    entries = {"ixx": (0, 0), "ixy": (0, 1), "ixz": (0, 2), "iyy": (1, 1), "iyz": (1, 2), "izz": (2, 2)}
+    SubElement(inertial, "inertia", {name: repr(float(body.inertia[at])) for name, at in entries.items()})
+
+
+def _joint(root: Element, device: Device, j: int, act: Effect) -> None:
+    joint = device.joints[j]
+    limits = joint.position_limits
+    turning = "continuous" if limits is None else "revolute"
+    element = SubElement(root, "joint", name=joint.name, type="prismatic" if joint.prismatic else turning)
+    SubElement(element, "parent", link=_link_name(device, joint.parent))
+    SubElement(element, "child", link=f"link {joint.name}")
+    SubElement(element, "origin", xyz=numbers(joint.translation), rpy=numbers(angles(joint.rotation)))
+    SubElement(element, "axis", xyz="0 0 1")
+    _limit(element, joint)
+    if act.viscous or act.coulomb:
+        SubElement(element, "dynamics", damping=repr(act.viscous), friction=repr(act.coulomb))
+    _mimic(element, device, j)
+
+
+def _limit(element: Element, joint: Joint) -> None:
+    bounds = {"effort": joint.torque_limit or UNLIMITED, "velocity": joint.velocity_limit or UNLIMITED}
+    if joint.position_limits is not None or joint.prismatic:
+        lower, upper = joint.position_limits or (-UNLIMITED, UNLIMITED)
+        bounds |= {"lower": lower, "upper": upper}
+    SubElement(element, "limit", {name: repr(float(value)) for name, value in bounds.items()})
+
+
+def _mimic(element: Element, device: Device, j: int) -> None:
+    """A passive joint that follows one active joint, where no joint closes the loop."""
+    if j in device.active or device.closure.cuts:
+        return
+    row = device.closure.constant[j]
+    followed = np.flatnonzero(row)
+    if len(followed) == 1:
+        other = device.joints[device.active[int(followed[0])]].name
+        share, offset = float(row[followed[0]]), float(device.closure.offset[j])
+        SubElement(element, "mimic", joint=other, multiplier=repr(share), offset=repr(offset))
+
+
+def _rotor(root: Element, act: Effect) -> None:
+    """The inertia of a rotor as the joint feels it."""
+    made = SubElement(root, "transmission", name=f"rotor {act.name}")
+    SubElement(made, "type").text = "transmission_interface/SimpleTransmission"
+    SubElement(made, "joint", name=act.name)
+    actuator = SubElement(made, "actuator", name=f"motor {act.name}")
+    SubElement(actuator, "drake:rotor_inertia", value=repr(act.armature))
+    SubElement(actuator, "drake:gear_ratio", value="1.0")
+
+
+def _fixed(root: Element, name: str, parent: str, child: str, rotation: Array, translation: Array) -> None:
+    joint = SubElement(root, "joint", name=name, type="fixed")
+    SubElement(joint, "parent", link=parent)
+    SubElement(joint, "child", link=child)
+    SubElement(joint, "origin", xyz=numbers(translation), rpy=numbers(angles(rotation)))
+
+
+def _cut(root: Element, device: Device, name: str, cut: Cut) -> None:
+    """The joint that closes a loop, as SDF."""
+    joint = SubElement(
+        SubElement(root, "gazebo"), "joint", name=name, type="prismatic" if cut.prismatic else "revolute"
+    )
+    SubElement(joint, "parent").text = _link_name(device, cut.frame.link)
+    SubElement(joint, "child").text = _link_name(device, cut.twin.link)
+    SubElement(joint, "pose").text = numbers((*cut.twin.translation, *angles(cut.twin.rotation)))
+    SubElement(SubElement(joint, "axis"), "xyz").text = "0 0 1"
+
+
+def _unsaid(device: Device, acts: tuple[Effect, ...]) -> list[str]:
+    """What URDF has no place for, in sentences."""
+    made = [
+        f"Gravity in the base frame is {numbers(device.gravity)} m/s^2; a simulator's own acts along -z of the world."
+    ]
+    if device.closure.cuts:
+        made.append("URDF has no loops: joints that close them are in <gazebo> elements, as SDF; others see a tree.")
+    elif device.closure.relations:
+        made.append(f"Passive joints follow active ones: {'; '.join(device.closure.relations)}.")
+    for act in acts:
+        single = np.count_nonzero(act.joints) == 1
+        lost = {"a spring, N m/rad or N/m": act.stiffness, "an offset, N m or N": act.offset}
+        if not single:
+            lost |= {"rotor inertia": act.armature, "viscous friction": act.viscous, "dry friction": act.coulomb}
+        where = f"{act.name} (several joints)" if not single else f"joint {act.name}"
+        made += [f"Not in this file: {what} of {value!r} on {where}." for what, value in lost.items() if value]
+    return made
+
+
+def angles(rotation: Array) -> tuple[float, float, float]:
+    """Roll, pitch and yaw about fixed axes, rad; without yaw where the pitch is a right angle."""
+    R = rotation
+    level = float(np.hypot(R[0, 0], R[1, 0]))
+    pitch = float(np.arctan2(-R[2, 0], level))
+    if level < LEVEL:
+        return float(np.arctan2(-R[1, 2], R[1, 1])), pitch, 0.0
+    return float(np.arctan2(R[2, 1], R[2, 2])), pitch, float(np.arctan2(R[1, 0], R[0, 0]))
+
+
+def upright(gravity: Array) -> Array:
+    """The base in a world in which this gravity points along -z, (3, 3)."""
+    size = float(np.linalg.norm(gravity))
+    down = gravity / size if size else np.array([0.0, 0.0, -1.0])
+    axis = np.cross(down, [0.0, 0.0, -1.0])
+    if not axis.any():
+        return np.eye(3) if down[2] < 0 else np.diag([1.0, -1.0, -1.0])
+    skew = np.cross(np.eye(3), axis)
+    return np.asarray(np.eye(3) + skew + skew @ skew / (1 - down[2]))
+
+
+def _link_name(device: Device, j: int) -> str:
+    return "base" if j < 0 else f"link {device.joints[j].name}"

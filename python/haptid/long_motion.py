@@ -1,0 +1,74 @@
+"""Treatment of samples that stay on disk: chunk by chunk, to what the treatment of all of them at once gives.
+
+A filter without delay runs both ways. Chunks are filtered with so many samples around them that what they began and
+ended with has died out to the last digit: each can be made alone, in any order, by any process.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy import signal
+
+from haptid._values import Array
+from haptid.late import delayed, lost
+from haptid.log.on_disk import OnDisk
+
+# What is left of a filter's start after the samples around a chunk, as a share.
+FORGOTTEN = 1e-18
+
+
+@dataclass(frozen=True, eq=False)
+class Filtered(OnDisk):
+    """Channels through a filter and, backwards, through it again.
+
+    Attributes:
+        samples: before the filter.
+        sections: second-order sections of one pass, (sections, 6).
+        first: the channels' first sample, which is taken off for the while, (channels, 1).
+        around: samples to either side of a chunk that it is filtered with.
+    """
+
+    samples: OnDisk
+    sections: Array
+    first: Array
+    around: int
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        return self.samples.shape
+
+    def make(self, low: int, high: int) -> Array:
+        start, stop = max(low - self.around, 0), min(high + self.around, len(self))
+        made = signal.sosfiltfilt(self.sections, self.samples.between(start, stop) - self.first)
+        return np.asarray(made[:, low - start : high - start] + self.first)
+
+
+@dataclass(frozen=True, eq=False)
+class Late(OnDisk):
+    """Channels so many samples later, (n, channels); see `haptid.late.delayed`.
+
+    Attributes:
+        samples: as they are.
+        later: samples, which may be a fraction.
+    """
+
+    samples: OnDisk
+    later: float
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        return self.samples.shape
+
+    def make(self, low: int, high: int) -> Array:
+        around = lost(self.later)
+        start, stop = max(low - around, 0), min(high + around, len(self))
+        return delayed(self.samples[start:stop], self.later)[low - start : high - start].T
+
+
+def filtered(samples: OnDisk, sections: Array) -> Filtered:
+    """The filter's slowest pole says how many samples it takes to forget."""
+    slowest = float(np.abs(signal.sos2zpk(sections)[1]).max())
+    around = int(np.ceil(np.log(FORGOTTEN) / np.log(slowest)))
+    return Filtered(samples, sections, samples.between(0, 1), around)

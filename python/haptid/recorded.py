@@ -1,0 +1,262 @@
+"""`read_result(folder)`: an identification as its result folder has it, without the logs."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from types import MappingProxyType
+from typing import Any, Literal
+
+import numpy as np
+from pydantic import BaseModel, ConfigDict, Field, ValidationError
+
+from haptid._values import Array, expect, read_only
+from haptid.base import BaseParameters
+from haptid.characterisation.model import GivenModel
+from haptid.device import Device
+from haptid.device.reading import device_of
+from haptid.device.tables import checked
+from haptid.errors import ResultDeviceError, ResultFileError
+from haptid.study import Role
+from haptid.validation import MotorError, Validation
+
+# A result of two hundred parameters is some megabytes; a file beyond this is something else.
+LARGEST_FILE = 1 << 26
+
+
+class _Table(BaseModel):
+    model_config = ConfigDict(extra="ignore", frozen=True)
+
+
+class _Log(_Table):
+    path: str
+    sha256: str
+    role: Role
+
+
+class _Parameter(_Table):
+    name: str
+    value: float
+    free: float
+    interval95: tuple[float | None, float | None]
+
+
+class _Estimate(_Table):
+    method: str
+    possible: bool
+    status: str
+    parameters: list[_Parameter]
+    covariance: list[list[float]]
+    freedom: list[float | None]
+
+
+class _Error(_Table):
+    rows: Literal["fit", "unseen"]
+    motor: str
+    unit: str | None
+    residual: float | None
+    measured: float | None
+    count: int | None
+
+
+class _Criteria(_Table):
+    relative_error_percent: float | None
+    met: bool | None
+
+
+class _File(_Table):
+    version: Literal[1] = Field(alias="schema")
+    haptid: str
+    study: str
+    device_file: dict[str, Any]
+    logs: list[_Log]
+    treatment: dict[str, Any]
+    estimate: _Estimate
+    validation: list[_Error]
+    criteria: _Criteria
+    notes: list[str]
+
+
+@dataclass(frozen=True)
+class RecordedLog:
+    """A log of a result: where it was, the SHA-256 of it, and "identify" or "validate"."""
+
+    path: str
+    sha256: str
+    role: Role
+
+
+@dataclass(frozen=True, eq=False)
+class Recorded:
+    """An identification as its result folder has it.
+
+    Attributes:
+        folder: that it was read from.
+        device: the mechanism, as its device file had it.
+        study: name of the study.
+        version: of the haptid that made it.
+        logs: what it was made from.
+        treatment: settings by their names in a study.
+        method, possible: "OLS" or "WLS", and whether it is held to what bodies can have.
+        status: as `Estimate.status`.
+        beta: base parameters, (p,), SI; their names and units are those of `base`.
+        free: of the fit that is held to nothing, (p,); `beta` where nothing holds it.
+        covariance: of `free`, (p, p).
+        freedom: degrees of freedom of each interval, (p,); infinite of a parameter that is held at zero.
+        interval95: (p, 2), infinite of the parameters that one stretch of the log alone tells.
+        direct: errors on the rows of the fit, log by log.
+        unseen: errors on rows that a fit had not seen.
+        largest_error: the study's criterion, per cent, None where it sets none.
+        meets_criteria: whether it is met, None where there is none.
+        notes: sentences a user should read.
+        values: all of `result.json`.
+    """
+
+    folder: Path
+    device: Device
+    study: str
+    version: str
+    logs: tuple[RecordedLog, ...]
+    treatment: Mapping[str, Any]
+    method: str
+    possible: bool
+    status: str
+    beta: Array
+    free: Array
+    covariance: Array
+    freedom: Array
+    interval95: Array
+    direct: tuple[Validation, ...]
+    unseen: tuple[Validation, ...]
+    largest_error: float | None
+    meets_criteria: bool | None
+    notes: tuple[str, ...]
+    values: Mapping[str, Any]
+
+    def __post_init__(self) -> None:
+        p = len(self.base)
+        shapes = {"beta": (p,), "free": (p,), "covariance": (p, p), "freedom": (p,), "interval95": (p, 2)}
+        for name, shape in shapes.items():
+            object.__setattr__(self, name, read_only(getattr(self, name)))
+            expect(name, getattr(self, name).shape, shape)
+
+    @property
+    def base(self) -> BaseParameters:
+        """Names, units and groupings of the parameters."""
+        return self.device.base
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        return self.base.names
+
+    @property
+    def lonely(self) -> tuple[int, ...]:
+        """Parameters, by index, that one stretch of the log alone tells."""
+        return tuple(int(k) for k in np.flatnonzero(np.isinf(self.interval95).any(axis=1)))
+
+    @property
+    def sd(self) -> Array:
+        """Honest deviations, (p,); infinite for the lonely ones."""
+        sd = np.sqrt(np.diag(self.covariance))
+        sd[list(self.lonely)] = np.inf
+        return sd
+
+    @property
+    def model(self) -> GivenModel:
+        """The parameters as `characterise`, `felt_mass` and the like take them.
+
+        Intervals of what is made from it have the degrees of freedom of the parameter that has fewest: how evenly the
+        log tells a combination of parameters is not in the folder.
+        """
+        return GivenModel(self.device, self.beta, self.covariance, float(self.freedom.min(initial=np.inf)), self.lonely)
+
+
+def read_result(folder: str | Path) -> Recorded:
+    """Read the output folder of `haptid identify`, or its `result.json`.
+
+    Args:
+        folder: the folder, or the file itself.
+
+    Raises:
+        ResultFileError: there is no result, or it lacks what is needed here.
+        ResultDeviceError: this haptid finds other base parameters for the device than the one that made it.
+        DeviceError: the device in it cannot be read by this haptid.
+    """
+    path = Path(folder)
+    path = path / "result.json" if path.is_dir() else path
+    values = _values(path)
+    table = _checked(path, values)
+    device = device_of(*checked(table.device_file, f"{path}, device_file"))
+    stored = [p.name for p in table.estimate.parameters]
+    if tuple(stored) != device.base.names:
+        raise ResultDeviceError(path, stored, device.base.names, table.haptid)
+    found = table.estimate
+    return Recorded(
+        folder=path.parent,
+        device=device,
+        study=table.study,
+        version=table.haptid,
+        logs=tuple(RecordedLog(log.path, log.sha256, log.role) for log in table.logs),
+        treatment=MappingProxyType(table.treatment),
+        method=found.method,
+        possible=found.possible,
+        status=found.status,
+        beta=np.array([p.value for p in found.parameters]),
+        free=np.array([p.free for p in found.parameters]),
+        covariance=np.array(found.covariance),
+        freedom=np.array([np.inf if f is None else f for f in found.freedom]),
+        interval95=np.array([_interval(p) for p in found.parameters]).reshape(-1, 2),
+        direct=_validations(table.validation, device, seen=True),
+        unseen=_validations(table.validation, device, seen=False),
+        largest_error=table.criteria.relative_error_percent,
+        meets_criteria=table.criteria.met,
+        notes=tuple(table.notes),
+        values=MappingProxyType(values),
+    )
+
+
+def _values(path: Path) -> dict[str, Any]:
+    try:
+        if path.stat().st_size > LARGEST_FILE:
+            raise ResultFileError(path, f"the file is larger than {LARGEST_FILE >> 20} MiB, so it is no result")
+        values = json.loads(path.read_text(encoding="utf-8"))
+    except FileNotFoundError:
+        raise ResultFileError(path, "there is no such file") from None
+    except (OSError, ValueError, RecursionError) as error:  # not readable, not UTF-8, not JSON
+        raise ResultFileError(path, f"cannot be read ({error})") from error
+    if not isinstance(values, dict):
+        raise ResultFileError(path, "is not a result of haptid")
+    return values
+
+
+def _checked(path: Path, values: dict[str, Any]) -> _File:
+    try:
+        return _File.model_validate(values)
+    except ValidationError as error:
+        first = error.errors(include_url=False)[0]
+        where = ".".join(map(str, first["loc"]))
+        what = "is missing" if first["type"] == "missing" else f"is wrong ({first['msg']})"
+        raise ResultFileError(path, f"key `{where}` {what}") from error
+
+
+def _interval(p: _Parameter) -> tuple[float, float]:
+    low, high = p.interval95
+    return (-np.inf if low is None else low, np.inf if high is None else high)
+
+
+def _validations(errors: list[_Error], device: Device, *, seen: bool) -> tuple[Validation, ...]:
+    """Errors motor by motor are one validation; each ends with the entry of all motors."""
+    labels = dict(zip(device.row_names, device.row_labels, strict=True))
+    made: list[Validation] = []
+    motors: list[MotorError] = []
+    for e in errors:
+        if (e.rows == "fit") is not seen:
+            continue
+        if e.residual is None or e.measured is None or e.count is None or e.unit is None:
+            made.append(Validation(tuple(motors), seen))
+            motors = []
+        else:
+            motors.append(MotorError(e.motor, labels.get(e.motor, e.motor), e.unit, e.residual, e.measured, e.count))
+    return tuple(made)

@@ -1,0 +1,43 @@
+"""The papers whose methods a result stands on, as BibTeX."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from importlib.resources import files
+
+from haptid.estimators import OLS, Consistent
+from haptid.report.source import Source
+from haptid.result_file import weighting
+
+
+def bibtex(source: Source) -> str:
+    """Entries of the methods that were used, in the order of the corridor."""
+    known = entries()
+    return "\n\n".join(known[key] for key in dict.fromkeys(_used(source)))
+
+
+def entries() -> dict[str, str]:
+    """Every entry by its key."""
+    text = files("haptid.report").joinpath("templates/methods.bib").read_text(encoding="utf-8")
+    parts = [part.strip() for part in text.split("\n\n") if part.strip()]
+    return {part[part.index("{") + 1 : part.index(",")]: part for part in parts}
+
+
+def _used(source: Source) -> Iterator[str]:
+    """Keys of what was used."""
+    made, device = source.estimate, source.estimate.device
+    if device.convention == "modified-dh":
+        yield "khalil1986"
+    yield "gautier1991"
+    if device.closure.cuts:
+        yield "khalil1995"
+    yield "gautier2013"
+    yield from () if isinstance(weighting(made.method), OLS) else ("gautier2001",)
+    yield "bell2002"
+    if isinstance(made.method, Consistent):
+        yield from ("sousa2014", "wensing2018")
+    yield "belsley1980"
+    if any(source.dissections):
+        yield "tahmasebi2005"
+    if device.handle is not None:
+        yield "janot2007"

@@ -1,0 +1,41 @@
+"""Several results on one page."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+from haptid._core import __version__
+from haptid.recorded import read_result
+from haptid.report.page import page, write_text
+from haptid.report.sections.comparison import ComparisonSection
+
+
+def write_comparison(folders: Sequence[str | Path], path: str | Path) -> ComparisonSection:
+    """Write a page that compares the output folders of `haptid identify`, each with the first.
+
+    Args:
+        folders: two or more.
+        path: of the page.
+
+    Raises:
+        ResultFileError, ResultDeviceError: a folder has no result that can be read.
+        DifferentParametersError: a result has no parameter in common with the first.
+        OutputError: the page cannot be written there.
+    """
+    found = [read_result(folder) for folder in folders]
+    made = ComparisonSection.between(found, names_of([Path(folder) for folder in folders]))
+    title = f"Comparison of {len(found)} results"
+    about = f"{', '.join(dict.fromkeys(r.device.name for r in found))}, haptid {__version__}"
+    write_text(Path(path), page(title, about, (made,)))
+    return made
+
+
+def names_of(folders: Sequence[Path]) -> list[str]:
+    """Short names of folders, longer where two would be alike."""
+    resolved = [folder.resolve() for folder in folders]
+    for parts in range(1, max(len(path.parts) for path in resolved) + 1):
+        names = ["/".join(path.parts[-parts:]) for path in resolved]
+        if len(set(names)) == len(names):
+            return names
+    return [f"{k + 1}: {path.name}" for k, path in enumerate(resolved)]

@@ -1,0 +1,97 @@
+"""The page: a template for each section, one style sheet and one script, all in one file."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Sequence
+from functools import cache
+from importlib.resources import files
+from pathlib import Path
+from typing import Any
+
+from jinja2 import Environment, PackageLoader, StrictUndefined
+from markupsafe import Markup
+
+from haptid.errors import OutputError
+from haptid.report.chart import Chart
+from haptid.report.section import Section
+from haptid.result_file import finite
+
+# The script's parts, in the order in which they need each other.
+SCRIPTS = ("numbers.js", "svg.js", "plot.js", "heat.js", "bars.js", "mechanism.js", "scene.js", "tables.js", "page.js")
+STYLES = ("page.css",)
+
+
+def page(title: str, about: str, sections: Sequence[Section]) -> str:
+    """A whole HTML document.
+
+    Args:
+        title, about: of the page.
+        sections: in order.
+    """
+    charts = {chart.key: chart for section in sections for chart in section.charts}
+    shown = [
+        {"key": s.key, "title": s.title, "html": Markup(_environment().get_template(f"{s.key}.html").render(s=s))}
+        for s in sections
+    ]
+    return (
+        _environment()
+        .get_template("page.html")
+        .render(
+            title=title,
+            about=about,
+            sections=shown,
+            styles=[Markup(_text(name)) for name in STYLES],
+            scripts=[Markup(_text(name)) for name in SCRIPTS],
+            drawings=_embedded({key: chart.drawing for key, chart in charts.items()}),
+        )
+    )
+
+
+def write_text(path: Path, text: str) -> None:
+    """Write a file.
+
+    Raises:
+        OutputError: it cannot be written there.
+    """
+    try:
+        path.write_text(text, encoding="utf-8")
+    except OSError as error:
+        raise OutputError(path, error.strerror or str(error)) from error
+
+
+@cache
+def _environment() -> Environment:
+    made = Environment(
+        loader=PackageLoader("haptid.report", "templates"),
+        autoescape=True,
+        undefined=StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+    )
+    made.globals["show"] = _show
+    made.filters["number"] = _number
+    made.filters["embedded"] = _embedded
+    made.filters["unit"] = lambda unit: unit.replace("^2", "\u00b2").replace("^3", "\u00b3")
+    return made
+
+
+def _show(chart: Chart) -> Markup:
+    """A chart's figure, which the page's script draws into."""
+    template = _environment().get_template("chart.html")
+    return Markup(template.render(chart=chart, kind=chart.drawing["kind"]))
+
+
+def _number(value: float | None, digits: int = 4) -> str:
+    """A figure to some digits; nothing for None."""
+    return "" if value is None else f"{value:.{digits}g}"
+
+
+def _text(name: str) -> str:
+    return files("haptid.report").joinpath("templates", name).read_text(encoding="utf-8")
+
+
+def _embedded(value: Any) -> Markup:
+    """JSON that may stand inside a script element."""
+    text = json.dumps(finite(value), allow_nan=False, ensure_ascii=True, separators=(",", ":"))
+    return Markup(text.replace("<", "\\u003c"))

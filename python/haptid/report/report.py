@@ -1,0 +1,119 @@
+"""A report as one value: made from an identification, kept in a folder of results, written as a page."""
+
+from __future__ import annotations
+
+import gzip
+import json
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from datetime import UTC, datetime
+from pathlib import Path
+from types import MappingProxyType
+
+from haptid._core import __version__
+from haptid.errors import ReportDataError
+from haptid.identification import Identification
+from haptid.report.page import page, write_text
+from haptid.report.section import Section
+from haptid.report.sections import SECTIONS
+from haptid.report.source import Hand, Source
+from haptid.result_file import finite
+
+SCHEMA = 1
+# Of the file that keeps a report in a folder of results, and of the page.
+DATA, PAGE = "report-data.json.gz", "report.html"
+# Data of a report is some megabytes; a file that unpacks to more is something else.
+LARGEST = 1 << 28
+
+
+@dataclass(frozen=True, eq=False)
+class Report:
+    """All that a page shows.
+
+    Attributes:
+        name: of the study.
+        device: its name.
+        made: when, as a date and time in UTC.
+        haptid: version that made it.
+        sections: by key, in the order of the page.
+    """
+
+    name: str
+    device: str
+    made: str
+    haptid: str
+    sections: Mapping[str, Section]
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "sections", MappingProxyType(dict(self.sections)))
+
+    def html(self) -> str:
+        """The page, whole in itself."""
+        return page(self.name, f"{self.device}, {self.made}, haptid {self.haptid}", tuple(self.sections.values()))
+
+    def write_page(self, path: Path) -> None:
+        """Write the page.
+
+        Raises:
+            OutputError: it cannot be written there.
+        """
+        write_text(path, self.html())
+
+    def write(self, folder: Path) -> None:
+        """Write the page, and the data that it can be made from again, into a folder."""
+        self.write_page(folder / PAGE)
+        plain = {key: section.plain() for key, section in self.sections.items()}
+        head = {"schema": SCHEMA, "haptid": self.haptid, "name": self.name, "device": self.device, "made": self.made}
+        text = json.dumps(finite({**head, "sections": plain}), allow_nan=False, separators=(",", ":"))
+        (folder / DATA).write_bytes(gzip.compress(text.encode("utf-8"), mtime=0))
+
+
+def report(
+    identification: Identification, *, command: str = "", hands: Sequence[Hand] = (), made: datetime | None = None
+) -> Report:
+    """Everything there is to say of an identification.
+
+    Args:
+        identification: a study walked to its end.
+        command: that made it, as a person would type it.
+        hands: forces of the hand that were estimated.
+        made: when; now where None.
+    """
+    return report_of(Source(identification, command, tuple(hands)), made)
+
+
+def report_of(source: Source, made: datetime | None = None) -> Report:
+    """The same of what was asked of an identification already."""
+    found = [kind.of(source) for kind in SECTIONS]
+    moment = (made or datetime.now(UTC)).astimezone(UTC)
+    return Report(
+        name=source.identification.study.name,
+        device=source.identification.device.name,
+        made=f"{moment:%Y-%m-%d %H:%M} UTC",
+        haptid=__version__,
+        sections={section.key: section for section in found if section is not None},
+    )
+
+
+def read_report(folder: str | Path) -> Report:
+    """The report that a folder of results keeps.
+
+    Raises:
+        ReportDataError: the folder has none, or one of another version.
+    """
+    path = Path(folder) / DATA
+    try:
+        with gzip.open(path) as file:
+            text = file.read(LARGEST + 1)
+        if len(text) > LARGEST:
+            raise ReportDataError(path, f"it unpacks to more than {LARGEST >> 20} MiB")
+        data = json.loads(text)
+        if data["schema"] != SCHEMA:
+            raise ReportDataError(path, f"its schema is {data['schema']}, and {SCHEMA} is read")
+        kinds = {kind.key: kind for kind in SECTIONS}
+        sections = {key: kinds[key].revived(values) for key, values in data["sections"].items()}
+        return Report(data["name"], data["device"], data["made"], data["haptid"], sections)
+    except FileNotFoundError as error:
+        raise ReportDataError(path, "there is no such file") from error
+    except (OSError, EOFError, ValueError, KeyError, TypeError) as error:  # not gzip, not JSON, not these sections
+        raise ReportDataError(path, f"it is no data of a report: {error}") from error

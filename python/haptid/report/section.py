@@ -1,0 +1,41 @@
+"""A section of the report: plain values and charts, made from one source, shown by one template."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any, ClassVar, Self
+
+from haptid.report.chart import Chart
+from haptid.report.source import Source
+
+
+@dataclass(frozen=True)
+class Section:
+    """What every section has. Fields are plain values, so that a folder of results can hold them.
+
+    Attributes:
+        key: of the section and of its template, `templates/KEY.html`.
+        title: above it.
+        charts: in the order of the page.
+    """
+
+    key: ClassVar[str]
+    title: ClassVar[str]
+    charts: tuple[Chart, ...]
+
+    @classmethod
+    def of(cls, source: Source) -> Self | None:
+        """The section, or None where the source has nothing for it."""
+        raise NotImplementedError
+
+    def plain(self) -> dict[str, Any]:
+        """The same as values that JSON can say."""
+        return dataclasses.asdict(self)
+
+    @classmethod
+    def revived(cls, values: Mapping[str, Any]) -> Self:
+        """From what `plain` gave."""
+        charts = tuple(Chart(**chart) for chart in values["charts"])
+        return cls(**{**values, "charts": charts})

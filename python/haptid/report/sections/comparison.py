@@ -1,0 +1,173 @@
+"""Several results side by side: errors, parameters, and what changed beyond what intervals allow."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any, ClassVar
+
+import numpy as np
+
+from haptid._values import Array
+from haptid.comparison import SAME_MEANING, Comparison
+from haptid.errors import DifferentParametersError
+from haptid.recorded import Recorded
+from haptid.report.chart import COLOURS, Chart, figure, packed
+from haptid.report.section import Section
+
+# For all parameters of one pair of results together.
+CONFIDENCE = 0.95
+# A change is drawn up to this size, per cent of the first value.
+WIDEST = 100.0
+
+
+@dataclass(frozen=True)
+class ComparisonSection(Section):
+    """The comparison.
+
+    Attributes:
+        results: for each its name, study, device, method, logs, errors and whether its criterion is met.
+        motors: labels of the errors.
+        pairs: for each later result against the first what differs, in sentences, and a table by parameter.
+    """
+
+    key: ClassVar[str] = "comparison"
+    title: ClassVar[str] = "What changed"
+    results: list[dict[str, Any]]
+    motors: list[str]
+    pairs: list[dict[str, Any]]
+
+    @classmethod
+    def between(cls, found: Sequence[Recorded], names: Sequence[str]) -> ComparisonSection:
+        """Of two results or more, each later one against the first.
+
+        Raises:
+            DifferentParametersError: a result has no parameter in common with the first.
+        """
+        made = [compared(found[0], other) for other in found[1:]]
+        pairs = [_pair(names[0], name, c) for name, c in zip(names[1:], made, strict=True)]
+        return cls(
+            charts=(_chart(names, made),),
+            results=[_result(name, r) for name, r in zip(names, found, strict=True)],
+            motors=list(found[0].device.row_labels),
+            pairs=pairs,
+        )
+
+
+def compared(first: Recorded, second: Recorded) -> Comparison:
+    """Which parameters of two results differ, by Welch's and Holm's tests; see `Comparison`.
+
+    Raises:
+        DifferentParametersError: they have no parameter in common.
+    """
+    names = [name for name in first.names if _same(name, first, second)]
+    if not names:
+        raise DifferentParametersError(list(first.names), list(second.names))
+    at_a, at_b = ([r.names.index(name) for name in names] for r in (first, second))
+    return Comparison(
+        names=tuple(names),
+        units=tuple(first.base.units[k] for k in at_a),
+        first=first.free[at_a],
+        second=second.free[at_b],
+        first_sd=first.sd[at_a],
+        second_sd=second.sd[at_b],
+        first_freedom=first.freedom[at_a],
+        second_freedom=second.freedom[at_b],
+        covariance=first.covariance[np.ix_(at_a, at_a)] + second.covariance[np.ix_(at_b, at_b)],
+        confidence=CONFIDENCE,
+        notes=tuple(_notes(first, second, names)),
+    )
+
+
+def _same(name: str, first: Recorded, second: Recorded) -> bool:
+    """Whether a parameter is in both with one unit and one meaning."""
+    if name not in second.names:
+        return False
+    units = {r.base.units[r.names.index(name)] for r in (first, second)}
+    mine, theirs = _regrouped(first, name), _regrouped(second, name)
+    same = mine.keys() == theirs.keys() and all(np.isclose(mine[n], theirs[n], rtol=SAME_MEANING) for n in mine)
+    return len(units) == 1 and same
+
+
+def _regrouped(found: Recorded, name: str) -> Mapping[str, float]:
+    row = found.base.regrouping[found.names.index(name)]
+    return {found.base.standard[k]: float(row[k]) for k in np.flatnonzero(row)}
+
+
+def _notes(first: Recorded, second: Recorded, names: Sequence[str]) -> list[str]:
+    """What could not be compared, and what makes the test worthless."""
+    alone = dict.fromkeys(name for r in (first, second) for name in r.names if name not in names)
+    notes = [f"Not compared, not in both with one unit and meaning: {', '.join(alone)}."] if alone else []
+    fitted = [{log.sha256 for log in r.logs if log.role == "identify"} for r in (first, second)]
+    if fitted[0] & fitted[1]:
+        notes.append(
+            "Both were fitted to the same log: their deviations are not independent, and the test means little."
+        )
+    return notes
+
+
+def _pair(first: str, second: str, made: Comparison) -> dict[str, Any]:
+    rows = [
+        {
+            "name": name,
+            "unit": made.units[k],
+            "first": float(made.first[k]),
+            "second": float(made.second[k]),
+            "difference": float(made.difference[k]),
+            "low": float(made.interval[k, 0]),
+            "high": float(made.interval[k, 1]),
+            "p": float(made.holm[k]),
+            "differs": name in made.differs,
+        }
+        for k, name in enumerate(made.names)
+    ]
+    return {"first": first, "second": second, "sentences": list(made.sentences), "rows": rows}
+
+
+def _result(name: str, found: Recorded) -> dict[str, Any]:
+    validations = found.unseen or found.direct
+    return {
+        "name": name,
+        "study": found.study,
+        "device": found.device.name,
+        "version": found.version,
+        "method": found.method,
+        "status": found.status,
+        "met": found.meets_criteria,
+        "unseen": bool(found.unseen),
+        "relative": max((v.relative for v in validations), default=float("nan")),
+        "each": [max(v.motors[k].relative for v in validations) for k in range(len(validations[0].motors))],
+        "logs": [{"path": log.path, "role": log.role, "sha256": log.sha256} for log in found.logs],
+    }
+
+
+def _chart(names: Sequence[str], made: Sequence[Comparison]) -> Chart:
+    """Changes in per cent of the first value, with the interval of each change."""
+    rows = list(dict.fromkeys(name for c in made for name in c.names))
+    sets = [
+        {"name": name, "colour": COLOURS[1 + k % (len(COLOURS) - 1)], **_changes(c, rows)}
+        for k, (name, c) in enumerate(zip(names[1:], made, strict=True))
+    ]
+    text = "; ".join(
+        f"{name}: {len(c.differs)} of {len(c.names)} parameters differ" for name, c in zip(names[1:], made, strict=True)
+    )
+    drawing = {"kind": "intervals", "rows": rows, "sets": sets, "unit": f"% of {names[0]}", "widest": WIDEST}
+    caption = f"{text}. Bars are 95 % intervals of each change, cut at {figure(WIDEST)} %; filled marks differ."
+    alt = f"Change of every parameter beside {names[0]}, with its interval."
+    return Chart("changes", "Changes", alt, caption, drawing)
+
+
+def _changes(made: Comparison, rows: Sequence[str]) -> dict[str, Any]:
+    """Change and interval of each row, NaN where the result does not have it."""
+    size = np.where(made.first == 0, np.nan, np.abs(made.first)) / 100
+    at = [made.names.index(name) if name in made.names else -1 for name in rows]
+
+    def spread(values: Array) -> Array:
+        return np.array([values[k] if k >= 0 else np.nan for k in at])
+
+    return {
+        "value": packed(spread(made.difference / size)),
+        "low": packed(spread(made.interval[:, 0] / size)),
+        "high": packed(spread(made.interval[:, 1] / size)),
+        "differs": [name in made.differs for name in rows],
+    }

@@ -1,0 +1,100 @@
+"""What the torque is made of: inertia, velocity torques, gravity, friction and the other terms."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any, ClassVar
+
+import numpy as np
+
+from haptid._values import Array
+from haptid.dissection import Dissection
+from haptid.report.chart import COLOURS, Chart, axis, even, packed, plot, series
+from haptid.report.section import Section
+from haptid.report.source import Source, Track
+
+# Instants of a stacked chart.
+INSTANTS = 500
+
+
+@dataclass(frozen=True)
+class DissectionSection(Section):
+    """Parts of the torque.
+
+    Attributes:
+        logs: for each log its name, which rows, the indices of its charts, and a table of shares by motor.
+    """
+
+    key: ClassVar[str] = "dissection"
+    title: ClassVar[str] = "What the torque is made of"
+    logs: list[dict[str, Any]]
+
+    @classmethod
+    def of(cls, source: Source) -> DissectionSection | None:
+        charts: list[Chart] = []
+        logs = []
+        for k, (track, found) in enumerate(zip(source.tracks, source.dissections, strict=True)):
+            if found is None:
+                continue
+            own = [shares(found, k), *(stacked(track, found, k, motor) for motor in range(len(found.motors)))]
+            at = list(range(len(charts), len(charts) + len(own)))
+            logs.append({"name": track.name, "seen": track.seen, "kind": track.kind, "charts": at})
+            charts += own
+        return cls(charts=tuple(charts), logs=logs) if logs else None
+
+
+def shares(found: Dissection, k: int) -> Chart:
+    """RMS of each part as a share of all parts' RMS, motor by motor."""
+    whole = found.rms.sum(axis=0)
+    there = present(found)
+    parts = found.rms / np.where(whole > 0, whole, 1.0)
+    largest = [found.parts[int(j)] for j in np.argmax(found.rms, axis=0)]
+    first = ", ".join(
+        f"{motor}: {part} {100 * float(parts[found.parts.index(part), m]):.0f} %"
+        for m, (motor, part) in enumerate(zip(found.motors, largest, strict=True))
+    )
+    caption = f"RMS of each part over the sum of all parts' RMS. The largest part of {first}."
+    drawing = {
+        "kind": "bars",
+        "rows": list(found.motors),
+        "parts": [{"name": found.parts[j], "colour": _colour(j)} for j in there],
+        "values": packed(100 * parts[there].T),
+        "unit": "%",
+    }
+    return Chart(f"shares-{k}", "Shares", "Shares of the parts of the torque, a bar for each motor.", caption, drawing)
+
+
+def stacked(track: Track, found: Dissection, k: int, motor: int) -> Chart:
+    """The parts of one motor's torque over time, positive ones stacked upwards and negative ones downwards."""
+    label, unit = found.motors[motor], found.units[motor]
+    each = -(-len(found.t) // INSTANTS)
+    t0 = track.t0 + 0.5 * (each - 1) * track.step
+    total = averaged(found.model[motor], each)
+    times = even(t0, each * track.step, len(total))
+    curves = [
+        series(found.parts[j], "stack", _colour(j), x=times, y=packed(averaged(found.torque[j, motor], each)))
+        for j in present(found)
+    ]
+    curves.append(series("model", "line", "black", x=times, y=packed(total), width=1))
+    text = ", ".join(f"{found.parts[j]} {float(found.rms[j, motor]):.3g}" for j in present(found))
+    drawn = f"Means over {each} rows are drawn ({each * track.step:.3g} s)." if each > 1 else "Every row is drawn."
+    caption = f"RMS in {unit}: {text}. {drawn}"
+    alt = f"Parts of the torque of {label} stacked against time, {track.name}."
+    drawing = plot(axis("time", "s"), axis("torque", unit), curves, group=f"parts-{k}", height=220, zoom=True)
+    return Chart(f"parts-{k}-{motor}", label, alt, caption, drawing)
+
+
+def averaged(y: Array, each: int) -> Array:
+    """Means of every `each` values, the last of what is left, (bins,)."""
+    starts = np.arange(0, len(y), each)
+    return np.asarray(np.add.reduceat(y, starts) / np.diff(np.append(starts, len(y))))
+
+
+def present(found: Dissection) -> list[int]:
+    """Parts that are not zero all along on every motor."""
+    return [int(j) for j in np.flatnonzero(found.rms.any(axis=1))]
+
+
+def _colour(part: int) -> str:
+    """Not black, which is the whole."""
+    return COLOURS[1:][part % (len(COLOURS) - 1)]

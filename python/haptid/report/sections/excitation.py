@@ -1,0 +1,139 @@
+"""Where each parameter's information came from: which motor, which log, which second.
+
+The information on parameter k is what its column holds beside all others', 1 / (H^-1)_kk with H the sum of all weighted
+W'W. With u = H^-1 e_k / (H^-1)_kk it is u' H u, a sum over motors and blocks of rows (Frisch and Waugh 1933,
+Econometrica 1(4)).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any, ClassVar
+
+import numpy as np
+
+from haptid._values import Array
+from haptid.diagnosis.excitation import advice
+from haptid.estimators import Estimate
+from haptid.report.chart import COLOURS, Chart, packed
+from haptid.report.section import Section
+from haptid.report.source import Source
+
+# Columns of the map over time; more blocks are put together.
+COLUMNS = 120
+
+
+@dataclass(frozen=True)
+class ExcitationSection(Section):
+    """Information.
+
+    Attributes:
+        weakest: for the parameters told worst, relative to their own deviation, name, deviation and advice.
+    """
+
+    key: ClassVar[str] = "excitation"
+    title: ClassVar[str] = "Where the information came from"
+    weakest: list[dict[str, str]]
+
+    @classmethod
+    def of(cls, source: Source) -> ExcitationSection:
+        made = source.estimate
+        by_motor, by_block = information(made)
+        names = [made.base.names[k] for k in made.kept]
+        motors = [motor.label for motor in made.observation.motors]
+        charts = [_bars("motor", names, motors, by_motor)] if len(motors) > 1 else []
+        runs = [run for run in source.identification.runs if run.direct is not None]
+        logs = [run.entry.path for run in runs]
+        of = _log_of(made, [run.observation.blocks for run in runs])
+        if len(logs) > 1:
+            by_log = np.array([by_block[:, of == k].sum(axis=1) for k in range(len(logs))]).T
+            charts.append(_bars("log", names, logs, by_log))
+        charts += [
+            _map(made, names, by_block[:, of == k], log, k, np.flatnonzero(of == k)) for k, log in enumerate(logs)
+        ]
+        return cls(charts=tuple(charts), weakest=_weakest(made))
+
+
+def information(made: Estimate) -> tuple[Array, Array]:
+    """Shares of each kept parameter's information by motor, (kept, motors), and by block, (kept, blocks)."""
+    kept = list(made.kept)
+    R = made.observation.stack(made.weights)[:-1, kept]
+    inverse = np.linalg.inv(R.T @ R)
+    U = np.zeros((len(made.beta), len(kept)))
+    U[kept] = inverse / np.diag(inverse)
+    parts = []
+    for weight, motor in zip(made.weights, made.observation.motors, strict=True):
+        carried = motor.triangles[:, :, :-1] @ U[motor.columns]
+        parts.append(weight**2 * (carried**2).sum(axis=1))
+    found = np.array(parts)  # (motors, blocks, kept)
+    found /= found.sum(axis=(0, 1))
+    return found.sum(axis=1).T, found.sum(axis=0).T
+
+
+def _log_of(made: Estimate, blocks: list[Any]) -> np.ndarray:
+    """Index of the log that each of the estimate's blocks is from, (blocks,)."""
+    of = {block: k for k, some in enumerate(blocks) for block in some}
+    return np.array([of[block] for block in made.observation.blocks])
+
+
+def _bars(what: str, names: list[str], sources: list[str], shares: Array) -> Chart:
+    """A bar for each parameter, stacked by source."""
+    one = int(np.argmax(shares.max(axis=1)))
+    only = [name for name, row in zip(names, shares, strict=True) if row.max() > 0.99]
+    caption = (
+        f"{len(only)} of {len(names)} parameters have over 99 % of their information from one {what}. "
+        f"{names[one]} depends most on one: {100 * float(shares[one].max()):.0f} % from "
+        f"{sources[int(np.argmax(shares[one]))]}."
+    )
+    drawing = {
+        "kind": "bars",
+        "rows": names,
+        "parts": [{"name": name, "colour": COLOURS[1:][k % (len(COLOURS) - 1)]} for k, name in enumerate(sources)],
+        "values": packed(100 * shares),
+        "unit": "%",
+    }
+    alt = f"Share of each parameter's information by {what}, a bar for each parameter."
+    return Chart(f"information-{what}", f"By {what}", alt, caption, drawing)
+
+
+def _map(made: Estimate, names: list[str], shares: Array, log: str, k: int, at: np.ndarray) -> Chart:
+    """Information over the time of one log, beside an even spread."""
+    blocks = [made.observation.blocks[int(b)] for b in at]
+    each = -(-len(blocks) // COLUMNS)
+    starts = np.arange(0, len(blocks), each)
+    even = np.diff(np.append(starts, len(blocks))) / len(blocks)
+    whole = shares.sum(axis=1, keepdims=True)
+    density = np.add.reduceat(shares, starts, axis=1) / np.where(whole > 0, whole, 1.0) / even
+    row, column = np.unravel_index(int(np.argmax(density)), density.shape)
+    high = float(density.max())
+    caption = (
+        f"1 is an even spread over the log. {names[int(row)]} is told most unevenly: {high:.1f} times as much between "
+        f"{blocks[int(starts[column])].start:.1f} and {_end(blocks, starts, int(column)):.1f} s."
+    )
+    drawing = {
+        "kind": "heat",
+        "rows": names,
+        "columns": [f"{blocks[int(s)].start:.1f}" for s in starts],
+        "ramp": "sequential",
+        "low": 0,
+        "high": high,
+        "unit": "",
+        "x": "time, s",
+        "layers": [{"name": "information", "values": packed(density), "marks": []}],
+    }
+    alt = f"Map of the information on each parameter over the time of {log}."
+    return Chart(f"information-time-{k}", f"Over time: {log}", alt, caption, drawing)
+
+
+def _end(blocks: list[Any], starts: np.ndarray, column: int) -> float:
+    last = int(starts[column + 1]) - 1 if column + 1 < len(starts) else len(blocks) - 1
+    return float(blocks[last].stop)
+
+
+def _weakest(made: Estimate) -> list[dict[str, str]]:
+    """The five parameters of the largest relative deviation, and the motion that would tell them better."""
+    relative = [(made.parameters[k].relative_sd, k) for k in made.kept]
+    ranked = sorted((pair for pair in relative if not np.isnan(pair[0])), reverse=True)[:5]
+    return [
+        {"name": made.base.names[k], "deviation": f"{value:.3g} %", "advice": advice(made, k)} for value, k in ranked
+    ]

@@ -1,0 +1,129 @@
+"""Friction of each joint: the model's curve, and the torque behind it."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import ClassVar
+
+import numpy as np
+
+from haptid._values import Array
+from haptid.device import Device
+from haptid.device.terms import DRY
+from haptid.dissection import Dissection
+from haptid.dynamics import core_torque, raw_parameters
+from haptid.errors import NoAccelerationError, NoStretchesError
+from haptid.friction import ByModel, JointFriction, friction_curve
+from haptid.report.chart import PREDICTED, RESIDUAL, Chart, axis, figure, packed, plot, series
+from haptid.report.section import Section
+from haptid.report.sections.residual import CLOUD, binned
+from haptid.report.source import Source, Track
+from haptid.signals import state
+
+# Velocities at which the model's curve is drawn.
+POINTS = 201
+
+
+@dataclass(frozen=True)
+class FrictionSection(Section):
+    """Friction curves."""
+
+    key: ClassVar[str] = "friction"
+    title: ClassVar[str] = "Friction"
+
+    @classmethod
+    def of(cls, source: Source) -> FrictionSection | None:
+        pairs = [(t, d) for t, d in zip(source.tracks, source.dissections, strict=True) if d is not None]
+        device = source.estimate.device
+        felt = any(term.kind == "viscous" or term.kind in DRY for term in device.terms)
+        if not pairs or not felt:
+            return None
+        steady = list(_steady(source))
+        charts = tuple(_chart(source, pairs, motor, steady) for motor in range(len(pairs[0][0].labels)))
+        return cls(charts=charts)
+
+
+def _steady(source: Source) -> Iterator[JointFriction]:
+    """Points of stretches at a constant velocity, where the logs have such."""
+    for run in source.identification.runs:
+        try:
+            yield from friction_curve(source.estimate.device, run.motion, ByModel(source.estimate)).joints
+        except (NoStretchesError, NoAccelerationError):
+            continue
+
+
+def _chart(source: Source, pairs: list[tuple[Track, Dissection]], motor: int, steady: list[JointFriction]) -> Chart:
+    """One motor: what is measured less what is not friction, and the model."""
+    first = pairs[0][0]
+    label, unit, speed_unit = first.labels[motor], first.units[motor], f"{first.coordinate_units[motor]}/s"
+    velocity = np.concatenate([track.velocity[motor][track.used[motor]] for track, _ in pairs])
+    data = np.concatenate([(d.friction[motor] + track.residual[motor])[track.used[motor]] for track, d in pairs])
+    some = np.linspace(0, len(data) - 1, min(len(data), CLOUD)).astype(int)
+    centres, means = binned(velocity, data)
+    speed, torque = model_curve(source, motor, float(np.abs(velocity).max()))
+    curves = [
+        series("rows", "points", "sky", x=packed(velocity[some]), y=packed(data[some])),
+        series("mean of the rows", "line", RESIDUAL, x=packed(centres), y=packed(means), width=2.2),
+        series("model", "line", PREDICTED, x=packed(speed), y=packed(torque), width=2.2, dash="6 3"),
+    ]
+    points = [joint for joint in steady if joint.label == label]
+    if points:
+        curves.append(_points(points))
+    top = float(torque[-1])
+    caption = (
+        f"The model's friction is {figure(top)} {unit} at {figure(float(speed[-1]))} {speed_unit} and "
+        f"{figure(float(torque[0]))} {unit} at the opposite velocity. Behind it: measured torque less all that is not "
+        f"friction, {len(some)} of {len(data)} rows"
+        + (
+            f", and {sum(len(p.velocity) for p in points)} stretches at a constant velocity with 95 % intervals."
+            if points
+            else "."
+        )
+    )
+    alt = f"Friction torque of {label} against velocity: rows, their mean, and the model's curve."
+    drawing = plot(axis("velocity", speed_unit, zero=True), axis("friction", unit, zero=True), curves, height=240)
+    return Chart(f"friction-{motor}", label, alt, caption, drawing)
+
+
+def _points(found: list[JointFriction]) -> dict[str, object]:
+    """Stretches at a constant velocity with their intervals."""
+    x, y = (np.concatenate([getattr(joint, name) for joint in found]) for name in ("velocity", "torque"))
+    ends = np.concatenate([joint.interval95 for joint in found])
+    return series(
+        "constant velocity",
+        "interval",
+        "black",
+        x=packed(x),
+        y=packed(y),
+        low=packed(ends[:, 0]),
+        high=packed(ends[:, 1]),
+    )
+
+
+def model_curve(source: Source, motor: int, fastest: float) -> tuple[Array, Array]:
+    """Velocity of one motor's coordinate, the others at rest, and its friction, (n,) each."""
+    device, made = source.estimate.device, source.estimate
+    row = int(np.flatnonzero(device.measured)[motor])
+    speed = np.linspace(-fastest, fastest, POINTS - 1)  # an even number: zero, where friction jumps, is none of them
+    middle = _middle(source, device)
+    c = np.repeat(middle[:, None], len(speed), axis=1)
+    cd = np.zeros_like(c)
+    cd[row] = speed
+    return speed, core_torque(
+        device, friction_only(device, raw_parameters(device, made.beta)), c, cd, np.zeros_like(c)
+    )[row]
+
+
+def _middle(source: Source, device: Device) -> Array:
+    """A pose of the coordinates in the middle of the first log's motion, (active,)."""
+    motion = source.identification.runs[0].motion
+    c, _ = state(device, motion, *motion.usable)
+    return np.asarray(c[:, c.shape[1] // 2])
+
+
+def friction_only(device: Device, chi: Array) -> Array:
+    """Only the parameters of friction, (r,)."""
+    links = 10 * len(device.joints)
+    kept = [False] * links + [term.kind == "viscous" or term.kind in DRY for term in device.terms]
+    return np.where(kept, chi, 0.0)

@@ -1,0 +1,67 @@
+"""The force of the hand, estimated from the motors, beside what a sensor measured where there was one."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any, ClassVar
+
+import numpy as np
+
+from haptid.report.chart import MEASURED, PREDICTED, Chart, axis, envelope, even, figure, packed, plot, series
+from haptid.report.section import Section
+from haptid.report.source import Hand, Source
+
+# Bins kept of a curve, and of the band around it.
+BINS, BAND = 2000, 500
+
+
+@dataclass(frozen=True)
+class HandSection(Section):
+    """Forces at the handle.
+
+    Attributes:
+        logs: for each log its name, sentences, and the indices of its charts.
+    """
+
+    key: ClassVar[str] = "hand"
+    title: ClassVar[str] = "Force of the hand"
+    logs: list[dict[str, Any]]
+
+    @classmethod
+    def of(cls, source: Source) -> HandSection | None:
+        hands = [hand for hand in source.hands if hand.force.usable.any()]
+        if not hands:
+            return None
+        charts = tuple(_chart(hand, k, axis) for k, hand in enumerate(hands) for axis in range(3))
+        logs = [
+            {"name": hand.name, "notes": list(hand.force.notes), "charts": [3 * k, 3 * k + 1, 3 * k + 2]}
+            for k, hand in enumerate(hands)
+        ]
+        return cls(charts=charts, logs=logs)
+
+
+def _chart(hand: Hand, k: int, component: int) -> Chart:
+    """One component: the estimate with its 95 % interval, and the sensor."""
+    force, letter = hand.force, "xyz"[component]
+    t, y = force.t, force.force[:, component]
+    step = float(np.median(np.diff(t)))
+    each = -(-len(t) // BAND)
+    low, high = (force.interval95[::each, component, end] for end in (0, 1))
+    times = even(float(t[0]), each * step, len(low))
+    curves = [
+        series("95 % interval", "band", "sky", x=times, low=packed(low), high=packed(high)),
+        envelope("estimated", PREDICTED, float(t[0]), step, y, BINS),
+    ]
+    caption = f"Estimated: RMS {figure(_rms(y))} N, deviation {figure(_rms(force.sd[:, component]))} N."
+    if hand.measured is not None:
+        measured = hand.measured[:, component]
+        curves.insert(1, envelope("measured", MEASURED, float(t[0]), step, measured, BINS) | {"width": 2.2})
+        caption += f" Measured: RMS {figure(_rms(measured))} N; they differ by {figure(_rms(y - measured))} N."
+    alt = f"Force of the hand along {letter} against time, {hand.name}."
+    drawing = plot(axis("time", "s"), axis(f"force {letter}", "N"), curves, group=f"hand-{k}", height=170, zoom=True)
+    return Chart(f"hand-{k}-{letter}", f"Force along {letter}", alt, caption, drawing)
+
+
+def _rms(values: np.ndarray) -> float:
+    known = values[np.isfinite(values)]
+    return float(np.sqrt(np.mean(known**2))) if len(known) else float("nan")

@@ -1,0 +1,169 @@
+"""The device drawn from its file, to be moved by its joints, with the mass that a hand feels."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any, ClassVar
+
+import numpy as np
+
+from haptid._values import Array
+from haptid.characterisation.grasp import moving_coordinates
+from haptid.device import Device, Frame, NewtonClosure
+from haptid.device.closure import Closure
+from haptid.dynamics import raw_parameters, rigid
+from haptid.force import WORST_CONDITION
+from haptid.kinematics import handle_motion
+from haptid.report.chart import Chart, packed
+from haptid.report.section import Section
+from haptid.report.source import Source
+from haptid.signals import state
+
+# Points of the way of the handle. Where a joint has no limits its slider adds this share of the motion at both ends.
+TRAIL, MARGIN = 400, 0.2
+
+
+@dataclass(frozen=True)
+class MechanismSection(Section):
+    """The device in three dimensions.
+
+    Attributes:
+        joints: for each active joint its name, unit and slider: low, high, start.
+        relations: of the other joints, such as "q3 = pi/2 - q2 + q7", where they are constant.
+        source_of_geometry: where the device file has it from.
+        felt: whether there is a handle whose mass can be shown.
+    """
+
+    key: ClassVar[str] = "mechanism"
+    title: ClassVar[str] = "The device"
+    joints: list[dict[str, Any]]
+    relations: list[str]
+    source_of_geometry: str
+    felt: bool
+
+    @classmethod
+    def of(cls, source: Source) -> MechanismSection:
+        return cls.drawn(source.estimate.device, source.estimate.beta, poses_of(source))
+
+    @classmethod
+    def drawn(cls, device: Device, beta: Array, qa: Array) -> MechanismSection:
+        """Of any device.
+
+        Args:
+            device: the mechanism.
+            beta: its base parameters, (p,), SI.
+            qa: a motion of its active joints, (active, samples), rad or m: where sliders begin and end.
+        """
+        sliders = sliders_of(device, qa)
+        return cls(
+            charts=(scene(device, beta, qa, sliders),),
+            joints=sliders,
+            relations=list(device.closure.relations) if isinstance(device.closure, Closure) else [],
+            source_of_geometry=device.source,
+            felt=device.handle is not None and device.handle.link >= 0,
+        )
+
+
+def poses_of(source: Source) -> Array:
+    """Positions of the active joints along the first log, (active, samples), thinned."""
+    device, motion = source.estimate.device, source.identification.runs[0].motion
+    c, _ = state(device, motion, *motion.usable)
+    every = max(1, c.shape[1] // TRAIL)
+    return np.linalg.inv(device.frame) @ c[:, ::every]
+
+
+def sliders_of(device: Device, qa: Array) -> list[dict[str, Any]]:
+    """A slider for each active joint, from its positions along a motion, (active, samples)."""
+    return [_slider(device, k, q) for k, q in enumerate(qa)]
+
+
+def _slider(device: Device, k: int, q: Array) -> dict[str, Any]:
+    joint = device.joints[device.active[k]]
+    low, high = float(q.min()), float(q.max())
+    reach = max(high - low, 0.1 if joint.prismatic else 0.5)
+    ends = joint.position_limits or (low - MARGIN * reach, high + MARGIN * reach)
+    ends = (min(ends[0], low), max(ends[1], high))
+    return {
+        "name": joint.name,
+        "unit": "m" if joint.prismatic else "rad",
+        "low": ends[0],
+        "high": ends[1],
+        "start": float(q[len(q) // 2]),
+        "limits": "at the limits of the device file"
+        if joint.position_limits
+        else "a little beyond the motion of the log",
+    }
+
+
+def scene(device: Device, beta: Array, qa: Array, sliders: list[dict[str, Any]]) -> Chart:
+    """Everything that the page needs to move the device and to weigh its handle."""
+    drawing = {
+        "kind": "scene",
+        "joints": [
+            {
+                "name": j.name,
+                "parent": j.parent,
+                "R": j.rotation.ravel().tolist(),
+                "p": j.translation.tolist(),
+                "slides": j.prismatic,
+            }
+            for j in device.joints
+        ],
+        "active": list(device.active),
+        "sliders": sliders,
+        "closure": _closure(device.closure),
+        "cuts": [
+            {"slides": cut.prismatic, "frame": _frame(cut.frame), "twin": _frame(cut.twin)}
+            for cut in device.closure.cuts
+        ],
+        "handle": None if device.handle is None else _frame(device.handle),
+        "trail": _trail(device, qa),
+        "mass": _mass(device, beta),
+        "height": 420,
+    }
+    moving = ", ".join(slider["name"] for slider in sliders)
+    loops = len(device.closure.cuts)
+    caption = (
+        f"{len(device.joints)} joints, {len(device.active)} of them independent ({moving}), {loops or 'no'} "
+        f"closed {'loop' if loops == 1 else 'loops'}. Drag to turn, use the buttons to zoom, move the joints by "
+        f"their sliders."
+    )
+    alt = f"Three-dimensional drawing of {device.name}: links as bars, joints as discs, the handle as a ring."
+    return Chart("scene", device.name, alt, caption, drawing)
+
+
+def _frame(frame: Frame) -> dict[str, Any]:
+    return {"link": frame.link, "R": frame.rotation.ravel().tolist(), "p": frame.translation.tolist()}
+
+
+def _closure(closure: Closure | NewtonClosure) -> dict[str, Any]:
+    """How the page follows the active joints: by constant rates, or by Newton's method from a closed pose."""
+    base = {"G": closure.constant.ravel().tolist(), "offset": closure.offset.tolist()}
+    if not isinstance(closure, NewtonClosure):
+        return {"way": "linear", **base}
+    start = {"at": closure.at.tolist(), "start": closure.start.tolist()}
+    return {"way": "newton", **base, **start, "unknown": list(closure.unknown), "size": closure.chain.size}
+
+
+def _trail(device: Device, qa: Array) -> dict[str, Any] | None:
+    """The way of the handle along the first log, in the base frame."""
+    if device.handle is None:
+        return None
+    return packed(handle_motion(device, qa).position)
+
+
+def _mass(device: Device, beta: Array) -> dict[str, Any] | None:
+    """Bodies and rotors that give the model's inertia, for the mass at the handle; None without a handle that moves."""
+    if device.handle is None or device.handle.link < 0:
+        return None
+    raw, links = rigid(device, raw_parameters(device, beta)), 10 * len(device.joints)
+    rotors = [(k, term) for k, term in enumerate(device.terms) if term.kind == "rotor" and term.joint is None]
+    if any(term.kind == "rotor" and term.joint is not None for term in device.terms):
+        return None
+    return {
+        "bodies": raw[:links].tolist(),
+        "rotors": [{"weights": term.weights.tolist(), "value": float(raw[links + k])} for k, term in rotors],
+        "frame": device.frame.ravel().tolist(),
+        "moving": list(moving_coordinates(device)),
+        "worst": WORST_CONDITION,
+    }

@@ -1,0 +1,89 @@
+"""Where everything came from: files with their hashes, versions, settings, the command, papers."""
+
+from __future__ import annotations
+
+import platform
+from dataclasses import dataclass
+from importlib.metadata import version
+from typing import Any, ClassVar
+
+from haptid._core import __version__
+from haptid.estimators import Consistent
+from haptid.report.citations import bibtex
+from haptid.report.section import Section
+from haptid.report.source import Source
+from haptid.result_file import interval, treatment, weighting
+
+
+@dataclass(frozen=True)
+class ProvenanceSection(Section):
+    """Provenance.
+
+    Attributes:
+        logs: for each log its path, SHA-256, role, samples, sampling period and notes.
+        versions: of programs, by name.
+        settings: of treatment and estimate, by name.
+        reasons: for the treatment.
+        study: the study file.
+        command: that made the result.
+        bibtex: of the methods used.
+    """
+
+    key: ClassVar[str] = "provenance"
+    title: ClassVar[str] = "Where it came from"
+    logs: list[dict[str, Any]]
+    versions: dict[str, str]
+    settings: dict[str, str]
+    reasons: list[str]
+    study: str
+    command: str
+    bibtex: str
+
+    @classmethod
+    def of(cls, source: Source) -> ProvenanceSection:
+        found = source.identification
+        settings = {name: _text(value) for name, value in treatment(found.proposal.treatment).items()}
+        return cls(
+            charts=(),
+            logs=[_log(run) for run in found.runs],
+            versions={
+                "haptid": __version__,
+                "Python": platform.python_version(),
+                **{name: version(name) for name in ("numpy", "scipy")},
+            },
+            settings={**settings, **_estimate(source)},
+            reasons=list(found.proposal.reasons),
+            study=found.study.path.read_text(encoding="utf-8") if found.study.path.is_file() else "",
+            command=source.command,
+            bibtex=bibtex(source),
+        )
+
+
+def _log(run: Any) -> dict[str, Any]:
+    read = run.motion.log
+    return {
+        "path": run.entry.path,
+        "sha256": read.sha256 if read else "",
+        "role": run.entry.role,
+        "samples": len(read.t) if read else len(run.motion),
+        "dt": run.motion.dt,
+        "notes": list(read.notes) if read else [],
+    }
+
+
+def _estimate(source: Source) -> dict[str, str]:
+    made = source.estimate
+    raw, scaled = made.observation.condition
+    return {
+        "method": weighting(made.method).name,
+        "possible": "yes" if isinstance(made.method, Consistent) else "no",
+        "rows": str(made.observation.rows),
+        "condition": f"{raw:.4g} raw, {scaled:.4g} with unit columns",
+        "intervals": interval(made),
+    }
+
+
+def _text(value: Any) -> str:
+    if value is None:
+        return "none"
+    return f"{value:g}" if isinstance(value, float) else str(value)

@@ -1,0 +1,117 @@
+"""What the model leaves: against position and velocity, and by frequency."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any, ClassVar
+
+import numpy as np
+from scipy import signal
+
+from haptid._values import Array
+from haptid.report.chart import MEASURED, RESIDUAL, Chart, axis, figure, packed, plot, series
+from haptid.report.section import Section
+from haptid.report.source import Source, Track
+
+# Points of a cloud, and bins whose means are joined to a line over it.
+CLOUD, BINS = 1200, 40
+# Rows of the stretches whose spectra are averaged, and frequencies kept.
+STRETCH, FREQUENCIES = 1024, 300
+# Bins with fewer rows have no mean.
+FEWEST = 5
+
+
+@dataclass(frozen=True)
+class ResidualSection(Section):
+    """Residuals.
+
+    Attributes:
+        logs: for each log its name, which rows, and the indices of its charts.
+    """
+
+    key: ClassVar[str] = "residual"
+    title: ClassVar[str] = "What the model leaves"
+    logs: list[dict[str, Any]]
+
+    @classmethod
+    def of(cls, source: Source) -> ResidualSection:
+        charts: list[Chart] = []
+        logs = []
+        for k, track in enumerate(source.tracks):
+            own = [chart for motor in range(len(track.labels)) for chart in _charts(track, k, motor)]
+            at = list(range(len(charts), len(charts) + len(own)))
+            logs.append({"name": track.name, "seen": track.seen, "kind": track.kind, "charts": at})
+            charts += own
+        return cls(charts=tuple(charts), logs=logs)
+
+
+def _charts(track: Track, k: int, motor: int) -> tuple[Chart, Chart, Chart]:
+    unit = track.coordinate_units[motor]
+    return (
+        against(track, k, motor, "position", track.position[motor], unit),
+        against(track, k, motor, "velocity", track.velocity[motor], f"{unit}/s"),
+        spectrum(track, k, motor),
+    )
+
+
+def against(track: Track, k: int, motor: int, what: str, x: Array, unit: str) -> Chart:
+    """A cloud of the residual over a signal, and the mean of each of its bins."""
+    label, known = track.labels[motor], track.used[motor]
+    x, y = x[known], track.residual[motor][known]
+    centres, means = binned(x, y)
+    some = np.linspace(0, len(x) - 1, min(len(x), CLOUD)).astype(int)
+    curves = [
+        series("rows", "points", "sky", x=packed(x[some]), y=packed(y[some])),
+        series("mean", "line", RESIDUAL, x=packed(centres), y=packed(means), width=2.2),
+    ]
+    rms = float(np.sqrt(np.mean(y**2)))
+    largest = int(np.nanargmax(np.abs(means)))
+    caption = (
+        f"Mean over a bin is at most {figure(float(abs(means[largest])))} {track.units[motor]}, at "
+        f"{figure(float(centres[largest]))} {unit}; the residual's RMS is {figure(rms)}. "
+        f"{len(some)} of {len(x)} rows are drawn, evenly spaced; means are of all."
+    )
+    alt = f"Residual of {label} against its {what}, {track.name}, with the mean of {BINS} bins."
+    drawing = plot(axis(what, unit), axis("residual", track.units[motor], zero=True), curves, height=200)
+    return Chart(f"{what}-{k}-{motor}", f"{label}: against {what}", alt, caption, drawing)
+
+
+def binned(x: Array, y: Array, bins: int = BINS) -> tuple[Array, Array]:
+    """Centres of equal bins of x, and the mean of y in each, NaN where rows are few, (bins,) each."""
+    low, high = float(x.min()), float(x.max())
+    width = (high - low) / bins or 1.0
+    place = np.clip(((x - low) / width).astype(int), 0, bins - 1)
+    many = np.bincount(place, minlength=bins)
+    sums = np.bincount(place, weights=y, minlength=bins)
+    means = np.where(many >= min(FEWEST, many.max()), sums / np.maximum(many, 1), np.nan)
+    return np.asarray(low + width * (np.arange(bins) + 0.5)), np.asarray(means)
+
+
+def spectrum(track: Track, k: int, motor: int) -> Chart:
+    """Amplitude densities of torque and residual; rows that do not count are zero in both."""
+    label, unit = track.labels[motor], track.units[motor]
+    known = track.used[motor]
+    f, left = density(np.where(known, track.residual[motor], 0.0), track.step)
+    _, torque = density(np.where(known, track.measured[motor], 0.0), track.step)
+    curves = [
+        series("torque", "line", MEASURED, x=packed(f), y=packed(torque)),
+        series("residual", "line", RESIDUAL, x=packed(f), y=packed(left)),
+    ]
+    peak = int(np.argmax(left))
+    caption = (
+        f"The residual is strongest at {figure(float(f[peak]))} Hz, {figure(float(left[peak]))} {unit}/\u221aHz; the "
+        f"torque has {figure(float(torque[peak]))} there. Rows that do not count are taken as zero."
+    )
+    alt = f"Amplitude density of torque and residual of {label} against frequency, {track.name}."
+    low = float(f[0])
+    drawing = plot(
+        axis("frequency", "Hz", log=True, low=low), axis("density", f"{unit}/\u221aHz", log=True), curves, height=200
+    )
+    return Chart(f"spectrum-{k}-{motor}", f"{label}: spectrum", alt, caption, drawing)
+
+
+def density(y: Array, step: float) -> tuple[Array, Array]:
+    """Frequencies, Hz, evenly spaced on a logarithm where there are many, and the amplitude density at each."""
+    f, power = signal.welch(y, 1 / step, nperseg=min(STRETCH, len(y)), detrend="constant")
+    picks = np.unique(np.geomspace(1, len(f) - 1, FREQUENCIES).astype(int)) if len(f) > 1 else np.array([0])
+    return np.asarray(f[picks]), np.sqrt(np.maximum(power[picks], np.finfo(np.float32).tiny))

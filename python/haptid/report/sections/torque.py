@@ -1,0 +1,133 @@
+"""Measured against predicted torque, log by log and motor by motor, and the errors in one table."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any, ClassVar
+
+import numpy as np
+
+from haptid.report.chart import MEASURED, PREDICTED, RESIDUAL, Chart, axis, envelope, figure, plot, shaded
+from haptid.report.section import Section
+from haptid.report.source import Source, Track
+from haptid.validation import MotorError, Validation
+
+# Bins kept of all curves together, and of one at most and at least: a file stays well below 15 MB.
+ALL_BINS, MOST_BINS, LEAST_BINS = 60_000, 6000, 400
+
+
+@dataclass(frozen=True)
+class TorqueSection(Section):
+    """Torque along time.
+
+    Attributes:
+        logs: for each log its name, which rows it has, a sentence on what is drawn, and the indices of its charts.
+    """
+
+    key: ClassVar[str] = "torque"
+    title: ClassVar[str] = "Measured and predicted torque"
+    logs: list[dict[str, Any]]
+
+    @classmethod
+    def of(cls, source: Source) -> TorqueSection:
+        curves = sum(len(track.labels) for track in source.tracks)
+        bins = int(np.clip(ALL_BINS // curves, LEAST_BINS, MOST_BINS))
+        charts: list[Chart] = []
+        logs = []
+        for k, track in enumerate(source.tracks):
+            own = [chart for motor in range(len(track.labels)) for chart in _charts(track, k, motor, bins)]
+            logs.append(
+                {
+                    "name": track.name,
+                    "seen": track.seen,
+                    "kind": track.kind,
+                    "drawn": _drawn(track, bins),
+                    "charts": list(range(len(charts), len(charts) + len(own))),
+                }
+            )
+            charts += own
+        return cls(charts=tuple(charts), logs=logs)
+
+
+def _drawn(track: Track, bins: int) -> str:
+    """How finely the curves are kept."""
+    each = -(-track.rows // bins)
+    if each <= 2:
+        return f"All {track.rows} treated rows are in this file."
+    return (
+        f"Of {track.rows} treated rows this file keeps the least and the greatest of every {each} "
+        f"({each * track.step:.3g} s): nothing is finer than that, and no peak is lost."
+    )
+
+
+def _charts(track: Track, k: int, motor: int, bins: int) -> tuple[Chart, Chart]:
+    """Torque of one motor, and its residual below; their time axes are linked over the whole log."""
+    label, unit = track.labels[motor], track.units[motor]
+    measured, predicted, residual = track.measured[motor], track.predicted[motor], track.residual[motor]
+    shade = shaded(track.t0, track.step, ~track.used[motor], bins)
+    time, group = axis("time", "s"), f"log-{k}"
+    torque = [
+        envelope("measured", MEASURED, track.t0, track.step, measured, bins) | {"width": 2.2},
+        envelope("predicted", PREDICTED, track.t0, track.step, predicted, bins),
+    ]
+    left = [envelope("residual", RESIDUAL, track.t0, track.step, residual, bins)]
+    rms, size = (float(np.sqrt(np.nanmean(y**2))) for y in (residual, measured))
+    used = 100 * float(track.used[motor].mean())
+    caption = (
+        f"Measured torque has an RMS of {figure(size)} {unit}; the residual one of {figure(rms)} {unit}, at most "
+        f"{figure(float(np.nanmax(np.abs(residual))))} {unit}. {used:.0f} % of {track.rows} rows count"
+        + ("; grey: rows that do not." if shade else ".")
+    )
+    alt = f"Torque of {label} against time, measured and predicted, {track.kind} of {track.name}."
+    return (
+        Chart(
+            f"torque-{k}-{motor}",
+            f"{label}: torque",
+            alt,
+            caption,
+            plot(time, axis("torque", unit), torque, group=group, height=190, shade=shade, zoom=True),
+        ),
+        Chart(
+            f"residual-{k}-{motor}",
+            f"{label}: residual",
+            f"Measured less predicted torque of {label} against time, {track.name}.",
+            f"RMS {figure(rms)} {unit}, {100 * rms / size if size else 0:.2f} % of the torque's.",
+            plot(time, axis("residual", unit), left, group=group, height=120, shade=shade, zoom=True),
+        ),
+    )
+
+
+@dataclass(frozen=True)
+class ErrorsSection(Section):
+    """The table of errors.
+
+    Attributes:
+        motors: labels.
+        rows: for each validation the log, which rows, the error over all motors and of each, per cent.
+        rmse: for each of the same rows the RMSE of each motor with its unit.
+    """
+
+    key: ClassVar[str] = "errors"
+    title: ClassVar[str] = "Errors"
+    motors: list[str]
+    rows: list[dict[str, Any]]
+
+    @classmethod
+    def of(cls, source: Source) -> ErrorsSection:
+        runs = source.identification.runs
+        pairs = [(run.entry.path, v) for run in runs for v in (run.direct, *run.unseen) if v is not None]
+        labels = [motor.label for motor in runs[0].observation.motors]
+        return cls(charts=(), motors=labels, rows=[_errors(path, validation) for path, validation in pairs])
+
+
+def _errors(path: str, validation: Validation) -> dict[str, Any]:
+    return {
+        "log": path,
+        "seen": validation.seen,
+        "relative": validation.relative,
+        "each": [_error(motor) for motor in validation.motors],
+    }
+
+
+def _error(motor: MotorError) -> dict[str, Any]:
+    return {"relative": motor.relative, "rmse": motor.rmse, "unit": motor.unit, "rows": motor.rows}

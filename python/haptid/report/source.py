@@ -1,0 +1,171 @@
+"""The one value that all sections of a report are made from: an identification, and what can be asked of it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from functools import cached_property
+
+import numpy as np
+
+from haptid._values import Array, expect, read_only
+from haptid.characterisation.model import GivenModel
+from haptid.diagnosis import Diagnosis, diagnose
+from haptid.dissection import Dissection, dissect
+from haptid.dynamics import raw_parameters
+from haptid.errors import NoAccelerationError
+from haptid.estimators import Estimate
+from haptid.force import HandleForce
+from haptid.identification import Identification, Run
+from haptid.stretches import stretches
+from haptid.validation import Validation
+
+# A log with more rows is not taken apart: its parts would not fit in memory beside the rest.
+LARGEST_DISSECTION = 2_000_000
+
+
+@dataclass(frozen=True, eq=False)
+class Track:
+    """Treated rows of one log: torque measured and predicted, and what moved meanwhile.
+
+    Attributes:
+        name: of the log.
+        seen: whether the fit saw these rows.
+        t0, step: of the rows, s.
+        labels, units: of the motors, (motors,).
+        measured, predicted: torque, (motors, rows), N m or N.
+        used: whether a row counts, (motors, rows).
+        position, velocity: of the motors' coordinates, (motors, rows), SI.
+        coordinate_units: of the positions, (motors,).
+    """
+
+    name: str
+    seen: bool
+    t0: float
+    step: float
+    labels: tuple[str, ...]
+    units: tuple[str, ...]
+    measured: Array
+    predicted: Array
+    used: np.ndarray
+    position: Array
+    velocity: Array
+    coordinate_units: tuple[str, ...]
+
+    def __post_init__(self) -> None:
+        for name in ("measured", "predicted", "position", "velocity"):
+            object.__setattr__(self, name, read_only(getattr(self, name)))
+            expect(name, getattr(self, name).shape, (len(self.labels), self.used.shape[1]))
+
+    @cached_property
+    def residual(self) -> Array:
+        """Measured less predicted, NaN where a row does not count, (motors, rows)."""
+        return np.where(self.used, self.measured - self.predicted, np.nan)
+
+    @property
+    def rows(self) -> int:
+        return int(self.used.shape[1])
+
+    @property
+    def kind(self) -> str:
+        """Which rows these are, in words."""
+        return "rows of the fit" if self.seen else "unseen rows"
+
+    @property
+    def seconds(self) -> float:
+        return self.rows * self.step
+
+
+@dataclass(frozen=True, eq=False)
+class Hand:
+    """The force of a hand at the handle, estimated, and measured where a sensor was there.
+
+    Attributes:
+        name: of the log.
+        force: as estimated.
+        measured: at the same rows, in the base frame, (rows, 3), N; None where there was no sensor.
+    """
+
+    name: str
+    force: HandleForce
+    measured: Array | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class Source:
+    """What a report is made from.
+
+    Attributes:
+        identification: a study walked to its end.
+        command: that made it, as a person would type it; empty where there was none.
+        hands: forces at the handle, if any were estimated.
+    """
+
+    identification: Identification
+    command: str = ""
+    hands: tuple[Hand, ...] = field(default=())
+
+    @property
+    def estimate(self) -> Estimate:
+        return self.identification.estimate
+
+    @cached_property
+    def validation(self) -> Validation | None:
+        """The unseen prediction that is worst; None without any."""
+        return max(self.identification.unseen, key=lambda found: found.relative, default=None)
+
+    @cached_property
+    def diagnosis(self) -> Diagnosis:
+        """Everything that can be asked of the estimate."""
+        return diagnose(self.estimate, self.validation)
+
+    @cached_property
+    def tracks(self) -> tuple[Track, ...]:
+        """Log by log."""
+        return tuple(track(self.estimate, run) for run in self.identification.runs)
+
+    @cached_property
+    def dissections(self) -> tuple[Dissection | None, ...]:
+        """Log by log; None where a log is too long, or its rows have no accelerations."""
+        return tuple(
+            self._dissected(run, at.rows) for run, at in zip(self.identification.runs, self.tracks, strict=True)
+        )
+
+    @cached_property
+    def model(self) -> GivenModel:
+        """The estimate's parameters without their covariance: maps are made of them."""
+        return GivenModel(self.estimate.device, self.estimate.beta)
+
+    def _dissected(self, run: Run, rows: int) -> Dissection | None:
+        if rows > LARGEST_DISSECTION:
+            return None
+        try:
+            return dissect(self.estimate, run.motion)
+        except NoAccelerationError:
+            return None
+
+
+def track(estimate: Estimate, run: Run) -> Track:
+    """The treated rows of one log."""
+    device, motion = estimate.device, run.motion
+    chi, rows = raw_parameters(device, estimate.beta), [k for k, known in enumerate(device.measured) if known]
+    parts = [
+        (s.t, s.measured(), s.torque(chi), s.used, s.centres(s.c)[rows], s.centres(s.cd)[rows])
+        for s in stretches(device, motion)
+    ]
+    t, measured, predicted, used, position, velocity = (
+        np.concatenate(each, axis=-1) for each in zip(*parts, strict=True)
+    )
+    return Track(
+        name=run.entry.path,
+        seen=run.direct is not None,
+        t0=float(t[0]),
+        step=motion.treatment.decimation * motion.dt,
+        labels=tuple(device.row_labels[k] for k in rows),
+        units=tuple(device.torque_units[k] for k in rows),
+        measured=measured,
+        predicted=predicted,
+        used=used,
+        position=position,
+        velocity=velocity,
+        coordinate_units=tuple(device.coordinate_units[k] for k in rows),
+    )

@@ -1,0 +1,43 @@
+"""The short version for a terminal: how the residual goes along each log, in one line a motor."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from haptid._values import Array
+from haptid.report.source import Source, Track
+
+BARS = "\u2581\u2582\u2583\u2584\u2585\u2586\u2587\u2588"
+# Characters of a line.
+WIDTH = 40
+
+
+def sparklines(source: Source) -> tuple[str, ...]:
+    """RMS of the residual over time, a line for each log and motor, all motors' lines of a log of one length."""
+    return tuple(line for track in source.tracks for line in _lines(track))
+
+
+def _lines(track: Track) -> Iterator[str]:
+    width = max(len(label) for label in track.labels)
+    yield f"Residual along {track.name} ({track.kind}), {track.seconds:.3g} s"
+    for label, unit, residual in zip(track.labels, track.units, track.residual, strict=True):
+        levels = rms_of_bins(residual, WIDTH)
+        yield f"  {label:{width}s} {sparkline(levels)} up to {np.nanmax(levels):.2g} {unit}"
+
+
+def rms_of_bins(y: Array, bins: int) -> Array:
+    """Root mean square of each of at most so many bins, NaN where none of its values is known, (bins,)."""
+    starts = np.unique(np.linspace(0, len(y), bins, endpoint=False).astype(int))
+    known = np.isfinite(y)
+    power = np.add.reduceat(np.where(known, y, 0.0) ** 2, starts)
+    count = np.add.reduceat(known.astype(float), starts)
+    return np.sqrt(np.where(count > 0, power / np.maximum(count, 1.0), np.nan))
+
+
+def sparkline(levels: Array) -> str:
+    """Levels as bars from zero to the largest; a space where one is not known."""
+    top = float(np.nanmax(levels, initial=0.0)) or 1.0
+    heights = np.ceil(len(BARS) * np.nan_to_num(levels) / top).astype(int)
+    return "".join(BARS[max(h, 1) - 1] if np.isfinite(v) else " " for h, v in zip(heights, levels, strict=True))

@@ -1,0 +1,183 @@
+"""The controller that moved a device while it was logged: PD or PID on the motors' coordinates."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from haptid._values import Array, expect, positive
+from haptid.device import Device
+from haptid.errors import ControllerError
+from haptid.log import Log, Signal, read_log
+from haptid.signals import position_map
+from haptid.treatment import Motion
+
+Figures = float | Sequence[float]
+
+
+@dataclass(frozen=True, eq=False)
+class PID:
+    """tau = kp e + kd ed + ki integral of e on every motor's coordinate, held from one control period to the next.
+
+    Attributes:
+        kp, kd, ki: gains at the joint side, N m/rad, N m s/rad and N m/(rad s), or per m; one for all motors or one
+            for each.
+        reference: the planned motion of the active joints: channels of the log's own file, such as
+            `Signal(("target1", "target2"), "rad")`; or arrays, (n, active) for each motion, rad or m; None takes the
+            treated positions, where nothing better was recorded.
+        rate_hz: of the controller, a multiple of the log's; None is the log's.
+        velocity_cutoff_hz: the controller's velocity is the difference of positions through a first-order filter of
+            this cut-off; None is the velocity itself.
+        saturation: greatest torque of a motor's coordinate, N m or N; None for no limit.
+    """
+
+    kp: Figures
+    kd: Figures
+    ki: Figures = 0.0
+    reference: Signal | Sequence[Array] | None = None
+    rate_hz: float | None = None
+    velocity_cutoff_hz: float | None = None
+    saturation: Figures | None = None
+
+    def __post_init__(self) -> None:
+        for name in ("rate_hz", "velocity_cutoff_hz"):
+            value = getattr(self, name)
+            if value is not None and not positive(value):
+                raise ControllerError(name, value, "a finite number above zero, or leave it out")
+
+    def figures(self, name: str, device: Device) -> Array:
+        """A setting as one figure for each motor, (motors,).
+
+        Raises:
+            ControllerError: there are neither one nor as many as motors, or one is not a number.
+        """
+        values, motors = np.atleast_1d(np.asarray(getattr(self, name), dtype=float)), len(device.motors)
+        if values.shape not in ((1,), (motors,)) or not np.isfinite(values).all():
+            wanted = f"one finite figure, or one for each of {', '.join(m.name for m in device.motors)}"
+            raise ControllerError(name, values.tolist(), wanted)
+        return np.ascontiguousarray(np.broadcast_to(values, (motors,)))
+
+    def periods(self, dt: float) -> int:
+        """Control periods in a sampling period dt, s.
+
+        Raises:
+            ControllerError: not a whole number.
+        """
+        ratio = 1.0 if self.rate_hz is None else self.rate_hz * dt
+        if abs(ratio - round(ratio)) > 1e-3 or round(ratio) < 1:
+            raise ControllerError("rate_hz", self.rate_hz, f"a multiple of the log's {1 / dt:g} Hz")
+        return round(ratio)
+
+
+def reference(law: PID, device: Device, motion: Motion, place: int) -> Array:
+    """Planned positions of the coordinates that torque rows belong to, (n, samples), rad or m.
+
+    Args:
+        law: the controller.
+        device: the mechanism.
+        motion: whose samples they are for.
+        place: of the motion among the observation's.
+
+    Raises:
+        ControllerError: the log has no file to read them from, or arrays do not fit.
+        LogError: the channels cannot be read.
+    """
+    if law.reference is None:
+        q = motion.q.T
+        return position_map(device, motion)(q)
+    if isinstance(law.reference, Signal):
+        if motion.log is None or not motion.log.sha256:
+            raise ControllerError("reference", "channels of a log", "arrays: this motion comes from no file")
+        return np.asarray(device.frame @ recorded(motion.log, law.reference))
+    if place >= len(law.reference):
+        raise ControllerError("reference", f"{len(law.reference)} arrays", "one for each motion of the observation")
+    given = np.asarray(law.reference[place], dtype=float)
+    expect("reference", given.shape, (len(motion), len(device.active)))
+    return np.asarray(device.frame @ given.T)
+
+
+def recorded(log: Log, wanted: Signal) -> Array:
+    """Other position channels of a log's file, on the log's own grid, (channels, n), rad or m."""
+    whole = read_log(log.path, replace(log.channels, position=wanted))
+    return np.array([np.interp(log.t, whole.t, channel) for channel in whole.position.T])
+
+
+@dataclass(frozen=True, eq=False)
+class Start:
+    """Where a controller begins; of the coordinates, each (n, ...), SI.
+
+    Attributes:
+        c, cd: positions and velocities.
+        target, speed: planned.
+        held: torque that its integral holds up, with what the rest asks for.
+    """
+
+    c: Array
+    cd: Array
+    target: Array
+    speed: Array
+    held: Array
+
+
+class Running:
+    """A controller at work on many states at once; trailing axes are the states'.
+
+    Linear but for its limit, so that it carries sensitivities as well as states.
+    """
+
+    def __init__(self, law: PID, device: Device, period: float, start: Start) -> None:
+        """Start as if it had long been at work."""
+        self.rates = np.asarray(device.drive_rates[[drive.motorised for drive in device.drives]])
+        self.kp, self.kd, self.ki = (law.figures(name, device) for name in ("kp", "kd", "ki"))
+        self.limit = None if law.saturation is None else law.figures("saturation", device)
+        self.keep = None
+        if law.velocity_cutoff_hz is not None:
+            self.keep = float(np.exp(-2 * np.pi * law.velocity_cutoff_hz * period))
+        self.period = period
+        d, self.velocity = self.drives(start.c), self.drives(start.cd)
+        self.last = d - period * self.velocity
+        self.integral = np.zeros_like(d)
+        if self.ki.any():
+            error, rate = self.drives(start.target) - d, self.drives(start.speed) - self.velocity
+            wanted = np.tensordot(np.linalg.pinv(self.rates.T), start.held, 1)
+            asked = _each(self.kp, error) + _each(self.kd, rate)
+            self.integral = np.where(_each(self.ki, np.ones_like(d)) != 0, wanted - asked, 0.0)
+
+    def drives(self, c: Array) -> Array:
+        """Coordinates of the drives that have motors, (motors, ...)."""
+        return np.tensordot(self.rates, c, 1)
+
+    def torque(
+        self, c: Array, cd: Array, target: Array | None, speed: Array | None, free: np.ndarray | None = None
+    ) -> tuple[Array, np.ndarray]:
+        """One control period: torque of the coordinates, (n, ...), and which motors are below their limit.
+
+        Args:
+            c, cd: positions and velocities, (n, ...).
+            target, speed: planned; None for zero, as for sensitivities.
+            free: which motors follow what they are asked for, (motors, ...); None works it out.
+        """
+        d = self.drives(c)
+        if self.keep is None:
+            velocity = self.drives(cd)
+        else:
+            velocity = self.keep * self.velocity + (1 - self.keep) / self.period * (d - self.last)
+        self.velocity, self.last = velocity, d
+        error = -d if target is None else self.drives(target) - d
+        rate = -velocity if speed is None else self.drives(speed) - velocity
+        self.integral = self.integral + _each(self.period * self.ki, error)
+        asked = _each(self.kp, error) + _each(self.kd, rate) + self.integral
+        if free is None:
+            limit = np.inf if self.limit is None else _each(self.limit, np.ones_like(asked))
+            free = np.abs(asked) < limit
+            asked = np.clip(asked, -limit, limit)
+        else:
+            asked = np.where(free, asked, 0.0)
+        return np.tensordot(self.rates.T, asked, 1), free
+
+
+def _each(figures: Array, values: Array) -> Array:
+    """Every motor's values multiplied by its figure."""
+    return figures.reshape(-1, *[1] * (values.ndim - 1)) * values

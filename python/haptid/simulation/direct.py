@@ -1,0 +1,164 @@
+"""The direct dynamic model: accelerations from torques, for many states and several sets of parameters at once."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+
+from haptid._values import Array, expect, freeze, read_only
+from haptid.device import Device
+from haptid.device.terms import DRY
+from haptid.errors import MasslessError
+from haptid.signals import external, state
+from haptid.treatment import Motion
+
+# Of the mass matrix, least eigenvalue over the largest of its scaled form that can still be inverted.
+INVERTIBLE = 1e-12
+# Steps of central differences: positions and velocities, relative to 1 rad, 1 m and to 1 of these per second.
+STEP = 1e-6
+
+
+@dataclass(frozen=True, eq=False)
+class DirectModel:
+    """M(c) cdd = tau - h(c, cd), friction, springs and a user's own columns in h.
+
+    Unit accelerations through the inverse model give the columns of M, none gives h (Walker and Orin 1982, J. Dyn.
+    Sys. Meas. Control 104, method 1): the core does it for all states in one call, trees and loops alike.
+
+    Attributes:
+        device: the mechanism, its dry friction smooth: see `smooth`.
+        chi: sets of parameters of the core's columns, (sets, r), SI.
+    """
+
+    device: Device
+    chi: Array
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "chi", read_only(np.atleast_2d(self.chi)))
+        expect("chi", self.chi.shape, (None, self.device.mechanism.columns))
+
+    @cached_property
+    def _columns(self) -> list[tuple[list[int], list[float]]]:
+        """Of each set, the columns that count and their parameters."""
+        return [([int(k) for k in np.flatnonzero(one)], one[one != 0].tolist()) for one in self.chi]
+
+    def parts(self, c: Array, cd: Array) -> tuple[Array, Array]:
+        """M, (states, n, n), and h, (states, n); states are those of the first set, then of the second, ...
+
+        Args:
+            c, cd: positions and velocities of the coordinates that torque rows belong to, (n, states).
+
+        Raises:
+            AccelerationColumnError: a user's own column is made of accelerations.
+        """
+        n, states = c.shape
+        share = states // len(self.chi)
+        unit = np.repeat(np.eye(n, n + 1), share, axis=1)
+        made = np.empty((len(self.chi), n, n + 1, share))
+        for k, (columns, chi) in enumerate(self._columns):
+            here = slice(k * share, (k + 1) * share)
+            x, v = (np.ascontiguousarray(z[:, here]) for z in (c, cd))
+            loops = self.device.loops(x, v)
+            loops = None if loops is None else np.tile(loops, n + 1)
+            own = np.tile(external(self.device, x, v, None), n + 1)
+            tau = self.device.mechanism.torque(np.tile(x, n + 1), np.tile(v, n + 1), unit, own, columns, chi, loops)
+            made[k] = tau.reshape(n, n + 1, share)
+        rest = made[:, :, n:]
+        M = (made[:, :, :n] - rest).transpose(0, 3, 1, 2).reshape(states, n, n)
+        return 0.5 * (M + M.mT), rest[:, :, 0].transpose(0, 2, 1).reshape(states, n)
+
+    def acceleration(self, c: Array, cd: Array, tau: Array) -> Array:
+        """cdd, (n, states), rad/s^2 or m/s^2.
+
+        Args:
+            c, cd: as in `parts`.
+            tau: torque of every row, (n, states), N m or N.
+
+        Raises:
+            AccelerationColumnError: as in `parts`.
+            MasslessError: a mass matrix cannot be inverted.
+        """
+        M, h = self.parts(c, cd)
+        try:
+            return np.ascontiguousarray(np.linalg.solve(M, (tau.T - h)[:, :, None])[:, :, 0].T)
+        except np.linalg.LinAlgError:
+            raise self.massless(M) from None
+
+    def massless(self, M: Array) -> MasslessError:
+        """What to raise of mass matrices that cannot all be inverted."""
+        values, vectors = np.linalg.eigh(M)
+        ratio = values[:, 0] / np.maximum(values[:, -1], np.finfo(float).tiny)
+        worst = int(np.argmin(ratio))
+        row = int(np.argmax(np.abs(vectors[worst, :, 0])))
+        return MasslessError(self.device.row_labels[row], float(ratio[worst]), INVERTIBLE)
+
+    def check(self, c: Array) -> None:
+        """Raise MasslessError unless the mass matrix is positive definite at these positions, (n, states)."""
+        M, _ = self.parts(np.tile(c, len(self.chi)), np.zeros((len(c), len(self.chi) * c.shape[1])))
+        if not (np.linalg.eigvalsh(M)[:, 0] > INVERTIBLE * np.abs(M).max(axis=(1, 2))).all():
+            raise self.massless(M)
+
+    def slopes(self, c: Array, cd: Array, cdd: Array) -> tuple[Array, Array]:
+        """Derivatives of the first set's inverse model by position and by velocity, each (states, n, n).
+
+        By central differences. Column k is the derivative by coordinate k.
+        """
+        n, states = c.shape
+        shift = STEP * np.repeat(np.eye(n), states, axis=1)
+        wide, wide_d, wide_dd = (np.tile(x, n) for x in (c, cd, cdd))
+        by_c = self._torque(wide + shift, wide_d, wide_dd) - self._torque(wide - shift, wide_d, wide_dd)
+        by_cd = self._torque(wide, wide_d + shift, wide_dd) - self._torque(wide, wide_d - shift, wide_dd)
+        first, second = (x.reshape(n, n, states).transpose(2, 0, 1) / (2 * STEP) for x in (by_c, by_cd))
+        return first, second
+
+    def _torque(self, c: Array, cd: Array, cdd: Array) -> Array:
+        """Inverse model of the first set, (n, states)."""
+        (columns, chi), device = self._columns[0], self.device
+        own, loops = external(device, c, cd, None), device.loops(c, cd)
+        return np.asarray(device.mechanism.torque(c, cd, cdd, own, columns, chi, loops))
+
+    def stiffness(self, c: Array) -> float:
+        """Greatest rate at which friction brakes a coordinate at rest, 1/s, over positions (n, states).
+
+        Of the first set: the largest eigenvalue of M^-1 dh/dcd, where smooth dry friction is steepest.
+        """
+        still = np.zeros_like(c)
+        M, _ = DirectModel(self.device, self.chi[:1]).parts(c, still)
+        _, damping = self.slopes(c, still, still)
+        try:
+            return float(np.abs(np.linalg.eigvals(np.linalg.solve(M, damping))).max(initial=0.0))
+        except np.linalg.LinAlgError:
+            raise self.massless(M) from None
+
+
+def smooth(device: Device, motions: Sequence[Motion], share: float) -> Device:
+    """The device with tanh(v / width) in place of sgn(v) wherever its dry friction has no width of its own.
+
+    A joint that sticks then creeps; a solver needs no events.
+
+    Args:
+        device: the mechanism.
+        motions: what it does; the width is a share of each term's root mean square speed there.
+        share: of that speed.
+    """
+    states = [state(device, motion, *motion.usable) for motion in motions]
+    terms = []
+    for term in device.terms:
+        index = {"stribeck": 2}.get(term.kind, 0)
+        if term.kind in DRY and term.settings[index] == 0:
+            power = np.concatenate([device.speed(term, c, cd) ** 2 for c, cd in states])
+            settings = list(term.settings)
+            settings[index] = max(share * float(np.sqrt(power.mean())), STEP)
+            first, second, third = settings
+            term = replace(term, settings=(first, second, third))
+        terms.append(term)
+    return replace(device, terms=tuple(terms))
+
+
+def sets_of(device: Device, beta: Array) -> Array:
+    """Parameters of the core's columns, (sets, r), from sets of base parameters, (sets, p)."""
+    S = device.parameters.S[:, list(device.base.kept)]
+    return freeze(np.atleast_2d(beta) @ S.T)

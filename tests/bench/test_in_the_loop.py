@@ -1,0 +1,107 @@
+"""Exported C of an identified model controls a device on the bench: weight, friction, tracking and the hand's force."""
+
+import shutil
+
+import numpy as np
+import pytest
+
+import haptid
+from haptid import bench, errors
+from haptid.bench.compiled import prototypes
+from haptid.export import CCode, export_c
+from haptid.export.golden import Golden
+from in_the_loop import CASES, DEVICES, rehearsed, setup_of
+from true_parameters import true_parameters
+
+pytestmark = pytest.mark.skipif(shutil.which("cc") is None, reason="there is no C compiler")
+
+
+@pytest.fixture(scope="module")
+def rehearsal():
+    """Of a PHANToM, at one pose, from a log of 12 s."""
+    return rehearsed(DEVICES[0], seconds=12.0, places=((0.3, 0.5, 0.6),))
+
+
+def test_gravity_compensation_leaves_little_of_the_weight(rehearsal):
+    assert max(abs(felt.weight) for felt in rehearsal.bare) > 0.15
+    assert rehearsal.weight_left < 0.03
+
+
+def test_friction_compensation_takes_most_of_it_off_without_chatter(rehearsal):
+    assert min(felt.friction for felt in rehearsal.bare) > 0.05
+    assert rehearsal.friction_taken > 0.8
+    assert all(felt.friction > 0 for felt in rehearsal.assisted)  # none is overcompensated
+    assert rehearsal.roughness < 0.15
+    assert rehearsal.restless < 1e-6
+
+
+def test_mass_is_the_models(rehearsal):
+    """Nothing takes it off, and the hand measures it: u' (J^-1)' M J^-1 u along every axis."""
+    case = CASES[DEVICES[0]]
+    setup = setup_of(case)
+    pose = (np.array(case.centre) + np.array((0.3, 0.5, 0.6)) * case.amplitude)[:, None]
+    beta = setup.device.base.of(setup.chi)
+    J = np.linalg.inv(haptid.handle_motion(setup.device, pose).jacobian[0, :3])
+    wanted = np.diag(J.T @ haptid.mass_matrix(setup.device, beta, pose)[0] @ J)
+    for side in (rehearsal.bare, rehearsal.assisted):
+        np.testing.assert_allclose([felt.mass for felt in side], wanted, rtol=0.1)
+
+
+def test_the_model_tracks_better_and_sees_the_hand(rehearsal):
+    assert rehearsal.better_tracking > 5
+    assert rehearsal.better_force > 5
+
+
+# --- the code itself --------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("precision", ["double", "single"])
+def test_compiled_code_is_the_python_model(tmp_path, precision):
+    device = haptid.read_device("phantom_premium_15")
+    beta = device.base.of(true_parameters(device))
+    export_c((device, beta), tmp_path, CCode("dev", precision))
+    code = bench.Compiled.of(tmp_path)
+    golden = Golden.at_random(device, beta, 0.01, 3)
+    close = {"rtol": 1e-9, "atol": 1e-12} if precision == "double" else {"rtol": 1e-3, "atol": 1e-5}
+    for name in ("inverse_dynamics", "mass_matrix", "handle_jacobian", "momentum"):
+        wanted = golden.functions[name]()
+        for k in range(3):
+            made = code(name, *(getattr(golden, x)[:, k] for x in code.functions[name].inputs))
+            for output, values in wanted.items():
+                np.testing.assert_allclose(made[output], values[k], **close)
+    half = code.friction_compensation(golden.qd[:, 0], 0.5)
+    np.testing.assert_allclose(half, 0.5 * golden.functions["friction"]()["tau"][0], **close)
+    assert code.coordinates == 3
+
+
+def test_functions_are_read_from_the_header():
+    text = (
+        "void m_f(const m_model *model,\n         const m_real q[2], m_real M[4]);\nint m_g(m_real x, m_real y[1]);\n"
+    )
+    found = prototypes(text, "m")
+    assert set(found) == {"f"}  # g takes a number: it has a method of its own
+    assert found["f"].inputs == {"q": 2}
+    assert found["f"].outputs == {"M": 4}
+    assert found["f"].model
+
+
+def test_folders_without_code_and_code_that_does_not_compile(tmp_path, monkeypatch):
+    with pytest.raises(errors.NoCodeError, match="has no code"):
+        bench.Compiled.of(tmp_path)
+    device = haptid.read_device("emps")
+    made = export_c((device, np.ones(len(device.base))), tmp_path, CCode("dev"))
+    code = bench.Compiled.of(tmp_path)
+    with pytest.raises(errors.CodeSettingError, match="gain"):
+        code.observer(-1.0, 1e-3)
+    with pytest.raises(errors.CodeSettingError, match="cutoff_hz"):
+        code.differentiator(600.0, 1e-3)
+    monkeypatch.setenv("CC", "no-such-compiler")
+    with pytest.raises(errors.NoCompilerError, match="no-such-compiler"):
+        bench.Compiled.of(tmp_path)
+    monkeypatch.delenv("CC")
+    (made.folder / "dev.c").write_text("this is no C")
+    with pytest.raises(errors.CompileError, match=r"dev\.c"):
+        bench.Compiled.of(tmp_path)
+    export_c((device, np.ones(len(device.base))), tmp_path, CCode("other"))
+    with pytest.raises(errors.NoCodeError, match="several"):
+        bench.Compiled.of(tmp_path)

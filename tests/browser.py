@@ -1,0 +1,146 @@
+"""A page in a real headless browser, driven through its own DevTools protocol."""
+
+from __future__ import annotations
+
+import base64
+import json
+import shutil
+import subprocess
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+from websockets.sync.client import ClientConnection, connect
+
+NAMES = ("chromium", "chromium-browser", "google-chrome", "google-chrome-stable")
+SETTINGS = (
+    "--headless",
+    "--no-sandbox",
+    "--disable-gpu",
+    "--disable-quic",
+    "--no-first-run",
+    "--disable-background-networking",
+    "--disable-component-update",
+    "--disable-sync",
+    "--hide-scrollbars",
+    "--remote-debugging-port=0",
+)
+# What a slow machine may take to start, or to draw, s.
+PATIENCE = 60.0
+
+
+def browser() -> str | None:
+    """The path of a browser, if there is one."""
+    return next((path for name in NAMES if (path := shutil.which(name))), None)
+
+
+class Page:
+    """One tab. `troubles` are the errors and warnings of its console, and what it threw."""
+
+    def __init__(self, socket: ClientConnection) -> None:
+        self.socket = socket
+        self.count = 0
+        self.troubles: list[str] = []
+        for domain in ("Page", "Runtime", "Log"):
+            self.call(f"{domain}.enable")
+
+    def call(self, method: str, **parameters: Any) -> dict[str, Any]:
+        """One command, and its answer."""
+        self.count += 1
+        self.socket.send(json.dumps({"id": self.count, "method": method, "params": parameters}))
+        while True:
+            message = json.loads(self.socket.recv(timeout=PATIENCE))
+            self.note(message)
+            if message.get("id") == self.count:
+                assert "error" not in message, message
+                return message["result"]
+
+    def note(self, message: dict[str, Any]) -> None:
+        """Keep what the page complains of."""
+        values = message.get("params", {})
+        if message.get("method") == "Runtime.exceptionThrown":
+            self.troubles.append(str(values["exceptionDetails"].get("exception", values).get("description", values)))
+        elif message.get("method") == "Runtime.consoleAPICalled" and values["type"] in ("error", "warning", "assert"):
+            self.troubles.append(str([argument.get("value") for argument in values["args"]]))
+        elif message.get("method") == "Log.entryAdded" and values["entry"]["level"] in ("error", "warning"):
+            self.troubles.append(values["entry"]["text"])
+
+    def open(self, path: Path, width: int, height: int = 900) -> None:
+        """Load a file and wait until its charts are drawn."""
+        self.size(width, height)
+        self.call("Page.navigate", url=path.resolve().as_uri())
+        self.wait("document.body && 'ready' in document.body.dataset")
+
+    def size(self, width: int, height: int) -> None:
+        """Of the window."""
+        mobile = width < 600
+        self.call("Emulation.setDeviceMetricsOverride", width=width, height=height, deviceScaleFactor=1, mobile=mobile)
+
+    def ask(self, expression: str) -> Any:
+        """The value of an expression in the page."""
+        result = self.call("Runtime.evaluate", expression=expression, returnByValue=True, awaitPromise=True)
+        assert "exceptionDetails" not in result, result["exceptionDetails"]
+        return result["result"].get("value")
+
+    def wait(self, expression: str) -> None:
+        """Until an expression is true."""
+        end = time.monotonic() + PATIENCE
+        while not self.ask(f"Boolean({expression})"):
+            assert time.monotonic() < end, f"never true: {expression}"
+            time.sleep(0.05)
+
+    def drag(self, selector: str, start: tuple[float, float], end: tuple[float, float]) -> None:
+        """With the mouse over an element, between two points in shares of its size."""
+        self.ask(f"document.querySelector({json.dumps(selector)}).scrollIntoView({{behavior: 'instant'}})")
+        box = self.ask(f"document.querySelector({json.dumps(selector)}).getBoundingClientRect().toJSON()")
+        points = [(box["x"] + share[0] * box["width"], box["y"] + share[1] * box["height"]) for share in (start, end)]
+        kinds = (("mousePressed", points[0]), ("mouseMoved", points[1]), ("mouseReleased", points[1]))
+        for kind, (x, y) in kinds:
+            self.call("Input.dispatchMouseEvent", type=kind, x=x, y=y, button="left", buttons=1, clickCount=1)
+
+    def picture(self, path: Path, selector: str = "html") -> Path:
+        """A PNG of an element, as long as it is."""
+        box = self.ask(
+            f"(() => {{ const r = document.querySelector({json.dumps(selector)}).getBoundingClientRect();"
+            "return {x: r.x + scrollX, y: r.y + scrollY, width: r.width, height: r.height}; })()"
+        )
+        shot = self.call("Page.captureScreenshot", captureBeyondViewport=True, clip={**box, "scale": 1})
+        path.write_bytes(base64.b64decode(shot["data"]))
+        return path
+
+
+@contextmanager
+def page(folder: Path) -> Iterator[Page]:
+    """A new browser with one empty tab; its profile is kept in a folder of the test."""
+    program = browser()
+    assert program is not None
+    profile = folder / "profile"
+    process = subprocess.Popen(
+        [program, *SETTINGS, f"--user-data-dir={profile}", "about:blank"],
+        stdout=subprocess.DEVNULL,
+        stderr=subprocess.DEVNULL,
+    )
+    try:
+        with connect(_address(profile, process), max_size=None, proxy=None) as socket:
+            yield Page(socket)
+    finally:
+        process.terminate()
+        process.wait(timeout=PATIENCE)
+
+
+def _address(profile: Path, process: subprocess.Popen[bytes]) -> str:
+    """Of the first tab's socket, as soon as the browser has said on which port it listens."""
+    import urllib.request
+
+    told, end = profile / "DevToolsActivePort", time.monotonic() + PATIENCE
+    while not (told.is_file() and told.read_text().count("\n") >= 1):
+        assert process.poll() is None, f"the browser ended with status {process.returncode}"
+        assert time.monotonic() < end, "the browser did not start"
+        time.sleep(0.05)
+    port = told.read_text().split("\n")[0]
+    opener = urllib.request.build_opener(urllib.request.ProxyHandler({}))
+    with opener.open(f"http://127.0.0.1:{port}/json/list", timeout=PATIENCE) as answer:
+        tabs = json.loads(answer.read())
+    return str(next(tab["webSocketDebuggerUrl"] for tab in tabs if tab["type"] == "page"))

@@ -1,0 +1,137 @@
+"""The entropic pull: zero at the prior, the same in every frame, `Consistent()` in the limit, better in poor logs."""
+
+import numpy as np
+import pytest
+
+import haptid
+from haptid import errors
+from haptid.estimators import Consistent
+from haptid.estimators.entropic import Entropic, Pull, prior_links
+from haptid.estimators.possible import roomy
+from motions import motion
+
+BODY = """
+[[prior_bodies]]
+link = "{link}"
+mass = {mass}
+com = [{x}, 0.01, -0.02]
+inertia = [0.02, 0.05, 0.06, 0.001, 0.0, 0.002]
+"""
+DEVICE = """
+schema = 1
+name = "two links"
+gravity = [0.0, -9.81, 3.0]
+convention = "modified-dh"
+[[joints]]
+name = "1"
+[[joints]]
+name = "2"
+alpha = "pi/2"
+d = 0.3
+[[joints]]
+name = "3"
+d = 0.25
+[[terms]]
+kind = "viscous"
+joints = "all"
+[[terms]]
+kind = "coulomb"
+joints = "all"
+""" + "".join(BODY.format(link=k, mass=m, x=x) for k, m, x in (("1", 2.0, 0.1), ("2", 1.5, 0.12), ("3", 0.8, 0.1)))
+
+
+def device_of(folder, text=DEVICE):
+    (folder / "device.toml").write_text(text)
+    return haptid.read_device(folder / "device.toml")
+
+
+@pytest.fixture(scope="module")
+def device(tmp_path_factory):
+    return device_of(tmp_path_factory.mktemp("device"))
+
+
+def true_beta(device, factor=1.1):
+    """Bodies heavier than the prior by a factor, and friction."""
+    chi = np.nan_to_num(device.chi_prior) * factor
+    for k, kind in enumerate(device.parameters.kinds):
+        chi[k] = {"FV": 0.3, "FC": 0.5}.get(kind, chi[k])
+    return device.base.of(chi)
+
+
+def observed(device, noise=0.05, seed=1, seconds=8.0):
+    return haptid.observe(device, motion(device, true_beta(device), seconds=seconds, dt=2e-3, seed=seed, noise=noise))
+
+
+def test_a_prior_that_is_the_truth_stays(device):
+    conditions = roomy(device, device.base.of(np.nan_to_num(device.chi_prior) + 0.1))
+    pull = Pull(conditions, tuple(block.is_link for block in conditions.blocks))
+    R = np.zeros((len(device.base),) * 2)  # no data
+    x = pull.least(R, np.zeros(len(device.base)), 1.0)
+    raw = [k for k, kind in enumerate(device.parameters.kinds) if kind not in ("FV", "FC")]
+    np.testing.assert_allclose((conditions.scale * x)[raw], device.chi_prior[raw], rtol=1e-6, atol=1e-9)
+
+
+def test_a_vanishing_pull_is_the_consistent_estimate(device):
+    observation = observed(device, noise=0.6, seconds=3.0)
+    held = haptid.estimate(observation, Consistent())
+    pulled = haptid.estimate(observation, Entropic(1e-4))
+    np.testing.assert_allclose(
+        observation.stack(held.weights)[:-1, :-1] @ (pulled.beta - held.beta), 0.0, atol=0.2 * np.sqrt(len(held.beta))
+    )
+
+
+def test_a_strong_pull_is_the_prior(device):
+    pulled = haptid.estimate(observed(device), Entropic(1e14))
+    chi, prior = pulled.possible.chi, device.chi_prior
+    links = [k for k, kind in enumerate(device.parameters.kinds) if kind not in ("FV", "FC")]
+    np.testing.assert_allclose(chi[links], prior[links], rtol=1e-3, atol=1e-5)
+
+
+def test_frames_of_bodies_do_not_matter(device, tmp_path):
+    """The same mechanism and bodies, the last link's frame moved along its axis."""
+    text = DEVICE.replace("d = 0.25\n", "d = 0.25\nr = 0.2\n")
+    head, tail = text.rsplit("-0.02]", 1)
+    other = device_of(tmp_path, f"{head}-0.22]{tail}")
+    moved = motion(device, true_beta(device), seconds=4.0, dt=2e-3, noise=0.3)
+    torques = []
+    for same in (device, other):
+        beta = haptid.estimate(haptid.observe(same, moved), Entropic(100.0)).beta
+        torques.append(haptid.inverse_dynamics(same, beta, *np.random.default_rng(0).uniform(-1, 1, (3, 3, 50))))
+    np.testing.assert_allclose(torques[0], torques[1], rtol=1e-4, atol=1e-4)
+
+
+def test_it_is_inside_and_stationary(device):
+    pulled = haptid.estimate(observed(device, noise=0.5, seconds=3.0), Entropic(10.0))
+    assert haptid.possible(device, pulled.beta).ok
+    assert all(np.linalg.eigvalsh(P)[0] > 0 for P in pulled.possible.pseudo_inertias)
+
+
+def test_poor_logs_gain_most(device):
+    """Unseen torque of a short noisy log: the pull towards bodies 10 % off beats the free fit."""
+    unseen = observed(device, noise=0.0, seed=99)
+    gains = []
+    for seed in range(6):
+        poor = observed(device, noise=1.0, seed=seed, seconds=1.5)
+        free = haptid.validate(haptid.estimate(poor, haptid.WLS()), unseen).relative
+        pulled = haptid.validate(haptid.estimate(poor, Entropic()), unseen).relative
+        gains.append(free / pulled)
+    assert np.median(gains) > 1.5
+
+
+def test_truth_is_inside_its_intervals(device):
+    beta, inside = true_beta(device), []
+    for seed in range(8):
+        low, high = haptid.estimate(observed(device, seed=seed), Entropic()).interval95.T
+        inside += ((low <= beta) & (beta <= high)).tolist()
+    assert np.mean(inside) >= 0.9
+
+
+def test_what_cannot_be_pulled_is_refused(device, tmp_path):
+    assert prior_links(device) == ["1", "2", "3"]
+    with pytest.raises(errors.MethodSettingError):
+        Entropic(-1.0)
+    bare = device_of(tmp_path, DEVICE.split("[[prior_bodies]]")[0])
+    with pytest.raises(errors.NoPriorError):
+        haptid.estimate(
+            observed(device).__class__(bare, observed(device).motors, observed(device).blocks, ()), Entropic()
+        )

@@ -1,0 +1,165 @@
+"""Intervals beside the default: what they are made of, and what they share."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy import linalg
+
+import haptid
+from haptid import errors
+from haptid.estimators import (
+    GLS,
+    TLS,
+    BlockJackknife,
+    Bootstrap,
+    Bounded,
+    Equal,
+    FixedB,
+    Profile,
+    Ridge,
+    Sandwich,
+    Textbook,
+)
+from haptid.estimators.autoregression import burg
+from haptid.estimators.solve import solve
+from haptid.rows import Rows
+from motions import motion, truth
+
+KINDS = [BlockJackknife(), Textbook(), FixedB(), Bootstrap(99), Sandwich()]
+
+
+@pytest.fixture(scope="module")
+def device():
+    return haptid.read_device("phantom_premium_15")
+
+
+@pytest.fixture(scope="module")
+def observation(device):
+    return haptid.observe(device, motion(device, truth(device), seconds=10.0, dt=2e-3, noise=0.1, phi=0.8))
+
+
+@pytest.mark.parametrize("kind", KINDS, ids=lambda kind: kind.name)
+def test_kinds_say_how_far_the_same_estimate_may_be_off(observation, kind):
+    plain = haptid.estimate(observation, haptid.WLS())
+    found = haptid.estimate(observation, haptid.WLS(), kind)
+    np.testing.assert_array_equal(found.beta, plain.beta)
+    assert np.linalg.eigvalsh(found.covariance / np.outer(found.sd, found.sd))[0] > -1e-9
+    assert (found.freedom >= 1).all()
+    assert found.intervals.name == kind.name
+
+
+@pytest.mark.parametrize("kind", KINDS, ids=lambda kind: kind.name)
+@pytest.mark.parametrize("method", [haptid.WLS(), GLS(), TLS(), Ridge(strength=1.0)], ids=lambda method: method.name)
+def test_combinations_have_the_deviations_of_their_covariance(device, kind, method):
+    made = haptid.observe(device, motion(device, truth(device), seconds=8.0, dt=2e-3, noise=0.01))
+    found = haptid.estimate(made, method, kind)
+    C = np.random.default_rng(0).normal(size=(3, len(found.beta)))
+    spread = found.spread(C)
+    expected = C @ found.covariance @ C.T
+    np.testing.assert_allclose(spread.covariance, expected, rtol=1e-6, atol=1e-9 * expected.max())
+
+
+def test_of_a_white_residual_all_are_about_the_textbook(device):
+    made = haptid.observe(device, motion(device, truth(device), seconds=30.0, dt=4e-3, noise=0.1))
+    textbook = haptid.estimate(made, haptid.WLS(), Textbook()).sd
+    for kind in KINDS:
+        ratio = haptid.estimate(made, haptid.WLS(), kind).sd / textbook
+        assert 0.8 < np.median(ratio) < 1.25, kind.name
+
+
+def test_the_sandwich_is_the_sandwich(observation):
+    """All rows in memory, with the covariance of the residual's models as Toeplitz matrices."""
+    found = haptid.estimate(observation, haptid.WLS(), Sandwich())
+    (stretch,) = Rows(observation)
+    middle = np.zeros((len(found.beta),) * 2)
+    e = stretch.residual(found.beta)
+    for motor, W, own, weight in zip(observation.motors, stretch.W, e, found.weights, strict=True):
+        model, n = burg([own], 20), W.shape[0]
+        gamma = np.fft.irfft(model.spectrum(1 << 16), 1 << 16)[:n]
+        taken = n / (n - len(motor.columns))
+        middle += weight**4 * taken * W.T @ linalg.matmul_toeplitz(gamma, W)
+    R = observation.stack(found.weights)[:-1, :-1]
+    bread = np.linalg.inv(R.T @ R)
+    np.testing.assert_allclose(found.sd, np.sqrt(np.diag(bread @ middle @ bread)), rtol=1e-3)
+
+
+def test_the_jackknife_of_a_fit_with_a_prior_is_that_of_fits_without_each_block(device):
+    made = haptid.observe(device, motion(device, truth(device), seconds=8.0, dt=2e-3, noise=0.1))
+    method = Ridge(strength=1.0)
+    found = haptid.estimate(made, method)
+    known = method.knowledge(made)
+    shifts = []
+    for m, motor in enumerate(made.motors):
+        for b in range(len(motor.rows)):
+            triangles = np.array(motor.triangles)
+            triangles[b] = 0.0
+            less = replace(motor, triangles=triangles, rows=np.where(np.arange(len(motor.rows)) == b, 0, motor.rows))
+            motors = (*made.motors[:m], less, *made.motors[m + 1 :])
+            shifts.append(solve(replace(made, motors=motors), found.weights, (), known).beta - found.beta)
+    many = len(shifts)
+    outer = np.array(shifts).T @ np.array(shifts) * (many - 1) / many
+    root = found.fit.solution.root
+    pull = root @ found.fit.solution.pull.T
+    np.testing.assert_allclose(np.diag(found.covariance), np.diag(outer + pull @ pull.T), rtol=1e-6)
+
+
+def test_fixed_b_with_all_cosines_is_the_variance_of_independent_blocks(observation):
+    found = haptid.estimate(observation, haptid.WLS(), FixedB(share=1.0))
+    moments = found.fit.moments
+    series = np.zeros((len(observation.blocks), len(found.beta)))
+    np.add.at(series, moments.block, moments.moved @ found.fit.solution.root.T)
+    n = len(series)
+    np.testing.assert_allclose(found.covariance, n * np.cov(series, rowvar=False), rtol=1e-6)
+
+
+def test_the_bootstrap_of_a_seed_is_the_same_again(observation):
+    a, b = (haptid.estimate(observation, haptid.WLS(), Bootstrap(50, seed=3)) for _ in range(2))
+    np.testing.assert_array_equal(a.covariance, b.covariance)
+
+
+@pytest.mark.parametrize("kind", KINDS, ids=lambda kind: kind.name)
+def test_what_is_known_exactly_has_no_deviation(observation, kind):
+    found = haptid.estimate(observation, Equal({"FC1": 0.02}), kind)
+    assert found["FC1"].value == pytest.approx(0.02)
+    assert found["FC1"].sd == pytest.approx(0.0, abs=1e-12)
+
+
+# --- profile likelihood -----------------------------------------------------------------------------------------
+
+
+def test_a_profile_is_the_honest_interval_where_no_limit_is_near(observation):
+    plain = haptid.estimate(observation, haptid.WLS())
+    far = {name: (float(b) - 1e3, None) for name, b in zip(plain.base.names, plain.beta, strict=True)}
+    found = haptid.estimate(observation, Bounded(far), Profile())
+    np.testing.assert_allclose(found.interval95, plain.interval95, rtol=1e-5)
+
+
+def test_a_profile_beside_a_limit_is_narrower_and_stays_within(observation):
+    plain = haptid.estimate(observation, haptid.WLS())
+    k = plain.base.names.index("FC2")
+    low = float(plain.beta[k] + plain.sd[k])
+    cut = haptid.estimate(observation, Bounded({"FC2": (low, None)}))
+    found = haptid.estimate(observation, Bounded({"FC2": (low, None)}), Profile())
+    ends = found.interval95
+    assert ends[k, 0] == pytest.approx(low, rel=1e-6)
+    width = np.diff(ends, axis=1) / np.diff(cut.interval95, axis=1)
+    assert width.max() < 1.5
+    assert width.min() < 0.9
+    assert (ends[:, 0] <= found.beta).all()
+    assert (found.beta <= ends[:, 1]).all()
+
+
+def test_a_profile_of_bodies_is_refused(device):
+    beta = truth(device)
+    beta[-1] = -0.01  # friction that feeds energy in
+    made = haptid.observe(device, motion(device, beta, seconds=6.0, dt=2e-3, noise=0.01))
+    found = haptid.estimate(made, haptid.Consistent(), Profile())
+    with pytest.raises(errors.MethodSettingError, match="Bounded"):
+        _ = found.interval95
+
+
+@pytest.mark.parametrize("make", [lambda: FixedB(0.0), lambda: FixedB(1.5), lambda: Bootstrap(1), lambda: Sandwich(-1)])
+def test_settings_of_intervals_that_mean_nothing_are_refused(make):
+    with pytest.raises(errors.MethodSettingError):
+        make()

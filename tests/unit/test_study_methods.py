@@ -1,0 +1,76 @@
+"""The [estimate] table of a study, key by key."""
+
+import json
+
+import pytest
+from typer.testing import CliRunner
+
+import haptid
+from haptid import estimators as e
+from haptid.cli import app
+from haptid.errors import StudyFileError
+from small_study import write_study
+
+
+@pytest.fixture
+def study(tmp_path):
+    """A study whose [estimate] table is the given text."""
+    write_study(tmp_path)
+    path = tmp_path / "study.toml"
+    before = path.read_text()
+
+    def write(text):
+        path.write_text(before.partition("[estimate]")[0] + f"\n[estimate]\n{text}\n")
+        return path
+
+    return write
+
+
+@pytest.mark.parametrize(
+    ("text", "method"),
+    [
+        ("", haptid.WLS()),
+        ('method = "OLS"', haptid.OLS()),
+        ('method = "WLS"\npasses = 5', haptid.WLS(5)),
+        ('method = "SUR"', e.SUR()),
+        ('method = "GLS"\npasses = 2', e.GLS(2)),
+        ('method = "IRLS"', e.IRLS()),
+        ('method = "IRLS"\nloss = "Huber"', e.IRLS(e.Huber())),
+        ('method = "IRLS"\nloss = "Student t"', e.IRLS(e.StudentT())),
+        ('method = "heteroscedastic"', e.Heteroscedastic()),
+        ('method = "TLS"', e.TLS()),
+        ('method = "encoder noise"\nresolution = [1e-4, 2e-4]', e.Corrected((1e-4, 2e-4))),
+        ('method = "ridge"\nshare = 0.1\nstrength = 2.0', e.Ridge(0.1, 2.0)),
+        ('method = "GLS"\npossible = true', haptid.Consistent(e.GLS())),
+        ("limits = { FC1 = { low = 0.0 } }", e.Bounded({"FC1": (0.0, None)})),
+        ('relations = { "FC1 - FC2" = 0.0 }', e.Equal({"FC1 - FC2": 0.0})),
+    ],
+)
+def test_every_key_reaches_its_method(study, text, method):
+    assert haptid.read_study(study(text)).method == method
+
+
+@pytest.mark.parametrize(
+    ("text", "where"),
+    [
+        ('method = "best"', "estimate.method"),
+        ('method = "OLS"\npasses = 2', "estimate.passes"),
+        ('method = "WLS"\nloss = "Huber"', "estimate.loss"),
+        ('method = "TLS"\npossible = true', "estimate"),
+        ("possible = true\nrelations = { FC1 = 0.0 }", "estimate.relations"),
+        ("limits = { FC1 = { low = 1.0, high = 0.0 } }", "estimate"),
+    ],
+)
+def test_what_does_not_go_together_is_refused(study, text, where):
+    with pytest.raises(StudyFileError, match=where):
+        haptid.read_study(study(text))
+
+
+@pytest.mark.parametrize("method", ["GLS", "IRLS"])
+def test_the_result_says_the_method(study, tmp_path, method):
+    path = study(f'method = "{method}"')
+    done = CliRunner().invoke(app, ["identify", str(path), "--out", str(tmp_path / "out"), "--quiet"])
+    assert done.exit_code == 0, done.output
+    found = json.loads((tmp_path / "out" / "result.json").read_text())["estimate"]
+    assert found["method"].startswith(method)
+    assert found["interval"].startswith("CR3 jackknife")

@@ -1,0 +1,177 @@
+"""Work that is shared is the same work; a worker that is lost costs only what it had."""
+
+from __future__ import annotations
+
+import os
+import pickle
+import signal
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import haptid
+from haptid import errors
+from haptid.reduction import Kept, observe_all
+from haptid.workers import Cluster, Here, Processes
+from motions import motion, truth
+
+
+def doubled(item: int) -> int:
+    return 2 * item
+
+
+def counted(item: tuple[Path, int]) -> int:
+    """Says in a file that it was called."""
+    folder, k = item
+    (folder / f"{k}-{os.getpid()}").touch()
+    return k
+
+
+def killed_once(item: tuple[Path, int]) -> int:
+    """The process that first has item 2 is killed in the middle of it."""
+    folder, k = item
+    if k == 2 and not (folder / "killed").exists():
+        (folder / "killed").touch()
+        os.kill(os.getpid(), signal.SIGKILL)
+    return counted(item)
+
+
+def always_killed(item: int) -> int:
+    if item == 1:
+        os.kill(os.getpid(), signal.SIGKILL)
+    return item
+
+
+def refused(item: int) -> int:
+    raise errors.ChannelCountError("position", item, ["a", "b"])
+
+
+def test_the_same_is_made_by_whoever_works() -> None:
+    wanted = {k: 2 * k for k in range(7)}
+    assert dict(Here().map(doubled, range(7))) == wanted
+    assert dict(Processes(2).map(doubled, range(7))) == wanted
+    assert dict(Processes(2).map(doubled, ())) == {}
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="no SIGKILL")
+def test_a_lost_process_costs_only_its_item(tmp_path: Path) -> None:
+    items = [(tmp_path, k) for k in range(6)]
+    assert dict(Processes(2).map(killed_once, items)) == {k: k for k in range(6)}
+    calls = sorted(path.name.split("-")[0] for path in tmp_path.glob("*-*"))
+    assert calls == [str(k) for k in range(6)]  # each was finished once
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="no SIGKILL")
+def test_an_item_that_loses_every_process_is_an_error() -> None:
+    with pytest.raises(errors.WorkerLostError, match="part 2 of the work was lost 3 times"):
+        list(Processes(2).map(always_killed, range(3)))
+
+
+def test_an_error_comes_back_as_it_is() -> None:
+    with pytest.raises(errors.ChannelCountError, match="a, b"):
+        list(Processes(1).map(refused, [3]))
+    with pytest.raises(errors.WorkerCountError, match="0 workers"):
+        Processes(0)
+
+
+def test_every_device_crosses_to_another_process() -> None:
+    for name in haptid.shipped_devices():
+        device = haptid.read_device(name)
+        assert device.mechanism.columns == pickle.loads(pickle.dumps(device)).mechanism.columns
+
+
+@pytest.fixture(scope="module")
+def device() -> haptid.Device:
+    return haptid.read_device("phantom_premium_15")
+
+
+@pytest.fixture(scope="module")
+def motions(device: haptid.Device) -> list[haptid.Motion]:
+    """Two of them, of two segments each."""
+    treatment = haptid.Treatment(cutoff_hz=None, decimation=10)
+    return [motion(device, truth(device), seconds=80.0, seed=k, noise=0.1, treatment=treatment) for k in (1, 2)]
+
+
+def same(one: haptid.Observation, other: haptid.Observation) -> None:
+    assert one.blocks == other.blocks
+    for a, b in zip(one.motors, other.motors, strict=True):
+        np.testing.assert_array_equal(a.rows, b.rows)
+        np.testing.assert_allclose(a.triangles, b.triangles, rtol=0, atol=1e-12 * np.abs(a.triangles).max())
+
+
+def test_processes_give_the_observations_of_one(device: haptid.Device, motions: list[haptid.Motion]) -> None:
+    plain = [haptid.observe(device, made) for made in motions]
+    told = []
+    shared = observe_all(device, motions, Processes(2), progress=lambda made, share: told.append((made, share)))
+    for one, other, made in zip(plain, shared, motions, strict=True):
+        assert other.motions == (made,)
+        for a, b in zip(one.motors, other.motors, strict=True):
+            np.testing.assert_allclose(a.triangles, b.triangles, rtol=0, atol=1e-12 * np.abs(a.triangles).max())
+        assert max(share for of, share in told if of is made) == 1.0
+
+
+class Interrupted(Here):
+    """Stops after so many items, as a run that is killed."""
+
+    def __init__(self, after: int) -> None:
+        object.__setattr__(self, "after", after)
+
+    def map(self, function, items):  # type: ignore[no-untyped-def]
+        for k, made in super().map(function, items):
+            if k == self.after:
+                raise KeyboardInterrupt
+            yield k, made
+
+
+class Counting(Here):
+    """Remembers how many items it had."""
+
+    had: list[int] = []
+
+    def map(self, function, items):  # type: ignore[no-untyped-def]
+        self.had.append(len(items))
+        return super().map(function, items)
+
+
+@pytest.fixture
+def from_log(motions: list[haptid.Motion]) -> haptid.Motion:
+    """A motion of a log, with exact rates."""
+    made = motions[0]
+    names = tuple(f"q{k}" for k in range(3)), tuple(f"u{k}" for k in range(3))
+    channels = haptid.Channels(haptid.Signal(names[0], "rad", side="motor"), haptid.Signal(names[1], "N m"), time="t")
+    log = haptid.Log(Path("made"), "0" * 64, made.t, made.q, made.tau, channels)
+    return haptid.Motion(made.dt, made.q, made.tau, made.treatment, log, rates=made.rates)
+
+
+def test_an_interrupted_run_goes_on(tmp_path: Path, device: haptid.Device, from_log: haptid.Motion) -> None:
+    kept = Kept(tmp_path / "partial", least=1)
+    with pytest.raises(KeyboardInterrupt):
+        observe_all(device, [from_log], Interrupted(1), kept)
+    assert kept.count() == 1
+    Counting.had.clear()
+    again = observe_all(device, [from_log], Counting(), kept)[0]
+    assert Counting.had == [1]
+    same(again, observe_all(device, [from_log])[0])
+    other = device.with_gravity([0.0, 0.0, -1.6])
+    observe_all(other, [from_log], Counting(), kept)
+    assert Counting.had == [1, 2]  # another device, nothing of it is there
+
+
+def test_a_torn_file_is_made_again(tmp_path: Path, device: haptid.Device, from_log: haptid.Motion) -> None:
+    kept = Kept(tmp_path / "partial", least=1)
+    plain = observe_all(device, [from_log], kept=kept)[0]
+    torn = next(kept.folder.glob("*.npz"))
+    torn.write_bytes(torn.read_bytes()[:1000])
+    same(observe_all(device, [from_log], kept=kept)[0], plain)
+    kept.forget()
+    assert kept.count() == 0
+    assert observe_all(device, [from_log], kept=Kept(tmp_path / "short"))  # too short to be kept
+    assert not (tmp_path / "short").exists()
+
+
+def test_a_cluster_that_is_not_there_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(sys.modules, "distributed", None)
+    with pytest.raises(errors.DistributedMissingError, match=r"haptid\[cluster\]"):
+        list(Cluster("tcp://127.0.0.1:1").map(doubled, [1]))
