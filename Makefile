@@ -24,7 +24,7 @@ check: $(VENV)/.test
 	$(BIN)/ruff format --check .
 	$(BIN)/mypy
 
-bench: $(VENV)/.test
+bench: $(VENV)/.test $(VENV)-bench/.made
 	$(BIN)/python benchmarks/run.py
 
 docs: $(VENV)/.docs
@@ -49,6 +49,12 @@ $(VENV)/.run: $(VENV)/.made pyproject.toml constraints.txt $(RUST)
 
 $(VENV)/.test: $(VENV)/.run
 	$(PIP) install -c constraints.txt -e ".[test,oracle,lint]"
+	touch $@
+
+# Programs that the kernels are measured against, in an environment of their own; CasADi's C code needs gcc beside it.
+$(VENV)-bench/.made: benchmarks/peers/requirements.txt
+	$(PYTHON) -m venv $(VENV)-bench
+	$(VENV)-bench/$(notdir $(BIN))/python -m pip --disable-pip-version-check --quiet install -r $<
 	touch $@
 
 $(VENV)/.docs: $(VENV)/.test

@@ -18,6 +18,7 @@ import estimators
 import exciting_motion
 import groupings
 import in_the_loop
+import instructions
 import kernel
 import long_log
 import noisy_columns
@@ -42,6 +43,7 @@ STUDIES = {
     "characterisation": characterisation.run,
     "codegen": codegen.run,
     "in-the-loop": in_the_loop.run,
+    "instructions": instructions.run,
     "noisy-columns": noisy_columns.run,
     "yardstick": yardstick.run,
 }

@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
+CutFrame = tuple[int, Sequence[float], Sequence[float]]
 
 __version__: str
 
@@ -50,6 +51,37 @@ def felt_mass(
     triangle of their covariance from spread, (links * 10 + rotors, any), whose columns' outer products are summed. NaN
     where the condition number is above `worst`, or A is not positive definite.
     """
+
+class Loops:
+    """A tree and the joints cut out of its loops.
+
+    A cut is (prismatic, frame, twin), each frame (link, -1 for the base; rotation row by row; translation). Gaps of a
+    turning joint are the distance of the origins and `size` times the difference of the z axes; of a sliding one the
+    distance along the twin's x and y, and `size` times the differences of the x and z axes, by component.
+    """
+
+    def __new__(
+        cls,
+        parent: Sequence[int],
+        rotation: Array,
+        translation: Array,
+        prismatic: Sequence[bool],
+        cuts: Sequence[tuple[bool, CutFrame, CutFrame]],
+        size: float,
+    ) -> Loops:
+        """Joints as for a mechanism. ValueError where the parts do not fit."""
+
+    def gaps(self, q: Array) -> tuple[Array, Array]:
+        """Gaps, (samples, m), and their Jacobian, (samples, m, joints), at joint positions (samples, joints)."""
+
+    def change(self, q: Array, qd: Array) -> Array:
+        """Rate of change of the Jacobian where the joints move with qd, (samples, m, joints)."""
+
+    def close(self, q: Array, unknown: Sequence[int], steps: int, settled: float) -> Array:
+        """The unknown joints moved until the cuts are as closed as they can be, (samples, joints).
+
+        Damped Gauss-Newton steps, at most so many, until one is no longer than `settled`.
+        """
 
 class Mechanism:
     """A tree or closed chain, ready for the kernels.

@@ -10,7 +10,9 @@
 
 mod batch;
 mod course;
+mod cuts;
 mod dispatch;
+mod dual;
 mod error;
 mod felt;
 mod filter;
@@ -29,6 +31,7 @@ mod terms;
 mod triangle;
 mod vector;
 
+pub use cuts::{Cut, Frame, Loops};
 pub use dispatch::Backend;
 pub use error::Error;
 pub use felt::{View, felt_mass};

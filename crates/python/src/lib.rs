@@ -2,9 +2,11 @@
 
 mod arrays;
 mod handle;
+mod loops;
 
 use arrays::{output, row_major, square_stack};
-use haptid_core::{Backend, Closure, Error, Joint, Law, Mechanism, Motion, Reduction, Term};
+use haptid_core::{Backend, Closure, Error, Law, Mechanism, Motion, Reduction, Term};
+use loops::{PyLoops, joints};
 use numpy::{
     IntoPyArray, PyArray2, PyArray3, PyArray4, PyArrayMethods, PyReadonlyArray1, PyReadonlyArray2, PyReadonlyArray3,
 };
@@ -91,29 +93,12 @@ impl PyMechanism {
         given: Option<PyReadonlyArray2<'_, bool>>,
         on: Option<Vec<Option<usize>>>,
     ) -> PyResult<Self> {
-        let (rotation, translation) = (rotation.as_array(), translation.as_array());
-        let n = parent.len();
-        if rotation.shape() != [n, 3, 3] || translation.shape() != [n, 3] || prismatic.len() != n {
-            return Err(PyValueError::new_err(format!(
-                "{n} joints need rotation ({n}, 3, 3), translation ({n}, 3) and {n} prismatic flags"
-            )));
-        }
-        let joints: Vec<Joint> = (0..n)
-            .map(|i| Joint {
-                parent: usize::try_from(parent[i]).ok(),
-                rotation: core::array::from_fn(|k| rotation[[i, k / 3, k % 3]]),
-                translation: core::array::from_fn(|k| translation[[i, k]]),
-                prismatic: prismatic[i],
-            })
-            .collect();
+        let joints = joints(&parent, &rotation, &translation, &prismatic)?;
         let closure = Closure {
             rates: rates.as_array().iter().copied().collect(),
             offset: offset.as_array().to_vec(),
             given: given.map_or(Vec::new(), |given| given.as_array().iter().copied().collect()),
         };
-        if let Some(wrong) = parent.iter().find(|&&p| p < -1) {
-            return Err(PyValueError::new_err(format!("parent {wrong} is no link; the base is -1")));
-        }
         let coordinates = rates.as_array().ncols();
         let on = on.unwrap_or_else(|| vec![None; terms.len()]);
         if on.len() != terms.len() {
@@ -271,6 +256,7 @@ fn backends() -> Vec<&'static str> {
 #[pymodule]
 fn _core(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add_class::<PyMechanism>()?;
+    module.add_class::<PyLoops>()?;
     module.add_function(wrap_pyfunction!(backends, module)?)?;
     module.add_function(wrap_pyfunction!(handle::handle_dynamics, module)?)?;
     module.add_function(wrap_pyfunction!(handle::felt_mass, module)?)?;

@@ -1,0 +1,405 @@
+//! Joints cut out of loops: how far their frames are apart, by which joints that changes, and poses that close them.
+//!
+//! Gaps are those of the two frames that a joint brings together: of a turning joint the distance of the origins and the
+//! difference of the z axes; of a sliding one the distance across the twin's z, and the differences of the x and z axes.
+//! Directions are weighed with the mechanism's size, so that all gaps are lengths. A joint j that carries a frame changes
+//! its origin p by z_j x (p - o_j) and its axes R by z_j x R, or by z_j and nothing where it slides.
+
+use crate::dual::{Dual, Number};
+use crate::error::{Error, expect_length};
+use crate::mechanism::Joint;
+use rayon::prelude::*;
+
+/// Largest step of a joint towards closed cuts, rad, or m per m of size.
+const STRIDE: f64 = 0.7;
+/// Damping of such steps, relative: far below what slows the last ones down.
+const DAMPING: f64 = 1e-13;
+/// Samples that one thread takes at a time.
+const SHARE: usize = 256;
+
+type Vector<N> = [N; 3];
+
+/// A frame fixed to a link; `None` is the base.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Frame {
+    pub link: Option<usize>,
+    /// Rotation from the frame to the link's, row-major.
+    pub rotation: [f64; 9],
+    /// Origin in the link's frame, m.
+    pub translation: [f64; 3],
+}
+
+/// A joint cut, and the frames that it brings together.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Cut {
+    pub prismatic: bool,
+    pub frame: Frame,
+    pub twin: Frame,
+}
+
+impl Cut {
+    fn gaps(&self) -> usize {
+        if self.prismatic { 8 } else { 6 }
+    }
+}
+
+/// A tree and the joints cut out of its loops.
+#[derive(Debug, Clone)]
+pub struct Loops {
+    joints: Vec<Joint>,
+    cuts: Vec<Cut>,
+    size: f64,
+    /// Whether joint j carries a link, links x joints.
+    above: Vec<bool>,
+}
+
+/// Where a link or a frame is: axes and origin, seen from the base.
+#[derive(Clone, Copy)]
+struct Pose<N> {
+    axes: [Vector<N>; 3],
+    origin: Vector<N>,
+}
+
+/// One sample's links, gaps, and their Jacobian, gaps x joints.
+struct Shape<N> {
+    links: Vec<Pose<N>>,
+    gaps: Vec<N>,
+    jacobian: Vec<N>,
+}
+
+fn dot<N: Number>(a: Vector<N>, b: Vector<N>) -> N {
+    a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
+}
+
+fn sub<N: Number>(a: Vector<N>, b: Vector<N>) -> Vector<N> {
+    [a[0] - b[0], a[1] - b[1], a[2] - b[2]]
+}
+
+fn cross<N: Number>(a: Vector<N>, b: Vector<N>) -> Vector<N> {
+    [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]]
+}
+
+impl<N: Number> Pose<N> {
+    fn base() -> Self {
+        let unit = |k: usize| core::array::from_fn(|e| N::of(if e == k { 1.0 } else { 0.0 }));
+        Pose { axes: [unit(0), unit(1), unit(2)], origin: [N::of(0.0); 3] }
+    }
+
+    /// A combination of the axes.
+    fn along(&self, x: [f64; 3]) -> Vector<N> {
+        core::array::from_fn(|e| (0..3).fold(N::of(0.0), |sum, k| sum + self.axes[k][e] * N::of(x[k])))
+    }
+
+    /// A frame that stands in this one.
+    fn placed(&self, rotation: &[f64; 9], translation: [f64; 3]) -> Self {
+        let shift = self.along(translation);
+        Pose {
+            axes: core::array::from_fn(|k| self.along([rotation[k], rotation[3 + k], rotation[6 + k]])),
+            origin: core::array::from_fn(|e| self.origin[e] + shift[e]),
+        }
+    }
+
+    /// Turned about, or moved along, its own z.
+    fn moved(&self, prismatic: bool, q: N) -> Self {
+        let [x, y, z] = self.axes;
+        if prismatic {
+            return Pose { axes: self.axes, origin: core::array::from_fn(|e| self.origin[e] + z[e] * q) };
+        }
+        let (s, c) = q.sin_cos();
+        let turned = [core::array::from_fn(|e| x[e] * c + y[e] * s), core::array::from_fn(|e| y[e] * c - x[e] * s), z];
+        Pose { axes: turned, origin: self.origin }
+    }
+}
+
+impl Loops {
+    /// Check the parts and put them together; `size` weighs directions, m.
+    pub fn new(joints: &[Joint], cuts: &[Cut], size: f64) -> Result<Loops, Error> {
+        let n = joints.len();
+        let mut above = vec![false; n * n];
+        for (i, joint) in joints.iter().enumerate() {
+            if let Some(parent) = joint.parent {
+                if parent >= i {
+                    return Err(Error::Index { name: "parent", got: parent, limit: i });
+                }
+                above.copy_within(parent * n..(parent + 1) * n, i * n);
+            }
+            above[i * n + i] = true;
+        }
+        let links = cuts.iter().flat_map(|cut| [cut.frame.link, cut.twin.link]).flatten();
+        if let Some(got) = links.max().filter(|&link| link >= n) {
+            return Err(Error::Index { name: "link of a cut", got, limit: n });
+        }
+        if !(size.is_finite() && size > 0.0) {
+            return Err(Error::Value { name: "size", got: size, wanted: "a finite number above zero" });
+        }
+        Ok(Loops { joints: joints.to_vec(), cuts: cuts.to_vec(), size, above })
+    }
+
+    /// Number of gaps.
+    pub fn gaps(&self) -> usize {
+        self.cuts.iter().map(Cut::gaps).sum()
+    }
+
+    /// Number of joints.
+    pub fn joints(&self) -> usize {
+        self.joints.len()
+    }
+
+    fn shape<N: Number>(&self) -> Shape<N> {
+        let (m, n) = (self.gaps(), self.joints.len());
+        Shape { links: vec![Pose::base(); n], gaps: vec![N::of(0.0); m], jacobian: vec![N::of(0.0); m * n] }
+    }
+
+    /// Gaps and their Jacobian where joint j is at `q(j)`.
+    fn measure<N: Number>(&self, q: impl Fn(usize) -> N, shape: &mut Shape<N>) {
+        for (j, joint) in self.joints.iter().enumerate() {
+            let parent = joint.parent.map_or(Pose::base(), |p| shape.links[p]);
+            shape.links[j] = parent.placed(&joint.rotation, joint.translation).moved(joint.prismatic, q(j));
+        }
+        shape.jacobian.fill(N::of(0.0));
+        let mut first = 0;
+        for cut in &self.cuts {
+            let pose = |frame: &Frame| {
+                let link = frame.link.map_or(Pose::base(), |link| shape.links[link]);
+                link.placed(&frame.rotation, frame.translation)
+            };
+            let (own, twin) = (pose(&cut.frame), pose(&cut.twin));
+            let apart = sub(own.origin, twin.origin);
+            let gaps = &mut shape.gaps[first..];
+            let whole = Moved { apart, own: own.axes, twin: twin.axes };
+            self.entries(cut, &twin.axes, [N::of(0.0); 3], &whole, |e, gap| gaps[e] = gap);
+            for j in 0..self.joints.len() {
+                let (by_own, by_twin) =
+                    (self.turned(j, &cut.frame, &own, &shape.links), self.turned(j, &cut.twin, &twin, &shape.links));
+                let change = Moved { apart: sub(by_own.origin, by_twin.origin), own: by_own.axes, twin: by_twin.axes };
+                let column = &mut shape.jacobian[first * self.joints.len() + j..];
+                self.entries(cut, &twin.axes, apart, &change, |e, rate| column[e * self.joints.len()] = rate);
+            }
+            first += cut.gaps();
+        }
+    }
+
+    /// How joint j moves a frame: rates of its axes and origin.
+    fn turned<N: Number>(&self, j: usize, frame: &Frame, pose: &Pose<N>, links: &[Pose<N>]) -> Pose<N> {
+        let zero = [N::of(0.0); 3];
+        let z = links[j].axes[2];
+        match frame.link.is_some_and(|link| self.carries(j, link)) {
+            false => Pose { axes: [zero; 3], origin: zero },
+            true if self.joints[j].prismatic => Pose { axes: [zero; 3], origin: z },
+            true => {
+                let arm = sub(pose.origin, links[j].origin);
+                Pose { axes: pose.axes.map(|axis| cross(z, axis)), origin: cross(z, arm) }
+            }
+        }
+    }
+
+    fn carries(&self, j: usize, link: usize) -> bool {
+        self.above[link * self.joints.len() + j]
+    }
+
+    /// The gaps of a cut as far as they are linear in what moved, the twin's own turn against a distance added.
+    fn entries<N: Number>(
+        &self,
+        cut: &Cut,
+        twin: &[Vector<N>; 3],
+        apart: Vector<N>,
+        moved: &Moved<N>,
+        mut put: impl FnMut(usize, N),
+    ) {
+        let size = N::of(self.size);
+        if cut.prismatic {
+            (0..2).for_each(|k| put(k, dot(twin[k], moved.apart) + dot(moved.twin[k], apart)));
+            for e in 0..3 {
+                (0..2).for_each(|k| put(2 + 2 * e + k, size * (moved.own[2 * k][e] - moved.twin[2 * k][e])));
+            }
+        } else {
+            for e in 0..3 {
+                put(e, moved.apart[e]);
+                put(3 + e, size * (moved.own[2][e] - moved.twin[2][e]));
+            }
+        }
+    }
+
+    /// Gaps, samples x gaps, and their Jacobian, samples x gaps x joints, at positions q, samples x joints.
+    pub fn gaps_into(&self, q: &[f64], gaps: &mut [f64], jacobian: &mut [f64]) -> Result<(), Error> {
+        let (m, n) = (self.gaps(), self.joints.len());
+        let samples = q.len().checked_div(n).unwrap_or(0);
+        expect_length("q", q.len(), samples * n)?;
+        expect_length("gaps", gaps.len(), samples * m)?;
+        expect_length("jacobian", jacobian.len(), samples * m * n)?;
+        let shares = q.par_chunks(SHARE * n.max(1)).zip(gaps.par_chunks_mut(SHARE * m.max(1)));
+        shares.zip(jacobian.par_chunks_mut(SHARE * (m * n).max(1))).for_each(|((q, gaps), jacobian)| {
+            let mut shape = self.shape::<f64>();
+            let each = q.chunks_exact(n).zip(gaps.chunks_exact_mut(m.max(1)));
+            for ((q, gaps), jacobian) in each.zip(jacobian.chunks_exact_mut((m * n).max(1))) {
+                self.measure(|j| q[j], &mut shape);
+                gaps.copy_from_slice(&shape.gaps);
+                jacobian.copy_from_slice(&shape.jacobian);
+            }
+        });
+        Ok(())
+    }
+
+    /// Rate of change of the Jacobian, samples x gaps x joints, where the joints move with qd.
+    pub fn change_into(&self, q: &[f64], qd: &[f64], out: &mut [f64]) -> Result<(), Error> {
+        let (n, entries) = (self.joints.len(), (self.gaps() * self.joints.len()).max(1));
+        let samples = q.len().checked_div(n).unwrap_or(0);
+        expect_length("q", q.len(), samples * n)?;
+        expect_length("qd", qd.len(), samples * n)?;
+        expect_length("out", out.len(), samples * self.gaps() * n)?;
+        let shares = q.par_chunks(SHARE * n.max(1)).zip(qd.par_chunks(SHARE * n.max(1)));
+        shares.zip(out.par_chunks_mut(SHARE * entries)).for_each(|((q, qd), out)| {
+            let mut shape = self.shape::<Dual>();
+            for ((q, qd), out) in q.chunks_exact(n).zip(qd.chunks_exact(n)).zip(out.chunks_exact_mut(entries)) {
+                self.measure(|j| Dual { value: q[j], rate: qd[j] }, &mut shape);
+                out.iter_mut().zip(&shape.jacobian).for_each(|(out, entry)| *out = entry.rate);
+            }
+        });
+        Ok(())
+    }
+
+    /// Move the unknown joints of every sample, samples x joints, until the cuts are as closed as they can be: damped
+    /// Gauss-Newton steps, at most `steps`, until one is no longer than `settled`.
+    pub fn close(&self, q: &mut [f64], unknown: &[usize], steps: usize, settled: f64) -> Result<(), Error> {
+        let n = self.joints.len();
+        expect_length("q", q.len(), q.len().checked_div(n).unwrap_or(0) * n)?;
+        if let Some(&got) = unknown.iter().find(|&&j| j >= n) {
+            return Err(Error::Index { name: "unknown joint", got, limit: n });
+        }
+        q.par_chunks_mut(SHARE * n.max(1)).for_each(|q| {
+            let (mut shape, mut system) = (self.shape::<f64>(), System::new(unknown.len()));
+            for q in q.chunks_exact_mut(n) {
+                for _ in 0..steps {
+                    self.measure(|j| q[j], &mut shape);
+                    system.assemble(&shape, n, unknown);
+                    let step = system.solve();
+                    let longest = step.iter().fold(0.0_f64, |longest, x| longest.max(x.abs()));
+                    let share = (STRIDE / longest.max(STRIDE)).min(1.0);
+                    unknown.iter().zip(step).for_each(|(&j, x)| q[j] -= share * x);
+                    if longest <= settled {
+                        break;
+                    }
+                }
+            }
+        });
+        Ok(())
+    }
+}
+
+/// What moved, or how fast: the distance between the origins, and the axes of both frames.
+struct Moved<N> {
+    apart: Vector<N>,
+    own: [Vector<N>; 3],
+    twin: [Vector<N>; 3],
+}
+
+/// The damped normal equations of one step: small, and solved again and again, so that their error does not stay.
+struct System {
+    size: usize,
+    matrix: Vec<f64>,
+    right: Vec<f64>,
+}
+
+impl System {
+    fn new(size: usize) -> System {
+        System { size, matrix: vec![0.0; size * size], right: vec![0.0; size] }
+    }
+
+    fn assemble(&mut self, shape: &Shape<f64>, joints: usize, unknown: &[usize]) {
+        self.matrix.fill(0.0);
+        self.right.fill(0.0);
+        for (row, gap) in shape.jacobian.chunks_exact(joints).zip(&shape.gaps) {
+            for (i, &a) in unknown.iter().enumerate() {
+                self.right[i] += row[a] * gap;
+                for (k, &b) in unknown[..=i].iter().enumerate() {
+                    self.matrix[i * self.size + k] += row[a] * row[b];
+                }
+            }
+        }
+        let trace: f64 = (0..self.size).map(|i| self.matrix[i * (self.size + 1)]).sum();
+        (0..self.size).for_each(|i| self.matrix[i * (self.size + 1)] += DAMPING * trace.max(1e-100));
+    }
+
+    /// By L D L', the lower triangle in place; a pivot that rounding took stays at the damping.
+    fn solve(&mut self) -> &[f64] {
+        let (n, l, x) = (self.size, &mut self.matrix, &mut self.right);
+        let least = DAMPING * (0..n).map(|i| l[i * (n + 1)]).sum::<f64>();
+        for i in 0..n {
+            for k in 0..i {
+                let known: f64 = (0..k).map(|e| l[i * n + e] * l[k * n + e] * l[e * (n + 1)]).sum();
+                l[i * n + k] = (l[i * n + k] - known) / l[k * (n + 1)];
+            }
+            let known: f64 = (0..i).map(|e| l[i * n + e] * l[i * n + e] * l[e * (n + 1)]).sum();
+            l[i * (n + 1)] = (l[i * (n + 1)] - known).max(least);
+            x[i] -= (0..i).map(|e| l[i * n + e] * x[e]).sum::<f64>();
+        }
+        for i in (0..n).rev() {
+            x[i] = x[i] / l[i * (n + 1)] - (i + 1..n).map(|e| l[e * n + i] * x[e]).sum::<f64>();
+        }
+        x
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Four bars in a plane, the last joint cut, and a slider beside it.
+    fn bars() -> Loops {
+        let eye = [1., 0., 0., 0., 1., 0., 0., 0., 1.];
+        let aside = [0., 0., 1., 1., 0., 0., 0., 1., 0.];
+        let bar = |parent, x| Joint { parent, rotation: eye, translation: [x, 0.1, 0.0], prismatic: false };
+        let slider = Joint { parent: Some(2), rotation: aside, translation: [0.2, 0.0, 0.1], prismatic: true };
+        let frame = |link, x| Frame { link, rotation: aside, translation: [x, 0.0, 0.3] };
+        let cuts = [
+            Cut { prismatic: false, frame: frame(Some(1), 0.5), twin: frame(Some(2), 0.4) },
+            Cut { prismatic: true, frame: frame(Some(3), 0.1), twin: frame(Some(0), 0.2) },
+        ];
+        Loops::new(&[bar(None, 0.0), bar(Some(0), 0.3), bar(None, 0.6), slider], &cuts, 0.6).expect("four bars")
+    }
+
+    fn measured(loops: &Loops, q: &[f64]) -> (Vec<f64>, Vec<f64>) {
+        let mut made = (vec![0.0; loops.gaps()], vec![0.0; loops.gaps() * q.len()]);
+        loops.gaps_into(q, &mut made.0, &mut made.1).expect("shapes");
+        made
+    }
+
+    #[test]
+    fn jacobians_and_their_change_are_those_of_differences() {
+        let (loops, q, qd, h) = (bars(), [0.3, -0.7, 1.1, 0.2], [0.5, 1.2, -0.8, 0.4], 1e-6);
+        let shifted = |h: f64, by: &dyn Fn(usize) -> f64| {
+            let q: Vec<f64> = q.iter().enumerate().map(|(j, q)| q + h * by(j)).collect();
+            measured(&loops, &q)
+        };
+        let jacobian = measured(&loops, &q).1;
+        for j in 0..4 {
+            let by = |k: usize| if k == j { 1.0 } else { 0.0 };
+            let (ahead, behind) = (shifted(h, &by).0, shifted(-h, &by).0);
+            for e in 0..loops.gaps() {
+                let slope = (ahead[e] - behind[e]) / (2.0 * h);
+                assert!((slope - jacobian[4 * e + j]).abs() < 1e-8, "gap {e} by joint {j}");
+            }
+        }
+        let mut change = vec![0.0; jacobian.len()];
+        loops.change_into(&q, &qd, &mut change).expect("shapes");
+        let (ahead, behind) = (shifted(h, &|j| qd[j]).1, shifted(-h, &|j| qd[j]).1);
+        for (e, change) in change.iter().enumerate() {
+            assert!(((ahead[e] - behind[e]) / (2.0 * h) - change).abs() < 1e-8, "entry {e}");
+        }
+    }
+
+    #[test]
+    fn two_bars_meet_where_the_law_of_cosines_says() {
+        let eye = [1., 0., 0., 0., 1., 0., 0., 0., 1.];
+        let bar = |x| Joint { parent: None, rotation: eye, translation: [x, 0., 0.], prismatic: false };
+        let tip = |link, x| Frame { link: Some(link), rotation: eye, translation: [x, 0.0, 0.0] };
+        let cut = Cut { prismatic: false, frame: tip(0, 0.5), twin: tip(1, 0.4) };
+        let loops = Loops::new(&[bar(0.0), bar(0.6)], &[cut], 0.6).expect("two bars");
+        let mut q = vec![0.5, 2.0].repeat(300);
+        loops.close(&mut q, &[0, 1], 60, 1e-12).expect("shapes");
+        let (first, second) = ((0.25 + 0.36 - 0.16_f64) / 0.6, (0.16 + 0.36 - 0.25_f64) / 0.48);
+        for q in q.chunks_exact(2) {
+            assert!((q[0].cos() - first).abs() < 1e-10 && (-q[1].cos() - second).abs() < 1e-10, "{q:?}");
+        }
+    }
+}

@@ -1,0 +1,105 @@
+//! Joints cut out of loops. See `_core.pyi`.
+
+use crate::arrays::row_major;
+use crate::to_python;
+use haptid_core::{Cut, Frame, Joint, Loops};
+use numpy::{
+    IntoPyArray, PyArray2, PyArray3, PyArrayMethods, PyReadonlyArray2, PyReadonlyArray3, PyUntypedArrayMethods,
+};
+use pyo3::exceptions::PyValueError;
+use pyo3::prelude::*;
+
+/// A tree and the joints cut out of its loops.
+#[pyclass(name = "Loops", frozen, module = "haptid._core")]
+pub struct PyLoops(Loops);
+
+/// A frame as Python gives it: link (-1 for the base), rotation row by row, translation.
+type FrameArguments = (isize, [f64; 9], [f64; 3]);
+
+fn frame((link, rotation, translation): FrameArguments) -> Frame {
+    Frame { link: usize::try_from(link).ok(), rotation, translation }
+}
+
+/// The joints of a tree; parents that are no link are the base.
+pub fn joints(
+    parent: &[isize],
+    rotation: &PyReadonlyArray3<'_, f64>,
+    translation: &PyReadonlyArray2<'_, f64>,
+    prismatic: &[bool],
+) -> PyResult<Vec<Joint>> {
+    let (rotation, translation) = (rotation.as_array(), translation.as_array());
+    let n = parent.len();
+    if rotation.shape() != [n, 3, 3] || translation.shape() != [n, 3] || prismatic.len() != n {
+        return Err(PyValueError::new_err(format!(
+            "{n} joints need rotation ({n}, 3, 3), translation ({n}, 3) and {n} prismatic flags"
+        )));
+    }
+    if let Some(wrong) = parent.iter().find(|&&p| p < -1) {
+        return Err(PyValueError::new_err(format!("parent {wrong} is no link; the base is -1")));
+    }
+    let joint = |i: usize| Joint {
+        parent: usize::try_from(parent[i]).ok(),
+        rotation: core::array::from_fn(|k| rotation[[i, k / 3, k % 3]]),
+        translation: core::array::from_fn(|k| translation[[i, k]]),
+        prismatic: prismatic[i],
+    };
+    Ok((0..n).map(joint).collect())
+}
+
+#[pymethods]
+impl PyLoops {
+    #[new]
+    fn new(
+        parent: Vec<isize>,
+        rotation: PyReadonlyArray3<'_, f64>,
+        translation: PyReadonlyArray2<'_, f64>,
+        prismatic: Vec<bool>,
+        cuts: Vec<(bool, FrameArguments, FrameArguments)>,
+        size: f64,
+    ) -> PyResult<Self> {
+        let joints = joints(&parent, &rotation, &translation, &prismatic)?;
+        let cut = |(prismatic, one, other)| Cut { prismatic, frame: frame(one), twin: frame(other) };
+        let cuts: Vec<Cut> = cuts.into_iter().map(cut).collect();
+        Loops::new(&joints, &cuts, size).map(PyLoops).map_err(to_python)
+    }
+
+    #[allow(clippy::type_complexity)]
+    fn gaps<'py>(
+        &self,
+        py: Python<'py>,
+        q: PyReadonlyArray2<'py, f64>,
+    ) -> PyResult<(Bound<'py, PyArray2<f64>>, Bound<'py, PyArray3<f64>>)> {
+        let (samples, m, n) = (q.shape()[0], self.0.gaps(), self.0.joints());
+        let (mut gaps, mut jacobian) = (vec![0.0; samples * m], vec![0.0; samples * m * n]);
+        let q = row_major(&q)?;
+        py.detach(|| self.0.gaps_into(q, &mut gaps, &mut jacobian)).map_err(to_python)?;
+        Ok((gaps.into_pyarray(py).reshape([samples, m])?, jacobian.into_pyarray(py).reshape([samples, m, n])?))
+    }
+
+    fn change<'py>(
+        &self,
+        py: Python<'py>,
+        q: PyReadonlyArray2<'py, f64>,
+        qd: PyReadonlyArray2<'py, f64>,
+    ) -> PyResult<Bound<'py, PyArray3<f64>>> {
+        let shape = [q.shape()[0], self.0.gaps(), self.0.joints()];
+        let mut out = vec![0.0; shape.iter().product()];
+        let (q, qd) = (row_major(&q)?, row_major(&qd)?);
+        py.detach(|| self.0.change_into(q, qd, &mut out)).map_err(to_python)?;
+        out.into_pyarray(py).reshape(shape)
+    }
+
+    fn close<'py>(
+        &self,
+        py: Python<'py>,
+        q: PyReadonlyArray2<'py, f64>,
+        unknown: Vec<usize>,
+        steps: usize,
+        settled: f64,
+    ) -> PyResult<Bound<'py, PyArray2<f64>>> {
+        let shape = [q.shape()[0], self.0.joints()];
+        let mut closed = row_major(&q)?.to_vec();
+        py.detach(|| self.0.close(&mut closed, &unknown, steps, settled)).map_err(to_python)?;
+        closed.into_pyarray(py).reshape(shape)
+    }
+}
