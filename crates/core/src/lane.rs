@@ -18,6 +18,14 @@ pub trait Lane: Copy {
     /// # Safety
     /// `p` is valid for writing `WIDTH` numbers.
     unsafe fn store(self, p: *mut f64);
+    /// Store past the caches, where the machine can.
+    ///
+    /// # Safety
+    /// As for [`Lane::store`], and `p` is aligned to the lane.
+    #[inline(always)]
+    unsafe fn stream(self, p: *mut f64) {
+        unsafe { self.store(p) }
+    }
     fn add(self, b: Self) -> Self;
     fn sub(self, b: Self) -> Self;
     fn mul(self, b: Self) -> Self;
@@ -150,7 +158,7 @@ pub mod x86 {
     pub struct Avx512(__m512d);
 
     macro_rules! intrinsic {
-        ($name:ident, $width:literal, $panel:literal, $splat:ident, $load:ident, $store:ident, $add:ident, $sub:ident, $mul:ident,
+        ($name:ident, $width:literal, $panel:literal, $splat:ident, $load:ident, $store:ident, $stream:ident, $add:ident, $sub:ident, $mul:ident,
          $fma:ident, $fnma:ident, $floor:expr, $select:expr, $sum:expr) => {
             impl Lane for $name {
                 const WIDTH: usize = $width;
@@ -166,6 +174,10 @@ pub mod x86 {
                 #[inline(always)]
                 unsafe fn store(self, p: *mut f64) {
                     unsafe { $store(p, self.0) }
+                }
+                #[inline(always)]
+                unsafe fn stream(self, p: *mut f64) {
+                    unsafe { $stream(p, self.0) }
                 }
                 #[inline(always)]
                 fn add(self, b: Self) -> Self {
@@ -210,6 +222,7 @@ pub mod x86 {
         _mm256_set1_pd,
         _mm256_loadu_pd,
         _mm256_storeu_pd,
+        _mm256_stream_pd,
         _mm256_add_pd,
         _mm256_sub_pd,
         _mm256_mul_pd,
@@ -229,6 +242,7 @@ pub mod x86 {
         _mm512_set1_pd,
         _mm512_loadu_pd,
         _mm512_storeu_pd,
+        _mm512_stream_pd,
         _mm512_add_pd,
         _mm512_sub_pd,
         _mm512_mul_pd,

@@ -27,6 +27,7 @@ mod principal;
 mod reduce;
 mod regressor;
 mod rows;
+mod stream;
 mod terms;
 mod triangle;
 mod vector;

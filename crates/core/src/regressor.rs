@@ -5,6 +5,7 @@ use crate::lane::MAX_WIDTH;
 use crate::mechanism::Mechanism;
 use crate::places::Places;
 use crate::rows::{Workspace, rows};
+use crate::stream;
 use rayon::prelude::*;
 use std::ops::Range;
 
@@ -105,27 +106,59 @@ pub fn regressor(mechanism: &Mechanism, motion: &Motion, columns: &[usize], out:
     check_columns(mechanism, columns)?;
     let n = motion.samples;
     expect_length("out", out.len(), motion.sets() * mechanism.coordinates * columns.len() * n)?;
-    let whole = n - n % MAX_WIDTH;
-    let entries = Entries::new(mechanism, motion, columns, |entry, _| entry * n);
-    for entry in entries.empty(motion.sets() * mechanism.coordinates * columns.len()) {
-        out[entry * n..(entry + 1) * n].fill(0.0);
-    }
+    let all = motion.sets() * mechanism.coordinates * columns.len();
     let shared = Shared(out.as_mut_ptr());
-    in_parts(mechanism, motion, whole, |part, workspace| {
-        // SAFETY: every entry has n numbers, these are whole lanes of them, and no other part writes them.
-        unsafe { rows(mechanism, motion, part.start, part.len(), &entries.sets, shared.at(part.start), workspace) };
-    });
-    if whole < n {
-        let tail = Entries::new(mechanism, motion, columns, |_, index| index * MAX_WIDTH);
-        let mut tile = vec![0.0; tail.filled.len() * MAX_WIDTH];
+    if all * n <= CACHED {
+        let entries = Entries::new(mechanism, motion, columns, |entry, _| entry * n);
+        let whole = n - n % MAX_WIDTH;
         let mut workspace = Workspace::new(mechanism, motion);
-        // SAFETY: every entry has a lane.
-        unsafe { rows(mechanism, motion, whole, n - whole, &tail.sets, tile.as_mut_ptr(), &mut workspace) };
-        for (run, &entry) in tile.chunks_exact(MAX_WIDTH).zip(&tail.filled) {
-            out[entry * n + whole..(entry + 1) * n].copy_from_slice(&run[..n - whole]);
-        }
+        // SAFETY: every entry has n numbers, and these are whole lanes of them.
+        unsafe { rows(mechanism, motion, 0, whole, &entries.sets, shared.at(0), &mut workspace) };
+        entries.empty(all).for_each(|entry| out[entry * n..(entry + 1) * n].fill(0.0));
+        // SAFETY: what is left is inside every entry.
+        unsafe { tiled(mechanism, motion, columns, whole..n, shared, &mut workspace) };
+    } else {
+        let entries = Entries::new(mechanism, motion, columns, |entry, _| entry);
+        entries.empty(all).for_each(|entry| out[entry * n..(entry + 1) * n].fill(0.0));
+        in_parts(mechanism, motion, n, |part, workspace| {
+            // SAFETY: the part is inside every entry, and no other part writes it.
+            unsafe { tiled(mechanism, motion, columns, part, shared, workspace) };
+        });
     }
     Ok(())
+}
+
+/// A regressor of so many numbers stays in the caches, and is written where it belongs; a larger one by way of a tile.
+const CACHED: usize = 1 << 16;
+
+/// Some samples of the regressor, made in a tile and sent to memory in long runs.
+///
+/// # Safety
+/// `out` has `motion.samples` numbers for every entry, and nobody else uses those of these samples.
+unsafe fn tiled(
+    mechanism: &Mechanism,
+    motion: &Motion,
+    columns: &[usize],
+    samples: Range<usize>,
+    out: Shared,
+    workspace: &mut Workspace,
+) {
+    if samples.is_empty() {
+        return;
+    }
+    let entries = Entries::new(mechanism, motion, columns, |_, index| index * RUN);
+    let mut tile = vec![0.0; entries.filled.len() * RUN];
+    for from in samples.clone().step_by(TILE) {
+        let count = TILE.min(samples.end - from);
+        // SAFETY: every run has room for a tile and a lane; the rest is the caller's promise.
+        unsafe {
+            rows(mechanism, motion, from, count, &entries.sets, tile.as_mut_ptr(), workspace);
+            for (run, &entry) in tile.chunks_exact(RUN).zip(&entries.filled) {
+                stream::copy(mechanism.backend, run.as_ptr(), out.at(entry * motion.samples + from), count);
+            }
+        }
+    }
+    stream::settle();
 }
 
 /// Samples that one thread takes at a time, a multiple of any lane; starting threads costs more than a few of these.
@@ -165,9 +198,9 @@ fn in_parts(
     }
 }
 
-/// Samples whose torques are made at a time, and how far apart the runs of a tile are: a multiple of 4 KiB would make them
+/// Samples of a tile, and how far apart the runs of a tile are: a multiple of 4 KiB would make them
 /// fight for the same cache lines.
-const TILE: usize = 64;
+const TILE: usize = 128;
 const RUN: usize = TILE + MAX_WIDTH;
 
 /// Torques of the chosen columns' parameters `chi`: `out[r * samples + k]`, rows as in [`regressor`].

@@ -2,25 +2,23 @@
 
 from __future__ import annotations
 
+import importlib
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import lru_cache
+from typing import Any
 
 import numpy as np
 
 from haptid._values import Array
-from haptid.device.geometry import joint_poses
 from haptid.device.model import Cut, Frame, Joint
 
 # Poses of the active joints, and starts of the passive ones at each, from which solutions are sought.
 REFERENCES = 8
 STARTS = 64
 STEPS = 60
-# Largest step of a passive joint, rad (or mechanism sizes).
-STRIDE = 0.7
 # A step shorter than this, rad (or m), is the last one.
 SETTLED = 1e-12
-# Damping, relative: far below what slows the last steps down.
-DAMPING = 1e-13
 # A direction of the passive joints that the cuts hold less than this, relatively, is free.
 HELD = 1e-7
 # Two solutions whose constants and rates differ by less than this are one.
@@ -145,65 +143,34 @@ class Chain:
 
     def residual(self, q: Array) -> tuple[Array, Array]:
         """Gaps of all cuts, (n, m), m, and their Jacobian, (n, m, joints), at joint positions (n, joints)."""
-        links = joint_poses(self.joints, q)
-        parts = [self._mismatch(cut, links) for cut in self.cuts]
-        return np.concatenate([r for r, _ in parts], axis=1), np.concatenate([J for _, J in parts], axis=1)
+        gaps, jacobian = compiled(self).gaps(np.ascontiguousarray(q, dtype=float))
+        return gaps, jacobian
 
-    def _mismatch(self, cut: Cut, links: Array) -> tuple[Array, Array]:
-        axes = [0, 1, 2] if cut.prismatic else [2]
-        (p, R, dp, dR), (o, U, do, dU) = (self._frame(frame, links, axes) for frame in (cut.frame, cut.twin))
-        apart, rate = p - o, dp - do
-        if cut.prismatic:  # z axes one line: no gap across the twin's x and y; then x and z axes the same
-            across = U[:, :, :2]
-            gap = np.einsum("nik,ni->nk", across, apart)
-            slope = np.einsum("nik,nij->nkj", across, rate) + np.einsum("nikj,ni->nkj", dU[:, :, :2], apart)
-            turned, turning = R[:, :, [0, 2]] - U[:, :, [0, 2]], dR[:, :, [0, 2]] - dU[:, :, [0, 2]]
-            turned, turning = turned.reshape(len(R), 6), turning.reshape(len(R), 6, -1)
-        else:
-            gap, slope = apart, rate
-            turned, turning = R[:, :, 0] - U[:, :, 0], dR[:, :, 0] - dU[:, :, 0]
-        return (
-            np.concatenate([gap, self.size * turned], axis=1),
-            np.concatenate([slope, self.size * turning], axis=1),
-        )
+    def change(self, q: Array, qd: Array) -> Array:
+        """Rate of change of the Jacobian, (n, m, joints), where the joints at q (n, joints) move with qd."""
+        made: Array = compiled(self).change(np.ascontiguousarray(q, dtype=float), np.ascontiguousarray(qd, dtype=float))
+        return made
 
-    def _frame(self, frame: Frame, links: Array, axes: list[int]) -> tuple[Array, Array, Array, Array]:
-        """A frame's origin (n, 3) and some of its axes (n, 3, axes), and their rates by joint, one axis more."""
-        n, joints = links.shape[:2]
-        dp, dR = np.zeros((n, 3, joints)), np.zeros((n, 3, len(axes), joints))
-        if frame.link < 0:
-            R = np.broadcast_to(frame.rotation[:, axes], (n, 3, len(axes)))
-            return np.broadcast_to(frame.translation, (n, 3)), R, dp, dR
-        link = links[:, frame.link]
-        R = link[:, :3, :3] @ frame.rotation[:, axes]
-        p = link[:, :3, :3] @ frame.translation + link[:, :3, 3]
-        for j in np.flatnonzero(self.above[frame.link]):
-            z = links[:, j, :3, 2]
-            if self.joints[j].prismatic:
-                dp[:, :, j] = z
-            else:
-                dp[:, :, j] = np.cross(z, p - links[:, j, :3, 3])
-                dR[:, :, :, j] = np.cross(z[:, :, None], R, axis=1)
-        return p, R, dp, dR
+
+@lru_cache(maxsize=32)
+def compiled(chain: Chain) -> Any:
+    """The core's part of a chain."""
+    joints = chain.joints
+    cuts = [(cut.prismatic, *(_frame(frame) for frame in (cut.frame, cut.twin))) for cut in chain.cuts]
+    rotation, translation = np.array([j.rotation for j in joints]), np.array([j.translation for j in joints])
+    parents, prismatic = [joint.parent for joint in joints], [joint.prismatic for joint in joints]
+    core = importlib.import_module("haptid._core")
+    return core.Loops(parents, rotation, translation, prismatic, cuts, chain.size)
+
+
+def _frame(frame: Frame) -> tuple[int, list[float], list[float]]:
+    return frame.link, frame.rotation.ravel().tolist(), frame.translation.tolist()
 
 
 def solve(chain: Chain, q: Array, unknown: Sequence[int], steps: int = STEPS, settled: float = SETTLED) -> Array:
     """Joint positions with the unknown joints moved to close the cuts as well as they can, (n, joints)."""
-    q = q.copy()
-    busy, columns = np.arange(len(q)), np.array(unknown)
-    for _ in range(steps):
-        r, J = chain.residual(q[busy])
-        A = J[:, :, columns]
-        H = A.transpose(0, 2, 1) @ A
-        scale = np.maximum(np.trace(H, axis1=1, axis2=2), 1e-100)[:, None, None]
-        slope = A.transpose(0, 2, 1) @ r[:, :, None]
-        step = -np.linalg.solve(H + DAMPING * scale * np.eye(len(columns)), slope)[..., 0]
-        longest = np.abs(step).max(axis=1)
-        q[busy[:, None], columns] += step * np.minimum(1.0, STRIDE / np.maximum(longest, STRIDE))[:, None]
-        busy = busy[longest > settled]
-        if not len(busy):
-            break
-    return q
+    closed: Array = compiled(chain).close(np.ascontiguousarray(q, dtype=float), list(unknown), steps, settled)
+    return closed
 
 
 def find_branches(

@@ -9,7 +9,6 @@ from typing import NoReturn
 import numpy as np
 
 from haptid._values import Array, expect, freeze, read_only
-from haptid.device.changes import change_of_jacobian
 from haptid.device.closing import Chain, solve
 from haptid.device.closure import Followed
 from haptid.device.model import Cut
@@ -155,7 +154,7 @@ class NewtonClosure:
         G, Gd = np.repeat(self.constant[None], len(q), axis=0), np.zeros((len(q), *self.constant.shape))
         G[:, self.unknown] = settle(J @ self.constant)
         qd = np.einsum("sja,sa->sj", G, qda)
-        Gd[:, self.unknown] = settle(change_of_jacobian(self.chain, q, qd) @ G)
+        Gd[:, self.unknown] = settle(self.chain.change(q, qd) @ G)
         for rates in (G, Gd):
             rates[:, self.unknown] = np.where(self.varying[list(self.unknown)], rates[:, self.unknown], 0.0)
         return G, Gd
