@@ -21,7 +21,7 @@ from haptid import _core
 HERE = Path(__file__).parent
 PEERS = HERE.parent / ".venv-bench" / "bin" / "python"
 # A regressor of so many samples stays in the second cache; so many are reduced on one thread; and many are shared out.
-IN_CACHE, ALONE, SAMPLES = 128, 1984, 50_000
+IN_CACHE, ALONE, SAMPLES = 128, 1984, 8192
 
 
 def best_of(work: Callable[[], object], times: int = 5) -> float:
@@ -77,7 +77,7 @@ class Arm:
         motion = self.motion(samples)
         out = np.zeros((len(self.tau), len(self.columns), samples))
         return (
-            best_of(lambda: self.core.regressor(*motion, self.columns, None, out), 400_000 // samples) / samples * 1e6
+            best_of(lambda: self.core.regressor(*motion, self.columns, None, out), 800_000 // samples) / samples * 1e6
         )
 
     def reduce(self, samples: int) -> list[tuple[list[int], np.ndarray]]:
@@ -90,7 +90,7 @@ class Arm:
 
     def reduction(self, samples: int) -> float:
         """Microseconds per sample."""
-        return best_of(lambda: self.reduce(samples), 200_000 // samples + 10) / samples * 1e6
+        return best_of(lambda: self.reduce(samples), 400_000 // samples) / samples * 1e6
 
     def observation(self, samples: int) -> np.ndarray:
         """W and the torques beside it, as a user would stack them."""

@@ -20,9 +20,10 @@ def test_stub_and_binary_have_the_same_names():
 
 def test_signatures_name_the_same_arguments():
     tree = ast.parse((Path(haptid.__file__).parent / "_core.pyi").read_text())
-    mechanism = next(node for node in tree.body if isinstance(node, ast.ClassDef))
-    for item in mechanism.body:
-        if isinstance(item, ast.FunctionDef) and not item.decorator_list and item.name != "__new__":
-            text = getattr(_core.Mechanism, item.name).__text_signature__
-            wanted = [arg.arg for arg in item.args.args if arg.arg != "self"]
-            assert [part.strip().split("=")[0] for part in text.strip("()").split(",")][1:] == wanted
+    classes = [node for node in tree.body if isinstance(node, ast.ClassDef)]
+    for node in classes:
+        for item in node.body:
+            if isinstance(item, ast.FunctionDef) and not item.decorator_list and item.name != "__new__":
+                text = getattr(getattr(_core, node.name), item.name).__text_signature__
+                wanted = [arg.arg for arg in item.args.args if arg.arg != "self"]
+                assert [part.strip().split("=")[0] for part in text.strip("()").split(",")][1:] == wanted

@@ -395,7 +395,7 @@ mod tests {
         let tip = |link, x| Frame { link: Some(link), rotation: eye, translation: [x, 0.0, 0.0] };
         let cut = Cut { prismatic: false, frame: tip(0, 0.5), twin: tip(1, 0.4) };
         let loops = Loops::new(&[bar(0.0), bar(0.6)], &[cut], 0.6).expect("two bars");
-        let mut q = vec![0.5, 2.0].repeat(300);
+        let mut q = [0.5, 2.0].repeat(300);
         loops.close(&mut q, &[0, 1], 60, 1e-12).expect("shapes");
         let (first, second) = ((0.25 + 0.36 - 0.16_f64) / 0.6, (0.16 + 0.36 - 0.25_f64) / 0.48);
         for q in q.chunks_exact(2) {
