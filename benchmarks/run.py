@@ -20,6 +20,7 @@ import groupings
 import in_the_loop
 import kernel
 import long_log
+import medical_study
 import noisy_columns
 import phantom_study
 import virtual_bench
@@ -34,6 +35,7 @@ STUDIES = {
     "virtual-bench": virtual_bench.run,
     "bench-identification": bench_identification.run,
     "phantom-study": phantom_study.run,
+    "medical-study": medical_study.run,
     "groupings": groupings.run,
     "diagnosis": diagnosis.run,
     "efficiency": efficiency.run,
