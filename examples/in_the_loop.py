@@ -16,18 +16,21 @@ import numpy as np
 import haptid
 from haptid import bench
 
-# Places in which the hand feels the device, as shares of the motion's amplitude around its centre.
-PLACES = (0.0, 0.4)
+# Where the hand feels the device, as a share of the motion's amplitude beside its centre.
+PLACE = 0.4
+# How much of the experiment's motion is tracked, s.
+TRACKED = 5.0
 
 
 def rehearsed(device: str, path: str, folder: str) -> bench.Rehearsal:
     """All that is measured."""
     experiment = bench.read_experiment(path)
     setup = experiment.setup(haptid.read_device(device))
-    trajectory = bench.plan(experiment.kind, setup.device, setup.dt, np.random.default_rng(experiment.seed + 1000))
-    centre, reach = trajectory.q.mean(axis=0), np.ptp(trajectory.q, axis=0) / 2
-    code = bench.Compiled.of(folder)
-    return bench.rehearse(setup, code, trajectory, [centre + place * reach for place in PLACES])
+    whole = bench.plan(experiment.kind, setup.device, setup.dt, np.random.default_rng(experiment.seed + 1000))
+    first = slice(round(TRACKED / setup.dt))
+    trajectory = bench.Trajectory(setup.dt, whole.q[first], whole.qd[first], whole.qdd[first])
+    pose = whole.q.mean(axis=0) + PLACE * np.ptp(whole.q, axis=0) / 2
+    return bench.rehearse(setup, bench.Compiled.of(folder), trajectory, [pose])
 
 
 def table(made: bench.Rehearsal) -> str:
