@@ -144,5 +144,7 @@ def test_what_is_missing_is_said():
     for wrong in ({"widen": 0.0}, {"torque_noise": (0.0, 1.0, 1.0)}):
         with pytest.raises(errors.MethodSettingError):
             estimators.EKF(**wrong)
+    with pytest.raises(errors.RowsByBlockError, match="OutputError"):
+        haptid.estimate(observation, estimators.OutputError(), estimators.Sandwich())
     with pytest.raises(errors.MethodSettingError, match="one for each row"):
         haptid.estimate(observation, estimators.EKF(torque_noise=(1.0,)))

@@ -182,6 +182,7 @@ from haptid.errors.simulated import (
     ControllerError,
     MasslessError,
     NoControllerError,
+    RowsByBlockError,
     SimulationLostError,
     UnsettledError,
 )
@@ -310,6 +311,7 @@ __all__ = [
     "ResultDeviceError",
     "ResultFileError",
     "RoadsDisagreeError",
+    "RowsByBlockError",
     "SameRowsError",
     "SaturatedTorqueError",
     "SeenRowsError",
