@@ -16,6 +16,7 @@ import diagnosis
 import efficiency
 import estimators
 import exciting_motion
+import file_to_result
 import groupings
 import in_the_loop
 import kernel
@@ -31,6 +32,7 @@ HERE = Path(__file__).parent
 STUDIES = {
     "kernel": kernel.run,
     "long-log": long_log.run,
+    "file-to-result": file_to_result.run,
     "coverage": coverage.run,
     "virtual-bench": virtual_bench.run,
     "bench-identification": bench_identification.run,
