@@ -44,7 +44,7 @@ def table(made: bench.Rehearsal) -> str:
         f"dry friction taken off: {100 * made.friction_taken:.0f} %",
         f"tracking error: {1e3 * made.tracking_pd:.3f} mm by PD, {1e3 * made.tracking_model:.3f} mm with the model",
         f"error of the hand's force: {made.force_bare:.3f} N without the model, {made.force_model:.3f} N with it",
-        f"speed left after a tap on the free handle: {made.restless:.1g} rad/s",
+        f"speed left after a tap on the free handle: {made.restless:.4f} rad/s",
     ]
     return "\n".join(lines)
 
