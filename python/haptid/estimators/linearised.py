@@ -84,5 +84,6 @@ def by_block(observation: Observation, method: str, triangles: Array, rows: np.n
     def refuse(_: RowStretch) -> RowStretch:
         raise RowsByBlockError(method)
 
-    motor = MotorRows(method, method, "1", np.arange(triangles.shape[1] - 1), freeze(triangles), rows)
+    name = observation.motors[0].name  # a known one: its rows can be asked for, and are refused
+    motor = MotorRows(name, method, "1", np.arange(triangles.shape[1] - 1), freeze(triangles), rows)
     return replace(observation, motors=(motor,), change=refuse)
