@@ -100,7 +100,7 @@ def test_two_stages_are_the_textbook_s_one():
     Z = np.concatenate([(z.W * s.used[:, :, None]).reshape(-1, p) for s, z in parts])
     beta = np.linalg.solve(Z.T @ W, Z.T @ y)
     found = solve(second_stage(observation, instruments, weights), weights).beta
-    np.testing.assert_allclose(found, beta, rtol=1e-5, atol=1e-7)
+    np.testing.assert_allclose(found, beta.ravel(), rtol=1e-5, atol=1e-7)
 
 
 def test_a_robust_fit_inside_and_a_possible_one_around():
