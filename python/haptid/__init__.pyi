@@ -16,11 +16,17 @@ from haptid.dissection import Dissection, dissect
 from haptid.drive_gains import DriveGains, drive_gains
 from haptid.dynamics import bias_torque, gravity_torque, inverse_dynamics, mass_matrix
 from haptid.estimators import (
+    CLIE,
+    CLOE,
+    DIDIM,
+    EKF,
     GLS,
     IRLS,
+    IV,
     OLS,
     SUR,
     TLS,
+    UKF,
     WLS,
     BlockJackknife,
     Bootstrap,
@@ -37,6 +43,7 @@ from haptid.estimators import (
     Huber,
     Intervals,
     Method,
+    OutputError,
     Parameter,
     Possible,
     Profile,
@@ -74,6 +81,7 @@ from haptid.recorded import Recorded, RecordedLog, read_result
 from haptid.reduction import Kept, observe_all
 from haptid.result_file import result, write_result
 from haptid.shapes import Bell, Sharp
+from haptid.simulation import PID
 from haptid.study import Study, read_study, study_schema
 from haptid.target_parameters import Targets, side_by_side, target_map, targets
 from haptid.treatment import Motion, Treatment, treat
@@ -81,11 +89,18 @@ from haptid.validation import MotorError, Validation, direct, validate
 from haptid.workers import Cluster, Here, Processes, Workers
 
 __all__ = [
+    "CLIE",
+    "CLOE",
+    "DIDIM",
+    "EKF",
     "GLS",
     "IRLS",
+    "IV",
     "OLS",
+    "PID",
     "SUR",
     "TLS",
+    "UKF",
     "WLS",
     "Addition",
     "AtMost",
@@ -144,6 +159,7 @@ __all__ = [
     "MotorError",
     "MotorRows",
     "Observation",
+    "OutputError",
     "Parameter",
     "Possible",
     "Prediction",
