@@ -10,6 +10,7 @@ and a C compiler.
 from __future__ import annotations
 
 import argparse
+from dataclasses import replace
 
 import numpy as np
 
@@ -19,18 +20,22 @@ from haptid import bench
 # Where the hand feels the device, as a share of the motion's amplitude beside its centre.
 PLACE = 0.4
 # How much of the experiment's motion is tracked, s.
-TRACKED = 5.0
+TRACKED = 4.0
+# One period to begin, and one to feel, s.
+STROKE = bench.Stroke(seconds=2.0)
+# Of the simulator, s: long enough to be quick.
+STEP = 2.5e-4
 
 
 def rehearsed(device: str, path: str, folder: str) -> bench.Rehearsal:
     """All that is measured."""
     experiment = bench.read_experiment(path)
-    setup = experiment.setup(haptid.read_device(device))
+    setup = replace(experiment.setup(haptid.read_device(device)), physics=bench.Physics(STEP))
     whole = bench.plan(experiment.kind, setup.device, setup.dt, np.random.default_rng(experiment.seed + 1000))
     first = slice(round(TRACKED / setup.dt))
     trajectory = bench.Trajectory(setup.dt, whole.q[first], whole.qd[first], whole.qdd[first])
     pose = whole.q.mean(axis=0) + PLACE * np.ptp(whole.q, axis=0) / 2
-    return bench.rehearse(setup, bench.Compiled.of(folder), trajectory, [pose])
+    return bench.rehearse(setup, bench.Compiled.of(folder), trajectory, [pose], stroke=STROKE)
 
 
 def table(made: bench.Rehearsal) -> str:
