@@ -117,10 +117,11 @@ class Bounds:
     def excesses(self, trajectory: Trajectory) -> list[tuple[float, str]]:
         """By how much of its size a motion exceeds each limit, at most 0 where it does not, and of what it is."""
         states = np.array([trajectory.q.T, trajectory.qd.T, trajectory.qdd.T])
-        return [(float(excess.max()), what) for excess, what in self.by_sample(states)]
+        every = [*self.by_sample(states), (self.flatness(states[0]), "the distance of a loop from flat")]
+        return [(float(excess.max()), what) for excess, what in every]
 
     def by_sample(self, states: Array) -> Iterator[tuple[Array, str]]:
-        """The same at every sample, (n,) each.
+        """The same at every sample, (n,) each, but for flat loops.
 
         Args:
             states: positions, velocities and accelerations of the active joints, (3, active, n).
@@ -140,14 +141,17 @@ class Bounds:
                 yield np.abs(x) / most - 1, f"the torque of {label}"
 
     def _passive(self, states: Array) -> Iterator[tuple[Array, str]]:
-        """Limits of the joints that only follow, and flat loops."""
+        """Limits of the joints that only follow."""
         q, qd, _ = self.device.tree(*states)
         for k, joint in enumerate(self.device.joints):
             if k not in self.device.active and joint.position_limits is not None:
                 yield _beyond(q[k], *joint.position_limits), f"the position of joint {joint.name}"
             if k not in self.device.active and joint.velocity_limit is not None:
                 yield np.abs(qd[k]) / joint.velocity_limit - 1, f"the speed of joint {joint.name}"
-        yield 1 - loop_openness(self.device, q.T) / self.limits.openness, "the distance of a loop from flat"
+
+    def flatness(self, q: Array) -> Array:
+        """By how much loops are too flat at every sample, (n,), from positions of the active joints, (active, n)."""
+        return np.asarray(1 - loop_openness(self.device, self.device.closure.positions(q).T) / self.limits.openness)
 
 
 def _given(what: str, joint: str, value: T | None) -> T:

@@ -48,7 +48,7 @@ class Search:
         rows_hz: rows a second that a motion is judged by.
     """
 
-    tries: int = 4000
+    tries: int = 3000
     seed: int = 0
     rows_hz: float = ROWS_HZ
 

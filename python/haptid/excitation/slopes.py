@@ -6,6 +6,7 @@ acceleration gives all derivatives, whatever the number of harmonics.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -92,19 +93,29 @@ class Slopes:
         return cost, by_state
 
     def _limits(self, states: Array, weight: float) -> tuple[float, Array]:
-        """Mean squares of what exceeds the limits; slopes where something does."""
-        over, by_state = self._over(states), np.zeros_like(states)
-        hot = over.any(axis=0)
-        there, size = states[:, :, hot], weight / states.shape[2]
-        for s, step in enumerate(STEPS):
+        """Mean squares of what exceeds the limits, and their slopes."""
+        cost, by_state = self._squares(states, self._over, len(STEPS))
+        flat, by_position = self._squares(states, self._flat, 1)
+        return weight * (cost + flat), weight * (by_state + by_position)
+
+    def _squares(self, states: Array, over: Callable[[Array], Array], kinds: int) -> tuple[float, Array]:
+        """Of one function of the first kinds of states, (limits, n); differences where it is not zero."""
+        values, by_state, n = over(states), np.zeros_like(states), states.shape[2]
+        hot = values.any(axis=0)
+        there, here = states[:, :, hot], values[:, hot]
+        for s, step in enumerate(STEPS[:kinds]):
             for j in range(states.shape[1] if hot.any() else 0):
-                slope = (self._over(_moved(there, s, j, step)) - over[:, hot]) / step
-                by_state[s, j, hot] = 2 * size * (over[:, hot] * slope).sum(axis=0)
-        return size * float((over**2).sum()), by_state
+                slope = (over(_moved(there, s, j, step)) - here) / step
+                by_state[s, j, hot] = 2 / n * (here * slope).sum(axis=0)
+        return float((values**2).sum()) / n, by_state
 
     def _over(self, states: Array) -> Array:
         """What exceeds each limit less a margin, (limits, n)."""
         return np.array([np.maximum(excess + WITHIN, 0.0) for excess, _ in self.bounds.by_sample(states)])
+
+    def _flat(self, states: Array) -> Array:
+        """The same of flat loops, (1, n)."""
+        return np.maximum(self.bounds.flatness(states[0])[None] + WITHIN, 0.0)
 
 
 def _moved(states: Array, s: int, j: int, step: float) -> Array:
