@@ -20,9 +20,9 @@ from haptid import bench
 # Where the hand feels the device, as a share of the motion's amplitude beside its centre.
 PLACE = 0.4
 # How much of the experiment's motion is tracked, s.
-TRACKED = 4.0
+TRACKED = 3.0
 # One period to begin, and one to feel, s.
-STROKE = bench.Stroke(seconds=2.0)
+STROKE = bench.Stroke(amplitude=0.02, frequency_hz=2.0, seconds=1.0)
 # Of the simulator, s: long enough to be quick.
 STEP = 2.5e-4
 
