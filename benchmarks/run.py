@@ -16,11 +16,13 @@ import diagnosis
 import efficiency
 import estimators
 import exciting_motion
+import file_to_result
 import groupings
 import in_the_loop
 import instructions
 import kernel
 import long_log
+import medical_study
 import noisy_columns
 import phantom_study
 import virtual_bench
@@ -31,10 +33,12 @@ HERE = Path(__file__).parent
 STUDIES = {
     "kernel": kernel.run,
     "long-log": long_log.run,
+    "file-to-result": file_to_result.run,
     "coverage": coverage.run,
     "virtual-bench": virtual_bench.run,
     "bench-identification": bench_identification.run,
     "phantom-study": phantom_study.run,
+    "medical-study": medical_study.run,
     "groupings": groupings.run,
     "diagnosis": diagnosis.run,
     "efficiency": efficiency.run,

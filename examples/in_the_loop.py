@@ -10,24 +10,32 @@ and a C compiler.
 from __future__ import annotations
 
 import argparse
+from dataclasses import replace
 
 import numpy as np
 
 import haptid
 from haptid import bench
 
-# Places in which the hand feels the device, as shares of the motion's amplitude around its centre.
-PLACES = (0.0, 0.4)
+# Where the hand feels the device, as a share of the motion's amplitude beside its centre.
+PLACE = 0.4
+# How much of the experiment's motion is tracked, s.
+TRACKED = 3.0
+# One period to begin, and one to feel, s.
+STROKE = bench.Stroke(amplitude=0.02, frequency_hz=2.0, seconds=1.0)
+# Of the simulator, s: long enough to be quick.
+STEP = 2.5e-4
 
 
 def rehearsed(device: str, path: str, folder: str) -> bench.Rehearsal:
     """All that is measured."""
     experiment = bench.read_experiment(path)
-    setup = experiment.setup(haptid.read_device(device))
-    trajectory = bench.plan(experiment.kind, setup.device, setup.dt, np.random.default_rng(experiment.seed + 1000))
-    centre, reach = trajectory.q.mean(axis=0), np.ptp(trajectory.q, axis=0) / 2
-    code = bench.Compiled.of(folder)
-    return bench.rehearse(setup, code, trajectory, [centre + place * reach for place in PLACES])
+    setup = replace(experiment.setup(haptid.read_device(device)), physics=bench.Physics(STEP))
+    whole = bench.plan(experiment.kind, setup.device, setup.dt, np.random.default_rng(experiment.seed + 1000))
+    first = slice(round(TRACKED / setup.dt))
+    trajectory = bench.Trajectory(setup.dt, whole.q[first], whole.qd[first], whole.qdd[first])
+    pose = whole.q.mean(axis=0) + PLACE * np.ptp(whole.q, axis=0) / 2
+    return bench.rehearse(setup, bench.Compiled.of(folder), trajectory, [pose], stroke=STROKE)
 
 
 def table(made: bench.Rehearsal) -> str:
@@ -41,7 +49,7 @@ def table(made: bench.Rehearsal) -> str:
         f"dry friction taken off: {100 * made.friction_taken:.0f} %",
         f"tracking error: {1e3 * made.tracking_pd:.3f} mm by PD, {1e3 * made.tracking_model:.3f} mm with the model",
         f"error of the hand's force: {made.force_bare:.3f} N without the model, {made.force_model:.3f} N with it",
-        f"speed left after a tap on the free handle: {made.restless:.1g} rad/s",
+        f"speed left after a tap on the free handle: {made.restless:.4f} rad/s",
     ]
     return "\n".join(lines)
 

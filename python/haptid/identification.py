@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import reduce
 from operator import add
@@ -13,6 +13,7 @@ from haptid.device import Device, read_device
 from haptid.estimators import Estimate, estimate
 from haptid.log import Log, is_long, open_log, read_log
 from haptid.observation import Observation
+from haptid.projection import Projection, variable_projection
 from haptid.proposal import Proposal, propose
 from haptid.reduction import Kept, observe_all
 from haptid.study import LogEntry, Study
@@ -54,6 +55,7 @@ class Identification:
         proposal: how the logs were treated, and why so.
         estimate: from all logs with role "identify".
         runs: log by log.
+        projection: the device's searched constants as found, None where it has none; `device` has these values.
     """
 
     study: Study
@@ -61,6 +63,7 @@ class Identification:
     proposal: Proposal
     estimate: Estimate
     runs: tuple[Run, ...]
+    projection: Projection | None = None
 
     @property
     def unseen(self) -> tuple[Validation, ...]:
@@ -103,10 +106,13 @@ def identify(
     proposal = propose(device, *seen, **study.treatment)
     tell("choosing a treatment", 1.0)
     motions = [_treat(log, proposal.treatment, tell) for log in logs]
+    fitting = [motion for motion, entry in zip(motions, study.logs, strict=True) if entry.role == "identify"]
+    projection = _projected(device, fitting, study, tell)
+    device, intervals = (projection.device, projection.intervals) if projection else (device, None)
     observations = observe_all(device, motions, workers, kept, _pace(tell))
     fitted = [o for o, entry in zip(observations, study.logs, strict=True) if entry.role == "identify"]
     tell("estimating", 0.0)
-    final = estimate(reduce(add, fitted), study.method)
+    final = estimate(reduce(add, fitted), study.method, intervals)
     runs = []
     for entry, observation in zip(study.logs, observations, strict=True):
         if entry.role == "validate":
@@ -115,7 +121,7 @@ def identify(
             others = [o for o in fitted if o is not observation]
             runs.append(Run(entry, observation, direct(final, observation), held_out(study, observation, others)))
     tell("estimating", 1.0)
-    return Identification(study, device, proposal, final, tuple(runs))
+    return Identification(study, device, proposal, final, tuple(runs), projection)
 
 
 def _silent(_what: str, _share: float) -> None:
@@ -136,6 +142,13 @@ def _treat(log: Log, treatment: Treatment, tell: Progress) -> Motion:
     motion = treat(log, treatment)
     tell(f"treating {log.path.name}", 1.0)
     return motion
+
+
+def _projected(device: Device, motions: Sequence[Motion], study: Study, tell: Progress) -> Projection | None:
+    if not device.searched:
+        return None
+    tell("searching constants", 0.0)
+    return variable_projection(device, motions, study.method, progress=lambda share: tell("searching constants", share))
 
 
 def _pace(tell: Progress) -> Callable[[Motion, float], None]:

@@ -43,11 +43,17 @@ class _Parameter(_Table):
     interval95: tuple[float | None, float | None]
 
 
+class _Searched(_Table):
+    name: str
+    value: float
+
+
 class _Estimate(_Table):
     method: str
     possible: bool
     status: str
     parameters: list[_Parameter]
+    searched: list[_Searched] = []
     covariance: list[list[float]]
     freedom: list[float | None]
 
@@ -189,6 +195,7 @@ def read_result(folder: str | Path) -> Recorded:
     values = _values(path)
     table = _checked(path, values)
     device = device_of(*checked(table.device_file, f"{path}, device_file"))
+    device = device.with_constants([constant.value for constant in table.estimate.searched])
     stored = [p.name for p in table.estimate.parameters]
     if tuple(stored) != device.base.names:
         raise ResultDeviceError(path, stored, device.base.names, table.haptid)

@@ -15,6 +15,7 @@ from haptid.errors import RegroupingError
 from haptid.estimators import Parameter
 from haptid.exact import Regroupings
 from haptid.identification import Identification, Run
+from haptid.projection import Projection
 from haptid.target_parameters import targets
 from haptid.validation import Validation
 
@@ -33,14 +34,28 @@ def show_identification(console: Console, found: Identification) -> None:
     console.print(parameter_table("Base parameters", found.estimate.parameters))
     if found.device.targets:
         console.print(parameter_table("Targets", targets(found.estimate).parameters))
+    if found.projection:
+        console.print(searched_table(found.projection))
     console.print(
         "Rows in grey: the deviation is over half the value. Groupings: result.json, or `haptid model`.",
         style="dim",
     )
     console.print(error_table(found.runs, found.device.torque_rows))
-    for note in (*found.proposal.reasons, *found.estimate.notes):
+    searched = found.projection.notes if found.projection else ()
+    for note in (*found.proposal.reasons, *found.estimate.notes, *searched):
         console.print(f"- {note}")
     console.print(f"\n{verdict(found)}")
+
+
+def searched_table(projection: Projection) -> Table:
+    """Constants that the torque is not linear in."""
+    table = Table(title="Searched constants", title_justify="left", box=None, pad_edge=False)
+    for heading in ("", "value", "95 % interval", "unit"):
+        table.add_column(heading, justify="left" if heading in ("", "unit") else "right", no_wrap=True)
+    for c in projection.constants:
+        ends = " .. ".join(f"{end:.3g}" for end in c.interval)
+        table.add_row(c.name, f"{c.value:.4g}", ends, c.unit, style=None if c.bounded else "dim")
+    return table
 
 
 def parameter_table(title: str, parameters: Sequence[Parameter]) -> Table:

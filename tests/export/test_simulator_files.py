@@ -1,5 +1,6 @@
 """MJCF and URDF: the bodies in them have the identified base parameters, and MuJoCo predicts what the model does."""
 
+import tempfile
 from dataclasses import replace
 
 import numpy as np
@@ -15,6 +16,8 @@ from haptid.export.standard import departure, standard_parameters
 from haptid.export.urdf import angles, upright
 from haptid.observation import Plan
 from haptid.prediction import decimate
+from mechanisms import mechanisms
+from random_devices import as_device, parameters
 from true_parameters import true_parameters
 
 mujoco = pytest.importorskip("mujoco", reason="MuJoCo has no wheel for this platform")
@@ -61,6 +64,34 @@ def test_mjcf_has_the_dynamics_of_the_model(tmp_path, name):
     np.testing.assert_allclose(found, wanted, atol=1e-8 * np.abs(wanted).max())
 
 
+@settings(max_examples=10, deadline=None)
+@given(mechanisms(most=5, closed=False))
+def test_random_mechanisms_keep_their_dynamics_in_mjcf(mechanism):
+    """Trees with branches and sliding joints, rotors, viscous friction, springs and offsets."""
+    device = as_device(mechanism, ("rotor", "viscous", "offset", "spring"))
+    beta = device.base.of(parameters(mechanism, device))
+    states = np.random.default_rng(1).uniform(-0.9, 0.9, (3, len(device.active), 10))
+    wanted = haptid.inverse_dynamics(device, beta, *states)
+    with tempfile.TemporaryDirectory() as folder:
+        built = loaded(export_mjcf((device, beta), folder))
+    found = tree_torques(built, device, *device.tree(*states))
+    np.testing.assert_allclose(found, wanted, atol=1e-7 * np.abs(wanted).max())
+
+
+@settings(max_examples=10, deadline=None)
+@given(mechanisms(most=5, closed=False))
+def test_random_mechanisms_keep_their_dynamics_in_urdf(mechanism):
+    device = as_device(mechanism, ("rotor",))
+    beta = device.base.of(parameters(mechanism, device))
+    states = np.random.default_rng(1).uniform(-0.9, 0.9, (3, len(device.active), 10))
+    wanted = haptid.inverse_dynamics(device, beta, *states)
+    with tempfile.TemporaryDirectory() as folder:
+        made = export_urdf((device, beta), folder)
+        path = made.folder / made.files[0]
+        found = pinocchio_torque(path, device, *states, rotors(path, device))
+    np.testing.assert_allclose(found, wanted, atol=1e-7 * np.abs(wanted).max())
+
+
 @pytest.mark.parametrize("name", ["phantom_premium_15", "cea_medical_branch", "arm7", "sr400"])
 def test_damping_and_dry_friction_are_the_identified_ones(tmp_path, name):
     device, beta = model(name)
@@ -77,6 +108,7 @@ def pinocchio_torque(path, device, qa, qda, qdda, armature):
     """Inverse dynamics of the URDF's tree, projected on the device's coordinates, (coordinates, samples)."""
     pin = pytest.importorskip("pinocchio")
     built = pin.buildModelFromUrdf(str(path))
+    built.gravity.linear = np.array([0.0, 0.0, -np.linalg.norm(device.gravity)])
     data = built.createData()
     at = [built.joints[built.getJointId(joint.name)] for joint in device.joints]
     found = np.empty_like(qa)

@@ -50,6 +50,16 @@ def test_emps_textbook_deviations_are_the_published_ones_and_the_honest_ones_are
         assert emps.estimate[name].sd > emps.estimate[name].textbook_sd
 
 
+def test_emps_with_friction_by_direction_predicts_better(examples, shared_data):
+    """With viscous friction by direction and a Stribeck velocity that is searched, below the published 5.98 %."""
+    found = haptid.identify(haptid.read_study(examples / "emps" / "friction-study.toml"), shared_data / "emps")
+    identification, pulses = found.runs
+    assert identification.direct.relative < 2.9
+    assert pulses.unseen[0].relative < 5.35
+    low, high = found.projection["FS1.velocity"].interval
+    assert low < found.projection["FS1.velocity"].value < high < 0.04
+
+
 # --- Staubli TX40: figaroh-plus ---------------------------------------------------------------------------------
 
 

@@ -113,7 +113,8 @@ def test_information_is_of_the_column_beside_all_others():
     for k in (0, 5, 11):
         others = np.delete(stacked, k, axis=1)
         left = stacked[:, k] - others @ np.linalg.lstsq(others, stacked[:, k])[0]
-        each = np.array([(part**2).sum() for part in np.split(left, len(W))])
+        ends = np.cumsum([len(part) for part in W])[:-1]
+        each = np.array([(part**2).sum() for part in np.split(left, ends)])
         np.testing.assert_allclose(information(estimate)[0][k], each / each.sum(), rtol=1e-6, atol=1e-9)
 
 
@@ -244,12 +245,12 @@ def test_results_are_compared_as_their_estimates_are(tmp_path):
 def test_the_force_of_a_hand_is_shown_beside_the_sensor():
     force = haptid.estimate_force(found().estimate, found().runs[1].motion)
     sensor = np.nan_to_num(force.force)
-    section = HandSection.of(Source(found(), hands=(Hand("pushed", force, sensor),)))
+    section = HandSection.of(Source(found(), hands=(Hand.of("pushed", force, sensor),)))
     assert section is not None
     assert len(section.charts) == 3
     assert "they differ by 0 N" in section.charts[0].caption
     assert HandSection.of(source()) is None
-    whole = report(found(), hands=(Hand("pushed", force),))
+    whole = report(found(), hands=(Hand.of("pushed", force),))
     assert "hand" in whole.sections
 
 

@@ -151,9 +151,9 @@ def test_the_closed_loop_is_that_of_the_bench(name):
     assert away[1] < 2e-4
 
 
-def test_short_stretches_are_the_whole(name=PHANTOM):
-    _, motion, _, _, whole = simulated(name, 0.05, stretch=4000)
-    *_, parts = simulated(name, 0.05)
+def test_short_stretches_are_the_whole():
+    _, motion, _, _, whole = simulated(PHANTOM, 0.05, stretch=4000)
+    *_, parts = simulated(PHANTOM, 0.05)
     apart = whole.course(motion).c - parts.course(motion).c
     assert np.abs(apart[:, 50:-50]).max() < 2e-6
 

@@ -10,7 +10,7 @@ from scipy import signal
 
 from haptid._values import Array
 from haptid.bench.compiled import Compiled
-from haptid.bench.felt import Felt, feel
+from haptid.bench.felt import Felt, Stroke, feel
 from haptid.bench.laws import Assistance, Tracking
 from haptid.bench.setup import Controller, Push, Recording, Setup
 from haptid.bench.simulation import simulate
@@ -82,6 +82,7 @@ def rehearse(
     push: tuple[float, float, float] = (0.6, 0.4, -0.5),
     friction: float = 0.9,
     tap: float = 0.05,
+    stroke: Stroke | None = None,
 ) -> Rehearsal:
     """Let exported code control a device on the bench, once every control period, and measure what it does.
 
@@ -93,6 +94,7 @@ def rehearse(
         push: amplitude of the hand's force while its estimate is watched, in the base frame, N.
         friction: share of friction that is compensated.
         tap: on the released handle, along all axes, N.
+        stroke: how the hand moves to feel; the default one where None.
 
     Raises:
         BenchError: one class for each cause.
@@ -101,8 +103,8 @@ def rehearse(
     lines = [(pose, axis) for pose in poses for axis in AXES]
     force_bare, force_model = _force_errors(setup, code, trajectory, push)
     return Rehearsal(
-        bare=tuple(feel(setup, pose, axis) for pose, axis in lines),
-        assisted=tuple(feel(setup, pose, axis, assistance) for pose, axis in lines),
+        bare=tuple(feel(setup, pose, axis, stroke=stroke) for pose, axis in lines),
+        assisted=tuple(feel(setup, pose, axis, assistance, stroke) for pose, axis in lines),
         tracking_pd=_tracking_error(setup, code, trajectory, 0.0),
         tracking_model=_tracking_error(setup, code, trajectory, 1.0),
         force_bare=force_bare,

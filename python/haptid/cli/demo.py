@@ -17,6 +17,8 @@ with what is true there. A few minutes on two cores. Needs MuJoCo: pip install m
 
   report.md        everything in sentences, with tables and figures
 
+  report.html      of a device in several mountings: one of them, with the force of the hand; see haptid identify
+
   table*           the published tables with haptid's own columns, as text and CSV
 
   fig*.png         the published figures, with haptid's own numbers

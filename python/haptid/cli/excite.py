@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -16,7 +17,8 @@ if TYPE_CHECKING:
 HELP = """\
 Search a motion that tells a device's base parameters well, within its limits.
 
-Limits are those of the DEVICE file, unless --centre with --stroke, or --speed, replace them. The motion is a Fourier
+Limits are those of the DEVICE file, unless --centre with --stroke, or --speed, replace them;
+--acceleration limits it too. The motion is a Fourier
 series, or triangles with sines on them (--triangles). Writes:
 
   OUT           an experiment file, which `haptid bench` takes
@@ -42,12 +44,13 @@ def excite(
     centre: Annotated[str | None, typer.Option(help="of the motion, rad or m: 0,0.2,0.3")] = None,
     stroke: Annotated[str | None, typer.Option(help="to either side of the centre: one for all, or each")] = None,
     speed: Annotated[str | None, typer.Option(help="greatest, rad/s or m/s: one for all, or each")] = None,
+    acceleration: Annotated[str | None, typer.Option(help="greatest, rad/s^2 or m/s^2: one for all, or each")] = None,
     triangles: Annotated[bool, typer.Option("--triangles", help="triangles with sines on them")] = False,
     seconds: Annotated[float | None, typer.Option(min=1.0, help="duration of the motion")] = None,
     keep: Annotated[
         list[str] | None, typer.Option("--parameter", help="a base parameter that counts (default: all)")
     ] = None,
-    tries: Annotated[int, typer.Option(min=1, help="motions tried")] = 4000,
+    tries: Annotated[int, typer.Option(min=1, help="motions tried")] = 3000,
     seed: Annotated[int, typer.Option(min=0, help="of the search")] = 0,
     rate_hz: Annotated[float, typer.Option(min=1.0, help="of the samples in the CSV")] = 1000.0,
     quiet: Annotated[bool, typer.Option("--quiet", "-q", help="no progress, no summary")] = False,
@@ -64,7 +67,7 @@ def excite(
         read = read_device(device)
         other = None if like is None else read_experiment(like)
         beta = None if other is None else read.base.of(other.setup(read).chi)
-        within, family = _limits(read, centre, stroke, speed), _family(triangles, seconds)
+        within, family = _limits(read, centre, stroke, speed, acceleration), _family(triangles, seconds)
         columns = tuple(keep) if keep else None
         with progress_bars(quiet) as progress:
             task = progress.add_task("searching", total=1.0)
@@ -75,7 +78,7 @@ def excite(
                 columns=columns,
                 beta=beta,
                 search=Search(tries=tries, seed=seed),
-                progress=lambda share, _: progress.update(task, completed=share),
+                progress=lambda share, cost: progress.update(task, completed=share, description=_so_far(cost)),
             )
         write_experiment(out_file, found, plain_experiment(found) if other is None else other)
         write_samples(found, out_file.with_suffix(".csv"), rate_hz)
@@ -83,7 +86,14 @@ def excite(
         _show(found, out_file)
 
 
-def _limits(device: Device, centre: str | None, stroke: str | None, speed: str | None) -> Limits:
+def _so_far(cost: float) -> str:
+    """What the search has, beside its bar."""
+    return f"condition {math.exp(cost):.4g}" if math.isfinite(cost) else "no motion within the limits yet"
+
+
+def _limits(
+    device: Device, centre: str | None, stroke: str | None, speed: str | None, acceleration: str | None
+) -> Limits:
     """What the options say in place of the device file."""
     from haptid.cli.figures import numbers, spread
     from haptid.errors import OptionError
@@ -98,7 +108,8 @@ def _limits(device: Device, centre: str | None, stroke: str | None, speed: str |
         reach = spread("--stroke", stroke, f"strokes of joints {names}", count)
         position = tuple((x - abs(half), x + abs(half)) for x, half in zip(middle, reach, strict=True))
     fastest = None if speed is None else spread("--speed", speed, f"speeds of joints {names}", count)
-    return Limits(position=position, speed=fastest)
+    sharpest = None if acceleration is None else spread("--acceleration", acceleration, f"those of {names}", count)
+    return Limits(position=position, speed=fastest, acceleration=sharpest)
 
 
 def _family(triangles: bool, seconds: float | None) -> Family:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 
 from haptid.errors.devices import suggestion
 from haptid.errors.roots import HandleError
@@ -57,6 +57,26 @@ class UnknownLinkError(HandleError):
 
     def __init__(self, name: str, known: Iterable[str]) -> None:
         super().__init__(f"no link {name!r} with free inertial parameters. {suggestion(name, known)}")
+
+
+class LoadSymmetryError(HandleError):
+    """A load that the symmetries of the device file do not allow."""
+
+    def __init__(self, link: str, names: Sequence[str]) -> None:
+        super().__init__(
+            f"a load on link {link} has {', '.join(names)}, which the device file says to be zero or the same as "
+            f"another's. Take these symmetries out of the file, or fix the load where they hold."
+        )
+
+
+class GainSettlingError(HandleError):
+    """Drive gains that do not settle."""
+
+    def __init__(self, moved: float, limit: float, steps: int) -> None:
+        super().__init__(
+            f"the gains still move by {moved:.2g} after {steps} steps, limit {limit:.2g}. Record longer, with a "
+            f"heavier load, and let every motor feel it."
+        )
 
 
 class CharacterisationSettingError(HandleError):

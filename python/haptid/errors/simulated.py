@@ -55,3 +55,13 @@ class UnsettledError(EstimationError):
             f"deviations (limit {limit:g}). Allow more passes with `most`, or a larger `tolerance`; or begin nearer "
             f"with another `start`."
         )
+
+
+class RowsByBlockError(EstimationError):
+    """Single rows asked of a method that has only blocks of them."""
+
+    def __init__(self, method: str) -> None:
+        super().__init__(
+            f"{method} keeps what each block of time tells of the parameters, and no single rows, which this kind of "
+            f"interval needs. Take BlockJackknife() or Textbook()."
+        )

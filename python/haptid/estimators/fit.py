@@ -14,6 +14,8 @@ from haptid.observation import Observation
 
 # A block that alone carries more than this share of a direction cannot be left out: without it nothing is left.
 ALONE = 1.0 - 1e-6
+# Cells whose matrices are copied at a time.
+TOGETHER = 128
 # A parameter leans on such a block when this much of its variance is in that direction.
 MOSTLY = 0.1
 
@@ -34,28 +36,38 @@ class Moments:
     block: np.ndarray
 
     @cached_property
-    def _modes(self) -> tuple[Array, Array]:
-        """Eigenvalues of each cell's G, (cells, k), and its eigenvectors in columns, (cells, k, k)."""
-        values, vectors = np.linalg.eigh(self.G)
-        return values, vectors
+    def _heavy(self) -> tuple[np.ndarray, Array, Array]:
+        """Cells that may carry a direction alone; eigenvalues (heavy, k) and eigenvectors in columns of their G.
+
+        No eigenvalue is larger than the Frobenius norm, so most cells need none computed.
+        """
+        cells = np.flatnonzero(np.einsum("bij,bij->b", self.G, self.G) > ALONE**2)
+        values, vectors = np.linalg.eigh(self.G[cells])
+        return cells, values, vectors
 
     @cached_property
     def moved(self) -> Array:
         """How far g moves back when each cell is left out, (1 - G)^-1 s, (cells, k)."""
-        values, vectors = self._modes
+        heavy, values, vectors = self._heavy
+        light = np.setdiff1d(np.arange(len(self.s)), heavy)
         shrink = 1.0 / (1.0 - np.minimum(values, ALONE))
-        return np.asarray(np.einsum("bij,bj->bi", vectors, np.einsum("bij,bi->bj", vectors, self.s) * shrink))
+        moved = np.empty_like(self.s)
+        moved[heavy] = np.einsum("bij,bj->bi", vectors, np.einsum("bij,bi->bj", vectors, self.s[heavy]) * shrink)
+        eye = np.eye(self.s.shape[1])
+        for few in np.array_split(light, 1 + len(light) // TOGETHER):
+            moved[few] = np.linalg.solve(eye - self.G[few], self.s[few, :, None])[..., 0]
+        return moved
 
     def alone(self, spread: Array) -> np.ndarray:
         """Combinations (q, k) of g that lean on a single cell, as indices."""
-        values, vectors = self._modes
+        _, values, vectors = self._heavy
         cells = np.flatnonzero((values > ALONE).any(axis=1))
         lonely = np.where(values[cells, None] > ALONE, np.abs(spread @ vectors[cells]), 0.0)
         return np.flatnonzero(((lonely**2).sum(axis=2) > MOSTLY * (spread**2).sum(axis=1)).any(axis=0))
 
     def shares(self, spread: Array) -> Array:
         """How much of the variance of combinations (q, k) of g each cell carries, (cells, q)."""
-        return np.asarray(np.einsum("qi,bij,qj->bq", spread, self.G, spread, optimize=True))
+        return np.asarray(np.einsum("bqj,qj->bq", spread @ self.G, spread))
 
 
 @dataclass(frozen=True, eq=False)

@@ -12,20 +12,21 @@ Bryson and Schmidt (1971), IEEE Trans. Automatic Control 16(6), square-root arra
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 
 import numpy as np
 
-from haptid._values import Array, freeze, positive
+from haptid._values import Array, positive
 from haptid.device import Device
 from haptid.dynamics import inverse_dynamics
 from haptid.errors import MethodSettingError, SimulationLostError
 from haptid.estimators.didim import base_columns
 from haptid.estimators.estimate import Estimate, estimate
+from haptid.estimators.linearised import by_block
 from haptid.estimators.method import Method
 from haptid.estimators.open_loop import held_torque, position_noise, recorded_positions
 from haptid.estimators.wls import WLS
-from haptid.observation import MotorRows, Observation
+from haptid.observation import Observation
 from haptid.signals import coordinate_torque, coordinates
 from haptid.simulation import measured_state, smooth
 from haptid.simulation.course import FASTEST
@@ -149,8 +150,7 @@ class Filtering:
                     triangles[block] = gained(before, belief.information(p))
                     counts[block] = (stop - start) * len(track.c)
                 beta, root = belief.x[-p:], lower(belief.S[-p:])
-        motor = MotorRows("filter", "filter", "noise", np.arange(p), freeze(triangles), counts)
-        return replace(observation, motors=(motor,))
+        return by_block(observation, self.name, triangles, counts)
 
     def ahead(self, model: ParametricModel, belief: Belief, track: Track, k: int) -> Belief:
         """From sample k to the next, without measurement; every filter has its own."""

@@ -8,8 +8,9 @@ from itertools import pairwise
 
 import numpy as np
 
-from haptid._values import Array
-from haptid.observation import Observation, Plan
+from haptid._values import Array, freeze
+from haptid.errors import RowsByBlockError
+from haptid.observation import MotorRows, Observation, Plan
 from haptid.rows import Rows, RowStretch, decimated
 from haptid.treatment import Motion
 
@@ -68,3 +69,21 @@ def _blocks(observation: Observation, motion: Motion, plan: Plan) -> Iterator[tu
     for block, rows in zip(blocks, pairwise([*range(0, plan.rows, plan.block), plan.rows]), strict=True):
         if block in index:
             yield index[block], rows
+
+
+def by_block(observation: Observation, method: str, triangles: Array, rows: np.ndarray) -> Observation:
+    """Rows of a method that tells no motors apart, and keeps triangles alone.
+
+    Args:
+        observation: whose blocks they are of.
+        method: its name.
+        triangles: of every block, (blocks, p + 1, p + 1), in units of their own deviation.
+        rows: in each, (blocks,).
+    """
+
+    def refuse(_: RowStretch) -> RowStretch:
+        raise RowsByBlockError(method)
+
+    name = observation.motors[0].name  # a known one: its rows can be asked for, and are refused
+    motor = MotorRows(name, method, "1", np.arange(triangles.shape[1] - 1), freeze(triangles), rows)
+    return replace(observation, motors=(motor,), change=refuse)

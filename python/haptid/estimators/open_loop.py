@@ -6,11 +6,12 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from haptid._values import Array, freeze
+from haptid._values import Array
 from haptid.device import Device
 from haptid.estimators.didim import base_columns
+from haptid.estimators.linearised import by_block
 from haptid.estimators.simulating import Simulating
-from haptid.observation import MotorRows, Observation, triangle
+from haptid.observation import Observation, triangle
 from haptid.signals import coordinate_torque, position_map
 from haptid.simulation import DirectModel, Stretches, measured_state, open_loop, sensitivity, sets_of
 from haptid.treatment import Motion
@@ -50,8 +51,7 @@ class OutputError(Simulating):
                     left = triangle(np.column_stack([rows[:, p:-1], rows[:, :p], rows[:, -1] + rows[:, :p] @ beta]))
                     triangles[block] = triangle(np.concatenate([triangles[block], left[first:, first:]]))
                     counts[block] += len(rows) - first
-        motor = MotorRows("positions", "positions", "noise", np.arange(p), freeze(triangles), counts)
-        return replace(observation, motors=(motor,))
+        return by_block(observation, self.name, triangles, counts)
 
 
 def shot(device: Device, smoothed: Device, motion: Motion, beta: Array, stretches: Stretches) -> tuple[Array, Array]:

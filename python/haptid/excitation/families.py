@@ -17,6 +17,8 @@ MIDDLE = 0.5
 LEAST = 0.3
 # A triangle's rounded corners make it this much steeper than four times amplitude times frequency.
 STEEPER = 1.13
+# Share of the greatest speed that a motion is drawn with.
+FILLED = 0.9
 # A waveform is looked at in so many points of its shortest period.
 POINTS = 16
 
@@ -24,8 +26,15 @@ POINTS = 16
 class Family(Protocol):
     """Motions of one sort."""
 
+    @property
+    def affine(self) -> bool:
+        """Whether positions, velocities and accelerations are affine in the point of the unit cube."""
+
     def size(self, joints: int) -> int:
         """Numbers that make one motion of so many joints."""
+
+    def start(self, bounds: Bounds, rng: np.random.Generator) -> Array:
+        """A point drawn at random, (size,)."""
 
     def kind(self, x: Array, bounds: Bounds) -> Kind:
         """The motion at a point of the unit cube, (size,), with strokes and speeds about within the bounds."""
@@ -44,28 +53,53 @@ class FourierSeries:
         ramp: duration of the start, and of the stop, s.
     """
 
-    seconds: float = 8.0
-    fundamental_hz: float = 0.2
-    count: int = 6
+    seconds: float = 13.0
+    fundamental_hz: float = 0.1
+    count: int = 20
     ramp: float = 1.5
 
+    @property
+    def affine(self) -> bool:
+        """See Family."""
+        return True
+
     def size(self, joints: int) -> int:
-        """A centre, a stroke, and two amplitudes a harmonic for each joint."""
-        return joints * (2 + 2 * self.count)
+        """A centre, and two amplitudes a harmonic, for each joint."""
+        return joints * (1 + 2 * self.count)
+
+    def start(self, bounds: Bounds, rng: np.random.Generator) -> Array:
+        """A centre about the middle, and amplitudes that fill the stroke there, or the speed where that is less."""
+        joints = len(bounds.names)
+        place, reach = rng.random((2, joints))
+        centre, stroke = placed(place, reach, bounds)
+        low, high = bounds.position.T
+        shape, most = rng.normal(size=(joints, 2, self.count)), self._most(bounds)
+        angle = np.linspace(0, 2 * np.pi, POINTS * self.count, endpoint=False)[:, None] * np.arange(1, self.count + 1)
+        omega, s, c = self._omega, np.sin(angle), np.cos(angle)
+        shape *= most
+        position = np.abs(shape[:, 0] @ s.T + shape[:, 1] @ c.T).max(axis=1)
+        speed = np.abs((omega * shape[:, 0]) @ c.T - (omega * shape[:, 1]) @ s.T).max(axis=1)
+        shape *= np.minimum(stroke / position, FILLED * bounds.speed / speed)[:, None, None]
+        return np.concatenate([(centre - low) / (high - low), (0.5 + 0.5 * shape / most).ravel()])
 
     def kind(self, x: Array, bounds: Bounds) -> Fourier:
-        """Amplitudes scaled to the stroke, and to the speed where that is less."""
+        """The centre anywhere in the range; amplitudes as large as the range and the speed leave one harmonic."""
         joints = len(bounds.names)
-        centre, stroke = placed(x[:joints], x[joints : 2 * joints], bounds)
-        shape = (2 * x[2 * joints :] - 1).reshape(joints, 2, self.count)
-        angle = np.linspace(0, 2 * np.pi, POINTS * self.count, endpoint=False)[:, None] * np.arange(1, self.count + 1)
-        omega = 2 * np.pi * self.fundamental_hz * np.arange(1, self.count + 1)
-        s, c = np.sin(angle), np.cos(angle)
-        place = np.abs(shape[:, 0] @ s.T + shape[:, 1] @ c.T).max(axis=1)
-        speed = np.abs((omega * shape[:, 0]) @ c.T - (omega * shape[:, 1]) @ s.T).max(axis=1)
-        scale = np.minimum(stroke / np.maximum(place, 1e-9), bounds.speed / np.maximum(speed, 1e-9))
-        sine, cosine = (tuple(map(tuple, (scale[:, None] * shape[:, k]).tolist())) for k in (0, 1))
+        low, high = bounds.position.T
+        centre = low + x[:joints] * (high - low)
+        shape = (2 * x[joints:] - 1).reshape(joints, 2, self.count) * self._most(bounds)
+        sine, cosine = (tuple(map(tuple, shape[:, k].tolist())) for k in (0, 1))
         return Fourier(self.seconds, tuple(centre.tolist()), self.fundamental_hz, sine, cosine, self.ramp)
+
+    @property
+    def _omega(self) -> Array:
+        """Of every harmonic, rad/s."""
+        return np.asarray(2 * np.pi * self.fundamental_hz * np.arange(1, self.count + 1))
+
+    def _most(self, bounds: Bounds) -> Array:
+        """Largest amplitude of every harmonic on its own, (joints, 1, count)."""
+        half = np.ptp(bounds.position, axis=1)[:, None, None] / 2
+        return np.asarray(np.minimum(half, bounds.speed[:, None, None] / self._omega))
 
 
 @dataclass(frozen=True)
@@ -85,6 +119,15 @@ class TrianglesWithSines:
     fast_hz: tuple[float, float] = (0.3, 3.0)
     count: int = 4
     ramp: float = 1.5
+
+    @property
+    def affine(self) -> bool:
+        """See Family."""
+        return False
+
+    def start(self, bounds: Bounds, rng: np.random.Generator) -> Array:
+        """Anywhere."""
+        return rng.random(self.size(len(bounds.names)))
 
     def size(self, joints: int) -> int:
         """A centre, a stroke, the sines' share of it and the triangle's frequency for each joint; two frequencies."""

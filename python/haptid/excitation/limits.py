@@ -18,8 +18,6 @@ from haptid.errors import NoRangeError
 T = TypeVar("T")
 # A motion is planned to stay this much further from flat loops than the bench insists on.
 MARGIN = 1.2
-# Loops are looked at in about so many poses: they change slowly.
-POSES = 150
 
 
 @dataclass(frozen=True)
@@ -43,6 +41,7 @@ class Limits:
     Attributes:
         position: lowest and highest of each active joint, rad or m.
         speed: greatest of each active joint, rad/s or m/s; one for all or one for each.
+        acceleration: greatest of each active joint, rad/s^2 or m/s^2; none where left out.
         torque: greatest of each torque row, N m or N; needs base parameters to be checked with.
         couplings: ranges of combinations of active joints.
         openness: least distance of a loop from flat: see `bench.loop_openness`.
@@ -50,6 +49,7 @@ class Limits:
 
     position: tuple[tuple[float, float], ...] | None = None
     speed: Figures | None = None
+    acceleration: Figures | None = None
     torque: Figures | None = None
     couplings: tuple[Coupling, ...] = ()
     openness: float = MARGIN * FLAT
@@ -63,6 +63,7 @@ class Bounds:
         device: the mechanism.
         position: lowest and highest of each active joint, (active, 2), rad or m.
         speed: greatest, (active,).
+        acceleration: greatest, (active,); infinite where there is no limit.
         torque: greatest of each row, (rows,); infinite where there is no limit.
         limits: the others.
         beta: base parameters that torques are made of, (p,), SI.
@@ -71,12 +72,13 @@ class Bounds:
     device: Device
     position: Array
     speed: Array
+    acceleration: Array
     torque: Array
     limits: Limits
     beta: Array
 
     def __post_init__(self) -> None:
-        for name in ("position", "speed", "torque", "beta"):
+        for name in ("position", "speed", "acceleration", "torque", "beta"):
             object.__setattr__(self, name, read_only(getattr(self, name)))
         expect("position", self.position.shape, (len(self.device.active), 2))
         expect("beta", self.beta.shape, (len(self.device.base),))
@@ -106,6 +108,7 @@ class Bounds:
             device,
             np.array(position, dtype=float),
             spread("speed", speed, names),
+            spread("acceleration", limits.acceleration or (np.inf,), names),
             spread("torque", torque, list(device.row_names)),
             limits,
             beta,
@@ -113,32 +116,42 @@ class Bounds:
 
     def excesses(self, trajectory: Trajectory) -> list[tuple[float, str]]:
         """By how much of its size a motion exceeds each limit, at most 0 where it does not, and of what it is."""
-        return list(self._excesses(trajectory))
+        states = np.array([trajectory.q.T, trajectory.qd.T, trajectory.qdd.T])
+        every = [*self.by_sample(states), (self.flatness(states[0]), "the distance of a loop from flat")]
+        return [(float(excess.max()), what) for excess, what in every]
 
-    def _excesses(self, trajectory: Trajectory) -> Iterator[tuple[float, str]]:
-        for name, (low, high), x in zip(self.names, self.position, trajectory.q.T, strict=True):
+    def by_sample(self, states: Array) -> Iterator[tuple[Array, str]]:
+        """The same at every sample, (n,) each, but for flat loops.
+
+        Args:
+            states: positions, velocities and accelerations of the active joints, (3, active, n).
+        """
+        for name, (low, high), x in zip(self.names, self.position, states[0], strict=True):
             yield _beyond(x, low, high), f"the position of joint {name}"
-        for name, most, x in zip(self.names, self.speed, trajectory.qd.T, strict=True):
-            yield float(np.abs(x).max() / most - 1), f"the speed of joint {name}"
+        for what, limits, values in (("speed", self.speed, states[1]), ("acceleration", self.acceleration, states[2])):
+            for name, most, x in zip(self.names, limits, values, strict=True):
+                if np.isfinite(most):
+                    yield np.abs(x) / most - 1, f"the {what} of joint {name}"
         for c in self.limits.couplings:
-            yield _beyond(trajectory.q @ np.array(c.weights), c.low, c.high), f"the coupling {c.weights}"
-        yield from self._passive(trajectory)
+            yield _beyond(np.array(c.weights) @ states[0], c.low, c.high), f"the coupling {c.weights}"
+        yield from self._passive(states)
         if np.isfinite(self.torque).any():
-            motion = (np.ascontiguousarray(x.T) for x in (trajectory.q, trajectory.qd, trajectory.qdd))
-            tau = inverse_dynamics(self.device, self.beta, *motion)
+            tau = inverse_dynamics(self.device, self.beta, *(np.ascontiguousarray(x) for x in states))
             for label, most, x in zip(self.device.row_labels, self.torque, tau, strict=True):
-                yield float(np.abs(x).max() / most - 1), f"the torque of {label}"
+                yield np.abs(x) / most - 1, f"the torque of {label}"
 
-    def _passive(self, trajectory: Trajectory) -> Iterator[tuple[float, str]]:
-        """Limits of the joints that only follow, and flat loops."""
-        q, qd, _ = self.device.tree(trajectory.q.T, trajectory.qd.T, trajectory.qdd.T)
+    def _passive(self, states: Array) -> Iterator[tuple[Array, str]]:
+        """Limits of the joints that only follow."""
+        q, qd, _ = self.device.tree(*states)
         for k, joint in enumerate(self.device.joints):
             if k not in self.device.active and joint.position_limits is not None:
                 yield _beyond(q[k], *joint.position_limits), f"the position of joint {joint.name}"
             if k not in self.device.active and joint.velocity_limit is not None:
-                yield float(np.abs(qd[k]).max() / joint.velocity_limit - 1), f"the speed of joint {joint.name}"
-        least = float(loop_openness(self.device, q[:, :: max(1, len(trajectory) // POSES)].T).min())
-        yield 1 - least / self.limits.openness, "the distance of a loop from flat"
+                yield np.abs(qd[k]) / joint.velocity_limit - 1, f"the speed of joint {joint.name}"
+
+    def flatness(self, q: Array) -> Array:
+        """By how much loops are too flat at every sample, (n,), from positions of the active joints, (active, n)."""
+        return np.asarray(1 - loop_openness(self.device, self.device.closure.positions(q).T) / self.limits.openness)
 
 
 def _given(what: str, joint: str, value: T | None) -> T:
@@ -147,6 +160,6 @@ def _given(what: str, joint: str, value: T | None) -> T:
     return value
 
 
-def _beyond(x: Array, low: float, high: float) -> float:
+def _beyond(x: Array, low: float, high: float) -> Array:
     """How far values leave a range, of its width."""
-    return float(max(low - x.min(), x.max() - high) / (high - low))
+    return np.asarray(np.maximum(low - x, x - high) / (high - low))

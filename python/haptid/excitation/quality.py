@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Protocol
 
 import numpy as np
 from scipy import linalg
@@ -82,47 +81,3 @@ def deviations(W: Array) -> Array:
     if np.abs(np.diag(R)).min() <= np.finfo(float).eps * np.abs(R).max():
         return np.full(W.shape[1], np.inf)
     return np.asarray(np.linalg.norm(linalg.solve_triangular(R, np.eye(len(R))), axis=1))
-
-
-class Criterion(Protocol):
-    """What a search lowers."""
-
-    def cost(self, found: Quality) -> float:
-        """Lower is better; about one for a factor of e."""
-
-
-@dataclass(frozen=True)
-class ScaledCondition:
-    """The condition number of W with its columns scaled to unit length: it does not depend on units."""
-
-    def cost(self, found: Quality) -> float:
-        """Its logarithm."""
-        return float(np.log(found.scaled))
-
-
-@dataclass(frozen=True)
-class RawCondition:
-    """The condition number of W as it is (Gautier and Khalil 1992, IJRR 11(4)); it depends on units."""
-
-    def cost(self, found: Quality) -> float:
-        """Its logarithm."""
-        return float(np.log(found.raw))
-
-
-@dataclass(frozen=True)
-class Information:
-    """The volume of the parameters' common interval: D-optimality (Swevers et al. 1997)."""
-
-    def cost(self, found: Quality) -> float:
-        """Logarithm of the mean deviation."""
-        return -0.5 * found.information / len(found.names)
-
-
-@dataclass(frozen=True)
-class LargestDeviation:
-    """The largest relative deviation of all parameters that are not zero."""
-
-    def cost(self, found: Quality) -> float:
-        """Its logarithm."""
-        finite = found.relative_sd[np.isfinite(found.relative_sd)]
-        return float(np.log(finite.max())) if len(finite) else np.inf

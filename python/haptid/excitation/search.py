@@ -3,35 +3,37 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
 from scipy import optimize
-from scipy.stats import qmc
 
 from haptid._values import Array
 from haptid.bench.trajectories import Figures, Kind, Trajectory, plan, spread
 from haptid.device import Device
 from haptid.errors import MethodSettingError, NoFeasibleMotionError
 from haptid.estimators.reduced import indices
+from haptid.excitation.criteria import Criterion, ScaledCondition
 from haptid.excitation.families import Family
 from haptid.excitation.limits import Bounds, Limits
-from haptid.excitation.quality import Criterion, Quality, ScaledCondition, observed, quality
+from haptid.excitation.quality import Quality, observed, quality
+from haptid.excitation.slopes import Slopes
 
 # No motion costs more than this; a singular W would without bound.
 WORST = 50.0
 # What exceeding a limit by all its size costs, where starts are compared.
 PENALTY = 100.0
-# Share of the motions tried that are drawn at random, and how many draws of phases there are among them.
-RANDOM = 0.1
-PHASES = 8
-# Descents: steps of each, relative step of its differences, and change of the cost at which it ends.
-STEPS = 200
-DIFFERENCE = 1e-5
-SETTLED = 1e-3
-# Descents aim for so much within every limit, of its size, to end on the right side.
-WITHIN = 2e-3
+# Share of the motions tried that are drawn at random to start from.
+RANDOM = 0.05
+# A descent goes through so many motions in rounds. Of each round: power of the criterion's stand-in, weight of the
+# limits, and share of the motions. Both grow: first towards good motions, then to the sharp optimum within the limits.
+DESCENT = 1500
+ROUNDS = ((2, 3e2, 0.23), (3, 1e3, 0.23), (2, 1e3, 0.18), (4, 3e3, 0.12), (8, 1e4, 0.12), (8, 1e5, 0.12))
+# Steps that a descent remembers.
+MEMORY = 30
+# Step of the differences that tell how a motion follows its numbers.
+DIFFERENCE = 1e-6
 # Rows a second that a motion is judged by: several for the shortest period of any family's default.
 ROWS_HZ = 25.0
 
@@ -46,7 +48,7 @@ class Search:
         rows_hz: rows a second that a motion is judged by.
     """
 
-    tries: int = 4000
+    tries: int = 3000
     seed: int = 0
     rows_hz: float = ROWS_HZ
 
@@ -117,7 +119,8 @@ def design(
 ) -> Excitation:
     """Search a family of motions for the one that excites best, within limits.
 
-    Motions drawn at random, then descents (SLSQP, with the limits as constraints) from the best of them.
+    Motions drawn at random, then descents from the best of them: quasi-Newton steps (L-BFGS-B) along slopes of the
+    criterion, with limits as penalties that grow.
 
     Args:
         device: the mechanism.
@@ -180,7 +183,7 @@ class Judge:
         best: where the best motion is, and its quality; None before there is one.
         least: its cost.
         nearest: least excess over the limits, and which was exceeded.
-        last: the motion judged last: seed, point, cost, and excess over every limit.
+        affine: how the states follow the numbers of a motion, once it is known.
     """
 
     bounds: Bounds
@@ -195,59 +198,93 @@ class Judge:
     best: tuple[Start, Quality] | None = None
     least: float = np.inf
     nearest: tuple[float, str] = (np.inf, "a limit")
-    last: tuple[int, bytes, float, Array] = field(default=(0, b"", np.inf, np.zeros(0)))
+    affine: Array | None = None
 
     def run(self) -> None:
         """Search until all tries are used up: the first share of them at random, then down from the best of those."""
-        n, rng = self.family.size(len(self.bounds.names)), np.random.default_rng(self.search.seed)
+        rng = np.random.default_rng(self.search.seed)
         try:
-            drawn = [
-                Start(x, self.search.seed + k % PHASES)
-                for k, x in enumerate(qmc.LatinHypercube(n, rng=rng).random(max(1, round(RANDOM * self.search.tries))))
-            ]
-            for start in sorted(drawn, key=self.penalised):
-                self.descend(start)
+            drawn = [self._start(rng) for _ in range(max(1, round(RANDOM * self.search.tries)))]
+            for start in sorted(drawn, key=self._penalised):
+                self._descend(start)
             while True:
-                self.descend(Start(rng.random(n), int(rng.integers(2**31))))
+                self._descend(self._start(rng))
         except Enough:
             return
 
-    def descend(self, start: Start) -> None:
-        """Down by sequential quadratic programmes, the limits as constraints."""
-        optimize.minimize(
-            lambda x: self.judge(x, start.seed)[0],
-            start.x,
-            method="SLSQP",
-            bounds=[(0.0, 1.0)] * len(start.x),
-            constraints={"type": "ineq", "fun": lambda x: -WITHIN - self.judge(x, start.seed)[1]},
-            options={"maxiter": STEPS, "eps": DIFFERENCE, "ftol": SETTLED},
-        )
+    @cached_property
+    def slopes(self) -> Slopes:
+        """Of the criterion and the limits."""
+        return Slopes.of(self.bounds, self.criterion, self.columns, self.noise)
 
-    def penalised(self, start: Start) -> float:
+    def _start(self, rng: np.random.Generator) -> Start:
+        return Start(self.family.start(self.bounds, rng), int(rng.integers(2**31)))
+
+    def _descend(self, start: Start) -> None:
+        """Down by quasi-Newton steps, round after round, each with its share of the tries that are left."""
+        tries = min(DESCENT, self.search.tries - self.tried)
+        bounds, x = [(0.0, 1.0)] * len(start.x), start.x
+        for power, weight, share in ROUNDS:
+            settings = {"maxfun": max(1, round(share * tries)), "maxiter": tries, "maxcor": MEMORY}
+            arguments = (start.seed, power, weight)
+            x = optimize.minimize(
+                self._sloped, x, args=arguments, jac=True, method="L-BFGS-B", bounds=bounds, options=settings
+            ).x
+
+    def _sloped(self, x: Array, seed: int, power: float, weight: float) -> tuple[float, Array]:
+        """The descent's cost and its gradient, (size,)."""
+        states = self.judge(x, seed)[0]
+        cost, by_state = self.slopes(states, power, weight)
+        return cost, np.tensordot(self._turns(x, seed), by_state, axes=3)
+
+    def _turns(self, x: Array, seed: int) -> Array:
+        """How the states follow the numbers of the motion, (size, 3, active, n); found once where always the same."""
+        if self.family.affine and self.affine is not None:
+            return self.affine
+        made, here = [], self._states(x, seed)
+        for k in range(len(x)):
+            step = DIFFERENCE if x[k] < 0.5 else -DIFFERENCE
+            moved = x.copy()
+            moved[k] += step
+            made.append((self._states(moved, seed) - here) / step)
+        self.affine = np.array(made)
+        return self.affine
+
+    def _states(self, x: Array, seed: int) -> Array:
+        return _states(self._planned(x, seed))
+
+    def _planned(self, x: Array, seed: int) -> Trajectory:
+        kind = self.family.kind(x, self.bounds)
+        return plan(kind, self.bounds.device, 1.0 / self.search.rows_hz, phases(seed))
+
+    def _penalised(self, start: Start) -> float:
         """Cost of a motion, and of every limit that it exceeds."""
-        cost, excess = self.judge(start.x, start.seed)
-        return cost + PENALTY * float(np.maximum(excess, 0).sum())
+        states, excess = self.judge(start.x, start.seed)
+        return self.slopes.cost(states) + PENALTY * excess
 
-    def judge(self, x: Array, seed: int) -> tuple[float, Array]:
-        """Cost of the motion at a point of the unit cube, and its excess over every limit."""
-        x = np.clip(x, 0.0, 1.0)
-        if self.last[:2] == (seed, x.tobytes()):
-            return self.last[2:]
+    def judge(self, x: Array, seed: int) -> tuple[Array, float]:
+        """States of the motion at a point of the unit cube, (3, active, n), and its excess over all limits."""
         if self.tried >= self.search.tries:
             raise Enough
         self.tried += 1
-        device = self.bounds.device
-        made = plan(self.family.kind(x, self.bounds), device, 1.0 / self.search.rows_hz, phases(seed))
-        found = quality(observed(device, made), self.columns, self.bounds.beta, self.noise)
+        made = self._planned(x, seed)
         excesses = self.bounds.excesses(made)
-        cost = min(self.criterion.cost(found), WORST)
         worst = max(excesses, key=lambda excess: excess[0])
         if worst[0] <= 0:
-            self.first = self.first or found
-            if cost < self.least:
-                self.least, self.best = cost, (Start(x, seed), found)
+            self._keep(made, Start(x.copy(), seed))
         self.nearest = min(self.nearest, worst)
-        self.last = (seed, x.tobytes(), cost, np.array([excess for excess, _ in excesses]))
         if self.progress:
             self.progress(self.tried / self.search.tries, self.least)
-        return self.last[2:]
+        return _states(made), float(sum(max(excess, 0.0) for excess, _ in excesses))
+
+    def _keep(self, made: Trajectory, start: Start) -> None:
+        """Remember a motion within all limits if it is the first or the best."""
+        found = quality(observed(self.bounds.device, made), self.columns, self.bounds.beta, self.noise)
+        cost = min(self.criterion.cost(found), WORST)
+        self.first = self.first or found
+        if cost < self.least:
+            self.least, self.best = cost, (start, found)
+
+
+def _states(made: Trajectory) -> Array:
+    return np.array([made.q.T, made.qd.T, made.qdd.T])

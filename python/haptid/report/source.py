@@ -77,17 +77,36 @@ class Track:
 
 @dataclass(frozen=True, eq=False)
 class Hand:
-    """The force of a hand at the handle, estimated, and measured where a sensor was there.
+    """The force of a hand on the device in the base frame, estimated, and measured where a sensor was there.
 
     Attributes:
         name: of the log.
-        force: as estimated.
-        measured: at the same rows, in the base frame, (rows, 3), N; None where there was no sensor.
+        t: evenly spaced, (rows,), s.
+        force: as estimated, (rows, 3), N; NaN where it is not known.
+        interval95: of it, (rows, 3, 2), N; None where it was not computed.
+        measured: at the same times, (rows, 3), N; None where there was no sensor.
+        notes: sentences a user should read.
     """
 
     name: str
-    force: HandleForce
+    t: Array
+    force: Array
+    interval95: Array | None = None
     measured: Array | None = None
+    notes: tuple[str, ...] = ()
+
+    def __post_init__(self) -> None:
+        shapes = {"force": (3,), "interval95": (3, 2), "measured": (3,)}
+        object.__setattr__(self, "t", read_only(self.t))
+        for name, shape in shapes.items():
+            if getattr(self, name) is not None:
+                object.__setattr__(self, name, read_only(getattr(self, name)))
+                expect(name, getattr(self, name).shape, (len(self.t), *shape))
+
+    @staticmethod
+    def of(name: str, found: HandleForce, measured: Array | None = None) -> Hand:
+        """What `estimate_force` found along a log, beside a sensor's force in the base frame, (rows, 3), N."""
+        return Hand(name, found.t, found.force, found.interval95, measured, found.notes)
 
 
 @dataclass(frozen=True, eq=False)

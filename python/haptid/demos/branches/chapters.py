@@ -9,7 +9,7 @@ import numpy as np
 from haptid.demos.branches.columns import friction, parameters, posture, sweeps
 from haptid.demos.branches.finding import Results
 from haptid.demos.branches.fits import Identified
-from haptid.demos.branches.said import disagreements, homogeneity, published_deviations, statements
+from haptid.demos.branches.said import alike, disagreements, homogeneity, published_deviations, statements
 from haptid.demos.report import claims
 from haptid.demos.tables import markdown
 from haptid.estimators.essential import Drop
@@ -164,7 +164,7 @@ def _sweeps(found: Results) -> Iterator[str]:
     yield from (f"- {sweep.label.split(',')[0]}: {sweep.title}." for sweep in found.demo.sweeps)
     yield ""
     yield from (*markdown(sweeps(found)), "", "![](fig07.png)", "")
-    for sentence in (*statements(found), *disagreements(found), *homogeneity(found)):
+    for sentence in (*statements(found), *disagreements(found), *homogeneity(found), *alike(found)):
         yield f"- {sentence}"
     yield ""
 

@@ -72,15 +72,21 @@ def homogeneity(found: Results) -> Iterator[str]:
         f"In 10 degrees the largest mass changes by {told}: motion along {calm} is {high / low:.1f} times as "
         f"homogeneous."
     )
-    upper, lower = (
-        np.concatenate([handle.sweeps[sweep.key].mass.value for sweep in found.demo.sweeps])
-        for handle in list(found.handles.values())[:2]
-    )
-    apart = 100 * np.abs(upper / lower - 1)
-    yield (
-        f"The branches are close to each other: masses differ by {np.median(apart):.0f} % at the median, "
-        f"{apart.max():.0f} % at most."
-    )
+
+
+def alike(found: Results) -> Iterator[str]:
+    """How near the masses of each branch are to those of the first, along all sweeps."""
+    first, *others = found.handles
+    masses = {
+        key: np.concatenate([handle.sweeps[sweep.key].mass.value for sweep in found.demo.sweeps])
+        for key, handle in found.handles.items()
+    }
+    for key in others:
+        apart = 100 * np.abs(masses[first] / masses[key] - 1)
+        yield (
+            f"The branches are close to each other: masses differ by {np.median(apart):.0f} % at the median, "
+            f"{apart.max():.0f} % at most."
+        )
 
 
 def published_deviations(one: Identified) -> str:

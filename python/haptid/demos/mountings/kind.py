@@ -20,4 +20,12 @@ def draw(found: Results, folder: Path, tell: Tell) -> None:
     draw_all(found, folder, tell)
 
 
-MOUNTINGS = Kind(Mountings, takes, find, draw, write_tables, values, chapters, summary)
+def write(found: Results, folder: Path) -> None:
+    """Tables, and the HTML report of the mounting whose handle the hand pushes."""
+    from haptid.demos.mountings.page import write_page
+
+    write_tables(found, folder)
+    write_page(found, folder)
+
+
+MOUNTINGS = Kind(Mountings, takes, find, draw, write, values, chapters, summary)

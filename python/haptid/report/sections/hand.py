@@ -29,12 +29,12 @@ class HandSection(Section):
 
     @classmethod
     def of(cls, source: Source) -> HandSection | None:
-        hands = [hand for hand in source.hands if hand.force.usable.any()]
+        hands = [hand for hand in source.hands if np.isfinite(hand.force).any()]
         if not hands:
             return None
         charts = tuple(_chart(hand, k, axis) for k, hand in enumerate(hands) for axis in range(3))
         logs = [
-            {"name": hand.name, "notes": list(hand.force.notes), "charts": [3 * k, 3 * k + 1, 3 * k + 2]}
+            {"name": hand.name, "notes": list(hand.notes), "charts": [3 * k, 3 * k + 1, 3 * k + 2]}
             for k, hand in enumerate(hands)
         ]
         return cls(charts=charts, logs=logs)
@@ -42,20 +42,19 @@ class HandSection(Section):
 
 def _chart(hand: Hand, k: int, component: int) -> Chart:
     """One component: the estimate with its 95 % interval, and the sensor."""
-    force, letter = hand.force, "xyz"[component]
-    t, y = force.t, force.force[:, component]
+    t, y, letter = hand.t, hand.force[:, component], "xyz"[component]
     step = float(np.median(np.diff(t)))
-    each = -(-len(t) // BAND)
-    low, high = (force.interval95[::each, component, end] for end in (0, 1))
-    times = even(float(t[0]), each * step, len(low))
-    curves = [
-        series("95 % interval", "band", "sky", x=times, low=packed(low), high=packed(high)),
-        envelope("estimated", PREDICTED, float(t[0]), step, y, BINS),
-    ]
-    caption = f"Estimated: RMS {figure(_rms(y))} N, deviation {figure(_rms(force.sd[:, component]))} N."
+    curves = [envelope("estimated", PREDICTED, float(t[0]), step, y, BINS)]
+    caption = f"Estimated: RMS {figure(_rms(y))} N."
+    if hand.interval95 is not None:
+        each = -(-len(t) // BAND)
+        low, high = (hand.interval95[::each, component, end] for end in (0, 1))
+        times = even(float(t[0]), each * step, len(low))
+        curves.insert(0, series("95 % interval", "band", "sky", x=times, low=packed(low), high=packed(high)))
+        caption += f" Half of the 95 % interval: RMS {figure(_rms(0.5 * (high - low)))} N."
     if hand.measured is not None:
         measured = hand.measured[:, component]
-        curves.insert(1, envelope("measured", MEASURED, float(t[0]), step, measured, BINS) | {"width": 2.2})
+        curves.insert(-1, envelope("measured", MEASURED, float(t[0]), step, measured, BINS) | {"width": 2.2})
         caption += f" Measured: RMS {figure(_rms(measured))} N; they differ by {figure(_rms(y - measured))} N."
     alt = f"Force of the hand along {letter} against time, {hand.name}."
     drawing = plot(axis("time", "s"), axis(f"force {letter}", "N"), curves, group=f"hand-{k}", height=170, zoom=True)

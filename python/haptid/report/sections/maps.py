@@ -114,14 +114,14 @@ def slices_of(model: GivenModel, sliders: Sequence[dict[str, Any]]) -> Slices:
     grids = [_grid(sliders, order, axes, float(depth)) for depth in depths[0]]
     closes = [np.asarray(model.device.closure.closes(qa)) for qa in grids]
     known = [characterise(model, qa[:, ok]) for qa, ok in zip(grids, closes, strict=True)]
-    rest = [f"{sliders[k]['name']} = {sliders[k]['start']:.3g} {sliders[k]['unit']}" for k in order[3:]]
+    rest = [f"{sliders[k]['name']} = {sliders[k]['start']:.3g} {sliders[k]['unit']}" for k in sorted(order[3:])]
     usable, poses = sum(int(found.grasp.usable.sum()) for found in known), sum(len(qa.T) for qa in grids)
     return Slices(
-        labels=(f"{x['name']}, {x['unit']}", f"{y['name']}, {y['unit']}"),
+        labels=(f"joint {x['name']}, {x['unit']}", f"joint {y['name']}, {y['unit']}"),
         x=axes[0],
         y=axes[1],
-        third=third["name"] if third else "",
-        names=tuple(f"{third['name']} = {depth:.3g} {third['unit']}" if third else "all" for depth in depths[0]),
+        third=f"joint {third['name']}" if third else "",
+        names=tuple(f"joint {third['name']} = {depth:.3g} {third['unit']}" if third else "all" for depth in depths[0]),
         known=tuple(known),
         closes=tuple(closes),
         about=f"{usable} of {poses} poses count: at the others loops do not close, or the handle's Jacobian is too "

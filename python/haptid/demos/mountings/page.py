@@ -1,0 +1,45 @@
+"""The HTML report of one mounting: the one whose handle a hand pushes."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from haptid.demos.mountings.finding import Results
+from haptid.demos.mountings.fits import Fit
+from haptid.identification import Identification, Run
+from haptid.observation import observe
+from haptid.proposal import Proposal
+from haptid.report import Hand, report
+from haptid.study import LogEntry, Study
+from haptid.validation import direct
+
+
+def write_page(found: Results, folder: Path) -> None:
+    """Write `report.html`, and the data that it can be made from again, into a folder."""
+    key = found.demo.hand.mounting
+    fits, felt = found.fits[key], found.felt
+    title = f"{found.demo.title}: {fits.mounting.title}"
+    made = identification(title, f"{key}.parquet", fits["encoders"], fits.proposal)
+    pushed = Path(found.demo.hand.experiment).with_suffix(".parquet").name
+    hand = Hand(pushed, felt.t, felt.modelled, measured=felt.measured)
+    report(made, command=f"haptid demo {found.demo.name}", hands=[hand]).write(folder)
+
+
+def identification(title: str, log: str, fit: Fit, proposal: Proposal) -> Identification:
+    """A fit of one half of a log, validated on the other, as a study would have found it.
+
+    Args:
+        title: of the report.
+        log: name of the log.
+        fit: of its first half.
+        proposal: the treatment of both halves, and why so.
+    """
+    made, device = fit.estimate, fit.estimate.device
+    first = LogEntry(f"{log}, first half", "identify", None, None)
+    second = LogEntry(f"{log}, second half", "validate", None, None)
+    study = Study(title, Path(), device.name, (first, second), {}, made.method, None, None)
+    runs = (
+        Run(first, made.observation, direct(made), ()),
+        Run(second, observe(device, fit.unseen), None, (fit.validation,)),
+    )
+    return Identification(study, device, proposal, made, runs)

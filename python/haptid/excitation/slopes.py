@@ -1,0 +1,124 @@
+"""Slopes of what a search lowers: by the state at every sample, and from those by the numbers that make the motion.
+
+A motion's rows depend on the state of their own sample only. So a difference for each position, velocity and
+acceleration gives all derivatives, whatever the number of harmonics.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from haptid._values import Array
+from haptid.excitation.criteria import Criterion, Scaling
+from haptid.excitation.limits import Bounds
+from haptid.signals import rows
+
+# How sharp the criterion's stand-in is where starts are compared.
+STARTING = 4.0
+# Steps of the differences by position, velocity and acceleration.
+STEPS = (1e-6, 1e-5, 1e-4)
+# A search aims for so much within every limit, of its size, to end on the right side.
+WITHIN = 0.01
+
+
+@dataclass(frozen=True, eq=False)
+class Slopes:
+    """A criterion and limits as functions of the states of a motion.
+
+    Attributes:
+        bounds: the limits.
+        criterion: what to lower.
+        columns: indices of the base parameters that count, (k,).
+        scaling: of their rows.
+    """
+
+    bounds: Bounds
+    criterion: Criterion
+    columns: tuple[int, ...]
+    scaling: Scaling
+
+    @staticmethod
+    def of(bounds: Bounds, criterion: Criterion, columns: tuple[int, ...], noise: Array) -> Slopes:
+        """For parameters of the sizes that the bounds know, and noise of (motors,)."""
+        values = np.abs(bounds.beta[list(columns)])
+        return Slopes(bounds, criterion, columns, criterion.scaling(values, noise))
+
+    def __call__(self, states: Array, power: float, weight: float) -> tuple[float, Array]:
+        """Cost and what exceeding the limits costs, and the derivative by states.
+
+        Args:
+            states: positions, velocities and accelerations of the active joints, (3, active, n).
+            power: how sharp the criterion's stand-in is.
+            weight: of the limits.
+        """
+        cost, by_state = self._criterion(states, power)
+        penalty, more = self._limits(states, weight)
+        return cost + penalty, by_state + more
+
+    def _rows(self, states: Array) -> Array:
+        """Scaled rows of the measured torques, (motors, k, n)."""
+        device = self.bounds.device
+        made = rows(device, *(np.ascontiguousarray(device.frame @ x) for x in states))[list(device.measured)]
+        kept = device.parameters.S[:, [device.base.kept[k] for k in self.columns]]
+        return np.asarray(np.matmul(kept.T, made) * self.scaling.factors[:, :, None])
+
+    def cost(self, states: Array, power: float = STARTING) -> float:
+        """The criterion's stand-in alone."""
+        V = self._rows(states)
+        _, C = self._unit(V)
+        return self.criterion.smooth(C, power)[0]
+
+    def _unit(self, V: Array) -> tuple[Array, Array]:
+        """Lengths that columns are divided by, (k,), and C of what they are then, (k, k)."""
+        lengths = np.where(self.scaling.unit, np.linalg.norm(V, axis=(0, 2)), 1.0)
+        lengths = np.maximum(lengths, np.finfo(float).tiny)
+        unit = V / lengths[:, None]
+        return lengths, np.matmul(unit, np.swapaxes(unit, 1, 2)).sum(axis=0)
+
+    def _criterion(self, states: Array, power: float) -> tuple[float, Array]:
+        V = self._rows(states)
+        lengths, C = self._unit(V)
+        cost, B = self.criterion.smooth(C, power)
+        # A column of unit length does not grow: what would change its length is taken off.
+        B = B - np.diag(np.where(self.scaling.unit, (B * C).sum(axis=1), 0.0))
+        by_row = 2 * np.matmul(B, V / lengths[:, None]) / lengths[:, None]
+        by_state = np.zeros_like(states)
+        for s, step in enumerate(STEPS):
+            for j in range(states.shape[1]):
+                slope = (self._rows(_moved(states, s, j, step)) - V) / step
+                by_state[s, j] = np.einsum("mkn,mkn->n", by_row, slope)
+        return cost, by_state
+
+    def _limits(self, states: Array, weight: float) -> tuple[float, Array]:
+        """Mean squares of what exceeds the limits, and their slopes."""
+        cost, by_state = self._squares(states, self._over, len(STEPS))
+        flat, by_position = self._squares(states, self._flat, 1)
+        return weight * (cost + flat), weight * (by_state + by_position)
+
+    def _squares(self, states: Array, over: Callable[[Array], Array], kinds: int) -> tuple[float, Array]:
+        """Of one function of the first kinds of states, (limits, n); differences where it is not zero."""
+        values, by_state, n = over(states), np.zeros_like(states), states.shape[2]
+        hot = values.any(axis=0)
+        there, here = states[:, :, hot], values[:, hot]
+        for s, step in enumerate(STEPS[:kinds]):
+            for j in range(states.shape[1] if hot.any() else 0):
+                slope = (over(_moved(there, s, j, step)) - here) / step
+                by_state[s, j, hot] = 2 / n * (here * slope).sum(axis=0)
+        return float((values**2).sum()) / n, by_state
+
+    def _over(self, states: Array) -> Array:
+        """What exceeds each limit less a margin, (limits, n)."""
+        return np.array([np.maximum(excess + WITHIN, 0.0) for excess, _ in self.bounds.by_sample(states)])
+
+    def _flat(self, states: Array) -> Array:
+        """The same of flat loops, (1, n)."""
+        return np.maximum(self.bounds.flatness(states[0])[None] + WITHIN, 0.0)
+
+
+def _moved(states: Array, s: int, j: int, step: float) -> Array:
+    made = states.copy()
+    made[s, j] += step
+    return made

@@ -1,0 +1,154 @@
+"""The demonstration with branches: its plan, a small run of one branch, and what is said of it."""
+
+import json
+
+import numpy as np
+import pytest
+
+import haptid
+from haptid.bench import read_experiment
+from haptid.characterisation import GivenModel
+from haptid.demos import kind_of, read_demo
+from haptid.demos.branches.compensated import bound, smooth
+from haptid.demos.recordings import Take, record
+from haptid.demos.report import write_report
+from haptid.estimators import possible
+
+TABLES = {"upper": "table1.csv", "lower": "table2.csv"}
+
+
+@pytest.fixture(scope="module")
+def demo():
+    return read_demo("medical")
+
+
+@pytest.fixture(scope="module")
+def device(demo):
+    return haptid.read_device(demo.device)
+
+
+def test_every_file_of_the_plan_is_there_and_its_names_fit(demo, device):
+    for branch in demo.branches:
+        for name in (branch.experiment, branch.unseen, branch.friction):
+            assert read_experiment(demo.folder / name).setup(device).device is device
+        assert set(demo.tables[branch.key].rows) < set(device.base.names)
+        assert branch.table == TABLES[branch.key]
+    keys = {branch.key for branch in demo.branches}
+    assert {drawn.branch for drawn in demo.drawn} <= keys
+    assert {drawn.motor for drawn in demo.drawn} <= set(device.row_names)
+    assert {said.sweep for said in demo.statements} <= {sweep.key for sweep in demo.sweeps}
+    assert demo.compensation.branch in keys
+
+
+@pytest.mark.parametrize("branch", TABLES)
+def test_what_is_true_is_what_is_published_and_zero_for_the_rest(demo, device, branch):
+    """And bodies can have it; the three experiments of a branch differ by the motion alone."""
+    plan, table = demo.branch(branch), demo.tables[branch]
+    setups = [read_experiment(demo.folder / name) for name in (plan.experiment, plan.unseen, plan.friction)]
+    beta = device.base.of(setups[0].setup(device).chi)
+    wanted = [table.figures.get((name, "identified"), 0.0) for name in device.base.names]
+    np.testing.assert_allclose(beta, wanted, atol=2e-9)
+    assert possible(device, np.array(wanted)).ok
+    first, *others = (experiment.table.model_dump() for experiment in setups)
+    for other in others:
+        assert {key for key in other if other[key] != first[key]} == {"name", "seed", "trajectory"}
+
+
+def test_published_tables_are_those_of_the_paper(demo):
+    upper, lower = demo.tables["upper"], demo.tables["lower"]
+    assert upper.rows == lower.rows
+    assert len(upper.rows) == 15
+    assert upper.figures["OFF2", "relative"] == 1.0
+    assert lower.figures["MX1R", "relative"] == 11.0
+    assert upper.figures["MY1R", "identified"] * lower.figures["MY1R", "identified"] < 0
+
+
+@pytest.fixture(scope="module")
+def found(demo, tmp_path_factory):
+    """One branch, short logs, compensation at one pose: everything is found and written."""
+    short = demo.stretch.model_copy(update={"identify": (2.0, 14.0), "unseen": (2.0, 8.0)})
+    small = demo.model_copy(
+        update={
+            "stretch": short,
+            "branches": demo.branches[:1],
+            "drawn": demo.drawn[1:],
+            "compensation": demo.compensation.model_copy(update={"degrees": (60.0,), "seconds": 0.8, "settled": 0.3}),
+        }
+    )
+    folder, kind, told = tmp_path_factory.mktemp("branches"), kind_of(demo), []
+    for take in kind.takes(small, folder):
+        record(shorter(take, folder))
+    found = kind.find(small, folder, lambda what, share: told.append((what, share)))
+    kind.write_tables(found, folder)
+    kind.draw(found, folder, lambda what, share: told.append((what, share)))
+    write_report(kind.values(found), kind.chapters(found), folder)
+    assert {what for what, _ in told} == {"identifying", "compensating", "drawing"}
+    return folder, found
+
+
+def shorter(take, folder):
+    """The same take with a motion of few seconds."""
+    text = take.experiment.read_text(encoding="utf-8")
+    text = text.replace("seconds = 59.3", "seconds = 16.0").replace("seconds = 30.0", "seconds = 10.0")
+    text = text.replace("[0.2, 0.3, 0.45, 0.7, 1.0, 1.4]", "[0.8, 1.2]")
+    path = folder / take.experiment.name
+    path.write_text(text, encoding="utf-8")
+    return Take(take.device, path, take.out, seed=take.seed)
+
+
+def test_everything_is_written(found):
+    folder, results = found
+    names = ["friction.png", "fig06.png", "fig07.png", "compensation.png", "report.md", "result.json"]
+    names += [f"{name}.{kind}" for name in ("table1", "friction", "sweeps", "posture") for kind in ("txt", "csv")]
+    for name in names:
+        assert (folder / name).stat().st_size > 0, name
+    report = (folder / "report.md").read_text(encoding="utf-8")
+    for claim in results.demo.claims:
+        assert claim.check in report
+    values = json.loads((folder / "result.json").read_text(encoding="utf-8"))
+    assert set(values["branches"]) == {"upper"}
+    assert values["branches"]["upper"]["essential"] == list(results.found["upper"].reduction.essential)
+
+
+def test_a_small_log_finds_the_branch(found):
+    """Errors on unseen motion, most intervals, and the largest masses within 2 % of the truth."""
+    _, results = found
+    one = results.found["upper"]
+    assert one.cross.relative < 3
+    assert np.mean([one.inside(name) for name in one.reduction.essential]) > 0.7
+    assert not one.missing
+    true = GivenModel(results.device, one.beta)
+    for sweep in results.demo.sweeps:
+        felt = haptid.felt_mass(true, sweep.along(results.device)).mass.value
+        np.testing.assert_allclose(results.handles["upper"].sweeps[sweep.key].mass.value, felt, rtol=0.02)
+
+
+def test_friction_test_finds_coulomb_friction(found):
+    _, results = found
+    test = results.friction["upper"]
+    for joint in test.choice.joints:
+        value, _ = test.coulomb(joint.label)
+        assert value == pytest.approx({"motor 1": 0.12}.get(joint.label, 0.11), rel=0.02)
+
+
+def test_compensation_takes_off_what_it_promises(found):
+    _, results = found
+    made = results.compensated
+    np.testing.assert_allclose(made.before, made.model, rtol=0.05)
+    np.testing.assert_allclose(made.after, made.promised, rtol=0.15)
+    assert results.demo.compensation.share < made.bound < 1
+
+
+def test_the_bound_is_that_of_one_motion_where_stiffness_and_damping_are_of_one_shape(demo, device):
+    asked, table = demo.compensation, demo.tables["upper"]
+    model = GivenModel.of(device, dict(zip(table.rows, table.column("identified"), strict=True)))
+    pose = demo.sweeps[1].along(device)[:, 0]
+    wanted = 1 / (1 + 5e-3 * asked.hand_stiffness / asked.hand_damping)
+    assert bound(asked, model, pose, 5e-3) == pytest.approx(wanted)
+
+
+def test_without_friction_the_bodies_are_the_same(demo, device):
+    setup = read_experiment(demo.folder / demo.branches[0].experiment).setup(device)
+    before, after = device.base.of(setup.chi), device.base.of(smooth(setup).chi)
+    rubs = np.array([name.startswith(("FC", "FV")) for name in device.base.names])
+    np.testing.assert_allclose(after, np.where(rubs, 0.0, before), atol=1e-15)

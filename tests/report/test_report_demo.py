@@ -1,0 +1,18 @@
+"""The report of a demonstration's mounting is that of a study which found the same."""
+
+from haptid.demos.mountings.fits import fitted
+from haptid.demos.mountings.page import identification
+from haptid.report import report
+from reported import found
+
+
+def test_a_mounting_has_a_report_like_a_study_s():
+    study = found()
+    first, second = (run.motion for run in study.runs)
+    fit = fitted("encoders", study.device, first, second)
+    made = identification("A mounting", "normal.parquet", fit, study.proposal)
+    assert made.meets_criteria is None
+    assert [run.entry.role for run in made.runs] == ["identify", "validate"]
+    sections = report(made).sections
+    assert list(sections) == list(report(study).sections)
+    assert sections["errors"].rows[-1]["relative"] == study.runs[1].unseen[0].relative
