@@ -63,7 +63,18 @@ from haptid.estimators import (
 from haptid.estimators.entropic import Entropic
 from haptid.estimators.essential import AtMost, Essential, Reduction, TimesSmallest, essential, essential_by_motor
 from haptid.exact import Regroupings, loop_regroupings, regroupings
-from haptid.export import CCode, CExport, export_c
+from haptid.export import (
+    CCode,
+    CExport,
+    Export,
+    export_c,
+    export_json,
+    export_latex,
+    export_matlab,
+    export_mjcf,
+    export_rust,
+    export_urdf,
+)
 from haptid.force import HandleForce, estimate_force
 from haptid.friction import ByModel, ByPairs, Constant, FrictionCurve, friction_curve
 from haptid.friction_choice import FrictionChoice, choose_friction
@@ -79,6 +90,7 @@ from haptid.proposal import Proposal, propose
 from haptid.reach import Box, Workspace, workspace
 from haptid.recorded import Recorded, RecordedLog, read_result
 from haptid.reduction import Kept, observe_all
+from haptid.report import Hand, Report, make_report, read_report, write_comparison
 from haptid.result_file import result, write_result
 from haptid.shapes import Bell, Sharp
 from haptid.simulation import PID
@@ -135,6 +147,7 @@ __all__ = [
     "Equal",
     "Essential",
     "Estimate",
+    "Export",
     "FeltMass",
     "Finding",
     "Fit",
@@ -142,6 +155,7 @@ __all__ = [
     "FrictionChoice",
     "FrictionCurve",
     "GivenModel",
+    "Hand",
     "HandleForce",
     "HandleMotion",
     "Held",
@@ -171,6 +185,7 @@ __all__ = [
     "RecordedLog",
     "Reduction",
     "Regroupings",
+    "Report",
     "Ridge",
     "Run",
     "Sandwich",
@@ -210,6 +225,12 @@ __all__ = [
     "estimate",
     "estimate_force",
     "export_c",
+    "export_json",
+    "export_latex",
+    "export_matlab",
+    "export_mjcf",
+    "export_rust",
+    "export_urdf",
     "felt_mass",
     "find_delay",
     "friction_curve",
@@ -220,6 +241,7 @@ __all__ = [
     "link_poses",
     "load_shift",
     "loop_regroupings",
+    "make_report",
     "mass_matrix",
     "observe",
     "observe_all",
@@ -232,6 +254,7 @@ __all__ = [
     "pseudo_inertia",
     "read_device",
     "read_log",
+    "read_report",
     "read_result",
     "read_study",
     "regroupings",
@@ -247,5 +270,6 @@ __all__ = [
     "variable_projection",
     "without_load",
     "workspace",
+    "write_comparison",
     "write_result",
 ]

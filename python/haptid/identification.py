@@ -11,6 +11,7 @@ from pathlib import Path
 
 from haptid.device import Device, read_device
 from haptid.estimators import Estimate, estimate
+from haptid.loads import log_without_load
 from haptid.log import Log, is_long, open_log, read_log
 from haptid.observation import Observation
 from haptid.projection import Projection, variable_projection
@@ -102,13 +103,13 @@ def identify(
     device = read_device(study.device)
     logs = [_read(entry, Path(data or study.path.parent), tell) for entry in study.logs]
     tell("choosing a treatment", 0.0)
-    seen = [log for log, entry in zip(logs, study.logs, strict=True) if entry.role == "identify"]
-    proposal = propose(device, *seen, **study.treatment)
+    proposal = propose(device, *_fit_to_propose(logs, study), **study.treatment)
     tell("choosing a treatment", 1.0)
+    logs = [_unloaded(device, log, proposal.treatment, entry) for log, entry in zip(logs, study.logs, strict=True)]
     motions = [_treat(log, proposal.treatment, tell) for log in logs]
     fitting = [motion for motion, entry in zip(motions, study.logs, strict=True) if entry.role == "identify"]
     projection = _projected(device, fitting, study, tell)
-    device, intervals = (projection.device, projection.intervals) if projection else (device, None)
+    device, intervals = (projection.device, projection.intervals) if projection else (device, study.intervals)
     observations = observe_all(device, motions, workers, kept, _pace(tell))
     fitted = [o for o, entry in zip(observations, study.logs, strict=True) if entry.role == "identify"]
     tell("estimating", 0.0)
@@ -137,6 +138,17 @@ def _read(entry: LogEntry, data: Path, tell: Progress) -> Log:
     return log
 
 
+def _fit_to_propose(logs: Sequence[Log], study: Study) -> list[Log]:
+    """Logs of the fit without a load where there are some: with loads taken off they would need a treatment first."""
+    fitting = [(log, entry) for log, entry in zip(logs, study.logs, strict=True) if entry.role == "identify"]
+    bare = [log for log, entry in fitting if entry.load is None]
+    return bare or [log for log, _ in fitting]
+
+
+def _unloaded(device: Device, log: Log, treatment: Treatment, entry: LogEntry) -> Log:
+    return log if entry.load is None else log_without_load(device, log, treatment, entry.load)
+
+
 def _treat(log: Log, treatment: Treatment, tell: Progress) -> Motion:
     tell(f"treating {log.path.name}", 0.0)
     motion = treat(log, treatment)
@@ -148,7 +160,11 @@ def _projected(device: Device, motions: Sequence[Motion], study: Study, tell: Pr
     if not device.searched:
         return None
     tell("searching constants", 0.0)
-    return variable_projection(device, motions, study.method, progress=lambda share: tell("searching constants", share))
+
+    def searching(share: float) -> None:
+        tell("searching constants", share)
+
+    return variable_projection(device, motions, study.method, study.intervals, searching)
 
 
 def _pace(tell: Progress) -> Callable[[Motion, float], None]:

@@ -97,7 +97,7 @@ class Kept:
 
 
 def fingerprint(plan: Plan) -> str:
-    """Of all that the triangles of a plan are made of: the log's bytes, its channels, the treatment, the device."""
+    """Of all that the triangles of a plan are made of: the log's bytes, channels and notes, treatment, device."""
     device, motion = plan.device, plan.motion
     assert motion.log is not None
     said = (
@@ -107,6 +107,7 @@ def fingerprint(plan: Plan) -> str:
         device.base.names,
         motion.log.sha256,
         repr(motion.log.channels),
+        motion.log.notes,
         repr(motion.treatment),
         (motion.t0, motion.dt, len(motion), plan.first, plan.rows, plan.block),
     )

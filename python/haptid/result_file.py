@@ -6,6 +6,7 @@ import csv
 import dataclasses
 import json
 import math
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -14,6 +15,7 @@ from haptid.causal import Causal
 from haptid.device import Device
 from haptid.estimators import Consistent, Estimate, Held, Method, Parameter, Within
 from haptid.identification import Identification, Run
+from haptid.loads import Load
 from haptid.projection import Projection
 from haptid.target_parameters import targets
 from haptid.treatment import Treatment
@@ -46,7 +48,7 @@ def result(identification: Identification) -> dict[str, Any]:
         },
         "estimate": {
             "method": weighting(estimate.method).name,
-            "possible": isinstance(estimate.method, Consistent),
+            "possible": isinstance(estimate.held, Held),
             "status": estimate.status,
             "interval": interval(estimate),
             "parameters": [parameter(p) for p in estimate.parameters],
@@ -121,7 +123,15 @@ def log(run: Run) -> dict[str, Any]:
         "samples": len(read.t),
         "dt": run.motion.dt,
         "notes": list(read.notes),
+        "load": None if run.entry.load is None else load(run.entry.load),
     }
+
+
+def load(taken_off: Load) -> dict[str, Any]:
+    """A known load as a study has it; the tensor about the centre of mass, 3 x 3, null of a point mass."""
+    body = taken_off.body
+    inertia = None if body.inertia is None else body.inertia.tolist()
+    return {"link": taken_off.link, "mass": body.mass, "com": body.com.tolist(), "inertia": inertia}
 
 
 def held(found: Held | Within | None) -> dict[str, Any] | None:
@@ -196,28 +206,24 @@ def notes(estimate: Estimate) -> list[str]:
 
 
 def write_result(identification: Identification, folder: Path) -> None:
-    """Write `result.json` and `parameters.csv` into a folder."""
+    """Write `result.json`, `parameters.csv` and `correlation.csv` into a folder."""
     text = json.dumps(finite(result(identification)), indent=1, ensure_ascii=False, allow_nan=False)
     (folder / "result.json").write_text(text + "\n", encoding="utf-8")
-    with (folder / "parameters.csv").open("w", newline="", encoding="utf-8") as file:
-        table = csv.writer(file)
-        table.writerow(
-            [
-                "name",
-                "value",
-                "sd",
-                "low95",
-                "high95",
-                "relative_sd_percent",
-                "textbook_sd",
-                "unit",
-                "grouping",
-                "free",
-            ]
-        )
-        for p in identification.estimate.parameters:
-            relative = "" if p.strained else p.relative_sd
-            table.writerow([p.name, p.value, p.sd, *p.interval, relative, p.textbook_sd, p.unit, p.grouping, p.free])
+    head = ["name", "value", "sd", "low95", "high95", "relative_sd_percent", "textbook_sd", "unit", "grouping", "free"]
+    _write_table(folder / "parameters.csv", [head, *map(_row, identification.estimate.parameters)])
+    names, correlation = identification.estimate.base.names, identification.estimate.correlation
+    rows = [[name, *("" if math.isnan(r) else r for r in row)] for name, row in zip(names, correlation, strict=True)]
+    _write_table(folder / "correlation.csv", [["name", *names], *rows])
+
+
+def _row(p: Parameter) -> list[object]:
+    relative = "" if p.strained else p.relative_sd
+    return [p.name, p.value, p.sd, *p.interval, relative, p.textbook_sd, p.unit, p.grouping, p.free]
+
+
+def _write_table(path: Path, rows: Iterable[Sequence[object]]) -> None:
+    with path.open("w", newline="", encoding="utf-8") as file:
+        csv.writer(file).writerows(rows)
 
 
 def finite(value: Any) -> Any:

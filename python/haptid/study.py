@@ -4,13 +4,15 @@ from __future__ import annotations
 
 import tomllib
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
+import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from haptid.causal import Causal, HighPass
+from haptid.device.prior import Body, tensor
 from haptid.errors import LogError, MethodSettingError, StudyFileError, StudyLogsError
 from haptid.estimators import (
     GLS,
@@ -19,18 +21,26 @@ from haptid.estimators import (
     SUR,
     TLS,
     WLS,
+    BlockJackknife,
+    Bootstrap,
     Bounded,
     Consistent,
     Corrected,
     Equal,
+    FixedB,
     Heteroscedastic,
     Huber,
+    Intervals,
     Loss,
     Method,
     Ridge,
+    Sandwich,
     StudentT,
+    Textbook,
     Tukey,
 )
+from haptid.estimators.entropic import Entropic
+from haptid.loads import Load
 from haptid.log import Channels, Signal
 from haptid.shapes import SHAPES
 from haptid.treatment import Treatment
@@ -71,6 +81,17 @@ class ChannelsTable(_Table):
     torque: SignalTable
 
 
+class LoadTable(_Table):
+    """A known body that was fixed to a link while the log was recorded; a point mass where `inertia` is left out."""
+
+    link: str = Field(description="name of the link's joint")
+    mass: Positive = Field(description="kg")
+    com: list[Finite] = Field(min_length=3, max_length=3, description="centre of mass in the file's link frame, m")
+    inertia: list[Finite] | None = Field(
+        None, min_length=6, max_length=6, description="XX YY ZZ XY XZ YZ about the centre of mass, kg m^2"
+    )
+
+
 class LogTable(_Table):
     """One log and what it is for."""
 
@@ -78,6 +99,7 @@ class LogTable(_Table):
     role: Role = Field("identify", description="identify: the fit sees it; validate: it is only predicted")
     stretch: list[Finite] | None = Field(None, min_length=2, max_length=2, description="only from .. to, s")
     channels: ChannelsTable | None = Field(None, description="where this log's channels differ from the study's")
+    load: LoadTable | None = Field(None, description="known load of this recording; its torque is taken off")
 
 
 class TreatmentTable(_Table):
@@ -130,16 +152,19 @@ class LimitTable(_Table):
 class EstimateTable(_Table):
     """The estimator."""
 
-    method: Literal["OLS", "WLS", "SUR", "GLS", "IRLS", "heteroscedastic", "TLS", "encoder noise", "ridge"] = Field(
-        "WLS", description="how rows are weighted, and what is taken off or added; see the page on estimators"
-    )
+    method: Literal[
+        "OLS", "WLS", "SUR", "GLS", "IRLS", "heteroscedastic", "TLS", "encoder noise", "ridge", "entropic"
+    ] = Field("WLS", description="how rows are weighted, and what is taken off or added; see the page on estimators")
     passes: int | None = Field(None, ge=1, description="times the weights are made anew; not of OLS, IRLS and TLS")
     loss: Literal["Tukey", "Huber", "Student t"] | None = Field(None, description="IRLS: what wild rows count; Tukey")
     resolution: Positive | list[Positive] | None = Field(
         None, description="encoder noise: step of the position channels, rad or m; the log's smallest"
     )
     share: Positive | None = Field(None, description="ridge: deviation of prior values that have none, as a share; 0.3")
-    strength: Positive | None = Field(None, description="ridge: of the pull; the one that predicts best")
+    strength: Positive | None = Field(None, description="ridge, entropic: of the pull; the one that predicts best")
+    intervals: Literal["jackknife", "textbook", "sandwich", "fixed-b", "bootstrap"] = Field(
+        "jackknife", description="how deviations are made; see the page on estimators"
+    )
     possible: bool = Field(False, description="hold the estimate to what bodies and passive friction can have")
     limits: dict[str, LimitTable] | None = Field(None, description="hold base parameters between limits, by name")
     relations: dict[str, Finite] | None = Field(None, description="combinations of parameters and their exact values")
@@ -167,12 +192,13 @@ class StudyTable(_Table):
 
 @dataclass(frozen=True)
 class LogEntry:
-    """A log of a study: where it is, what it is for, how its channels are mapped."""
+    """A log of a study: where it is, what it is for, how its channels are mapped, what was fixed to the device."""
 
     path: str
     role: Role
     stretch: tuple[float, float] | None
     channels: Channels | None
+    load: Load | None = None
 
 
 @dataclass(frozen=True)
@@ -187,6 +213,7 @@ class Study:
         method: how they are estimated.
         holdout: how rows are held out of the fit for validation, if at all.
         largest_error: largest relative error on unseen rows that is good enough, per cent; None for no limit.
+        intervals: how deviations are made.
     """
 
     name: str
@@ -197,6 +224,7 @@ class Study:
     method: Method
     holdout: Literal["alternate", "each-log"] | None
     largest_error: float | None
+    intervals: Intervals = field(default_factory=BlockJackknife)
 
 
 def study_schema() -> dict[str, Any]:
@@ -224,6 +252,7 @@ def read_study(path: str | Path) -> Study:
         method=_method(path, table.estimate),
         holdout=table.holdout.pattern if table.holdout else None,
         largest_error=table.criteria.relative_error_percent,
+        intervals=INTERVALS[table.estimate.intervals](),
     )
 
 
@@ -253,6 +282,14 @@ METHODS: Mapping[str, tuple[Callable[..., Method], tuple[str, ...]]] = {
     "TLS": (TLS, ()),
     "encoder noise": (Corrected, ("resolution",)),
     "ridge": (Ridge, ("share", "strength", "passes")),
+    "entropic": (Entropic, ("strength",)),
+}
+INTERVALS: Mapping[str, Callable[[], Intervals]] = {
+    "jackknife": BlockJackknife,
+    "textbook": Textbook,
+    "sandwich": Sandwich,
+    "fixed-b": FixedB,
+    "bootstrap": Bootstrap,
 }
 LOSSES: Mapping[str, Callable[[], Loss]] = {"Tukey": Tukey, "Huber": Huber, "Student t": StudentT}
 SETTINGS = tuple(dict.fromkeys(key for _, keys in METHODS.values() for key in keys))
@@ -374,7 +411,12 @@ def _log(study: Path, index: int, log: LogTable, common: ChannelsTable | None) -
             )
         except LogError as error:
             raise StudyFileError(study, where, str(error).rstrip(".")) from error
-    return LogEntry(log.path, log.role, stretch, channels)
+    return LogEntry(log.path, log.role, stretch, channels, _load(log.load) if log.load else None)
+
+
+def _load(table: LoadTable) -> Load:
+    inertia = None if table.inertia is None else tensor(np.array(table.inertia))
+    return Load(table.link, Body(table.mass, np.array(table.com), inertia))
 
 
 def _signal(study: Path, where: str, table: SignalTable) -> Signal:

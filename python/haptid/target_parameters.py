@@ -15,6 +15,7 @@ from haptid.device import Device
 from haptid.device.prior import combined_prior
 from haptid.errors import NoTargetsError, UnidentifiableTargetError
 from haptid.estimators import Estimate, Parameter
+from haptid.estimators.spread import correlations
 
 # What of a target is left beside base parameters, as a share of what cancelled: below this it is rounding.
 ROUNDING = 1e-7
@@ -93,10 +94,7 @@ class Targets:
     @cached_property
     def correlation(self) -> Array:
         """Of the errors of the targets, (k, k)."""
-        sd = np.sqrt(np.diag(self.covariance))
-        made = self.covariance / np.outer(sd, sd)
-        np.fill_diagonal(made, 1.0)
-        return freeze(made)
+        return correlations(self.covariance)
 
     @cached_property
     def parameters(self) -> tuple[Parameter, ...]:
@@ -215,7 +213,7 @@ def base_combinations(device: Device, names: Sequence[str], rows: Array) -> Arra
     shown = C @ base.regrouping
     cancelled = np.abs(rows) + np.abs(C) @ np.abs(base.regrouping)
     hidden = np.where(np.abs(rows - shown) > ROUNDING * cancelled, rows - shown, 0.0)
-    for k in np.flatnonzero(hidden.any(axis=1)):
+    for k in np.flatnonzero(hidden.any(axis=1)).tolist():
         raise _unidentifiable(device, names[k], hidden[k], shown[k])
     return freeze(np.ascontiguousarray(C))
 

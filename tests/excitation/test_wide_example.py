@@ -24,3 +24,7 @@ def test_the_wide_example_has_a_condition_below_fifty():
     assert scaled < 50
     assert scaled == pytest.approx(recorded, rel=0.02)
     assert loop_openness(device, device.closure.positions(made.q.T).T).min() > FLAT
+
+
+def test_one_call_is_recorded_to_come_near_it():
+    assert json.loads(RESULTS.read_text())["figures"]["design, condition with unit columns"] < 75

@@ -2,7 +2,7 @@
 
 from haptid.demos.mountings.fits import fitted
 from haptid.demos.mountings.page import identification
-from haptid.report import report
+from haptid.report import make_report
 from reported import found
 
 
@@ -13,6 +13,6 @@ def test_a_mounting_has_a_report_like_a_study_s():
     made = identification("A mounting", "normal.parquet", fit, study.proposal)
     assert made.meets_criteria is None
     assert [run.entry.role for run in made.runs] == ["identify", "validate"]
-    sections = report(made).sections
-    assert list(sections) == list(report(study).sections)
+    sections = make_report(made).sections
+    assert list(sections) == list(make_report(study).sections)
     assert sections["errors"].rows[-1]["relative"] == study.runs[1].unseen[0].relative

@@ -15,7 +15,7 @@ from hypothesis.extra.numpy import arrays
 import haptid
 from haptid import errors
 from haptid.errors import OutputError, ReportDataError
-from haptid.report import Hand, Source, read_report, report, sparklines, write_comparison
+from haptid.report import Hand, Source, make_report, read_report, sparklines, write_comparison
 from haptid.report.chart import envelope, extremes, packed, shaded
 from haptid.report.citations import bibtex, entries
 from haptid.report.mathml import groupings, parameter
@@ -250,7 +250,7 @@ def test_the_force_of_a_hand_is_shown_beside_the_sensor():
     assert len(section.charts) == 3
     assert "they differ by 0 N" in section.charts[0].caption
     assert HandSection.of(source()) is None
-    whole = report(found(), hands=(Hand.of("pushed", force),))
+    whole = make_report(found(), hands=(Hand.of("pushed", force),))
     assert "hand" in whole.sections
 
 

@@ -24,6 +24,8 @@ treatment, and the estimator. Writes into OUT:
 
   parameters.csv   the table of parameters
 
+  correlation.csv  how their errors go together
+
   torque-*.png     measured against predicted torque, one picture for each log
 
 Long logs are read piece by piece, and what has been made of them is kept in .OUT.partial beside OUT until all is done:

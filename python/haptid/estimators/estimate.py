@@ -20,7 +20,7 @@ from haptid.estimators.jackknife import BlockJackknife
 from haptid.estimators.method import Fitting, Knowing, Method, Reduced, rows_of
 from haptid.estimators.possible import Possible
 from haptid.estimators.solve import Solution, solve
-from haptid.estimators.spread import Intervals, Limiting, Spread
+from haptid.estimators.spread import Intervals, Limiting, Spread, correlations
 from haptid.estimators.wls import WLS
 from haptid.observation import Observation
 
@@ -136,6 +136,11 @@ class Estimate:
     def sd(self) -> Array:
         """Honest deviations, (p,); infinite for the lonely ones. Of a held estimate, those of the free one."""
         return deviations(self.covariance, self.lonely)
+
+    @cached_property
+    def correlation(self) -> Array:
+        """Of the errors of the base parameters, (p, p); NaN beside what has no deviation."""
+        return correlations(self.covariance)
 
     @property
     def interval95(self) -> Array:

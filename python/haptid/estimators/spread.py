@@ -7,7 +7,7 @@ from typing import Protocol, runtime_checkable
 
 import numpy as np
 
-from haptid._values import Array
+from haptid._values import Array, freeze
 from haptid.estimators.fit import Fit
 
 
@@ -45,3 +45,12 @@ class Limiting(Intervals, Protocol):
 
     def limits(self, fit: Fit, held: object, half: Array) -> Array:
         """Ends of the 95 % intervals, (p, 2), where the free fit's half-widths are (p,)."""
+
+
+def correlations(covariance: Array) -> Array:
+    """Of a covariance, (p, p); NaN beside what has no deviation, 1 on the diagonal."""
+    sd = np.sqrt(np.diag(covariance))
+    with np.errstate(invalid="ignore", divide="ignore"):
+        made = np.clip(covariance / np.outer(sd, sd), -1.0, 1.0)
+    np.fill_diagonal(made, 1.0)
+    return freeze(made)

@@ -68,7 +68,7 @@ class Report:
         (folder / DATA).write_bytes(gzip.compress(text.encode("utf-8"), mtime=0))
 
 
-def report(
+def make_report(
     identification: Identification, *, command: str = "", hands: Sequence[Hand] = (), made: datetime | None = None
 ) -> Report:
     """Everything there is to say of an identification.

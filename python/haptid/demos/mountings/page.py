@@ -9,7 +9,7 @@ from haptid.demos.mountings.fits import Fit
 from haptid.identification import Identification, Run
 from haptid.observation import observe
 from haptid.proposal import Proposal
-from haptid.report import Hand, report
+from haptid.report import Hand, make_report
 from haptid.study import LogEntry, Study
 from haptid.validation import direct
 
@@ -22,7 +22,7 @@ def write_page(found: Results, folder: Path) -> None:
     made = identification(title, f"{key}.parquet", fits["encoders"], fits.proposal)
     pushed = Path(found.demo.hand.experiment).with_suffix(".parquet").name
     hand = Hand(pushed, felt.t, felt.modelled, measured=felt.measured)
-    report(made, command=f"haptid demo {found.demo.name}", hands=[hand]).write(folder)
+    make_report(made, command=f"haptid demo {found.demo.name}", hands=[hand]).write(folder)
 
 
 def identification(title: str, log: str, fit: Fit, proposal: Proposal) -> Identification:

@@ -7,7 +7,6 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from haptid._values import Array
 from haptid.errors import HaptidError, RegroupingError
 from haptid.estimators import Estimate, Parameter
 from haptid.estimators.essential import essential as search
@@ -127,7 +126,7 @@ def _finite(value: float) -> float | None:
 
 def correlation(made: Estimate) -> Chart:
     """How far deviations of two parameters go together."""
-    names, R = made.base.names, _correlations(made.covariance)
+    names, R = made.base.names, made.correlation
     pairs = [(float(R[i, k]), names[i], names[k]) for i in range(len(R)) for k in range(i)]
     strong = sorted((pair for pair in pairs if abs(pair[0]) > STRONG), key=lambda pair: -abs(pair[0]))
     largest = max(pairs, key=lambda pair: abs(pair[0]), default=None)
@@ -153,9 +152,3 @@ def correlation(made: Estimate) -> Chart:
     }
     alt = f"Map of the correlations of {len(names)} parameters' deviations, from -1 to 1."
     return Chart("correlation", "Correlation of the parameters", alt, caption, drawing)
-
-
-def _correlations(covariance: Array) -> Array:
-    sd = np.sqrt(np.diag(covariance))
-    with np.errstate(divide="ignore", invalid="ignore"):
-        return np.asarray(covariance / np.outer(sd, sd))

@@ -1,0 +1,179 @@
+"""A study's known loads and intervals: taken off, named in the result, and refused where they mean nothing."""
+
+import json
+from dataclasses import replace
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.csv
+import pytest
+
+import haptid
+from haptid import estimators as e
+from haptid.device.prior import Body
+from haptid.errors import StudyFileError, UnknownLinkError
+from haptid.loads import Load, log_without_load
+from haptid.reduction import Kept
+from haptid.result_file import result
+from motions import multisine, truth
+from small_study import columns, two_links, write_study
+
+BODY = Body(0.7, np.array([0.25, 0.1, 0.0]), np.diag([0.0, 0.0, 0.003]))
+LOAD = "load = { link = '2', mass = 0.7, com = [0.25, 0.1, 0.0], inertia = [0, 0, 0.003, 0, 0, 0] }"
+
+
+def loaded_columns(seed, noise=0.02, late=0.0, seconds=6.0):
+    """A log of the small study's device with the load; its command acts so many seconds late."""
+    device = two_links()
+    beta = truth(device) + 0.1 + haptid.load_shift(device, "2", BODY)
+    q, qd, qdd = multisine(2, seconds, 2e-3, seed)
+    tau = haptid.inverse_dynamics(device, beta, q, qd, qdd)
+    tau += noise * np.random.default_rng(seed).standard_normal(tau.shape)
+    k = round(late / 2e-3)
+    tau = np.roll(tau, -k, axis=1)
+    t = 2e-3 * np.arange(q.shape[1])
+    return {"t": t, "q1": q[0], "q2": q[1], "tau1": tau[0], "tau2": tau[1]}
+
+
+@pytest.fixture
+def study(tmp_path):
+    """The small study with one more log, of the load; `text` is its entry."""
+    path = write_study(tmp_path)
+    pyarrow.csv.write_csv(pa.table(loaded_columns(3)), tmp_path / "loaded.csv")
+    before = path.read_text()
+
+    def write(text, more=""):
+        path.write_text(
+            before.replace("[treatment]", f'[[logs]]\npath = "loaded.csv"\n{text}\n[treatment]') + f"\n{more}\n"
+        )
+        return haptid.read_study(path)
+
+    return write
+
+
+def test_a_log_with_a_known_load_tells_the_device_without(study):
+    made = haptid.identify(study(LOAD))
+    alone = haptid.identify(replace(made.study, logs=made.study.logs[:2]))
+    wanted = truth(made.device) + 0.1
+    low, high = made.estimate.interval95.T
+    assert ((low < wanted) & (wanted < high)).mean() >= 0.8
+    assert made.estimate.sd.mean() < alone.estimate.sd.mean()
+    assert made.runs[2].direct.relative < 1.3 * made.runs[0].direct.relative
+    ignored = haptid.identify(study(""))
+    assert ignored.runs[2].direct.relative > 3 * made.runs[2].direct.relative
+
+
+def test_the_result_says_what_was_taken_off(study, tmp_path):
+    made = haptid.identify(study(LOAD))
+    haptid.write_result(made, tmp_path)
+    first, _, third = json.loads((tmp_path / "result.json").read_text())["logs"]
+    assert first["load"] is None
+    assert third["load"] == {"link": "2", "mass": 0.7, "com": [0.25, 0.1, 0.0], "inertia": BODY.inertia.tolist()}
+    assert "A load of 0.7 kg on link 2 is taken off the torque" in third["notes"][-1]
+    assert third["notes"][-1] in made.estimate.notes
+
+
+@pytest.mark.parametrize("late", [0.0, 4e-3])
+def test_a_load_is_taken_off_to_the_last_digits(tmp_path, late):
+    """Exact torque of the device alone is left, with the torque's delay too."""
+    device, treatment = two_links(), haptid.Treatment(cutoff_hz=None, torque_delay=late)
+    names = haptid.Channels(haptid.Signal(("q1", "q2"), "rad"), haptid.Signal(("tau1", "tau2"), "N m"), "t")
+    for name, made in (("loaded", loaded_columns(3, 0.0, late)), ("plain", columns(3))):
+        pyarrow.csv.write_csv(pa.table(made), tmp_path / f"{name}.csv")
+    log = haptid.read_log(tmp_path / "loaded.csv", names)
+    bare = log_without_load(device, log, treatment, Load("2", BODY))
+    motion = haptid.treat(bare, treatment)
+    exact = haptid.inverse_dynamics(device, truth(device) + 0.1, *multisine(2, 6.0, 2e-3, 3))
+    low, high = motion.usable
+    inside = slice(low + 10, high - 10)
+    np.testing.assert_allclose(motion.tau[inside], exact.T[inside], atol=2e-6 * np.abs(exact).max())
+    by_motion = haptid.without_load(device, haptid.treat(log, treatment), "2", BODY)
+    np.testing.assert_allclose(motion.tau[inside], by_motion.tau[inside], atol=1e-9)
+
+
+def test_a_log_on_disk_loses_its_load_piece_by_piece(study, tmp_path):
+    study(LOAD)
+    device, treatment = two_links(), haptid.Treatment(cutoff_hz=30.0, decimation=5)
+    names = haptid.Channels(haptid.Signal(("q1", "q2"), "rad"), haptid.Signal(("tau1", "tau2"), "N m"), "t")
+    pyarrow.parquet.write_table(pa.table(loaded_columns(3)), tmp_path / "loaded.parquet")
+    read, opened = (f(tmp_path / "loaded.parquet", names) for f in (haptid.read_log, haptid.open_log))
+    whole, pieces = (log_without_load(device, log, treatment, Load("2", BODY)) for log in (read, opened))
+    assert not isinstance(pieces.torque, np.ndarray)
+    one, other = (haptid.observe(device, haptid.treat(log, treatment)) for log in (whole, pieces))
+    np.testing.assert_allclose(
+        haptid.estimate(one, haptid.OLS()).beta, haptid.estimate(other, haptid.OLS()).beta, rtol=1e-9
+    )
+
+
+def test_kept_triangles_are_of_one_load(study, tmp_path):
+    """A run that goes on does not take triangles that were made with another load."""
+    kept = Kept(tmp_path / "kept", least=1)
+    with_load = haptid.identify(study(LOAD), kept=kept).estimate.beta
+    without = haptid.identify(study(""), kept=kept).estimate.beta
+    np.testing.assert_allclose(haptid.identify(study(""), kept=None).estimate.beta, without, rtol=1e-12)
+    assert np.abs(with_load - without).max() > 1e-3
+
+
+@pytest.mark.parametrize(
+    ("text", "where"),
+    [
+        ("load = { link = '2', mass = 0.0, com = [0, 0, 0] }", "logs.2.load.mass"),
+        ("load = { link = '2', mass = 1.0, com = [0, 0] }", "logs.2.load.com"),
+        ("load = { link = '2', mass = 1.0, com = [0, 0, 0], inertia = [1.0] }", "logs.2.load.inertia"),
+        ("load = { mass = 1.0, com = [0, 0, 0] }", "logs.2.load.link"),
+    ],
+)
+def test_a_load_that_is_none_is_refused(study, text, where):
+    with pytest.raises(StudyFileError, match=where):
+        study(text)
+
+
+def test_a_load_on_no_link_is_refused(study):
+    with pytest.raises(UnknownLinkError):
+        haptid.identify(study("load = { link = '9', mass = 1.0, com = [0, 0, 0] }"))
+
+
+@pytest.mark.parametrize(
+    ("text", "intervals"),
+    [
+        ("", e.BlockJackknife()),
+        ('intervals = "jackknife"', e.BlockJackknife()),
+        ('intervals = "textbook"', e.Textbook()),
+        ('intervals = "sandwich"', e.Sandwich()),
+        ('intervals = "fixed-b"', e.FixedB()),
+        ('intervals = "bootstrap"', e.Bootstrap()),
+    ],
+)
+def test_intervals_of_a_study_reach_its_estimate(study, text, intervals):
+    read = study(LOAD, f"[estimate]\n{text}")
+    assert read.intervals == intervals
+    made = haptid.identify(read)
+    assert result(made)["estimate"]["interval"] == intervals.name
+    again = haptid.estimate(made.estimate.observation, haptid.WLS(), intervals)
+    np.testing.assert_allclose(made.estimate.covariance, again.covariance)
+
+
+def test_entropic_of_a_study(study):
+    read = study(LOAD, '[estimate]\nmethod = "entropic"\nstrength = 2.0')
+    assert read.method == haptid.Entropic(2.0)
+    with pytest.raises(StudyFileError, match=r"estimate\.passes"):
+        study(LOAD, '[estimate]\nmethod = "entropic"\npasses = 2')
+
+
+def test_correlations_are_in_the_folder(study, tmp_path):
+    made = haptid.identify(study(LOAD))
+    haptid.write_result(made, tmp_path)
+    found = pyarrow.csv.read_csv(tmp_path / "correlation.csv").to_pydict()
+    names = made.estimate.base.names
+    assert tuple(found.pop("name")) == names == tuple(found)
+    R = np.array([found[name] for name in names])
+    np.testing.assert_array_equal(R, made.estimate.correlation)
+    np.testing.assert_allclose(np.diag(R), 1.0)
+    sd = made.estimate.sd
+    np.testing.assert_allclose(R * np.outer(sd, sd), made.estimate.covariance, rtol=1e-12)
+    assert np.linalg.eigvalsh(R).min() > -1e-9
+
+
+def test_what_has_no_deviation_has_no_correlation():
+    R = e.spread.correlations(np.diag([4.0, 0.0]))
+    np.testing.assert_array_equal(R, [[1.0, np.nan], [np.nan, 1.0]])
