@@ -37,6 +37,11 @@ class Stretch:
     cdd: Array | None
     own: Array
 
+    @staticmethod
+    def of(plan: Plan, start: int, stop: int) -> Stretch:
+        """Rows start..stop of a plan."""
+        return Stretch(plan.device, plan, start, stop, *plan.signals(*plan.window(start, stop)))
+
     @property
     def rows(self) -> list[int]:
         """Indices of the coordinates whose torque is measured."""
@@ -90,4 +95,4 @@ def stretches(device: Device, motion: Motion) -> Iterator[Stretch]:
     """
     plan = Plan.of(device, motion)
     for start, stop in plan.segments():
-        yield Stretch(device, plan, start, stop, *plan.signals(*plan.window(start, stop)))
+        yield Stretch.of(plan, start, stop)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -11,6 +11,7 @@ from haptid.diagnosis.excitation import collinearity, excitation
 from haptid.diagnosis.finding import Finding, Status, worst
 from haptid.diagnosis.influence import drift, influence
 from haptid.diagnosis.places import places
+from haptid.diagnosis.portion import portion, sentence
 from haptid.diagnosis.residual import Residuals, residuals
 from haptid.diagnosis.ripple import ripple
 from haptid.diagnosis.serial import whiteness
@@ -18,6 +19,7 @@ from haptid.diagnosis.verdict import Verdict, verdict
 from haptid.diagnosis.widened import Extra, Widened, device_rows, widen
 from haptid.dynamics import raw_parameters
 from haptid.estimators import Estimate
+from haptid.treatment import Motion
 from haptid.validation import Validation, direct
 
 # Per cent of every motor's torque below which a residual is rounding.
@@ -32,7 +34,7 @@ class Diagnosis:
         estimate: of which.
         validation: its errors on unseen rows; on those of the fit where none was given.
         findings: one for each look.
-        left_out: a sentence for each look that these rows do not allow.
+        left_out: a sentence for each look that these rows do not allow, and on how much of a long log was looked at.
     """
 
     estimate: Estimate
@@ -66,6 +68,8 @@ class Diagnosis:
 def diagnose(estimate: Estimate, validation: Validation | None = None) -> Diagnosis:
     """Look at an estimate from all sides; its observation holds the rows and the motions.
 
+    Of a long log, what needs the rows again is asked of stretches spread over it (`portion`), which is said.
+
     Each look that is a test speaks up once in a hundred logs by chance (`finding.LEVEL`), serial correlation of the
     residual taken into account.
 
@@ -80,22 +84,25 @@ def diagnose(estimate: Estimate, validation: Validation | None = None) -> Diagno
     motion = (excitation(estimate), collinearity(estimate))
     if max(motor.relative for motor in direct(estimate).motors) < EXACT:
         return Diagnosis(estimate, errors, motion, ("The model fits to rounding: no residual is left to look at.",))
-    findings = (*motion, *_on_rows(estimate), influence(estimate), drift(estimate))
-    return Diagnosis(estimate, errors, findings, tuple(_left_out(estimate)))
+    part = portion(estimate)
+    calm = tuple(exogeneity.instrument(each) for each in part.observation.motions)
+    findings = (*motion, *_on_rows(part, calm), influence(estimate), drift(estimate))
+    said = () if part is estimate else (sentence(estimate, part),)
+    return Diagnosis(estimate, errors, findings, (*said, *_left_out(part, calm)))
 
 
-def _on_rows(estimate: Estimate) -> Iterator[Finding]:
-    """Findings that need the rows again."""
+def _on_rows(estimate: Estimate, calm: Sequence[Motion | None]) -> Iterator[Finding]:
+    """Findings that need the rows again; `calm` has every motion's instrument."""
     left = residuals(estimate)
     rows = device_rows(estimate)
     yield whiteness(estimate, left)
     yield distribution.normality(left)
     yield distribution.spread(left, left.velocity[rows])
-    yield from _tested(estimate, left)
+    yield from _tested(estimate, left, calm)
     yield ripple(places(estimate.device, rows), left, rows)
 
 
-def _tested(estimate: Estimate, left: Residuals) -> Iterator[Finding]:
+def _tested(estimate: Estimate, left: Residuals, calm: Sequence[Motion | None]) -> Iterator[Finding]:
     """Findings of fits with more columns, all columns made in one walk over the samples."""
     device, chi = estimate.device, raw_parameters(estimate.device, estimate.beta)
     rows = device_rows(estimate)
@@ -108,9 +115,9 @@ def _tested(estimate: Estimate, left: Residuals) -> Iterator[Finding]:
     if _accelerated(estimate):
         groups["late"] = list(late.rates(device, rows))
         groups["known"] = list(suspicion.expected(device, rows, bodies)) if bodies else []
-    calm = [(motion, exogeneity.instrument(motion)) for motion in estimate.observation.motions]
-    pairs = [(motion, smooth) for motion, smooth in calm if smooth is not None]
-    if len(pairs) == len(calm):
+    motions = estimate.observation.motions
+    pairs = [(motion, smooth) for motion, smooth in zip(motions, calm, strict=True) if smooth is not None]
+    if len(pairs) == len(motions):
         groups["errors"] = list(exogeneity.errors_in_columns(device, rows, chi, pairs))
     widened, places_of = _widen(estimate, groups)
     names = [shape.name for shape in misfit.SHAPES]
@@ -143,9 +150,9 @@ def _accelerated(estimate: Estimate) -> bool:
     return not any(motion.treatment.momentum for motion in estimate.observation.motions)
 
 
-def _left_out(estimate: Estimate) -> Iterator[str]:
+def _left_out(estimate: Estimate, calm: Sequence[Motion | None]) -> Iterator[str]:
     """What these rows do not allow to be asked."""
     if not _accelerated(estimate):
         yield "Not asked, for want of accelerations: the torque's delay, its size beside the device file's bodies."
-    if any(exogeneity.instrument(motion) is None for motion in estimate.observation.motions):
+    if None in calm:
         yield "Not asked: errors in W. There is no log, or no room for a narrower filter of its positions."

@@ -11,6 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
+from functools import lru_cache
 
 import numpy as np
 
@@ -60,14 +61,16 @@ def errors_in_columns(
     of = {id(motion): calm for motion, calm in smooth}
     parts = [part for part in (rigid(device, chi), chi - rigid(device, chi)) if part.any()]
 
-    def differences(row: int) -> Extra:
-        def values(sight: Sight) -> Array:
-            calm = coordinates(device, of[id(sight.plan.motion)], sight.low, sight.high)
-            return np.array([(sight.torque(part) - torque_of(device, part, *calm))[row] for part in parts])
+    @lru_cache(maxsize=1)  # torque comes for all rows at once
+    def differences(sight: Sight) -> Array:
+        calm = coordinates(device, of[id(sight.plan.motion)], sight.low, sight.high)
+        return np.array([sight.torque(part) - torque_of(device, part, *calm) for part in parts])
 
-        return Extra(np.eye(len(device.drives))[row], len(parts), values)
-
-    return tuple(differences(row) for row in rows)
+    units = np.eye(len(device.drives))
+    return tuple(
+        Extra(units[row], len(parts), lambda sight, r=row: differences(sight)[:, r])  # type: ignore[misc]
+        for row in rows
+    )
 
 
 def exogeneity(widened: Widened, which: Sequence[int], labels: Sequence[str]) -> Finding:
@@ -81,7 +84,7 @@ def exogeneity(widened: Widened, which: Sequence[int], labels: Sequence[str]) ->
     first = int(np.argmin(p))
     label, explained = told[first][0], float(told[first][1].explained.max())
     kept = list(made.kept)
-    moved = np.abs(told[first][1].beta - made.beta[kept]) / np.maximum(made.sd[kept], TINY)
+    moved = np.abs(told[first][1].moved) / np.maximum(made.sd[kept], TINY)
     worst, most = made.base.names[kept[int(np.argmax(moved))]], float(moved.max())
     figures = {
         "p": float(p[first]),

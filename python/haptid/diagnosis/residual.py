@@ -8,13 +8,15 @@ from dataclasses import dataclass
 import numpy as np
 
 from haptid._values import Array, read_only
+from haptid.diagnosis.portion import numbered, runs
 from haptid.diagnosis.widened import device_rows
 from haptid.dynamics import raw_parameters
 from haptid.estimators import Estimate
-from haptid.stretches import stretches
+from haptid.observation import Plan
+from haptid.stretches import Stretch
 from haptid.treatment import Motion
 
-# Rows without residual between two motions: no lag that is looked at reaches across.
+# Rows without residual between two stretches: no lag that is looked at reaches across.
 BETWEEN = 400
 # Rows so far apart that the shared filter alone correlates them by less than this count as apart.
 APART = 0.02
@@ -57,7 +59,7 @@ class Residuals:
 
 
 def residuals(estimate: Estimate) -> Residuals:
-    """Of all motions that the estimate was made from, one after the other."""
+    """Of all blocks that the estimate was made from, one after the other."""
     motions = estimate.observation.motions
     parts = [part for motion in motions for part in _of(estimate, motion)]
     t, e, model, position, velocity, block = (np.concatenate(each, axis=-1) for each in zip(*parts, strict=True))
@@ -81,21 +83,30 @@ Part = tuple[Array, Array, Array, Array, Array, Array]
 
 
 def _of(estimate: Estimate, motion: Motion) -> Iterator[Part]:
-    """Stretches of one motion, then rows without residual."""
-    device = estimate.device
+    """Stretches of one motion; rows without residual between those that are no neighbours, and at the end."""
+    device, plan = estimate.device, Plan.of(estimate.device, motion)
     chi = raw_parameters(device, estimate.beta)
-    index = {block: k for k, block in enumerate(estimate.observation.blocks)}
+    wanted = estimate.observation.blocks
+    index = dict(numbered(plan, wanted))
     measured_rows = np.flatnonzero(device.measured).tolist()
     own = [measured_rows.index(row) for row in device_rows(estimate)]
-    for stretch in stretches(device, motion):
-        name = motion.log.sha256 if motion.log else f"motion {id(motion):x}"
-        at = np.array([index.get(block, -1) for block in stretch.plan.blocks(name)])
+    end = 0
+    for start, stop in runs(plan, wanted):
+        stretch = Stretch.of(plan, start, stop)
+        if start > end:
+            yield _nothing(len(own), len(stretch.c))
         measured, model = stretch.measured()[own], stretch.torque(chi)[own]
         e = np.where(stretch.used[own], measured - model, np.nan)
-        block = at[np.arange(stretch.start, stretch.stop) // stretch.plan.block].astype(float)
+        block = np.array([index[row // plan.block] for row in range(start, stop)], dtype=float)
         yield stretch.t, e, model, stretch.centres(stretch.c), stretch.centres(stretch.cd), block
-    motors, coordinates = (np.full((size, BETWEEN), np.nan) for size in (len(e), len(stretch.c)))
-    yield np.full(BETWEEN, np.nan), motors, motors, coordinates, coordinates, np.full(BETWEEN, -1.0)
+        end = stop
+    yield _nothing(len(own), len(device.row_names))
+
+
+def _nothing(motors: int, coordinates: int) -> Part:
+    """Rows without residual."""
+    e, c = (np.full((size, BETWEEN), np.nan) for size in (motors, coordinates))
+    return np.full(BETWEEN, np.nan), e, e, c, c, np.full(BETWEEN, -1.0)
 
 
 def filter_stride(motion: Motion) -> int:

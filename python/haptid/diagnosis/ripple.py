@@ -27,12 +27,8 @@ def waves(x: Array, e: Array, block: np.ndarray) -> tuple[Array, Array]:
     """
     span = float(x.max() - x.min())
     f = np.linspace(2.0, 1 / FINEST, PERIODS) / span
-    _, place = np.unique(block, return_inverse=True)
-    sums = np.zeros((int(place.max()) + 1, PERIODS), dtype=complex)
-    for start in range(0, len(x), 1 << 14):
-        part = slice(start, start + (1 << 14))
-        np.add.at(sums, place[part], e[part, None] * np.exp(2j * np.pi * x[part, None] * f))
-    return f, sums
+    parts = (np.flatnonzero(block == one) for one in np.unique(block))
+    return f, np.array([e[part] @ np.exp(2j * np.pi * np.outer(x[part], f)) for part in parts])
 
 
 def chance(sums: Array) -> tuple[float, int]:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 from scipy import stats
@@ -68,16 +69,18 @@ def expected(device: Device, rows: Sequence[int], bodies: Known) -> tuple[Extra,
     """
     chi = raw_parameters(device, bodies.beta)
 
-    def weight(sight: Sight) -> Array:
+    @lru_cache(maxsize=1)  # torque comes for all rows at once
+    def torques(sight: Sight) -> Array:
         c = sight.motion[0]
-        return torque_of(device, chi, c, np.zeros_like(c), np.zeros_like(c))
+        weight = torque_of(device, chi, c, np.zeros_like(c), np.zeros_like(c))
+        return np.array([sight.torque(chi) - weight, weight])
 
-    made = []
-    for row in rows:
-        unit = np.eye(len(device.drives))[row]
-        made.append(Extra(unit, 1, lambda sight, r=row: (sight.torque(chi) - weight(sight))[[r]]))  # type: ignore[misc]
-        made.append(Extra(unit, 1, lambda sight, r=row: weight(sight)[[r]]))  # type: ignore[misc]
-    return tuple(made)
+    units = np.eye(len(device.drives))
+    return tuple(
+        Extra(units[row], 1, lambda sight, r=row, k=kind: torques(sight)[k, [r]])  # type: ignore[misc]
+        for row in rows
+        for kind in (0, 1)
+    )
 
 
 @dataclass(frozen=True)

@@ -16,6 +16,7 @@ from scipy import linalg, stats
 
 from haptid._values import Array, freeze, read_only
 from haptid.device.terms import TermColumn
+from haptid.diagnosis.portion import named, runs
 from haptid.diagnosis.sight import Sight
 from haptid.dynamics import raw_parameters
 from haptid.estimators import Estimate
@@ -54,17 +55,17 @@ class Added:
         covariance: by the block jackknife, (k, k).
         freedom: degrees of freedom, the least of the columns'.
         explained: share of the residual's power that goes with them, of each motor, (motors,).
-        beta: the parameters of the other columns in the fit, in their order, SI.
+        moved: how far they move the parameters of the other columns in the fit, in their order, SI.
     """
 
     gamma: Array
     covariance: Array
     freedom: float
     explained: Array
-    beta: Array
+    moved: Array
 
     def __post_init__(self) -> None:
-        for name in ("gamma", "covariance", "explained", "beta"):
+        for name in ("gamma", "covariance", "explained", "moved"):
             object.__setattr__(self, name, read_only(getattr(self, name)))
 
     @property
@@ -124,6 +125,7 @@ class Widened:
         if (np.abs(np.diag(R))[-k:] <= INDEPENDENT * lengths[-k:]).any() or (np.diag(R) == 0).any():
             return None
         beta = linalg.solve_triangular(R, z)
+        moved = -linalg.solve_triangular(R[:-k, :-k], R[:-k, -k:] @ beta[-k:])
         freedom = int(sum(motor.rows.sum() for motor in motors)) - len(kept)
         root = linalg.solve_triangular(R, np.eye(len(R)))
         solution = Solution(beta, R, root, abs(float(whole[-1, -1])), freedom)
@@ -132,7 +134,7 @@ class Widened:
         before = [motor.residual(self.estimate.beta) for motor in self.estimate.observation.motors[chosen]]
         after = [motor.residual(beta) for motor in motors]
         explained = 1.0 - np.square(after) / np.where(np.array(before) > 0, np.square(before), 1.0)
-        return Added(beta[-k:], jack.covariance, float(jack.freedom.min()), explained, beta[:-k])
+        return Added(beta[-k:], jack.covariance, float(jack.freedom.min()), explained, moved)
 
 
 def widen(estimate: Estimate, extras: Sequence[Extra]) -> Widened:
@@ -145,7 +147,7 @@ def widen(estimate: Estimate, extras: Sequence[Extra]) -> Widened:
     first = len(estimate.beta) + np.cumsum([0, *(extra.many for extra in extras)])
     parts = [_observed(estimate, motion, extras) for motion in estimate.observation.motions]
     blocks = tuple(block for part, _ in parts for block in part)
-    kept = _groups(blocks, estimate.observation.blocks)
+    kept = _groups(len(blocks))
     motors = tuple(_merged([motors[m] for _, motors in parts], kept) for m in range(len(parts[0][1])))
     ends = tuple(replace(blocks[group[0]], stop=blocks[group[-1]].stop) for group in kept)
     observation = replace(estimate.observation, motors=motors, blocks=ends)
@@ -191,7 +193,7 @@ def stack(motors: Sequence[MotorRows], weights: Array, columns: int) -> Array:
 def _observed(
     estimate: Estimate, motion: Motion, extras: Sequence[Extra]
 ) -> tuple[tuple[Block, ...], tuple[MotorRows, ...]]:
-    """Blocks of one motion, and every motor's rows."""
+    """Blocks of one motion that the estimate was made from, and every motor's rows."""
     device, plan = estimate.device, Plan.of(estimate.device, motion)
     more = [TermColumn("", "", "external", "", extra.weights) for extra in extras for _ in range(extra.many)]
     columns = len(device.parameters.raw) + np.arange(len(more))
@@ -201,8 +203,8 @@ def _observed(
     chi = raw_parameters(device, estimate.beta)
     shared |= {"device": with_more, "columns": (*plan.columns, *columns.tolist()), "selection": selection}
     wide = _WidePlan(**shared, narrow=plan, chi=chi, extras=tuple(extras))
-    parts = [wide.reduce(start, stop) for start, stop in plan.segments()]
-    name = motion.log.sha256 if motion.log else f"motion {id(motion):x}"
+    blocks, spans = plan.blocks(named(motion)), list(runs(plan, estimate.observation.blocks))
+    parts = [wide.reduce(start, stop) for start, stop in spans]
     rows = np.concatenate([many for _, many in parts], axis=1)
     motors = tuple(
         MotorRows(
@@ -215,7 +217,8 @@ def _observed(
         )
         for k in device_rows(estimate)
     )
-    return plan.blocks(name), motors
+    some = [block for start, stop in spans for block in blocks[start // plan.block : -(-stop // plan.block)]]
+    return tuple(some), motors
 
 
 def _pick(motor: MotorRows, kept: np.ndarray) -> MotorRows:
@@ -226,12 +229,10 @@ def _pick(motor: MotorRows, kept: np.ndarray) -> MotorRows:
     return replace(motor, columns=own, triangles=np.asarray(np.linalg.qr(motor.triangles[:, :, at], mode="r")))
 
 
-def _groups(blocks: Sequence[Block], wanted: Sequence[Block]) -> list[np.ndarray]:
-    """Indices of the blocks that are wanted, neighbours together so that the groups are not too many."""
-    names = set(wanted)
-    kept = np.array([k for k, block in enumerate(blocks) if block in names])
-    size = -(-len(kept) // ENOUGH_BLOCKS)
-    return [kept[k : k + size] for k in range(0, len(kept), size)]
+def _groups(blocks: int) -> list[np.ndarray]:
+    """Indices of so many blocks, neighbours together so that the groups are not too many."""
+    index, size = np.arange(blocks), -(-blocks // ENOUGH_BLOCKS)
+    return [index[k : k + size] for k in range(0, blocks, size)]
 
 
 def _merged(parts: Sequence[MotorRows], groups: Sequence[np.ndarray]) -> MotorRows:
