@@ -9,13 +9,10 @@ import numpy as np
 from scipy import stats
 
 from haptid._values import Array, freeze, read_only
-from haptid.base import BaseParameters
-from haptid.errors import ConfidenceError, DependentEstimatesError, DifferentParametersError
-from haptid.estimators import Estimate
-from haptid.target_parameters import Targets, aligned, free_fit
-
-# Regrouping coefficients that differ by a larger share make two base parameters of one name two things.
-SAME_MEANING = 1e-6
+from haptid.errors import ConfidenceError, DifferentParametersError
+from haptid.sides import Compared, Side
+from haptid.target_parameters import aligned
+from haptid.welch import together, two_sided
 
 
 @dataclass(frozen=True, eq=False)
@@ -81,16 +78,12 @@ class Comparison:
     @cached_property
     def p(self) -> Array:
         """Probability of so great a difference between equal parameters, each taken by itself, (k,)."""
-        return freeze(_two_sided(self.difference, self.sd, self.freedom))
+        return freeze(two_sided(self.difference, self.sd, self.freedom))
 
     @cached_property
     def holm(self) -> Array:
         """The same, taken together with all others (Holm 1979), (k,)."""
-        order = np.argsort(self.p)
-        steps = self.p[order] * np.arange(len(order), 0, -1)
-        made = np.empty(len(order))
-        made[order] = np.minimum(np.maximum.accumulate(steps), 1.0)
-        return freeze(made)
+        return together(self.p)
 
     @cached_property
     def differs(self) -> tuple[str, ...]:
@@ -101,7 +94,7 @@ class Comparison:
     def flipped(self) -> tuple[str, ...]:
         """Those that differ and have changed sign, both values being told from zero at the confidence."""
         sides = ((self.first, self.first_sd, self.first_freedom), (self.second, self.second_sd, self.second_freedom))
-        sure = np.all([_two_sided(*side) < 1 - self.confidence for side in sides], axis=0)
+        sure = np.all([two_sided(*side) < 1 - self.confidence for side in sides], axis=0)
         turned = sure & (np.sign(self.first) != np.sign(self.second))
         return tuple(name for name, flip in zip(self.names, turned, strict=True) if flip and name in self.differs)
 
@@ -156,19 +149,20 @@ class Comparison:
             size = abs(self.first[k])
             share = f", {100 * self.difference[k] / size:+.0f} % of its size" if size > 0 else ""
             return f"{self.names[k]} goes {values}{share}."
-        size = _two_sided(self.first[[k]] + self.second[[k]], self.sd[[k]], self.freedom[[k]])[0]
+        size = two_sided(self.first[[k]] + self.second[[k]], self.sd[[k]], self.freedom[[k]])[0]
         kept = "its size differs too" if size * len(self.names) < 1 - self.confidence else "its size may be the same"
         return f"{self.names[k]} changes its sign, {values}; {kept}."
 
 
-def compare(first: Estimate | Targets, second: Estimate | Targets, confidence: float = 0.95) -> Comparison:
+def compare(first: Compared, second: Compared, confidence: float = 0.95) -> Comparison:
     """Which parameters of two estimates differ: two mountings of a device, two tools, two days.
 
     Parameters are the same where name and unit agree; base parameters also need the same regrouping. What only one
     estimate has is left out, and a note names it.
 
     Args:
-        first, second: base parameters or targets, from logs or stretches without common rows; the devices may differ.
+        first, second: base parameters, targets or folders of results, from logs or stretches without common rows; the
+            devices may differ.
         confidence: for all parameters together, between 0 and 1.
 
     Raises:
@@ -178,10 +172,8 @@ def compare(first: Estimate | Targets, second: Estimate | Targets, confidence: f
     """
     if not 0 < confidence < 1:
         raise ConfidenceError(confidence)
-    a, b = _Side.of(first), _Side.of(second)
-    shared = a.estimate.observation.shares_rows_with(b.estimate.observation)
-    if shared is not None:
-        raise DependentEstimatesError(shared.log, shared.start, shared.stop)
+    a, b = Side.of(first), Side.of(second)
+    a.expect_apart(b)
     pairs = [(k, b.names.index(name)) for k, name in enumerate(a.names) if a.same(name, b)]
     if not pairs:
         raise DifferentParametersError(list(a.names), list(b.names))
@@ -202,61 +194,14 @@ def compare(first: Estimate | Targets, second: Estimate | Targets, confidence: f
     )
 
 
-@dataclass(frozen=True, eq=False)
-class _Side:
-    """One of the two estimates, base parameters and targets alike, the free fit of each.
-
-    Attributes:
-        base: where the parameters are base parameters, else None.
-    """
-
-    estimate: Estimate
-    base: BaseParameters | None
-    names: tuple[str, ...]
-    units: tuple[str, ...]
-    value: Array
-    sd: Array
-    covariance: Array
-    freedom: Array
-
-    @staticmethod
-    def of(made: Estimate | Targets) -> _Side:
-        if isinstance(made, Targets):
-            return _Side(made.estimate, None, made.names, made.units, made.free, made.sd, made.covariance, made.freedom)
-        base = made.base
-        return _Side(made, base, base.names, base.units, free_fit(made), made.sd, made.covariance, made.freedom)
-
-    def same(self, name: str, other: _Side) -> bool:
-        """Whether the parameter is in both with one meaning."""
-        if name not in other.names or self.units[self.names.index(name)] != other.units[other.names.index(name)]:
-            return False
-        if self.base is None or other.base is None:
-            return self.base is other.base
-        mine, theirs = _regrouped(self.base, name), _regrouped(other.base, name)
-        return mine.keys() == theirs.keys() and all(np.isclose(mine[n], theirs[n], rtol=SAME_MEANING) for n in mine)
-
-
-def _regrouped(base: BaseParameters, name: str) -> dict[str, float]:
-    """Factors of the standard parameters in a base parameter."""
-    row = base.regrouping[base.names.index(name)]
-    return {base.standard[k]: float(row[k]) for k in np.flatnonzero(row)}
-
-
-def _notes(a: _Side, b: _Side, names: tuple[str, ...]) -> tuple[str, ...]:
+def _notes(a: Side, b: Side, names: tuple[str, ...]) -> tuple[str, ...]:
     """What could not be compared, and what cannot be told apart for want of motion."""
     alone = dict.fromkeys(name for side in (a, b) for name in side.names if name not in names)
     notes = [f"Not compared, not in both with one unit and meaning: {', '.join(alone)}."] if alone else []
     for side, which in ((a, "first"), (b, "second")):
-        if side.estimate.held and side.estimate.held.active:
+        if side.held:
             notes.append(f"The {which} estimate is held to what bodies can have: its free fit is compared.")
         lonely = [name for name in names if np.isinf(side.sd[side.names.index(name)])]
         if lonely:
             notes.append(f"One stretch of the {which} log alone tells {', '.join(lonely)}: no difference can be found.")
     return tuple(notes)
-
-
-def _two_sided(value: Array, sd: Array, freedom: Array) -> Array:
-    """Two-sided probability of Student's t of each value under zero, (k,); without deviation, whether it is zero."""
-    with np.errstate(divide="ignore", invalid="ignore"):
-        t = np.abs(value) / sd
-    return np.asarray(2.0 * stats.t.sf(np.where(np.isnan(t), 0.0, t), freedom))

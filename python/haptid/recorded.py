@@ -19,6 +19,8 @@ from haptid.device import Device
 from haptid.device.reading import device_of
 from haptid.device.tables import checked
 from haptid.errors import ResultDeviceError, ResultFileError
+from haptid.estimators.spread import correlations
+from haptid.observation import Block
 from haptid.study import Role
 from haptid.validation import MotorError, Validation
 
@@ -34,6 +36,9 @@ class _Log(_Table):
     path: str
     sha256: str
     role: Role
+    start: float = 0.0
+    samples: int
+    dt: float
 
 
 class _Parameter(_Table):
@@ -87,11 +92,20 @@ class _File(_Table):
 
 @dataclass(frozen=True)
 class RecordedLog:
-    """A log of a result: where it was, the SHA-256 of it, and "identify" or "validate"."""
+    """A log of a result.
+
+    Attributes:
+        path: where it was.
+        sha256: of the file.
+        role: "identify" or "validate".
+        start, stop: of the stretch that was used, s from the file's first sample.
+    """
 
     path: str
     sha256: str
     role: Role
+    start: float
+    stop: float
 
 
 @dataclass(frozen=True, eq=False)
@@ -158,6 +172,16 @@ class Recorded:
         return self.base.names
 
     @property
+    def blocks(self) -> tuple[Block, ...]:
+        """The logs of the fit, as stretches."""
+        return tuple(Block(log.sha256, log.start, log.stop) for log in self.logs if log.role == "identify")
+
+    @property
+    def correlation(self) -> Array:
+        """Of the errors of the base parameters, (p, p); NaN beside what has no deviation."""
+        return correlations(self.covariance)
+
+    @property
     def lonely(self) -> tuple[int, ...]:
         """Parameters, by index, that one stretch of the log alone tells."""
         return tuple(int(k) for k in np.flatnonzero(np.isinf(self.interval95).any(axis=1)))
@@ -205,7 +229,7 @@ def read_result(folder: str | Path) -> Recorded:
         device=device,
         study=table.study,
         version=table.haptid,
-        logs=tuple(RecordedLog(log.path, log.sha256, log.role) for log in table.logs),
+        logs=tuple(_log(log) for log in table.logs),
         treatment=MappingProxyType(table.treatment),
         method=found.method,
         possible=found.possible,
@@ -246,6 +270,10 @@ def _checked(path: Path, values: dict[str, Any]) -> _File:
         where = ".".join(map(str, first["loc"]))
         what = "is missing" if first["type"] == "missing" else f"is wrong ({first['msg']})"
         raise ResultFileError(path, f"key `{where}` {what}") from error
+
+
+def _log(log: _Log) -> RecordedLog:
+    return RecordedLog(log.path, log.sha256, log.role, log.start, log.start + (log.samples - 1) * log.dt)
 
 
 def _interval(p: _Parameter) -> tuple[float, float]:

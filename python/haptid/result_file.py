@@ -120,6 +120,7 @@ def log(run: Run) -> dict[str, Any]:
         "path": run.entry.path,
         "sha256": read.sha256,
         "role": run.entry.role,
+        "start": float(read.t[0]),
         "samples": len(read.t),
         "dt": run.motion.dt,
         "notes": list(read.notes),

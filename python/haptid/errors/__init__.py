@@ -25,6 +25,7 @@ from haptid.errors.bench import (
     WeightlessLinkError,
 )
 from haptid.errors.commands import OptionError
+from haptid.errors.comparing import FewEstimatesError, LabelCountError, TimeCountError, TimeValueError
 from haptid.errors.corridor import (
     AccelerationColumnError,
     ChannelCountError,
@@ -236,6 +237,7 @@ __all__ = [
     "ExportFormatError",
     "ExpressionError",
     "FailedValidationError",
+    "FewEstimatesError",
     "FigureCountError",
     "FlatLoopError",
     "ForceSettingError",
@@ -248,6 +250,7 @@ __all__ = [
     "IdenticalChannelsError",
     "IdleMotorError",
     "ImpossibleModelError",
+    "LabelCountError",
     "LimitHitError",
     "LinkNameError",
     "LoadSymmetryError",
@@ -334,6 +337,8 @@ __all__ = [
     "TextCellError",
     "TimeBackwardsError",
     "TimeBaseError",
+    "TimeCountError",
+    "TimeValueError",
     "TimingError",
     "TooFewRowsError",
     "TorqueLimitError",

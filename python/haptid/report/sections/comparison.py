@@ -9,11 +9,12 @@ from typing import Any, ClassVar
 import numpy as np
 
 from haptid._values import Array
-from haptid.comparison import SAME_MEANING, Comparison
+from haptid.comparison import Comparison
 from haptid.errors import DifferentParametersError
 from haptid.recorded import Recorded
 from haptid.report.chart import COLOURS, Chart, figure, packed
 from haptid.report.section import Section
+from haptid.sides import SAME_MEANING
 
 # For all parameters of one pair of results together.
 CONFIDENCE = 0.95

@@ -1,0 +1,125 @@
+"""`haptid compare`."""
+
+from __future__ import annotations
+
+import json
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from haptid.cli.common import app, errors_shown, out
+
+if TYPE_CHECKING:
+    from haptid.over_time import Drift
+    from haptid.several import Series
+
+HELP = """\
+Compare results: which parameters differ, how sure that is, and how fast they drift.
+
+Each RESULT is an output folder of haptid identify; the logs are not needed, and no two results may have rows in common.
+The table says for each parameter up to which confidence it differs, taken together with all others. With --times it
+also says how much each parameter changes in a day, by weighted least squares.
+
+haptid report RESULT RESULT ... writes a page with plots of the same results.
+
+Exit status: 0 when done, 2 when something is wrong; the message says what to do.
+
+Example: haptid compare monday tuesday friday --times 2026-03-02,2026-03-03,2026-03-06
+"""
+SECONDS_IN_DAY = 86400.0
+
+
+@app.command(help=HELP)
+def compare(
+    results: Annotated[list[Path], typer.Argument(help="output folders of haptid identify", show_default=False)],
+    times: Annotated[
+        str | None, typer.Option("--times", help="dates (ISO 8601), or numbers, of the results, with commas between")
+    ] = None,
+    unit: Annotated[str, typer.Option("--unit", help="what one of these numbers is: day, hour, kelvin, ..")] = "day",
+    confidence: Annotated[float, typer.Option("--confidence", help="for all parameters together")] = 0.95,
+    as_json: Annotated[bool, typer.Option("--json", help="print JSON in place of tables")] = False,
+) -> None:
+    from haptid.over_time import drift
+    from haptid.recorded import read_result
+    from haptid.report.compared import names_of
+    from haptid.result_file import finite
+    from haptid.several import compare_all
+
+    with errors_shown():
+        when = None if times is None else [_time(part) for part in times.split(",")]
+        series = compare_all([read_result(folder) for folder in results], names_of(results), confidence)
+        lines = None if when is None else drift(series, when, unit)
+    if as_json:
+        typer.echo(json.dumps(finite(values(series, lines)), indent=1, ensure_ascii=False, allow_nan=False))
+        return
+    for made in (series, lines):
+        if made is not None:
+            out.print(made.summary(), highlight=False, soft_wrap=True)
+
+
+def _time(text: str) -> float:
+    """A number, or a date as days since 1970; a date without a zone is taken as UTC.
+
+    Raises:
+        OptionError: it is neither.
+    """
+    from haptid.errors import OptionError
+
+    try:
+        return float(text)
+    except ValueError:
+        pass
+    try:
+        date = datetime.fromisoformat(text.strip())
+    except ValueError:
+        wanted = "numbers such as 0,7,14 or dates such as 2026-03-02,2026-03-09T14:00"
+        raise OptionError("--times", text, wanted) from None
+    return (date if date.tzinfo else date.replace(tzinfo=UTC)).timestamp() / SECONDS_IN_DAY
+
+
+def values(series: Series, lines: Drift | None) -> dict[str, Any]:
+    """Both as plain values."""
+    made: dict[str, Any] = {
+        "results": list(series.labels),
+        "confidence": series.confidence,
+        "parameters": [_parameter(series, k) for k in range(len(series.names))],
+        "notes": list(series.notes),
+    }
+    if lines is not None:
+        made["drift"] = {
+            "unit": lines.unit,
+            "times": lines.times.tolist(),
+            "parameters": [_slope(lines, k) for k in range(len(lines.names))],
+        }
+    return made
+
+
+def _parameter(series: Series, k: int) -> dict[str, Any]:
+    return {
+        "name": series.names[k],
+        "unit": series.units[k],
+        "value": series.value[:, k].tolist(),
+        "sd": series.sd[:, k].tolist(),
+        "freedom": series.freedom[:, k].tolist(),
+        "common": float(series.common[k]),
+        "p": float(series.p[k]),
+        "p_together": float(series.holm[k]),
+        "differs": series.names[k] in series.differs,
+    }
+
+
+def _slope(lines: Drift, k: int) -> dict[str, Any]:
+    name = lines.names[k]
+    return {
+        "name": name,
+        "slope": float(lines.slope[k]),
+        "sd": float(lines.sd[k]),
+        "freedom": float(lines.freedom[k]),
+        "interval": lines.interval[k].tolist(),
+        "p": float(lines.p[k]),
+        "p_together": float(lines.holm[k]),
+        "drifts": name in lines.drifts,
+        "bent": name in lines.bent,
+    }
