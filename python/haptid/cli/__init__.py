@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import sys
 import traceback
 from typing import Annotated
@@ -28,6 +29,9 @@ def version(show: Annotated[bool, typer.Option("--version", help="print the vers
 
 def main() -> None:
     """Entry point of the `haptid` command."""
+    # Matrices here are small: threads of the linear algebra wait for each other, spinning, longer than they work. To be
+    # said before NumPy is imported; what the user has set stays.
+    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     try:
         app()
     except Exception:
