@@ -238,7 +238,7 @@ def observe(device: Device, motion: Motion, progress: Callable[[float], None] | 
         ChannelCountError: the log has more or fewer channels than the device has coordinates or motors.
         LooksLikeDegreesError, LooksLikeRadiansError, SwappedChannelsError: positions that do not fit the joints.
         MotionTooShortError: not one row fits between the filters' ends.
-        NoRowsError: every row of a motor was dropped as too slow.
+        NoRowsError: every row of a motor was dropped as too slow, and no joint is locked.
     """
     if motion.log:
         check_log(device, motion.log)
@@ -259,12 +259,13 @@ def assemble(plan: Plan, parts: Sequence[Reduced]) -> Observation:
     """The observation of a plan's rows, from what its segments gave, in order.
 
     Raises:
-        NoRowsError: every row of a motor was dropped as too slow.
+        NoRowsError: every row of a motor was dropped as too slow, and no joint is locked.
     """
     device, motion = plan.device, plan.motion
     rows = np.concatenate([many for _, many in parts], axis=1)
-    if not all(many.any() for many in rows):
-        raise NoRowsError(device.row_names[int(np.argmin(rows.any(axis=1)))], motion.treatment.low_speed)
+    told = rows.any(axis=1)
+    if not told.any() or not (told.all() or locked(motion)):
+        raise NoRowsError(device.row_names[int(np.argmin(told))], motion.treatment.low_speed)
     motors = []
     for k in np.flatnonzero(device.measured):
         columns = parts[0][0][k][0]
@@ -275,6 +276,13 @@ def assemble(plan: Plan, parts: Sequence[Reduced]) -> Observation:
     name = motion.log.sha256 if motion.log else f"motion {id(motion):x}"
     doubts = check_log(device, motion.log) if motion.log else ()
     return Observation(device, tuple(motors), plan.blocks(name), (motion,), doubts)
+
+
+def locked(motion: Motion) -> bool:
+    """Whether a position channel stands still throughout: of a locked joint the motor has nothing to tell."""
+    if motion.log:
+        return any(low == high for low, high in motion.log.course.spans)
+    return bool((np.ptp(motion.q, axis=0) == 0).any())
 
 
 # Position, velocity, acceleration (None where rows are made without) and columns that Python computes.

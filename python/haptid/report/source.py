@@ -56,6 +56,11 @@ class Track:
             object.__setattr__(self, name, read_only(getattr(self, name)))
             expect(name, getattr(self, name).shape, (len(self.labels), self.used.shape[1]))
 
+    @property
+    def telling(self) -> list[int]:
+        """Motors with rows that count: one whose joint was locked has none."""
+        return np.flatnonzero(self.used.any(axis=1)).tolist()
+
     @cached_property
     def residual(self) -> Array:
         """Measured less predicted, NaN where a row does not count, (motors, rows)."""

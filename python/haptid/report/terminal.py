@@ -15,16 +15,16 @@ WIDTH = 40
 
 
 def sparklines(source: Source) -> tuple[str, ...]:
-    """RMS of the residual over time, a line for each log and motor, all motors' lines of a log of one length."""
+    """RMS of the residual over time, a line for each log and motor with rows, those of a log of one length."""
     return tuple(line for track in source.tracks for line in _lines(track))
 
 
 def _lines(track: Track) -> Iterator[str]:
     width = max(len(label) for label in track.labels)
     yield f"Residual along {track.name} ({track.kind}), {track.seconds:.3g} s"
-    for label, unit, residual in zip(track.labels, track.units, track.residual, strict=True):
-        levels = rms_of_bins(residual, WIDTH)
-        yield f"  {label:{width}s} {sparkline(levels)} up to {np.nanmax(levels):.2g} {unit}"
+    for k in track.telling:
+        levels = rms_of_bins(track.residual[k], WIDTH)
+        yield f"  {track.labels[k]:{width}s} {sparkline(levels)} up to {np.nanmax(levels):.2g} {track.units[k]}"
 
 
 def rms_of_bins(y: Array, bins: int) -> Array:

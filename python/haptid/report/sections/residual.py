@@ -38,7 +38,7 @@ class ResidualSection(Section):
         charts: list[Chart] = []
         logs = []
         for k, track in enumerate(source.tracks):
-            own = [chart for motor in range(len(track.labels)) for chart in _charts(track, k, motor)]
+            own = [chart for motor in track.telling for chart in _charts(track, k, motor)]
             at = list(range(len(charts), len(charts) + len(own)))
             logs.append({"name": track.name, "seen": track.seen, "kind": track.kind, "charts": at})
             charts += own

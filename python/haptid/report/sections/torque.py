@@ -35,7 +35,7 @@ class TorqueSection(Section):
         charts: list[Chart] = []
         logs = []
         for k, track in enumerate(source.tracks):
-            own = [chart for motor in range(len(track.labels)) for chart in _charts(track, k, motor, bins)]
+            own = [chart for motor in track.telling for chart in _charts(track, k, motor, bins)]
             logs.append(
                 {
                     "name": track.name,
