@@ -1,0 +1,31 @@
+"""Tables of the pages hold the recorded figures of the benchmarks."""
+
+import json
+import re
+from pathlib import Path
+
+import pytest
+
+PROJECT = Path(__file__).resolve().parents[2]
+# What the benchmark calls a method that the page writes as code.
+CALLED = {
+    "Heteroscedastic": "maximum likelihood",
+    "Consistent(OLS())": "consistent OLS",
+    "Consistent()": "consistent WLS",
+    "Consistent(IRLS())": "consistent IRLS",
+    "Consistent(IV(controller))": "consistent IV",
+    "Consistent(DIDIM(controller))": "consistent DIDIM",
+}
+COLUMNS = ("parameters, median, %", "unseen torque, %", "intervals that hold the truth, %")
+
+
+def test_the_yardstick_has_the_recorded_figures():
+    file = PROJECT / "benchmarks/results/yardstick.json"
+    recorded = json.loads(file.read_text(encoding="utf-8"))["figures"]
+    page = (PROJECT / "docs/yardstick.md").read_text(encoding="utf-8")
+    rows = re.findall(r"^\|[^|]*\| `(.*?)` \| ([\d.]+) \| ([\d.]+) \| ([\d.]+) \|$", page, re.MULTILINE)
+    named = {CALLED.get(method, method) for method, *_ in rows}
+    assert named == {what.partition(":")[0] for what in recorded}
+    for method, *figures in rows:
+        for column, figure in zip(COLUMNS, figures, strict=True):
+            assert float(figure) == pytest.approx(recorded[f"{CALLED.get(method, method)}: {column}"], rel=0.06)
