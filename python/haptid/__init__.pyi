@@ -13,7 +13,6 @@ from haptid.delay import Delay, find_delay
 from haptid.device import Device, device_schema, read_device, shipped_devices
 from haptid.diagnosis import Diagnosis, Finding, Verdict, diagnose
 from haptid.dissection import Dissection, dissect
-from haptid.drive_gains import DriveGains, drive_gains
 from haptid.dynamics import bias_torque, gravity_torque, inverse_dynamics, mass_matrix
 from haptid.estimators import (
     CLIE,
@@ -78,6 +77,7 @@ from haptid.export import (
 from haptid.force import HandleForce, estimate_force
 from haptid.friction import ByModel, ByPairs, Constant, FrictionCurve, friction_curve
 from haptid.friction_choice import FrictionChoice, choose_friction
+from haptid.gains import DriveGains, drive_gains
 from haptid.identification import Identification, Run, identify
 from haptid.kinematics import HandleMotion, handle_motion, link_poses
 from haptid.loads import load_shift, without_load
