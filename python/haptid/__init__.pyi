@@ -80,10 +80,11 @@ from haptid.friction_choice import FrictionChoice, choose_friction
 from haptid.gains import DriveGains, drive_gains
 from haptid.identification import Identification, Run, identify
 from haptid.kinematics import HandleMotion, handle_motion, link_poses
-from haptid.loads import load_shift, without_load
+from haptid.loads import Load, load_shift, log_without_load, without_load
 from haptid.log import Channels, Log, Signal, open_log, read_log
 from haptid.observation import Block, MotorRows, Observation, observe
 from haptid.observer import MomentumObserver, Watched, observe_force
+from haptid.over_time import Drift, drift
 from haptid.prediction import Prediction, predict
 from haptid.projection import Projection, variable_projection
 from haptid.proposal import Proposal, propose
@@ -92,6 +93,7 @@ from haptid.recorded import Recorded, RecordedLog, read_result
 from haptid.reduction import Kept, observe_all
 from haptid.report import Hand, Report, make_report, read_report, write_comparison
 from haptid.result_file import result, write_result
+from haptid.several import Series, compare_all
 from haptid.shapes import Bell, Sharp
 from haptid.simulation import PID
 from haptid.study import Study, read_study, study_schema
@@ -142,6 +144,7 @@ __all__ = [
     "Device",
     "Diagnosis",
     "Dissection",
+    "Drift",
     "DriveGains",
     "Entropic",
     "Equal",
@@ -166,6 +169,7 @@ __all__ = [
     "Identification",
     "Intervals",
     "Kept",
+    "Load",
     "Log",
     "Method",
     "MomentumObserver",
@@ -189,6 +193,7 @@ __all__ = [
     "Ridge",
     "Run",
     "Sandwich",
+    "Series",
     "Sharp",
     "Signal",
     "Spread",
@@ -213,11 +218,13 @@ __all__ = [
     "characterise",
     "choose_friction",
     "compare",
+    "compare_all",
     "definiteness",
     "device_schema",
     "diagnose",
     "direct",
     "dissect",
+    "drift",
     "drive_gains",
     "errors",
     "essential",
@@ -240,6 +247,7 @@ __all__ = [
     "inverse_dynamics",
     "link_poses",
     "load_shift",
+    "log_without_load",
     "loop_regroupings",
     "make_report",
     "mass_matrix",
