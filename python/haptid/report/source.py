@@ -21,6 +21,8 @@ from haptid.validation import Validation
 
 # A log with more rows is not taken apart: its parts would not fit in memory beside the rest.
 LARGEST_DISSECTION = 2_000_000
+# Points of the way along a log, about.
+TRAIL = 400
 
 
 @dataclass(frozen=True, eq=False)
@@ -36,6 +38,7 @@ class Track:
         used: whether a row counts, (motors, rows).
         position, velocity: of the motors' coordinates, (motors, rows), SI.
         coordinate_units: of the positions, (motors,).
+        trail: positions of all coordinates along the log, thinned, (active, few), SI.
     """
 
     name: str
@@ -50,8 +53,10 @@ class Track:
     position: Array
     velocity: Array
     coordinate_units: tuple[str, ...]
+    trail: Array
 
     def __post_init__(self) -> None:
+        object.__setattr__(self, "trail", read_only(self.trail))
         for name in ("measured", "predicted", "position", "velocity"):
             object.__setattr__(self, name, read_only(getattr(self, name)))
             expect(name, getattr(self, name).shape, (len(self.labels), self.used.shape[1]))
@@ -173,12 +178,10 @@ def track(estimate: Estimate, run: Run) -> Track:
     device, motion = estimate.device, run.motion
     chi, rows = raw_parameters(device, estimate.beta), [k for k, known in enumerate(device.measured) if known]
     parts = [
-        (s.t, s.measured(), s.torque(chi), s.used, s.centres(s.c)[rows], s.centres(s.cd)[rows])
+        (s.t, s.measured(), s.torque(chi), s.used, s.centres(s.c), s.centres(s.cd)[rows])
         for s in stretches(device, motion)
     ]
-    t, measured, predicted, used, position, velocity = (
-        np.concatenate(each, axis=-1) for each in zip(*parts, strict=True)
-    )
+    t, measured, predicted, used, c, velocity = (np.concatenate(each, axis=-1) for each in zip(*parts, strict=True))
     return Track(
         name=run.entry.path,
         seen=run.direct is not None,
@@ -189,7 +192,8 @@ def track(estimate: Estimate, run: Run) -> Track:
         measured=measured,
         predicted=predicted,
         used=used,
-        position=position,
+        position=c[rows],
         velocity=velocity,
         coordinate_units=tuple(device.coordinate_units[k] for k in rows),
+        trail=c[:, :: max(1, c.shape[1] // TRAIL)],
     )

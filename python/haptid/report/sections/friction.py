@@ -19,7 +19,6 @@ from haptid.report.chart import PREDICTED, RESIDUAL, Chart, axis, figure, packed
 from haptid.report.section import Section
 from haptid.report.sections.residual import CLOUD, binned
 from haptid.report.source import Source, Track
-from haptid.signals import state
 
 # Velocities at which the model's curve is drawn.
 POINTS = 201
@@ -102,24 +101,17 @@ def _points(found: list[JointFriction]) -> dict[str, object]:
 
 
 def model_curve(source: Source, motor: int, fastest: float) -> tuple[Array, Array]:
-    """Velocity of one motor's coordinate, the others at rest, and its friction, (n,) each."""
+    """Velocity of one motor's coordinate, the others at rest, and its friction, (n,) each, halfway of the first log."""
     device, made = source.estimate.device, source.estimate
     row = int(np.flatnonzero(device.measured)[motor])
     speed = np.linspace(-fastest, fastest, POINTS - 1)  # an even number: zero, where friction jumps, is none of them
-    middle = _middle(source, device)
-    c = np.repeat(middle[:, None], len(speed), axis=1)
+    trail = source.tracks[0].trail
+    c = np.repeat(trail[:, trail.shape[1] // 2, None], len(speed), axis=1)
     cd = np.zeros_like(c)
     cd[row] = speed
     return speed, core_torque(
         device, friction_only(device, raw_parameters(device, made.beta)), c, cd, np.zeros_like(c)
     )[row]
-
-
-def _middle(source: Source, device: Device) -> Array:
-    """A pose of the coordinates in the middle of the first log's motion, (active,)."""
-    motion = source.identification.runs[0].motion
-    c, _ = state(device, motion, *motion.usable)
-    return np.asarray(c[:, c.shape[1] // 2])
 
 
 def friction_only(device: Device, chi: Array) -> Array:

@@ -17,10 +17,9 @@ from haptid.kinematics import handle_motion
 from haptid.report.chart import Chart, packed
 from haptid.report.section import Section
 from haptid.report.source import Source
-from haptid.signals import state
 
-# Points of the way of the handle. Where a joint has no limits its slider adds this share of the motion at both ends.
-TRAIL, MARGIN = 400, 0.2
+# Where a joint has no limits its slider adds this share of the motion at both ends.
+MARGIN = 0.2
 
 
 @dataclass(frozen=True)
@@ -66,10 +65,7 @@ class MechanismSection(Section):
 
 def poses_of(source: Source) -> Array:
     """Positions of the active joints along the first log, (active, samples), thinned."""
-    device, motion = source.estimate.device, source.identification.runs[0].motion
-    c, _ = state(device, motion, *motion.usable)
-    every = max(1, c.shape[1] // TRAIL)
-    return np.linalg.inv(device.frame) @ c[:, ::every]
+    return np.linalg.inv(source.estimate.device.frame) @ source.tracks[0].trail
 
 
 def sliders_of(device: Device, qa: Array) -> list[dict[str, Any]]:
