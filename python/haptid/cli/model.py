@@ -4,11 +4,15 @@ from __future__ import annotations
 
 import json
 import sys
-from typing import Annotated
+from collections.abc import Iterator
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from haptid.cli.common import app, errors_shown, out
+from haptid.cli.common import app, err, errors_shown, out
+
+if TYPE_CHECKING:
+    from haptid.device import Device
 
 
 @app.command()
@@ -29,9 +33,22 @@ def model(
 
     with errors_shown():
         read = keeping(read_device(device), keep) if keep else read_device(device)
+        for sentence in _in_vain(read) if keep else ():
+            err.print(sentence, soft_wrap=True)
         if latex:
             sys.stdout.write("".join(f"{line}\n" for line in read.regroupings.latex))
         elif as_json:
             sys.stdout.write(json.dumps(tables.model_values(read), indent=1) + "\n")
         else:
             tables.show_model(out, read)
+
+
+def _in_vain(device: Device) -> Iterator[str]:
+    """Parameters that were to be kept and are not, with the reason."""
+    base = device.base
+    kept = {base.standard[k] for k in base.kept}
+    for name in device.keep:
+        if name in base.no_effect:
+            yield f"--keep {name} changes nothing: no motion shows {name}, it has no effect on the torque."
+        elif name not in kept:
+            yield f"--keep {name} changes nothing: {name} follows from other parameters that were to be kept."

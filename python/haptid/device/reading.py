@@ -8,14 +8,12 @@ from pathlib import Path
 import numpy as np
 
 from haptid._values import Array
-from haptid.device.closure import Closure
 from haptid.device.columns import Targets, read_terms
 from haptid.device.combinations import read_combinations
 from haptid.device.expressions import RESERVED
 from haptid.device.geometry import Reader, frame_on
 from haptid.device.loops import active_joints, close, read_loops
 from haptid.device.model import Device, Handle, Joint, Prior
-from haptid.device.newton import NewtonClosure
 from haptid.device.parameters import (
     INERTIAL,
     INERTIAL_UNITS,
@@ -109,7 +107,6 @@ def device_of(tables: AnyDevice, file: str) -> Device:
             *parameters.leaving,
             *notes,
             *_contradictions(prior, parameters.index),
-            *_closing_note(closure),
         ),
         tables=tables,
     )
@@ -337,7 +334,3 @@ def _contradictions(prior: Mapping[str, Prior], index: Mapping[str, int]) -> lis
     """Priors of parameters that symmetry or massless links say are zero."""
     lost = [name for name, known in prior.items() if name not in index and known.value]
     return [f"prior of {', '.join(lost)} is not used: these parameters are zero in this device"] if lost else []
-
-
-def _closing_note(closure: Closure | NewtonClosure) -> list[str]:
-    return [f"loops close within {closure.error:.1e} m: {'; '.join(closure.relations)}"] if closure.cuts else []

@@ -192,7 +192,7 @@ def _posture(found: Results) -> Iterator[str]:
 
 def _compensated(found: Results) -> Iterator[str]:
     made, asked = found.compensated, found.demo.compensation
-    yield "## Less of it"
+    yield "## Taking mass off the hand"
     yield ""
     yield (
         f"The published conclusion asks for a law of control. Motors carry {100 * asked.share:.0f} % of the mass and "
@@ -206,9 +206,11 @@ def _compensated(found: Results) -> Iterator[str]:
         cells.append([f"{angle:g}", *(f"{mass:.3f}" for mass in masses)])
     yield from (*markdown(cells), "")
     before, after = np.ptp(made.before), np.ptp(made.after)
+    ratios = [mass.max() / mass.min() for mass in (made.before, made.after)]
     yield (
-        f"The felt mass varies by {before:.3f} kg without the law and {after:.3f} kg with it: it falls with the mass, "
-        f"and the ratio of greatest to least stays. With a hand that holds the handle by {asked.hand_stiffness:g} N/m "
+        f"The felt mass varies by {before:.3f} kg without the law and {after:.3f} kg with it: it falls with the mass. "
+        f"The ratio of greatest to least does not: it is {ratios[0]:.2f} without and {ratios[1]:.2f} with the law. "
+        f"With a hand that holds the handle by {asked.hand_stiffness:g} N/m "
         f"and {asked.hand_damping:g} N s/m, and all lags of the law as one of {1e3 * made.lag:.1f} ms, the loop is "
         f"stable below a share of {made.bound:.2f}."
     )
