@@ -49,6 +49,6 @@ def _in_vain(device: Device) -> Iterator[str]:
     kept = {base.standard[k] for k in base.kept}
     for name in device.keep:
         if name in base.no_effect:
-            yield f"--keep {name} changes nothing: no motion shows {name}, it has no effect on the torque."
+            yield f"{name} cannot be kept: no motion shows it, it has no effect on the torque."
         elif name not in kept:
-            yield f"--keep {name} changes nothing: {name} follows from other parameters that were to be kept."
+            yield f"{name} cannot be kept: it follows from other parameters that are kept before it."
