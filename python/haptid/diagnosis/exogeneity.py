@@ -79,7 +79,7 @@ def exogeneity(widened: Widened, which: Sequence[int], labels: Sequence[str]) ->
     found = [widened.test([e]) for e in which]
     told = [(label, one) for label, one in zip(labels, found, strict=True) if one is not None]
     if not told:
-        return Finding("errors in W", "ok", {}, "A narrower filter of the positions changes nothing: W is as exact.")
+        return Finding("errors in W", "ok", {}, "A narrower filter of the positions changes nothing.")
     p = holm([one.p for _, one in told])
     first = int(np.argmin(p))
     label, explained = told[first][0], float(told[first][1].explained.max())
@@ -94,17 +94,20 @@ def exogeneity(widened: Widened, which: Sequence[int], labels: Sequence[str]) ->
     }
     if p[first] < LEVEL and most <= HARMLESS:
         text = (
-            f"Errors in W show in the residual of {label} (Durbin-Wu-Hausman, p = {p[first]:.1e}, limit {LEVEL:g}) but "
-            f"do no harm: {worst} moves by {most:.2g} deviations (limit {HARMLESS:g}), the others by less."
+            f"Noise of the positions (errors in W) shows in the residual of {label} (Durbin-Wu-Hausman, "
+            f"p = {p[first]:.1e}, limit {LEVEL:g}) but does no harm: {worst} moves by {most:.2g} deviations (limit "
+            f"{HARMLESS:g}), the others by less."
         )
         return Finding("errors in W", "ok", figures, text)
     if p[first] >= LEVEL:
-        text = f"No errors in W show in the residual (Durbin-Wu-Hausman, p = {p[first]:.2g}, limit {LEVEL:g})."
+        test = f"Durbin-Wu-Hausman, p = {p[first]:.2g}, limit {LEVEL:g}"
+        text = f"No noise of the positions (errors in W) shows in the residual ({test})."
         return Finding("errors in W", "ok", figures, text)
     text = (
-        f"Errors in W show in the residual of {label}: {100 * explained:.1f} % of its power goes with what a narrower "
-        f"filter takes from the positions (Durbin-Wu-Hausman, p = {p[first]:.1e}, limit {LEVEL:g}), and {worst} is "
-        f"biased by {most:.2g} deviations (limit {HARMLESS:g}). Take the treatment that `propose` finds, or drop more "
-        f"rows near standstill."
+        f"Noise of the positions (errors in W) shows in the residual of {label}: {100 * explained:.1f} % of its "
+        f"power goes with what a narrower filter takes from the positions (Durbin-Wu-Hausman, p = {p[first]:.1e}, "
+        f"limit {LEVEL:g}), and {worst} is biased by {most:.2g} deviations (limit {HARMLESS:g}). "
+        f"Leave the cut-offs out of the study file, or call propose in Python, so that they are found from the logs; "
+        f"or drop more rows near standstill (low_speed)."
     )
     return Finding("errors in W", "bad" if most > BIASED else "doubt", figures, text)

@@ -53,6 +53,7 @@ def late(widened: Widened, which: Sequence[int], labels: Sequence[str]) -> Findi
     asked = widened.estimate.observation.motions[0].treatment.torque_delay + delay
     text = (
         f"The torque of {label} is {what} by {around}, p = {p[first]:.1e}, limit {LEVEL:g}: viscous friction is "
-        f"biased. Estimate again with `Treatment(torque_delay={asked:.2g})`."
+        f"biased. Write torque_delay = {asked:.2g} under [treatment] in the study file, or "
+        f"Treatment(torque_delay={asked:.2g}) in Python, and estimate again."
     )
     return Finding("time delay", status, figures, text)

@@ -115,12 +115,14 @@ def whiteness(estimate: Estimate, left: Residuals) -> Finding:
     if status == "bad":
         sentence += (
             f", longer than {100 * MEMORY:.0f} % of a block of {block:.2g} s: neighbouring blocks are alike and the "
-            f"intervals too narrow. Look for a missing term, and take `Treatment(block={round(10 * longest, 1):g})`."
+            f"intervals too narrow. Look for a missing term, and write block = {round(10 * longest, 1):g} under "
+            f"[treatment] in the study file, or Treatment(block={round(10 * longest, 1):g}) in Python."
         )
     elif coloured:
         sentence += (
-            f". Beyond what the filter does, the residual of {listed(coloured)} is not white (p = {p.min():.1e}, limit "
-            f"{LEVEL:g}): trust the default intervals, not the textbook's, and look for a missing term."
+            f". Beyond what the filter does, the residual of {listed(coloured)} is no plain noise (not white, "
+            f"p = {p.min():.1e}, limit {LEVEL:g}): trust the default intervals, not the textbook's, and look for a "
+            f"missing term."
         )
     else:
         sentence += f", and nothing but the filter makes it so (p = {p.min():.2g}, limit {LEVEL:g})."

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
 
 from haptid.diagnosis.finding import Finding, Status, listed, worst
+from haptid.diagnosis.plain import PLAIN
 from haptid.estimators import Estimate
 from haptid.validation import Validation
 
@@ -27,6 +28,8 @@ COMPENSATION = (
 SINGLE = ("excitation", "collinearity", "errors in W", "whiteness")
 # What to do first: causes before what they cause.
 FIRST = ("units and signs", "time delay", "errors in W", "misfit", "influence", "drift", "excitation", "collinearity")
+# Reasons named for each use, and things to do.
+MOST = 3
 
 
 @dataclass(frozen=True)
@@ -37,71 +40,108 @@ class Verdict:
         torque: predicting torque of motion like the log's.
         compensation: cancelling friction and gravity.
         parameters: quoting single parameters.
-        sentences: the same in words, then what to do next.
+        sentences: the same in words, one for each use, then what to do next.
+        looks: for each sentence the names of the findings that it rests on.
     """
 
     torque: Status
     compensation: Status
     parameters: Status
     sentences: tuple[str, ...]
+    looks: tuple[tuple[str, ...], ...]
 
     def __str__(self) -> str:
         return " ".join(self.sentences)
 
 
-def mild(status: Status) -> Status:
-    """A doubt where there is any: a prediction close to what was measured cannot be called bad."""
-    return "ok" if status == "ok" else "doubt"
+@dataclass(frozen=True)
+class Reason:
+    """What speaks for or against a use, in plain words; the finding that says so, where it is one."""
+
+    status: Status
+    words: str
+    look: str = ""
 
 
 WORDS: Mapping[Status, str] = {"ok": "good for", "doubt": "to be used with care for", "bad": "not fit for"}
+
+
+def mild(reasons: Sequence[Reason]) -> list[Reason]:
+    """Doubts where there are any: a prediction close to what was measured cannot be called bad."""
+    return [reason if reason.status == "ok" else replace(reason, status="doubt") for reason in reasons]
 
 
 def verdict(made: Estimate, errors: Validation, findings: Sequence[Finding]) -> Verdict:
     """Of an estimate, its errors and all findings."""
     by_name = {finding.name: finding for finding in findings}
 
-    def of(names: Sequence[str]) -> Status:
-        return worst([by_name[name].status for name in names if name in by_name])
+    def of(names: Sequence[str]) -> list[Reason]:
+        return [Reason(by_name[name].status, PLAIN[name], name) for name in names if name in by_name]
 
+    size, told, friction = _size(errors), _told(made), of(COMPENSATION)
+    torque = [size, *mild(of(PREDICTION))]
+    compensation = [*torque, *(mild(friction) if size.status == "ok" else friction)]
+    single = [told, *of(PREDICTION), *friction, *of(SINGLE)]
+    said = (
+        (_use("The model is", "predicting torque", torque, size), _looks(torque)),
+        (_use("It is", "compensation of friction and gravity", compensation), _looks(compensation)),
+        (_use("It is", "quoting single parameters", single, told), _looks(single)),
+        *_next(findings, errors),
+    )
+    sentences, looks = zip(*said, strict=True)
+    return Verdict(_worst(torque), _worst(compensation), _worst(single), sentences, looks)
+
+
+def _worst(reasons: Sequence[Reason]) -> Status:
+    return worst([reason.status for reason in reasons])
+
+
+def _looks(reasons: Sequence[Reason]) -> tuple[str, ...]:
+    return tuple(reason.look for reason in reasons if reason.look and reason.status != "ok")
+
+
+def _use(subject: str, use: str, reasons: Sequence[Reason], measured: Reason | None = None) -> str:
+    """What the model is for a use, because of the gravest reasons, beside what was measured for that use."""
+    grade = _worst(reasons)
+    text = f"{subject} {WORDS[grade]} {use}"
+    if grade == "ok":
+        return f"{text}: {measured.words}." if measured else f"{text}."
+    grave = [reason for reason in reasons if reason.status == grade]
+    words, more = [reason.words for reason in grave[:MOST]], len(grave) - MOST
+    if more > 0:
+        words.append(f"{more} more {'reason' if more == 1 else 'reasons'}")
+    text = f"{text}, because {listed(words)}"
+    if measured is None or measured in grave:
+        return f"{text}."
+    return f"{text}{', though' if measured.status == 'ok' else ';'} {measured.words}."
+
+
+def _size(errors: Validation) -> Reason:
+    """How much of the torque the model misses."""
     largest = max(errors.motors, key=lambda motor: motor.relative)
     size: Status = "ok" if largest.relative <= CLOSE else "doubt" if largest.relative <= ROUGH else "bad"
-    torque = worst([size, mild(of(PREDICTION))])
-    friction = of(COMPENSATION)
-    compensation = worst([torque, mild(friction) if size == "ok" else friction])
-    good = [p.name for p in made.parameters if p.relative_sd < QUOTABLE]
-    told: Status = "ok" if len(good) == len(made.kept) else "doubt"
-    single = worst([told, of(PREDICTION), of(COMPENSATION), of(SINGLE)])
     kind = "on the rows of the fit, which proves little" if errors.seen else "on unseen rows"
-
-    def see(names: Sequence[str]) -> str:
-        open_ones = [name for name in names if name in by_name and by_name[name].status != "ok"]
-        return f"; see {listed(open_ones)}" if open_ones else ""
-
-    sentences = (
-        f"The model is {WORDS[torque]} predicting torque: {largest.relative:.2g} % is left of {largest.label}, where "
-        f"it is most, {kind} (limits {CLOSE:g} and {ROUGH:g} %){see(PREDICTION)}.",
-        f"It is {WORDS[compensation]} compensation of friction and gravity{see(COMPENSATION)}.",
-        f"It is {WORDS[single]} quoting single parameters: {_quotable(good, len(made.kept))}{see(SINGLE)}.",
-        *_next(by_name, errors),
-    )
-    return Verdict(torque, compensation, single, sentences)
+    limits = f"limits {CLOSE:g} and {ROUGH:g} %"
+    return Reason(size, f"{largest.relative:.2g} % of the torque of {largest.label} is missed ({kind}; {limits})")
 
 
-def _quotable(good: Sequence[str], many: int) -> str:
+def _told(made: Estimate) -> Reason:
     """How many parameters are told well."""
+    good, many = [p.name for p in made.parameters if p.relative_sd < QUOTABLE], len(made.kept)
     if len(good) == many:
-        return f"all {many} have deviations below {QUOTABLE:g} %"
+        return Reason("ok", f"all {many} have deviations below {QUOTABLE:g} %")
     if not good:
-        return f"none of {many} has a deviation below {QUOTABLE:g} %"
-    return f"{len(good)} of {many} have deviations below {QUOTABLE:g} % ({listed(good)})"
+        return Reason("doubt", f"none of {many} has a deviation below {QUOTABLE:g} %")
+    return Reason("doubt", f"only {len(good)} of {many} have deviations below {QUOTABLE:g} % ({listed(good)})")
 
 
-def _next(by_name: Mapping[str, Finding], errors: Validation) -> tuple[str, ...]:
-    """The most urgent thing to do, where there is one; a validation where there was none."""
-    ranked = sorted((finding for finding in by_name.values() if finding.status != "ok"), key=_rank)
-    made = (f"First: {ranked[0].sentence}",) if ranked else ()
-    return (*made, "Validate it on another log.") if errors.seen else made
+def _next(findings: Sequence[Finding], errors: Validation) -> Iterator[tuple[str, tuple[str, ...]]]:
+    """The most urgent things to do, where there are any; a validation where there was none."""
+    ranked = sorted((finding for finding in findings if finding.status != "ok"), key=_rank)
+    for k, finding in enumerate(ranked[:MOST]):
+        yield f"{'Then, if it is still there' if k else 'First'}: {finding.sentence}", (finding.name,)
+    if errors.seen:
+        yield "Validate it on another log.", ()
 
 
 def _rank(finding: Finding) -> tuple[bool, bool, int, float]:
