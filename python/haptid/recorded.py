@@ -26,6 +26,8 @@ from haptid.validation import MotorError, Validation
 
 # A result of two hundred parameters is some megabytes; a file beyond this is something else.
 LARGEST_FILE = 1 << 26
+# Good for a use, to be used with care, not fit for it.
+Grade = Literal["ok", "doubt", "bad"]
 
 
 class _Table(BaseModel):
@@ -46,6 +48,7 @@ class _Parameter(_Table):
     value: float
     free: float
     interval95: tuple[float | None, float | None]
+    essential: bool | None = None
 
 
 class _Searched(_Table):
@@ -77,6 +80,12 @@ class _Criteria(_Table):
     met: bool | None
 
 
+class _Use(_Table):
+    use: str
+    grade: Grade
+    sentence: str
+
+
 class _File(_Table):
     version: Literal[1] = Field(alias="schema")
     haptid: str
@@ -87,6 +96,7 @@ class _File(_Table):
     estimate: _Estimate
     validation: list[_Error]
     criteria: _Criteria
+    verdict: list[_Use] = []
     notes: list[str]
 
 
@@ -108,6 +118,21 @@ class RecordedLog:
     stop: float
 
 
+@dataclass(frozen=True)
+class RecordedUse:
+    """What the diagnosis said of one use of the model.
+
+    Attributes:
+        use: "predicting", "compensation" or "quoting".
+        grade: "ok", "doubt", or "bad" where the model is not fit for it.
+        sentence: the same in words, with the reason.
+    """
+
+    use: str
+    grade: Grade
+    sentence: str
+
+
 @dataclass(frozen=True, eq=False)
 class Recorded:
     """An identification as its result folder has it.
@@ -119,17 +144,19 @@ class Recorded:
         version: of the haptid that made it.
         logs: what it was made from.
         treatment: settings by their names in a study.
-        method, possible: "OLS" or "WLS", and whether it is held to what bodies can have.
+        method, possible: "OLS" or "WLS", with how many parameters it leaves out, and whether it is held to what bodies can have.
         status: as `Estimate.status`.
         beta: base parameters, (p,), SI; their names and units are those of `base`.
         free: of the fit that is held to nothing, (p,); `beta` where nothing holds it.
         covariance: of `free`, (p, p).
         freedom: degrees of freedom of each interval, (p,); infinite of a parameter that is held at zero.
         interval95: (p, 2), infinite of the parameters that one stretch of the log alone tells.
+        zero: indices of the parameters that were left out: zero, without deviation.
         direct: errors on the rows of the fit, log by log.
         unseen: errors on rows that a fit had not seen.
         largest_error: the study's criterion, per cent, None where it sets none.
         meets_criteria: whether it is met, None where there is none.
+        verdict: what the model is good for, use by use; empty where it was not diagnosed.
         notes: sentences a user should read.
         values: all of `result.json`.
     """
@@ -148,10 +175,12 @@ class Recorded:
     covariance: Array
     freedom: Array
     interval95: Array
+    zero: tuple[int, ...]
     direct: tuple[Validation, ...]
     unseen: tuple[Validation, ...]
     largest_error: float | None
     meets_criteria: bool | None
+    verdict: tuple[RecordedUse, ...]
     notes: tuple[str, ...]
     values: Mapping[str, Any]
 
@@ -239,10 +268,12 @@ def read_result(folder: str | Path) -> Recorded:
         covariance=np.array(found.covariance),
         freedom=np.array([np.inf if f is None else f for f in found.freedom]),
         interval95=np.array([_interval(p) for p in found.parameters]).reshape(-1, 2),
+        zero=tuple(k for k, p in enumerate(found.parameters) if p.essential is False),
         direct=_validations(table.validation, device, seen=True),
         unseen=_validations(table.validation, device, seen=False),
         largest_error=table.criteria.relative_error_percent,
         meets_criteria=table.criteria.met,
+        verdict=tuple(RecordedUse(said.use, said.grade, said.sentence) for said in table.verdict),
         notes=tuple(table.notes),
         values=MappingProxyType(values),
     )

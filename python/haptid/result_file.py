@@ -8,12 +8,12 @@ import json
 import math
 from collections.abc import Iterable, Sequence
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from haptid._core import __version__
 from haptid.causal import Causal
 from haptid.device import Device
-from haptid.estimators import Consistent, Estimate, Held, Method, Parameter, Within
+from haptid.estimators import Consistent, Estimate, Held, Method, Parameter, Reduced, Within
 from haptid.identification import Identification, Run
 from haptid.loads import Load
 from haptid.projection import Projection
@@ -21,15 +21,24 @@ from haptid.target_parameters import targets
 from haptid.treatment import Treatment
 from haptid.validation import Validation
 
+if TYPE_CHECKING:
+    from haptid.diagnosis import Verdict
+
 SCHEMA = 1
 HELD_INTERVAL = "of the free fit; cut at 0 where a parameter cannot be negative, widened to the value where it is held"
 WITHIN_INTERVAL = "of the free fit; cut at the limits, widened to the value where it is held"
 
 
-def result(identification: Identification) -> dict[str, Any]:
-    """The result as plain values. Relative errors are of the treated torque, referred to the joint side."""
+def result(identification: Identification, verdict: Verdict | None = None) -> dict[str, Any]:
+    """The result as plain values. Relative errors are of the treated torque, referred to the joint side.
+
+    Args:
+        identification: a study walked to its end.
+        verdict: of its diagnosis, where there was one.
+    """
     study, estimate = identification.study, identification.estimate
     raw, scaled = estimate.observation.condition
+    kept = essential(estimate)
     return {
         "schema": SCHEMA,
         "haptid": __version__,
@@ -51,7 +60,7 @@ def result(identification: Identification) -> dict[str, Any]:
             "possible": isinstance(estimate.held, Held),
             "status": estimate.status,
             "interval": interval(estimate),
-            "parameters": [parameter(p) for p in estimate.parameters],
+            "parameters": [parameter(p) | {"essential": e} for p, e in zip(estimate.parameters, kept, strict=True)],
             "targets": [parameter(p) for p in targets(estimate).parameters] if estimate.device.targets else [],
             "searched": searched(identification.projection),
             "held": held(estimate.held),
@@ -63,9 +72,27 @@ def result(identification: Identification) -> dict[str, Any]:
             "relative_error_percent": study.largest_error,
             "met": identification.meets_criteria,
         },
+        "verdict": uses(verdict),
         "notes": [*notes(estimate), *(identification.projection.notes if identification.projection else ())],
         "device_file": device_file(identification.device),
     }
+
+
+def uses(verdict: Verdict | None) -> list[dict[str, Any]]:
+    """What the model is good for, use by use; nothing without a diagnosis."""
+    if verdict is None:
+        return []
+    grades = {"predicting": verdict.torque, "compensation": verdict.compensation, "quoting": verdict.parameters}
+    # The verdict's first sentences are these; what is to be done comes after them.
+    said = zip(grades.items(), verdict.sentences, strict=False)
+    return [{"use": use, "grade": grade, "sentence": sentence} for (use, grade), sentence in said]
+
+
+def essential(estimate: Estimate) -> list[bool | None]:
+    """Of each parameter, whether it was kept; None where none was to be left out."""
+    if not isinstance(estimate.method, Reduced):
+        return [None] * len(estimate.base)
+    return [k not in estimate.zero for k in range(len(estimate.base))]
 
 
 def searched(projection: Projection | None) -> list[dict[str, Any]]:
@@ -151,7 +178,7 @@ def held(found: Held | Within | None) -> dict[str, Any] | None:
 
 
 def parameter(p: Parameter) -> dict[str, Any]:
-    """One base parameter. `essential` is null: no reduction to essential parameters was asked for.
+    """One base parameter. `essential` is null: see `essential` for those of an estimate.
 
     Of a value held outside of the free fit's interval there is no relative deviation: `sd` belongs to `free`.
     """
@@ -206,9 +233,15 @@ def notes(estimate: Estimate) -> list[str]:
     ]
 
 
-def write_result(identification: Identification, folder: Path) -> None:
-    """Write `result.json`, `parameters.csv` and `correlation.csv` into a folder."""
-    text = json.dumps(finite(result(identification)), indent=1, ensure_ascii=False, allow_nan=False)
+def write_result(identification: Identification, folder: Path, verdict: Verdict | None = None) -> None:
+    """Write `result.json`, `parameters.csv` and `correlation.csv` into a folder.
+
+    Args:
+        identification: a study walked to its end.
+        folder: where; it is there already.
+        verdict: of its diagnosis, where there was one; exports of the folder then say it.
+    """
+    text = json.dumps(finite(result(identification, verdict)), indent=1, ensure_ascii=False, allow_nan=False)
     (folder / "result.json").write_text(text + "\n", encoding="utf-8")
     head = ["name", "value", "sd", "low95", "high95", "relative_sd_percent", "textbook_sd", "unit", "grouping", "free"]
     _write_table(folder / "parameters.csv", [head, *map(_row, identification.estimate.parameters)])

@@ -22,7 +22,11 @@ object to leaving it out. The search ends where the test objects, or where the l
 times the smallest, or --at-most so many per cent. Where the study has a log with the role "validate", both models are
 compared on it. Writes into OUT:
 
-  essential.json   every step, the parameters kept with intervals, how far they moved, errors of both models
+  essential.json    every step, the parameters kept with intervals, how far they moved, errors of both models
+
+  result.json       the reduced model of all motors, as of haptid identify: for haptid export and others
+
+  parameters.csv, correlation.csv   its tables
 
 Exit status: 0 when done, 2 when something is wrong; the message says what to do.
 
@@ -42,10 +46,13 @@ def essential(
     out_folder: Annotated[Path, typer.Option("--out", help="folder for the results")] = Path("haptid-essential"),
     quiet: Annotated[bool, typer.Option("--quiet", "-q", help="no progress, no tables")] = False,
 ) -> None:
+    from haptid.diagnosis import diagnose
+    from haptid.essentials import with_reduced
     from haptid.estimators.essential import AtMost, Essential, TimesSmallest, essential_by_motor
     from haptid.estimators.essential import essential as reduce
     from haptid.identification import identify
     from haptid.outputs import check_writable, publishing
+    from haptid.result_file import write_result
     from haptid.study import read_study
 
     with errors_shown():
@@ -62,6 +69,11 @@ def essential(
                 labels = [motor.label for motor in found.estimate.observation.motors]
                 reductions |= dict(zip(labels, essential_by_motor(found.estimate, how, unseen), strict=True))
             tell("leaving out", 1.0)
+            tell("diagnosing", 0.0)
+            smaller = with_reduced(found, reductions["all motors"].reduced)
+            worst = max(smaller.unseen, key=lambda validation: validation.relative, default=None)
+            write_result(smaller, folder, diagnose(smaller.estimate, worst).verdict)
+            tell("diagnosing", 1.0)
             values = {name: reduction_values(one) for name, one in reductions.items()}
             text = json.dumps(values, indent=1, allow_nan=False)
             (folder / "essential.json").write_text(text + "\n", encoding="utf-8")
@@ -69,7 +81,7 @@ def essential(
         for name, one in reductions.items():
             out.print(name, style="bold")
             out.print(one.summary(), highlight=False, soft_wrap=True)
-        out.print(f"Steps in {out_folder / 'essential.json'}")
+        out.print(f"Steps in {out_folder / 'essential.json'}; the reduced model in {out_folder / 'result.json'}")
 
 
 def _unseen(found: Identification) -> Any:

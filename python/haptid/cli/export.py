@@ -24,7 +24,10 @@ RESULT is the output folder of haptid identify. Formats:
 
   latex             tables for a paper
 
-Each format gets a folder of its own, OUT/c and so on. A model that misses its study's criterion is refused.
+Each format gets a folder of its own, OUT/c and so on. A model that misses its study's criterion is refused. Of
+one that its diagnosis calls not fit for a use, all files warn, and so does the summary.
+
+--name and --reversal-speed are for code: c, c-single, rust and matlab.
 
 Exit status: 0 when done, 2 when something is wrong; the message says what to do.
 
@@ -38,15 +41,26 @@ def export(
     to: Annotated[list[str], typer.Option("--to", help="a format; several are allowed", show_default=False)],
     folder: Annotated[Path, typer.Option("--out", help="where the formats' folders go", show_default=False)],
     anyway: Annotated[bool, typer.Option("--anyway", help="write a model that failed, and say so in it")] = False,
+    name: Annotated[
+        str | None, typer.Option("--name", help="how all names in code begin (default: after the device)")
+    ] = None,
+    reversal_speed: Annotated[
+        float, typer.Option("--reversal-speed", help="below it code smooths the sign of a velocity, rad/s or m/s")
+    ] = 0.01,
     quiet: Annotated[bool, typer.Option("--quiet", "-q", help="no summary")] = False,
 ) -> None:
     import haptid.export
+    from haptid.export import CCode
     from haptid.recorded import read_result
 
     with errors_shown():
-        made = haptid.export.export(read_result(result), folder, to, anyway=anyway)
+        read = read_result(result)
+        made = haptid.export.export(read, folder, to, CCode(name, reversal_speed=reversal_speed), anyway=anyway)
     if quiet:
         return
     for written in made.values():
         out.print(f"{written.folder}: {', '.join(written.files)}", soft_wrap=True)
     out.print(next(iter(made.values())).verdict, soft_wrap=True)
+    for said in read.verdict:
+        if said.grade == "bad":
+            out.print(f"WARNING: {said.sentence}", soft_wrap=True, highlight=False)

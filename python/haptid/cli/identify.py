@@ -72,9 +72,9 @@ def identify(
         with progress_bars(quiet or as_json) as progress, publishing(out_folder) as folder:
             tell = teller(progress)
             found = walk(plan, data, tell, workers(count, scheduler), kept)
-            write_result(found, folder)
             tell("writing the report", 0.0)
             source = Source(found, _typed(study, data, out_folder))
+            write_result(found, folder, source.diagnosis.verdict)
             report_of(source).write(folder)
             tell("writing the report", 1.0)
             for k, run in enumerate(found.runs):
@@ -87,7 +87,7 @@ def identify(
                 tell(f"drawing {name}", 1.0)
         kept.forget()
     if as_json:
-        sys.stdout.write(json.dumps(finite(result(found)), indent=1, allow_nan=False) + "\n")
+        sys.stdout.write(json.dumps(finite(result(found, source.diagnosis.verdict)), indent=1, allow_nan=False) + "\n")
     elif not quiet:
         tables.show_identification(out, found)
         for line in ("", *sparklines(source), "", *source.diagnosis.verdict.sentences, ""):

@@ -8,8 +8,9 @@ from haptid.export.matlab import export_matlab
 from haptid.export.mjcf import export_mjcf
 from haptid.export.model_json import export_json
 from haptid.export.rust import export_rust
+from haptid.export.settings import CCode
 from haptid.export.urdf import export_urdf
-from haptid.export.writing import CCode, CExport, export_c
+from haptid.export.writing import CExport, export_c
 
 __all__ = [
     "FORMATS",

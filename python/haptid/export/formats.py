@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Protocol
 
@@ -14,8 +15,9 @@ from haptid.export.mjcf import export_mjcf
 from haptid.export.model_json import export_json
 from haptid.export.provenance import Model
 from haptid.export.rust import export_rust
+from haptid.export.settings import CCode
 from haptid.export.urdf import export_urdf
-from haptid.export.writing import CCode, export_c
+from haptid.export.writing import export_c
 from haptid.outputs import publishing
 
 
@@ -25,35 +27,42 @@ class Exporter(Protocol):
     def __call__(self, model: Model, folder: Path, *, anyway: bool = False) -> Export: ...
 
 
-def _c(model: Model, folder: Path, *, anyway: bool = False) -> Export:
-    made = export_c(model, folder, anyway=anyway)
+class Coder(Protocol):
+    """Writes a model as code into a folder."""
+
+    def __call__(self, model: Model, folder: Path, code: CCode, *, anyway: bool = False) -> Export: ...
+
+
+def _double(model: Model, folder: Path, code: CCode, *, anyway: bool = False) -> Export:
+    made = export_c(model, folder, replace(code, precision="double"), anyway=anyway)
     return Export(made.folder, made.files, made.verdict)
 
 
-def _single(model: Model, folder: Path, *, anyway: bool = False) -> Export:
-    made = export_c(model, folder, CCode(precision="single"), anyway=anyway)
+def _single(model: Model, folder: Path, code: CCode, *, anyway: bool = False) -> Export:
+    made = export_c(model, folder, replace(code, precision="single"), anyway=anyway)
     return Export(made.folder, made.files, made.verdict)
 
 
-FORMATS: Mapping[str, Exporter] = {
-    "c": _c,
-    "c-single": _single,
+CODE: Mapping[str, Coder] = {"c": _double, "c-single": _single, "matlab": export_matlab, "rust": export_rust}
+OTHERS: Mapping[str, Exporter] = {
     "mjcf": export_mjcf,
     "urdf": export_urdf,
     "json": export_json,
     "latex": export_latex,
-    "matlab": export_matlab,
-    "rust": export_rust,
 }
+FORMATS = (*CODE, *OTHERS)
 
 
-def export(model: Model, folder: str | Path, formats: Sequence[str], *, anyway: bool = False) -> dict[str, Export]:
+def export(
+    model: Model, folder: str | Path, formats: Sequence[str], code: CCode | None = None, *, anyway: bool = False
+) -> dict[str, Export]:
     """Write a model in several formats, each into a folder of its name; all of them, or nothing.
 
     Args:
         model: as in `export_c`.
         folder: where these folders go.
         formats: some of `FORMATS`.
+        code: names and smoothing of the formats that are code; their precision is the format's.
         anyway: write a model that fails its criterion or was not tested, and say so in the files.
 
     Raises:
@@ -64,10 +73,13 @@ def export(model: Model, folder: str | Path, formats: Sequence[str], *, anyway: 
     for name in formats:
         if name not in FORMATS:
             raise ExportFormatError(name, FORMATS)
-    folder = Path(folder)
+    folder, code = Path(folder), code or CCode()
     made: dict[str, Export] = {}
     with publishing(folder) as scratch:
         for name in formats:
-            written = FORMATS[name](model, scratch / name, anyway=anyway)
+            if name in CODE:
+                written = CODE[name](model, scratch / name, code, anyway=anyway)
+            else:
+                written = OTHERS[name](model, scratch / name, anyway=anyway)
             made[name] = Export(folder / name, written.files, written.verdict)
     return made

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field
 
@@ -12,7 +12,7 @@ from haptid.device import Device
 from haptid.errors import VaryingLoopError
 from haptid.export.composite import mass_matrix
 from haptid.export.factoring import shortest
-from haptid.export.graph import Expr, Graph, Operations, cost, operations
+from haptid.export.graph import PARAMETER, Expr, Graph, Operations, cost, operations
 from haptid.export.hamilton import momentum
 from haptid.export.handle import HandleExpressions, handle_expressions
 from haptid.export.moments import moments_of
@@ -80,12 +80,13 @@ class Code:
         return {function.name: operations(self.graph, function.all) for function in self.functions}
 
 
-def code_of(device: Device, speed: float) -> Code:
+def code_of(device: Device, speed: float, zero: Collection[int] = ()) -> Code:
     """All functions of a device, with its base parameters as symbols.
 
     Args:
         device: the mechanism.
         speed: below it the sign of a velocity is smoothed, rad/s or m/s.
+        zero: indices of base parameters that the code takes as zero, whatever it is given.
 
     Raises:
         UnexportableTermError: a term that code cannot compute.
@@ -95,8 +96,10 @@ def code_of(device: Device, speed: float) -> Code:
     if varying.any():
         raise VaryingLoopError(device.name, [device.joint_names[j] for j in np.flatnonzero(varying)])
     graph, tree = Graph(), tree_of(device)
-    bodies = Bodies.of(moments_of(device), graph, tree.length)
-    made = _Functions(device, graph, tree, bodies, speed)
+    none = graph.number(0.0)
+    parameters = [none if k in zero else graph.name(f"p[{k}]", PARAMETER) for k in range(len(device.base))]
+    bodies = Bodies.of(moments_of(device), parameters, tree.length)
+    made = _Functions(device, graph, tree, bodies, parameters, speed)
     functions = [*made.torques(), *made.rigid(), made.momentum()]
     if device.handle is not None:
         functions += made.at_handle(handle_expressions(tree, device.handle, made.q))
@@ -118,6 +121,7 @@ class _Functions:
     graph: Graph
     tree: Tree
     bodies: Bodies
+    parameters: Sequence[Expr]
     speed: float
     q: list[Expr] = field(init=False)
     qd: list[Expr] = field(init=False)
@@ -143,8 +147,8 @@ class _Functions:
         """Torque of bodies and terms."""
         inverse = cheapest_form(self.graph, self.newton(self.qd, self.qdd), MORE * TRIALS)
         gravity = cheapest_form(self.graph, self.newton(self.none, self.none))
-        terms = term_torque(self.device, self.graph, self.q, self.qd, self.speed, friction_only=False)
-        friction = term_torque(self.device, self.graph, self.q, self.qd, self.speed, friction_only=True)
+        terms = term_torque(self.device, self.parameters, self.q, self.qd, self.speed, friction_only=False)
+        friction = term_torque(self.device, self.parameters, self.q, self.qd, self.speed, friction_only=True)
         return [
             Function(
                 "inverse_dynamics",
@@ -185,7 +189,7 @@ class _Functions:
         bias, entries = both[: self.tree.active], both[self.tree.active :]
         made = Function(
             "mass_matrix",
-            ("Mass matrix, rotors included, row by row, kg m^2, kg m or kg.",),
+            ("Mass matrix, rotors included, kg m^2, kg m or kg.",),
             self.sizes("q"),
             (("M", full),),
         )
@@ -239,7 +243,7 @@ class _Functions:
         made = [
             Function(
                 "handle_pose",
-                ("Origin of the handle in the base frame, m, and its frame there, 3 x 3 row by row.",),
+                ("Origin of the handle in the base frame, m, and its frame there, 3 x 3.",),
                 self.sizes("q"),
                 (("position", tuple(pose[:3])), ("rotation", tuple(pose[3:]))),
                 parameters=False,
@@ -247,7 +251,7 @@ class _Functions:
             Function(
                 "handle_jacobian",
                 (
-                    f"6 x {n}, row by row: velocity of the handle's origin, then angular velocity, in the base frame,",
+                    f"6 x {n}: velocity of the handle's origin, then angular velocity, in the base frame,",
                     "by the coordinates' rates. Its transpose takes a wrench to torques.",
                 ),
                 self.sizes("q"),

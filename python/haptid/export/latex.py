@@ -56,7 +56,7 @@ def export_latex(
     head = "\n".join(f"% {line}".rstrip() for line in about(source))
     document = DOCUMENT.replace("@title", escaped(source.device.name)).replace("@name", name)
     texts = {
-        f"{name}.tex": document.replace("@verdict", escaped(source.verdict)),
+        f"{name}.tex": document.replace("@verdict", "\n\n".join(map(escaped, (source.verdict, *source.fitness)))),
         f"{name}_parameters.tex": f"{head}\n{_parameters(source)}",
         f"{name}_groupings.tex": f"{head}\n{_groupings(source.device)}",
     }

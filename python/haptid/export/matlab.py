@@ -11,14 +11,15 @@ from haptid.export.folder import Export, write
 from haptid.export.functions import Code, Function, code_of
 from haptid.export.names import default_name
 from haptid.export.provenance import Model, Provenance, about, provenance
+from haptid.export.settings import CCode
 from haptid.export.text import coordinate_lines
-from haptid.force import REVERSAL_SPEED
 from haptid.validation import Validation
 
 
 def export_matlab(
     model: Model,
     folder: str | Path,
+    code: CCode | None = None,
     *,
     validation: Validation | None = None,
     largest_error: float | None = None,
@@ -31,6 +32,7 @@ def export_matlab(
 
     Args:
         model, validation, largest_error, anyway: as in `export_c`.
+        code: names and where the sign of a velocity is smoothed; MATLAB has double precision alone.
         folder: where NAME_parameters.m, NAME_inverse_dynamics.m and so on go.
 
     Raises:
@@ -40,9 +42,10 @@ def export_matlab(
         OutputError: the folder cannot be written.
     """
     source = provenance(model, validation, largest_error, anyway)
-    code, name = code_of(source.device, REVERSAL_SPEED), default_name(source.device.name)
+    code = code or CCode()
+    made, name = code_of(source.device, code.reversal_speed, source.zero), code.name or default_name(source.device.name)
     texts = {f"{name}_parameters.m": _parameters(source, name)}
-    texts |= {f"{name}_{function.name}.m": _function(code, function, name) for function in code.functions}
+    texts |= {f"{name}_{function.name}.m": _function(made, function, name) for function in made.functions}
     return write(folder, texts, source.verdict)
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
@@ -55,6 +56,7 @@ def model_values(source: Provenance) -> dict[str, Any]:
         "haptid": __version__,
         "device": device.name,
         "verdict": source.verdict,
+        "uses": [asdict(said) for said in source.uses],
         "data_sha256": list(source.hashes),
         "gravity": device.gravity.tolist(),
         "coordinates": _coordinates(device),

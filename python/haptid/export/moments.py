@@ -16,7 +16,8 @@ from haptid._values import Array, freeze
 from haptid.base import NO_EFFECT, eliminate, regroup
 from haptid.device import Device
 from haptid.device.parameters import INERTIAL
-from haptid.export.graph import PARAMETER, Expr, Graph
+from haptid.export.graph import Expr
+from haptid.export.vectors import combined
 
 # Kept first to last.
 PREFERENCE = ("YY", "XX", "MX", "MY", "XY", "XZ", "YZ", "rotor", "ZZ", "MZ", "M")
@@ -50,15 +51,9 @@ class Moments:
     rotors: tuple[tuple[Array, int], ...]
     factors: Array
 
-    def expressions(self, graph: Graph) -> list[Expr]:
-        """The parameters as sums of base parameters p[0], p[1], ..., made once."""
-        made = []
-        for row in self.factors:
-            total = graph.number(0.0)
-            for k in np.flatnonzero(row):
-                total = total + float(row[k]) * graph.name(f"p[{k}]", PARAMETER)
-            made.append(total)
-        return made
+    def expressions(self, parameters: Sequence[Expr]) -> list[Expr]:
+        """The parameters as sums of base parameters, made once."""
+        return [combined(row, parameters) for row in self.factors]
 
 
 def moments_of(device: Device, seed: int = 0) -> Moments:

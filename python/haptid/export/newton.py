@@ -6,13 +6,14 @@ symbols; second moments in place of inertias, and groups of parallel axes with a
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
 
 from haptid._values import Array
-from haptid.export.graph import Expr, Graph
+from haptid.export.graph import Expr
 from haptid.export.moments import Moments
 from haptid.export.tree import Link, Tree
 from haptid.export.vectors import (
@@ -73,9 +74,9 @@ class Bodies:
     length: float
 
     @staticmethod
-    def of(moments: Moments, graph: Graph, length: float) -> Bodies:
+    def of(moments: Moments, parameters: Sequence[Expr], length: float) -> Bodies:
         """Moments of order zero and one times the length or its square: parameters made once."""
-        made = moments.expressions(graph)
+        made = moments.expressions(parameters)
         unit = {"MX": length, "MY": length, "MZ": length, "M": length * length}
         links = tuple({kind: made[row] * unit.get(kind, 1.0) for kind, row in kept.items()} for kept in moments.links)
         return Bodies(links, tuple((weights, made[row]) for weights, row in moments.rotors), length)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import textwrap
 from dataclasses import dataclass
 
 import numpy as np
@@ -13,12 +14,14 @@ from haptid.device import Device
 from haptid.errors import FailedValidationError, UnvalidatedError
 from haptid.estimators import Estimate
 from haptid.identification import Identification
-from haptid.recorded import Recorded
+from haptid.recorded import Recorded, RecordedUse
 from haptid.validation import Validation
 
 # What can be exported: an identification by a study, the same read back from its result folder, an estimate, or a
 # device with base parameters from elsewhere.
 Model = Identification | Recorded | Estimate | tuple[Device, ArrayLike]
+# Widest of the first lines of a file, characters.
+WIDTH = 112
 
 
 @dataclass(frozen=True, eq=False)
@@ -32,6 +35,8 @@ class Provenance:
         covariance: of them, (p, p), or None where nothing is known.
         hashes: SHA-256 of the logs that it was identified from.
         verdict: on unseen motion, a sentence.
+        zero: indices of the base parameters that were left out: code does without them.
+        uses: what the model is good for; empty where it was not diagnosed.
     """
 
     device: Device
@@ -40,9 +45,16 @@ class Provenance:
     covariance: Array | None
     hashes: tuple[str, ...]
     verdict: str
+    zero: tuple[int, ...] = ()
+    uses: tuple[RecordedUse, ...] = ()
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "beta", read_only(self.beta))
+
+    @property
+    def fitness(self) -> list[str]:
+        """A sentence for each use, with a warning where the model is not fit for it."""
+        return [f"WARNING: {said.sentence}" if said.grade == "bad" else said.sentence for said in self.uses]
 
 
 def provenance(model: Model, validation: Validation | None, largest_error: float | None, anyway: bool) -> Provenance:
@@ -70,10 +82,12 @@ def provenance(model: Model, validation: Validation | None, largest_error: float
     verdict = _verdict(validations, largest_error, anyway)
     if isinstance(model, Recorded):
         used = dict.fromkeys(log.sha256 for log in model.logs if log.role == "identify")
-        return Provenance(model.device, model.beta, model.interval95, model.covariance, tuple(used), verdict)
+        known = (model.interval95, model.covariance)
+        return Provenance(model.device, model.beta, *known, tuple(used), verdict, model.zero, model.verdict)
     if isinstance(model, Estimate):
         hashes = dict.fromkeys(motion.log.sha256 for motion in model.observation.motions if motion.log)
-        return Provenance(model.device, model.beta, model.interval95, model.covariance, tuple(hashes), verdict)
+        known = (model.interval95, model.covariance)
+        return Provenance(model.device, model.beta, *known, tuple(hashes), verdict, model.zero)
     device, beta = model
     expect("beta", np.shape(beta), (len(device.base),))
     return Provenance(device, np.asarray(beta, dtype=float), None, None, (), verdict)
@@ -101,10 +115,14 @@ def _verdict(validations: tuple[Validation, ...], limit: float | None, anyway: b
 def about(source: Provenance) -> list[str]:
     """The first lines of every file: the device, the verdict, the data."""
     device = source.device
-    return [
+    said = [
         f"{device.name}: dynamic model, written by haptid {__version__}.",
         *([device.description] if device.description else []),
         "",
         source.verdict,
+        *source.fitness,
+    ]
+    return [
+        *(line for sentence in said for line in textwrap.wrap(sentence, WIDTH) or [""]),
         *(f"Data, SHA-256: {sha}" for sha in source.hashes or ("none: parameters from elsewhere",)),
     ]

@@ -11,8 +11,8 @@ from haptid.export.folder import Export, write
 from haptid.export.functions import Code, Function, code_of
 from haptid.export.names import default_name
 from haptid.export.provenance import Model, Provenance, about, provenance
+from haptid.export.settings import CCode
 from haptid.export.text import coordinate_lines
-from haptid.force import REVERSAL_SPEED
 from haptid.validation import Validation
 
 CARGO = """[package]
@@ -56,6 +56,7 @@ impl Model {{
 def export_rust(
     model: Model,
     folder: str | Path,
+    code: CCode | None = None,
     *,
     validation: Validation | None = None,
     largest_error: float | None = None,
@@ -68,6 +69,7 @@ def export_rust(
 
     Args:
         model, validation, largest_error, anyway: as in `export_c`.
+        code: names and where the sign of a velocity is smoothed; the crate has double precision alone.
         folder: where Cargo.toml and src/lib.rs go.
 
     Raises:
@@ -77,16 +79,23 @@ def export_rust(
         OutputError: the folder cannot be written.
     """
     source = provenance(model, validation, largest_error, anyway)
-    code = code_of(source.device, REVERSAL_SPEED)
+    code = code or CCode()
+    made = code_of(source.device, code.reversal_speed, source.zero)
     texts = {
-        "Cargo.toml": CARGO.format(name=default_name(source.device.name)),
-        "src/lib.rs": _library(source, code, emitted(code, Rust(), Rust())),
+        "Cargo.toml": CARGO.format(name=code.name or default_name(source.device.name)),
+        "src/lib.rs": _library(source, made, emitted(made, Rust(), Rust())),
     }
     return write(folder, texts, source.verdict)
 
 
 def _library(source: Provenance, code: Code, generated: Emitted) -> str:
-    heading = [*about(source), "", "Numbers are SI. Coordinates:", "", *coordinate_lines(source.device)]
+    heading = [
+        *about(source),
+        "",
+        "Numbers are SI. Matrices are stored row by row. Coordinates:",
+        "",
+        *coordinate_lines(source.device),
+    ]
     documentation = "\n".join(f"//! {line}".rstrip() for line in heading)
     model = MODEL.format(
         n=len(source.device.drives),

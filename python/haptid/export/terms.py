@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import ast
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 
@@ -12,7 +12,7 @@ from haptid.device import Device
 from haptid.device.expressions import Column
 from haptid.device.terms import DRY, Counterbalance, TermColumn
 from haptid.errors import UnexportableTermError
-from haptid.export.graph import PARAMETER, Expr, Graph
+from haptid.export.graph import Expr, Graph
 from haptid.export.vectors import combined
 
 # What resists motion, and is compensated by a share at most.
@@ -20,24 +20,25 @@ FRICTION = ("viscous", *DRY)
 
 
 def term_torque(
-    device: Device, graph: Graph, q: list[Expr], qd: list[Expr], speed: float, friction_only: bool
+    device: Device, parameters: Sequence[Expr], q: list[Expr], qd: list[Expr], speed: float, friction_only: bool
 ) -> list[Expr]:
     """Torque of the terms on the coordinates, (active), rotors left out.
 
     Args:
         device: the mechanism.
-        graph: the store.
+        parameters: the device's base parameters.
         q, qd: the coordinates and their rates.
         speed: below it the sign of a velocity is smoothed, rad/s or m/s.
         friction_only: leave out what does not resist motion.
     """
     S = device.parameters.S[10 * len(device.joints) :, list(device.base.kept)]
+    graph = q[0].graph
     tau = [graph.number(0.0)] * len(q)
     for term, row in zip(device.terms, S, strict=True):
         wanted = term.kind in FRICTION if friction_only else term.kind != "rotor"
         if not wanted or not row.any():
             continue
-        parameter = combined(row[row != 0], [graph.name(f"p[{k}]", PARAMETER) for k in np.flatnonzero(row)])
+        parameter = combined(row, parameters)
         felt = parameter * _column(device, term, graph, q, qd, speed)
         tau = [t + float(w) * felt for t, w in zip(tau, term.weights, strict=True)]
     return tau

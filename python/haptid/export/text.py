@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import re
 import string
+import textwrap
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
@@ -11,13 +13,16 @@ from importlib import resources
 import numpy as np
 
 from haptid.device import Device
+from haptid.device.transmission import Motor
 from haptid.export.dialects import C
 from haptid.export.emit import Emitted, emitted
 from haptid.export.functions import Code, Function
 from haptid.export.provenance import Provenance, about
 
-# Widest line of a comment, characters.
+# Widest line of a comment or a declaration, characters.
 WIDTH = 116
+# Declarations and heads of definitions in C.
+DECLARATION = re.compile(r"^((?:\w+ )+\w+\()([^;(){}]*)\)(?=;|\n\{)", re.MULTILINE)
 # What examples use, s, rad/s and Hz.
 STEP, GAIN, CUTOFF_HZ, CREEP = 0.001, 40.0, 50.0, 1e-4
 
@@ -73,9 +78,9 @@ class Files:
         }
 
     def filled(self, template: str, **values: object) -> str:
-        """A template of this package with its values."""
+        """A template of this package with its values; declarations on as many lines as the names ask for."""
         text = resources.files("haptid.export").joinpath("templates", template).read_text(encoding="utf-8")
-        return _Template(text).substitute(self.common, **values)
+        return narrowed(_Template(text).substitute(self.common, **values))
 
     def header(self) -> str:
         """Declarations, with units, limits, the verdict and the data's hashes."""
@@ -132,7 +137,10 @@ class Files:
         for k, (name, unit, value) in enumerate(zip(base.names, base.units, self.source.beta, strict=True)):
             known = self.source.intervals
             within = "" if known is None else f", 95 % within {known[k, 0]:.6g} and {known[k, 1]:.6g}"
-            lines.append(comment(f"p[{k}] {name}: {value:.6g} {unit}{within}"))
+            said = (
+                "zero: left out, and not read by the code" if k in self.source.zero else f"{value:.6g} {unit}{within}"
+            )
+            lines.append(comment(f"p[{k}] {name}: {said}"))
         return lines
 
 
@@ -155,21 +163,45 @@ def coordinate_lines(device: Device) -> list[str]:
             parts.append(" ".join(f"{weight:+.6g} joint {joint.name}" for weight, joint in moved))
         drive = device.drives[k]
         if device.torque_rows == "motor" and drive.motorised:
-            parts.append(f"command = torque / {drive.gear * drive.gain:.9g} {drive.unit}")
+            parts.append(_command(drive, torque))
         if not device.measured[k]:
             parts.append("no motor: known as far as other rows tell")
-        lines.append(comment(f"q[{k}] {'; '.join(parts)}"))
+        lines += textwrap.wrap(_plain(f"q[{k}] {'; '.join(parts)}"), WIDTH - 4, subsequent_indent="     ")
     return lines
+
+
+def _command(drive: Motor, torque: str) -> str:
+    """How a torque becomes the motor's command."""
+    factor = drive.gear * drive.gain
+    if factor == 1.0 and drive.unit == torque:
+        return "command = torque"
+    return f"command in {drive.unit} = torque / ({factor:.9g} {torque} per {drive.unit})"
+
+
+def _plain(text: str) -> str:
+    """Text that cannot end a comment, on one line."""
+    return " ".join(text.split()).replace("*/", "* /").replace("/*", "/ *").replace("\\", "/")
 
 
 def comment(text: str) -> str:
     """Text that cannot end a comment, on one line, no wider than a line."""
-    plain = " ".join(text.split()).replace("*/", "* /").replace("/*", "/ *").replace("\\", "/")
+    plain = _plain(text)
     return plain if len(plain) <= WIDTH else plain[: WIDTH - 3] + "..."
+
+
+def narrowed(text: str) -> str:
+    """The same C with no declaration wider than a line."""
+    return DECLARATION.sub(lambda found: wrapped([a.strip() for a in found[2].split(",")], found[1]), text)
 
 
 def wrapped(arguments: Sequence[str], start: str) -> str:
     """start, arguments and a closing bracket, on as many lines as they need."""
+    lines = _flowed(arguments, start)
+    return "\n".join(lines if max(map(len, lines)) <= WIDTH else [start, *_flowed(arguments, "    ")])
+
+
+def _flowed(arguments: Sequence[str], start: str) -> list[str]:
+    """Lines under each other: as far to the right as start ends."""
     lines, line = [], start
     for k, argument in enumerate(arguments):
         piece = argument + (")" if k == len(arguments) - 1 else ",")
@@ -178,7 +210,7 @@ def wrapped(arguments: Sequence[str], start: str) -> str:
             lines.append(line)
             line, gap = " " * len(start), ""
         line += gap + piece
-    return "\n".join([*lines, line])
+    return [*lines, line]
 
 
 def _about(function: Function) -> str:

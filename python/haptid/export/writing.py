@@ -4,45 +4,17 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Literal, get_args
 
-from haptid._values import positive
-from haptid.errors import CodeSettingError
 from haptid.export.dialects import DOUBLE, SINGLE
 from haptid.export.folder import write
 from haptid.export.functions import Code, code_of
 from haptid.export.graph import Operations
-from haptid.export.names import check_name, default_name
+from haptid.export.names import default_name
 from haptid.export.provenance import Model, provenance
 from haptid.export.selftest import selftest
+from haptid.export.settings import CCode
 from haptid.export.text import Files
-from haptid.force import REVERSAL_SPEED
 from haptid.validation import Validation
-
-Precision = Literal["double", "single"]
-
-
-@dataclass(frozen=True)
-class CCode:
-    """How the code is to be.
-
-    Attributes:
-        name: how all names in C begin; after the device where None.
-        precision: "double" or "single".
-        reversal_speed: below it the sign of a velocity is smoothed, tanh(v / speed), rad/s or m/s.
-    """
-
-    name: str | None = None
-    precision: Precision = "double"
-    reversal_speed: float = REVERSAL_SPEED
-
-    def __post_init__(self) -> None:
-        if self.name is not None:
-            check_name(self.name)
-        if self.precision not in get_args(Precision):
-            raise CodeSettingError("precision", self.precision, " or ".join(map(repr, get_args(Precision))))
-        if not positive(self.reversal_speed):
-            raise CodeSettingError("reversal_speed", self.reversal_speed, "a finite speed above zero, rad/s or m/s")
 
 
 @dataclass(frozen=True, eq=False)
@@ -95,7 +67,7 @@ def export_c(
     """
     code, folder = code or CCode(), Path(folder)
     source = provenance(model, validation, largest_error, anyway)
-    made = code_of(source.device, code.reversal_speed)
+    made = code_of(source.device, code.reversal_speed, source.zero)
     name = code.name or default_name(source.device.name)
     files = Files(source, made, SINGLE if code.precision == "single" else DOUBLE, name)
     written = write(folder, _texts(files), source.verdict)
@@ -112,7 +84,11 @@ def _texts(files: Files) -> dict[str, str]:
         f"{name}_example.c": files.filled("example.c"),
         f"{name}_ros2_control.cpp": files.filled("ros2_control.cpp"),
         "CMakeLists.txt": files.filled("CMakeLists.txt"),
-        "README.md": files.filled("README.md", table="\n".join(_rows(files.code))),
+        "README.md": files.filled(
+            "README.md",
+            fitness="".join(f"\n\n{said}" for said in files.source.fitness),
+            table="\n".join(_rows(files.code)),
+        ),
     }
 
 

@@ -1,4 +1,5 @@
-/* @{title}: see @{name}.h. Straight-line code; @{counts}. */
+/* @{title}: see @{name}.h. */
+/* Straight-line code; @{counts}. */
 #include "@{name}.h"
 
 #include <math.h>
