@@ -29,3 +29,16 @@ def test_the_yardstick_has_the_recorded_figures():
     for method, *figures in rows:
         for column, figure in zip(COLUMNS, figures, strict=True):
             assert float(figure) == pytest.approx(recorded[f"{CALLED.get(method, method)}: {column}"], rel=0.06)
+
+
+def test_noise_in_the_columns_biases_as_recorded():
+    file = PROJECT / "benchmarks/results/noisy-columns.json"
+    recorded = json.loads(file.read_text(encoding="utf-8"))["figures"]
+    page = " ".join((PROJECT / "docs/yardstick.md").read_text(encoding="utf-8").split())
+    quoted = re.search(
+        r"is ([\d.]+) times smaller with `IV`, (\d+) times with `DIDIM` and (\d+) times with `CLIE`", page
+    )
+    assert quoted is not None
+    for method, figure in zip(("IV", "DIDIM", "CLIE"), quoted.groups(), strict=True):
+        assert float(figure) == pytest.approx(recorded[f"{method}: times less biased than OLS"], rel=0.06)
+        assert recorded[f"{method}: times less biased than OLS"] > 3
