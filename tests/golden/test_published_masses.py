@@ -146,6 +146,6 @@ def test_the_phantom_holds_less_force_the_further_it_reaches():
     limits = {"1": 0.2, "2": 0.2, "3": 0.2}
     force, direction = c.greatest_force(limits)
     # At zero the arm is level and the forearm hangs: motor 1 turns the tip at 0.215 m and carries no weight.
-    np.testing.assert_allclose(c.force_along([1, 0, 0], limits), 0.2 / 0.215, rtol=1e-9)
+    np.testing.assert_allclose(c.force_along([1, 0, 0], limits).value, 0.2 / 0.215, rtol=1e-9)
     assert force.value[0] <= 0.2 / 0.215 + 1e-12
-    np.testing.assert_allclose(c.force_along(direction[0], limits), force.value, rtol=1e-9)
+    np.testing.assert_allclose(c.force_along(direction[0], limits).value, force.value, rtol=1e-9)

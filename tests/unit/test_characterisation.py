@@ -50,6 +50,7 @@ FIGURES = {
     "weight": lambda c: c.weight,
     "back-drive": lambda c: c.backdrive_force([0.0, 1.0, 0.3]),
     "neglected": lambda c: c.neglected_force(0.5),
+    "force along": lambda c: c.force_along([0.3, 1.0, -0.4], {"1": 0.5, "2": 0.4, "3": 0.3}),
     "greatest force": lambda c: c.greatest_force({"1": 0.5, "2": 0.4, "3": 0.3})[0],
 }
 

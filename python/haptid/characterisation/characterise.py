@@ -129,18 +129,12 @@ class Characterisation:
         """Largest |F_d| over directions of motion at a handle speed, (poses,), N; see `neglected_force_of`.
 
         F_d is weight and a part that grows with the square of speed, so at the largest speed of a range that part is
-        largest too. Directions are looked at on a grid.
+        largest too.
         """
-        best = np.full(len(self.grasp), np.nan)
-        worst = np.zeros((len(self.grasp), len(self.grasp.rows)))
-        for d in neglected.unit_directions(len(self.grasp.rows)):
-            velocity = np.broadcast_to(speed * d, worst.shape)
-            size = np.linalg.norm(
-                neglected.neglected_force(self.grasp, self.inverse, self.model.beta, velocity), axis=1
-            )
-            larger = ~(size <= best)
-            best, worst = np.where(larger, size, best), np.where(larger[:, None], velocity, worst)
-        along = neglected.neglected_force(self.grasp, self.inverse, self.model.beta, worst) / best[:, None]
+        worst = speed * neglected.worst_directions(self.grasp, self.inverse, self.model.beta, speed)
+        force = neglected.neglected_force(self.grasp, self.inverse, self.model.beta, worst)
+        best = np.linalg.norm(force, axis=1)
+        along = force / np.where(best > 0, best, 1.0)[:, None]
 
         def slope(change: Array) -> Array:
             force = neglected.neglected_force(self.grasp, self.inverse, change, worst)
@@ -192,11 +186,20 @@ class Characterisation:
 
         return changing(self.model, force, slope, "N"), freeze(direction)
 
-    def force_along(self, direction: ArrayLike, limits: Mapping[str, float] | None = None) -> Array:
+    def force_along(self, direction: ArrayLike, limits: Mapping[str, float] | None = None) -> Figure:
         """Greatest force of the motors on the hand along d, (poses,), N; arguments as for `greatest_force`."""
         most, J = strength.torque_limits(self.device, limits), strength.motor_jacobian(self.grasp)
         held = strength.motor_torque(self.device, self._static(self.model.beta))
-        return freeze(strength.along(J, most, held, self._unit(direction)))
+        force, load, motor = strength.along(J, most, held, self._unit(direction))
+        at = np.arange(len(force))
+        # Where no motor feels d, or one has nothing left, a small change of the weight changes nothing.
+        bound = np.isfinite(force) & (force > 0)
+        slopes = np.where(bound, -1 / np.where(bound, load, 1.0), 0.0)
+
+        def slope(change: Array) -> Array:
+            return np.asarray(slopes * strength.motor_torque(self.device, self._static(change))[motor, at])
+
+        return changing(self.model, force, slope, "N")
 
     def summary(self) -> str:
         """Figures over the poses, and the poses that do not count, as text."""

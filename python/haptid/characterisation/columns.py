@@ -98,11 +98,11 @@ def _strength(found: Characterisation, asked: Asked) -> Iterator[Column]:
         return
     yield Column("greatest force in its worst direction", force)
     if asked.along is not None:
-        yield Column("greatest force along", _plain(found.force_along(asked.along, asked.torque), "N"))
+        yield Column("greatest force along", found.force_along(asked.along, asked.torque))
 
 
 def _plain(values: Array, unit: str) -> Figure:
-    """Figures without deviation: nothing that was identified is in them."""
+    """Figures without deviation: given stiffnesses and geometry alone, nothing that was identified."""
     return Figure(values, None, float("inf"), unit)
 
 

@@ -72,8 +72,9 @@ def weakest(jacobian: Array, limits: Array, weight: Array) -> tuple[Array, Array
     return force[at, motor], column / np.linalg.norm(column, axis=1, keepdims=True), motor
 
 
-def along(jacobian: Array, limits: Array, weight: Array, direction: Array) -> Array:
-    """Greatest force along one direction, (poses,); infinite where no motor feels it.
+def along(jacobian: Array, limits: Array, weight: Array, direction: Array) -> tuple[Array, Array, np.ndarray]:
+    """Greatest force along one direction, infinite where no motor feels it; torque per force of the motor that sets it,
+    and which that is, (poses,) each.
 
     Motors carry the weight and push: |weight + J' f d| <= limit.
     """
@@ -81,4 +82,5 @@ def along(jacobian: Array, limits: Array, weight: Array, direction: Array) -> Ar
     room = np.maximum(limits - np.sign(load) * weight.T, 0.0)
     with np.errstate(divide="ignore", invalid="ignore"):
         force = np.where(load != 0, room / np.abs(load), np.inf)
-    return np.asarray(force.min(axis=1))
+    motor, at = np.argmin(force, axis=1), np.arange(len(force))
+    return force[at, motor], load[at, motor], motor
