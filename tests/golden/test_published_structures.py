@@ -137,8 +137,8 @@ CEA_GROUPINGS = {
     "MX3R": "MX3 + 0.275 M4 - 0.266667 MX6 + MX9",
     "MX5R": "MX5 - 0.266667 MX6 + 0.06 M6",
     "MY8R": "MY8 + 0.2 MX7",
-    "FV5R": "FV5 + FV4 + FV9",
-    "FC2R": "FC2 + FC7 + FC8",
+    "FV5R": "FV5 + FV4 + FV9 + FV12",
+    "FC2R": "FC2 + FC7 + FC8 + FC11",
 }
 
 

@@ -254,6 +254,14 @@ BROKEN = [
         ["loops: at the start pose", "3 = 0.7", "limit 0.001"],
     ),
     (
+        "CutRateError",
+        'name = "b"\ngravity = [0, 0, 0]\n[[joints]]\nname = "1"\n[[joints]]\nname = "2"\nd = 0.2\n'
+        '[[joints]]\nname = "3"\nparent = "base"\nd = 0.5\n'
+        '[[loops]]\npassive = ["2", "3"]\nat = { 1 = 1.5 }\nguess = { 2 = -1.3, 3 = 1.2 }\n'
+        'cut = { name = "4", on = "2", frame = { d = 0.5 }, with = "3", twin = { d = 0.4 } }',
+        ["loops: the cut joint 4 has a name", "(limit 1e-06)", "Remove its name"],
+    ),
+    (
         "UndeterminedLoopError",
         add('[[loops]]\npassive = ["2", "3"]\ncut = { on = "1", with = "1" }'),
         ["loops: ", "settle only 0 of 2"],

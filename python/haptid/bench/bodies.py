@@ -95,7 +95,7 @@ def bodies(device: Device, chi: Array) -> tuple[Body, ...]:
 
 
 def effects(device: Device, chi: Array, made: tuple[Body, ...]) -> tuple[Effect, ...]:
-    """What the terms do: one effect for each joint, then one for each motor that moves several joints.
+    """What the terms do: one effect for each joint, then one for each motor or cut joint that goes with several.
 
     Raises:
         UnsimulatedTermError: a term that MuJoCo has no counterpart for is not zero.
@@ -110,6 +110,8 @@ def effects(device: Device, chi: Array, made: tuple[Body, ...]) -> tuple[Effect,
     for term, value in zip(device.terms, raw[10 * len(device.joints) :], strict=True):
         shares = _shares(device, term)
         used = np.flatnonzero(shares)
+        if value == 0 or not len(used):
+            continue
         if len(used) == 1:
             _add(single[int(used[0])], term, float(value), float(shares[used[0]]))
         else:
@@ -132,8 +134,6 @@ def _shares(device: Device, term: TermColumn) -> Array:
 
 def _add(effect: Effect, term: TermColumn, value: float, share: float) -> None:
     """Add a term of a coordinate that is `share` times the effect's."""
-    if value == 0:
-        return
     width = term.settings[0]
     if term.kind == "rotor":
         effect.armature += value * share**2
@@ -145,7 +145,8 @@ def _add(effect: Effect, term: TermColumn, value: float, share: float) -> None:
         effect.coulomb += value * abs(share) / 2  # F+ and F- are their mean, and half their difference as an offset
         effect.offset += (1 if term.kind == "coulomb+" else -1) * value * share / 2
     elif term.kind == "spring":
-        effect.spring(value * share**2, width / share)  # the first setting of a spring is its rest
+        start = term.offset if term.on.startswith("cut ") else 0.0  # where its combination of joints is zero
+        effect.spring(value * share**2, (term.settings[0] - start) / share)
     elif term.kind == "offset":
         effect.offset += value * share
     else:

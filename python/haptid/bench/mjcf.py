@@ -236,11 +236,14 @@ def size(device: Device) -> float:
 
 
 def _coordinates(root: Element, device: Device, acts: Sequence[Effect], physics: Physics) -> None:
-    """A tendon for every motor that moves several joints, and for every passive joint that only a relation ties."""
+    """Tendons: motors and cut joints that several joints move, and passive joints that only a relation ties."""
     tendons = SubElement(root, "tendon")
     for name, shares in _combined(device):
         act = next((a for a in acts if a.name == name), Effect(name, shares))
         _fixed(tendons, device, name, shares, _effect(act, physics, "springlength"))
+    for act in acts:
+        if act.name.startswith("cut "):
+            _fixed(tendons, device, act.name, act.joints, _effect(act, physics, "springlength"))
     if isinstance(device.closure, Closure) and not cut_sites(device):
         for j in _passive(device):
             shares = -device.closure.G[j] @ np.eye(len(device.joints))[list(device.active)]

@@ -1,6 +1,7 @@
 """Devices: what is known of a mechanism before any data, read from a TOML file."""
 
 from haptid.device.closure import Closure, Followed
+from haptid.device.cuts import CutJoint
 from haptid.device.geometry import poses
 from haptid.device.mechanism import MechanismArguments, mechanism, mechanism_arguments
 from haptid.device.model import Combination, Cut, Device, Frame, Handle, Joint, Motor, Prior
@@ -18,6 +19,7 @@ __all__ = [
     "Combination",
     "Counterbalance",
     "Cut",
+    "CutJoint",
     "Device",
     "Followed",
     "Frame",

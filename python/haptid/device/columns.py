@@ -10,6 +10,7 @@ import numpy as np
 
 from haptid._values import Array
 from haptid.device.closure import Closure
+from haptid.device.cuts import CutJoint
 from haptid.device.expressions import RESERVED, column
 from haptid.device.geometry import Reader
 from haptid.device.model import Joint, Motor
@@ -47,17 +48,19 @@ RANGE = 100.0
 
 @dataclass(frozen=True, eq=False)
 class Target:
-    """What a term acts on: a joint, or a motor's joint-side coordinate.
+    """What a term acts on: a joint, a joint that was cut, or a motor's joint-side coordinate.
 
     Attributes:
-        name: of the joint or motor.
-        joint: index of the joint, None for a motor.
+        what: "joint", "cut" or "motor".
+        name: of the joint, cut or motor.
+        joint: index of the joint, None for a cut or a motor.
         prismatic: whether the coordinate is a length.
         weights: the target's position as a combination of the coordinates, (na,).
         offset: its position where the coordinates are zero.
         varies: whether it is a joint whose rates vary with the pose; weights and offset are then zero.
     """
 
+    what: str
     name: str
     joint: int | None
     prismatic: bool
@@ -73,7 +76,7 @@ class Target:
     @property
     def on(self) -> str:
         """As in TermColumn.on."""
-        return f"{'motor' if self.joint is None else 'joint'} {self.name}"
+        return f"{self.what} {self.name}"
 
     def column(
         self,
@@ -102,9 +105,10 @@ class Target:
 
 @dataclass(frozen=True, eq=False)
 class Targets:
-    """Every joint and motor that a term may act on."""
+    """Every joint, named cut and motor that a term may act on."""
 
     joints: tuple[Target, ...]
+    cuts: tuple[Target, ...]
     active: tuple[str, ...]
     motorised: tuple[str, ...]
     motors: tuple[Target, ...]
@@ -116,8 +120,9 @@ class Targets:
         drives: Sequence[Motor],
         joint_rows: bool,
         closure: Closure | NewtonClosure,
+        cuts: Sequence[CutJoint] = (),
     ) -> Targets:
-        """From joints, drives and closure; the coordinates are the active joints', or else the drives'."""
+        """From joints, drives, closure and cuts; the coordinates are the active joints', or else the drives'."""
         coupling = np.array([drive.row for drive in drives])
         frame = np.eye(len(drives)) if joint_rows else coupling
         rates, motors = (np.linalg.solve(frame.T, x.T).T for x in (closure.constant, coupling))
@@ -127,13 +132,17 @@ class Targets:
         first = [joints[active[int(np.argmax(drive.row != 0))]] for drive in drives]
         return Targets(
             tuple(
-                Target(joint.name, j, joint.prismatic, rates[j], float(closure.offset[j]), varies[j])
+                Target("joint", joint.name, j, joint.prismatic, rates[j], float(closure.offset[j]), varies[j])
                 for j, joint in enumerate(joints)
+            ),
+            tuple(
+                Target("cut", cut.name, None, cut.prismatic, np.linalg.solve(frame.T, cut.row), cut.offset)
+                for cut in cuts
             ),
             tuple(names),
             tuple(name for name, driven in zip(names, np.atleast_1d(moved), strict=True) if driven),
             tuple(
-                Target(drive.name, None, first[k].prismatic, motors[k], 0.0)
+                Target("motor", drive.name, None, first[k].prismatic, motors[k], 0.0)
                 for k, drive in enumerate(drives)
                 if drive.motorised
             ),
@@ -150,7 +159,7 @@ class Targets:
             found = "the term acts on nothing"
             raise DeviceKeyError(str(place), found, 'Add joints = "all", joints = ["1"] or motors = ["1"].')
         words = {
-            "all": [t.name for t in self.joints],
+            "all": [t.name for t in (*self.joints, *self.cuts)],
             "active": self.active,
             "motorised": self.motorised,
             None: (),
@@ -158,7 +167,8 @@ class Targets:
         joints = table.joints if isinstance(table.joints, list) else words[table.joints]
         motors = table.motors if isinstance(table.motors, list) else [t.name for t in self.motors if table.motors]
         made: list[Target] = []
-        for what, wanted, known in (("joint", joints, self.joints), ("motor", motors, self.motors)):
+        every = (*self.joints, *self.cuts)
+        for what, wanted, known in (("joint", joints, every), ("motor", motors, self.motors)):
             names = [target.name for target in known]
             for k, name in enumerate(wanted):
                 if name not in names:
@@ -180,7 +190,7 @@ def read_terms(tables: Sequence[AnyTerm], targets: Targets, reader: Reader, plac
 def _columns(table: AnyTerm, target: Target, targets: Targets, reader: Reader, place: Place) -> list[TermColumn]:
     if isinstance(table, ColumnTerm):
         return [_own_column(table, target, targets, reader, place)]
-    motor = table.prefix is None and target.joint is None
+    motor = table.prefix is None and target.what == "motor"
     stem = table.prefix or STEMS[table.kind]
 
     def name(suffix: str = "") -> str:

@@ -20,6 +20,7 @@ from haptid.device.place import Place
 from haptid.device.schema import CutTable, LoopTable
 from haptid.errors import (
     ActiveJointError,
+    DuplicateNameError,
     LoopOpenError,
     RelationError,
     UndeterminedLoopError,
@@ -84,6 +85,7 @@ def read_loops(
             for name, value in values.items():
                 known_as[_found(name, index, here.at(key, name))] = reader.number(value, here.at(key, name))
         if table.cut is not None:
+            _refuse_taken(table.cut.name, index, cuts, here.at("cut", "name"))
             cuts.append(_cut(table.cut, joints, base, reader, here.at("cut")))
         elif not table.relations:
             raise RelationError(
@@ -172,7 +174,18 @@ def _cut(table: CutTable, joints: Sequence[Joint], base: Array, reader: Reader, 
         table.type == "prismatic",
         frame_on(joints, on, reader.frame(table.frame, place.at("frame")), base),
         frame_on(joints, twin, reader.frame(table.twin, place.at("twin")), base),
+        table.name,
     )
+
+
+def _refuse_taken(name: str | None, index: Mapping[str, int], cuts: Sequence[Cut], place: Place) -> None:
+    """A cut's name must be no other joint's."""
+    if name is None:
+        return
+    if name in index or name == "base":
+        raise DuplicateNameError(str(place), "joint", name, "the base" if name == "base" else "one of joints")
+    if name in [cut.name for cut in cuts]:
+        raise DuplicateNameError(str(place), "joint", name, "the cut of an earlier loop")
 
 
 def _found(name: str, index: Mapping[str, int], place: Place) -> int:

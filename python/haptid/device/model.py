@@ -17,6 +17,7 @@ from haptid.device.terms import DRY, Searched, TermColumn, external_columns
 if TYPE_CHECKING:
     from haptid.base import BaseParameters
     from haptid.device.closure import Closure, Followed
+    from haptid.device.cuts import CutJoint
     from haptid.device.newton import NewtonClosure
     from haptid.device.schema import AnyDevice
     from haptid.exact import Regroupings
@@ -96,11 +97,13 @@ class Cut:
     Attributes:
         prismatic: False: the frames' origins and z axes coincide. True: z axes one line, orientations equal.
         frame, twin: the two frames that the joint brings together.
+        name: of the joint where terms may act on it, else None.
     """
 
     prismatic: bool
     frame: Frame
     twin: Frame
+    name: str | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -179,6 +182,7 @@ class Device:
         notes: sentences worth showing.
         tables: the checked file itself, where lengths stand as they were written.
         targets: combinations of parameters that a user wants to know.
+        cut_joints: cuts that have a name, on which terms may act.
     """
 
     name: str
@@ -202,6 +206,7 @@ class Device:
     notes: tuple[str, ...]
     tables: AnyDevice = field(repr=False)
     targets: tuple[Combination, ...] = ()
+    cut_joints: tuple[CutJoint, ...] = ()
 
     def __post_init__(self) -> None:
         expect("gravity", self.gravity.shape, (3,))

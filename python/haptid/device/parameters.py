@@ -45,7 +45,7 @@ class StandardParameters:
         names: of the free parameters, (p,). One that stands for several has the first one's name.
         units: of each, (p,).
         kinds: of each, "ZZ" or "FV": its name without what it belongs to, (p,).
-        links: index of the joint each belongs to, -1 for a motor's, (p,).
+        links: index of the joint each belongs to, the number of joints for a cut joint's, -1 for a motor's, (p,).
         S: (r, p), zeros and ones.
         members: the raw names that each stands for, (p,).
         leaving: a sentence for every set of parameters that left.
@@ -134,12 +134,13 @@ def _classes(size: int, groups: list[list[int]]) -> list[int]:
 
 
 def _owner(raw: int, joints: Sequence[str], terms: Sequence[TermColumn]) -> tuple[str, int]:
-    """A parameter's kind and the index of its joint, -1 for a motor."""
+    """A parameter's kind and the index of its joint, beyond the last one for a cut, -1 for a motor."""
     if raw < 10 * len(joints):
         return INERTIAL[raw % 10], raw // 10
     term = terms[raw - 10 * len(joints)]
     what, _, name = term.on.partition(" ")
-    return term.name.removesuffix(name), joints.index(name) if what == "joint" else -1
+    others = {"cut": len(joints), "motor": -1}
+    return term.name.removesuffix(name), joints.index(name) if what == "joint" else others[what]
 
 
 def _leaving(joints: Sequence[str], bodies: Sequence[bool], symmetries: Sequence[Symmetry]) -> list[str]:

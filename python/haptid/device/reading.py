@@ -10,6 +10,7 @@ import numpy as np
 from haptid._values import Array
 from haptid.device.columns import Targets, read_terms
 from haptid.device.combinations import read_combinations
+from haptid.device.cuts import cut_joints
 from haptid.device.expressions import RESERVED
 from haptid.device.geometry import Reader, frame_on
 from haptid.device.loops import active_joints, close, read_loops
@@ -78,7 +79,8 @@ def device_of(tables: AnyDevice, file: str) -> Device:
     closure, notes = close(joints, active, loops)
     drives = read_drives(tables.motors, joints, active, reader, place.at("motors"))
     rows = tables.transmission.torque_rows
-    targets = Targets.of(joints, active, drives, rows == "joint", closure)
+    cuts = cut_joints(joints, active, closure, place.at("loops"))
+    targets = Targets.of(joints, active, drives, rows == "joint", closure, cuts)
     terms = read_terms(tables.terms, targets, reader, place.at("terms"))
     symmetry = _symmetry(tables.symmetry, joints, terms, place)
     parameters = standard_parameters([j.name for j in joints], [j.body for j in joints], terms, symmetry)
@@ -109,6 +111,7 @@ def device_of(tables: AnyDevice, file: str) -> Device:
             *_contradictions(prior, parameters.index),
         ),
         tables=tables,
+        cut_joints=cuts,
     )
 
 

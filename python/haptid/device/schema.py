@@ -110,8 +110,9 @@ class FrameTable(Table):
 
 
 class CutTable(Table):
-    """The joint at which a loop is cut."""
+    """The joint at which a loop is cut; terms may act on it where it has a name."""
 
+    name: Name | None = None
     type: Literal["revolute", "prismatic"] = "revolute"
     on: Name
     frame: FrameTable = FrameTable()

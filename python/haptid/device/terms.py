@@ -99,7 +99,7 @@ class TermColumn:
         name: of its parameter, such as FV1.
         unit: of its parameter.
         kind: the core's: rotor viscous coulomb coulomb+ coulomb- stribeck offset spring external.
-        on: what it acts on: "joint 3" or "motor 6".
+        on: what it acts on: "joint 3", "cut 10" or "motor 6".
         weights: its coordinate as a combination of the device's coordinates, (na,).
         offset: position of its coordinate where the device's coordinates are zero, rad or m.
         settings: the core's a, b, c: coulomb (width, 0, 0), stribeck (velocity, exponent, width), spring

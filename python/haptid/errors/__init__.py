@@ -60,6 +60,7 @@ from haptid.errors.demos import MountingError, UnknownDemoError
 from haptid.errors.devices import (
     ActiveJointError,
     ColumnValueError,
+    CutRateError,
     CycleError,
     DegreesError,
     DeviceFileError,
@@ -214,6 +215,7 @@ __all__ = [
     "ControllerError",
     "CorruptLogError",
     "CountsGainError",
+    "CutRateError",
     "CutoffError",
     "CycleError",
     "DeadChannelError",

@@ -149,6 +149,17 @@ class LoopBranchError(DeviceError):
         )
 
 
+class CutRateError(DeviceError):
+    """A named cut whose rates by the active joints vary with the pose."""
+
+    def __init__(self, where: str, joint: str, spread: float, limit: float) -> None:
+        super().__init__(
+            f"{where}: the cut joint {joint} has a name, but its rates by the active joints vary with the pose, by "
+            f"{spread:.3g} (limit {limit:.0e}), so that terms cannot act on it. Remove its name, or cut the loop at "
+            f"another joint and list this one in joints."
+        )
+
+
 class LoopUnreachableError(DeviceError):
     """A pose of the active joints at which the loops do not close."""
 

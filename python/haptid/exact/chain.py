@@ -11,14 +11,13 @@ import numpy as np
 
 from haptid._values import Array
 from haptid.device import Closure, Device
-from haptid.device.loops import nearest
 from haptid.device.schema import AnyDevice
 from haptid.errors import ManyAnglesError
 from haptid.exact.laurent import Laurent, powers
 from haptid.exact.motion import LinearMotion, Motion
 from haptid.exact.placements import Placement, Shift
 from haptid.exact.reading import GeometryReader, placements
-from haptid.exact.symbols import GRAVITY, PURE, Symbol, Symbols, ratio
+from haptid.exact.symbols import GRAVITY, Symbol, Symbols, ratio
 from haptid.exact.terms import ExactColumn, exact_columns
 from haptid.exact.tree import ExactCut, ExactFrame, ExactJoint
 
@@ -142,7 +141,7 @@ def linear_motion(device: Device, symbols: Symbols) -> LinearMotion:
         )
         offset = float(closure.offset[j])
         turns.append(symbols.turn(0.0 if slides[j] else offset, f"q{joint.name}"))
-        offsets.append(_offset(offset, slides[j], joint.name, symbols))
+        offsets.append(symbols.position(offset, slides[j], f"q{joint.name}"))
     multiples = _multiples(closure.G, slides, [slides[k] for k in device.active])
     return LinearMotion(tuple(slides), tuple(rates), multiples, tuple(turns), tuple(offsets))
 
@@ -155,17 +154,6 @@ def _rate(g: float, slides: bool, active_slides: bool, name: str, symbols: Symbo
         return symbols.quantity(g, f"lead{name}")
     (((exponents, sign),),) = (symbols.quantity(1 / g, f"lead{name}").terms,)
     return Laurent.of([(powers((of, -exponent) for of, exponent in exponents), sign)])
-
-
-def _offset(offset: float, slides: bool, name: str, symbols: Symbols) -> Laurent:
-    if offset == 0:
-        return Laurent()
-    if slides:
-        return symbols.combination(offset, f"q{name}")
-    twelfths = nearest(offset, math.pi / 12) / (math.pi / 12)
-    if twelfths == round(twelfths):
-        return symbols.quantity(math.pi, "pi", PURE).times(Fraction(round(twelfths), 12))
-    return symbols.quantity(offset, f"q{name}", PURE)
 
 
 def _multiples(G: Array, slides: Sequence[bool], active_slides: Sequence[bool]) -> tuple[tuple[int, ...], ...]:

@@ -20,10 +20,12 @@ def opened(tables: AnyDevice, file: str) -> Device:
 
     Raises:
         DeviceError: in one of its kinds, what is wrong with the file.
-        NoDyadError: a loop has relations.
+        NoDyadError: a loop has relations, or terms may act on its cut.
     """
     if any(loop.relations for loop in tables.loops):
         raise NoDyadError(file, "a loop has relations")
+    if named := [loop.cut.name for loop in tables.loops if loop.cut and loop.cut.name]:
+        raise NoDyadError(file, f"cut joint {named[0]} has a name, so that terms may act on it")
     return device_of(_opened(tables, _passive(tables)), file)
 
 

@@ -10,6 +10,7 @@ from itertools import combinations
 
 import numpy as np
 
+from haptid.device.loops import nearest
 from haptid.exact.laurent import Laurent
 from haptid.exact.residues import Field, Residues
 
@@ -97,6 +98,17 @@ class Symbols:
                     if _same(s * a.value + t * b.value, value):
                         return Laurent.symbol(a.name).times(Fraction(s)) + Laurent.symbol(b.name).times(Fraction(t))
         return self.quantity(value, name)
+
+    def position(self, value: float, slides: bool, name: str) -> Laurent:
+        """A joint's position: a length, so many twelfths of pi, or an angle of its own."""
+        if value == 0:
+            return Laurent()
+        if slides:
+            return self.combination(value, name)
+        twelfths = nearest(value, math.pi / 12) / (math.pi / 12)
+        if twelfths == round(twelfths):
+            return self.quantity(math.pi, "pi", PURE).times(Fraction(round(twelfths), 12))
+        return self.quantity(value, name, PURE)
 
     def turn(self, angle: float, name: str) -> tuple[Laurent, Laurent]:
         """Cosine and sine of an angle: numbers at quarter turns, else symbols of the angle within an eighth of one.

@@ -36,11 +36,11 @@ class Part:
 
 @dataclass(frozen=True)
 class ExactColumn:
-    """A column beside link inertia, acting on a joint, or on a motor's combination of active joints.
+    """A column beside link inertia, acting on a joint, or on a cut's or a motor's combination of active joints.
 
     Attributes:
-        joint: index, None for a motor.
-        weights: of a motor, one for each active joint.
+        joint: index, None for a cut or a motor.
+        weights: of a cut or a motor, one for each active joint.
         parts: what the column is at one of its coordinate's states.
         rest: taken off the position.
     """
@@ -81,7 +81,7 @@ class ExactColumn:
 
 
 def exact_columns(device: Device, active: Sequence[int], symbols: Symbols) -> tuple[ExactColumn, ...]:
-    """All terms of a device, motors' by so many of its active joints."""
+    """All terms of a device, cuts' and motors' by so many of its active joints."""
     names = device.joint_names
     made = []
     for term in device.terms:
@@ -93,12 +93,15 @@ def exact_columns(device: Device, active: Sequence[int], symbols: Symbols) -> tu
 
 
 def _rest(term: TermColumn, device: Device, symbols: Symbols) -> Laurent:
-    rest = term.settings[0] if term.kind == "spring" else 0.0
-    if not rest:
+    """Rest of a spring, counted from where its combination of active joints is zero if it acts on a cut."""
+    if term.kind != "spring":
         return Laurent()
     side, _, name = term.on.partition(" ")
-    slides = side == "joint" and device.joints[device.joint_names.index(name)].prismatic
-    return symbols.quantity(rest, f"rest{name}", LENGTH if slides else PURE)
+    sliding = {f"joint {j.name}" for j in device.joints if j.prismatic}
+    sliding |= {f"cut {cut.name}" for cut in device.cut_joints if cut.prismatic}
+    slides, rest = term.on in sliding, term.settings[0]
+    made = symbols.quantity(rest, f"rest{name}", LENGTH if slides else PURE) if rest else Laurent()
+    return made - symbols.position(term.offset, slides, f"q{name}") if side == "cut" else made
 
 
 def _parts(term: TermColumn) -> tuple[Part, ...]:
@@ -110,6 +113,8 @@ def _parts(term: TermColumn) -> tuple[Part, ...]:
         shape = term.shape
         key = shape if isinstance(shape, Counterbalance) else getattr(shape, "text", "")
         return (Part(Fraction(1), "function", key),)
+    if not term.weights.any():  # what it acts on never moves
+        return ()
     first = float(term.weights[np.flatnonzero(term.weights)[0]])
     direction = tuple(np.round(term.weights / first, 9).tolist())
     sign, scale = Fraction(1 if first > 0 else -1), abs(first)
