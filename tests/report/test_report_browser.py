@@ -91,7 +91,8 @@ def test_tables_are_downloaded(report):
         const whole = URL.createObjectURL;
         URL.createObjectURL = (blob) => { blob.text().then((text) => window.saved.push(text)); return whole(blob); };
         HTMLAnchorElement.prototype.click = function () {};
-        document.querySelectorAll('button[data-download]').forEach((b) => b.click());
+        document.querySelectorAll('#parameters .wide + .actions')[0].querySelectorAll('[data-download]')
+            .forEach((b) => b.click());
     """)
     report.wait("window.saved.length === 3")
     csv, listed, tex = sorted(

@@ -19,7 +19,7 @@ from haptid.report.sections import SECTIONS
 from haptid.report.source import Hand, Source
 from haptid.result_file import finite
 
-SCHEMA = 1
+SCHEMA = 2
 # Of the file that keeps a report in a folder of results, and of the page.
 DATA, PAGE = "report-data.json.gz", "report.html"
 # Data of a report is some megabytes; a file that unpacks to more is something else.

@@ -10,6 +10,7 @@ import numpy as np
 
 from haptid._values import Array
 from haptid.comparison import Comparison
+from haptid.diagnosis.finding import listed
 from haptid.errors import DifferentParametersError
 from haptid.recorded import Recorded
 from haptid.report.chart import COLOURS, Chart, figure, packed
@@ -27,6 +28,7 @@ class ComparisonSection(Section):
     """The comparison.
 
     Attributes:
+        said: for each later result how many parameters differ from the first's, and the errors, in a sentence.
         results: for each its name, study, device, method, logs, errors and whether its criterion is met.
         motors: labels of the errors.
         pairs: for each later result against the first what differs, in sentences, and a table by parameter.
@@ -34,6 +36,7 @@ class ComparisonSection(Section):
 
     key: ClassVar[str] = "comparison"
     title: ClassVar[str] = "What changed"
+    said: list[str]
     results: list[dict[str, Any]]
     motors: list[str]
     pairs: list[dict[str, Any]]
@@ -47,9 +50,11 @@ class ComparisonSection(Section):
         """
         made = [compared(found[0], other) for other in found[1:]]
         pairs = [_pair(names[0], name, c) for name, c in zip(names[1:], made, strict=True)]
+        results = [_result(name, r) for name, r in zip(names, found, strict=True)]
         return cls(
             charts=(_chart(names, made),),
-            results=[_result(name, r) for name, r in zip(names, found, strict=True)],
+            said=[_said(results[0], other, c) for other, c in zip(results[1:], made, strict=True)],
+            results=results,
             motors=list(found[0].device.row_labels),
             pairs=pairs,
         )
@@ -123,6 +128,17 @@ def _pair(first: str, second: str, made: Comparison) -> dict[str, Any]:
         for k, name in enumerate(made.names)
     ]
     return {"first": first, "second": second, "sentences": list(made.sentences), "rows": rows}
+
+
+def _said(first: Mapping[str, Any], other: Mapping[str, Any], made: Comparison) -> str:
+    """The verdict on a pair."""
+    what = listed(made.differs) if made.differs else "none"
+    kinds = ["unseen rows" if r["unseen"] else "the rows of the fit" for r in (first, other)]
+    before, after = f"{first['relative']:.2f} % on {kinds[0]}", f"{other['relative']:.2f} % on {kinds[1]}"
+    return (
+        f"{other['name']} beside {first['name']}: {len(made.differs)} of {len(made.names)} parameters differ ({what}; "
+        f"{100 * made.confidence:g} % confidence for all together). The error goes from {before} to {after}."
+    )
 
 
 def _result(name: str, found: Recorded) -> dict[str, Any]:

@@ -120,7 +120,8 @@ def scene(device: Device, beta: Array, qa: Array, sliders: list[dict[str, Any]])
     moving = ", ".join(slider["name"] for slider in sliders)
     loops = len(device.closure.cuts)
     caption = (
-        f"{len(device.joints)} joints, {len(device.active)} of them independent ({moving}), {loops or 'no'} "
+        f"{len(device.joints)} {'joint' if len(device.joints) == 1 else 'joints'}, {len(device.active)} of them "
+        f"independent ({moving}), {loops or 'no'} "
         f"closed {'loop' if loops == 1 else 'loops'}. Drag to turn, use the buttons to zoom, move the joints by "
         f"their sliders."
     )

@@ -27,6 +27,7 @@ class VerdictSection(Section):
         uses: for each use its name, status and word.
         sentences: of the verdict, one for each use.
         next: what to do next, in sentences; none where nothing is in doubt.
+        looks: for each of `sentences`, then of `next`, the names of the findings behind it.
         findings: for each look its name, status and sentence, the worst first.
         left_out: sentences for looks that these rows do not allow.
         notes: sentences that go with the estimate.
@@ -39,6 +40,7 @@ class VerdictSection(Section):
     uses: list[dict[str, str]]
     sentences: list[str]
     next: list[str]
+    looks: list[list[str]]
     findings: list[dict[str, str]]
     left_out: list[str]
     notes: list[str]
@@ -54,6 +56,7 @@ class VerdictSection(Section):
             uses=[{"name": name, "status": status, "word": WORDS[status]} for name, status in statuses],
             sentences=list(made.verdict.sentences[: len(USES)]),
             next=list(made.verdict.sentences[len(USES) :]),
+            looks=[list(names) for names in made.verdict.looks],
             findings=[_plain(finding) for finding in sorted(made.findings, key=_rank)],
             left_out=list(made.left_out),
             notes=list(source.estimate.notes),

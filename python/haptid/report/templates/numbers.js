@@ -19,7 +19,13 @@ function ticks(low, high, about) {
   const rough = (high - low) / Math.max(about, 1);
   if (!(rough > 0)) return [low];
   const power = 10 ** Math.floor(Math.log10(rough));
-  const step = power * [1, 2, 5, 10].find((m) => m * power >= rough * 0.999);
+  const factors = [0.5, 1, 2, 5, 10];
+  const fits = factors.findIndex((m) => m >= 1 && m * power >= rough * 0.999);
+  const made = multiples(low, high, factors[fits] * power);
+  return made.length > 1 ? made : multiples(low, high, factors[fits - 1] * power); // one number is no scale
+}
+
+function multiples(low, high, step) {
   const made = [];
   for (let k = Math.ceil(low / step - 1e-9); k * step <= high + 1e-9 * step; k++) made.push(Number((k * step).toPrecision(12)));
   return made;

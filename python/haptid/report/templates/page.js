@@ -30,11 +30,33 @@ function start() {
     width = window.innerWidth;
     visible().forEach(draw);
   });
-  window.addEventListener("beforeprint", () => {
-    document.querySelectorAll("details").forEach((part) => { part.open = true; });
-    visible().forEach(draw);
-  });
+  onPaper(() => visible().forEach(draw));
+  unfolding();
   follow();
+}
+
+// On paper all parts are unfolded and every chart has the width of a sheet, whatever the window; afterwards all is as before.
+function onPaper(redraw) {
+  const folded = [];
+  window.addEventListener("beforeprint", () => {
+    folded.push(...document.querySelectorAll("details:not([open])"));
+    folded.forEach((part) => { part.open = true; });
+    document.body.classList.add("paper");
+    redraw();
+  });
+  window.addEventListener("afterprint", () => {
+    document.body.classList.remove("paper");
+    folded.splice(0).forEach((part) => { part.open = false; });
+    redraw();
+  });
+}
+
+// A link to something in a folded part unfolds it.
+function unfolding() {
+  document.querySelectorAll('main a[href^="#"]').forEach((link) => link.addEventListener("click", () => {
+    const part = document.querySelector(link.hash)?.closest("details");
+    if (part) part.open = true;
+  }));
 }
 
 // The list of sections shows where the reader is.

@@ -1,9 +1,8 @@
-// Tables that sort when a heading is pressed, and can be copied and downloaded.
+// Tables that sort when a heading is pressed, can be copied and saved, and say when they are wider than the page.
 
 function sortable(table) {
   const headings = [...table.tHead.rows[0].cells];
   headings.forEach((heading, column) => {
-    if (!heading.hasAttribute("data-sort")) return;
     const press = html("button", { type: "button", class: "sort", title: "sort" });
     press.append(...heading.childNodes);
     heading.append(press);
@@ -26,11 +25,15 @@ function ordered(a, b) {
   return p === q ? 0 : p - q;
 }
 
+function commas(rows) {
+  const cell = (v) => (v === null ? "" : /[",\n]/.test(v) ? `"${String(v).replace(/"/g, '""')}"` : v);
+  return rows.map((row) => row.map(cell).join(",")).join("\n") + "\n";
+}
+
 const FORMATS = {
   csv: (rows) => {
     const keys = ["name", "value", "low", "high", "sd", "relative", "textbook_sd", "prior", "unit", "essential", "grouping"];
-    const cell = (v) => (v === null ? "" : /[",\n]/.test(v) ? `"${String(v).replace(/"/g, '""')}"` : v);
-    return [keys.join(","), ...rows.map((row) => keys.map((key) => cell(row[key])).join(","))].join("\n") + "\n";
+    return commas([keys, ...rows.map((row) => keys.map((key) => row[key]))]);
   },
   json: (rows) => JSON.stringify(rows.map(({ shown: _, symbol, formula, ...rest }) => rest), null, 1) + "\n",
   tex: (rows) => {
@@ -67,23 +70,43 @@ function selected(text, done) {
   box.remove();
 }
 
-function tableText(table) {
-  return [...table.rows].map((row) => [...row.cells].map((cell) => (cell.dataset.copy ?? cell.textContent).trim()).join("\t")).join("\n");
+function texts(table) {
+  return [...table.rows].map((row) => [...row.cells].map((cell) => (cell.dataset.copy ?? cell.textContent).trim()));
+}
+
+// Buttons below a table; one whose rows the page carries is saved from them, with all digits.
+function actions(table) {
+  const bar = html("p", { class: "actions" });
+  const copy = html("button", { type: "button", "data-copy-table": table.id }, bar, "copy the table");
+  copy.addEventListener("click", () => copied(copy, texts(table).map((row) => row.join("\t")).join("\n")));
+  const rows = document.getElementById(`${table.id}-rows`);
+  const save = (format, word, made) => {
+    const press = html("button", { type: "button", "data-download": format }, bar, word);
+    press.addEventListener("click", () => download(`${table.id.replace("-table", "")}.${format}`, made()));
+  };
+  const whole = () => JSON.parse(rows.textContent);
+  if (rows) for (const [format, word] of [["csv", "CSV"], ["json", "JSON"], ["tex", "LaTeX"]]) save(format, word, () => FORMATS[format](whole()));
+  else save("csv", "CSV", () => commas(texts(table)));
+  return bar;
+}
+
+function hinted(table) {
+  const holder = table.closest(".wide");
+  const hint = html("p", { class: "hint", hidden: "" }, null, "The table goes on to the right: scroll it sideways →");
+  holder.before(hint);
+  holder.after(actions(table));
+  new ResizeObserver(() => {
+    hint.hidden = holder.scrollWidth <= holder.clientWidth + 1;
+    if (hint.hidden) holder.removeAttribute("tabindex"); else holder.tabIndex = 0;
+  }).observe(holder);
 }
 
 function startTables() {
-  document.querySelectorAll("table.sortable").forEach(sortable);
-  document.querySelectorAll("button[data-copy-table]").forEach((press) => {
-    press.addEventListener("click", () => copied(press, tableText(document.getElementById(press.dataset.copyTable))));
+  document.querySelectorAll(".wide > table").forEach((table) => {
+    sortable(table);
+    hinted(table);
   });
   document.querySelectorAll("button[data-copy-text]").forEach((press) => {
     press.addEventListener("click", () => copied(press, document.getElementById(press.dataset.copyText).textContent));
-  });
-  document.querySelectorAll("button[data-download]").forEach((press) => {
-    const format = press.dataset.download;
-    press.addEventListener("click", () => {
-      const rows = JSON.parse(document.getElementById("parameter-rows").textContent);
-      download(`parameters.${format}`, FORMATS[format](rows));
-    });
   });
 }
