@@ -144,7 +144,8 @@ class Recorded:
         version: of the haptid that made it.
         logs: what it was made from.
         treatment: settings by their names in a study.
-        method, possible: "OLS" or "WLS", with how many parameters it leaves out, and whether it is held to what bodies can have.
+        method, possible: "OLS" or "WLS", with how many parameters it leaves out; whether it is held to what bodies can
+            have.
         status: as `Estimate.status`.
         beta: base parameters, (p,), SI; their names and units are those of `base`.
         free: of the fit that is held to nothing, (p,); `beta` where nothing holds it.
@@ -233,7 +234,7 @@ class Recorded:
 
 
 def read_result(folder: str | Path) -> Recorded:
-    """Read the output folder of `haptid identify`, or its `result.json`.
+    """Read the output folder of `haptid identify` or `haptid essential`, or its `result.json`.
 
     Args:
         folder: the folder, or the file itself.

@@ -12,7 +12,7 @@ from haptid.cli.common import app, errors_shown, out
 HELP = """\
 Write an identified model for other programs.
 
-RESULT is the output folder of haptid identify. Formats:
+RESULT is the output folder of haptid identify or haptid essential. Formats:
 
   c, c-single       C99 for a control loop, in double or single precision
 
@@ -37,7 +37,9 @@ Example: haptid export first-result --to c --to mjcf --out first-model
 
 @app.command(help=HELP)
 def export(
-    result: Annotated[Path, typer.Argument(help="output folder of haptid identify", show_default=False)],
+    result: Annotated[
+        Path, typer.Argument(help="output folder of haptid identify or haptid essential", show_default=False)
+    ],
     to: Annotated[list[str], typer.Option("--to", help="a format; several are allowed", show_default=False)],
     folder: Annotated[Path, typer.Option("--out", help="where the formats' folders go", show_default=False)],
     anyway: Annotated[bool, typer.Option("--anyway", help="write a model that failed, and say so in it")] = False,

@@ -12,8 +12,7 @@ from importlib import resources
 
 import numpy as np
 
-from haptid.device import Device
-from haptid.device.transmission import Motor
+from haptid.device import Device, Motor
 from haptid.export.dialects import C
 from haptid.export.emit import Emitted, emitted
 from haptid.export.functions import Code, Function
