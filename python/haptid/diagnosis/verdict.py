@@ -97,7 +97,9 @@ def _worst(reasons: Sequence[Reason]) -> Status:
 
 
 def _looks(reasons: Sequence[Reason]) -> tuple[str, ...]:
-    return tuple(reason.look for reason in reasons if reason.look and reason.status != "ok")
+    """Findings behind the gravest reasons."""
+    grade = _worst(reasons)
+    return tuple(reason.look for reason in reasons if reason.look and reason.status == grade != "ok")
 
 
 def _use(subject: str, use: str, reasons: Sequence[Reason], measured: Reason | None = None) -> str:

@@ -132,11 +132,11 @@ def _pair(first: str, second: str, made: Comparison) -> dict[str, Any]:
 
 def _said(first: Mapping[str, Any], other: Mapping[str, Any], made: Comparison) -> str:
     """The verdict on a pair."""
-    what = listed(made.differs) if made.differs else "none"
+    what = f"{listed(made.differs)}; " if made.differs else ""
     kinds = ["unseen rows" if r["unseen"] else "the rows of the fit" for r in (first, other)]
     before, after = f"{first['relative']:.2f} % on {kinds[0]}", f"{other['relative']:.2f} % on {kinds[1]}"
     return (
-        f"{other['name']} beside {first['name']}: {len(made.differs)} of {len(made.names)} parameters differ ({what}; "
+        f"{other['name']} beside {first['name']}: {len(made.differs)} of {len(made.names)} parameters differ ({what}"
         f"{100 * made.confidence:g} % confidence for all together). The error goes from {before} to {after}."
     )
 
