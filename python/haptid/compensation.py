@@ -7,6 +7,13 @@ The motors' torque is
 with dp/dt from the momentum through one low-pass filter: positions are differentiated once, and no acceleration is
 needed. The hand then feels (1 - share) M where the model is right, below the frequency of the filters.
 
+One share leaves the ratio of masses from pose to pose as it is. Towards a mass m0, the share depends on the pose,
+
+    share(q) = 1 - m0 / m(q), at least 0 and at most the share that is set,
+
+m the largest principal mass at the handle: the hand feels m0 wherever neither limit is met. Forces that grow with the
+square of speed are scaled with the mass, no matter that they are not those of a body whose mass is the same everywhere.
+
 Stability. All lags are one delay T in the first order (`Compensation.lag`). For a motion with inertia a, of which the
 hand's own part h is not compensated, held with stiffness k and damping b (of the hand and of the joints), the loop is
 
@@ -17,8 +24,10 @@ stable where (a + h - share a) b > share a T k (Routh), that is
     share < (1 + h / a) / (1 + T k / b).
 
 The same holds of any number of joints at a pose, each quantity being a quadratic form of the mode: the bound with the
-least h / a and the largest k / b is enough. A free handle, k = 0, leaves share < 1 (and with a model that has too much
-mass, less by that much). Dynamics beyond these lags, such as a handle on a soft structure, is not in it.
+least h / a and the largest k / b is enough. Torque of momentum vanishes at rest, so a share that depends on the pose is
+bound by the same, pose by pose: m0 > (1 - bound(q)) m(q). A free handle, k = 0, leaves share < 1 (and with a model
+that has too much mass, less by that much). Dynamics beyond these lags, such as a handle on a soft structure, is not in
+it.
 """
 
 from __future__ import annotations
@@ -30,10 +39,12 @@ import numpy as np
 from scipy import linalg
 
 from haptid._values import Array, expect, freeze, positive
-from haptid.characterisation.model import Model
+from haptid.characterisation.masses import felt_mass
+from haptid.characterisation.model import GivenModel, Model
 from haptid.device.terms import DRY
 from haptid.dynamics import core_momentum, core_torque, inverse_dynamics, raw_parameters, rigid
 from haptid.errors import CompensationSettingError
+from haptid.kinematics import handle_of
 from haptid.reversals import softened
 
 # From the time since the start, s, and measured positions of the active joints, (active,), to torques of the motors'
@@ -47,13 +58,14 @@ class Compensation:
 
     Attributes:
         model: an estimate, or given parameters.
-        share: of the mass that is taken off, 0 to below 1.
+        share: of the mass that is taken off, 0 to below 1; the most of it where `towards` is given.
         weight: share of gravity, springs and offsets that motors carry, 0 to 1.
         friction: share of friction that motors overcome, 0 to 1; stay below what is surely there.
         slow: speed below which dry friction is taken off in part only, tanh(rate / slow): at rest none, so that nothing
             is pushed that the hand does not push, rad/s or m/s.
         velocity_cutoff_hz: of the first-order filter on differences of the position.
         momentum_cutoff_hz: of the filter on the change of momentum.
+        towards: largest principal mass that is to be left at every pose, kg; None for the same share everywhere.
     """
 
     model: Model
@@ -63,6 +75,7 @@ class Compensation:
     slow: float = 0.05
     velocity_cutoff_hz: float = 100.0
     momentum_cutoff_hz: float = 60.0
+    towards: float | None = None
 
     def __post_init__(self) -> None:
         for name in ("share", "weight", "friction"):
@@ -71,6 +84,24 @@ class Compensation:
         for name in ("slow", "velocity_cutoff_hz", "momentum_cutoff_hz"):
             if not positive(getattr(self, name)):
                 raise CompensationSettingError(name, getattr(self, name), "a finite number above 0")
+        if self.towards is not None:
+            handle_of(self.model.device)
+            if not positive(self.towards):
+                raise CompensationSettingError("towards", self.towards, "a mass above 0 kg, or None")
+
+    def share_at(self, qa: Array) -> Array:
+        """Share of the mass that is taken off at poses, (poses,).
+
+        Near a singular pose some mass is beyond measure: there it is the most.
+
+        Args:
+            qa: positions of the active joints, (active, poses), rad or m.
+        """
+        if self.towards is None:
+            return freeze(np.full(qa.shape[1], self.share))
+        mass = felt_mass(GivenModel(self.model.device, self.model.beta), qa).mass.value[:, 0]
+        wanted = 1 - self.towards / np.where(np.isfinite(mass), mass, np.inf)
+        return freeze(np.clip(wanted, 0.0, self.share))
 
     def begin(self, dt: float) -> Step:
         """The law from rest, called once every control period.
@@ -163,7 +194,8 @@ class _Law:
         p, _ = core_momentum(self.device, self.bodies, c, self.velocity)
         change = (1 - self.keep_momentum) / self.dt * (p - self.late)
         self.late = self.late + self.dt * change
-        tau = settings.share * change + settings.weight * self._resting(c) + settings.friction * self._rubbing(c)
+        share = settings.share_at(self.to_joints @ c)
+        tau = share * change + settings.weight * self._resting(c) + settings.friction * self._rubbing(c)
         return freeze((self.to_motors @ tau)[:, 0])
 
     def _resting(self, c: Array) -> Array:

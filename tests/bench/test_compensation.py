@@ -75,6 +75,35 @@ def test_the_hand_feels_the_share_that_is_left(device):
     np.testing.assert_allclose(np.ptp(compensated), left * np.ptp(bare), rtol=0.1)
 
 
+def test_towards_one_mass_the_hand_feels_it_at_every_pose(device):
+    chi = smooth(device)
+    model = GivenModel(device, device.base.of(chi))
+    felt = felt_mass(model, np.transpose(POSES))
+    masses = felt.mass.value[:, 0]
+    target = 0.5 * masses.min()
+    law = Compensation(model, share=0.9, towards=target)
+    made = [shaken(device, chi, pose, law, d) for pose, d in zip(POSES, felt.directions[:, 0], strict=True)]
+    late = law.passed(SHAKEN_HZ, DT).real
+    np.testing.assert_allclose(made, masses - late * (masses - target), rtol=0.05)
+    assert masses.max() / masses.min() > 1.1
+    assert max(made) / min(made) < 1 + 0.4 * (masses.max() / masses.min() - 1)
+
+
+def test_the_share_of_a_pose_brings_its_mass_to_the_one_that_is_asked_for(device):
+    """Between none, where the mass is less already, and the most that is set; where it is beyond measure, the most."""
+    model = GivenModel(device, device.base.of(smooth(device)))
+    qa = np.column_stack([*POSES, (0.0, 0.2, 0.2 + np.pi / 2)])
+    masses = felt_mass(model, qa).mass.value[:, 0]
+    assert np.isnan(masses[-1])
+    target = 0.7 * masses[0]
+    share = Compensation(model, share=0.99, towards=target).share_at(qa)
+    np.testing.assert_allclose((1 - share[:-1]) * masses[:-1], np.minimum(target, masses[:-1]))
+    assert share[-1] == 0.99
+    assert (Compensation(model, share=0.1, towards=target).share_at(qa) <= 0.1).all()
+    assert (Compensation(model, share=0.9, towards=10.0).share_at(qa[:, :-1]) == 0).all()
+    assert (Compensation(model, share=0.4).share_at(qa) == 0.4).all()
+
+
 def test_weight_is_carried(device):
     """Without a hand nothing moves; without the law the device falls."""
     chi = smooth(device)
@@ -115,29 +144,34 @@ def held(tmp_path_factory):
 STIFFNESS, DAMPING = 2.0, 0.012
 
 
-def ends(device, held, share):
+def ends(held, law):
     """Greatest distance from rest at the beginning and at the end, after a short push."""
     chi = true_parameters(held, FV=DAMPING, FC=0.0)
     for k, kind in enumerate(held.parameters.kinds):
         if kind[0] == "K":
             chi[k] = STIFFNESS
-    model = GivenModel(device, device.base.of(smooth(device)))
-    setup = bench.Setup(held, chi, OFF, hand=(bench.Push((0.3, 0.3, 0.3), stop=0.05),), law=Compensation(model, share))
+    setup = bench.Setup(held, chi, OFF, hand=(bench.Push((0.3, 0.3, 0.3), stop=0.05),), law=law)
     found = bench.simulate(setup, rest((0.0, 0.0, 0.0), 2.0), np.random.default_rng(0))
     away = np.abs(found.q - found.q[0]).max(axis=1)
     return away[:500].max(), away[-500:].max()
 
 
-def test_below_the_bound_it_is_stable_and_above_it_is_not(device, held):
+@pytest.mark.parametrize("even", [False, True], ids=["one share", "towards a mass"])
+def test_below_the_bound_it_is_stable_and_above_it_is_not(device, held, even):
     model = GivenModel(device, device.base.of(smooth(device)))
     A = mass_matrix(device, model.beta, np.zeros((3, 1)))[0]
     lag = Compensation(model, 0.5).lag(DT)
     bound = stable_share(A, DAMPING * np.eye(3), STIFFNESS * np.eye(3), lag)
     assert 0.3 < bound < 0.8
-    early, late = ends(device, held, 0.9 * bound)
+    mass = float(felt_mass(model, np.zeros((3, 1))).mass.value[0, 0])
+
+    def law(share):
+        return Compensation(model, 0.95, towards=(1 - share) * mass) if even else Compensation(model, share)
+
+    early, late = ends(held, law(0.9 * bound))
     assert late < early
     try:
-        early, late = ends(device, held, 1.15 * bound)
+        early, late = ends(held, law(1.15 * bound))
     except errors.BenchError:
         return  # it ran away
     assert late > early
@@ -161,6 +195,8 @@ def test_settings_that_mean_nothing(device):
     for wrong in ({"share": 1.0}, {"share": -0.1}, {"weight": 1.1}, {"friction": np.nan}, {"slow": 0.0}):
         with pytest.raises(errors.CompensationSettingError, match="write"):
             Compensation(model, **wrong)
+    with pytest.raises(errors.CompensationSettingError, match="towards is -1"):
+        Compensation(model, towards=-1.0)
     with pytest.raises(errors.CompensationSettingError, match="velocity_cutoff_hz"):
         Compensation(model, velocity_cutoff_hz=-1.0)
     with pytest.raises(errors.ShapeError):

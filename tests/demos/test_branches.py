@@ -137,6 +137,9 @@ def test_compensation_takes_off_what_it_promises(found):
     np.testing.assert_allclose(made.before, made.model, rtol=0.05)
     np.testing.assert_allclose(made.after, made.promised, rtol=0.15)
     assert results.demo.compensation.share < made.bound < 1
+    # Of one pose, the heaviest, the share towards its mass is the share that is set.
+    assert made.target == pytest.approx((1 - results.demo.compensation.share) * made.model[0])
+    np.testing.assert_allclose(made.even, made.after, rtol=0.05)
 
 
 def test_the_bound_is_that_of_one_motion_where_stiffness_and_damping_are_of_one_shape(demo, device):

@@ -201,17 +201,19 @@ def _compensated(found: Results) -> Iterator[str]:
         f"mass. Friction is off in this trial, so that what the hand feels is mass alone. kg:"
     )
     yield ""
-    cells = [["angle", "model", "felt, weight carried", "felt, with the law", "promised"]]
-    for angle, *masses in zip(made.degrees, made.model, made.before, made.after, made.promised, strict=True):
+    cells = [["angle", "model", "felt, weight carried", "felt, with the law", "promised", "felt, towards one mass"]]
+    felt = (made.model, made.before, made.after, made.promised, made.even)
+    for angle, *masses in zip(made.degrees, *felt, strict=True):
         cells.append([f"{angle:g}", *(f"{mass:.3f}" for mass in masses)])
     yield from (*markdown(cells), "")
     before, after = np.ptp(made.before), np.ptp(made.after)
-    ratios = [mass.max() / mass.min() for mass in (made.before, made.after)]
+    ratios = [mass.max() / mass.min() for mass in (made.before, made.after, made.even)]
     yield (
         f"The felt mass varies by {before:.3f} kg without the law and {after:.3f} kg with it: it falls with the mass. "
-        f"The ratio of greatest to least does not: it is {ratios[0]:.2f} without and {ratios[1]:.2f} with the law. "
-        f"With a hand that holds the handle by {asked.hand_stiffness:g} N/m "
+        f"The ratio of greatest to least does not: it is {ratios[0]:.2f} without and {ratios[1]:.2f} with the law. A "
+        f"share that depends on the pose, towards {made.target:.3f} kg everywhere and {100 * asked.share:.0f} % at the "
+        f"most, brings it to {ratios[2]:.2f}. With a hand that holds the handle by {asked.hand_stiffness:g} N/m "
         f"and {asked.hand_damping:g} N s/m, and all lags of the law as one of {1e3 * made.lag:.1f} ms, the loop is "
-        f"stable below a share of {made.bound:.2f}."
+        f"stable below a share of {made.bound:.2f}, pose by pose."
     )
     yield from ("", "![](compensation.png)", "")

@@ -38,6 +38,8 @@ class Compensated:
         model: largest mass, kg.
         before, after: largest mass that the hand feels, with the weight carried, and with the law, kg.
         promised: after, from the model and the law's lags, kg.
+        target: mass that a law whose share depends on the pose goes towards, kg; at the heaviest pose it has the share.
+        even: largest mass that the hand feels with that law, kg.
         bound: share below which the loop is stable with the assumed hand, least of the poses.
         lag: of the law, s.
     """
@@ -47,16 +49,20 @@ class Compensated:
     before: Array
     after: Array
     promised: Array
+    target: float
+    even: Array
     bound: float
     lag: float
 
 
 def compensated(settings: Compensating, sweep: Sweep, model: Estimate, folder: Path, experiment: str) -> Compensated:
-    """Shake the handle at every pose, without the law and with it."""
+    """Shake the handle at every pose, without the law, with it, and with a share that depends on the pose."""
     device, made = model.device, smooth(read_experiment(folder / experiment).setup(model.device))
     qa = replace_poses(sweep, settings.degrees).along(device)
-    laws = [Compensation(model, share) for share in (0.0, settings.share)]
     felt = felt_mass(model, qa)
+    target = (1 - settings.share) * float(felt.mass.value.max())
+    laws = [Compensation(model, share) for share in (0.0, settings.share)]
+    laws.append(Compensation(model, settings.share, towards=target))
     shaken_masses = np.array(
         [
             [shaken(settings, made, pose, direction, law) for law in laws]
@@ -71,6 +77,8 @@ def compensated(settings: Compensating, sweep: Sweep, model: Estimate, folder: P
         before=freeze(shaken_masses[:, 0].copy()),
         after=freeze(shaken_masses[:, 1].copy()),
         promised=freeze(left * felt.mass.value[:, 0]),
+        target=target,
+        even=freeze(shaken_masses[:, 2].copy()),
         bound=min(bound(settings, model, pose, lag) for pose in qa.T),
         lag=lag,
     )

@@ -131,6 +131,7 @@ def draw_compensation(found: Results, path: Path) -> None:
     panel.plot(
         made.degrees, made.after, "s", color=ORANGE, label=f"felt, {100 * asked.share:.0f} % of the mass carried"
     )
+    panel.plot(made.degrees, made.even, "^", color=GREEN, label=f"felt, towards {made.target:.2f} kg")
     panel.set_xlabel(sweep.label)
     panel.set_ylabel("mass, kg")
     panel.set_ylim(bottom=0)

@@ -24,6 +24,8 @@ def values(found: Results) -> dict[str, Any]:
             "mass_before": made.before.tolist(),
             "mass_after": made.after.tolist(),
             "mass_promised": made.promised.tolist(),
+            "target": made.target,
+            "mass_even": made.even.tolist(),
             "stable_share": made.bound,
             "lag": made.lag,
         },
