@@ -10,7 +10,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import haptid
+from haptid.bench import mjcf
 from haptid.bench.bodies import bodies, effects
+from haptid.bench.mjcf import closed, depth_first
 from haptid.device import Device, Frame, poses, read_device
 from haptid.errors import DuplicateNameError, NoDyadError, UnknownNameError
 
@@ -206,3 +208,24 @@ def test_simulated_device_has_what_acts_on_its_cuts() -> None:
     np.testing.assert_array_equal(tendon.joints[list(device.active)], [0, -1, 1])
     assert acts["2"].coulomb == 0.4
     assert not {"cut 11", "cut 12"} & set(acts)
+
+
+def test_mujoco_feels_friction_and_springs_at_cuts_as_the_model_does(tmp_path: Path) -> None:
+    """One cut that two motors turn, and one that follows a single motor, each with damper and spring."""
+    mujoco = pytest.importorskip("mujoco")
+    springs = "".join(f'[[terms]]\nkind = "spring"\njoints = ["{k}"]\nrest = 0.2\n' for k in (10, 12))
+    device = branch(tmp_path, ("[handle]", springs + "[handle]"))
+    values = {"FV10": 0.3, "FV12": 0.5, "K10": 0.7, "K12": 0.9}
+    chi = np.array([values.get(name, 0.0) for name in device.parameters.names])
+    chi[[k for k, kind in enumerate(device.parameters.kinds) if kind in ("XX", "YY", "ZZ", "M")]] = 1e-2
+    model = mujoco.MjModel.from_xml_string(mjcf(device, chi))
+    model.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_EQUALITY
+    data, order = mujoco.MjData(model), list(depth_first(device))
+    q, v = np.random.default_rng(2).uniform(-1, 1, (2, 3, 5))
+    found = np.empty_like(q)
+    for k in range(q.shape[1]):
+        data.qpos[:], data.qvel[:] = closed(device, q[:, k]), device.closure.G[order] @ v[:, k]
+        mujoco.mj_forward(model, data)
+        found[:, k] = -device.rates[order].T @ data.qfrc_passive
+    terms = device.base.regrouping @ np.where(np.isin(device.parameters.names, list(values)), chi, 0.0)
+    np.testing.assert_allclose(found, haptid.inverse_dynamics(device, terms, q, v, np.zeros_like(q)), atol=1e-9)
