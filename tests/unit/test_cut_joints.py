@@ -224,7 +224,7 @@ def test_mujoco_feels_friction_and_springs_at_cuts_as_the_model_does(tmp_path: P
     q, v = np.random.default_rng(2).uniform(-1, 1, (2, 3, 5))
     found = np.empty_like(q)
     for k in range(q.shape[1]):
-        data.qpos[:], data.qvel[:] = closed(device, q[:, k]), device.closure.G[order] @ v[:, k]
+        data.qpos[:], data.qvel[:] = closed(device, q[:, k]), device.closure.constant[order] @ v[:, k]
         mujoco.mj_forward(model, data)
         found[:, k] = -device.rates[order].T @ data.qfrc_passive
     terms = device.base.regrouping @ np.where(np.isin(device.parameters.names, list(values)), chi, 0.0)
