@@ -201,10 +201,10 @@ def upright(gravity: Array) -> Array:
     """The base in a world in which this gravity points along -z, (3, 3)."""
     size = float(np.linalg.norm(gravity))
     down = gravity / size if size else np.array([0.0, 0.0, -1.0])
-    axis = np.cross(down, [0.0, 0.0, -1.0])
-    if not axis.any():
-        return np.eye(3) if down[2] < 0 else np.diag([1.0, -1.0, -1.0])
-    skew = np.cross(np.eye(3), axis)
+    if down[2] > 0:  # turned over first: the turn below has no axis where gravity points up
+        over = np.diag([1.0, -1.0, -1.0])
+        return np.asarray(upright(over @ gravity) @ over)
+    skew = np.cross(np.eye(3), np.cross(down, [0.0, 0.0, -1.0]))
     return np.asarray(np.eye(3) + skew + skew @ skew / (1 - down[2]))
 
 
