@@ -104,7 +104,7 @@ def test_gains_are_inside_their_intervals(device):
     assert "of the file's gain" in found.summary()
 
 
-def test_what_cannot_be_is_refused(device, tmp_path):
+def test_what_cannot_be_is_refused(device, tmp_path, monkeypatch):
     with pytest.raises(errors.UnknownLinkError):
         haptid.load_shift(device, "9", LOAD)
     flat = device_of(tmp_path, DEVICE + '[[symmetry]]\nreason = "flat"\nzero = ["MZ3"]\n')
@@ -113,5 +113,9 @@ def test_what_cannot_be_is_refused(device, tmp_path):
     bare = haptid.observe(device, recorded(device))
     with pytest.raises(errors.DifferentModelError):
         haptid.drive_gains(bare, haptid.observe(flat, recorded(flat, seed=2)), "3", LOAD)
+    monkeypatch.setattr("haptid.gains.MOST_STEPS", 1)
+    loaded = haptid.observe(device, recorded(device, LOAD, seed=2, factor=0.5))
+    with pytest.raises(errors.GainSettlingError, match="still move"):
+        haptid.drive_gains(bare, loaded, "3", LOAD)
     with pytest.raises(errors.UnexcitedError, match="gain"):
         haptid.drive_gains(bare, haptid.observe(device, recorded(device, seed=3)), "3", Body(0.0, np.zeros(3), None))

@@ -293,7 +293,7 @@ def test_noise_of_encoders_is_taken_off_the_columns():
     for seed in range(4):
         q, qd, qdd = multisine(1, 20.0, 2e-3, seed)
         tau = haptid.inverse_dynamics(device, beta, q, qd, qdd)
-        step = 2e-4
+        step = 2e-5
         coarse = haptid.Motion(2e-3, (step * np.round(q / step)).T, tau.T, haptid.Treatment(cutoff_hz=None))
         made = haptid.observe(device, coarse)
         for name, method in (("WLS", haptid.WLS()), ("corrected", Corrected(resolution=step))):
