@@ -9,7 +9,7 @@ import numpy as np
 
 from haptid._values import Array, read_only
 from haptid.errors import MethodSettingError
-from haptid.estimators.method import Method, expect_weighting, rows_of
+from haptid.estimators.method import Around, Method, expect_weighting
 from haptid.estimators.programme import Condition, minimise
 from haptid.estimators.reduced import indices
 from haptid.estimators.solve import Solution
@@ -21,7 +21,7 @@ TOUCHING = 1e-6
 
 
 @dataclass(frozen=True)
-class Bounded:
+class Bounded(Around):
     """Another method, with some base parameters held between limits.
 
     A quadratic programme on the triangle. Intervals are the free fit's, cut at the limits and widened to the estimate:
@@ -47,19 +47,6 @@ class Bounded:
     @property
     def name(self) -> str:
         return f"{self.weighting.name}, bounded"
-
-    @property
-    def unit_residual(self) -> bool:
-        """Whether the weighted residual has unit variance, or its variance is still to be estimated."""
-        return self.weighting.unit_residual
-
-    def rows(self, observation: Observation) -> Observation:
-        """As the other method sees them."""
-        return rows_of(self.weighting, observation)
-
-    def weights(self, observation: Observation) -> Array:
-        """Those of the other method, (motors,)."""
-        return self.weighting.weights(observation)
 
     def hold(self, observation: Observation, free: Solution) -> Within:
         """The free fit if it is within the limits, else the nearest that is, where the weighted torque tells how near.

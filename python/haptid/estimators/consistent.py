@@ -9,7 +9,7 @@ import numpy as np
 
 from haptid._values import Array, read_only
 from haptid.estimators.cone import never_negative
-from haptid.estimators.method import Method, expect_weighting, rows_of
+from haptid.estimators.method import Around, Method, expect_weighting
 from haptid.estimators.possible import Possible, hold, possible
 from haptid.estimators.solve import Solution
 from haptid.estimators.wls import WLS
@@ -17,7 +17,7 @@ from haptid.observation import MotorRows, Observation
 
 
 @dataclass(frozen=True)
-class Consistent:
+class Consistent(Around):
     """Weighted least squares, held to parameters that some distribution of mass and passive friction could have.
 
     beta = A chi, with the pseudo-inertia of every link positive semidefinite, rotor inertia and friction not negative;
@@ -49,19 +49,6 @@ class Consistent:
     @property
     def name(self) -> str:
         return f"{self.weighting.name}, physically consistent"
-
-    @property
-    def unit_residual(self) -> bool:
-        """Whether the weighted residual has unit variance, or its variance is still to be estimated."""
-        return self.weighting.unit_residual
-
-    def rows(self, observation: Observation) -> Observation:
-        """Those of the free fit."""
-        return rows_of(self.weighting, observation)
-
-    def weights(self, observation: Observation) -> Array:
-        """Those of the free fit, (motors,)."""
-        return self.weighting.weights(observation)
 
     def hold(self, observation: Observation, free: Solution) -> Held:
         """The free fit if it is possible, else the nearest that is, where the weighted torque tells how near.

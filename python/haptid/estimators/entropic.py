@@ -12,7 +12,7 @@ from haptid.device import INERTIAL, Device
 from haptid.errors import MethodSettingError, NoPriorError, UnsolvedError
 from haptid.estimators.cone import Block, Cone
 from haptid.estimators.consistent import Held, costs
-from haptid.estimators.method import Method, expect_weighting, rows_of
+from haptid.estimators.method import Around, Method, expect_weighting
 from haptid.estimators.possible import Possible, roomy
 from haptid.estimators.solve import Solution
 from haptid.estimators.wls import WLS
@@ -30,7 +30,7 @@ MOST_STEPS, CENTRED, KEPT = 300, 1e-8, 0.1
 
 
 @dataclass(frozen=True)
-class Entropic:
+class Entropic(Around):
     """Weighted least squares, pulled towards the prior bodies of the device file, and held to possible ones.
 
     The sum of squares, in units of the residual's variance, halved, plus `strength` times the sum over all links with
@@ -64,19 +64,6 @@ class Entropic:
     @property
     def name(self) -> str:
         return f"{self.weighting.name}, entropic pull towards prior bodies"
-
-    @property
-    def unit_residual(self) -> bool:
-        """Whether the weighted residual has unit variance, or its variance is still to be estimated."""
-        return self.weighting.unit_residual
-
-    def rows(self, observation: Observation) -> Observation:
-        """Those of the free fit."""
-        return rows_of(self.weighting, observation)
-
-    def weights(self, observation: Observation) -> Array:
-        """Those of the free fit, (motors,)."""
-        return self.weighting.weights(observation)
 
     def hold(self, observation: Observation, free: Solution) -> Held:
         """The pulled estimate beside the free one.

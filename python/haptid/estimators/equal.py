@@ -13,7 +13,7 @@ from haptid.device.expressions import combination
 from haptid.device.place import Place
 from haptid.errors import ContradictionError
 from haptid.estimators.knowledge import Knowledge
-from haptid.estimators.method import Method, expect_weighting, rows_of
+from haptid.estimators.method import Around, Method, expect_weighting
 from haptid.estimators.wls import WLS
 from haptid.observation import Observation
 
@@ -22,7 +22,7 @@ CONTRADICTION = 1e-9
 
 
 @dataclass(frozen=True)
-class Equal:
+class Equal(Around):
     """Another method, with relations that hold exactly: a weighed mass, links that are alike.
 
     Solved on the triangle in the directions that the relations leave free.
@@ -45,19 +45,6 @@ class Equal:
     @property
     def name(self) -> str:
         return f"{self.weighting.name} with {len(self.relations)} relations"
-
-    @property
-    def unit_residual(self) -> bool:
-        """Whether the weighted residual has unit variance, or its variance is still to be estimated."""
-        return self.weighting.unit_residual
-
-    def rows(self, observation: Observation) -> Observation:
-        """As the other method sees them."""
-        return rows_of(self.weighting, observation)
-
-    def weights(self, observation: Observation) -> Array:
-        """Those of the other method, (motors,)."""
-        return self.weighting.weights(observation)
 
     def knowledge(self, observation: Observation) -> Knowledge:
         """The relations.

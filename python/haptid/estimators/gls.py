@@ -12,6 +12,7 @@ from haptid._values import Array, whole
 from haptid.errors import MethodSettingError, NoTorqueError
 from haptid.estimators.autoregression import Autoregression, burg, unbroken
 from haptid.estimators.fit import Moments, moments
+from haptid.estimators.method import UnitRows
 from haptid.estimators.solve import solve
 from haptid.estimators.wls import WLS
 from haptid.observation import Observation
@@ -22,7 +23,7 @@ CHANCE = 0.01
 
 
 @dataclass(frozen=True)
-class GLS:
+class GLS(UnitRows):
     """Generalised least squares with an autoregressive model of each motor's residual.
 
     Torque and columns pass the filter that makes the residual white, with the first rows of every stretch kept
@@ -52,15 +53,6 @@ class GLS:
     @property
     def name(self) -> str:
         return "GLS"
-
-    @property
-    def unit_residual(self) -> bool:
-        """Rows are in units of what cannot be foreseen."""
-        return True
-
-    def weights(self, observation: Observation) -> Array:
-        """Whitened rows have their unit already, (motors,)."""
-        return np.ones(len(observation.motors))
 
     def rows(self, observation: Observation) -> Observation:
         """Whitened.

@@ -8,6 +8,7 @@ import numpy as np
 
 from haptid._values import Array, whole
 from haptid.errors import MethodSettingError, NoTorqueError
+from haptid.estimators.method import UnitRows
 from haptid.estimators.solve import solve
 from haptid.estimators.wls import WLS
 from haptid.observation import MotorRows, Observation
@@ -22,7 +23,7 @@ WIDEST = 6.0
 
 
 @dataclass(frozen=True)
-class Heteroscedastic:
+class Heteroscedastic(UnitRows):
     """Maximum likelihood with a variance that depends on speed and load, motor by motor.
 
     log sigma^2 = a0 + a1 |v| / v_rms + a2 |load| / load_rms, where the load is the model's torque. Parameters and
@@ -43,15 +44,6 @@ class Heteroscedastic:
     @property
     def name(self) -> str:
         return "heteroscedastic ML"
-
-    @property
-    def unit_residual(self) -> bool:
-        """Rows are in units of their own deviation."""
-        return True
-
-    def weights(self, observation: Observation) -> Array:
-        """Rows have their unit already, (motors,)."""
-        return np.ones(len(observation.motors))
 
     def rows(self, observation: Observation) -> Observation:
         """Each in units of its own deviation.

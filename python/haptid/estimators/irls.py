@@ -8,6 +8,7 @@ import numpy as np
 
 from haptid._values import Array, whole
 from haptid.errors import MethodSettingError, NoTorqueError
+from haptid.estimators.method import UnitRows
 from haptid.estimators.robust import Huber, Loss, Tukey
 from haptid.estimators.solve import solve
 from haptid.observation import MotorRows, Observation
@@ -20,7 +21,7 @@ SETTLED = 1e-3
 
 
 @dataclass(frozen=True)
-class IRLS:
+class IRLS(UnitRows):
     """Iteratively reweighted least squares: each row weighted by its own residual, each motor by its median one.
 
     Once the weights have settled the rows are folded as pseudo-values: torque W beta + s psi(u) / m, with m the mean
@@ -45,15 +46,6 @@ class IRLS:
     @property
     def name(self) -> str:
         return f"IRLS, {self.loss.name}"
-
-    @property
-    def unit_residual(self) -> bool:
-        """Rows are in units of the pseudo-values' own deviation."""
-        return True
-
-    def weights(self, observation: Observation) -> Array:
-        """Rows have their unit already, (motors,)."""
-        return np.ones(len(observation.motors))
 
     def rows(self, observation: Observation) -> Observation:
         """As pseudo-values.

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from typing import Protocol, runtime_checkable
 
+import numpy as np
+
 from haptid._values import Array
 from haptid.errors import MethodSettingError
 from haptid.estimators.fit import Fit
@@ -61,6 +63,41 @@ class Fitting(Method, Protocol):
 def rows_of(method: Method, observation: Observation) -> Observation:
     """The rows as least squares is to see them."""
     return method.rows(observation) if isinstance(method, ByRows) else observation
+
+
+class _Weighting(Protocol):
+    @property
+    def weighting(self) -> Method: ...
+
+
+class Around:
+    """What a method around another takes from it: how rows are seen and weighed. The other is its field `weighting`."""
+
+    @property
+    def unit_residual(self: _Weighting) -> bool:
+        """Whether the weighted residual has unit variance, or its variance is still to be estimated."""
+        return self.weighting.unit_residual
+
+    def rows(self: _Weighting, observation: Observation) -> Observation:
+        """As the other method sees them."""
+        return rows_of(self.weighting, observation)
+
+    def weights(self: _Weighting, observation: Observation) -> Array:
+        """Those of the other method, (motors,)."""
+        return self.weighting.weights(observation)
+
+
+class UnitRows:
+    """What methods have in common whose rows come in units of their own deviation."""
+
+    @property
+    def unit_residual(self) -> bool:
+        """The weighted residual has unit variance."""
+        return True
+
+    def weights(self, observation: Observation) -> Array:
+        """Rows have their unit already, (motors,)."""
+        return np.ones(len(observation.motors))
 
 
 def expect_weighting(owner: str, method: Method) -> None:

@@ -8,6 +8,7 @@ import numpy as np
 
 from haptid._values import Array, whole
 from haptid.errors import MethodSettingError, NoTorqueError
+from haptid.estimators.method import UnitRows
 from haptid.estimators.solve import solve
 from haptid.estimators.wls import WLS
 from haptid.observation import Observation
@@ -18,7 +19,7 @@ MOST_CORRELATED = 0.999
 
 
 @dataclass(frozen=True)
-class SUR:
+class SUR(UnitRows):
     """Seemingly unrelated regressions: rows of one instant weighed by the inverse of their residuals' covariance.
 
     The rows of an instant are replaced by each motor's less what the motors before it foretell of its residual, in
@@ -39,15 +40,6 @@ class SUR:
     @property
     def name(self) -> str:
         return "SUR"
-
-    @property
-    def unit_residual(self) -> bool:
-        """Rows are in units of what motors do not share."""
-        return True
-
-    def weights(self, observation: Observation) -> Array:
-        """Rows have their unit already, (motors,)."""
-        return np.ones(len(observation.motors))
 
     def rows(self, observation: Observation) -> Observation:
         """Each motor's less what the motors before it foretell.
