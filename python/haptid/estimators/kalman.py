@@ -11,6 +11,7 @@ Bryson and Schmidt (1971), IEEE Trans. Automatic Control 16(6), square-root arra
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 
@@ -83,7 +84,7 @@ class Track:
 
 
 @dataclass(frozen=True)
-class Filtering:
+class Filtering(ABC):
     """A Kalman filter for joint state and parameters.
 
     Attributes:
@@ -152,9 +153,9 @@ class Filtering:
                 beta, root = belief.x[-p:], lower(belief.S[-p:])
         return by_block(observation, self.name, triangles, counts)
 
+    @abstractmethod
     def ahead(self, model: ParametricModel, belief: Belief, track: Track, k: int) -> Belief:
         """From sample k to the next, without measurement; every filter has its own."""
-        raise NotImplementedError
 
     def _track(self, first: Estimate, motion: Motion) -> Track:
         device, (low, high) = first.device, motion.usable

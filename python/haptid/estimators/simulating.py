@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -16,7 +17,7 @@ from haptid.errors import (
     UnsettledError,
 )
 from haptid.estimators.estimate import estimate
-from haptid.estimators.method import Method, expect_weighting, rows_of
+from haptid.estimators.method import Around, Method, expect_weighting, rows_of
 from haptid.estimators.wls import WLS
 from haptid.observation import Observation
 from haptid.rows import Rows
@@ -29,7 +30,7 @@ HALVINGS = 6
 
 
 @dataclass(frozen=True, kw_only=True)
-class Simulating:
+class Simulating(Around, ABC):
     """A method that simulates the model, restates the rows with what it did, and fits these, until it stays.
 
     Attributes:
@@ -60,15 +61,6 @@ class Simulating:
     @property
     def name(self) -> str:
         return type(self).__name__
-
-    @property
-    def unit_residual(self) -> bool:
-        """Whether the weighted residual has unit variance, or its variance is still to be estimated."""
-        return self.weighting.unit_residual
-
-    def weights(self, observation: Observation) -> Array:
-        """Of each motor's rows, (motors,)."""
-        return self.weighting.weights(observation)
 
     def rows(self, observation: Observation) -> Observation:
         """Rows whose weighted least squares are the estimate: simulated, restated and fitted until it stays.
@@ -111,9 +103,9 @@ class Simulating:
         """Of one motion."""
         return Stretches.of(len(motion), round(self.stretch / motion.dt), round(self.settle / motion.dt))
 
+    @abstractmethod
     def restate(self, observation: Observation, smoothed: Device, beta: Array) -> Observation:
         """Rows whose least squares are the next estimate; every method has its own."""
-        raise NotImplementedError
 
 
 @dataclass(frozen=True)

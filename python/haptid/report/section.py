@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+from abc import ABC, abstractmethod
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, ClassVar, Self
@@ -12,7 +13,7 @@ from haptid.report.source import Source
 
 
 @dataclass(frozen=True)
-class Section:
+class Section(ABC):
     """What every section has. Fields are plain values, so that a folder of results can hold them.
 
     Attributes:
@@ -26,9 +27,9 @@ class Section:
     charts: tuple[Chart, ...]
 
     @classmethod
+    @abstractmethod
     def of(cls, source: Source) -> Self | None:
         """The section, or None where the source has nothing for it."""
-        raise NotImplementedError
 
     def plain(self) -> dict[str, Any]:
         """The same as values that JSON can say."""
