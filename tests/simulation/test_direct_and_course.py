@@ -148,7 +148,7 @@ def test_the_closed_loop_is_that_of_the_bench(name):
         exact = model.device.frame @ made.q[:, list(model.device.active)].T
         away.append(np.sqrt(((steps.course(motion).c - exact) ** 2).mean()))
     assert away[1] < 0.6 * away[0]
-    assert away[1] < 2e-4
+    assert away[1] < 2e-4  # 1.1e-4 rad of the arm: what friction that turns over within 1 % of the speed leaves
 
 
 def test_short_stretches_are_the_whole():
