@@ -14,7 +14,7 @@ from markupsafe import Markup
 
 from haptid.errors import OutputError
 from haptid.report.chart import Chart
-from haptid.report.section import Section
+from haptid.report.section import Shown
 from haptid.result_file import finite
 
 # The script's parts, in the order in which they need each other.
@@ -22,7 +22,7 @@ SCRIPTS = ("numbers.js", "svg.js", "plot.js", "heat.js", "bars.js", "mechanism.j
 STYLES = ("page.css",)
 
 
-def page(title: str, about: str, sections: Sequence[Section]) -> str:
+def page(title: str, about: str, sections: Sequence[Shown]) -> str:
     """A whole HTML document.
 
     Args:

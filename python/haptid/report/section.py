@@ -1,4 +1,4 @@
-"""A section of the report: plain values and charts, made from one source, shown by one template."""
+"""A section of a page: plain values and charts, shown by one template; of the report, made from one source."""
 
 from __future__ import annotations
 
@@ -13,8 +13,8 @@ from haptid.report.source import Source
 
 
 @dataclass(frozen=True)
-class Section(ABC):
-    """What every section has. Fields are plain values, so that a folder of results can hold them.
+class Shown:
+    """What every section of a page has. Fields are plain values, so that a folder of results can hold them.
 
     Attributes:
         key: of the section and of its template, `templates/KEY.html`.
@@ -26,11 +26,6 @@ class Section(ABC):
     title: ClassVar[str]
     charts: tuple[Chart, ...]
 
-    @classmethod
-    @abstractmethod
-    def of(cls, source: Source) -> Self | None:
-        """The section, or None where the source has nothing for it."""
-
     def plain(self) -> dict[str, Any]:
         """The same as values that JSON can say."""
         return dataclasses.asdict(self)
@@ -40,3 +35,12 @@ class Section(ABC):
         """From what `plain` gave."""
         charts = tuple(Chart(**chart) for chart in values["charts"])
         return cls(**{**values, "charts": charts})
+
+
+class Section(Shown, ABC):
+    """A section of the report of one result."""
+
+    @classmethod
+    @abstractmethod
+    def of(cls, source: Source) -> Self | None:
+        """The section, or None where the source has nothing for it."""

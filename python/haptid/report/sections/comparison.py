@@ -14,7 +14,7 @@ from haptid.diagnosis.finding import listed
 from haptid.errors import DifferentParametersError
 from haptid.recorded import Recorded
 from haptid.report.chart import COLOURS, Chart, figure, packed
-from haptid.report.section import Section
+from haptid.report.section import Shown
 from haptid.sides import SAME_MEANING
 
 # For all parameters of one pair of results together.
@@ -24,7 +24,7 @@ WIDEST = 100.0
 
 
 @dataclass(frozen=True)
-class ComparisonSection(Section):
+class ComparisonSection(Shown):
     """The comparison.
 
     Attributes:
