@@ -19,7 +19,7 @@ import numpy as np
 from scipy import signal, stats
 
 import haptid
-from haptid.estimators import BlockJackknife, Bootstrap, FixedB, Intervals, Sandwich
+from haptid.estimators import BlockJackknife, Bootstrap, Clustered, FixedB, Intervals, Sandwich
 from haptid.rows import Rows, decimated
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "tests"))
@@ -27,7 +27,8 @@ from diagnosed import estimated, log, phantom
 from haptid.diagnosis import diagnose
 from motions import multisine, truth
 
-RUNS, FEW, SANDWICHES, LOGS = 600, 150, 60, 200
+RUNS, FEW, SANDWICHES, LOGS = 2400, 150, 60, 200
+ENCODER_RUNS = 600
 SECONDS = 20.0
 DEVICES = ("phantom_premium_15", "arm3", "cea_medical_branch")
 # AR(1) coefficient, and correlation between motors.
@@ -151,7 +152,7 @@ def told(what: str, default: np.ndarray, textbook: np.ndarray) -> Iterator[tuple
 
 def beside() -> Iterator[tuple[str, float]]:
     """Other intervals, of the first device."""
-    kinds = {"fixed-b": FixedB(), "block bootstrap": Bootstrap(99)}
+    kinds = {"jackknife": BlockJackknife(), "fixed-b": FixedB(), "block bootstrap": Bootstrap(99)}
     for (treated, treatment), (sort, (phi, shared)) in product(TREATMENTS.items(), NOISES.items()):
         bed = Bed.of(DEVICES[0], SECONDS, treatment)
         _, _, *found = shares(bed, phi, shared, FEW, tuple(kinds.values()))
@@ -171,7 +172,7 @@ def sandwiched() -> Iterator[tuple[str, float]]:
             noisy = replace(motion, tau=motion.tau + NOISE * motion.tau.std(axis=0) * made)
             found = haptid.estimate(haptid.observe(device, noisy), haptid.WLS(), Sandwich())
             inside += holds(found, beta)
-            wide = BlockJackknife().spread(found.fit)
+            wide = Clustered().spread(found.fit)
             half = stats.t.ppf(0.975, wide.freedom) * np.sqrt(np.diag(wide.covariance))
             width.append(np.median((found.interval95[:, 1] - found.beta) / half))
         yield f"{sort}, as it is: AR(bic) sandwich, mean", 100 * float(inside.mean()) / SANDWICHES
@@ -196,7 +197,7 @@ def run() -> dict[str, float]:
         for sort, (phi, shared) in NOISES.items():
             default, textbook = shares(bed, phi, shared, RUNS)
             figures |= told(f"{name}, {sort}, {treated}", default, textbook)
-    figures |= told("encoders of 4000 counts, treated as proposed", *quantised(RUNS))
+    figures |= told("encoders of 4000 counts, treated as proposed", *quantised(ENCODER_RUNS))
     figures |= {**dict(beside()), **dict(sandwiched())}
     seen = [diagnose(estimated(log(k, stribeck=0.25)))["friction near standstill"].status != "ok" for k in range(LOGS)]
     figures["Stribeck effect that the model lacks: seen"] = 100 * float(np.mean(seen))

@@ -26,7 +26,7 @@ from haptid.treatment import Motion
 
 # Positions of a joint are told apart in so many bins; torque is averaged within each.
 BINS = 24
-# A stretch counts in a bin of which it passes this share, and at all with so many bins: the jackknife leaves one out.
+# A stretch counts in a bin of which it passes this share, and at all with so many bins.
 PASSED = 0.7
 LEAST_BINS = 4
 # Other joints closer than this to where they were are in the same pose, rad or m.

@@ -12,7 +12,7 @@ from haptid._values import Array, freeze, read_only
 from haptid.device import Device
 from haptid.device.prior import Body
 from haptid.errors import DifferentModelError, GainSettlingError
-from haptid.estimators.jackknife import jackknife
+from haptid.estimators.clustered import clustered
 from haptid.estimators.solve import Solution, check_excited
 from haptid.loads import load_shift
 from haptid.observation import MotorRows, Observation, triangle
@@ -99,11 +99,11 @@ def drive_gains(bare: Observation, loaded: Observation, link: str, body: Body) -
     else:
         raise GainSettlingError(float(np.abs(moved).max()), SETTLED, MOST_STEPS)
     motors = np.eye(p + many)[p:]
-    jack = jackknife(replace(both, motors=tuple(rows)), weights, solution, motors)
+    made = clustered(replace(both, motors=tuple(rows)), weights, solution, motors)
     factor = 1.0 / scale
     change = np.diag(factor**2)
     labels = tuple(motor.label for motor in both.motors)
-    return DriveGains(device, labels, factor, change @ jack.covariance @ change, jack.freedom, beta)
+    return DriveGains(device, labels, factor, change @ made.covariance @ change, made.freedom, beta)
 
 
 def _linearised(motor: MotorRows, own: int, scale: float, beta: Array, shift: Array, carrying: np.ndarray) -> MotorRows:

@@ -14,6 +14,7 @@ from haptid.estimators import (
     BlockJackknife,
     Bootstrap,
     Bounded,
+    Clustered,
     Equal,
     FixedB,
     Profile,
@@ -26,7 +27,7 @@ from haptid.estimators.solve import solve
 from haptid.rows import Rows
 from motions import motion, truth
 
-KINDS = [BlockJackknife(), Textbook(), FixedB(), Bootstrap(99), Sandwich()]
+KINDS = [Clustered(), BlockJackknife(), Textbook(), FixedB(), Bootstrap(99), Sandwich()]
 
 
 @pytest.fixture(scope="module")
@@ -87,7 +88,7 @@ def test_the_sandwich_is_the_sandwich(observation):
 def test_the_jackknife_of_a_fit_with_a_prior_is_that_of_fits_without_each_block(device):
     made = haptid.observe(device, motion(device, truth(device), seconds=8.0, dt=2e-3, noise=0.1))
     method = Ridge(strength=1.0)
-    found = haptid.estimate(made, method)
+    found = haptid.estimate(made, method, BlockJackknife())
     known = method.knowledge(made)
     shifts = []
     for m, motor in enumerate(made.motors):

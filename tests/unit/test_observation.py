@@ -20,6 +20,7 @@ from haptid.errors import (
     TreatmentValueError,
     UnexcitedError,
 )
+from haptid.estimators import BlockJackknife
 from haptid.signals import rows
 from motions import motion, truth
 
@@ -80,7 +81,7 @@ def test_jackknife_is_what_refitting_without_each_block_gives(device, beta):
     """The brute-force road: leave a block out, fit again, look how far the estimate moved."""
     made = motion(device, beta, seconds=6.0, noise=0.1, phi=0.9)
     observation = haptid.observe(device, made)
-    found = haptid.estimate(observation, haptid.OLS())
+    found = haptid.estimate(observation, haptid.OLS(), BlockJackknife())
     p, shifts, leverage = len(beta), [], []
     blocks = [(a, b) for a in range(3) for b in range(len(observation.blocks))]
     whole = observation.stack()

@@ -136,7 +136,8 @@ def test_a_load_on_no_link_is_refused(study):
 @pytest.mark.parametrize(
     ("text", "intervals"),
     [
-        ("", e.BlockJackknife()),
+        ("", e.Clustered()),
+        ('intervals = "clustered"', e.Clustered()),
         ('intervals = "jackknife"', e.BlockJackknife()),
         ('intervals = "textbook"', e.Textbook()),
         ('intervals = "sandwich"', e.Sandwich()),

@@ -118,7 +118,7 @@ def trusted(model: Model, sd: Array) -> Array:
 
 
 def freedom(model: Model, combinations: Array) -> float:
-    """Least degrees of freedom of these combinations of base parameters, (q, p): Satterthwaite's, by the jackknife.
+    """Least degrees of freedom of these combinations of base parameters, (q, p), as the estimate's intervals have them.
 
     Of a given covariance they are given too.
     """

@@ -12,7 +12,7 @@ from haptid.comparison import compare
 from haptid.diagnosis.finding import LEVEL, Finding, listed
 from haptid.errors import EstimationError
 from haptid.estimators import WLS, Estimate, Restricted, estimate
-from haptid.estimators.jackknife import ALONE
+from haptid.estimators.fit import ALONE
 from haptid.estimators.solve import solve
 
 # A block that moves an estimate by more than one deviation of all the others' doing deserves a look; beyond two, the

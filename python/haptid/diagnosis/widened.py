@@ -2,8 +2,8 @@
 
 A test for a missing column is a fit with the column in it (Breusch and Pagan 1980, Review of Economic Studies 47): the
 column passes through the same filter and decimation as torque and W, its parameter is estimated beside all others, and
-its deviation is that of the block jackknife, so that neither a serially correlated residual nor the parameters already
-fitted pass for structure.
+its deviation is the default one, over time blocks, so that neither a serially correlated residual nor the parameters
+already fitted pass for structure.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from haptid.diagnosis.portion import named, runs
 from haptid.diagnosis.sight import Sight
 from haptid.dynamics import raw_parameters
 from haptid.estimators import Estimate
-from haptid.estimators.jackknife import jackknife
+from haptid.estimators.clustered import clustered
 from haptid.estimators.solve import Solution
 from haptid.observation import Block, MotorRows, Observation, Plan, Signals, triangle
 from haptid.treatment import Motion
@@ -52,7 +52,7 @@ class Added:
 
     Attributes:
         gamma: their parameters, (k,), SI.
-        covariance: by the block jackknife, (k, k).
+        covariance: over time blocks, (k, k).
         freedom: degrees of freedom, the least of the columns'.
         explained: share of the residual's power that goes with them, of each motor, (motors,).
         moved: how far they move the parameters of the other columns in the fit, in their order, SI.
@@ -130,11 +130,11 @@ class Widened:
         root = linalg.solve_triangular(R, np.eye(len(R)))
         solution = Solution(beta, R, root, abs(float(whole[-1, -1])), freedom)
         observation = replace(self.observation, motors=motors)
-        jack = jackknife(observation, weights, solution, np.eye(len(kept))[-k:])
+        made = clustered(observation, weights, solution, np.eye(len(kept))[-k:])
         before = [motor.residual(self.estimate.beta) for motor in self.estimate.observation.motors[chosen]]
         after = [motor.residual(beta) for motor in motors]
         explained = 1.0 - np.square(after) / np.where(np.array(before) > 0, np.square(before), 1.0)
-        return Added(beta[-k:], jack.covariance, float(jack.freedom.min()), explained, moved)
+        return Added(beta[-k:], made.covariance, float(made.freedom.min()), explained, moved)
 
 
 def widen(estimate: Estimate, extras: Sequence[Extra]) -> Widened:

@@ -2,6 +2,7 @@
 
 from haptid.estimators.bootstrap import Bootstrap
 from haptid.estimators.bounded import Bounded, Within
+from haptid.estimators.clustered import Clustered
 from haptid.estimators.cone import pseudo_inertia
 from haptid.estimators.consistent import Consistent, Cost, Held
 from haptid.estimators.corrected import Corrected
@@ -51,6 +52,7 @@ __all__ = [
     "Bootstrap",
     "Bounded",
     "ByRows",
+    "Clustered",
     "Consistent",
     "Corrected",
     "Cost",

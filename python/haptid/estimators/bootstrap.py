@@ -44,11 +44,8 @@ class Bootstrap:
     def spread(self, fit: Fit, combinations: Array | None = None) -> Spread:
         """Of base parameters, or of combinations of them, (q, p)."""
         made, spread = fit.moments, fit.combined(combinations)
-        times, where = np.unique(made.block, return_inverse=True)
+        G, s, times = made.together.G, made.together.s, made.together.block
         k, rng = made.s.shape[1], np.random.default_rng(self.seed)
-        G, s = np.zeros((len(times), k, k)), np.zeros((len(times), k))
-        np.add.at(G, where, made.G)
-        np.add.at(s, where, made.s)
         pull = np.zeros((0, k)) if fit.solution.pull is None else fit.solution.pull
         alone = made.alone(spread)
         moved: list[Array] = []

@@ -30,7 +30,7 @@ class Consistent(Around):
     hold the estimate are on the border; there chi is the nearest to the same centre, by a pull so weak, 1e-10 of the
     torque's weight and taken back in a second pass, that beta does not feel it.
 
-    Intervals are the free fit's (CR3 jackknife), cut where a parameter cannot be negative, and widened to take in the
+    Intervals are the free fit's (by default), cut where a parameter cannot be negative, and widened to take in the
     estimate. The free interval holds the truth 95 times in 100 and the truth is never cut off, so this one does too;
     resampling the held fit itself would not be valid on the border (Andrews 2000, Econometrica 68(2)). The covariance
     is the free fit's. Where the whole free interval is impossible, the interval is as wide as its half, from zero.

@@ -9,7 +9,7 @@ are serially correlated: with C the honest and T the textbook covariance of the 
     F = b' T^-1 b / tr A,  on k = (tr A)^2 / tr A^2 and k nu degrees of freedom,
 
 where b are their values in the full model and nu the least of their effective degrees of freedom (blocks that carry
-them, by the jackknife). White residuals have C = T: then it is the textbook F-test, (rise of the residual's sum of
+them, over time blocks). White residuals have C = T: then it is the textbook F-test, (rise of the residual's sum of
 squares / d) / variance. Of one parameter it is the square of its honest t.
 """
 

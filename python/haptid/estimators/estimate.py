@@ -14,9 +14,9 @@ from haptid._values import Array, read_only
 from haptid.base import BaseParameters
 from haptid.device import Device
 from haptid.estimators.bounded import Within
+from haptid.estimators.clustered import Clustered
 from haptid.estimators.consistent import Held
 from haptid.estimators.fit import Fit
-from haptid.estimators.jackknife import BlockJackknife
 from haptid.estimators.method import Fitting, Knowing, Method, Reduced, rows_of
 from haptid.estimators.possible import Possible
 from haptid.estimators.solve import Solution, solve
@@ -191,14 +191,14 @@ def estimate(observation: Observation, method: Method, intervals: Intervals | No
     Args:
         observation: the rows.
         method: `OLS()`, `WLS()`, `GLS()`, `Consistent()`, ...
-        intervals: how deviations are made; `BlockJackknife()` where None.
+        intervals: how deviations are made; `Clustered()` where None.
 
     Raises:
         TooFewRowsError: fewer rows than parameters.
         UnexcitedError: the log leaves a direction of the parameters in the dark.
         NoBodyError, UnsolvedError: `Consistent()` finds no bodies.
     """
-    intervals = intervals or BlockJackknife()
+    intervals = intervals or Clustered()
     zero = method.zero(observation) if isinstance(method, Reduced) else ()
     fit = method.fit(observation) if isinstance(method, Fitting) else fitted(observation, method, zero)
     solution, spread = fit.solution, intervals.spread(fit)

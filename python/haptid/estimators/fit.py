@@ -26,7 +26,7 @@ class Moments:
     matrix: beta = root g, sum G + pull'pull = 1.
 
     Attributes:
-        G: of the columns, (cells, k, k); a cell is one block of one motor.
+        G: of the columns, (cells, k, k); a cell is one block of one motor, or of all `together`.
         s: of columns and residual, W'e, (cells, k): what a cell asks the solution to move, which adds up to zero.
         block: of each cell, (cells,).
     """
@@ -34,6 +34,15 @@ class Moments:
     G: Array
     s: Array
     block: np.ndarray
+
+    @cached_property
+    def together(self) -> Moments:
+        """The cells of a time block as one, whatever the motor."""
+        times, where = np.unique(self.block, return_inverse=True)
+        G, s = np.zeros((len(times), *self.G.shape[1:])), np.zeros((len(times), self.s.shape[1]))
+        np.add.at(G, where, self.G)
+        np.add.at(s, where, self.s)
+        return Moments(G, s, times)
 
     @cached_property
     def _heavy(self) -> tuple[np.ndarray, Array, Array]:

@@ -21,8 +21,8 @@ class IV(ClosedLoop):
 
     Instruments Z are the columns at the motion of the model under the same controller, treated the same: they go with
     the motion, and not with the noise of the measured positions. beta = (Z'W)^-1 Z'y. It is found as least squares of
-    y - W beta + Z P beta on Z P, with P = (Z'Z)^-1 Z'W: the same beta, and the residual y - W beta, so that the block
-    jackknife of these rows is the sandwich of the two-stage estimate.
+    y - W beta + Z P beta on Z P, with P = (Z'Z)^-1 Z'W: the same beta, and the residual y - W beta, so that the spread
+    over time blocks of these rows is the sandwich of the two-stage estimate.
 
     Source: Janot, Vandanjon and Gautier (2014), IEEE Trans. Control Systems Technology 22(1), eqs 17 to 21.
     """

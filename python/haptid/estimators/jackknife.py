@@ -1,7 +1,6 @@
-"""Honest intervals: leave out one motor's second at a time, and see how far the estimate moves.
+"""Intervals by leaving out one motor's second at a time, and seeing how far the estimate moves.
 
-Residuals in this field are serially correlated, so deviations that take them as white are far too small. The
-delete-one-block jackknife (CR3 of Bell and McCaffrey 2002, Survey Methodology 28) needs only the triangles of the
+The delete-one-block jackknife (CR3 of Bell and McCaffrey 2002, Survey Methodology 28) needs only the triangles of the
 blocks, whatever the number of samples.
 """
 
@@ -12,20 +11,16 @@ from dataclasses import dataclass
 import numpy as np
 
 from haptid._values import Array
-from haptid.estimators.fit import ALONE, Fit, Moments, moments
-from haptid.estimators.solve import Solution
+from haptid.estimators.clustered import LEAST_FREEDOM
+from haptid.estimators.fit import Fit, Moments
 from haptid.estimators.spread import Spread
-from haptid.observation import Observation
-
-__all__ = ["ALONE", "BlockJackknife", "jackknife"]
-
-# With fewer effective blocks than this an interval means nothing; Student's t is held here.
-LEAST_FREEDOM = 2.0
 
 
 @dataclass(frozen=True)
 class BlockJackknife:
-    """The default: each block of each motor is left out in turn.
+    """Each block of each motor is left out in turn: right where motors do not share what the model lacks.
+
+    A few per cent wider than the default where parameters are many beside the blocks.
 
     Source: Bell and McCaffrey (2002), Survey Methodology 28, CR3, and their degrees of freedom.
     """
@@ -40,22 +35,6 @@ class BlockJackknife:
         Knowledge with a deviation adds its own variance, as if its value had been drawn with that deviation.
         """
         return _spread(fit.moments, fit.combined(combinations), fit.solution.pull)
-
-
-def jackknife(
-    observation: Observation, weights: Array, solution: Solution, combinations: Array | None = None
-) -> Spread:
-    """The same of rows and a solution of them.
-
-    Args:
-        observation: the rows.
-        weights: of each motor's rows, (motors,).
-        solution: the fit with these weights.
-        combinations: of base parameters, (q, p), in whose place the result is; each base parameter by itself where
-            left out.
-    """
-    spread = solution.root if combinations is None else combinations @ solution.root
-    return _spread(moments(observation, weights, solution), spread, solution.pull)
 
 
 def _spread(made: Moments, spread: Array, pull: Array | None) -> Spread:

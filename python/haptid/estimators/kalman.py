@@ -3,7 +3,7 @@
 The state is (c, cd, beta): positions, velocities and base parameters. The measured torque drives it, the torque's noise
 shakes it, positions are measured. A filter tells beta and a covariance that is true only as far as its noise is. So
 what every block of time adds to the information on beta is kept as rows of that block, R beta = z: their least squares
-are the filter's estimate, and the jackknife over them is as honest as that of any other method.
+are the filter's estimate, and the spread over them is as honest as that of any other method.
 
 Sources: Gautier and Poignet (2001), Control Engineering Practice 9(12), the extended filter for robots; Kaminski,
 Bryson and Schmidt (1971), IEEE Trans. Automatic Control 16(6), square-root arrays.

@@ -11,8 +11,8 @@ from scipy import sparse
 from haptid._values import Array
 from haptid.errors import MethodSettingError, UnsolvedError
 from haptid.estimators.bounded import Within, conditions
+from haptid.estimators.clustered import Clustered
 from haptid.estimators.fit import Fit
-from haptid.estimators.jackknife import BlockJackknife
 from haptid.estimators.programme import SOLVED, settings
 from haptid.estimators.spread import Intervals, Spread
 
@@ -31,7 +31,7 @@ class Profile:
         free: intervals of the fit that is held to nothing.
     """
 
-    free: Intervals = field(default_factory=BlockJackknife)
+    free: Intervals = field(default_factory=Clustered)
 
     @property
     def name(self) -> str:

@@ -11,9 +11,9 @@ from scipy import stats
 from haptid._values import Array
 from haptid.device import Device
 from haptid.errors import UnsearchableError
+from haptid.estimators.clustered import Clustered
 from haptid.estimators.estimate import fitted
 from haptid.estimators.fit import Fit
-from haptid.estimators.jackknife import BlockJackknife
 from haptid.estimators.method import Method, Reduced, expect_weighting
 from haptid.estimators.spread import Intervals, Spread
 from haptid.estimators.wls import WLS
@@ -114,7 +114,7 @@ def variable_projection(
         device: with searched constants.
         motions: treated.
         method: of estimation, `WLS()` where None; the search weighs motors as it does.
-        intervals: `BlockJackknife()` where None.
+        intervals: `Clustered()` where None.
         progress: called with the share of the work done, 0 to 1.
 
     Raises:
@@ -135,7 +135,7 @@ def variable_projection(
         tell((many + 1) / (SEARCHES + 1))
     zero = method.zero(place.rows.observation) if isinstance(method, Reduced) else ()
     fit = fitted(place.rows.observation, weighting, zero)
-    inner = intervals or BlockJackknife()
+    inner = intervals or Clustered()
     constants = tuple(_constant(place, motions, fit, inner, k) for k in range(len(start)))
     tell(1.0)
     made = Joint(inner, fit, _own(place.rows))
