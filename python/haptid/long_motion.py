@@ -1,6 +1,6 @@
-"""Treatment of samples that stay on disk: chunk by chunk, to what the treatment of all of them at once gives.
+"""Treatment of samples piece by piece, on disk or in memory, to what the treatment of all of them at once gives.
 
-A filter without delay runs both ways. Chunks are filtered with so many samples around them that what they began and
+A filter without delay runs both ways. Pieces are filtered with so many samples around them that what they began and
 ended with has died out to the last digit: each can be made alone, in any order, by any process.
 """
 
@@ -11,9 +11,10 @@ from dataclasses import dataclass
 import numpy as np
 from scipy import signal
 
-from haptid._values import Array
+from haptid._values import Array, freeze
 from haptid.late import delayed, lost
-from haptid.log.on_disk import OnDisk
+from haptid.log.on_disk import OnDisk, as_array
+from haptid.log.time import PIECE
 
 # What is left of a filter's start after the samples around a chunk, as a share.
 FORGOTTEN = 1e-18
@@ -67,8 +68,28 @@ class Late(OnDisk):
         return delayed(self.samples[start:stop], self.later)[low - start : high - start].T
 
 
-def filtered(samples: OnDisk, sections: Array) -> Filtered:
-    """The filter's slowest pole says how many samples it takes to forget."""
+def filtered(channels: Array, sections: Array) -> Array:
+    """Each channel through the filter both ways, (n, channels).
+
+    In memory too it goes piece by piece: what is made on the way then stays in the cache.
+    """
+    around = memory(sections)
+    if isinstance(channels, OnDisk):
+        return as_array(Filtered(channels, sections, channels.between(0, 1), around))
+    n, step = len(channels), max(PIECE, 4 * around)
+    made = np.empty((channels.shape[1], n))
+    for low in range(0, n, step):
+        high = min(low + step, n)
+        start, stop = max(low - around, 0), min(high + around, n)
+        for channel, out in zip(channels.T, made, strict=True):
+            # Without its level, so that what stands still is exactly still.
+            piece = signal.sosfiltfilt(sections, channel[start:stop] - channel[0])
+            np.add(piece[low - start : high - start], channel[0], out=out[low:high])
+    return freeze(made).T
+
+
+def memory(sections: Array) -> int:
+    """Samples that a filter takes to forget, as its slowest pole says; not less than it is started with."""
     slowest = float(np.abs(signal.sos2zpk(sections)[1]).max())
-    around = int(np.ceil(np.log(FORGOTTEN) / np.log(slowest)))
-    return Filtered(samples, sections, samples.between(0, 1), around)
+    forgets = int(np.ceil(np.log(FORGOTTEN) / np.log(slowest))) if slowest > 0 else 0
+    return max(forgets, 3 * (2 * len(sections) + 1))

@@ -281,7 +281,7 @@ def assemble(plan: Plan, parts: Sequence[Reduced]) -> Observation:
 def locked(motion: Motion) -> bool:
     """Whether a position channel stands still throughout: of a locked joint the motor has nothing to tell."""
     if motion.log:
-        return any(low == high for low, high in motion.log.course.spans)
+        return any(low == high for low, high in motion.log.spans)
     return bool((np.ptp(motion.q, axis=0) == 0).any())
 
 

@@ -257,7 +257,7 @@ class Motion:
             wide = np.ascontiguousarray(self.q[begin:stop].T)
             qd = self.treatment.velocity.velocity(wide, self.dt)
             return np.ascontiguousarray(wide[:, start - begin :]), np.ascontiguousarray(qd[:, start - begin :])
-        return np.ascontiguousarray(self.q[start:stop].T), self._differences(start, stop, DIFFERENCES) / self.dt
+        return np.ascontiguousarray(self.q[start:stop].T), self._differences(start, stop, DIFFERENCES, self.dt)
 
     def kinematics(self, start: int, stop: int) -> tuple[Array, Array, Array]:
         """Positions, velocities and accelerations of samples start..stop, each (coordinates, stop - start).
@@ -270,12 +270,15 @@ class Motion:
             return q, qd, np.ascontiguousarray(self.rates[1][start:stop].T)
         if self.treatment.velocity is not None:
             raise NoAccelerationError("this call")
-        return q, qd, self._differences(start, stop, SECOND_DIFFERENCES) / self.dt**2
+        return q, qd, self._differences(start, stop, SECOND_DIFFERENCES, self.dt**2)
 
-    def _differences(self, start: int, stop: int, weights: tuple[float, ...]) -> Array:
-        """Weighted sums of the positions about samples start..stop, (coordinates, stop - start)."""
-        wide = np.ascontiguousarray(self.q[start - SIDE : stop + SIDE].T)
-        return np.ascontiguousarray(ndimage.correlate1d(wide, weights, axis=1)[:, SIDE:-SIDE])
+    def _differences(self, start: int, stop: int, weights: tuple[float, ...], unit: float) -> Array:
+        """Weighted sums of the positions about samples start..stop, in a unit, (coordinates, stop - start)."""
+        wide = self.q[start - SIDE : stop + SIDE].T
+        made = np.empty((len(wide), stop - start))
+        for channel, out in zip(wide, made, strict=True):
+            np.divide(ndimage.correlate1d(channel, weights)[SIDE:-SIDE], unit, out=out)
+        return made
 
 
 def settling(sections: Array, longest: int) -> int:
@@ -310,22 +313,11 @@ def treat(log: Log, treatment: Treatment | None = None) -> Motion:
     n = len(log.t)
     if sections is not None and n <= 3 * (2 * len(sections) + 1):
         raise MotionTooShortError(n * dt, 3 * (2 * len(sections) + 1) * dt, "the position filter")
-    q = log.position if sections is None else _filtered(log.position, sections)
+    q = log.position if sections is None else filtered(log.position, sections)
     tau = log.torque if treatment.torque_delay == 0 else _late(log.torque, treatment.torque_delay / dt)
     motion = Motion(dt, q, tau, treatment, log, float(log.t[0]))
     motion.usable  # noqa: B018 - a log too short for its filter is an error here, not later
     return motion
-
-
-def _filtered(channels: Array, sections: Array) -> Array:
-    """Each channel through the filter both ways, (n, channels)."""
-    if isinstance(channels, OnDisk):
-        return as_array(filtered(channels, sections))
-    made = np.empty((channels.shape[1], len(channels)))
-    for channel, out in zip(channels.T, made, strict=True):
-        # Without its level, so that what stands still is exactly still.
-        out[:] = signal.sosfiltfilt(sections, channel - channel[0]) + channel[0]
-    return freeze(made).T
 
 
 def _late(channels: Array, samples: float) -> Array:

@@ -20,7 +20,7 @@ from haptid.errors import (
     UnequalChannelsError,
     WrappedPositionError,
 )
-from haptid.log.content import Column, usable
+from haptid.log.content import Column, all_usable, usable
 from haptid.log.model import Signal
 from haptid.log.units import PERIODS
 
@@ -31,8 +31,10 @@ JUMP_COUNTS = 20.0
 # and than this many rad or m. A few steps may be jumps, so the largest JUMPS_ASIDE never count as usual.
 JUMP_SI = 1e-3
 JUMPS_ASIDE = 4
+# Steps that are made at a time.
+PIECE = 2**14
 # From that many steps on, every other one, or third, ... tells what is usual.
-SAMPLED = 2**18
+SAMPLED = 2**16
 # Counters that wrap have at least this many bits.
 SMALLEST_PERIOD = 2.0**10
 # A torque is saturated if it stays at its extreme for so many samples in a row, for this share of the log,
@@ -56,13 +58,11 @@ def lengths(path: Path, columns: Mapping[str, Column]) -> int:
 
 def finite(path: Path, name: str, column: Column, stamps: Array) -> None:
     """Refuse NaN and infinities."""
-    if column.dtype.kind != "f":
+    if column.dtype.kind != "f" or all_usable(column):
         return
     bad = ~usable(column)
-    count = int(np.count_nonzero(bad))
-    if count:
-        first = int(np.argmax(bad))
-        raise NonFiniteError(path, name, count, first, float(stamps[first]))
+    first = int(np.argmax(bad))
+    raise NonFiniteError(path, name, int(np.count_nonzero(bad)), first, float(stamps[first]))
 
 
 def repeats(path: Path, columns: Mapping[str, Column], stamps: Array, repeated: NDArray[np.intp]) -> None:
@@ -85,10 +85,13 @@ def constant(path: Path, name: str, column: Column, quantity: str, ok: bool) -> 
 
 def identical(path: Path, columns: Mapping[str, Column]) -> None:
     """Refuse two channels that are equal in every sample and not constant."""
-    moving = [(name, column) for name, column in columns.items() if column.min() != column.max()]
-    for (name, column), (other, rival) in combinations(moving, 2):
+    for (name, column), (other, rival) in combinations(columns.items(), 2):
         probe = slice(None, None, max(1, column.size // PROBES))
-        if np.array_equal(column[probe], rival[probe]) and np.array_equal(column, rival):
+        if (
+            np.array_equal(column[probe], rival[probe])
+            and np.array_equal(column, rival)
+            and column.min() != column.max()
+        ):
             raise IdenticalChannelsError(path, name, other)
 
 
@@ -116,25 +119,41 @@ def jumps(path: Path, name: str, column: Array, stamps: Array, signal: Signal, s
         signal: the positions.
         si: rad or m in one of that unit.
     """
-    steps = np.diff(column)
-    np.abs(steps, out=steps)
-    k = int(np.argmax(steps))
-    largest = float(steps[k])
+    k, largest, sample = _steps(column)
     turn = period(signal, largest)
     if turn is not None and largest >= 0.5 * turn:
+        steps = np.abs(np.diff(column))
         wraps = steps >= 0.5 * turn
         usual = float(steps.max(where=~wraps, initial=0.0))
         if usual <= turn / 8 and abs(largest - turn) <= 2 * usual + 1e-3 * turn:
             first = int(np.argmax(wraps)) + 1
             count = int(np.count_nonzero(wraps))
             raise WrappedPositionError(path, name, float(stamps[first]), turn, signal.unit, count)
-    sample = steps[:: max(1, steps.size // SAMPLED)]
     rank = max(min(int(0.999 * (sample.size - 1)), sample.size - 1 - JUMPS_ASIDE), 0)
     usual = float(np.partition(sample, rank)[rank])
     if largest > JUMP * usual and largest * abs(si) > JUMP_SI:
+        steps = np.abs(np.diff(column))
         smallest = float(steps.min(where=steps > 0, initial=np.inf))
         if largest > JUMP_COUNTS * smallest:
             raise PositionJumpError(path, name, float(stamps[k + 1]), largest, signal.unit, usual)
+
+
+def _steps(column: Array) -> tuple[int, float, Array]:
+    """Where the longest step of a column is, its length, and steps that tell what is usual; piece by piece."""
+    every = max(1, (column.size - 1) // SAMPLED)
+    piece = every * max(1, PIECE // every)
+    sample = np.empty(-(-(column.size - 1) // every))
+    room, at, largest = np.empty(min(piece, column.size - 1)), 0, -1.0
+    for start in range(0, column.size - 1, piece):
+        steps = room[: min(piece, column.size - 1 - start)]
+        np.subtract(column[start + 1 : start + 1 + steps.size], column[start : start + steps.size], out=steps)
+        np.abs(steps, out=steps)
+        k = int(np.argmax(steps))
+        if steps[k] > largest:
+            at, largest = start + k, float(steps[k])
+        few = steps[::every]
+        sample[start // every : start // every + few.size] = few
+    return at, largest, sample
 
 
 def turns(column: Array, signal: Signal) -> tuple[NDArray[np.intp], Array]:

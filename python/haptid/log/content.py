@@ -94,6 +94,11 @@ def usable(column: Column) -> NDArray[np.bool_]:
         return np.asarray(np.abs(column) < LARGEST)
 
 
+def all_usable(column: Column) -> bool:
+    """Whether it holds nothing else; the extremes tell without a mask of all samples."""
+    return column.size == 0 or bool(column.min() > -LARGEST and column.max() < LARGEST)
+
+
 def numeric(dtype: np.dtype[Any]) -> bool:
     """Whether an array of this type can be a channel."""
     return dtype.kind in "iuf"

@@ -46,7 +46,7 @@ def check_against(
     count = len(log.channels.position.channels)
     if log.channels.position.side != "joint" or not len(position_ranges) == len(prismatic) == len(names) == count:
         return ()
-    spans = list(log.course.spans)
+    spans = list(log.spans)
     angles = [k for k in range(count) if not prismatic[k]]
     if log.channels.position.unit == "deg":
         _check_radians(angles, spans, position_ranges, names)

@@ -167,6 +167,13 @@ class Log:
         return 1.0 / self.dt
 
     @cached_property
+    def spans(self) -> tuple[tuple[float, float], ...]:
+        """Least and greatest of each position, rad or m."""
+        if isinstance(self.position, OnDisk):
+            return self.course.spans
+        return tuple((float(channel.min()), float(channel.max())) for channel in self.position.T)
+
+    @cached_property
     def course(self) -> Course:
         """How far the positions go, and when they move."""
         return self.position.course() if isinstance(self.position, OnDisk) else Course.of(self.position.T)

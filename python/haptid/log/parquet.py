@@ -11,6 +11,7 @@ import numpy as np
 import pyarrow as pa
 from pyarrow import parquet, types
 
+from haptid._values import Array
 from haptid.errors import NotNumericError, RepeatedNameError
 from haptid.log.content import Column, collect, guard, opened, require
 
@@ -68,25 +69,27 @@ def _group(path: Path, _written: int, k: int, wanted: tuple[str, ...]) -> list[C
 
 def _columns(path: Path, file: parquet.ParquetFile, wanted: Sequence[str]) -> Iterator[tuple[str, Column]]:
     # The size of one column is not asked for: over a damaged footer pyarrow aborts the process there.
-    schema, stored = file.schema_arrow, path.stat().st_size
-    for name in wanted:
-        if name not in schema.names:
-            continue
+    schema, stored, count = file.schema_arrow, path.stat().st_size, file.metadata.num_rows
+    there = [name for name in dict.fromkeys(wanted) if name in schema.names]
+    room: Array | None = None
+    for k, name in enumerate(there):
         if schema.names.count(name) > 1:
             raise RepeatedNameError(path, name)
         if not _numeric(schema.field(name).type):
             raise NotNumericError(path, name, str(schema.field(name).type))
-        guard(path, f"column {name!r}", 8 * file.metadata.num_rows, stored)
-        yield name, _column(file, name, schema.field(name).type)
+        guard(path, f"column {name!r}", 8 * count, stored)
+        room = np.empty((len(there), count)) if room is None else room
+        yield name, _column(file, name, schema.field(name).type, room[k])
 
 
 def _numeric(kind: pa.DataType) -> bool:
     return bool(types.is_integer(kind) or types.is_floating(kind) or types.is_decimal(kind))
 
 
-def _column(file: parquet.ParquetFile, name: str, kind: pa.DataType) -> Column:
-    """One column, batch by batch; integers stay integers unless one of them is missing."""
-    column: Column = np.empty(file.metadata.num_rows, np.int64 if types.is_integer(kind) else np.float64)
+def _column(file: parquet.ParquetFile, name: str, kind: pa.DataType, room: Array) -> Column:
+    """One column, batch by batch, in its place among the others, (n,); integers stay apart, and integers unless one of
+    them is missing."""
+    column: Column = np.empty(room.size, np.int64) if types.is_integer(kind) else room
     row = 0
     for batch in file.iter_batches(batch_size=BATCH_ROWS, columns=[name], use_threads=False):
         values = batch.column(0).cast(pa.float64()) if types.is_decimal(kind) else batch.column(0)

@@ -244,12 +244,13 @@ def _block(inspection: Inspection, columns: dict[str, Column], signal: Signal, k
     block, in_place = _room(base, columns, signal)
     for name, gain, offset, out in zip(signal.channels, signal.gain, signal.offset, block, strict=True):
         column = inspection.column(name, columns.pop(name), signal, kind, scale * gain)
-        if base.regular:
-            out[:] = column
-        else:
+        if not base.regular:
             time.interpolate(base, column.copy() if in_place else column, kind, out)
-        out *= scale * gain
-        out += offset
+        elif not np.may_share_memory(out, column):
+            out[:] = column
+        if (scale * gain, offset) != (1.0, 0.0):
+            out *= scale * gain
+            out += offset
     return freeze(block)
 
 

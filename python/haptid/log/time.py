@@ -22,7 +22,7 @@ from haptid.errors import (
     StretchError,
     TimeBackwardsError,
 )
-from haptid.log.content import Column, usable
+from haptid.log.content import Column, all_usable, usable
 
 FEWEST_SAMPLES = 50
 # Stamps this close to a uniform grid, in steps, are on it: what that moves a position by is below any encoder.
@@ -100,7 +100,7 @@ def resolution(raw: Column) -> float:
     """How finely stamps are written, in their own unit: a decimal place, or what their type resolves."""
     if raw.dtype.kind in "iu":
         return 1.0
-    if not usable(raw).all():
+    if not all_usable(raw):
         return 0.0
     largest = max(abs(float(raw.min())), abs(float(raw.max())))
     pieces = [raw[start : start + PIECE] for start in range(0, raw.size, PIECE)]
@@ -169,8 +169,8 @@ def from_stamps(path: Path, name: str, seconds: Array, fineness: float) -> TimeB
 
 
 def _check_order(path: Path, name: str, seconds: Array) -> None:
-    bad = ~usable(seconds)
-    if bad.any():
+    if not all_usable(seconds):
+        bad = ~usable(seconds)
         raise NonFiniteError(path, name, int(np.count_nonzero(bad)), int(np.argmax(bad)), None)
     back = np.flatnonzero(seconds[1:] < seconds[:-1])
     if back.size:
