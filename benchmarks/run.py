@@ -1,10 +1,12 @@
-"""`make bench`: every benchmark, ratios against peers in one run, kept under `benchmarks/results/`."""
+"""`make bench`: every benchmark, ratios against peers in one run, kept under `benchmarks/results/`; one table at the end."""
 
 from __future__ import annotations
 
 import argparse
 import json
+import os
 import platform
+import re
 import subprocess
 from pathlib import Path
 
@@ -13,6 +15,7 @@ import characterisation
 import codegen
 import coverage
 import diagnosis
+import dynamics
 import efficiency
 import estimators
 import exciting_motion
@@ -25,6 +28,8 @@ import long_log
 import medical_study
 import noisy_columns
 import phantom_study
+import speed_report
+import start_up
 import virtual_bench
 import yardstick
 from haptid import _core
@@ -32,6 +37,8 @@ from haptid import _core
 HERE = Path(__file__).parent
 STUDIES = {
     "kernel": kernel.run,
+    "dynamics": dynamics.run,
+    "start-up": start_up.run,
     "long-log": long_log.run,
     "file-to-result": file_to_result.run,
     "coverage": coverage.run,
@@ -57,21 +64,38 @@ def main() -> None:
     """Run what was asked for, print it, keep it."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("names", nargs="*", choices=[*STUDIES, []], help="which; all where none is named")
-    for name in parser.parse_args().names or STUDIES:
-        figures = STUDIES[name]()
-        commit = subprocess.run(
-            ["git", "rev-parse", "--short", "HEAD"], capture_output=True, text=True, cwd=HERE, check=False
-        )
-        where = {
-            "machine": platform.machine(),
-            "backend": _core.backends()[0],
-            "commit": commit.stdout.strip(),
-        }
+    names = parser.parse_args().names or STUDIES
+    for name in names:
+        figures, where = STUDIES[name](), machine()
         print(f"\n{name} ({', '.join(where.values())})")
         for what, figure in figures.items():
             print(f"  {what:75s} {figure:12.4g}")
         text = json.dumps({"where": where, "figures": figures}, indent=1)
         (HERE / "results" / f"{name}.json").write_text(text + "\n", encoding="utf-8")
+    if not speed_report.STUDIES.isdisjoint(names):
+        print("\n" + speed_report.table(speed_report.recorded()))
+
+
+def machine() -> dict[str, str]:
+    """What the figures were measured on, and of which commit."""
+    commit = subprocess.run(
+        ["git", "rev-parse", "--short", "HEAD"], capture_output=True, text=True, cwd=HERE, check=False
+    )
+    return {
+        "machine": platform.machine(),
+        "processor": processor(),
+        "cores": str(os.cpu_count()),
+        "backend": _core.backends()[0],
+        "commit": commit.stdout.strip(),
+    }
+
+
+def processor() -> str:
+    """Name of the model, as far as the system tells it."""
+    listed = Path("/proc/cpuinfo")
+    text = listed.read_text(encoding="utf-8") if listed.exists() else ""
+    found = re.search(r"^model name\s*:\s*(.*)$", text, re.MULTILINE)
+    return found[1] if found else platform.processor()
 
 
 if __name__ == "__main__":

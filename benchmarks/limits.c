@@ -1,19 +1,8 @@
-/* A loop over samples around CasADi's C code, and the machine's own limits. Scalar code beside it: one sample a call. */
+/* The machine's own limits. */
 #define _POSIX_C_SOURCE 199309L
 #include <stdlib.h>
 #include <string.h>
 #include <time.h>
-
-int entries(const double **argument, double **result, long long *iw, double *w, int memory);
-
-void many(const double *x, double *y, int samples, int joints, int outputs)
-{
-    for (int k = 0; k < samples; k++, x += 3 * joints, y += outputs) {
-        const double *argument[3] = {x, x + joints, x + 2 * joints};
-        double *result[1] = {y};
-        entries(argument, result, 0, 0, 0);
-    }
-}
 
 static double seconds(void)
 {

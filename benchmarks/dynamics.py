@@ -1,0 +1,86 @@
+"""Torques, mass matrices, accelerations, simulation, maps and condition numbers beside peers: see `kernel.py`.
+
+Ours are for all samples in one call, the public functions but for the mass matrix, which is the core's that maps are
+made with. A simulation step is torque held, velocity first, then position with the new velocity: what MuJoCo does.
+"""
+
+from __future__ import annotations
+
+import json
+
+import numpy as np
+
+import haptid
+from arm import Arm
+from beside import alone, beside
+from haptid import _core
+from haptid.bench.trajectories import Trajectory
+from haptid.characterisation import GivenModel, felt_mass
+from haptid.characterisation.masses import core_arguments
+from haptid.excitation import Limits, RawCondition, observed
+from haptid.excitation.limits import Bounds
+from haptid.excitation.slopes import Slopes
+from haptid.observation import conditions
+from haptid.simulation import DirectModel, sets_of
+from stopwatch import Work
+
+# As `peers/common.py` has them.
+MANY, STEPS, STEP, TRAJECTORY = 2048, 10, 1e-4, 200
+PEERS = ("Pinocchio, C++", "Pinocchio, Python", "MuJoCo", "iDynTree", "figaroh")
+
+
+def run() -> dict[str, float]:
+    """Microseconds per sample, disagreements and ratios; one thread."""
+    return alone(__file__, 1)
+
+
+def works(arm: Arm) -> dict[str, Work]:
+    """Ours."""
+    device, beta = arm.device, arm.beta
+    q, qd, qdd, tau = (np.ascontiguousarray(x[:, :MANY]) for x in (arm.q, arm.qd, arm.qdd, arm.tau))
+    direct, model = DirectModel(device, sets_of(device, beta)), GivenModel(device, beta)
+    at = core_arguments(model, q)
+
+    def simulated() -> tuple[np.ndarray, np.ndarray]:
+        c, cd = q, qd
+        for _ in range(STEPS):
+            cd = cd + STEP * direct.acceleration(c, cd, tau)
+            c = c + STEP * cd
+        return c, cd
+
+    return {
+        "inverse dynamics": Work(MANY, lambda: haptid.inverse_dynamics(device, beta, q, qd, qdd), np.transpose),
+        "mass matrix": Work(
+            MANY, lambda: _core.handle_dynamics(*at, rows=[]), lambda found: found.reshape(MANY, arm.n, arm.n)
+        ),
+        "forward dynamics": Work(MANY, lambda: direct.acceleration(q, qd, tau), np.transpose),
+        "simulation step": Work(MANY * STEPS, simulated, lambda end: np.concatenate(end).T),
+        "felt masses": Work(MANY, lambda: felt_mass(model, q, worst_condition=1e9), lambda found: found.mass.value),
+    }
+
+
+def search(arm: Arm, motion: Trajectory) -> Work:
+    """What a search for a motion asks at every try: the smooth stand-in for the condition number."""
+    slopes = Slopes.of(
+        Bounds.of(arm.device, Limits(((-3.0, 3.0),) * arm.n, (9.0,), (99.0,)), arm.beta),
+        RawCondition(),
+        tuple(range(len(arm.beta))),
+        np.ones(arm.n),
+    )
+    states = np.array([motion.q.T, motion.qd.T, motion.qdd.T])
+    return Work(1, lambda: slopes.cost(states))
+
+
+def main() -> None:
+    """JSON."""
+    arm = Arm()
+    motion = Trajectory(0.01, *(np.ascontiguousarray(x[:, :TRAJECTORY].T) for x in (arm.q, arm.qd, arm.qdd)))
+    ours = works(arm)
+    ours["condition number of a motion"] = Work(1, lambda: conditions(observed(arm.device, motion).stack()[:-1])[0])
+    figures = beside(arm.case(), ours, PEERS)
+    figures["cost of a motion in a search: haptid, us"] = search(arm, motion).microseconds()
+    print(json.dumps(figures))
+
+
+if __name__ == "__main__":
+    main()
