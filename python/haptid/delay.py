@@ -19,7 +19,7 @@ from haptid.device import Device
 from haptid.estimators import WLS
 from haptid.log import Log
 from haptid.observation import Observation, observe
-from haptid.treatment import Treatment, treat
+from haptid.treatment import Motion, Treatment, treat, with_delay
 
 # Times the parabola is laid anew around the last minimum, and the distance of its points then, samples.
 STEPS = (1.0, 0.5, 0.25)
@@ -53,12 +53,12 @@ def find_delay(device: Device, logs: Sequence[Log], treatment: Treatment) -> Del
     Raises:
         HaptidError: as `treat` and `observe` do.
     """
-    dt = float(logs[0].dt)
+    dt, motions = float(logs[0].dt), [treat(log, replace(treatment, torque_delay=0.0)) for log in logs]
     guess, step = 0.0, STEPS[0]
     trio: list[Observation] = []
     for step in STEPS:
         late = [(guess + k * step) * dt for k in (-1, 0, 1)]
-        trio = [_observed(device, logs, replace(treatment, torque_delay=seconds)) for seconds in late]
+        trio = [_observed(device, motions, seconds) for seconds in late]
         weights = WLS().weights(trio[1])
         lowest = _lowest(trio, weights)
         if lowest is None or abs(guess + step * lowest) > LONGEST:
@@ -73,8 +73,8 @@ def find_delay(device: Device, logs: Sequence[Log], treatment: Treatment) -> Del
     return Delay(float(guess * dt), float(spread * dt))
 
 
-def _observed(device: Device, logs: Sequence[Log], treatment: Treatment) -> Observation:
-    return reduce(add, (observe(device, treat(log, treatment)) for log in logs))
+def _observed(device: Device, motions: Sequence[Motion], delay: float) -> Observation:
+    return reduce(add, (observe(device, with_delay(motion, delay)) for motion in motions))
 
 
 def _lowest(trio: Sequence[Observation], weights: Array) -> float | None:

@@ -10,8 +10,8 @@ torque and on every column of the observation matrix.
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, field
-from functools import cached_property
+from dataclasses import dataclass, field, replace
+from functools import cached_property, lru_cache
 from typing import Any, Literal
 
 import numpy as np
@@ -116,7 +116,7 @@ class Treatment:
             raise CutoffError("cutoff_hz", self.cutoff_hz, nyquist)
         if one_pass < LOWEST:
             raise TreatmentValueError("cutoff_hz", self.cutoff_hz, f"at least {LOWEST * nyquist:g} Hz at this rate")
-        return np.asarray(signal.butter(self.order, one_pass, output="sos"))
+        return low_pass(self.order, one_pass).copy()  # SciPy's filters want sections that could be written to
 
     def parallel(self, dt: float) -> float | None:
         """Cut-off of the filter that torque and columns share, Hz; None where there is none."""
@@ -148,6 +148,12 @@ class Treatment:
     def taps(self, dt: float) -> Array:
         """Weights of that filter, oldest sample first, (odd,), unit sum; [1] where there is none."""
         return self.parallel_filter(dt).taps
+
+
+@lru_cache(maxsize=8)
+def low_pass(order: int, cutoff: float) -> Array:
+    """Second-order sections of a Butterworth filter, (sections, 6); cut-off as a share of half the sampling rate."""
+    return freeze(np.asarray(signal.butter(order, cutoff, output="sos")))
 
 
 def finite(value: Any) -> bool:
@@ -314,10 +320,22 @@ def treat(log: Log, treatment: Treatment | None = None) -> Motion:
     if sections is not None and n <= 3 * (2 * len(sections) + 1):
         raise MotionTooShortError(n * dt, 3 * (2 * len(sections) + 1) * dt, "the position filter")
     q = log.position if sections is None else filtered(log.position, sections)
-    tau = log.torque if treatment.torque_delay == 0 else _late(log.torque, treatment.torque_delay / dt)
-    motion = Motion(dt, q, tau, treatment, log, float(log.t[0]))
-    motion.usable  # noqa: B018 - a log too short for its filter is an error here, not later
-    return motion
+    motion = Motion(dt, q, log.torque, treatment, log, float(log.t[0]))
+    return with_delay(motion, treatment.torque_delay)
+
+
+def with_delay(motion: Motion, seconds: float) -> Motion:
+    """The motion of a log as if its treatment had this `torque_delay`; positions are not filtered again.
+
+    Raises:
+        MotionTooShortError: as `treat` does.
+    """
+    assert motion.log is not None
+    torque, treatment = motion.log.torque, replace(motion.treatment, torque_delay=seconds)
+    tau = torque if seconds == 0 else _late(torque, seconds / motion.dt)
+    made = replace(motion, tau=tau, treatment=treatment)
+    made.usable  # noqa: B018 - a log too short for its filter is an error here, not later
+    return made
 
 
 def _late(channels: Array, samples: float) -> Array:
