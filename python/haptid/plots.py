@@ -41,7 +41,7 @@ def plot_torque(parts: Iterable[Prediction], rows: int, title: str, path: Path) 
     FigureCanvasAgg(figure)
     figure.suptitle(title, parse_math=False, y=1 - 0.12 / height, va="top")
     # Margins as they are: to look for them a layout would draw everything twice.
-    edges = {"left": 0.1, "right": 0.985, "bottom": 0.5 / height, "top": 1 - 0.45 / height}
+    edges = {"left": 0.12, "right": 0.985, "bottom": 0.5 / height, "top": 1 - 0.45 / height}
     panels = np.atleast_1d(figure.subplots(len(motors), 1, sharex=True, gridspec_kw={"hspace": 0.1, **edges}))
     for k, panel in enumerate(panels):
         draw_motor(panel, drawn, k)
