@@ -51,10 +51,13 @@ $(VENV)/.test: $(VENV)/.run
 	$(PIP) install -c constraints.txt -e ".[test,oracle,lint]"
 	touch $@
 
-# Programs that the kernels are measured against, in an environment of their own; CasADi's C code needs gcc beside it.
-$(VENV)-bench/.made: benchmarks/peers/requirements.txt
+# Programs that haptid is measured against, in an environment of their own; CasADi's C code needs gcc beside it, and
+# Pinocchio's headers g++ and some minutes. Without them these two are left out.
+PEERS := $(VENV)-bench/$(notdir $(BIN))/python
+$(VENV)-bench/.made: benchmarks/peers/requirements.txt benchmarks/peers/pinocchio_loop.cpp
 	$(PYTHON) -m venv $(VENV)-bench
-	$(VENV)-bench/$(notdir $(BIN))/python -m pip --disable-pip-version-check --quiet install -r $<
+	$(PEERS) -m pip --disable-pip-version-check --quiet install -r $<
+	-cd benchmarks && ../$(PEERS) -m peers.pinocchio_cpp
 	touch $@
 
 $(VENV)/.docs: $(VENV)/.test

@@ -19,9 +19,9 @@ HERE = Path(__file__).parent
 PYTHON = HERE.parent / ".venv-bench" / "bin" / "python"
 # What each is called, and its file in `peers/`.
 PEERS = {
-    "Pinocchio, C++": "pinocchio_cpp",
-    "Pinocchio, Python": "pinocchio_python",
-    "CasADi, C": "casadi_c",
+    "Pinocchio C++": "pinocchio_cpp",
+    "Pinocchio Python": "pinocchio_python",
+    "CasADi C": "casadi_c",
     "iDynTree": "idyntree_python",
     "MuJoCo": "mujoco_python",
     "figaroh": "figaroh_python",

@@ -26,7 +26,7 @@ from stopwatch import Work
 
 # As `peers/common.py` has them.
 MANY, STEPS, STEP, TRAJECTORY = 2048, 10, 1e-4, 200
-PEERS = ("Pinocchio, C++", "Pinocchio, Python", "MuJoCo", "iDynTree", "figaroh")
+PEERS = ("Pinocchio C++", "Pinocchio Python", "MuJoCo", "iDynTree", "figaroh")
 
 
 def run() -> dict[str, float]:

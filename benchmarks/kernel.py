@@ -15,13 +15,14 @@ from scipy import linalg
 
 from arm import ALONE, IN_CACHE, SAMPLES, Arm
 from beside import alone, beside
+from closed import Closed
 from limits import limits
 from stopwatch import Work
 
 THREADS = 2
 # Regressors that peers store, of the same samples; see `peers/common.py`.
 MANY = 2048
-ROBOTS = ("Pinocchio, C++", "Pinocchio, Python", "CasADi, C", "iDynTree", "figaroh")
+ROBOTS = ("Pinocchio C++", "Pinocchio Python", "CasADi C", "iDynTree", "figaroh")
 ALGEBRA = ("NumPy", "NumPy by blocks", "SciPy")
 
 
@@ -50,7 +51,7 @@ def shares(found: dict[str, float]) -> dict[str, float]:
     return made | {"regressor, stored: share of memory fill, %": 100 * speed / found["memory fill, GB/s"]}
 
 
-def regressor(arm: Arm, samples: int) -> Work:
+def regressor(arm: Arm | Closed, samples: int) -> Work:
     """Into memory that is there."""
     motion = arm.motion(samples)
     out = np.zeros((arm.n, len(arm.columns), samples))
@@ -97,6 +98,14 @@ def observation(arm: Arm, samples: int) -> np.ndarray:
     return np.column_stack([np.concatenate([*Y.transpose(0, 2, 1)]), arm.tau[:, :samples].ravel()])
 
 
+def closed_chain() -> dict[str, float]:
+    """Regressors of a chain with loops; those of peers are of its tree, the projection left to be done."""
+    chain = Closed()
+    ours = {"regressor in cache": regressor(chain, IN_CACHE), "regressor, stored": regressor(chain, MANY)}
+    found = beside(chain.case(), ours, ("Pinocchio C++", "Pinocchio Python", "figaroh"))
+    return {f"closed chain, {name}": figure for name, figure in found.items()}
+
+
 def main() -> None:
     """With the threads that this process has; JSON."""
     arm = Arm()
@@ -113,6 +122,7 @@ def main() -> None:
             "regressor to solution": solution(arm, ALONE),
         }
         figures |= beside(arm.case() | {"W": observation(arm, ALONE)}, ours, (*ROBOTS, *ALGEBRA)) | limits()
+        figures |= closed_chain()
         figures["regressor, stored: bytes per sample"] = 8.0 * arm.reached.sum()
         figures["reduction: operations per sample"] = float(2 * ((arm.reached.sum(axis=1) + 1) ** 2).sum())
         figures["base columns"] = float(len(arm.columns))

@@ -1,4 +1,4 @@
-"""`make bench`: every benchmark, ratios against peers in one run, kept under `benchmarks/results/`; one table at the end."""
+"""`make bench`: every benchmark, kept under `benchmarks/results/`, and one table of all that is beside peers."""
 
 from __future__ import annotations
 

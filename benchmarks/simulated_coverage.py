@@ -24,7 +24,7 @@ from small_study import two_links
 from true_parameters import true_parameters
 
 assert bench_identification
-RUNS, SECONDS, RATE_HZ, ENDS = 100, 10.0, 500.0, 250
+RUNS, SECONDS, RATE_HZ, ENDS = 100, 8.0, 250.0, 125
 KP, KD, NOISE, COUNTS, GEAR = (60.0, 30.0), (4.0, 2.0), 0.02, 4000.0, 10.0
 TREATMENT = haptid.Treatment(cutoff_hz=25, decimation=10, torque_delay=0.5 / RATE_HZ, low_speed=0.05)
 FRICTION = {"FV": 0.05, "FC": 0.2}

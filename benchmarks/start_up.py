@@ -1,6 +1,6 @@
 """How long the command line takes to say its help, and Python to have the package; peers' packages beside it.
 
-Wall time of the fastest of ten processes each, the files read before.
+Wall time of the fastest of ten processes each, of three for a peer's package; the files have been read before.
 """
 
 from __future__ import annotations
@@ -12,14 +12,15 @@ from pathlib import Path
 from beside import PYTHON, left_out
 from stopwatch import fastest
 
-RUNS = 10
+RUNS, FEW = 10, 3
 PACKAGES = ("pinocchio", "mujoco", "casadi", "idyntree.bindings", "figaroh")
 
 
 def run() -> dict[str, float]:
     """Seconds."""
-    def seconds(*call: str) -> float:
-        return fastest(lambda: subprocess.run(call, check=True, capture_output=True), 0.0, RUNS)
+
+    def seconds(*call: str, runs: int = RUNS) -> float:
+        return fastest(lambda: subprocess.run(call, check=True, capture_output=True), 0.0, runs)
 
     figures = {
         "haptid --help, s": seconds(str(Path(sys.executable).with_name("haptid")), "--help"),
@@ -28,7 +29,7 @@ def run() -> dict[str, float]:
     }
     for package in PACKAGES:
         try:
-            figures[f"import {package}, s"] = seconds(str(PYTHON), "-c", f"import {package}")
+            figures[f"import {package}, s"] = seconds(str(PYTHON), "-c", f"import {package}", runs=FEW)
         except (FileNotFoundError, subprocess.CalledProcessError):
             left_out(package, "it is not installed")
     return figures

@@ -16,10 +16,20 @@ TRAJECTORY = 200
 PINOCCHIO = np.array([4, 5, 7, 6, 8, 9, 1, 2, 3, 0])
 
 
-def place(case: Case, order: np.ndarray = PINOCCHIO) -> tuple[np.ndarray, np.ndarray]:
-    """Rows and columns of the wanted entries in a regressor whose ten parameters have another order."""
+def picked(case: Case, Y: np.ndarray, order: np.ndarray = PINOCCHIO) -> np.ndarray:
+    """Wanted entries, (samples, entries), of regressors whose ten parameters have another order.
+
+    Those of a closed chain are first projected on its coordinates: torques are G' times the tree's.
+    """
     rows, columns = case["wanted"].T
-    return rows, columns // 10 * 10 + order[columns % 10]
+    made = np.einsum("jc,sjp->scp", case["rates"], Y) if "rates" in case else Y
+    return made[:, rows, columns // 10 * 10 + order[columns % 10]]
+
+
+def base_columns(case: Case) -> np.ndarray:
+    """Wanted columns in Pinocchio's order."""
+    columns = np.unique(case["wanted"][:, 1])
+    return columns // 10 * 10 + PINOCCHIO[columns % 10]
 
 
 def samples(case: Case, count: int, *names: str) -> list[np.ndarray]:

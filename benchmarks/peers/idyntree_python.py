@@ -7,7 +7,7 @@ from pathlib import Path
 import idyntree.bindings as idyn
 import numpy as np
 
-from peers.common import IN_CACHE, MANY, Case, place, samples, urdf
+from peers.common import IN_CACHE, MANY, Case, picked, samples, urdf
 from stopwatch import Work
 
 # Order of its ten parameters, m mx my mz Ixx Ixy Ixz Iyy Iyz Izz, from XX XY XZ YY YZ ZZ MX MY MZ M.
@@ -31,19 +31,18 @@ def works(case: Case, folder: Path) -> dict[str, Work]:
     M = idyn.MatrixDynSize(BASE + n, BASE + n)
     none, torque = idyn.LinkWrenches(model), idyn.FreeFloatingGeneralizedTorques(model)
     none.zero()
-    rows, columns = place(case, ORDER)
-    entries = (rows + BASE, np.array(links)[columns // 10] * 10 + columns % 10)
+    columns = (np.array(links)[:, None] * 10 + np.arange(10)).ravel()
 
     def regressor(k: int) -> None:
         robot.setRobotState(q[k], v[k], gravity)
         robot.inverseDynamicsInertialParametersRegressor(still, a[k], Y)
 
     def chosen(_: object) -> np.ndarray:
-        made = np.empty((IN_CACHE, len(rows)))
+        made = np.empty((IN_CACHE, n, 10 * n))
         for k in range(IN_CACHE):
             regressor(k)
-            made[k] = Y.toNumPy()[entries]
-        return made
+            made[k] = Y.toNumPy()[BASE:, columns]
+        return picked(case, made, ORDER)
 
     def inverse() -> np.ndarray:
         made = np.empty((MANY, n))

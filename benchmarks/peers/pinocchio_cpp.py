@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from peers.common import IN_CACHE, MANY, STEP, STEPS, Case, compiled, place, samples
+from peers.common import IN_CACHE, MANY, STEP, STEPS, Case, compiled, picked, samples
 from stopwatch import Work
 
 SOURCE = Path(__file__).with_name("pinocchio_loop.cpp")
@@ -38,7 +38,7 @@ def works(case: Case, folder: Path) -> dict[str, Work]:
     del folder
     if not LIBRARY.exists():
         raise FileNotFoundError("its loops are not compiled: see `make bench`")
-    library, entries, n = ctypes.CDLL(str(LIBRARY)), place(case), len(case["parent"])
+    library, n = ctypes.CDLL(str(LIBRARY)), len(case["parent"])
     library.make.restype = POINTER
     names = ("rotation", "translation", "gravity", "mass", "com", "inertia")
     parts = [np.ascontiguousarray(case[name], dtype=float) for name in names]
@@ -60,12 +60,12 @@ def works(case: Case, folder: Path) -> dict[str, Work]:
 
     def first(_: object) -> np.ndarray:
         call("regressor_stored", IN_CACHE, *few, W)
-        return np.swapaxes(W[:IN_CACHE], 1, 2)[:, *entries]
+        return picked(case, np.swapaxes(W[:IN_CACHE], 1, 2))
 
     return {
         "regressor in cache": Work(IN_CACHE, lambda: call("regressor", IN_CACHE, *few), first),
         "regressor, stored": Work(
-            MANY, lambda: call("regressor_stored", MANY, *many, W), lambda _: np.swapaxes(W, 1, 2)[:, *entries]
+            MANY, lambda: call("regressor_stored", MANY, *many, W), lambda _: picked(case, np.swapaxes(W, 1, 2))
         ),
         "inverse dynamics": Work(MANY, lambda: call("inverse", MANY, *many, torque), lambda _: torque),
         "mass matrix": Work(

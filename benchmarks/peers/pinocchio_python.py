@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pinocchio as pin
 
-from peers.common import IN_CACHE, MANY, STEP, STEPS, TRAJECTORY, Case, place, samples
+from peers.common import IN_CACHE, MANY, STEP, STEPS, TRAJECTORY, Case, base_columns, picked, samples
 from stopwatch import Work
 
 
@@ -29,7 +29,7 @@ def model_of(case: Case) -> pin.Model:
 def works(case: Case, folder: Path) -> dict[str, Work]:
     """See `ask.py`."""
     del folder
-    model, entries = model_of(case), place(case)
+    model = model_of(case)
     data, handle = model.createData(), model.getFrameId("handle")
     q, v, a = samples(case, IN_CACHE, "q", "qd", "qdd")
     Q, V, A, T = samples(case, MANY, "q", "qd", "qdd", "tau")
@@ -61,22 +61,20 @@ def works(case: Case, folder: Path) -> dict[str, Work]:
         M = np.triu(M) + np.swapaxes(np.triu(M, 1), 1, 2)
         return 1.0 / np.linalg.eigvalsh(J @ np.linalg.solve(M, np.swapaxes(J, 1, 2)))
 
-    base = np.unique(place(case)[1])
+    base = base_columns(case)
 
     def condition() -> np.ndarray:
         some = range(TRAJECTORY)
         rows = np.concatenate([pin.computeJointTorqueRegressor(model, data, Q[k], V[k], A[k])[:, base] for k in some])
         return np.linalg.cond(rows)
 
+    def cached() -> None:
+        for k in range(IN_CACHE):
+            pin.computeJointTorqueRegressor(model, data, q[k], v[k], a[k])
+
     return {
-        "regressor in cache": Work(
-            IN_CACHE,
-            lambda: [pin.computeJointTorqueRegressor(model, data, *one) for one in zip(q, v, a, strict=True)],
-            lambda _: np.array(
-                [pin.computeJointTorqueRegressor(model, data, *s)[entries] for s in zip(q, v, a, strict=True)]
-            ),
-        ),
-        "regressor, stored": Work(MANY, stored, lambda Y: Y[:, *entries]),
+        "regressor in cache": Work(IN_CACHE, cached, lambda _: picked(case, stored()[:IN_CACHE])),
+        "regressor, stored": Work(MANY, stored, lambda Y: picked(case, Y)),
         "inverse dynamics": Work(MANY, lambda: [pin.rnea(model, data, Q[k], V[k], A[k]) for k in range(MANY)]),
         "mass matrix": Work(MANY, mass),
         "forward dynamics": Work(MANY, lambda: [pin.aba(model, data, Q[k], V[k], T[k]) for k in range(MANY)]),

@@ -1,0 +1,52 @@
+"""The page on speed has the tables of the records, and says of each ratio whether what was wanted is reached."""
+
+import re
+from pathlib import Path
+
+import speed_report
+
+PROJECT = Path(__file__).resolve().parents[2]
+MADE_UP = {
+    "kernel": {
+        "regressor in cache: haptid, us": 0.1,
+        "regressor in cache: Pinocchio C++, us": 1.9,
+        "regressor in cache: Pinocchio C++ over haptid": 19.0,
+        "regressor in cache: CasADi C, us": 0.4,
+        "regressor in cache: CasADi C over haptid": 4.0,
+        "multiply-add peak, GF/s": 50.0,
+        "memory fill, GB/s": 10.0,
+        "regressor, stored: bytes per sample": 1520.0,
+        "regressor, stored: GB/s": 5.0,
+        "regressor, stored: share of memory fill, %": 50.0,
+    },
+    "start-up": {"haptid --help, s": 0.2, "python without any import, s": 0.05},
+}
+
+
+def test_the_page_has_the_recorded_figures():
+    page = (PROJECT / "docs/speed.md").read_text(encoding="utf-8")
+    assert speed_report.filled(page, speed_report.recorded()) == page
+
+
+def test_every_part_has_its_place_on_the_page():
+    page = (PROJECT / "docs/speed.md").read_text(encoding="utf-8")
+    assert re.findall(r"<!-- (.*) -->", page) == [*speed_report.PARTS, "Left out"]
+
+
+def test_ratios_are_held_to_what_was_wanted():
+    text = speed_report.table(MADE_UP)
+    assert "| regressor in cache | 0.1 | Pinocchio C++ | 1.9 | 19 | 20, not reached |" in text
+    assert "| regressor in cache | 0.1 | CasADi C | 0.4 | 4.0 | 3.5, reached |" in text
+    assert "| `haptid --help` | 0.20 | below 0.3, reached |" in text
+
+
+def test_peers_without_a_figure_are_named():
+    assert "Left out\n\nPinocchio Python, iDynTree, MuJoCo, figaroh" in speed_report.table(MADE_UP)
+
+
+def test_filling_in_leaves_the_rest_as_it_is():
+    page = "Before.\n\n<!-- Start-up -->\n\n(not measured)\n\n## After\n\n<!-- Left out -->\n\nnobody\n"
+    text = speed_report.filled(page, MADE_UP)
+    assert text.startswith("Before.\n\n<!-- Start-up -->\n\n| what | seconds | wanted |\n")
+    assert text.endswith("## After\n\n<!-- Left out -->\n\nPinocchio Python, iDynTree, MuJoCo, figaroh\n")
+    assert speed_report.filled(text, MADE_UP) == text

@@ -1,0 +1,47 @@
+"""What is measured beside peers is first compared: rounding passes, all else is refused, a missing peer is left out."""
+
+import numpy as np
+import pytest
+
+import beside
+from stopwatch import Work, fastest
+
+
+def test_rounding_agrees_and_a_difference_does_not():
+    ours = {"work": np.array([1.0, -4.0])}
+    found = beside.disagreement("peer", ours, {"work": np.array([1.0, -4.0 + 4e-12])})
+    assert found == {"work: peer, disagreement": pytest.approx(1e-12, rel=1e-3)}
+    with pytest.raises(AssertionError, match="peer disagrees on work"):
+        beside.disagreement("peer", ours, {"work": np.array([1.0, -4.1])})
+
+
+def test_values_that_are_no_numbers_do_not_agree():
+    with pytest.raises(AssertionError, match="disagrees"):
+        beside.disagreement("peer", {"work": np.ones(2)}, {"work": np.array([1.0, np.nan])})
+
+
+def test_without_an_environment_of_peers_only_ours_is_measured(monkeypatch, tmp_path, capsys):
+    monkeypatch.setattr(beside, "PYTHON", tmp_path / "python")
+    work = Work(10, lambda: np.zeros(3))
+    figures = beside.beside({"q": np.zeros(3)}, {"work": work}, ("Pinocchio C++", "NumPy"))
+    assert [*figures] == ["work: haptid, us"]
+    assert "Pinocchio C++ is left out: there is no environment of peers" in capsys.readouterr().err
+
+
+def test_values_are_kept_apart_from_later_runs():
+    memory = np.zeros(2)
+
+    def run():
+        memory[:] += 1
+        return memory
+
+    work = Work(1, run)
+    first = work.values()
+    assert work.values().tolist() == [2.0, 2.0]
+    assert first.tolist() == [1.0, 1.0]
+
+
+def test_the_fastest_run_counts():
+    calls = []
+    assert fastest(lambda: calls.append(1), 0.0, 5) < 1e-3
+    assert len(calls) == 5
