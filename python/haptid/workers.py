@@ -8,6 +8,7 @@ from __future__ import annotations
 import multiprocessing
 import os
 import pickle
+import signal
 from collections import Counter, deque
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
@@ -142,7 +143,11 @@ class _Crew:
 
 
 def _serve(connection: Connection, function: bytes) -> None:
-    """What a process does: items come, answers go, until nobody asks any more."""
+    """What a process does: items come, answers go, until nobody asks any more.
+
+    An interruption from the keyboard goes to every process of a terminal: what it means is for the first one to say.
+    """
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
     for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "RAYON_NUM_THREADS"):
         os.environ[name] = "1"
     call = pickle.loads(function)

@@ -22,6 +22,8 @@ from rich.text import Text
 from haptid.errors import HaptidError
 
 EXIT_CRITERIA, EXIT_ERROR, EXIT_DEFECT = 1, 2, 3
+# As shells have it for a program that was interrupted.
+EXIT_INTERRUPTED = 130
 
 app = typer.Typer(
     help="Dynamic models of haptic devices and robots, identified from their own motion logs.",

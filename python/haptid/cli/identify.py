@@ -32,7 +32,8 @@ Long logs are read piece by piece, and what has been made of them is kept in .OU
 an interrupted run goes on from there, if study, logs and device are the same.
 
 Exit status: 0 when done (and the study's criteria, if it has any, are met), 1 when its criteria are not met, 2 when
-something is wrong with the study, the device or a log; the message says what to do. 3 is a defect of haptid.
+something is wrong with the study, the device or a log; the message says what to do. 3 is a defect of haptid, 130 an
+interruption by Ctrl-C.
 
 Example: haptid identify examples/emps/study.toml --data ../shared/data/emps --out emps-result
 """
@@ -55,7 +56,7 @@ def identify(
     fresh: Annotated[bool, typer.Option("--fresh", help="do not go on from an interrupted run")] = False,
 ) -> None:
     from haptid import tables
-    from haptid.cli.work import resumed, workers
+    from haptid.cli.work import interruptible, resumed, workers
     from haptid.identification import identify as walk
     from haptid.observation import Plan
     from haptid.outputs import check_writable, publishing
@@ -69,7 +70,11 @@ def identify(
         check_writable(out_folder)
         plan = read_study(study)
         kept = resumed(out_folder, fresh, quiet or as_json)
-        with progress_bars(quiet or as_json) as progress, publishing(out_folder) as folder:
+        with (
+            interruptible(kept),
+            progress_bars(quiet or as_json) as progress,
+            publishing(out_folder) as folder,
+        ):
             tell = teller(progress)
             found = walk(plan, data, tell, workers(count, scheduler), kept)
             tell("writing the report", 0.0)

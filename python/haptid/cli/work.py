@@ -2,9 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
-from haptid.cli.common import err
+import typer
+
+from haptid.cli.common import EXIT_INTERRUPTED, complain, err
 from haptid.reduction import Kept
 from haptid.workers import Cluster, Here, Processes, Workers
 
@@ -25,3 +29,15 @@ def resumed(out: Path, fresh: bool, quiet: bool) -> Kept:
     elif not quiet and (parts := kept.count()):
         err.print(f"Going on from an interrupted run: {parts} parts are there, in {kept.folder}. --fresh starts anew.")
     return kept
+
+
+@contextmanager
+def interruptible(kept: Kept) -> Iterator[None]:
+    """An interruption as one line that says what is left of the work, and the exit status for it."""
+    try:
+        yield
+    except KeyboardInterrupt:
+        parts = kept.count()
+        there = f"{parts} parts are in {kept.folder}, and the same command goes on from there"
+        complain(f"interrupted: {there if parts else 'nothing is left of it'}.")
+        raise typer.Exit(EXIT_INTERRUPTED) from None

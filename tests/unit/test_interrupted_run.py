@@ -1,0 +1,176 @@
+"""`haptid identify` of a long log interrupted, resumed, shared, and with a worker killed in the middle: one result."""
+
+from __future__ import annotations
+
+import json
+import os
+import re
+import signal
+import subprocess
+import sys
+import time
+import warnings
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import numpy as np
+import pyarrow as pa
+import pytest
+from numpy.testing import assert_allclose
+from pyarrow import parquet
+
+from haptid.identification import identify
+from haptid.reduction import LEAST_KEPT
+from haptid.study import read_study
+from small_study import DEVICE, STUDY, columns
+
+psutil = pytest.importorskip("psutil")
+pytestmark = [
+    pytest.mark.skipif(sys.platform == "win32", reason="no pseudo-terminals, no SIGKILL"),
+    pytest.mark.filterwarnings("ignore::DeprecationWarning", "ignore::ResourceWarning", "ignore::UserWarning"),
+]
+# The command line with many small parts, so that there is a middle to hit; it says how many it made itself.
+PROGRAM = """
+from haptid import observation, reduction
+observation.SEGMENT = 4096
+made, plain = [], reduction.Reducer.__call__
+reduction.Reducer.__call__ = lambda self, part: (made.append(part), plain(self, part))[1]
+from haptid.cli import main
+try:
+    main()
+finally:
+    print("made", len(made))
+"""
+MANY = 3
+PATIENCE = 300.0
+
+
+@pytest.fixture(scope="module")
+def study(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Of one log that is just long enough for its triangles to be kept."""
+    folder = tmp_path_factory.mktemp("long")
+    (folder / "device.toml").write_text(DEVICE)
+    logs = '[[logs]]\npath = "log.parquet"\n[treatment]\ntorque_delay = 0.0\nlow_speed = 0.0'
+    head, _, tail = STUDY.partition('[[logs]]\npath = "log.csv"')
+    (folder / "study.toml").write_text(head + logs + tail[tail.index("[treatment]") + len("[treatment]") :])
+    parquet.write_table(pa.table(columns(1, (LEAST_KEPT + 9_000) * 2e-3)), folder / "log.parquet")
+    return folder / "study.toml"
+
+
+@pytest.fixture(scope="module")
+def wanted(study: Path) -> np.ndarray:
+    """Values and deviations of a run in memory, in this process."""
+    return np.array([[p.value, p.sd, *p.interval] for p in identify(read_study(study)).estimate.parameters])
+
+
+def start(study: Path, out: Path, *more: str, err: int = subprocess.PIPE) -> subprocess.Popen[str]:
+    """The command in a process group of its own, as a terminal starts it."""
+    call = [sys.executable, "-c", PROGRAM, "identify", str(study), "--out", str(out), *more]
+    size = {"TERM": "xterm", "COLUMNS": "120"}
+    return subprocess.Popen(
+        call, stdout=subprocess.PIPE, stderr=err, text=True, start_new_session=True, env={**os.environ, **size}
+    )
+
+
+def parts(out: Path) -> int:
+    return len(list(out.with_name(f".{out.name}.partial").glob("*.npz")))
+
+
+def await_parts(run: subprocess.Popen[str], out: Path, meanwhile: Callable[[], object] = lambda: None) -> None:
+    """Until some parts are there; other things may be done meanwhile."""
+    end = time.monotonic() + PATIENCE
+    while parts(out) < MANY:
+        assert run.poll() is None
+        assert time.monotonic() < end
+        meanwhile()
+        time.sleep(2e-3)
+
+
+def check(out: Path, wanted: np.ndarray) -> None:
+    """The result is that of the run in memory, and nothing of the way to it is left."""
+    said = json.loads((out / "result.json").read_text())["estimate"]["parameters"]
+    found = np.array([[p["value"], p["sd"], *p["interval95"]] for p in said])
+    assert_allclose(found, wanted, rtol=1e-12, atol=1e-12 * np.abs(wanted).max())
+    assert [path.name for path in out.parent.iterdir()] == [out.name]
+
+
+def test_ctrl_c_and_the_same_command_again(study: Path, wanted: np.ndarray, tmp_path: Path) -> None:
+    import pty
+
+    out, (ours, theirs) = tmp_path / "out", pty.openpty()
+    os.set_blocking(ours, False)
+    shown = bytearray()
+
+    def listen() -> None:
+        try:
+            shown.extend(os.read(ours, 1 << 16))
+        except OSError:  # nothing to read, or nobody writes any more
+            return
+
+    run = start(study, out, "--workers", "2", err=theirs)
+    os.close(theirs)
+    await_parts(run, out, listen)
+    os.killpg(run.pid, signal.SIGINT)  # as Ctrl-C does: to the workers too
+    while run.poll() is None:
+        listen()
+    for _ in range(9):
+        listen()
+    os.close(ours)
+    text = re.sub(r"\x1b\[[\d;?]*[A-Za-z]", "", shown.decode())  # without colours and cursor
+    assert run.returncode == 130
+    assert re.search(r"observing log.parquet: [\d.e+]+ samples/s", text)  # how fast,
+    assert re.search(r"\d+% \d:\d\d:\d\d (\d:\d\d:\d\d|-:--:--)", text)  # how much, since when, how long yet
+    there = parts(out)
+    assert there >= MANY
+    assert f"interrupted: {there} parts are in" in " ".join(text.split())
+    assert "Traceback" not in text
+    assert not out.exists()
+
+    again = start(study, out)
+    printed, said = again.communicate(timeout=PATIENCE)
+    assert again.returncode == 0, said
+    assert f"Going on from an interrupted run: {there} parts are there" in " ".join(said.split())
+    made = int(printed.split()[-1])
+    assert made > 0
+    assert there + made == sum(1 for _ in segments(study))
+    check(out, wanted)
+
+
+def segments(study: Path) -> Iterator[tuple[int, int]]:
+    """The parts of the log as PROGRAM has them."""
+    from haptid import observation
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(observation, "SEGMENT", 4096)
+        made = identify(read_study(study))
+        yield from observation.Plan.of(made.device, made.runs[0].motion).segments()
+
+
+def test_a_killed_process_costs_its_part_alone(study: Path, wanted: np.ndarray, tmp_path: Path) -> None:
+    out = tmp_path / "out"
+    run = start(study, out, "--workers", "2", "--quiet")
+    await_parts(run, out)
+    crew = [child for child in psutil.Process(run.pid).children() if "spawn_main" in " ".join(child.cmdline())]
+    assert len(crew) == 2
+    crew[0].kill()
+    _, said = run.communicate(timeout=PATIENCE)
+    assert (run.returncode, said) == (0, "")
+    check(out, wanted)
+
+
+def test_a_killed_worker_of_a_cluster_too(study: Path, wanted: np.ndarray, tmp_path: Path) -> None:
+    distributed = pytest.importorskip("distributed")
+    out = tmp_path / "out"
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        with (
+            distributed.LocalCluster(n_workers=2, threads_per_worker=1, dashboard_address=None) as cluster,
+            distributed.Client(cluster) as client,
+        ):
+            crew = list(client.run(os.getpid).values())
+            run = start(study, out, "--scheduler", cluster.scheduler_address, "--quiet")
+            await_parts(run, out)
+            os.kill(crew[0], signal.SIGKILL)
+            _, said = run.communicate(timeout=PATIENCE)
+    assert run.returncode == 0, said
+    check(out, wanted)
