@@ -12,7 +12,7 @@ from haptid.device.prior import Body, inertial_parameters
 from haptid.dynamics import core_torque, raw_parameters
 from haptid.errors import LoadSymmetryError, UnknownLinkError
 from haptid.late import delayed, lost
-from haptid.log import Log, OnDisk
+from haptid.log import Log, OnDisk, as_array
 from haptid.signals import coordinates, torque_map
 from haptid.treatment import Motion, Treatment, treat
 
@@ -75,15 +75,10 @@ def without_load(device: Device, motion: Motion, link: str, body: Body) -> Motio
         NoAccelerationError: velocity is by a causal differentiator.
     """
     chi = raw_parameters(device, load_shift(device, link, body))
-    low, high = motion.usable
-    torque = core_torque(device, chi, *coordinates(device, motion, low, high))
-    tau = np.array(motion.tau[:], dtype=float)
-    if motion.log is None:
-        tau[low:high] -= torque[list(device.measured)].T
-    else:
-        channels = np.linalg.pinv(torque_map(device, motion.log))
-        tau[low:high] -= (channels @ torque).T
-    return replace(motion, tau=tau)
+    channels = np.eye(len(device.measured))[list(device.measured)]
+    if motion.log is not None:
+        channels = np.asarray(np.linalg.pinv(torque_map(device, motion.log)), dtype=np.float64)
+    return replace(motion, tau=Unloaded(device, motion, chi, channels, motion.tau, 0.0).samples())
 
 
 def log_without_load(device: Device, log: Log, treatment: Treatment, load: Load) -> Log:
@@ -104,8 +99,8 @@ def log_without_load(device: Device, log: Log, treatment: Treatment, load: Load)
     """
     chi = raw_parameters(device, load_shift(device, load.link, load.body))
     channels = np.asarray(np.linalg.pinv(torque_map(device, log)), dtype=np.float64)
-    unloaded = Unloaded(device, treat(log, treatment), chi, channels)
-    torque = unloaded if isinstance(log.torque, OnDisk) else unloaded.make(0, len(log.t)).T
+    motion = treat(log, treatment)
+    torque = Unloaded(device, motion, chi, channels, log.torque, treatment.torque_delay / motion.dt).samples()
     said = f"A load of {load.body.mass:g} kg on link {load.link} is taken off the torque: {_figures(load.body)}."
     return replace(log, torque=torque, notes=(*log.notes, said))
 
@@ -118,38 +113,42 @@ def _figures(body: Body) -> str:
 
 @dataclass(frozen=True, eq=False)
 class Unloaded(OnDisk):
-    """Torque channels of a log without a load, (n, channels), in the log's unit.
+    """Torque channels without a load, (n, channels), in their own unit.
 
     Attributes:
         device: the mechanism.
-        motion: the log, treated.
+        motion: what the load went along.
         chi: raw parameters of the load.
         channels: matrix from the coordinates' torques to the channels', (channels, coordinates).
+        torque: the channels with the load, (n, channels).
+        late: samples that these are ahead of what acts.
     """
 
     device: Device
     motion: Motion
     chi: Array
     channels: Array
+    torque: Array
+    late: float
 
     @property
     def shape(self) -> tuple[int, int]:
-        return self._recorded.torque.shape[0], self._recorded.torque.shape[1]
+        return self.torque.shape[0], self.torque.shape[1]
 
-    @property
-    def _recorded(self) -> Log:
-        assert self.motion.log is not None  # it was made from one
-        return self.motion.log
+    def samples(self) -> Array:
+        """Of channels in memory all of it; of channels on disk what is made as it is sliced."""
+        return as_array(self) if isinstance(self.torque, OnDisk) else freeze(self.make(0, len(self))).T
 
     def make(self, low: int, high: int) -> Array:
-        early = -self.motion.treatment.torque_delay / self.motion.dt
-        around = lost(early)
+        around = lost(self.late)
         start, stop = max(low - around, 0), min(high + around, len(self))
-        load = delayed(self._load(start, stop).T, early)[low - start : high - start].T
-        return np.asarray(self._recorded.torque[low:high].T - load)
+        load = self._load(start, stop)
+        if self.late:
+            load = delayed(load.T, -self.late)[low - start : high - start].T
+        return np.asarray(self.torque[low:high].T - load)
 
     def _load(self, start: int, stop: int) -> Array:
-        """Torque of the load in the log's unit, (channels, stop - start); zero where filters settle."""
+        """Torque of the load in the channels' unit, (channels, stop - start); zero where filters settle."""
         low, high = (int(np.clip(edge, start, stop)) for edge in self.motion.usable)
         made = np.zeros((self.shape[1], stop - start))
         if low < high:

@@ -24,6 +24,8 @@ from haptid.workers import Here, Workers
 
 # Motions of fewer samples are reduced anew sooner than their triangles are read.
 LEAST_KEPT = 2**19
+# Torques by which a motion is told from others of its log.
+FIRST = 64
 
 
 @dataclass(frozen=True)
@@ -97,7 +99,10 @@ class Kept:
 
 
 def fingerprint(plan: Plan) -> str:
-    """Of all that the triangles of a plan are made of: the log's bytes, channels and notes, treatment, device."""
+    """Of all that the triangles of a plan are made of: the log's bytes, channels and notes, treatment, device.
+
+    The first torques too: something may have been taken off a motion's that its log knows nothing of.
+    """
     device, motion = plan.device, plan.motion
     assert motion.log is not None
     said = (
@@ -110,6 +115,7 @@ def fingerprint(plan: Plan) -> str:
         motion.log.notes,
         repr(motion.treatment),
         (motion.t0, motion.dt, len(motion), plan.first, plan.rows, plan.block),
+        motion.tau[plan.first : plan.first + FIRST].tolist(),
     )
     return hashlib.sha256(json.dumps(said).encode()).hexdigest()[:24]
 

@@ -31,6 +31,8 @@ pytestmark = [
 ]
 # The command line with many small parts, so that there is a middle to hit; it says how many it made itself.
 PROGRAM = """
+import signal
+signal.signal(signal.SIGINT, signal.default_int_handler)  # what was started in the background may not listen
 from haptid import observation, reduction
 observation.SEGMENT = 4096
 made, plain = [], reduction.Reducer.__call__

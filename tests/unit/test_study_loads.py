@@ -6,6 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pyarrow as pa
 import pyarrow.csv
+import pyarrow.parquet
 import pytest
 
 import haptid
@@ -13,7 +14,8 @@ from haptid import estimators as e
 from haptid.device.prior import Body
 from haptid.errors import StudyFileError, UnknownLinkError
 from haptid.loads import Load, log_without_load
-from haptid.reduction import Kept
+from haptid.observation import Plan
+from haptid.reduction import Kept, fingerprint
 from haptid.result_file import result
 from motions import multisine, truth
 from small_study import columns, two_links, write_study
@@ -103,6 +105,12 @@ def test_a_log_on_disk_loses_its_load_piece_by_piece(study, tmp_path):
     np.testing.assert_allclose(
         haptid.estimate(one, haptid.OLS()).beta, haptid.estimate(other, haptid.OLS()).beta, rtol=1e-9
     )
+    motion = haptid.treat(opened, treatment)
+    lighter = haptid.without_load(device, motion, "2", BODY)
+    assert not isinstance(lighter.tau, np.ndarray)
+    third = haptid.observe(device, lighter)
+    np.testing.assert_allclose(haptid.estimate(third, haptid.OLS()).beta, haptid.estimate(one, haptid.OLS()).beta)
+    assert fingerprint(Plan.of(device, lighter)) != fingerprint(Plan.of(device, motion))
 
 
 def test_kept_triangles_are_of_one_load(study, tmp_path):
