@@ -151,13 +151,10 @@ def test_a_profile_beside_a_limit_is_narrower_and_stays_within(observation):
     assert (found.beta <= ends[:, 1]).all()
 
 
-def test_a_profile_of_bodies_is_refused(device):
-    beta = truth(device)
-    beta[-1] = -0.01  # friction that feeds energy in
-    made = haptid.observe(device, motion(device, beta, seconds=6.0, dt=2e-3, noise=0.01))
-    found = haptid.estimate(made, haptid.Consistent(), Profile())
+def test_a_profile_of_what_is_not_held_is_refused(observation):
+    found = haptid.estimate(observation, haptid.WLS())
     with pytest.raises(errors.MethodSettingError, match="Bounded"):
-        _ = found.interval95
+        Profile().limits(found.fit, found.held, found.sd)
 
 
 @pytest.mark.parametrize("make", [lambda: FixedB(0.0), lambda: FixedB(1.5), lambda: Bootstrap(1), lambda: Sandwich(-1)])

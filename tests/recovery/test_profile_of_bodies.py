@@ -1,0 +1,116 @@
+"""Profile likelihood within what bodies can have: a law, the border, coverage, and a large arm."""
+
+import time
+
+import numpy as np
+import pytest
+
+import haptid
+from haptid.estimators import Profile, pseudo_inertia
+from motions import motion
+from small_study import two_links
+from true_parameters import true_parameters
+
+RUNS = 100
+
+
+def truth(device, viscous=0.05):
+    """Base parameters; the second joint's viscous friction is given."""
+    own = dict(zip(device.parameters.names, true_parameters(device), strict=True))
+    own |= {name: 0.05 if name.startswith("FV") else 0.2 for name in own if name.startswith(("FV", "FC"))}
+    return device.base.of(np.array(list((own | {"FV2": viscous}).values())))
+
+
+def observed(device, beta, seed=1, seconds=6.0):
+    return haptid.observe(device, motion(device, beta, seconds=seconds, dt=4e-3, seed=seed, noise=0.05))
+
+
+def test_with_room_all_around_it_is_the_ordinary_interval():
+    device = two_links()
+    rows = observed(device, truth(device))
+    free = haptid.estimate(rows, haptid.WLS())
+    found = haptid.estimate(rows, haptid.Consistent(), Profile())
+    assert not found.held.active
+    np.testing.assert_allclose(found.interval95, free.interval95, rtol=1e-6, atol=1e-9)
+
+
+def at_the_border():
+    """An estimate whose viscous friction is held at zero."""
+    device = two_links()
+    for seed in range(1, 20):
+        found = haptid.estimate(observed(device, truth(device, 0.0), seed), haptid.Consistent(), Profile())
+        if "FV2" in str(found.held.active) or "viscous friction of" in str(found.held.active):
+            return found
+    raise AssertionError
+
+
+def test_at_the_border_the_interval_has_one_side_and_stays_inside():
+    found = at_the_border()
+    k = found.base.names.index("FV2")
+    low, high = found.interval95.T
+    assert low[k] == pytest.approx(0.0, abs=1e-9)
+    assert high[k] > 0
+    assert (low <= found.beta + 1e-9).all()
+    assert (found.beta <= high + 1e-9).all()
+    assert (
+        high - low <= np.diff(haptid.estimate(found.observation, haptid.WLS()).interval95, axis=1)[:, 0] * 1.5
+    ).all()
+    # A combination is a parameter like any other.
+    both = np.eye(len(low))[[k]] + np.eye(len(low))[[found.base.names.index("FC2")]]
+    spread = found.spread(both)
+    half = 2.0 * np.sqrt(np.diag(spread.covariance))
+    ends = Profile().ends(found.fit, found.held, np.concatenate([both, np.eye(len(low))[[k]]]), np.append(half, half))
+    assert ends[0, 0] <= float(both[0] @ found.beta) <= ends[0, 1]
+    assert ends[1, 0] >= -1e-9
+
+
+def test_ends_are_the_furthest_that_bodies_can_have():
+    """Oracle: the cost of the best fit with the parameter fixed just inside an end, and just outside."""
+    found = at_the_border()
+    k, R = found.base.names.index("FC2"), found.fit.solution.R
+    inside = found.possible.chi
+    raw = found.device.parameters.S @ inside
+    assert np.linalg.eigvalsh(pseudo_inertia(raw[10:20]))[0] > -1e-9
+    size = np.linalg.norm(found.fit.solution.root[k])
+    half = float(np.diff(haptid.estimate(found.observation, haptid.WLS()).interval95[k])[0] / 2)
+    most = np.sum((R @ (found.beta - found.held.free)) ** 2) + (half / size) ** 2
+
+    def cost(value):
+        rows = np.zeros(len(found.beta))
+        rows[k] = 1e6
+        metric, target = np.vstack([R, rows]), found.held.free.copy()
+        target = np.linalg.lstsq(metric, np.append(R @ target, 1e6 * value), rcond=None)[0]
+        near = haptid.project(found.device, target, np.linalg.qr(metric, mode="r"))
+        return np.sum((R @ (near.beta - found.held.free)) ** 2)
+
+    low, high = found.interval95[k]
+    step = 0.02 * (high - low)
+    assert cost(low + step) < most < cost(low - step)
+    assert cost(high - step) < most < cost(high + step)
+
+
+def test_it_holds_the_truth_as_often_as_it_says():
+    device = two_links()
+    beta = truth(device, 0.0)
+    inside, widths = [], []
+    for seed in range(RUNS):
+        found = haptid.estimate(observed(device, beta, seed), haptid.Consistent(), Profile())
+        low, high = found.interval95.T
+        inside.append((low - 1e-9 <= beta) & (beta <= high + 1e-9))
+        free = haptid.estimate(found.observation, haptid.Consistent()).interval95
+        widths.append((high - low) / (free[:, 1] - free[:, 0]))
+    assert np.mean(inside) > 0.93
+    assert np.mean(inside, axis=0).min() > 0.86
+    assert np.median(widths) <= 1.0 + 1e-6
+
+
+def test_an_arm_of_seven_joints_takes_seconds():
+    device = haptid.read_device("arm7")
+    beta = device.base.of(true_parameters(device))
+    rows = observed(device, beta, seconds=10.0)
+    found = haptid.estimate(rows, haptid.Consistent(), Profile())
+    begin = time.process_time()
+    ends = found.interval95
+    assert time.process_time() - begin < 60
+    assert (ends[:, 0] <= found.beta).all()
+    assert (found.beta <= ends[:, 1]).all()
