@@ -13,17 +13,31 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from haptid.causal import Causal, HighPass
 from haptid.device.prior import Body, tensor
-from haptid.errors import LogError, MethodSettingError, StudyFileError, StudyLogsError
+from haptid.errors import (
+    ControllerError,
+    LogError,
+    MethodSettingError,
+    StudyControllerError,
+    StudyFileError,
+    StudyLogsError,
+)
 from haptid.estimators import (
+    CLIE,
+    CLOE,
+    DIDIM,
+    EKF,
     GLS,
     IRLS,
+    IV,
     OLS,
     SUR,
     TLS,
+    UKF,
     WLS,
     BlockJackknife,
     Bootstrap,
     Bounded,
+    Clustered,
     Consistent,
     Corrected,
     Equal,
@@ -33,6 +47,7 @@ from haptid.estimators import (
     Intervals,
     Loss,
     Method,
+    OutputError,
     Ridge,
     Sandwich,
     StudentT,
@@ -40,9 +55,11 @@ from haptid.estimators import (
     Tukey,
 )
 from haptid.estimators.entropic import Entropic
+from haptid.estimators.simulating import ClosedLoop
 from haptid.loads import Load
 from haptid.log import Channels, Signal
 from haptid.shapes import SHAPES
+from haptid.simulation import PID
 from haptid.treatment import Treatment
 
 Role = Literal["identify", "validate"]
@@ -134,6 +151,29 @@ class TreatmentTable(_Table):
     )
 
 
+class ReferenceTable(_Table):
+    """Channels of the planned positions, in the log files."""
+
+    channels: list[str] = Field(min_length=1, description="one channel for each active joint, in the device's order")
+    unit: str = Field(description="rad, deg, turn, m, mm, um, counts")
+    gain: Finite | list[Finite] = Field(1.0, description="the channel is multiplied by this first")
+    offset: Finite | list[Finite] = Field(0.0, description="added after the gain and the unit, SI")
+
+
+class ControllerTable(_Table):
+    """The controller that moved the device while it was logged; one figure for all motors, or one for each."""
+
+    kp: Finite | list[Finite] = Field(description="gain of the position error at the joint side, N m/rad or N/m")
+    kd: Finite | list[Finite] = Field(description="gain of the velocity error, N m s/rad or N s/m")
+    ki: Finite | list[Finite] = Field(0.0, description="gain of the integral of the position error; 0 for none")
+    rate_hz: Positive | None = Field(None, description="control rate, a multiple of the log's; default: the log's")
+    velocity_cutoff_hz: Positive | None = Field(
+        None, description="of the first-order filter behind the difference of positions; none where left out"
+    )
+    saturation: Positive | list[Positive] | None = Field(None, description="greatest torque of a motor, N m or N")
+    reference: ReferenceTable | None = Field(None, description="planned positions; the treated ones where left out")
+
+
 class HoldoutTable(_Table):
     """Rows that are predicted by a fit that has not seen them."""
 
@@ -153,17 +193,35 @@ class EstimateTable(_Table):
     """The estimator."""
 
     method: Literal[
-        "OLS", "WLS", "SUR", "GLS", "IRLS", "heteroscedastic", "TLS", "encoder noise", "ridge", "entropic"
+        "OLS",
+        "WLS",
+        "SUR",
+        "GLS",
+        "IRLS",
+        "heteroscedastic",
+        "TLS",
+        "encoder noise",
+        "ridge",
+        "entropic",
+        "IV",
+        "DIDIM",
+        "CLIE",
+        "CLOE",
+        "output error",
+        "EKF",
+        "UKF",
     ] = Field("WLS", description="how rows are weighted, and what is taken off or added; see the page on estimators")
-    passes: int | None = Field(None, ge=1, description="times the weights are made anew; not of OLS, IRLS and TLS")
+    passes: int | None = Field(
+        None, ge=1, description="times the weights are made anew; only of WLS, SUR, GLS, heteroscedastic and ridge"
+    )
     loss: Literal["Tukey", "Huber", "Student t"] | None = Field(None, description="IRLS: what wild rows count; Tukey")
     resolution: Positive | list[Positive] | None = Field(
         None, description="encoder noise: step of the position channels, rad or m; the log's smallest"
     )
     share: Positive | None = Field(None, description="ridge: deviation of prior values that have none, as a share; 0.3")
     strength: Positive | None = Field(None, description="ridge, entropic: of the pull; the one that predicts best")
-    intervals: Literal["jackknife", "textbook", "sandwich", "fixed-b", "bootstrap"] = Field(
-        "jackknife", description="how deviations are made; see the page on estimators"
+    intervals: Literal["clustered", "jackknife", "textbook", "sandwich", "fixed-b", "bootstrap"] = Field(
+        "clustered", description="how deviations are made; see the page on estimators"
     )
     possible: bool = Field(False, description="hold the estimate to what bodies and passive friction can have")
     limits: dict[str, LimitTable] | None = Field(None, description="hold base parameters between limits, by name")
@@ -186,6 +244,7 @@ class StudyTable(_Table):
     logs: list[LogTable] = Field(min_length=1)
     treatment: TreatmentTable = TreatmentTable.model_construct()
     holdout: HoldoutTable | None = None
+    controller: ControllerTable | None = None
     estimate: EstimateTable = EstimateTable.model_validate({})
     criteria: CriteriaTable = CriteriaTable.model_construct(relative_error_percent=None)
 
@@ -214,6 +273,7 @@ class Study:
         holdout: how rows are held out of the fit for validation, if at all.
         largest_error: largest relative error on unseen rows that is good enough, per cent; None for no limit.
         intervals: how deviations are made.
+        controller: that moved the device, None where the study does not say.
     """
 
     name: str
@@ -224,7 +284,8 @@ class Study:
     method: Method
     holdout: Literal["alternate", "each-log"] | None
     largest_error: float | None
-    intervals: Intervals = field(default_factory=BlockJackknife)
+    intervals: Intervals = field(default_factory=Clustered)
+    controller: PID | None = None
 
 
 def study_schema() -> dict[str, Any]:
@@ -238,21 +299,24 @@ def read_study(path: str | Path) -> Study:
     Raises:
         StudyFileError: the file cannot be read, or a key in it is missing, unknown or wrong; says which.
         StudyLogsError: the logs cannot serve the study: none to identify from, or one named twice.
+        StudyControllerError: the method needs the controller that moved the device, and there is none.
     """
     path = Path(path)
     table = _parse(path)
     logs = tuple(_log(path, k, log, table.channels) for k, log in enumerate(table.logs))
     _check_logs(path, logs, table.holdout)
+    controller = _controller(path, table.controller) if table.controller else None
     return Study(
         name=table.name,
         path=path,
         device=_device(path, table.device),
         logs=logs,
         treatment=_treatment(path, table.treatment),
-        method=_method(path, table.estimate),
+        method=_method(path, table.estimate, controller),
         holdout=table.holdout.pattern if table.holdout else None,
         largest_error=table.criteria.relative_error_percent,
         intervals=INTERVALS[table.estimate.intervals](),
+        controller=controller,
     )
 
 
@@ -283,8 +347,16 @@ METHODS: Mapping[str, tuple[Callable[..., Method], tuple[str, ...]]] = {
     "encoder noise": (Corrected, ("resolution",)),
     "ridge": (Ridge, ("share", "strength", "passes")),
     "entropic": (Entropic, ("strength",)),
+    "IV": (IV, ()),
+    "DIDIM": (DIDIM, ()),
+    "CLIE": (CLIE, ()),
+    "CLOE": (CLOE, ()),
+    "output error": (OutputError, ()),
+    "EKF": (EKF, ()),
+    "UKF": (UKF, ()),
 }
 INTERVALS: Mapping[str, Callable[[], Intervals]] = {
+    "clustered": Clustered,
     "jackknife": BlockJackknife,
     "textbook": Textbook,
     "sandwich": Sandwich,
@@ -296,7 +368,21 @@ SETTINGS = tuple(dict.fromkeys(key for _, keys in METHODS.values() for key in ke
 HOLDING = ("possible", "limits", "relations")
 
 
-def _method(study: Path, table: EstimateTable) -> Method:
+def _controller(study: Path, table: ControllerTable) -> PID:
+    given: dict[str, Any] = {
+        key: tuple(value) if isinstance(value, list) else value
+        for key, value in table.model_dump(exclude={"reference"}, exclude_none=True).items()
+    }
+    if table.reference is not None:
+        signal = SignalTable.model_validate(table.reference.model_dump() | {"constant_ok": True})
+        given["reference"] = _signal(study, "controller.reference", signal)
+    try:
+        return PID(**given)
+    except ControllerError as error:
+        raise StudyFileError(study, "controller", str(error).rstrip(".")) from error
+
+
+def _method(study: Path, table: EstimateTable, controller: PID | None) -> Method:
     make, keys = METHODS[table.method]
     given = {key: value for key in SETTINGS if (value := getattr(table, key)) is not None}
     for key in given:
@@ -304,6 +390,10 @@ def _method(study: Path, table: EstimateTable) -> Method:
             raise StudyFileError(study, f"estimate.{key}", f"the method {table.method!r} has no such setting")
     if "loss" in given:
         given["loss"] = LOSSES[given["loss"]]()
+    if isinstance(make, type) and issubclass(make, ClosedLoop):
+        if controller is None:
+            raise StudyControllerError(study, table.method)
+        given["controller"] = controller
     if isinstance(given.get("resolution"), list):
         given["resolution"] = tuple(given["resolution"])
     held = [key for key in HOLDING if getattr(table, key)]

@@ -21,6 +21,17 @@ class StudyLogsError(StudyError):
         super().__init__(f"{path}, key `logs`: {what}.")
 
 
+class StudyControllerError(StudyError):
+    """A method that simulates the closed loop, in a study that does not say what closed it."""
+
+    def __init__(self, path: object, method: str) -> None:
+        super().__init__(
+            f"{path}, key `estimate.method`: {method} simulates the device under the controller that moved it, and "
+            f"the study has none. Add a [controller] table with its gains kp and kd; or take a method that needs "
+            f"none, such as WLS."
+        )
+
+
 class OutputError(StudyError):
     """A folder that results cannot be written to."""
 

@@ -1,0 +1,131 @@
+"""The [controller] table of a study, through the command line."""
+
+import json
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
+import pytest
+from typer.testing import CliRunner
+
+import haptid
+from haptid import bench, estimators
+from haptid.cli import app
+from haptid.errors import StudyControllerError, StudyFileError
+from small_study import DEVICE, two_links
+from true_parameters import true_parameters
+
+STUDY = """
+schema = 1
+name = "two links"
+device = "device.toml"
+[channels]
+time = "t"
+position = { channels = ["q1", "q2"], unit = "rad" }
+torque = { channels = ["command1", "command2"], unit = "N m", side = "motor" }
+[[logs]]
+path = "log.parquet"
+[holdout]
+pattern = "alternate"
+[treatment]
+cutoff_hz = 30
+decimation = 5
+torque_delay = 1e-3
+"""
+CONTROLLER = """
+[controller]
+kp = [60.0, 30.0]
+kd = [4.0, 2.0]
+velocity_cutoff_hz = 100
+reference = { channels = ["target1", "target2"], unit = "rad" }
+"""
+GAINS = bench.Controller((60.0, 30.0), (4.0, 2.0), rate_hz=500.0)
+
+
+def truth():
+    device = two_links()
+    size = {"FV": 0.05, "FC": 0.2}
+    return np.array([size.get(k, x) for k, x in zip(device.parameters.kinds, true_parameters(device), strict=True)])
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    """Device and a log of the bench, with what was planned."""
+    made = tmp_path_factory.mktemp("loop")
+    (made / "device.toml").write_text(DEVICE)
+    setup = bench.Setup(two_links(), truth(), GAINS, amplifiers=bench.Amplifiers(noise=(0.02,)))
+    plan = bench.Multisine(7.0, (0.0, 0.5), (0.9, 0.8), speed=(2.5, 2.5))
+    trajectory = bench.plan(plan, two_links(), setup.dt, np.random.default_rng(1))
+    read = bench.simulate(setup, trajectory, np.random.default_rng(2))
+    inner = slice(250, -250)
+    columns = {"t": read.t[inner]}
+    for k in (0, 1):
+        columns |= {f"q{k + 1}": read.position[inner, k], f"target{k + 1}": read.target[inner, k]}
+        columns[f"command{k + 1}"] = read.command[inner, k]
+    pq.write_table(pa.table(columns), made / "log.parquet")
+    return made
+
+
+def written(folder, text):
+    path = folder / "study.toml"
+    path.write_text(STUDY + text)
+    return path
+
+
+def method(name):
+    return f'[estimate]\nmethod = "{name}"\n'
+
+
+@pytest.mark.parametrize("name", ["IV", "output error"])
+def test_the_command_identifies_with_it(folder, tmp_path, name):
+    path = written(folder, CONTROLLER + method(name))
+    ran = CliRunner().invoke(app, ["identify", str(path), "--out", str(tmp_path / "out"), "--quiet"])
+    assert ran.exit_code == 0, ran.output
+    found = json.loads((tmp_path / "out" / "result.json").read_text())
+    assert found["estimate"]["method"] == haptid.read_study(path).method.name
+    beta = two_links().base.of(truth())
+    value = np.array([p["value"] for p in found["estimate"]["parameters"]])
+    sd = np.array([p["sd"] for p in found["estimate"]["parameters"]])
+    assert (np.abs(value - beta) < 5 * sd).all()
+
+
+def test_every_key_reaches_the_controller(folder):
+    more = "ki = 1.0\nrate_hz = 1000\nsaturation = [5.0, 3.0]\n"
+    study = haptid.read_study(written(folder, CONTROLLER + more + method("DIDIM")))
+    law = study.controller
+    assert isinstance(study.method, estimators.DIDIM)
+    assert study.method.controller is law
+    assert (law.kp, law.kd, law.ki, law.rate_hz, law.saturation) == ((60.0, 30.0), (4.0, 2.0), 1.0, 1000.0, (5.0, 3.0))
+    assert law.velocity_cutoff_hz == 100.0
+    assert law.reference.channels == ("target1", "target2")
+    held = haptid.read_study(written(folder, CONTROLLER + method("IV") + "possible = true\n"))
+    assert isinstance(held.method, haptid.Consistent)
+
+
+def test_every_method_has_a_name(folder):
+    for name in ("IV", "DIDIM", "CLIE", "CLOE", "output error", "EKF", "UKF"):
+        kind = getattr(estimators, {"output error": "OutputError"}.get(name, name))
+        assert isinstance(haptid.read_study(written(folder, CONTROLLER + method(name))).method, kind)
+
+
+def test_without_it_the_study_says_so(folder):
+    for name in ("IV", "DIDIM", "CLIE", "CLOE"):
+        with pytest.raises(StudyControllerError, match=rf"{name} simulates .* \[controller\]"):
+            haptid.read_study(written(folder, method(name)))
+    ran = CliRunner().invoke(app, ["identify", str(written(folder, method("IV"))), "--out", str(folder / "out")])
+    assert ran.exit_code == 2
+    assert haptid.read_study(written(folder, method("output error"))).controller is None
+
+
+@pytest.mark.parametrize(
+    ("text", "where"),
+    [
+        ("[controller]\nkp = 1.0\n", "controller.kd"),
+        (CONTROLLER + "gain = 1.0\n", "controller.gain"),
+        (CONTROLLER.replace('"target2"]', '"target2"], gain = [1.0]'), r"controller\.reference\.gain"),
+        (CONTROLLER.replace("100", "-1"), r"controller\.velocity_cutoff_hz"),
+    ],
+)
+def test_a_wrong_key_is_named(folder, text, where):
+    with pytest.raises(StudyFileError, match=where):
+        haptid.read_study(written(folder, text + method("IV")))
