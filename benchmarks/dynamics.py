@@ -71,6 +71,16 @@ def search(arm: Arm, motion: Trajectory) -> Work:
     return Work(1, lambda: slopes.cost(states))
 
 
+def searched(taken: float, figures: dict[str, float]) -> dict[str, float]:
+    """The time of a try of a search, beside the peers' of a condition number: they have no smooth stand-in."""
+    made, work = {"cost of a motion in a search: haptid, us": taken}, "condition number of a motion"
+    for peer in PEERS:
+        theirs = figures.get(f"{work}: {peer}, us")
+        if theirs is not None:
+            made[f"cost of a motion in a search: {peer} over haptid"] = theirs / taken
+    return made
+
+
 def main() -> None:
     """JSON."""
     arm = Arm()
@@ -78,7 +88,7 @@ def main() -> None:
     ours = works(arm)
     ours["condition number of a motion"] = Work(1, lambda: conditions(observed(arm.device, motion).stack()[:-1])[0])
     figures = beside(arm.case(), ours, PEERS)
-    figures["cost of a motion in a search: haptid, us"] = search(arm, motion).microseconds()
+    figures |= searched(search(arm, motion).microseconds(), figures)
     print(json.dumps(figures))
 
 

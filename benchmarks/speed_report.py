@@ -77,6 +77,8 @@ def verdict(ratio: float, wanted: float | None) -> str:
 
 def limits(figures: dict[str, float]) -> str:
     """Operations, bytes, and the shares of what the machine can do."""
+    if "memory fill, GB/s" not in figures:
+        return "Not measured: there is no compiler."
     peak, fill = figures["multiply-add peak, GF/s"], figures["memory fill, GB/s"]
     lines = [("multiply-adds in registers", "", f"{peak:.3g} GF/s", ""), ("memory fill", "", f"{fill:.3g} GB/s", "")]
     counted = figures.get("regressor in cache: operations per sample")

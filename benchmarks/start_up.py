@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import subprocess
 import sys
+import time
 from pathlib import Path
 
 from beside import PYTHON, left_out
@@ -20,7 +21,7 @@ def run() -> dict[str, float]:
     """Seconds."""
 
     def seconds(*call: str, runs: int = RUNS) -> float:
-        return fastest(lambda: subprocess.run(call, check=True, capture_output=True), 0.0, runs)
+        return fastest(lambda: subprocess.run(call, check=True, capture_output=True), 0.0, runs, time.perf_counter)
 
     figures = {
         "haptid --help, s": seconds(str(Path(sys.executable).with_name("haptid")), "--help"),
