@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cached_property
 
 from haptid.diagnosis import distribution, exogeneity, late, misfit, suspicion
 from haptid.diagnosis.excitation import collinearity, excitation
+from haptid.diagnosis.exogeneity import Instruments
 from haptid.diagnosis.finding import Finding, Status, worst
 from haptid.diagnosis.influence import drift, influence
 from haptid.diagnosis.places import places
@@ -19,7 +20,7 @@ from haptid.diagnosis.verdict import Verdict, verdict
 from haptid.diagnosis.widened import Extra, Widened, device_rows, widen
 from haptid.dynamics import raw_parameters
 from haptid.estimators import Estimate
-from haptid.treatment import Motion
+from haptid.simulation import PID
 from haptid.validation import Validation, direct
 
 # Per cent of every motor's torque below which a residual is rounding.
@@ -65,7 +66,7 @@ class Diagnosis:
         return "\n".join([*self.verdict.sentences, "", *lines, *(f"  -      {text}" for text in self.left_out)])
 
 
-def diagnose(estimate: Estimate, validation: Validation | None = None) -> Diagnosis:
+def diagnose(estimate: Estimate, validation: Validation | None = None, controller: PID | None = None) -> Diagnosis:
     """Look at an estimate from all sides; its observation holds the rows and the motions.
 
     Of a long log, what needs the rows again is asked of stretches spread over it (`portion`), which is said.
@@ -76,6 +77,7 @@ def diagnose(estimate: Estimate, validation: Validation | None = None) -> Diagno
     Args:
         estimate: of any method.
         validation: its errors on unseen rows; the rows of the fit where None.
+        controller: that moved the device, from which instruments are made; that of the method where None.
 
     Raises:
         HaptidError: as `observe` does where a motion no longer fits the device.
@@ -85,14 +87,15 @@ def diagnose(estimate: Estimate, validation: Validation | None = None) -> Diagno
     if max(motor.relative for motor in direct(estimate).motors) < EXACT:
         return Diagnosis(estimate, errors, motion, ("The model fits to rounding: no residual is left to look at.",))
     part = portion(estimate)
-    calm = tuple(exogeneity.instrument(each) for each in part.observation.motions)
+    # A long log is not simulated as a whole.
+    calm = exogeneity.instruments(part, controller) if part is estimate else exogeneity.filtered(part)
     findings = (*motion, *_on_rows(part, calm), influence(estimate), drift(estimate))
     said = () if part is estimate else (sentence(estimate, part),)
     return Diagnosis(estimate, errors, findings, (*said, *_left_out(part, calm)))
 
 
-def _on_rows(estimate: Estimate, calm: Sequence[Motion | None]) -> Iterator[Finding]:
-    """Findings that need the rows again; `calm` has every motion's instrument."""
+def _on_rows(estimate: Estimate, calm: Instruments) -> Iterator[Finding]:
+    """Findings that need the rows again."""
     left = residuals(estimate)
     rows = device_rows(estimate)
     yield whiteness(estimate, left)
@@ -102,7 +105,7 @@ def _on_rows(estimate: Estimate, calm: Sequence[Motion | None]) -> Iterator[Find
     yield ripple(places(estimate.device, rows), left, rows)
 
 
-def _tested(estimate: Estimate, left: Residuals, calm: Sequence[Motion | None]) -> Iterator[Finding]:
+def _tested(estimate: Estimate, left: Residuals, calm: Instruments) -> Iterator[Finding]:
     """Findings of fits with more columns, all columns made in one walk over the samples."""
     device, chi = estimate.device, raw_parameters(estimate.device, estimate.beta)
     rows = device_rows(estimate)
@@ -115,9 +118,7 @@ def _tested(estimate: Estimate, left: Residuals, calm: Sequence[Motion | None]) 
     if _accelerated(estimate):
         groups["late"] = list(late.rates(device, rows))
         groups["known"] = list(suspicion.expected(device, rows, bodies)) if bodies else []
-    motions = estimate.observation.motions
-    pairs = [(motion, smooth) for motion, smooth in zip(motions, calm, strict=True) if smooth is not None]
-    if len(pairs) == len(motions):
+    if (pairs := calm.pairs(estimate.observation.motions)) is not None:
         groups["errors"] = list(exogeneity.errors_in_columns(device, rows, chi, pairs))
     widened, places_of = _widen(estimate, groups)
     names = [shape.name for shape in misfit.SHAPES]
@@ -130,7 +131,7 @@ def _tested(estimate: Estimate, left: Residuals, calm: Sequence[Motion | None]) 
     if "late" in groups:
         yield late.late(widened, places_of["late"], labels)
     if "errors" in groups:
-        yield exogeneity.exogeneity(widened, places_of["errors"], labels)
+        yield exogeneity.exogeneity(widened, places_of["errors"], labels, calm)
     factors = suspicion.factors(widened, places_of["known"], bodies, labels) if groups.get("known") and bodies else ()
     yield suspicion.suspicion(estimate, factors)
 
@@ -150,9 +151,9 @@ def _accelerated(estimate: Estimate) -> bool:
     return not any(motion.treatment.momentum for motion in estimate.observation.motions)
 
 
-def _left_out(estimate: Estimate, calm: Sequence[Motion | None]) -> Iterator[str]:
+def _left_out(estimate: Estimate, calm: Instruments) -> Iterator[str]:
     """What these rows do not allow to be asked."""
     if not _accelerated(estimate):
         yield "Not asked, for want of accelerations: the torque's delay, its size beside the device file's bodies."
-    if None in calm:
+    if None in calm.motions:
         yield "Not asked: errors in W. There is no log, or no room for a narrower filter of its positions."

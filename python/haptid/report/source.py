@@ -145,7 +145,7 @@ class Source:
     @cached_property
     def diagnosis(self) -> Diagnosis:
         """Everything that can be asked of the estimate."""
-        return diagnose(self.estimate, self.validation)
+        return diagnose(self.estimate, self.validation, self.identification.study.controller)
 
     @cached_property
     def tracks(self) -> tuple[Track, ...]:
