@@ -92,8 +92,10 @@ def library_of(case: Case, folder: Path) -> ctypes.CDLL:
     if not library.exists():
         made = expressions(case)
         (folder / "counts.json").write_text(json.dumps({"regressor in cache: operations per sample": operations(made)}))
-        made.generate("entries.c", {"with_header": False})
-        subprocess.run([*COMPILE, "entries.c", str(LOOP), "-lm", "-o", str(library)], check=True)
+        code = ca.CodeGenerator("entries.c", {"with_header": False})
+        code.add(made)
+        written = code.generate(f"{folder}/")
+        subprocess.run([*COMPILE, written, str(LOOP), "-lm", "-o", str(library)], check=True)
     return ctypes.CDLL(str(library))
 
 
