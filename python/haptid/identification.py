@@ -11,6 +11,7 @@ from pathlib import Path
 
 from haptid.device import Device, read_device
 from haptid.estimators import Estimate, estimate
+from haptid.folds import alternate, each_log
 from haptid.loads import log_without_load
 from haptid.log import Log, is_long, open_log, read_log
 from haptid.observation import Observation
@@ -100,7 +101,7 @@ def identify(
         HaptidError: one of the errors of the rooms it walks through.
     """
     tell = progress or _silent
-    device = read_device(study.device)
+    device = as_filed = read_device(study.device)
     logs = [_read(entry, Path(data or study.path.parent), tell) for entry in study.logs]
     tell("choosing a treatment", 0.0)
     proposal = propose(device, *_fit_to_propose(logs, study), **study.treatment)
@@ -120,7 +121,8 @@ def identify(
             runs.append(Run(entry, observation, None, (validate(final, observation),)))
         else:
             others = [o for o in fitted if o is not observation]
-            runs.append(Run(entry, observation, direct(final, observation), held_out(study, observation, others)))
+            unseen = _unseen(study, as_filed, observation, others)
+            runs.append(Run(entry, observation, direct(final, observation), unseen))
     tell("estimating", 1.0)
     return Identification(study, device, proposal, final, tuple(runs), projection)
 
@@ -178,6 +180,17 @@ def _pace(tell: Progress) -> Callable[[Motion, float], None]:
         tell(f"observing {motion.log.path.name}: {rate:.2g} samples/s", share)
 
     return observing
+
+
+def _unseen(
+    study: Study, device: Device, observation: Observation, others: list[Observation]
+) -> tuple[Validation, ...]:
+    """As `held_out`; constants that the device file leaves open are searched anew by every fit."""
+    if not (device.searched and study.holdout):
+        return held_out(study, observation, others)
+    predict = {"each-log": each_log, "alternate": alternate}[study.holdout]
+    rest = [motion for other in others for motion in other.motions]
+    return (predict(device, observation.motions[0], rest, study.method),)
 
 
 def held_out(study: Study, observation: Observation, others: list[Observation]) -> tuple[Validation, ...]:

@@ -19,6 +19,23 @@ from haptid.observation import Observation, observe, triangle
 from haptid.treatment import Motion
 
 
+@dataclass(frozen=True, eq=False)
+class EveryOther:
+    """Every other time block of a motion.
+
+    Attributes:
+        motion: whose blocks.
+        parity: 0 for the first, third, ...; 1 for the second, fourth, ...
+    """
+
+    motion: Motion
+    parity: int
+
+
+# What constants are searched in.
+Sought = Motion | EveryOther
+
+
 @dataclass(frozen=True)
 class Copy:
     """A term's column at another value of one of its searched constants.
@@ -94,7 +111,7 @@ class Left:
         return float(self.residual @ self.residual)
 
 
-def copied(device: Device, motions: Sequence[Motion], copies: Sequence[Copy]) -> Copied:
+def copied(device: Device, motions: Sequence[Sought], copies: Sequence[Copy]) -> Copied:
     """Observe motions with copies of terms; every term with a searched constant is a base parameter of its own.
 
     Raises:
@@ -105,9 +122,15 @@ def copied(device: Device, motions: Sequence[Motion], copies: Sequence[Copy]) ->
     return Copied(
         device=device,
         copies=tuple(copies),
-        observation=reduce(add, [observe(wide, motion) for motion in motions]),
+        observation=reduce(add, [_observed(wide, motion) for motion in motions]),
         term=tuple(names.index(device.terms[k].name) for k, _ in device.searched),
     )
+
+
+def _observed(device: Device, sought: Sought) -> Observation:
+    if isinstance(sought, EveryOther):
+        return observe(device, sought.motion).alternate()[sought.parity]
+    return observe(device, sought)
 
 
 def _copy(device: Device, copy: Copy, suffix: str) -> TermColumn:

@@ -17,9 +17,8 @@ from haptid.estimators.fit import Fit
 from haptid.estimators.method import Method, Reduced, expect_weighting
 from haptid.estimators.spread import Intervals, Spread
 from haptid.estimators.wls import WLS
-from haptid.projection.copies import Copied, Copy, copied
+from haptid.projection.copies import Copied, Copy, Sought, copied
 from haptid.projection.search import Place, coordinate, scanned, search, slopes, standing, value_of
-from haptid.treatment import Motion
 
 # Weights of the start stand for a model that does not fit yet: search with them, then once more with better ones.
 SEARCHES = 2
@@ -103,7 +102,7 @@ class Projection:
 
 def variable_projection(
     device: Device,
-    motions: Sequence[Motion],
+    motions: Sequence[Sought],
     method: Method | None = None,
     intervals: Intervals | None = None,
     progress: Callable[[float], None] | None = None,
@@ -112,7 +111,7 @@ def variable_projection(
 
     Args:
         device: with searched constants.
-        motions: treated.
+        motions: treated, or every other block of one.
         method: of estimation, `WLS()` where None; the search weighs motors as it does.
         intervals: `Clustered()` where None.
         progress: called with the share of the work done, 0 to 1.
@@ -165,7 +164,7 @@ def _own(rows: Copied) -> Array:
     return made
 
 
-def _constant(place: Place, motions: Sequence[Motion], fit: Fit, intervals: Intervals, k: int) -> Constant:
+def _constant(place: Place, motions: Sequence[Sought], fit: Fit, intervals: Intervals, k: int) -> Constant:
     rows = place.rows
     term, searched = rows.device.searched[k]
     name, value = f"{rows.device.terms[term].name}.{searched.name}", place.values[k]
@@ -187,7 +186,7 @@ def _constant(place: Place, motions: Sequence[Motion], fit: Fit, intervals: Inte
 
 
 def _profile(
-    place: Place, motions: Sequence[Motion], weights: Array, k: int, sd: float, most: float
+    place: Place, motions: Sequence[Sought], weights: Array, k: int, sd: float, most: float
 ) -> tuple[float, float]:
     """Where the squared residual has grown by `most`, all else fitted anew, the other constants to first order."""
     device = place.rows.device

@@ -16,8 +16,7 @@ import numpy as np
 from haptid._values import Array
 from haptid.device import Device
 from haptid.device.terms import Searched
-from haptid.projection.copies import Copied, Copy, copied
-from haptid.treatment import Motion
+from haptid.projection.copies import Copied, Copy, Sought, copied
 
 # Values at which each constant is tried first.
 POINTS = 11
@@ -80,7 +79,7 @@ def slopes(rows: Copied, step: Array, beta: Array) -> Array:
     return made
 
 
-def standing(device: Device, motions: Sequence[Motion], weights: Array, values: Sequence[float]) -> Place:
+def standing(device: Device, motions: Sequence[Sought], weights: Array, values: Sequence[float]) -> Place:
     """The rows at given values, and what they leave."""
     here = device.with_constants(values)
     constants = [constant for _, constant in here.searched]
@@ -99,7 +98,7 @@ def _neighbour(constant: Searched, x: float) -> float:
 
 def search(
     device: Device,
-    motions: Sequence[Motion],
+    motions: Sequence[Sought],
     weights: Array,
     values: Sequence[float],
 ) -> Place:
@@ -145,7 +144,7 @@ def _moved(place: Place, step: Array) -> tuple[float, ...]:
     return tuple(value_of(constant, at) for (_, constant), at in zip(device.searched, x, strict=True))
 
 
-def scanned(device: Device, motions: Sequence[Motion], weights: Array) -> tuple[float, ...]:
+def scanned(device: Device, motions: Sequence[Sought], weights: Array) -> tuple[float, ...]:
     """The best of some values of each constant, the others where they start: one pass over the motions."""
     start = [device.terms[k].constant(constant.name) for k, constant in device.searched]
     copies = [

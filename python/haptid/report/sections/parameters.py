@@ -11,6 +11,7 @@ from haptid.errors import HaptidError, RegroupingError
 from haptid.estimators import Estimate, Parameter
 from haptid.estimators.essential import essential as search
 from haptid.exact import Regroupings
+from haptid.projection import Projection
 from haptid.report.chart import Chart, packed
 from haptid.report.mathml import groupings, parameter
 from haptid.report.section import Section
@@ -31,6 +32,8 @@ class ParametersSection(Section):
     Attributes:
         rows: of the table, one for each base parameter: what is shown, what is sorted by and what is downloaded.
         targets: the same for what the device file asks for.
+        searched: constants that the torque is not linear in: name, value, ends of the interval, unit, all as text, and
+            whether the log bounds them.
         symbols: what the formulas stand on, "L1 = 0.215".
         about: sentences on intervals, groupings and what can be left out.
     """
@@ -39,6 +42,7 @@ class ParametersSection(Section):
     title: ClassVar[str] = "Parameters"
     rows: list[dict[str, Any]]
     targets: list[dict[str, Any]]
+    searched: list[dict[str, Any]]
     symbols: list[str]
     about: list[str]
 
@@ -59,6 +63,7 @@ class ParametersSection(Section):
             charts=(correlation(made),),
             rows=rows,
             targets=[_row(p, "", None) for p in targets(made).parameters] if made.device.targets else [],
+            searched=_searched(source.identification.projection),
             symbols=[f"{s.name} = {s.value:.6g}" for s in found.symbols] if found else [],
             about=[why, *([exact] if isinstance(exact, str) else []), *_untold(made)],
         )
@@ -83,6 +88,21 @@ def _left_out(made: Estimate) -> tuple[tuple[int, ...] | None, str]:
     except HaptidError as error:
         return None, f"Which parameters are essential is not known: {error}"
     return found.reduced.zero, f"Not essential: what could be left out. {found.reason}"
+
+
+def _searched(projection: Projection | None) -> list[dict[str, Any]]:
+    """One row for each searched constant."""
+    return [
+        {
+            "name": c.name,
+            "value": f"{c.value:.4g}",
+            "low": f"{c.interval[0]:.3g}",
+            "high": f"{c.interval[1]:.3g}",
+            "unit": c.unit,
+            "weak": not c.bounded,
+        }
+        for c in (projection.constants if projection else ())
+    ]
 
 
 def _untold(made: Estimate) -> list[str]:

@@ -1,0 +1,47 @@
+"""Held-out rows where constants are searched: every fit searches its own, so that it has seen nothing of them."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from functools import reduce
+from operator import add
+
+from haptid.device import Device
+from haptid.estimators import Method, estimate
+from haptid.observation import Observation, observe
+from haptid.projection import EveryOther, variable_projection
+from haptid.treatment import Motion
+from haptid.validation import Validation, pooled, validate
+
+
+def each_log(device: Device, motion: Motion, others: Sequence[Motion], method: Method) -> Validation:
+    """A motion predicted by constants and parameters that were found from the others.
+
+    Args:
+        device: with searched constants.
+        motion: that is predicted.
+        others: that are fitted.
+        method: of estimation.
+
+    Raises:
+        HaptidError: as `variable_projection`, `observe` and `estimate`.
+    """
+    found = variable_projection(device, others, method).device
+    fit: Observation = reduce(add, [observe(found, other) for other in others])
+    return validate(estimate(fit, method), observe(found, motion))
+
+
+def alternate(device: Device, motion: Motion, others: Sequence[Motion], method: Method) -> Validation:
+    """Every other block of a motion predicted by what was found from the rest of it and the others; both ways round.
+
+    Args and raises as for `each_log`.
+    """
+
+    def predicted() -> Iterator[Validation]:
+        for parity in (0, 1):
+            found = variable_projection(device, [EveryOther(motion, parity), *others], method).device
+            halves = observe(found, motion).alternate()
+            fit: Observation = reduce(add, [observe(found, other) for other in others], halves[parity])
+            yield validate(estimate(fit, method), halves[1 - parity])
+
+    return pooled(*predicted())
