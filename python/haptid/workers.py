@@ -9,6 +9,7 @@ import multiprocessing
 import os
 import pickle
 import signal
+import warnings
 from collections import Counter, deque
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
@@ -185,7 +186,9 @@ class Cluster:
             raise ClusterError(self.address, str(error)) from error
         with client:
             # Made on the workers from its bytes, not scattered: it is made again where the worker that had it is lost.
-            held = client.submit(pickle.loads, pickle.dumps(function), pure=False)
+            with warnings.catch_warnings():  # it may be large, and goes once all the same
+                warnings.filterwarnings("ignore", "Sending large graph")
+                held = client.submit(pickle.loads, pickle.dumps(function), pure=False)
             running = {client.submit(_call, held, item, pure=False): k for k, item in enumerate(items)}
             for future in distributed.as_completed(list(running), loop=client.loop):
                 try:

@@ -1,0 +1,102 @@
+"""Monte Carlo studies, bootstraps and sweeps of the bench: whoever works, the figures are the same."""
+
+from __future__ import annotations
+
+import sys
+import warnings
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+from pyarrow import parquet
+
+import haptid
+from haptid.estimators import Bootstrap
+from haptid.workers import Cluster, Here, Processes, Workers
+from motions import motion, truth
+from small_study import two_links
+
+distributed = pytest.importorskip("distributed")
+pytestmark = [
+    pytest.mark.skipif(sys.platform == "win32", reason="as the other tests of clusters"),
+    pytest.mark.filterwarnings("ignore::DeprecationWarning", "ignore::ResourceWarning", "ignore::UserWarning"),
+]
+EXPERIMENT = """
+schema = 1
+name = "short"
+[trajectory]
+kind = "multisine"
+seconds = 0.4
+ramp = 0.1
+centre = [0.0, 0.2, 0.3]
+amplitude = 0.1
+[controller]
+kp = [40.0, 35.0, 14.0]
+kd = [0.5, 0.4, 0.16]
+"""
+
+
+@pytest.fixture(scope="module")
+def crews() -> Iterator[tuple[Workers, ...]]:
+    """Two processes, and a scheduler with two workers."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        with distributed.LocalCluster(n_workers=2, threads_per_worker=1, dashboard_address=None) as cluster:
+            yield Processes(2), Cluster(cluster.scheduler_address)
+
+
+@dataclass(frozen=True, eq=False)
+class Trial:
+    """An identification with noise of its own; called with a seed, its values and deviations, (2, p)."""
+
+    device: haptid.Device
+    beta: np.ndarray
+
+    def __call__(self, seed: int) -> np.ndarray:
+        treatment = haptid.Treatment(cutoff_hz=None, decimation=4)
+        made = motion(self.device, self.beta, seconds=6.0, dt=2e-3, seed=seed, noise=0.05, treatment=treatment)
+        found = haptid.estimate(haptid.observe(self.device, made), haptid.WLS())
+        return np.array([found.beta, found.sd])
+
+
+@dataclass(frozen=True, eq=False)
+class Draws:
+    """Bootstraps of one fit; called with a seed, its covariance, (p, p)."""
+
+    estimate: haptid.Estimate
+
+    def __call__(self, seed: int) -> np.ndarray:
+        return Bootstrap(draws=20, seed=seed).spread(self.estimate.fit).covariance
+
+
+def made(workers: Workers, work: Trial | Draws) -> np.ndarray:
+    """Of four seeds, in their order."""
+    return np.array([figures for _, figures in sorted(workers.map(work, range(4)), key=lambda pair: pair[0])])
+
+
+def test_monte_carlo_and_bootstrap(crews: tuple[Workers, ...]) -> None:
+    device = two_links()
+    observation = haptid.observe(device, motion(device, truth(device) + 0.1, seconds=6.0, dt=2e-3, noise=0.05))
+    for work in (Trial(device, truth(device) + 0.1), Draws(haptid.estimate(observation, haptid.WLS()))):
+        here = made(Here(), work)
+        assert np.ptp(here, axis=0).max() > 0  # each seed draws anew
+        for crew in crews:
+            assert_allclose(made(crew, work), here, rtol=1e-12, atol=1e-12 * np.abs(here).max())
+
+
+def test_a_sweep_of_the_bench(crews: tuple[Workers, ...], tmp_path: Path) -> None:
+    pytest.importorskip("mujoco")
+    from haptid.bench.run import Job, make_logs, repeated
+
+    (tmp_path / "short.toml").write_text(EXPERIMENT)
+    tables = []
+    for crew in (Here(), *crews):
+        folder = tmp_path / type(crew).__name__
+        folder.mkdir()
+        jobs = repeated(Job("phantom_premium_15", tmp_path / "short.toml", folder / "log.parquet", seed=3), 2)
+        tables.append([parquet.read_table(path) for path in make_logs(jobs, crew)])
+    assert tables[0] == tables[1] == tables[2]
+    assert not tables[0][0].equals(tables[0][1])
