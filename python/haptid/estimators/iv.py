@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -25,7 +25,12 @@ class IV(ClosedLoop):
     over time blocks of these rows is the sandwich of the two-stage estimate.
 
     Source: Janot, Vandanjon and Gautier (2014), IEEE Trans. Control Systems Technology 22(1), eqs 17 to 21.
+
+    Attributes:
+        friction: as of the others, wider: instruments need not be exact.
     """
+
+    friction: float = field(default=0.01, kw_only=True)
 
     def restate(self, observation: Observation, smoothed: Device, beta: Array) -> Observation:
         """Rows of the second stage."""

@@ -94,14 +94,15 @@ class Filtering(ABC):
             estimate leaves of it.
         start: the method that gives the first parameters.
         widen: deviations of these to begin with, in their own.
-        friction: dry friction turns over within this share of a joint's root mean square speed.
+        friction: dry friction turns over within this share of a joint's root mean square speed: what it lacks near
+            standstill biases dry and viscous friction.
     """
 
     position_noise: Figures = ()
     torque_noise: Figures = ()
     start: Method = field(default_factory=WLS)
     widen: float = 10.0
-    friction: float = 0.02
+    friction: float = 1e-3
 
     def __post_init__(self) -> None:
         for name in ("widen", "friction"):

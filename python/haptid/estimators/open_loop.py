@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -33,9 +33,11 @@ class OutputError(Simulating):
 
     Attributes:
         stretch: s.
+        most: passes at most; reversals make them go to and fro.
     """
 
     stretch: float = 0.1
+    most: int = field(default=20, kw_only=True)
 
     def restate(self, observation: Observation, smoothed: Device, beta: Array) -> Observation:
         """Rows of position, each coordinate's in units of its noise."""

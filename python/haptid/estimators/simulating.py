@@ -25,6 +25,8 @@ from haptid.signals import position_map
 from haptid.simulation import PID, Course, DirectModel, Stretches, closed_loop, sets_of, smooth
 from haptid.treatment import Motion, treat
 
+# After so many passes each goes half its way: some would otherwise go to and fro between two places.
+WHOLE = 5
 # A pass that makes the model run away is halved so many times.
 HALVINGS = 6
 
@@ -38,7 +40,8 @@ class Simulating(Around, ABC):
         start: the method that gives the first parameters to simulate with.
         most: passes at most.
         tolerance: a pass that moves no parameter by more deviations than this is the last.
-        friction: dry friction turns over within this share of a joint's root mean square speed.
+        friction: dry friction turns over within this share of a joint's root mean square speed: what it lacks near
+            standstill biases dry and viscous friction, and a narrower one takes more steps.
         stretch, settle: length of what is simulated in one go, and of its running in, s.
     """
 
@@ -46,7 +49,7 @@ class Simulating(Around, ABC):
     start: Method = field(default_factory=WLS)
     most: int = 10
     tolerance: float = 0.1
-    friction: float = 0.01
+    friction: float = 1e-3
     stretch: float = 0.5
     settle: float = 0.5
 
@@ -73,8 +76,9 @@ class Simulating(Around, ABC):
         self.check(observation)
         beta, found = None, estimate(observation, self.start)
         smoothed = smooth(observation.device, observation.motions, self.friction)
-        for _ in range(self.most):
-            beta, rows = self._next(observation, smoothed, beta, found.beta)
+        for number in range(self.most):
+            goal = found.beta if beta is None or number < WHOLE else 0.5 * (beta + found.beta)
+            beta, rows = self._next(observation, smoothed, beta, goal)
             rows = rows_of(self.weighting, rows)
             found = estimate(rows, self.weighting)
             moved = np.abs(found.beta - beta) / np.maximum(found.sd, np.finfo(float).tiny)

@@ -184,18 +184,37 @@ def _run(
     c, cd = start
     model.check(c[:, : stretches.count])
     period, steps = motion.dt / per, len(stretches.sample) * per
-    parts = max(1, int(np.ceil(period * model.stiffness(c[:, : stretches.count]) / STABLE)))
+    begin = c[:, : stretches.count]
+    calm, rough = (
+        max(1, int(np.ceil(period * each.stiffness(begin) / STABLE))) for each in (model.without_dry(), model)
+    )
     made = np.empty((4, steps, *c.shape))
     free = np.empty((steps, len(model.device.motors), c.shape[1]), dtype=bool)
     for k in range(steps):
         tau, free[k] = drive(k, c, cd)
         cdd = model.acceleration(c, cd, tau)
         made[:, k] = c, cd, cdd, tau
-        for part in range(parts):
-            c, cd = _step(model, c, cd, tau, cdd if part == 0 else None, period / parts)
+        turning = model.turning(c, cd, cdd, period)
+        after_c, after_cd = np.empty_like(c), np.empty_like(cd)
+        for which, parts in ((turning, rough), (~turning, calm)):
+            state = c[:, which], cd[:, which], cdd[:, which], tau[:, which]
+            after_c[:, which], after_cd[:, which] = _ahead(model, state, period, parts)
+        c, cd = after_c, after_cd
         if not np.abs(cd).max() < FASTEST:
             raise _lost(model.device, motion, stretches, k // per, cd)
     return Steps(stretches, per, made[0], made[1], made[2], made[3], free)
+
+
+def _ahead(
+    model: DirectModel, state: tuple[Array, Array, Array, Array], period: float, parts: int
+) -> tuple[Array, Array]:
+    """One control period in so many parts, from positions, velocities, accelerations and torques; torque held."""
+    c, cd, cdd, tau = (np.ascontiguousarray(x) for x in state)
+    if not c.size:
+        return c, cd
+    for part in range(parts):
+        c, cd = _step(model, c, cd, tau, cdd if part == 0 else None, period / parts)
+    return c, cd
 
 
 def _step(model: DirectModel, c: Array, cd: Array, tau: Array, cdd: Array | None, h: float) -> tuple[Array, Array]:

@@ -17,8 +17,12 @@ from haptid.treatment import Motion
 
 # Of the mass matrix, least eigenvalue over the largest of its scaled form that can still be inverted.
 INVERTIBLE = 1e-12
+# Smooth dry friction has all but turned over at so many widths from standstill: 1 - tanh is 1e-5 there.
+TURNED = 6.0
 # Steps of central differences: positions and velocities, relative to 1 rad, 1 m and to 1 of these per second.
 STEP = 1e-6
+# Which setting of a dry friction term is the width within which it turns over, where it is not the first.
+WIDTH = {"stribeck": 2}
 
 
 @dataclass(frozen=True, eq=False)
@@ -133,6 +137,27 @@ class DirectModel:
         except np.linalg.LinAlgError:
             raise self.massless(M) from None
 
+    def without_dry(self) -> DirectModel:
+        """The same model without dry friction."""
+        chi, first = np.array(self.chi), 10 * len(self.device.joints)
+        chi[:, [first + k for k, term in enumerate(self.device.terms) if term.kind in DRY]] = 0.0
+        return DirectModel(self.device, chi)
+
+    def turning(self, c: Array, cd: Array, cdd: Array, period: float) -> np.ndarray:
+        """Of which stretches dry friction may turn over within a period, in one of the sets, (states,).
+
+        Args:
+            c, cd, cdd: of the coordinates, (n, states).
+            period: s.
+        """
+        found = np.zeros(c.shape[1], dtype=bool)
+        for term in self.device.terms:
+            if term.kind in DRY:
+                speed, change = self.device.speed(term, c, cd), self.device.speed(term, c, cdd)
+                width = term.settings[WIDTH.get(term.kind, 0)]
+                found |= np.abs(speed) < TURNED * width + period * np.abs(change)
+        return np.tile(found.reshape(len(self.chi), -1).any(axis=0), len(self.chi))
+
 
 def smooth(device: Device, motions: Sequence[Motion], share: float) -> Device:
     """The device with tanh(v / width) in place of sgn(v) wherever its dry friction has no width of its own.
@@ -147,7 +172,7 @@ def smooth(device: Device, motions: Sequence[Motion], share: float) -> Device:
     states = [state(device, motion, *motion.usable) for motion in motions]
     terms = []
     for term in device.terms:
-        index = {"stribeck": 2}.get(term.kind, 0)
+        index = WIDTH.get(term.kind, 0)
         if term.kind in DRY and term.settings[index] == 0:
             power = np.concatenate([device.speed(term, c, cd) ** 2 for c, cd in states])
             settings = list(term.settings)
