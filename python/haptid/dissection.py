@@ -131,9 +131,9 @@ def _part(term: TermColumn) -> str:
     """The part that a term belongs to; none for rotors, which are inertia."""
     if term.kind == "rotor":
         return ""
-    if term.kind == "external":
+    if term.nature == "external":
         return "counterbalance" if isinstance(term.shape, Counterbalance) else "own columns"
-    return PARTS[term.kind]
+    return PARTS[term.nature]
 
 
 def _only(device: Device, chi: Array, part: str) -> Array:

@@ -11,7 +11,7 @@ import numpy as np
 from haptid._values import Array
 from haptid.device.closure import Closure
 from haptid.device.cuts import CutJoint
-from haptid.device.expressions import RESERVED, column
+from haptid.device.expressions import RESERVED, Column, column
 from haptid.device.geometry import Reader
 from haptid.device.model import Joint, Motor
 from haptid.device.newton import NewtonClosure
@@ -21,6 +21,7 @@ from haptid.device.schema import (
     ColumnTerm,
     CoulombTerm,
     CounterbalanceTerm,
+    PlainTerm,
     SearchedTable,
     SpringTerm,
     StribeckTerm,
@@ -33,6 +34,7 @@ from haptid.errors import DeviceKeyError, DeviceValueError, DuplicateNameError, 
 STEMS = {
     "rotor": "IA",
     "viscous": "FV",
+    "viscous-by-direction": "FV",
     "coulomb": "FC",
     "coulomb-by-direction": "FC",
     "stribeck": "FS",
@@ -57,6 +59,7 @@ class Target:
         prismatic: whether the coordinate is a length.
         weights: the target's position as a combination of the coordinates, (na,).
         offset: its position where the coordinates are zero.
+        speed: its velocity in the symbols of column expressions, "v_2" or "1*v_1 - 0.5*v_2".
         varies: whether it is a joint whose rates vary with the pose; weights and offset are then zero.
     """
 
@@ -66,6 +69,7 @@ class Target:
     prismatic: bool
     weights: Array
     offset: float
+    speed: str
     varies: bool = False
 
     @property
@@ -132,17 +136,34 @@ class Targets:
         first = [joints[active[int(np.argmax(drive.row != 0))]] for drive in drives]
         return Targets(
             tuple(
-                Target("joint", joint.name, j, joint.prismatic, rates[j], float(closure.offset[j]), varies[j])
+                Target(
+                    "joint",
+                    joint.name,
+                    j,
+                    joint.prismatic,
+                    rates[j],
+                    float(closure.offset[j]),
+                    f"v_{joint.name}",
+                    varies[j],
+                )
                 for j, joint in enumerate(joints)
             ),
             tuple(
-                Target("cut", cut.name, None, cut.prismatic, np.linalg.solve(frame.T, cut.row), cut.offset)
+                Target(
+                    "cut",
+                    cut.name,
+                    None,
+                    cut.prismatic,
+                    np.linalg.solve(frame.T, cut.row),
+                    cut.offset,
+                    _speed(cut.row, names),
+                )
                 for cut in cuts
             ),
             tuple(names),
             tuple(name for name, driven in zip(names, np.atleast_1d(moved), strict=True) if driven),
             tuple(
-                Target("motor", drive.name, None, first[k].prismatic, motors[k], 0.0)
+                Target("motor", drive.name, None, first[k].prismatic, motors[k], 0.0, _speed(drive.row, names))
                 for k, drive in enumerate(drives)
                 if drive.motorised
             ),
@@ -206,6 +227,12 @@ def _columns(table: AnyTerm, target: Target, targets: Targets, reader: Reader, p
             return [_with_constants(target.column(name(), "stribeck"), given, reader, place)]
         case SpringTerm():
             return [target.column(name(), "spring", settings=(reader.number(table.rest, place.at("rest")), 0.0, 0.0))]
+        case PlainTerm(kind="viscous-by-direction"):
+            unit = UNITS["viscous"][target.prismatic]
+            return [
+                target.external(name(suffix), unit, _half(target, sign, targets, place))
+                for suffix, sign in (("P", "+"), ("N", "-"))
+            ]
         case CounterbalanceTerm():
             _alone(table, targets, place)
             suffixes = {"spring": (("F", "constant"), ("K", "linear")), "gas": (("", "gas"),)}[table.law]
@@ -216,6 +243,18 @@ def _columns(table: AnyTerm, target: Target, targets: Targets, reader: Reader, p
             ]
         case _:
             return [target.column(name(), table.kind)]
+
+
+def _speed(row: Array, names: Sequence[str]) -> str:
+    """A combination of the active joints' velocities, as column expressions have them."""
+    return " + ".join(f"{weight!r}*v_{name}" for weight, name in zip(row.tolist(), names, strict=True) if weight)
+
+
+def _half(target: Target, sign: str, targets: Targets, place: Place) -> Column:
+    """The velocity where it is forward ("+") or backward ("-"), else zero."""
+    joints = [joint.name for joint in targets.joints]
+    made = column(f"0.5*({target.speed} {sign} abs({target.speed}))", joints, {}, place)
+    return replace(made, nature="viscous")
 
 
 def _own_column(table: ColumnTerm, target: Target, targets: Targets, reader: Reader, place: Place) -> TermColumn:

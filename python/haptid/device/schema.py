@@ -175,7 +175,7 @@ class TermTable(Table):
 class PlainTerm(TermTable):
     """A term without settings."""
 
-    kind: Literal["rotor", "viscous", "offset"]
+    kind: Literal["rotor", "viscous", "viscous-by-direction", "offset"]
 
 
 class CoulombTerm(TermTable):

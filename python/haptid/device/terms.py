@@ -124,6 +124,11 @@ class TermColumn:
     def __post_init__(self) -> None:
         object.__setattr__(self, "weights", read_only(self.weights))
 
+    @property
+    def nature(self) -> str:
+        """What it is physically: its kind, but for a column that is a part of another kind."""
+        return (self.shape.nature if isinstance(self.shape, Column) else "") or self.kind
+
     def constant(self, name: str) -> float:
         """Present value of a constant, SI."""
         if isinstance(self.shape, Column):

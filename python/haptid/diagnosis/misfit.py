@@ -80,7 +80,7 @@ SHAPES = (
         "viscosity by direction",
         (lambda at: np.abs(at.v)[None],),
         "viscous friction that differs by direction",
-        "Add a column with |velocity|",
+        'Add a [[terms]] of kind "viscous-by-direction" in place of "viscous"',
     ),
     Shape(
         "bent viscosity",

@@ -202,8 +202,8 @@ def term_blocks(device: Device, size: Scale) -> list[Block]:
     dry: dict[str, list[Array]] = {}
     made = []
     for term, row in zip(device.terms, rows, strict=True):
-        if term.kind in NEVER_NEGATIVE and row.any():
-            made.append(Block(f"{NEVER_NEGATIVE[term.kind]} of {term.on}", False, unit_row(row * size.chi)))
+        if term.nature in NEVER_NEGATIVE and row.any():
+            made.append(Block(f"{NEVER_NEGATIVE[term.nature]} of {term.on}", False, unit_row(row * size.chi)))
         if term.kind.startswith("coulomb"):
             dry.setdefault(term.on, []).append(row)
     for term, row in zip(device.terms, rows, strict=True):
@@ -241,7 +241,7 @@ def parts(A: Array, blocks: tuple[Block, ...]) -> tuple[Part, ...]:
 def never_negative(device: Device) -> np.ndarray:
     """Base parameters that are sums of quantities which are never negative, (p,), bool."""
     raw = [kind in POSITIVE for _ in device.joints for kind in INERTIAL]
-    raw += [term.kind in NEVER_NEGATIVE for term in device.terms]
+    raw += [term.nature in NEVER_NEGATIVE for term in device.terms]
     S = device.parameters.S
     positive = S[np.array(raw)].sum(axis=0) == S.sum(axis=0)
     rows = device.base.regrouping

@@ -1,0 +1,104 @@
+"""Viscous friction by direction: its columns, its parameters back, motors that move several joints."""
+
+import numpy as np
+import pytest
+
+import haptid
+from motions import motion
+from small_study import DEVICE
+
+BOTH = DEVICE.replace('kind = "viscous"', 'kind = "viscous-by-direction"')
+COUPLED = """
+schema = 1
+name = "two motors on two joints"
+gravity = [0.0, -9.81, 0.0]
+convention = "modified-dh"
+[[joints]]
+name = "1"
+[[joints]]
+name = "2"
+d = 0.3
+[[motors]]
+name = "a"
+drives = { 1 = 1 }
+[[motors]]
+name = "b"
+drives = { 1 = -0.5, 2 = 2 }
+[[terms]]
+kind = "viscous-by-direction"
+motors = "all"
+"""
+
+
+def read(folder, text):
+    (folder / "device.toml").write_text(text)
+    return haptid.read_device(folder / "device.toml")
+
+
+def test_columns_are_the_halves_of_the_velocity(tmp_path):
+    device = read(tmp_path, BOTH)
+    names = device.base.names
+    assert {"FVP1", "FVN1", "FVP2", "FVN2"} <= set(names)
+    assert [device.base.units[names.index(n)] for n in ("FVP1", "FVN2")] == ["N m s/rad"] * 2
+    beta = np.zeros(len(names))
+    beta[names.index("FVP2")], beta[names.index("FVN2")] = 2.0, 3.0
+    v = np.array([[0.5, -0.5], [1.5, -1.5]])
+    tau = haptid.inverse_dynamics(device, beta, np.zeros((2, 2)), v, np.zeros((2, 2)))
+    np.testing.assert_allclose(tau, [[0.0, 0.0], [3.0, -4.5]], atol=1e-12)
+
+
+def test_different_parameters_come_back(tmp_path):
+    device = read(tmp_path, BOTH)
+    beta = np.linspace(0.2, 1.0, len(device.base))
+    inside = []
+    for seed in range(5):
+        found = haptid.estimate(
+            haptid.observe(device, motion(device, beta, noise=0.05, dt=4e-3, seed=seed)), haptid.WLS()
+        )
+        low, high = found.interval95.T
+        inside.append((low <= beta) & (beta <= high))
+    assert np.mean(inside) > 0.85
+
+
+def test_the_diagnosis_names_it_where_it_is_missing(tmp_path):
+    true, plain = read(tmp_path, BOTH), read(tmp_path, DEVICE)
+    beta = np.full(len(true.base), 0.4)
+    beta[true.base.names.index("FVN2")] = 1.2
+    found = haptid.diagnose(
+        haptid.estimate(haptid.observe(plain, motion(true, beta, noise=0.05, dt=4e-3)), haptid.WLS())
+    )
+    finding = found["viscosity by direction"]
+    assert finding.status != "ok"
+    assert "viscous-by-direction" in finding.sentence
+
+
+def test_a_motor_s_velocity_is_that_of_all_its_joints(tmp_path):
+    device = read(tmp_path, COUPLED)
+    names = device.base.names
+    assert {"FVPMa", "FVNMb"} <= set(names)
+    beta = np.zeros(len(names))
+    beta[names.index("FVPMb")] = 1.0
+    qd = np.array([[1.0, 1.0], [1.0, -1.0]])  # of the joints
+    rate = np.array([-0.5, 2.0]) @ qd
+    made = haptid.inverse_dynamics(device, beta, np.zeros((2, 2)), qd, np.zeros((2, 2)))
+    np.testing.assert_allclose(made, [[0.0, 0.0], np.maximum(rate, 0)], atol=1e-12)
+
+
+@pytest.mark.parametrize("kind", ["viscous", "viscous-by-direction"])
+def test_exports_have_it(tmp_path, kind):
+    device = read(tmp_path, DEVICE.replace('kind = "viscous"', f'kind = "{kind}"'))
+    beta = np.full(len(device.base), 0.4)
+    found = haptid.estimate(haptid.observe(device, motion(device, beta, noise=0.01, dt=4e-3)), haptid.WLS())
+    haptid.export_c(found, tmp_path / "c")
+    assert any("c" in path.suffix for path in (tmp_path / "c").iterdir())
+
+
+def test_it_is_viscous_friction_and_never_negative(tmp_path):
+    device = read(tmp_path, BOTH)
+    beta = np.full(len(device.base), 0.4)
+    made = motion(device, beta, noise=0.01, dt=4e-3)
+    found = haptid.estimate(haptid.observe(device, made), haptid.WLS())
+    assert "viscous" in haptid.dissect(found, made).parts
+    assert "own columns" not in haptid.dissect(found, made).parts
+    beta[device.base.names.index("FVN1")] = -0.2
+    assert not haptid.possible(device, beta).ok
