@@ -95,14 +95,15 @@ def limits(figures: dict[str, float]) -> str:
 
 
 def memory(figures: dict[str, float]) -> str:
-    """Of every road from a file to a result."""
+    """And time and error of every road from a file to a result."""
     lines = []
     for name, peak in figures.items():
         found = re.fullmatch(r"(.*): (.*), peak memory, GiB", name)
         if found:
             off = figures[f"{found[1]}: {found[2]}, error of torque, %"]
-            lines.append((found[1], found[2], f"{peak:.2f}", f"{off:.2g}"))
-    return markdown(("log", "road", "peak memory, GiB", "error of the model's torque, %"), lines)
+            seconds = figures[f"{found[1]}: {found[2]}, s"]
+            lines.append((found[1], found[2], shown(seconds), f"{peak:.2f}", f"{off:.2g}"))
+    return markdown(("log", "road", "seconds", "peak memory, GiB", "error of the model's torque, %"), lines)
 
 
 def start_up(figures: dict[str, float]) -> str:

@@ -19,6 +19,13 @@ MADE_UP = {
         "regressor, stored: GB/s": 5.0,
         "regressor, stored: share of memory fill, %": 50.0,
     },
+    "file-to-result": {
+        "400000 samples: haptid, s": 1.0,
+        "400000 samples: haptid, peak memory, GiB": 0.4,
+        "400000 samples: haptid, error of torque, %": 0.003,
+        "400000 samples: figaroh's functions, s": 38.0,
+        "400000 samples: figaroh's functions over haptid": 38.0,
+    },
     "start-up": {"haptid --help, s": 0.2, "python without any import, s": 0.05},
 }
 
@@ -37,16 +44,18 @@ def test_ratios_are_held_to_what_was_wanted():
     text = speed_report.table(MADE_UP)
     assert "| regressor in cache | 0.1 | Pinocchio C++ | 1.9 | 19 | 20, not reached |" in text
     assert "| regressor in cache | 0.1 | CasADi C | 0.4 | 4.0 | 3.5, reached |" in text
+    assert "| 400000 samples | 1 | figaroh's functions | 38 | 38 | 10, reached |" in text
+    assert "| 400000 samples | haptid | 1 | 0.40 | 0.003 |" in text
     assert "| `haptid --help` | 0.20 | below 0.3, reached |" in text
 
 
 def test_peers_without_a_figure_are_named():
-    assert "Left out\n\nPinocchio Python, iDynTree, MuJoCo, figaroh" in speed_report.table(MADE_UP)
+    assert "Left out\n\nPinocchio Python, iDynTree, MuJoCo" in speed_report.table(MADE_UP)
 
 
 def test_filling_in_leaves_the_rest_as_it_is():
     page = "Before.\n\n<!-- Start-up -->\n\n(not measured)\n\n## After\n\n<!-- Left out -->\n\nnobody\n"
     text = speed_report.filled(page, MADE_UP)
     assert text.startswith("Before.\n\n<!-- Start-up -->\n\n| what | seconds | wanted |\n")
-    assert text.endswith("## After\n\n<!-- Left out -->\n\nPinocchio Python, iDynTree, MuJoCo, figaroh\n")
+    assert text.endswith("## After\n\n<!-- Left out -->\n\nPinocchio Python, iDynTree, MuJoCo\n")
     assert speed_report.filled(text, MADE_UP) == text
