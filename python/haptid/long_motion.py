@@ -14,10 +14,11 @@ from scipy import signal
 from haptid._values import Array, freeze
 from haptid.late import delayed, lost
 from haptid.log.on_disk import OnDisk, as_array
-from haptid.log.time import PIECE
 
 # What is left of a filter's start after the samples around a chunk, as a share.
 FORGOTTEN = 1e-18
+# Samples in memory that are filtered at a time.
+PIECE = 2**15
 
 
 @dataclass(frozen=True, eq=False)
@@ -77,14 +78,13 @@ def filtered(channels: Array, sections: Array) -> Array:
     if isinstance(channels, OnDisk):
         return as_array(Filtered(channels, sections, channels.between(0, 1), around))
     n, step = len(channels), max(PIECE, 4 * around)
-    made = np.empty((channels.shape[1], n))
+    samples, made = channels.T, np.empty((channels.shape[1], n))
+    first = samples[:, :1]  # taken off for the while, so that what stands still is exactly still
     for low in range(0, n, step):
         high = min(low + step, n)
         start, stop = max(low - around, 0), min(high + around, n)
-        for channel, out in zip(channels.T, made, strict=True):
-            # Without its level, so that what stands still is exactly still.
-            piece = signal.sosfiltfilt(sections, channel[start:stop] - channel[0])
-            np.add(piece[low - start : high - start], channel[0], out=out[low:high])
+        piece = signal.sosfiltfilt(sections, samples[:, start:stop] - first)
+        np.add(piece[:, low - start : high - start], first, out=made[:, low:high])
     return freeze(made).T
 
 

@@ -15,9 +15,8 @@ from scipy import signal
 
 import haptid
 from haptid.log import as_array, checks, opening
-from haptid.log.on_disk import OnDisk
-from haptid.log.time import PIECE
-from haptid.long_motion import filtered, memory
+from haptid.log.on_disk import CHUNK, OnDisk
+from haptid.long_motion import PIECE, filtered, memory
 
 
 class Held(OnDisk):
@@ -51,7 +50,7 @@ def test_channels_of_a_parquet_file_stay_where_they_were_unpacked(tmp_path: Path
 def test_pieces_are_filtered_as_the_whole(order: int, cutoff: float, more: int, seed: int) -> None:
     """Also where the last piece is shorter than what a filter is started with."""
     sections = np.asarray(signal.butter(order, cutoff, output="sos"))
-    samples = np.random.default_rng(seed).normal(size=(PIECE + more, 2)).cumsum(axis=0)
+    samples = np.random.default_rng(seed).normal(size=(CHUNK + more, 2)).cumsum(axis=0)
     whole = signal.sosfiltfilt(sections, samples - samples[0], axis=0) + samples[0]
     assert memory(sections) >= 3 * (2 * len(sections) + 1)
     for channels in (samples, as_array(Held(samples))):
