@@ -12,7 +12,7 @@ import numpy as np
 
 from haptid._values import Array, expect, freeze, read_only
 from haptid.device import Device
-from haptid.device.terms import Counterbalance, TermColumn
+from haptid.device.terms import Counterbalance, Load, TermColumn
 from haptid.dynamics import core_torque, raw_parameters, rigid
 from haptid.estimators import Estimate
 from haptid.stretches import Stretch, stretches
@@ -132,7 +132,8 @@ def _part(term: TermColumn) -> str:
     if term.kind == "rotor":
         return ""
     if term.nature == "external":
-        return "counterbalance" if isinstance(term.shape, Counterbalance) else "own columns"
+        named = {Counterbalance: "counterbalance", Load: "friction by load"}
+        return named.get(type(term.shape), "own columns")
     return PARTS[term.nature]
 
 

@@ -12,6 +12,7 @@ from pathlib import Path
 from haptid.device import Device, read_device
 from haptid.estimators import Estimate, estimate
 from haptid.folds import alternate, each_log
+from haptid.load_friction import settled_loads
 from haptid.loads import log_without_load
 from haptid.log import Log, is_long, open_log, read_log
 from haptid.observation import Observation
@@ -109,6 +110,10 @@ def identify(
     logs = [_unloaded(device, log, proposal.treatment, entry) for log, entry in zip(logs, study.logs, strict=True)]
     motions = [_treat(log, proposal.treatment, tell) for log in logs]
     fitting = [motion for motion, entry in zip(motions, study.logs, strict=True) if entry.role == "identify"]
+    if device.has_loads:
+        tell("settling loads", 0.0)
+        device = as_filed = settled_loads(device, fitting, study.method)
+        tell("settling loads", 1.0)
     projection = _projected(device, fitting, study, tell)
     device, intervals = (projection.device, projection.intervals) if projection else (device, study.intervals)
     observations = observe_all(device, motions, workers, kept, _pace(tell))

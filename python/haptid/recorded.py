@@ -250,6 +250,8 @@ def read_result(folder: str | Path) -> Recorded:
     table = _checked(path, values)
     device = device_of(*checked(table.device_file, f"{path}, device_file"))
     device = device.with_constants([constant.value for constant in table.estimate.searched])
+    if device.has_loads and len(device.base) == len(table.estimate.parameters):
+        device = device.loaded(np.array([p.value for p in table.estimate.parameters]))
     stored = [p.name for p in table.estimate.parameters]
     if tuple(stored) != device.base.names:
         raise ResultDeviceError(path, stored, device.base.names, table.haptid)

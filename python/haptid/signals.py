@@ -9,6 +9,7 @@ import numpy as np
 from haptid._values import Array
 from haptid.device import Device
 from haptid.device.expressions import Column
+from haptid.device.terms import Load
 from haptid.errors import AccelerationColumnError, ChannelCountError, CommandUnitError
 from haptid.log import Log, check_against
 from haptid.treatment import Motion
@@ -138,6 +139,8 @@ def external(device: Device, c: Array, cd: Array, cdd: Array | None) -> Array:
     if cdd is None:
         cdd = np.zeros_like(c)  # which no column reads
         for term in device.externals:
+            if isinstance(term.shape, Load):
+                raise AccelerationColumnError(term.name)
             if isinstance(term.shape, Column) and term.shape.reads({f"a_{name}" for name in device.joint_names}):
                 raise AccelerationColumnError(term.name)
     to_joints = np.linalg.inv(device.frame)

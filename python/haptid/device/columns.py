@@ -21,13 +21,14 @@ from haptid.device.schema import (
     ColumnTerm,
     CoulombTerm,
     CounterbalanceTerm,
+    LoadTerm,
     PlainTerm,
     SearchedTable,
     SpringTerm,
     StribeckTerm,
     TermTable,
 )
-from haptid.device.terms import PLACES, UNITS, Counterbalance, Searched, TermColumn
+from haptid.device.terms import PLACES, UNITS, Counterbalance, Load, Searched, TermColumn
 from haptid.errors import DeviceKeyError, DeviceValueError, DuplicateNameError, UnknownNameError
 
 # Stem of the parameter's name, by kind.
@@ -37,6 +38,7 @@ STEMS = {
     "viscous-by-direction": "FV",
     "coulomb": "FC",
     "coulomb-by-direction": "FC",
+    "load": "FL",
     "stribeck": "FS",
     "offset": "OFF",
     "spring": "K",
@@ -222,6 +224,9 @@ def _columns(table: AnyTerm, target: Target, targets: Targets, reader: Reader, p
             signs = (("", kind),) if kind == "coulomb" else (("P", "coulomb+"), ("N", "coulomb-"))
             made = [target.column(name(suffix), sign) for suffix, sign in signs]
             return [_with_constants(column, {"width": table.width}, reader, place) for column in made]
+        case LoadTerm():
+            width = _not_negative(table.width, reader, place.at("width"))
+            return [target.external(name(), "1", Load(_row(target, place), width))]
         case StribeckTerm():
             given = {key: getattr(table, key) for key in PLACES["stribeck"]}
             return [_with_constants(target.column(name(), "stribeck"), given, reader, place)]
@@ -243,6 +248,19 @@ def _columns(table: AnyTerm, target: Target, targets: Targets, reader: Reader, p
             ]
         case _:
             return [target.column(name(), table.kind)]
+
+
+def _row(target: Target, place: Place) -> int:
+    """The coordinate that a target is; its torque is then a row of the model.
+
+    Raises:
+        DeviceValueError: it is a combination of several, or moves as the pose has it.
+    """
+    moved = np.flatnonzero(target.weights)
+    if len(moved) != 1 or target.varies:
+        found = f"{target.on} is not one of the coordinates that torque rows are of"
+        raise DeviceValueError(str(place), found, 'Name a motor, or an active joint where torque_rows = "joint".')
+    return int(moved[0])
 
 
 def _speed(row: Array, names: Sequence[str]) -> str:

@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike
 
 from haptid._values import Array, expect, freeze, read_only
 from haptid.device.parameters import StandardParameters, Symmetry
-from haptid.device.terms import DRY, Searched, TermColumn, external_columns
+from haptid.device.terms import DRY, Load, Searched, TermColumn, external_columns
 
 if TYPE_CHECKING:
     from haptid.base import BaseParameters
@@ -24,6 +24,10 @@ if TYPE_CHECKING:
 
 Convention = Literal["modified-dh", "dh", "placement"]
 TorqueRows = Literal["motor", "joint"]
+
+
+# Ten parameters of a link, where no estimate has told any: what friction by load is made of until then.
+LIKE_ONE_ANOTHER = [0.3, 0.0, 0.0, 0.3, 0.0, 0.3, 0.3, 0.2, 0.1, 1.0]
 
 
 @dataclass(frozen=True, eq=False)
@@ -376,7 +380,46 @@ class Device:
             qda: their velocities.
             qdda: their accelerations.
         """
-        return external_columns(self.externals, self.joint_names, self.tree(qa, qda, qdda))
+        loads = self._loads(*(np.ascontiguousarray(self.frame @ x) for x in (qa, qda, qdda)))
+        return external_columns(self.externals, self.joint_names, self.tree(qa, qda, qdda), loads)
+
+    def _loads(self, c: Array, cd: Array, cdd: Array) -> dict[str, Array]:
+        """Columns of friction by load, by name, each (samples,), from the coordinates' motion."""
+        made = {}
+        for term in self.externals:
+            if isinstance(term.shape, Load):
+                bare = self._bodies
+                chi = LIKE_ONE_ANOTHER * len(self.joints) if term.shape.bodies is None else term.shape.bodies.tolist()
+                columns = list(range(len(chi)))
+                own = np.zeros((0, c.shape[1]))
+                made[term.name] = term.shape.values(
+                    bare.mechanism.torque(c, cd, cdd, own, columns, chi, bare.loops(c, cd)), cd
+                )
+        return made
+
+    @cached_property
+    def _bodies(self) -> Device:
+        """Links and rotors alone."""
+        return replace(self, terms=tuple(term for term in self.terms if term.kind == "rotor"))
+
+    @property
+    def has_loads(self) -> bool:
+        """Whether it has friction by load, whose columns depend on the bodies' parameters."""
+        return any(isinstance(term.shape, Load) for term in self.terms)
+
+    def loaded(self, beta: Array) -> Device:
+        """The same device with friction by load as these base parameters' bodies have it, (p,), SI."""
+        raw = self.parameters.S[:, list(self.base.kept)] @ beta
+        links = 10 * len(self.joints)
+        rotors = [links + k for k, term in enumerate(self.terms) if term.kind == "rotor"]
+        bodies = read_only(np.concatenate([raw[:links], raw[rotors]]))
+        return replace(
+            self,
+            terms=tuple(
+                replace(term, shape=replace(term.shape, bodies=bodies)) if isinstance(term.shape, Load) else term
+                for term in self.terms
+            ),
+        )
 
     def coulomb_terms(self, row: int) -> tuple[TermColumn, ...]:
         """Terms on whose sign of velocity a torque row depends, one for each velocity."""

@@ -185,6 +185,13 @@ class CoulombTerm(TermTable):
     width: Constant = 0.0
 
 
+class LoadTerm(TermTable):
+    """Dry friction in proportion to the load that is carried: sgn(v) |torque of the bodies|."""
+
+    kind: Literal["load"]
+    width: Quantity = 0.0
+
+
 class StribeckTerm(TermTable):
     """Friction that fades with speed: sgn(v) exp(-(|v| / velocity)^exponent)."""
 
@@ -224,7 +231,7 @@ class ColumnTerm(TermTable):
 
 
 AnyTerm = Annotated[
-    PlainTerm | CoulombTerm | StribeckTerm | SpringTerm | CounterbalanceTerm | ColumnTerm,
+    PlainTerm | CoulombTerm | LoadTerm | StribeckTerm | SpringTerm | CounterbalanceTerm | ColumnTerm,
     Field(discriminator="kind"),
 ]
 

@@ -92,6 +92,37 @@ class Counterbalance:
 
 
 @dataclass(frozen=True, eq=False)
+class Load:
+    """Dry friction in proportion to the load that a coordinate carries: sgn(v) |torque of the bodies on it|.
+
+    The bodies are those of an estimate: see `Device.loaded`. Before there is one they are like one another, so that
+    the term is told from others and no more.
+
+    Source: Hamon, Gautier and Garrec (2010), Proc. IEEE/RSJ IROS, 6187-6193, where friction is (alpha |tau| + beta)
+    sgn(v).
+
+    Attributes:
+        row: index of the coordinate.
+        width: tanh(v / width) in place of sgn v, rad/s or m/s; 0 is sgn.
+        bodies: parameters of links, then of rotors, (r,), SI; None where there is no estimate yet.
+    """
+
+    row: int
+    width: float
+    bodies: Array | None = None
+
+    @property
+    def text(self) -> str:
+        """In words."""
+        return f"sgn(v) |torque of the bodies| on coordinate {self.row + 1}"
+
+    def values(self, torque: Array, speed: Array) -> Array:
+        """The column, (samples,), from torque of the bodies and velocity of the coordinates, (active, samples)."""
+        v = speed[self.row]
+        return np.asarray(np.abs(torque[self.row]) * (np.tanh(v / self.width) if self.width else np.sign(v)))
+
+
+@dataclass(frozen=True, eq=False)
 class TermColumn:
     """One column of the regressor beside link inertia.
 
@@ -117,7 +148,7 @@ class TermColumn:
     weights: Array
     offset: float = 0.0
     settings: tuple[float, float, float] = (0.0, 0.0, 0.0)
-    shape: Counterbalance | Column | None = None
+    shape: Counterbalance | Column | Load | None = None
     joint: int | None = None
     searched: tuple[Searched, ...] = ()
 
@@ -155,7 +186,10 @@ class TermColumn:
 
 
 def external_columns(
-    terms: tuple[TermColumn, ...], joints: tuple[str, ...], motion: tuple[Array, Array, Array]
+    terms: tuple[TermColumn, ...],
+    joints: tuple[str, ...],
+    motion: tuple[Array, Array, Array],
+    loads: Mapping[str, Array],
 ) -> Array:
     """Columns that Python computes for the core, (columns, samples).
 
@@ -163,6 +197,7 @@ def external_columns(
         terms: the external ones, in the core's order.
         joints: names of all joints.
         motion: position, velocity and acceleration of all joints, each (joints, samples).
+        loads: columns of friction by load, by name, each (samples,).
 
     Raises:
         ColumnValueError: a column is not finite somewhere.
@@ -173,6 +208,8 @@ def external_columns(
     for row, term in zip(made, terms, strict=True):
         if isinstance(term.shape, Counterbalance):
             row[:] = term.shape.values(motion[0])
+        elif isinstance(term.shape, Load):
+            row[:] = loads[term.name]
         elif term.shape is not None:
             row[:] = term.shape.values(named, samples)
         if not np.isfinite(row).all():

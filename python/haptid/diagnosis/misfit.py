@@ -98,7 +98,7 @@ SHAPES = (
         "friction by load",
         (lambda at: (at.load * np.sign(at.v))[None],),
         "dry friction that grows with the torque carried, as gears and cables have",
-        "Add a column with |torque| times the sign of velocity, from a first estimate",
+        'Add a [[terms]] of kind "load"',
     ),
 )
 

@@ -10,7 +10,7 @@ import numpy as np
 from haptid._values import Array
 from haptid.device import Device
 from haptid.device.expressions import Column
-from haptid.device.terms import DRY, Counterbalance, TermColumn
+from haptid.device.terms import DRY, Counterbalance, Load, TermColumn
 from haptid.errors import UnexportableTermError
 from haptid.export.graph import Expr, Graph
 from haptid.export.vectors import combined
@@ -58,6 +58,8 @@ def _column(device: Device, term: TermColumn, graph: Graph, q: list[Expr], qd: l
     joints = [combined(row, q) + float(offset) for row, offset in zip(device.rates, device.closure.offset, strict=True)]
     if isinstance(term.shape, Counterbalance):
         return _strut(term.shape, graph, joints[term.shape.joint])
+    if isinstance(term.shape, Load):
+        raise UnexportableTermError(term.name, "it is friction in proportion to the load")
     assert isinstance(term.shape, Column)  # the last kind
     return _written(device, term, term.shape, graph, joints, qd)
 

@@ -1,0 +1,53 @@
+"""Dry friction in proportion to the load: its column depends on the parameters, so both are found in turn."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from functools import reduce
+from operator import add
+
+import numpy as np
+
+from haptid.device import Device
+from haptid.device.terms import Load
+from haptid.errors import UnsettledError
+from haptid.estimators import WLS, Method, Without, estimate
+from haptid.observation import observe
+from haptid.treatment import Motion
+
+# Passes at most, and how far the last may move a parameter, in its deviations.
+MOST, SETTLED = 20, 0.01
+
+
+def settled_loads(device: Device, motions: Sequence[Motion], method: Method | None = None) -> Device:
+    """The device with the load of its own bodies in its friction by load: a fixed point of fits in turn.
+
+    The first fit is without that friction; every next one has its columns from the bodies of the one before. A pass
+    takes off all of what is wrong but a share of about the friction's coefficient. Intervals of a fit with these
+    columns take the load as exact: it is known far better than the coefficient.
+
+    Source: Hamon, Gautier and Garrec (2010), Proc. IEEE/RSJ IROS, 6187-6193.
+
+    Args:
+        device: with terms of the kind "load".
+        motions: treated, with accelerations.
+        method: of estimation, `WLS()` where None; what it holds or leaves out counts in the last fit alone.
+
+    Raises:
+        AccelerationColumnError: a motion has no accelerations.
+        UnsettledError: the passes do not come to rest.
+        HaptidError: as `observe` and `estimate`.
+    """
+    weighting: Method = getattr(method, "weighting", method) or WLS()
+    names = {term.name for term in device.terms if isinstance(term.shape, Load)}
+    own = tuple(name for name in device.base.names if name in names)
+    beta = estimate(reduce(add, [observe(device, motion) for motion in motions]), Without(own, weighting)).beta
+    for _ in range(MOST):
+        here = device.loaded(beta)
+        found = estimate(reduce(add, [observe(here, motion) for motion in motions]), weighting)
+        moved = np.abs(found.beta - beta) / np.maximum(found.sd, np.finfo(float).tiny)
+        if moved.max() <= SETTLED:
+            return here
+        beta = found.beta
+    worst = int(np.argmax(moved))
+    raise UnsettledError("friction by load", MOST, device.base.names[worst], float(moved[worst]), SETTLED)

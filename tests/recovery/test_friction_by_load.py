@@ -1,0 +1,120 @@
+"""Dry friction in proportion to the load: known coefficients come back; the diagnosis sees it where it is missing."""
+
+import json
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
+import pytest
+from typer.testing import CliRunner
+
+import haptid
+from haptid import errors
+from haptid.cli import app
+from haptid.device.terms import Load
+from haptid.load_friction import settled_loads
+from haptid.recorded import read_result
+from motions import motion
+from small_study import DEVICE, STUDY
+from true_parameters import true_parameters
+
+LOAD = """
+[[terms]]
+kind = "load"
+motors = "all"
+"""
+SIZES = {"FV": 0.05, "FC": 0.2, "FL": 0.08}
+
+
+def read(folder, text=DEVICE + LOAD):
+    (folder / "device.toml").write_text(text)
+    return haptid.read_device(folder / "device.toml")
+
+
+@pytest.fixture(scope="module")
+def device(tmp_path_factory):
+    return read(tmp_path_factory.mktemp("device"))
+
+
+def truth(device):
+    names = device.base.names
+    plain = dict(zip(device.parameters.names, true_parameters(device), strict=True))
+    chi = np.array([SIZES.get(name[:2], value) for name, value in plain.items()])
+    beta = device.base.of(chi)
+    assert all(beta[names.index(name)] == 0.08 for name in names if name.startswith("FL"))
+    return beta
+
+
+def moved(device, seed=1, noise=0.02):
+    beta = truth(device)
+    return motion(device.loaded(beta), beta, seconds=10.0, dt=4e-3, seed=seed, noise=noise)
+
+
+def test_the_column_is_the_size_of_the_bodies_torque(device):
+    beta = truth(device)
+    here = device.loaded(beta)
+    rng = np.random.default_rng(0)
+    state = rng.normal(size=(3, 2, 20))
+    only = np.where([name.startswith("FL") for name in here.base.names], beta, 0.0)
+    bodies = np.where([name.startswith("F") for name in here.base.names], 0.0, beta)
+    load = haptid.inverse_dynamics(here, bodies, *state)
+    made = haptid.inverse_dynamics(here, only, *state)
+    np.testing.assert_allclose(made, 0.08 * np.abs(load) * np.sign(state[1]), atol=1e-10)
+
+
+def test_known_coefficients_come_back_in_their_intervals(device):
+    beta, inside = truth(device), []
+    for seed in range(10):
+        made = moved(device, seed)
+        found = haptid.estimate(haptid.observe(settled_loads(device, [made]), made), haptid.WLS())
+        low, high = found.interval95.T
+        inside.append((low <= beta) & (beta <= high))
+        assert np.abs(found["FLM2"].value if "FLM2" in found.base.names else 0.08) == pytest.approx(0.08, rel=0.3)
+    assert np.mean(inside) > 0.9
+
+
+def test_without_noise_it_is_exact(device):
+    made = moved(device, noise=0.0)
+    found = haptid.estimate(haptid.observe(settled_loads(device, [made], haptid.OLS()), made), haptid.OLS())
+    np.testing.assert_allclose(found.beta, truth(device), rtol=1e-3, atol=1e-6)
+
+
+def test_the_diagnosis_sees_it_where_it_is_missing(device, tmp_path):
+    plain = read(tmp_path, DEVICE)
+    finding = haptid.diagnose(haptid.estimate(haptid.observe(plain, moved(device)), haptid.WLS()))["friction by load"]
+    assert finding.status != "ok"
+    assert '"load"' in finding.sentence
+
+
+def test_rows_without_accelerations_and_exports_are_refused(device, tmp_path):
+    made = moved(device)
+    still = haptid.Motion(made.dt, made.q, made.tau, haptid.Treatment(cutoff_hz=20, accelerations="momentum"))
+    with pytest.raises(errors.AccelerationColumnError):
+        haptid.observe(device, still)
+    found = haptid.estimate(haptid.observe(settled_loads(device, [made]), made), haptid.WLS())
+    with pytest.raises(errors.UnexportableTermError, match="load"):
+        haptid.export_c(found, tmp_path / "c")
+    assert "friction by load" in haptid.dissect(found, made).parts
+
+
+def test_a_load_is_of_one_coordinate(tmp_path):
+    coupled = '[[motors]]\nname = "1"\n[[motors]]\nname = "2"\ndrives = { 1 = 1, 2 = 1 }\n'
+    text = DEVICE + coupled + LOAD.replace('motors = "all"', 'joints = ["2"]')
+    with pytest.raises(errors.DeviceValueError, match="coordinates"):
+        read(tmp_path, text)
+
+
+def test_the_command_settles_it_and_the_result_keeps_it(device, tmp_path):
+    (tmp_path / "device.toml").write_text(DEVICE + LOAD)
+    study = STUDY.replace("log.csv", "log.parquet").replace('[[logs]]\npath = "check.csv"\nrole = "validate"\n', "")
+    (tmp_path / "study.toml").write_text(study.replace("cutoff_hz = 30", "torque_delay = 0\ncutoff_hz = 30"))
+    made = moved(device)
+    columns = {"t": made.t0 + made.dt * np.arange(len(made))}
+    columns |= {f"q{k + 1}": made.q[:, k] for k in (0, 1)} | {f"tau{k + 1}": made.tau[:, k] for k in (0, 1)}
+    pq.write_table(pa.table(columns), tmp_path / "log.parquet")
+    ran = CliRunner().invoke(app, ["identify", str(tmp_path / "study.toml"), "--out", str(tmp_path / "out"), "-q"])
+    assert ran.exit_code == 0, ran.output
+    values = json.loads((tmp_path / "out" / "result.json").read_text())["estimate"]["parameters"]
+    assert all(p["value"] == pytest.approx(0.08, rel=0.3) for p in values if p["name"].startswith("FL"))
+    again = read_result(tmp_path / "out").device
+    assert all(term.shape.bodies is not None for term in again.terms if isinstance(term.shape, Load))
