@@ -28,6 +28,7 @@ import long_log
 import medical_study
 import noisy_columns
 import phantom_study
+import simulated_coverage
 import speed_report
 import start_up
 import virtual_bench
@@ -56,6 +57,7 @@ STUDIES = {
     "in-the-loop": in_the_loop.run,
     "instructions": instructions.run,
     "noisy-columns": noisy_columns.run,
+    "simulated-coverage": simulated_coverage.run,
     "yardstick": yardstick.run,
 }
 
