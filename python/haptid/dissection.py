@@ -15,7 +15,8 @@ from haptid.device import Device
 from haptid.device.terms import Counterbalance, Load, TermColumn
 from haptid.dynamics import core_torque, raw_parameters, rigid
 from haptid.estimators import Estimate
-from haptid.stretches import Stretch, stretches
+from haptid.observation import Plan
+from haptid.stretches import Stretch, gathered, stretches
 from haptid.treatment import Motion
 
 RIGID = ("inertia", "Coriolis and centrifugal", "gravity")
@@ -114,8 +115,8 @@ def dissect(estimate: Estimate, motion: Motion) -> Dissection:
     device = estimate.device
     chi = raw_parameters(device, estimate.beta)
     terms = {name: _only(device, chi, name) for name in dict.fromkeys(_part(t) for t in device.terms) if name}
-    pieces = [(s.t, _torques(s, rigid(device, chi), terms), s.measured()) for s in stretches(device, motion)]
-    t, torque, measured = (np.concatenate(each, axis=-1) for each in zip(*pieces, strict=True))
+    pieces = ((s.t, _torques(s, rigid(device, chi), terms), s.measured()) for s in stretches(device, motion))
+    t, torque, measured = gathered(pieces, Plan.of(device, motion).rows)
     rows = [k for k, known in enumerate(device.measured) if known]
     return Dissection(
         motors=tuple(device.row_labels[k] for k in rows),

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -96,3 +96,19 @@ def stretches(device: Device, motion: Motion) -> Iterator[Stretch]:
     plan = Plan.of(device, motion)
     for start, stop in plan.segments():
         yield Stretch.of(plan, start, stop)
+
+
+def gathered(pieces: Iterable[tuple[Array, ...]], rows: int) -> tuple[Array, ...]:
+    """Arrays of stretch after stretch, each (..., rows of the stretch), as arrays of all rows, each (..., rows).
+
+    Each piece is let go as soon as it is in its place: what is made is not in memory twice.
+    """
+    whole: tuple[Array, ...] = ()
+    start = 0
+    for piece in pieces:
+        whole = whole or tuple(np.empty((*part.shape[:-1], rows), part.dtype) for part in piece)
+        stop = start + piece[0].shape[-1]
+        for all_rows, part in zip(whole, piece, strict=True):
+            all_rows[..., start:stop] = part
+        start = stop
+    return whole

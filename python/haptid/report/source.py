@@ -16,7 +16,8 @@ from haptid.errors import NoAccelerationError
 from haptid.estimators import Estimate
 from haptid.force import HandleForce
 from haptid.identification import Identification, Run
-from haptid.stretches import stretches
+from haptid.observation import Plan
+from haptid.stretches import gathered, stretches
 from haptid.validation import Validation
 
 # A log with more rows is not taken apart: its parts would not fit in memory beside the rest.
@@ -177,11 +178,11 @@ def track(estimate: Estimate, run: Run) -> Track:
     """The treated rows of one log."""
     device, motion = estimate.device, run.motion
     chi, rows = raw_parameters(device, estimate.beta), [k for k, known in enumerate(device.measured) if known]
-    parts = [
+    parts = (
         (s.t, s.measured(), s.torque(chi), s.used, s.centres(s.c), s.centres(s.cd)[rows])
         for s in stretches(device, motion)
-    ]
-    t, measured, predicted, used, c, velocity = (np.concatenate(each, axis=-1) for each in zip(*parts, strict=True))
+    )
+    t, measured, predicted, used, c, velocity = gathered(parts, Plan.of(device, motion).rows)
     return Track(
         name=run.entry.path,
         seen=run.direct is not None,
