@@ -74,13 +74,47 @@ class Loops:
     def gaps(self, q: Array) -> tuple[Array, Array]:
         """Gaps, (samples, m), and their Jacobian, (samples, m, joints), at joint positions (samples, joints)."""
 
-    def change(self, q: Array, qd: Array) -> Array:
-        """Rate of change of the Jacobian where the joints move with qd, (samples, m, joints)."""
-
     def close(self, q: Array, unknown: Sequence[int], steps: int, settled: float) -> Array:
         """The unknown joints moved until the cuts are as closed as they can be, (samples, joints).
 
         Damped Gauss-Newton steps, at most so many, until one is no longer than `settled`.
+        """
+
+class Branch:
+    """One of the ways in which loops close: that which leads from a start pose, without a singular pose, to others."""
+
+    def __new__(
+        cls,
+        loops: Loops,
+        active: Sequence[int],
+        unknown: Sequence[int],
+        constant: Array,
+        offset: Array,
+        start: Array,
+        varying: NDArray[np.bool_],
+        closed: float,
+        singular: float,
+    ) -> Branch:
+        """Joints that cuts do not settle are at constant @ qa + offset; the unknown ones, which they do, begin at start.
+
+        Rates that do not vary are taken as zero. A pose is closed where no gap exceeds `closed` times the size, and
+        settled where the least singular value of the gaps' Jacobian by the unknown joints, its columns of unit
+        length, exceeds `singular`. ValueError where the parts do not fit.
+        """
+
+    def positions(self, qa: Array) -> tuple[Array, tuple[int, Array] | None]:
+        """All joints, (samples, joints), where the active ones go through (samples, active).
+
+        Beside them the first sample that is not reached, and the last closed pose on the way there, (joints,).
+        """
+
+    def follow(self, qa: Array, qda: Array) -> tuple[Array, Array, Array, tuple[int, Array] | None]:
+        """The same with rates by the active joints, and their change with time, (samples, joints, active)."""
+
+    def reach(self, qa: Array) -> tuple[Array, NDArray[np.bool_]]:
+        """Poses on the straight way from the start, (samples, joints), and whether each was reached.
+
+        Where one is not, the last closed pose on the way to it stands in its place.
         """
 
 class Mechanism:

@@ -5,7 +5,7 @@
 //! Directions are weighed with the mechanism's size, so that all gaps are lengths. A joint j that carries a frame changes
 //! its origin p by z_j x (p - o_j) and its axes R by z_j x R, or by z_j and nothing where it slides.
 
-use crate::dual::{Dual, Number};
+use crate::dual::Number;
 use crate::error::{Error, expect_length};
 use crate::mechanism::Joint;
 use rayon::prelude::*;
@@ -49,8 +49,16 @@ pub struct Loops {
     joints: Vec<Joint>,
     cuts: Vec<Cut>,
     size: f64,
-    /// Whether joint j carries a link, links x joints.
-    above: Vec<bool>,
+    /// For each cut the joints that carry its frames, and which of both they carry.
+    carriers: Vec<Vec<Carrier>>,
+}
+
+/// A joint that carries a cut's frame, its twin, or both.
+#[derive(Debug, Clone, Copy)]
+struct Carrier {
+    joint: usize,
+    frame: bool,
+    twin: bool,
 }
 
 /// Where a link or a frame is: axes and origin, seen from the base.
@@ -61,10 +69,10 @@ struct Pose<N> {
 }
 
 /// One sample's links, gaps, and their Jacobian, gaps x joints.
-struct Shape<N> {
+pub(crate) struct Shape<N> {
     links: Vec<Pose<N>>,
-    gaps: Vec<N>,
-    jacobian: Vec<N>,
+    pub(crate) gaps: Vec<N>,
+    pub(crate) jacobian: Vec<N>,
 }
 
 fn dot<N: Number>(a: Vector<N>, b: Vector<N>) -> N {
@@ -83,6 +91,21 @@ impl<N: Number> Pose<N> {
     fn base() -> Self {
         let unit = |k: usize| core::array::from_fn(|e| N::of(if e == k { 1.0 } else { 0.0 }));
         Pose { axes: [unit(0), unit(1), unit(2)], origin: [N::of(0.0); 3] }
+    }
+
+    /// Rates of a frame that stands still.
+    fn still() -> Self {
+        let zero = [N::of(0.0); 3];
+        Pose { axes: [zero; 3], origin: zero }
+    }
+
+    /// Rates of the axes and the origin with a joint that carries them, whose link is given.
+    fn turned_by(&self, link: &Pose<N>, prismatic: bool) -> Self {
+        let z = link.axes[2];
+        if prismatic {
+            return Pose { origin: z, ..Pose::still() };
+        }
+        Pose { axes: self.axes.map(|axis| cross(z, axis)), origin: cross(z, sub(self.origin, link.origin)) }
     }
 
     /// A combination of the axes.
@@ -132,7 +155,27 @@ impl Loops {
         if !(size.is_finite() && size > 0.0) {
             return Err(Error::Value { name: "size", got: size, wanted: "a finite number above zero" });
         }
-        Ok(Loops { joints: joints.to_vec(), cuts: cuts.to_vec(), size, above })
+        let carries = |j: usize, frame: &Frame| frame.link.is_some_and(|link| above[link * n + j]);
+        let carriers = |cut: &Cut| {
+            let both = (0..n).map(|joint| Carrier {
+                joint,
+                frame: carries(joint, &cut.frame),
+                twin: carries(joint, &cut.twin),
+            });
+            both.filter(|carrier| carrier.frame || carrier.twin).collect()
+        };
+        let carriers = cuts.iter().map(carriers).collect();
+        Ok(Loops { joints: joints.to_vec(), cuts: cuts.to_vec(), size, carriers })
+    }
+
+    /// What a joint's move is measured by: rad where it turns, the mechanism's size where it slides, m.
+    pub(crate) fn unit(&self, joint: usize) -> f64 {
+        if self.joints[joint].prismatic { self.size } else { 1.0 }
+    }
+
+    /// What directions are weighed with, m.
+    pub(crate) fn size(&self) -> f64 {
+        self.size
     }
 
     /// Number of gaps.
@@ -145,78 +188,51 @@ impl Loops {
         self.joints.len()
     }
 
-    fn shape<N: Number>(&self) -> Shape<N> {
+    pub(crate) fn shape<N: Number>(&self) -> Shape<N> {
         let (m, n) = (self.gaps(), self.joints.len());
         Shape { links: vec![Pose::base(); n], gaps: vec![N::of(0.0); m], jacobian: vec![N::of(0.0); m * n] }
     }
 
     /// Gaps and their Jacobian where joint j is at `q(j)`.
-    fn measure<N: Number>(&self, q: impl Fn(usize) -> N, shape: &mut Shape<N>) {
+    pub(crate) fn measure<N: Number>(&self, q: impl Fn(usize) -> N, shape: &mut Shape<N>) {
         for (j, joint) in self.joints.iter().enumerate() {
             let parent = joint.parent.map_or(Pose::base(), |p| shape.links[p]);
             shape.links[j] = parent.placed(&joint.rotation, joint.translation).moved(joint.prismatic, q(j));
         }
         shape.jacobian.fill(N::of(0.0));
         let mut first = 0;
-        for cut in &self.cuts {
-            let pose = |frame: &Frame| {
-                let link = frame.link.map_or(Pose::base(), |link| shape.links[link]);
-                link.placed(&frame.rotation, frame.translation)
-            };
-            let (own, twin) = (pose(&cut.frame), pose(&cut.twin));
-            let apart = sub(own.origin, twin.origin);
-            let gaps = &mut shape.gaps[first..];
-            let whole = Moved { apart, own: own.axes, twin: twin.axes };
-            self.entries(cut, &twin.axes, [N::of(0.0); 3], &whole, |e, gap| gaps[e] = gap);
-            for j in 0..self.joints.len() {
-                let (by_own, by_twin) =
-                    (self.turned(j, &cut.frame, &own, &shape.links), self.turned(j, &cut.twin, &twin, &shape.links));
-                let change = Moved { apart: sub(by_own.origin, by_twin.origin), own: by_own.axes, twin: by_twin.axes };
-                let column = &mut shape.jacobian[first * self.joints.len() + j..];
-                self.entries(cut, &twin.axes, apart, &change, |e, rate| column[e * self.joints.len()] = rate);
+        for (cut, carriers) in self.cuts.iter().zip(&self.carriers) {
+            if cut.prismatic {
+                self.measure_cut::<N, Sliding>(cut, carriers, first, shape);
+            } else {
+                self.measure_cut::<N, Turning>(cut, carriers, first, shape);
             }
             first += cut.gaps();
         }
     }
 
-    /// How joint j moves a frame: rates of its axes and origin.
-    fn turned<N: Number>(&self, j: usize, frame: &Frame, pose: &Pose<N>, links: &[Pose<N>]) -> Pose<N> {
-        let zero = [N::of(0.0); 3];
-        let z = links[j].axes[2];
-        match frame.link.is_some_and(|link| self.carries(j, link)) {
-            false => Pose { axes: [zero; 3], origin: zero },
-            true if self.joints[j].prismatic => Pose { axes: [zero; 3], origin: z },
-            true => {
-                let arm = sub(pose.origin, links[j].origin);
-                Pose { axes: pose.axes.map(|axis| cross(z, axis)), origin: cross(z, arm) }
-            }
-        }
-    }
-
-    fn carries(&self, j: usize, link: usize) -> bool {
-        self.above[link * self.joints.len() + j]
-    }
-
-    /// The gaps of a cut as far as they are linear in what moved, the twin's own turn against a distance added.
-    fn entries<N: Number>(
-        &self,
-        cut: &Cut,
-        twin: &[Vector<N>; 3],
-        apart: Vector<N>,
-        moved: &Moved<N>,
-        mut put: impl FnMut(usize, N),
-    ) {
-        let size = N::of(self.size);
-        if cut.prismatic {
-            (0..2).for_each(|k| put(k, dot(twin[k], moved.apart) + dot(moved.twin[k], apart)));
-            for e in 0..3 {
-                (0..2).for_each(|k| put(2 + 2 * e + k, size * (moved.own[2 * k][e] - moved.twin[2 * k][e])));
-            }
-        } else {
-            for e in 0..3 {
-                put(e, moved.apart[e]);
-                put(3 + e, size * (moved.own[2][e] - moved.twin[2][e]));
-            }
+    /// Of one cut, whose gaps begin at `first`.
+    #[inline(always)]
+    fn measure_cut<N: Number, K: Kind>(&self, cut: &Cut, carriers: &[Carrier], first: usize, shape: &mut Shape<N>) {
+        let (n, size) = (self.joints.len(), N::of(self.size));
+        let pose = |frame: &Frame| {
+            let link = frame.link.map_or(Pose::base(), |link| shape.links[link]);
+            link.placed(&frame.rotation, frame.translation)
+        };
+        let (own, twin) = (pose(&cut.frame), pose(&cut.twin));
+        let apart = sub(own.origin, twin.origin);
+        let gaps = &mut shape.gaps[first..];
+        let whole = Moved { apart, own: own.axes, twin: twin.axes };
+        K::entries(size, &twin.axes, [N::of(0.0); 3], &whole, |e, gap| gaps[e] = gap);
+        for carrier in carriers {
+            let link = &shape.links[carrier.joint];
+            let turned = |carried: bool, pose: &Pose<N>| {
+                if carried { pose.turned_by(link, self.joints[carrier.joint].prismatic) } else { Pose::still() }
+            };
+            let (by_own, by_twin) = (turned(carrier.frame, &own), turned(carrier.twin, &twin));
+            let change = Moved { apart: sub(by_own.origin, by_twin.origin), own: by_own.axes, twin: by_twin.axes };
+            let column = &mut shape.jacobian[first * n + carrier.joint..];
+            K::entries(size, &twin.axes, apart, &change, |e, rate| column[e * n] = rate);
         }
     }
 
@@ -235,24 +251,6 @@ impl Loops {
                 self.measure(|j| q[j], &mut shape);
                 gaps.copy_from_slice(&shape.gaps);
                 jacobian.copy_from_slice(&shape.jacobian);
-            }
-        });
-        Ok(())
-    }
-
-    /// Rate of change of the Jacobian, samples x gaps x joints, where the joints move with qd.
-    pub fn change_into(&self, q: &[f64], qd: &[f64], out: &mut [f64]) -> Result<(), Error> {
-        let (n, entries) = (self.joints.len(), (self.gaps() * self.joints.len()).max(1));
-        let samples = q.len().checked_div(n).unwrap_or(0);
-        expect_length("q", q.len(), samples * n)?;
-        expect_length("qd", qd.len(), samples * n)?;
-        expect_length("out", out.len(), samples * self.gaps() * n)?;
-        let shares = q.par_chunks(SHARE * n.max(1)).zip(qd.par_chunks(SHARE * n.max(1)));
-        shares.zip(out.par_chunks_mut(SHARE * entries)).for_each(|((q, qd), out)| {
-            let mut shape = self.shape::<Dual>();
-            for ((q, qd), out) in q.chunks_exact(n).zip(qd.chunks_exact(n)).zip(out.chunks_exact_mut(entries)) {
-                self.measure(|j| Dual { value: q[j], rate: qd[j] }, &mut shape);
-                out.iter_mut().zip(&shape.jacobian).for_each(|(out, entry)| *out = entry.rate);
             }
         });
         Ok(())
@@ -291,6 +289,50 @@ struct Moved<N> {
     apart: Vector<N>,
     own: [Vector<N>; 3],
     twin: [Vector<N>; 3],
+}
+
+/// How the gaps of a cut follow from what moved, as far as they are linear in it.
+trait Kind {
+    /// Hand out gap by gap, the twin's own turn against a distance added.
+    fn entries<N: Number>(
+        size: N,
+        twin: &[Vector<N>; 3],
+        apart: Vector<N>,
+        moved: &Moved<N>,
+        put: impl FnMut(usize, N),
+    );
+}
+
+/// A joint that turns.
+struct Turning;
+
+/// A joint that slides.
+struct Sliding;
+
+impl Kind for Turning {
+    #[inline(always)]
+    fn entries<N: Number>(size: N, _: &[Vector<N>; 3], _: Vector<N>, moved: &Moved<N>, mut put: impl FnMut(usize, N)) {
+        for e in 0..3 {
+            put(e, moved.apart[e]);
+            put(3 + e, size * (moved.own[2][e] - moved.twin[2][e]));
+        }
+    }
+}
+
+impl Kind for Sliding {
+    #[inline(always)]
+    fn entries<N: Number>(
+        size: N,
+        twin: &[Vector<N>; 3],
+        apart: Vector<N>,
+        moved: &Moved<N>,
+        mut put: impl FnMut(usize, N),
+    ) {
+        (0..2).for_each(|k| put(k, dot(twin[k], moved.apart) + dot(moved.twin[k], apart)));
+        for e in 0..3 {
+            (0..2).for_each(|k| put(2 + 2 * e + k, size * (moved.own[2 * k][e] - moved.twin[2 * k][e])));
+        }
+    }
 }
 
 /// The damped normal equations of one step: small, and solved again and again, so that their error does not stay.
@@ -343,6 +385,7 @@ impl System {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::dual::Dual;
 
     /// Four bars in a plane, the last joint cut, and a slider beside it.
     fn bars() -> Loops {
@@ -380,11 +423,11 @@ mod tests {
                 assert!((slope - jacobian[4 * e + j]).abs() < 1e-8, "gap {e} by joint {j}");
             }
         }
-        let mut change = vec![0.0; jacobian.len()];
-        loops.change_into(&q, &qd, &mut change).expect("shapes");
+        let mut moving = loops.shape();
+        loops.measure(|j| Dual { value: q[j], rate: qd[j] }, &mut moving);
         let (ahead, behind) = (shifted(h, &|j| qd[j]).1, shifted(-h, &|j| qd[j]).1);
-        for (e, change) in change.iter().enumerate() {
-            assert!(((ahead[e] - behind[e]) / (2.0 * h) - change).abs() < 1e-8, "entry {e}");
+        for (e, entry) in moving.jacobian.iter().enumerate() {
+            assert!(((ahead[e] - behind[e]) / (2.0 * h) - entry.rate).abs() < 1e-8, "entry {e}");
         }
     }
 

@@ -9,16 +9,19 @@
 //! Arrays of samples are "channel major": the samples of one coordinate are contiguous.
 
 mod batch;
+mod branch;
 mod course;
 mod cuts;
 mod dispatch;
 mod dual;
 mod error;
+mod factor;
 mod felt;
 mod filter;
 mod handle;
 mod lane;
 mod link;
+mod march;
 mod mechanism;
 mod momentum;
 mod momentum_rows;
@@ -32,6 +35,7 @@ mod terms;
 mod triangle;
 mod vector;
 
+pub use branch::{Branch, Followed, Limits, Linear, Path, Stop};
 pub use cuts::{Cut, Frame, Loops};
 pub use dispatch::Backend;
 pub use error::Error;

@@ -6,7 +6,7 @@ mod loops;
 
 use arrays::{output, row_major, square_stack};
 use haptid_core::{Backend, Closure, Error, Law, Mechanism, Motion, Reduction, Term};
-use loops::{PyLoops, joints};
+use loops::{PyBranch, PyLoops, joints};
 use numpy::{
     IntoPyArray, PyArray2, PyArray3, PyArray4, PyArrayMethods, PyReadonlyArray1, PyReadonlyArray2, PyReadonlyArray3,
 };
@@ -257,6 +257,7 @@ fn backends() -> Vec<&'static str> {
 fn _core(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add_class::<PyMechanism>()?;
     module.add_class::<PyLoops>()?;
+    module.add_class::<PyBranch>()?;
     module.add_function(wrap_pyfunction!(backends, module)?)?;
     module.add_function(wrap_pyfunction!(handle::handle_dynamics, module)?)?;
     module.add_function(wrap_pyfunction!(handle::felt_mass, module)?)?;

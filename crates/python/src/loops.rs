@@ -2,9 +2,10 @@
 
 use crate::arrays::row_major;
 use crate::to_python;
-use haptid_core::{Cut, Frame, Joint, Loops};
+use haptid_core::{Branch, Cut, Followed, Frame, Joint, Limits, Linear, Loops, Path};
 use numpy::{
-    IntoPyArray, PyArray2, PyArray3, PyArrayMethods, PyReadonlyArray2, PyReadonlyArray3, PyUntypedArrayMethods,
+    IntoPyArray, PyArray1, PyArray2, PyArray3, PyArrayMethods, PyReadonlyArray1, PyReadonlyArray2, PyReadonlyArray3,
+    PyUntypedArrayMethods,
 };
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
@@ -76,19 +77,6 @@ impl PyLoops {
         Ok((gaps.into_pyarray(py).reshape([samples, m])?, jacobian.into_pyarray(py).reshape([samples, m, n])?))
     }
 
-    fn change<'py>(
-        &self,
-        py: Python<'py>,
-        q: PyReadonlyArray2<'py, f64>,
-        qd: PyReadonlyArray2<'py, f64>,
-    ) -> PyResult<Bound<'py, PyArray3<f64>>> {
-        let shape = [q.shape()[0], self.0.gaps(), self.0.joints()];
-        let mut out = vec![0.0; shape.iter().product()];
-        let (q, qd) = (row_major(&q)?, row_major(&qd)?);
-        py.detach(|| self.0.change_into(q, qd, &mut out)).map_err(to_python)?;
-        out.into_pyarray(py).reshape(shape)
-    }
-
     fn close<'py>(
         &self,
         py: Python<'py>,
@@ -101,5 +89,82 @@ impl PyLoops {
         let mut closed = row_major(&q)?.to_vec();
         py.detach(|| self.0.close(&mut closed, &unknown, steps, settled)).map_err(to_python)?;
         closed.into_pyarray(py).reshape(shape)
+    }
+}
+
+/// One of the ways in which loops close.
+#[pyclass(name = "Branch", frozen, module = "haptid._core")]
+pub struct PyBranch(Branch);
+
+/// The first sample not reached, and the last closed pose on the way there; nothing where all are reached.
+type Stopped<'py> = Option<(usize, Bound<'py, PyArray1<f64>>)>;
+
+#[pymethods]
+impl PyBranch {
+    #[new]
+    #[allow(clippy::too_many_arguments)]
+    fn new(
+        loops: &PyLoops,
+        active: Vec<usize>,
+        unknown: Vec<usize>,
+        constant: PyReadonlyArray2<'_, f64>,
+        offset: PyReadonlyArray1<'_, f64>,
+        start: PyReadonlyArray1<'_, f64>,
+        varying: PyReadonlyArray2<'_, bool>,
+        closed: f64,
+        singular: f64,
+    ) -> PyResult<Self> {
+        let linear = Linear { constant: row_major(&constant)?, offset: offset.as_slice()? };
+        let varying: Vec<bool> = varying.as_array().iter().copied().collect();
+        let limits = Limits { closed, singular };
+        let made = Branch::new(&loops.0, &active, &unknown, &linear, start.as_slice()?, &varying, limits);
+        made.map(PyBranch).map_err(to_python)
+    }
+
+    #[allow(clippy::type_complexity)]
+    fn positions<'py>(
+        &self,
+        py: Python<'py>,
+        qa: PyReadonlyArray2<'py, f64>,
+    ) -> PyResult<(Bound<'py, PyArray2<f64>>, Stopped<'py>)> {
+        let shape = [qa.shape()[0], self.0.joints()];
+        let mut q = vec![0.0; shape[0] * shape[1]];
+        let path = Path { position: row_major(&qa)?, velocity: &[] };
+        let out = Followed { position: &mut q, rates: &mut [], change: &mut [] };
+        let stop = py.detach(|| self.0.follow(&path, out)).map_err(to_python)?;
+        let stop = stop.map(|stop| (stop.sample, stop.pose.into_pyarray(py)));
+        Ok((q.into_pyarray(py).reshape(shape)?, stop))
+    }
+
+    #[allow(clippy::type_complexity)]
+    fn follow<'py>(
+        &self,
+        py: Python<'py>,
+        qa: PyReadonlyArray2<'py, f64>,
+        qda: PyReadonlyArray2<'py, f64>,
+    ) -> PyResult<(Bound<'py, PyArray2<f64>>, Bound<'py, PyArray3<f64>>, Bound<'py, PyArray3<f64>>, Stopped<'py>)> {
+        let (samples, n) = (qa.shape()[0], self.0.joints());
+        let shape = [samples, n, self.0.active()];
+        let entries = shape.iter().product();
+        let (mut q, mut rates, mut change) = (vec![0.0; samples * n], vec![0.0; entries], vec![0.0; entries]);
+        let path = Path { position: row_major(&qa)?, velocity: row_major(&qda)? };
+        let out = Followed { position: &mut q, rates: &mut rates, change: &mut change };
+        let stop = py.detach(|| self.0.follow(&path, out)).map_err(to_python)?;
+        let stop = stop.map(|stop| (stop.sample, stop.pose.into_pyarray(py)));
+        let (rates, change) = (rates.into_pyarray(py).reshape(shape)?, change.into_pyarray(py).reshape(shape)?);
+        Ok((q.into_pyarray(py).reshape([samples, n])?, rates, change, stop))
+    }
+
+    #[allow(clippy::type_complexity)]
+    fn reach<'py>(
+        &self,
+        py: Python<'py>,
+        qa: PyReadonlyArray2<'py, f64>,
+    ) -> PyResult<(Bound<'py, PyArray2<f64>>, Bound<'py, PyArray1<bool>>)> {
+        let shape = [qa.shape()[0], self.0.joints()];
+        let (mut q, mut reached) = (vec![0.0; shape[0] * shape[1]], vec![false; shape[0]]);
+        let targets = row_major(&qa)?;
+        py.detach(|| self.0.reach(targets, &mut q, &mut reached)).map_err(to_python)?;
+        Ok((q.into_pyarray(py).reshape(shape)?, reached.into_pyarray(py)))
     }
 }

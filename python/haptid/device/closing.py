@@ -146,11 +146,6 @@ class Chain:
         gaps, jacobian = compiled(self).gaps(np.ascontiguousarray(q, dtype=float))
         return gaps, jacobian
 
-    def change(self, q: Array, qd: Array) -> Array:
-        """Rate of change of the Jacobian, (n, m, joints), where the joints at q (n, joints) move with qd."""
-        made: Array = compiled(self).change(np.ascontiguousarray(q, dtype=float), np.ascontiguousarray(qd, dtype=float))
-        return made
-
 
 @lru_cache(maxsize=32)
 def compiled(chain: Chain) -> Any:
