@@ -46,6 +46,8 @@ pub struct Branch {
     pub(crate) unknown: Vec<usize>,
     pub(crate) constant: Vec<f64>,
     pub(crate) offset: Vec<f64>,
+    /// Joints that move as `constant` says.
+    pub(crate) leads: Vec<usize>,
     /// Which rates of the unknown joints vary, unknown x active; the others are zero.
     varying: Vec<bool>,
     start: Stand,
@@ -103,6 +105,7 @@ impl Branch {
             unknown: unknown.to_vec(),
             constant: linear.constant.to_vec(),
             offset: linear.offset.to_vec(),
+            leads: (0..n).filter(|j| linear.constant[j * a..][..a].iter().any(|&rate| rate != 0.0)).collect(),
             varying: unknown.iter().flat_map(|&j| &varying[j * a..][..a]).copied().collect(),
             start: Stand::new(loops, a, unknown.len()),
         };

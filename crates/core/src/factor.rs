@@ -1,5 +1,16 @@
 //! Small least squares by Householder reflections: what the gaps of cuts settle, how well, and on which side.
 
+/// Sum of products, four at a time: additions that wait for each other take longer than the products.
+pub(crate) fn dot(x: &[f64], y: &[f64]) -> f64 {
+    let ((fours, rest), (others, last)) = (x.as_chunks::<4>(), y.as_chunks::<4>());
+    let mut sums = [0.0; 4];
+    for (x, y) in fours.iter().zip(others) {
+        (0..4).for_each(|e| sums[e] += x[e] * y[e]);
+    }
+    let rest: f64 = rest.iter().zip(last).map(|(x, y)| x * y).sum();
+    (sums[0] + sums[2]) + (sums[1] + sums[3]) + rest
+}
+
 /// A tall matrix A = Q R, column by column; the reflections stand below the diagonal.
 #[derive(Debug, Clone)]
 pub(crate) struct Factor {
@@ -7,6 +18,8 @@ pub(crate) struct Factor {
     columns: usize,
     entries: Vec<f64>,
     diagonal: Vec<f64>,
+    /// One over each of the diagonal.
+    inverse: Vec<f64>,
     /// Two over the squared length of each reflection's vector.
     weights: Vec<f64>,
 }
@@ -14,7 +27,14 @@ pub(crate) struct Factor {
 impl Factor {
     pub(crate) fn new(rows: usize, columns: usize) -> Factor {
         let zeros = |len| vec![0.0; len];
-        Factor { rows, columns, entries: zeros(rows * columns), diagonal: zeros(columns), weights: zeros(columns) }
+        Factor {
+            rows,
+            columns,
+            entries: zeros(rows * columns),
+            diagonal: zeros(columns),
+            inverse: zeros(columns),
+            weights: zeros(columns),
+        }
     }
 
     /// Decompose a matrix given column by column.
@@ -24,10 +44,11 @@ impl Factor {
         for k in 0..self.columns {
             let (done, after) = self.entries.split_at_mut((k + 1) * m);
             let vector = &mut done[k * m + k..];
-            let length = vector.iter().map(|x| x * x).sum::<f64>().sqrt();
+            let length = dot(vector, vector).sqrt();
             self.diagonal[k] = if vector[0] > 0.0 { -length } else { length };
+            self.inverse[k] = 1.0 / self.diagonal[k];
             vector[0] -= self.diagonal[k];
-            self.weights[k] = if length > 0.0 { -1.0 / (self.diagonal[k] * vector[0]) } else { 0.0 };
+            self.weights[k] = if length > 0.0 { -self.inverse[k] / vector[0] } else { 0.0 };
             after.chunks_exact_mut(m).for_each(|column| reflect(vector, self.weights[k], &mut column[k..]));
         }
     }
@@ -39,7 +60,7 @@ impl Factor {
             reflect(&self.entries[k * m + k..(k + 1) * m], self.weights[k], &mut right[k..]);
         }
         for k in (0..n).rev() {
-            right[k] /= self.diagonal[k];
+            right[k] *= self.inverse[k];
             let (above, known) = right.split_at_mut(k);
             above.iter_mut().zip(&self.entries[k * m..]).for_each(|(x, entry)| *x -= entry * known[0]);
         }
@@ -52,9 +73,8 @@ impl Factor {
         for i in 0..n {
             for k in 0..=i {
                 let (one, other) = (self.column(i), self.column(k));
-                let above: f64 = one[..k].iter().zip(&other[..k]).map(|(a, b)| a * b).sum();
                 let last = if i == k { self.diagonal[k] } else { one[k] };
-                gram[i * n + k] = above + last * self.diagonal[k];
+                gram[i * n + k] = dot(&one[..k], &other[..k]) + last * self.diagonal[k];
             }
             gram[i * n + i] *= 1.0 - limit * limit;
         }
@@ -67,7 +87,7 @@ impl Factor {
 }
 
 fn reflect(vector: &[f64], weight: f64, x: &mut [f64]) {
-    let along = weight * vector.iter().zip(&*x).map(|(v, x)| v * x).sum::<f64>();
+    let along = weight * dot(vector, x);
     x.iter_mut().zip(vector).for_each(|(x, v)| *x -= along * v);
 }
 
@@ -77,10 +97,9 @@ fn is_positive(matrix: &mut [f64], n: usize) -> bool {
         let (before, row) = matrix.split_at_mut(i * n);
         for k in 0..i {
             let other = &before[k * n..];
-            let known: f64 = row[..k].iter().zip(other).map(|(a, b)| a * b).sum();
-            row[k] = (row[k] - known) / other[k];
+            row[k] = (row[k] - dot(&row[..k], &other[..k])) / other[k];
         }
-        let pivot = row[i] - row[..i].iter().map(|x| x * x).sum::<f64>();
+        let pivot = row[i] - dot(&row[..i], &row[..i]);
         // Not a number is not positive either.
         if pivot.is_nan() || pivot <= 0.0 {
             return false;
@@ -95,7 +114,7 @@ pub(crate) fn same_side(a: &[f64], b: &[f64], rows: usize, product: &mut [f64]) 
     let n = a.len() / rows;
     for (i, a) in a.chunks_exact(rows).enumerate() {
         for (k, b) in b.chunks_exact(rows).enumerate() {
-            product[i * n + k] = a.iter().zip(b).map(|(a, b)| a * b).sum();
+            product[i * n + k] = dot(a, b);
         }
     }
     let mut positive = true;

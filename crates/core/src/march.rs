@@ -3,7 +3,7 @@
 use crate::branch::{Branch, Stop};
 use crate::cuts::{Loops, Shape};
 use crate::dual::Dual;
-use crate::factor::{Factor, same_side};
+use crate::factor::{Factor, dot, same_side};
 
 /// Longest step of an active joint from one closed pose to the next, rad (or mechanism sizes), and the shortest tried.
 const STRIDE: f64 = 0.1;
@@ -155,8 +155,8 @@ impl<'a> March<'a> {
     /// halved.
     pub(crate) fn go(&mut self, target: &[f64]) -> bool {
         let far = self.far(&self.stand.q, target);
-        if far == 0.0 {
-            return true;
+        if far == 0.0 || !far.is_finite() {
+            return far == 0.0;
         }
         let from: Vec<f64> = self.branch.active.iter().map(|&j| self.stand.q[j]).collect();
         let whole = (STRIDE / far).min(1.0);
@@ -173,8 +173,7 @@ impl<'a> March<'a> {
                 (done, step) = (next, (2.0 * step).min(whole));
             } else {
                 step /= 2.0;
-                // Also where a target is not a number.
-                if !(step * far > LEAST) {
+                if step * far <= LEAST {
                     return false;
                 }
             }
@@ -215,7 +214,6 @@ impl<'a> March<'a> {
         for (e, &j) in branch.active.iter().enumerate() {
             self.way[e] = self.at[e] - stand.q[j];
         }
-        let dot = |x: &[f64], y: &[f64]| x.iter().zip(y).map(|(x, y)| x * y).sum::<f64>();
         let last = dot(&stand.moved, &stand.moved);
         let share = if last > 0.0 { (dot(&self.way, &stand.moved) / last).clamp(-1.0, 1.0) / 2.0 } else { 0.0 };
         for (j, ahead) in self.ahead.iter_mut().enumerate() {
@@ -249,7 +247,7 @@ impl<'a> March<'a> {
         stand.q.copy_from_slice(&self.q);
         for e in 0..a {
             for (right, row) in self.right.iter_mut().zip(self.shape.jacobian.chunks_exact(self.q.len())) {
-                *right = row.iter().enumerate().map(|(j, entry)| entry * branch.constant[j * a + e]).sum();
+                *right = branch.leads.iter().map(|&j| row[j] * branch.constant[j * a + e]).sum();
             }
             stand.factor.solve(&mut self.right);
             (0..branch.unknown.len()).for_each(|i| stand.rates[i * a + e] = -self.right[i]);
@@ -278,7 +276,8 @@ impl<'a> March<'a> {
         out.fill(0.0);
         for e in 0..a {
             for (right, row) in self.right.iter_mut().zip(self.moving.jacobian.chunks_exact(n)) {
-                *right = row.iter().enumerate().map(|(j, entry)| entry.rate * rates[j * a + e]).sum();
+                let each = row.iter().zip(rates[e..].iter().step_by(a));
+                *right = each.map(|(entry, rate)| entry.rate * rate).sum();
             }
             self.stand.factor.solve(&mut self.right);
             for (i, &j) in branch.unknown.iter().enumerate() {

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import importlib
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from typing import Any
@@ -10,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from haptid._values import Array, expect, read_only
-from haptid.device.closing import Chain, compiled, solve
+from haptid.device.closing import STEPS, Chain, compiled, solve
 from haptid.device.closure import Followed
 from haptid.device.model import Cut
 from haptid.errors import LoopUnreachableError, SingularLoopError
@@ -132,10 +133,19 @@ class NewtonClosure:
         pose = self.chain.active_text(qa[sample])
         there = qa[sample] @ self.constant.T + self.offset
         there[list(self.unknown)] = q[list(self.unknown)]
-        gap = float(np.abs(self.chain.residual(solve(self.chain, there[None], self.unknown))[0]).max())
+        gap = least_gap(self.chain, there, self.unknown)
         if gap > 1e-6 * self.chain.size:
             raise LoopUnreachableError(sample, pose, gap, CLOSED * self.chain.size)
         raise SingularLoopError(f"up to sample {sample}", pose, float(self.openness(q[None])[0]), SINGULAR)
+
+
+def least_gap(chain: Chain, q: Array, unknown: Sequence[int]) -> float:
+    """Least gap met on the way to closed cuts, m: where they cannot close the steps do not settle."""
+    poses, gaps = q[None], []
+    for _ in range(STEPS):
+        gaps.append(float(np.abs(chain.residual(poses)[0]).max()))
+        poses = solve(chain, poses, unknown, steps=1)
+    return min(gaps)
 
 
 @lru_cache(maxsize=32)
