@@ -25,6 +25,7 @@ import in_the_loop
 import instructions
 import kernel
 import long_log
+import loops
 import medical_study
 import noisy_columns
 import phantom_study
@@ -56,6 +57,7 @@ STUDIES = {
     "codegen": codegen.run,
     "in-the-loop": in_the_loop.run,
     "instructions": instructions.run,
+    "loops": loops.run,
     "noisy-columns": noisy_columns.run,
     "simulated-coverage": simulated_coverage.run,
     "yardstick": yardstick.run,
