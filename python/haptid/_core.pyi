@@ -95,7 +95,7 @@ class Branch:
         closed: float,
         singular: float,
     ) -> Branch:
-        """Joints that cuts do not settle are at constant @ qa + offset; the unknown ones, which they do, begin at start.
+        """Joints that cuts do not settle are at constant @ qa + offset; the unknown ones begin at start.
 
         Rates that do not vary are taken as zero. A pose is closed where no gap exceeds `closed` times the size, and
         settled where the least singular value of the gaps' Jacobian by the unknown joints, its columns of unit

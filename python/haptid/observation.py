@@ -89,6 +89,8 @@ class MotorRows:
     @cached_property
     def whole(self) -> Array:
         """The triangle of all blocks together, (p + 1, p + 1)."""
+        if len(self.triangles) == 1:
+            return self.triangles[0]
         return freeze(triangle(self.triangles.reshape(-1, self.triangles.shape[-1])))
 
     def residual(self, beta: Array) -> float:
@@ -217,13 +219,19 @@ class Observation:
 
 def conditions(W: Array) -> tuple[float, float]:
     """Condition number of a matrix: as it is, and with its columns scaled to unit length."""
-    lengths = np.linalg.norm(W, axis=0)
-    return _condition(W), _condition(W / np.where(lengths > 0, lengths, 1.0))
+    return condition(W), scaled_condition(W)
 
 
-def _condition(R: Array) -> float:
-    singular = np.linalg.svd(R, compute_uv=False)
+def condition(W: Array) -> float:
+    """Condition number of a matrix; infinite where it is singular."""
+    singular = np.linalg.svd(W, compute_uv=False)
     return float(singular[0] / singular[-1]) if len(singular) and singular[-1] > 0 else float("inf")
+
+
+def scaled_condition(W: Array) -> float:
+    """The same with its columns scaled to unit length."""
+    lengths = np.linalg.norm(W, axis=0)
+    return condition(W / np.where(lengths > 0, lengths, 1.0))
 
 
 def observe(device: Device, motion: Motion, progress: Callable[[float], None] | None = None) -> Observation:

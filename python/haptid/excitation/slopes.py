@@ -8,13 +8,14 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
-from haptid._values import Array
+from haptid._values import Array, freeze
 from haptid.excitation.criteria import Criterion, Scaling
 from haptid.excitation.limits import Bounds
-from haptid.signals import rows
+from haptid.signals import external
 
 # How sharp the criterion's stand-in is where starts are compared.
 STARTING = 4.0
@@ -58,17 +59,29 @@ class Slopes:
         penalty, more = self._limits(states, weight)
         return cost + penalty, by_state + more
 
-    def _rows(self, states: Array) -> Array:
-        """Scaled rows of the measured torques, (motors, k, n)."""
+    @cached_property
+    def selection(self) -> tuple[list[int], Array]:
+        """The core's columns that the parameters need, and the combinations (columns, k) that make them of these."""
         device = self.bounds.device
-        made = rows(device, *(np.ascontiguousarray(device.frame @ x) for x in states))[list(device.measured)]
         kept = device.parameters.S[:, [device.base.kept[k] for k in self.columns]]
-        return np.asarray(np.matmul(kept.T, made) * self.scaling.factors[:, :, None])
+        needed = np.flatnonzero(kept.any(axis=1))
+        return needed.tolist(), freeze(np.ascontiguousarray(kept[needed]))
+
+    def _core_rows(self, states: Array, out: Array | None = None) -> Array:
+        """The core's columns that are needed, of every coordinate's torque, (coordinates, columns, n)."""
+        device = self.bounds.device
+        c, cd, cdd = (np.ascontiguousarray(device.frame @ x) for x in states)
+        own, loops = external(device, c, cd, cdd), device.loops(c, cd)
+        return np.asarray(device.mechanism.regressor(c, cd, cdd, own, self.selection[0], loops, out))
+
+    def _scaled(self, made: Array) -> Array:
+        """Scaled rows of the measured torques, (motors, k, n), of the core's."""
+        measured = made[list(self.bounds.device.measured)]
+        return np.asarray(np.matmul(self.selection[1].T, measured) * self.scaling.factors[:, :, None])
 
     def cost(self, states: Array, power: float = STARTING) -> float:
         """The criterion's stand-in alone."""
-        V = self._rows(states)
-        _, C = self._unit(V)
+        _, C = self._unit(self._scaled(self._core_rows(states)))
         return self.criterion.smooth(C, power)[0]
 
     def _unit(self, V: Array) -> tuple[Array, Array]:
@@ -79,17 +92,21 @@ class Slopes:
         return lengths, np.matmul(unit, np.swapaxes(unit, 1, 2)).sum(axis=0)
 
     def _criterion(self, states: Array, power: float) -> tuple[float, Array]:
-        V = self._rows(states)
+        here = self._core_rows(states)
+        V = self._scaled(here)
         lengths, C = self._unit(V)
         cost, B = self.criterion.smooth(C, power)
         # A column of unit length does not grow: what would change its length is taken off.
         B = B - np.diag(np.where(self.scaling.unit, (B * C).sum(axis=1), 0.0))
         by_row = 2 * np.matmul(B, V / lengths[:, None]) / lengths[:, None]
-        by_state = np.zeros_like(states)
+        by_core = np.zeros_like(here)
+        by_core[list(self.bounds.device.measured)] = self.selection[1] @ (by_row * self.scaling.factors[:, :, None])
+        by_state, moved = np.zeros_like(states), np.empty_like(here)
         for s, step in enumerate(STEPS):
             for j in range(states.shape[1]):
-                slope = (self._rows(_moved(states, s, j, step)) - V) / step
-                by_state[s, j] = np.einsum("mkn,mkn->n", by_row, slope)
+                self._core_rows(_moved(states, s, j, step), moved)
+                moved -= here
+                by_state[s, j] = np.einsum("mkn,mkn->n", by_core, moved) / step
         return cost, by_state
 
     def _limits(self, states: Array, weight: float) -> tuple[float, Array]:
