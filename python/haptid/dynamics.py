@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+import importlib
+
 import numpy as np
 from numpy.typing import ArrayLike
 
 from haptid._values import Array, expect
 from haptid.device import Device
+from haptid.device.closure import Followed
 from haptid.signals import external
 
 
@@ -42,12 +45,7 @@ def mass_matrix(device: Device, beta: ArrayLike, qa: ArrayLike) -> Array:
         ShapeError: an array does not fit the device.
     """
     chi, (c,) = rigid(device, raw_parameters(device, beta)), _coordinates(device, qa)
-    n, samples = c.shape
-    many = np.tile(c, n + 1)  # one stretch for each unit acceleration, and one without
-    unit = np.repeat(np.eye(n, n + 1), samples, axis=1)
-    tau = core_torque(device, chi, many, np.zeros_like(many), unit).reshape(n, n + 1, samples)
-    M = (tau[:, :n] - tau[:, n:]).transpose(2, 0, 1)
-    return np.asarray(0.5 * (M + M.mT))
+    return core_mass(device, chi, device.follow(c, np.zeros_like(c)))
 
 
 def bias_torque(device: Device, beta: ArrayLike, qa: Array, qda: Array) -> Array:
@@ -105,6 +103,31 @@ def core_torque(device: Device, chi: Array, c: Array, cd: Array, cdd: Array, own
         own = np.zeros((len(device.externals), c.shape[1]))
     c, cd, cdd, own = (np.ascontiguousarray(x) for x in (c, cd, cdd, own))
     return np.asarray(device.mechanism.torque(c, cd, cdd, own, columns, chi[columns].tolist(), device.loops(c, cd)))
+
+
+def core_mass(device: Device, chi: Array, followed: Followed) -> Array:
+    """Mass matrix of the core's columns, (samples, rows, rows), kg m^2 (or kg, kg m).
+
+    Args:
+        device: the mechanism.
+        chi: parameters of the core's columns, (r,), SI; only those of bodies and rotors count.
+        followed: all joints, by the coordinates that torque rows belong to.
+    """
+    links, (q, n), G = 10 * len(device.joints), (followed.q, len(device.active)), followed.G
+    rotors = [(term, chi[links + k]) for k, term in enumerate(device.terms) if term.kind == "rotor"]
+    fixed = [(term.weights, inertia) for term, inertia in rotors if term.joint is None]
+    weights, inertia = np.array([w for w, _ in fixed]).reshape(-1, n), np.array([x for _, x in fixed])
+    rates = G if G.ndim == 2 else G.reshape(q.shape[1], -1).T
+    q, rates = np.ascontiguousarray(q), np.ascontiguousarray(rates)
+    core = importlib.import_module("haptid._core")
+    at = (0, [0.0, 0.0, 0.0])  # of the handle nothing is asked
+    made = core.handle_dynamics(device.mechanism, q, rates, *at, chi[:links], weights, inertia, [])
+    M: Array = made.reshape(q.shape[1], n, n)
+    for term, own in rotors:
+        if term.joint is not None:
+            turn = G[:, term.joint]
+            M += own * turn[:, :, None] * turn[:, None]
+    return M
 
 
 def core_momentum(device: Device, chi: Array, c: Array, cd: Array, own: Array | None = None) -> tuple[Array, Array]:

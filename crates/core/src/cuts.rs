@@ -49,8 +49,24 @@ pub struct Loops {
     joints: Vec<Joint>,
     cuts: Vec<Cut>,
     size: f64,
+    /// Where each joint stands on its parent, and each cut's frame and twin on their links.
+    stands: Vec<Placement>,
+    cut_stands: Vec<[Placement; 2]>,
     /// For each cut the joints that carry its frames, and which of both they carry.
     carriers: Vec<Vec<Carrier>>,
+}
+
+/// A rotation, where there is one, and a shift.
+#[derive(Debug, Clone, Copy)]
+struct Placement {
+    rotation: Option<[f64; 9]>,
+    shift: [f64; 3],
+}
+
+impl Placement {
+    fn new(rotation: [f64; 9], shift: [f64; 3]) -> Placement {
+        Placement { rotation: Some(rotation).filter(|r| *r != [1., 0., 0., 0., 1., 0., 0., 0., 1.]), shift }
+    }
 }
 
 /// A joint that carries a cut's frame, its twin, or both.
@@ -100,6 +116,7 @@ impl<N: Number> Pose<N> {
     }
 
     /// Rates of the axes and the origin with a joint that carries them, whose link is given.
+    #[inline(always)]
     fn turned_by(&self, link: &Pose<N>, prismatic: bool) -> Self {
         let z = link.axes[2];
         if prismatic {
@@ -109,20 +126,25 @@ impl<N: Number> Pose<N> {
     }
 
     /// A combination of the axes.
-    fn along(&self, x: [f64; 3]) -> Vector<N> {
-        core::array::from_fn(|e| (0..3).fold(N::of(0.0), |sum, k| sum + self.axes[k][e] * N::of(x[k])))
+    #[inline(always)]
+    fn along(&self, x: &[f64]) -> Vector<N> {
+        let [a, b, c] = &self.axes;
+        core::array::from_fn(|e| a[e].times(x[0]) + b[e].times(x[1]) + c[e].times(x[2]))
     }
 
     /// A frame that stands in this one.
-    fn placed(&self, rotation: &[f64; 9], translation: [f64; 3]) -> Self {
-        let shift = self.along(translation);
-        Pose {
-            axes: core::array::from_fn(|k| self.along([rotation[k], rotation[3 + k], rotation[6 + k]])),
-            origin: core::array::from_fn(|e| self.origin[e] + shift[e]),
-        }
+    #[inline(always)]
+    fn placed(&self, at: &Placement) -> Self {
+        let shift = self.along(&at.shift);
+        let axes = match &at.rotation {
+            None => self.axes,
+            Some(r) => core::array::from_fn(|k| self.along(&[r[k], r[3 + k], r[6 + k]])),
+        };
+        Pose { axes, origin: core::array::from_fn(|e| self.origin[e] + shift[e]) }
     }
 
     /// Turned about, or moved along, its own z.
+    #[inline(always)]
     fn moved(&self, prismatic: bool, q: N) -> Self {
         let [x, y, z] = self.axes;
         if prismatic {
@@ -165,7 +187,10 @@ impl Loops {
             both.filter(|carrier| carrier.frame || carrier.twin).collect()
         };
         let carriers = cuts.iter().map(carriers).collect();
-        Ok(Loops { joints: joints.to_vec(), cuts: cuts.to_vec(), size, carriers })
+        let stands = joints.iter().map(|joint| Placement::new(joint.rotation, joint.translation)).collect();
+        let frames = |cut: &Cut| [cut.frame, cut.twin].map(|frame| Placement::new(frame.rotation, frame.translation));
+        let cut_stands = cuts.iter().map(frames).collect();
+        Ok(Loops { joints: joints.to_vec(), cuts: cuts.to_vec(), size, stands, cut_stands, carriers })
     }
 
     /// What a joint's move is measured by: rad where it turns, the mechanism's size where it slides, m.
@@ -197,34 +222,32 @@ impl Loops {
     pub(crate) fn measure<N: Number>(&self, q: impl Fn(usize) -> N, shape: &mut Shape<N>) {
         for (j, joint) in self.joints.iter().enumerate() {
             let parent = joint.parent.map_or(Pose::base(), |p| shape.links[p]);
-            shape.links[j] = parent.placed(&joint.rotation, joint.translation).moved(joint.prismatic, q(j));
+            shape.links[j] = parent.placed(&self.stands[j]).moved(joint.prismatic, q(j));
         }
         shape.jacobian.fill(N::of(0.0));
         let mut first = 0;
-        for (cut, carriers) in self.cuts.iter().zip(&self.carriers) {
+        for (k, cut) in self.cuts.iter().enumerate() {
             if cut.prismatic {
-                self.measure_cut::<N, Sliding>(cut, carriers, first, shape);
+                self.measure_cut::<N, Sliding>(k, first, shape);
             } else {
-                self.measure_cut::<N, Turning>(cut, carriers, first, shape);
+                self.measure_cut::<N, Turning>(k, first, shape);
             }
             first += cut.gaps();
         }
     }
 
-    /// Of one cut, whose gaps begin at `first`.
+    /// Of cut k, whose gaps begin at `first`.
     #[inline(always)]
-    fn measure_cut<N: Number, K: Kind>(&self, cut: &Cut, carriers: &[Carrier], first: usize, shape: &mut Shape<N>) {
-        let (n, size) = (self.joints.len(), N::of(self.size));
-        let pose = |frame: &Frame| {
-            let link = frame.link.map_or(Pose::base(), |link| shape.links[link]);
-            link.placed(&frame.rotation, frame.translation)
-        };
-        let (own, twin) = (pose(&cut.frame), pose(&cut.twin));
+    fn measure_cut<N: Number, K: Kind>(&self, k: usize, first: usize, shape: &mut Shape<N>) {
+        let (n, cut) = (self.joints.len(), &self.cuts[k]);
+        let pose = |frame: &Frame, at: &Placement| frame.link.map_or(Pose::base(), |l| shape.links[l]).placed(at);
+        let [own, twin] = &self.cut_stands[k];
+        let (own, twin) = (pose(&cut.frame, own), pose(&cut.twin, twin));
         let apart = sub(own.origin, twin.origin);
         let gaps = &mut shape.gaps[first..];
         let whole = Moved { apart, own: own.axes, twin: twin.axes };
-        K::entries(size, &twin.axes, [N::of(0.0); 3], &whole, |e, gap| gaps[e] = gap);
-        for carrier in carriers {
+        K::entries(self.size, &twin.axes, [N::of(0.0); 3], &whole, |e, gap| gaps[e] = gap);
+        for carrier in &self.carriers[k] {
             let link = &shape.links[carrier.joint];
             let turned = |carried: bool, pose: &Pose<N>| {
                 if carried { pose.turned_by(link, self.joints[carrier.joint].prismatic) } else { Pose::still() }
@@ -232,7 +255,7 @@ impl Loops {
             let (by_own, by_twin) = (turned(carrier.frame, &own), turned(carrier.twin, &twin));
             let change = Moved { apart: sub(by_own.origin, by_twin.origin), own: by_own.axes, twin: by_twin.axes };
             let column = &mut shape.jacobian[first * n + carrier.joint..];
-            K::entries(size, &twin.axes, apart, &change, |e, rate| column[e * n] = rate);
+            K::entries(self.size, &twin.axes, apart, &change, |e, rate| column[e * n] = rate);
         }
     }
 
@@ -295,7 +318,7 @@ struct Moved<N> {
 trait Kind {
     /// Hand out gap by gap, the twin's own turn against a distance added.
     fn entries<N: Number>(
-        size: N,
+        size: f64,
         twin: &[Vector<N>; 3],
         apart: Vector<N>,
         moved: &Moved<N>,
@@ -311,10 +334,16 @@ struct Sliding;
 
 impl Kind for Turning {
     #[inline(always)]
-    fn entries<N: Number>(size: N, _: &[Vector<N>; 3], _: Vector<N>, moved: &Moved<N>, mut put: impl FnMut(usize, N)) {
+    fn entries<N: Number>(
+        size: f64,
+        _: &[Vector<N>; 3],
+        _: Vector<N>,
+        moved: &Moved<N>,
+        mut put: impl FnMut(usize, N),
+    ) {
         for e in 0..3 {
             put(e, moved.apart[e]);
-            put(3 + e, size * (moved.own[2][e] - moved.twin[2][e]));
+            put(3 + e, (moved.own[2][e] - moved.twin[2][e]).times(size));
         }
     }
 }
@@ -322,7 +351,7 @@ impl Kind for Turning {
 impl Kind for Sliding {
     #[inline(always)]
     fn entries<N: Number>(
-        size: N,
+        size: f64,
         twin: &[Vector<N>; 3],
         apart: Vector<N>,
         moved: &Moved<N>,
@@ -330,7 +359,7 @@ impl Kind for Sliding {
     ) {
         (0..2).for_each(|k| put(k, dot(twin[k], moved.apart) + dot(moved.twin[k], apart)));
         for e in 0..3 {
-            (0..2).for_each(|k| put(2 + 2 * e + k, size * (moved.own[2 * k][e] - moved.twin[2 * k][e])));
+            (0..2).for_each(|k| put(2 + 2 * e + k, (moved.own[2 * k][e] - moved.twin[2 * k][e]).times(size)));
         }
     }
 }

@@ -5,12 +5,17 @@ use std::ops::{Add, Mul, Sub};
 /// What the geometry of loops is computed with.
 pub(crate) trait Number: Copy + Add<Output = Self> + Sub<Output = Self> + Mul<Output = Self> {
     fn of(x: f64) -> Self;
+    /// Times a constant.
+    fn times(self, x: f64) -> Self;
     fn sin_cos(self) -> (Self, Self);
 }
 
 impl Number for f64 {
     fn of(x: f64) -> Self {
         x
+    }
+    fn times(self, x: f64) -> Self {
+        self * x
     }
     fn sin_cos(self) -> (Self, Self) {
         f64::sin_cos(self)
@@ -48,6 +53,9 @@ impl Mul for Dual {
 impl Number for Dual {
     fn of(x: f64) -> Self {
         Dual { value: x, rate: 0.0 }
+    }
+    fn times(self, x: f64) -> Self {
+        Dual { value: self.value * x, rate: self.rate * x }
     }
     fn sin_cos(self) -> (Self, Self) {
         let (s, c) = self.value.sin_cos();

@@ -59,7 +59,8 @@ pub(crate) struct March<'a> {
     /// Joints where rates lead to, and where Newton's steps lead to from there.
     ahead: Vec<f64>,
     q: Vec<f64>,
-    /// Active joints at the next step, and the move there.
+    /// Active joints at the beginning and at the next step, and the move there.
+    from: Vec<f64>,
     at: Vec<f64>,
     way: Vec<f64>,
     /// A right side, and joints' rates or a small matrix.
@@ -81,6 +82,7 @@ impl<'a> March<'a> {
             factor: Factor::new(m, u),
             ahead: zeros(n),
             q: zeros(n),
+            from: zeros(a),
             at: zeros(a),
             way: zeros(a),
             right: zeros(m),
@@ -158,12 +160,12 @@ impl<'a> March<'a> {
         if far == 0.0 || !far.is_finite() {
             return far == 0.0;
         }
-        let from: Vec<f64> = self.branch.active.iter().map(|&j| self.stand.q[j]).collect();
+        self.from.iter_mut().zip(&self.branch.active).for_each(|(from, &j)| *from = self.stand.q[j]);
         let whole = (STRIDE / far).min(1.0);
         let (mut done, mut step) = (0.0, whole);
         loop {
             let next = if done + step >= 1.0 { 1.0 } else { done + step };
-            for ((at, from), target) in self.at.iter_mut().zip(&from).zip(target) {
+            for ((at, from), target) in self.at.iter_mut().zip(&self.from).zip(target) {
                 *at = if next == 1.0 { *target } else { target - (1.0 - next) * (target - from) };
             }
             if self.step() {

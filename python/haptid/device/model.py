@@ -363,14 +363,15 @@ class Device:
         Raises:
             LoopUnreachableError, SingularLoopError: as for `tree`.
         """
-        if not self.varying.any():
-            return None
-        followed = self.follow(c, cd)
+        return self.given(self.follow(c, cd)) if self.varying.any() else None
+
+    def given(self, followed: Followed) -> Array | None:
+        """The same from what is known of all joints, by the coordinates that torque rows belong to."""
         parts = []
         for j in np.flatnonzero(self.varying.any(axis=1)):
             rates = (x[:, j, self.varying[j]].T for x in (followed.G, followed.Gd))
             parts += [followed.q[j : j + 1], *rates]
-        return np.ascontiguousarray(np.concatenate(parts))
+        return np.ascontiguousarray(np.concatenate(parts)) if parts else None
 
     def external(self, qa: Array, qda: Array, qdda: Array) -> Array:
         """Columns that Python computes (counterbalances, a user's own), (externals, samples).

@@ -11,6 +11,7 @@ import numpy as np
 from haptid._values import Array, expect, freeze, read_only
 from haptid.device import Device
 from haptid.device.terms import DRY
+from haptid.dynamics import core_mass
 from haptid.errors import MasslessError
 from haptid.signals import external, state
 from haptid.treatment import Motion
@@ -29,8 +30,8 @@ WIDTH = {"stribeck": 2}
 class DirectModel:
     """M(c) cdd = tau - h(c, cd), friction, springs and a user's own columns in h.
 
-    Unit accelerations through the inverse model give the columns of M, none gives h (Walker and Orin 1982, J. Dyn.
-    Sys. Meas. Control 104, method 1): the core does it for all states in one call, trees and loops alike.
+    The core makes M from the coordinates' axes, and h by the inverse model without acceleration, for all states in one
+    call each, trees and loops alike (Walker and Orin 1982, J. Dyn. Sys. Meas. Control 104, method 3).
 
     Attributes:
         device: the mechanism, its dry friction smooth: see `smooth`.
@@ -58,21 +59,14 @@ class DirectModel:
         Raises:
             AccelerationColumnError: a user's own column is made of accelerations.
         """
-        n, states = c.shape
-        share = states // len(self.chi)
-        unit = np.repeat(np.eye(n, n + 1), share, axis=1)
-        made = np.empty((len(self.chi), n, n + 1, share))
+        M, h = [], []
         for k, (columns, chi) in enumerate(self._columns):
-            here = slice(k * share, (k + 1) * share)
-            x, v = (np.ascontiguousarray(z[:, here]) for z in (c, cd))
-            loops = self.device.loops(x, v)
-            loops = None if loops is None else np.tile(loops, n + 1)
-            own = np.tile(external(self.device, x, v, None), n + 1)
-            tau = self.device.mechanism.torque(np.tile(x, n + 1), np.tile(v, n + 1), unit, own, columns, chi, loops)
-            made[k] = tau.reshape(n, n + 1, share)
-        rest = made[:, :, n:]
-        M = (made[:, :, :n] - rest).transpose(0, 3, 1, 2).reshape(states, n, n)
-        return 0.5 * (M + M.mT), rest[:, :, 0].transpose(0, 2, 1).reshape(states, n)
+            x, v = (np.ascontiguousarray(np.split(z, len(self.chi), axis=1)[k]) for z in (c, cd))
+            followed, own = self.device.follow(x, v), external(self.device, x, v, None)
+            loops = self.device.given(followed)
+            h.append(self.device.mechanism.torque(x, v, np.zeros_like(x), own, columns, chi, loops).T)
+            M.append(core_mass(self.device, self.chi[k], followed))
+        return np.concatenate(M), np.concatenate(h)
 
     def acceleration(self, c: Array, cd: Array, tau: Array) -> Array:
         """cdd, (n, states), rad/s^2 or m/s^2.
