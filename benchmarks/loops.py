@@ -3,17 +3,18 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable
 
 import numpy as np
 
 import haptid
 from haptid.device import NewtonClosure
+from stopwatch import fastest
 
 DEVICES = ("four_bar", "slider_crank", "five_bar", "delta")
 # Twenty seconds at 1 kHz, and poses that each are reached from the start.
 SAMPLES, DT, POSES = 20_000, 1e-3, 2_000
-RUNS = 7
+# Seconds that each is run again and again for.
+LONG = 0.5
 
 
 def run() -> dict[str, float]:
@@ -35,7 +36,8 @@ def run() -> dict[str, float]:
             "observation": (lambda d=device, m=motion: haptid.observe(d, m), SAMPLES),
             "poses anywhere, from the start": (lambda c=closure, q=poses: c.closes(q), POSES),
         }
-        figures |= {f"{name}, {what}": seconds(work) / many * 1e6 for what, (work, many) in timed.items()}
+        for what, (work, many) in timed.items():
+            figures[f"{name}, {what}, us"] = fastest(work, LONG, clock=time.process_time) / many * 1e6
         gap = np.abs(closure.chain.residual(closure.positions(q).T)[0]).max() / closure.chain.size
         figures[f"{name}, gap"] = float(gap)
     return figures
@@ -50,13 +52,3 @@ def course(at: np.ndarray) -> tuple[np.ndarray, ...]:
     angle = omega * t + phase
     q, qd, qdd = (size * np.array([np.sin(angle), np.cos(angle), -np.sin(angle)])).sum(axis=2)
     return at[:, None] + q, qd, qdd
-
-
-def seconds(work: Callable[[], object]) -> float:
-    """Processor time of the fastest of a few runs."""
-    taken = []
-    for _ in range(RUNS):
-        begin = time.process_time()
-        work()
-        taken.append(time.process_time() - begin)
-    return min(taken)

@@ -90,7 +90,7 @@ class MotorRows:
     def whole(self) -> Array:
         """The triangle of all blocks together, (p + 1, p + 1)."""
         if len(self.triangles) == 1:
-            return self.triangles[0]
+            return freeze(self.triangles[0])
         return freeze(triangle(self.triangles.reshape(-1, self.triangles.shape[-1])))
 
     def residual(self, beta: Array) -> float:
