@@ -4,7 +4,8 @@
 //! finite filter and decimator ([`filter`]), and folded into one small triangle per motor and time block
 //! ([`triangle`], [`reduce`]). Everything works on plain slices; nothing here knows Python, files or clocks.
 //! Without accelerations the rows are those of momentum and of the rest of the torque ([`momentum`]), and the filter
-//! differentiates the former. What a hand feels at many poses has kernels of its own ([`handle`], [`felt`]).
+//! differentiates the former. What a hand feels at many poses has kernels of its own ([`handle`], [`felt`]). Loops whose
+//! rates vary with the pose are closed along whole motions ([`branch`]).
 //!
 //! Arrays of samples are "channel major": the samples of one coordinate are contiguous.
 
