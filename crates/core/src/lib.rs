@@ -8,6 +8,7 @@
 //!
 //! Arrays of samples are "channel major": the samples of one coordinate are contiguous.
 
+mod aligned;
 mod batch;
 mod course;
 mod cuts;
@@ -17,6 +18,7 @@ mod error;
 mod felt;
 mod filter;
 mod handle;
+mod joint;
 mod lane;
 mod link;
 mod mechanism;
