@@ -146,7 +146,7 @@ impl LinkMotions {
         }
     }
 
-    /// The entries of an axis, wanted ones only.
+    /// The wanted entries of an axis. Each is stored before the next one is found: so they all stay in the registers.
     #[inline(always)]
     pub(crate) unsafe fn contract<T: Lane, const SET: u32>(&self, batch: Batch, axis: *const Slot, sink: &Sink) {
         let sink = sink.of::<SET>();

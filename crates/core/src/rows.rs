@@ -80,6 +80,7 @@ impl Workspace {
     }
 }
 
+/// Lengthen a buffer to what is wanted; what is there stays.
 pub(crate) fn grow<X: Clone>(buffer: &mut Vec<X>, wanted: usize, empty: X) {
     if buffer.len() < wanted {
         buffer.resize(wanted, empty);
