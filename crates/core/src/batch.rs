@@ -7,12 +7,25 @@ use crate::course::{Course, Rate};
 use crate::lane::{Lane, MAX_WIDTH};
 use crate::mechanism::Mechanism;
 use crate::regressor::Motion;
+use crate::rows::grow;
 
 /// Samples carried through the mechanism together.
 pub(crate) const BATCH: usize = 32;
 
-/// One quantity of every sample of a batch.
-pub(crate) type Slot = [f64; BATCH];
+/// One quantity of every sample of a batch, where no lane crosses a line of the caches.
+#[derive(Clone, Copy)]
+#[repr(C, align(64))]
+pub(crate) struct Slot(pub(crate) [f64; BATCH]);
+
+impl Slot {
+    pub(crate) const ZERO: Slot = Slot([0.0; BATCH]);
+}
+
+impl Default for Slot {
+    fn default() -> Slot {
+        Slot::ZERO
+    }
+}
 
 /// Numbers of a slot, or a channel, as lanes.
 ///
@@ -34,15 +47,17 @@ pub(crate) unsafe fn store<T: Lane, const N: usize>(first: *mut Slot, k: usize, 
 
 /// The channels of a motion: coordinates' positions, velocities, accelerations, external columns, then loops. Where the
 /// samples are no whole lanes, or a channel is not there, they are copies.
+#[derive(Default)]
 pub(crate) struct Channels {
     first: Vec<*const f64>,
     copies: Vec<Slot>,
 }
 
 impl Channels {
-    pub(crate) fn new(mechanism: &Mechanism) -> Channels {
+    pub(crate) fn grow(&mut self, mechanism: &Mechanism) {
         let many = 3 * mechanism.coordinates + mechanism.externals + mechanism.loops;
-        Channels { first: vec![core::ptr::null(); many], copies: vec![[0.0; BATCH]; many] }
+        grow(&mut self.first, many, core::ptr::null());
+        grow(&mut self.copies, many, Slot::ZERO);
     }
 
     /// Point at samples `from..from + count`, at most a batch of them.
@@ -54,7 +69,8 @@ impl Channels {
         let groups = [(motion.position, na), (motion.velocity, na), (acceleration, na)].into_iter().chain(own);
         let channels = groups.flat_map(|(data, many)| (0..many).map(move |a| (data, a * n + from)));
         for (((data, at), first), copy) in channels.zip(&mut self.first).zip(&mut self.copies) {
-            // Accelerations that are not there stay zero; the last sample is repeated up to a whole lane.
+            let copy = &mut copy.0;
+            // Accelerations that are not there are zero; the last sample is repeated up to a whole lane.
             *first = match data.get(at..at + count) {
                 Some(source) if count.is_multiple_of(MAX_WIDTH) => source.as_ptr(),
                 Some(source) => {
@@ -62,7 +78,10 @@ impl Channels {
                     copy[count..].fill(source[count - 1]);
                     copy.as_ptr()
                 }
-                None => copy.as_ptr(),
+                None => {
+                    copy.fill(0.0);
+                    copy.as_ptr()
+                }
             };
         }
     }
@@ -153,6 +172,6 @@ impl Batch<'_> {
             }
             unsafe { store(slots.as_mut_ptr(), k, x) };
         }
-        Followed(core::array::from_fn(|order| slots[order].as_ptr()))
+        Followed(core::array::from_fn(|order| slots[order].0.as_ptr()))
     }
 }

@@ -10,9 +10,8 @@ use crate::error::{Error, expect_length};
 use crate::handle::{Bodies, Grip, Group, Model, Poses, Slot, check_indices, each_share, load, store, weighted};
 use crate::lane::{Lane, MAX_WIDTH};
 use crate::mechanism::{LINK_PARAMETERS, Mechanism};
-use crate::momentum::{LinkVelocity, contract_momentum};
+use crate::momentum::contract_momentum;
 use crate::principal::Principal;
-use crate::vector::zero;
 
 /// What is asked of the poses.
 #[derive(Debug, Clone, Copy)]
@@ -156,9 +155,8 @@ unsafe fn changes_in_lanes<T: Lane>(model: &Model, group: &Group, felt: &mut Fel
             for (i, columns) in felt.doubtful.iter().enumerate().filter(|(_, columns)| !columns.is_empty()) {
                 // SAFETY: k leaves room for a lane.
                 let energies: Energies<T> = if i < model.mechanism.links.len() {
-                    let (x, u) = unsafe { weighted::<T>(model, group, i, rates, k) };
-                    let velocity = LinkVelocity { w: x, v: u, a: zero() };
-                    Energies::Link(contract_momentum(&velocity, x, u))
+                    let velocity = unsafe { weighted::<T>(model, group, i, rates, k) };
+                    Energies::Link(contract_momentum(velocity, velocity))
                 } else {
                     Energies::Rotors
                 };

@@ -6,8 +6,8 @@
 
 use crate::dispatch::dispatched;
 use crate::error::{Error, expect_length};
+use crate::joint::JointMotion;
 use crate::lane::{Lane, MAX_WIDTH};
-use crate::link::JointMotion;
 use crate::mechanism::{LINK_PARAMETERS, Mechanism};
 use crate::vector::{Vector, cross_add, dot, zero};
 use rayon::prelude::*;
@@ -192,22 +192,19 @@ unsafe fn carry_lane<T: Lane>(model: &Model, group: &mut Group, k: usize) {
         // The base frame's axes, seen from the link.
         let mut base: [Vector<T>; 3] = [one(0), one(1), one(2)];
         for (i, link) in model.mechanism.links.iter().enumerate() {
-            let joint = JointMotion::new(link, load::<T>(&group.position[i], k));
+            let joint = JointMotion::rest(link.shape, link).at(load::<T>(&group.position[i], k));
             for (slot, axis) in (link.first..).zip(&link.axes) {
                 let rate = load::<T>(&group.rates[i * na + axis.coordinate], k);
                 let (x, u) = match axis.above {
-                    Some(above) => {
-                        let (x, u) = load_axis::<T>(&group.axes[above], k);
-                        joint.carry(link, x, u, rate)
-                    }
-                    None => JointMotion::own(link, rate),
+                    Some(above) => joint.moved(joint.carry(load_axis::<T>(&group.axes[above], k)), rate),
+                    None => joint.own(rate),
                 };
                 for (e, part) in x.into_iter().chain(u).enumerate() {
                     store(&mut group.axes[slot][e], k, part);
                 }
             }
             if model.carries[i] {
-                base = base.map(|axis| joint.rotate(link, axis));
+                base = base.map(|axis| joint.rotate(axis));
             }
             if model.heavy[i] {
                 add_body::<T>(model, group, i, k);

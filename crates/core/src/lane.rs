@@ -5,6 +5,9 @@
 /// Widest lane of any back end; buffers leave this much room after their last sample.
 pub const MAX_WIDTH: usize = 8;
 
+/// The sign bit.
+const SIGN: u64 = 1 << 63;
+
 /// A few samples of one quantity. Every method is `inline(always)`: it must end up inside a function that was
 /// compiled for the back end's instructions, never stand alone.
 pub trait Lane: Copy {
@@ -33,9 +36,16 @@ pub trait Lane: Copy {
     fn fma(self, b: Self, c: Self) -> Self;
     /// `c - self * b`
     fn fnma(self, b: Self, c: Self) -> Self;
-    fn floor(self) -> Self;
     /// `a > b ? x : y`, sample by sample.
     fn select_gt(a: Self, b: Self, x: Self, y: Self) -> Self;
+    /// The bits, moved up by `BY`; zeros follow.
+    fn raise<const BY: u32>(self) -> Self;
+    /// The bits that differ.
+    fn xor(self, b: Self) -> Self;
+    /// `mask` below zero or -0 ? x : y, sample by sample.
+    fn select_sign(mask: Self, x: Self, y: Self) -> Self;
+    /// The number with its sign flipped where that of `sign` is minus.
+    fn flip(self, sign: Self) -> Self;
     /// Sum over the samples of the lane.
     fn sum(self) -> f64;
 
@@ -122,21 +132,30 @@ impl<const FUSED: bool> Lane for Plain<FUSED> {
         out
     }
     #[inline(always)]
-    fn floor(mut self) -> Self {
-        // Adding 3 * 2^51 rounds to the nearest whole number; `f64::floor` would be a library call on the baseline.
-        const SHIFT: f64 = 6_755_399_441_055_744.0;
-        for x in &mut self.0 {
-            let near = (*x + SHIFT) - SHIFT;
-            *x = if near > *x { near - 1.0 } else { near };
-        }
-        self
-    }
-    #[inline(always)]
     fn select_gt(a: Self, b: Self, x: Self, mut y: Self) -> Self {
         for k in 0..8 {
             y.0[k] = if a.0[k] > b.0[k] { x.0[k] } else { y.0[k] };
         }
         y
+    }
+    #[inline(always)]
+    fn raise<const BY: u32>(self) -> Self {
+        Plain(self.0.map(|x| f64::from_bits(x.to_bits() << BY)))
+    }
+    #[inline(always)]
+    fn xor(self, b: Self) -> Self {
+        self.with(b, |x, y| f64::from_bits(x.to_bits() ^ y.to_bits()))
+    }
+    #[inline(always)]
+    fn select_sign(mask: Self, x: Self, mut y: Self) -> Self {
+        for k in 0..8 {
+            y.0[k] = if mask.0[k].is_sign_negative() { x.0[k] } else { y.0[k] };
+        }
+        y
+    }
+    #[inline(always)]
+    fn flip(self, sign: Self) -> Self {
+        self.with(sign, |x, sign| f64::from_bits(x.to_bits() ^ (sign.to_bits() & SIGN)))
     }
     #[inline(always)]
     fn sum(self) -> f64 {
@@ -159,7 +178,7 @@ pub mod x86 {
 
     macro_rules! intrinsic {
         ($name:ident, $width:literal, $panel:literal, $splat:ident, $load:ident, $store:ident, $stream:ident, $add:ident, $sub:ident, $mul:ident,
-         $fma:ident, $fnma:ident, $floor:expr, $select:expr, $sum:expr) => {
+         $fma:ident, $fnma:ident, $select:expr, $raise:expr, $xor:ident, $select_sign:expr, $flip:expr, $sum:expr) => {
             impl Lane for $name {
                 const WIDTH: usize = $width;
                 const PANEL: usize = $panel;
@@ -200,12 +219,24 @@ pub mod x86 {
                     unsafe { $name($fnma(self.0, b.0, c.0)) }
                 }
                 #[inline(always)]
-                fn floor(self) -> Self {
-                    unsafe { $name($floor(self.0)) }
-                }
-                #[inline(always)]
                 fn select_gt(a: Self, b: Self, x: Self, y: Self) -> Self {
                     unsafe { $name($select(a.0, b.0, x.0, y.0)) }
+                }
+                #[inline(always)]
+                fn raise<const BY: u32>(self) -> Self {
+                    unsafe { $name($raise(self.0, BY)) }
+                }
+                #[inline(always)]
+                fn xor(self, b: Self) -> Self {
+                    unsafe { $name($xor(self.0, b.0)) }
+                }
+                #[inline(always)]
+                fn select_sign(mask: Self, x: Self, y: Self) -> Self {
+                    unsafe { $name($select_sign(mask.0, x.0, y.0)) }
+                }
+                #[inline(always)]
+                fn flip(self, sign: Self) -> Self {
+                    unsafe { $name($flip(self.0, sign.0)) }
                 }
                 #[inline(always)]
                 fn sum(self) -> f64 {
@@ -228,8 +259,11 @@ pub mod x86 {
         _mm256_mul_pd,
         _mm256_fmadd_pd,
         _mm256_fnmadd_pd,
-        |x| _mm256_floor_pd(x),
         |a, b, x, y| _mm256_blendv_pd(y, x, _mm256_cmp_pd::<_CMP_GT_OQ>(a, b)),
+        |x, by| _mm256_castsi256_pd(_mm256_sll_epi64(_mm256_castpd_si256(x), _mm_cvtsi32_si128(by as i32))),
+        _mm256_xor_pd,
+        |mask, x, y| _mm256_blendv_pd(y, x, mask),
+        |x, sign| _mm256_xor_pd(x, _mm256_and_pd(sign, _mm256_set1_pd(-0.0))),
         |v| {
             let half = _mm_add_pd(_mm256_castpd256_pd128(v), _mm256_extractf128_pd::<1>(v));
             _mm_cvtsd_f64(_mm_add_sd(half, _mm_unpackhi_pd(half, half)))
@@ -248,18 +282,25 @@ pub mod x86 {
         _mm512_mul_pd,
         _mm512_fmadd_pd,
         _mm512_fnmadd_pd,
-        |x| _mm512_roundscale_pd::<{ _MM_FROUND_TO_NEG_INF }>(x),
         |a, b, x, y| _mm512_mask_blend_pd(_mm512_cmp_pd_mask::<_CMP_GT_OQ>(a, b), y, x),
+        |x, by| _mm512_castsi512_pd(_mm512_sll_epi64(_mm512_castpd_si512(x), _mm_cvtsi32_si128(by as i32))),
+        _mm512_xor_pd,
+        |mask, x, y| _mm512_mask_blend_pd(_mm512_movepi64_mask(_mm512_castpd_si512(mask)), y, x),
+        |x, sign| _mm512_xor_pd(x, _mm512_and_pd(sign, _mm512_set1_pd(-0.0))),
         |v| _mm512_reduce_add_pd(v)
     );
 }
+
+/// Added to a number, it leaves the nearest whole number in the lowest bits (for |x| below 2^50).
+const WHOLE: f64 = 6_755_399_441_055_744.0;
 
 /// Sine and cosine of a lane, for |x| below about 1e5: Cody-Waite reduction in three parts and the fdlibm
 /// minimax polynomials; the error is below 2 ulp of 1.
 #[inline(always)]
 pub fn sin_cos<T: Lane>(x: T) -> (T, T) {
     let s = T::splat;
-    let k = x.fma(s(core::f64::consts::FRAC_2_PI), s(0.5)).floor();
+    let quarters = x.fma(s(core::f64::consts::FRAC_2_PI), s(WHOLE));
+    let k = quarters.sub(s(WHOLE));
     let r = k.fnma(s(1.570_796_326_734_125_6), x);
     let r = k.fnma(s(6.077_100_506_303_966e-11), r);
     let r = k.fnma(s(2.022_266_248_795_950_6e-21), r);
@@ -280,15 +321,9 @@ pub fn sin_cos<T: Lane>(x: T) -> (T, T) {
         .fma(z, s(4.166_666_666_666_66e-2))
         .mul(z.mul(z))
         .add(z.fnma(s(0.5), s(1.0)));
-    let quarter = k.mul(s(0.25)).floor().fnma(s(4.0), k); // k modulo 4: 0, 1, 2, 3
-    let odd = quarter.mul(s(0.5)).floor().fnma(s(2.0), quarter); // 0, 1, 0, 1
-    let swapped_sine = T::select_gt(odd, s(0.5), cosine, sine);
-    let swapped_cosine = T::select_gt(odd, s(0.5), sine, cosine);
-    let centred = quarter.sub(s(1.5)); // -1.5, -0.5, 0.5, 1.5: the cosine is negative in the middle two
-    (
-        T::select_gt(quarter, s(1.5), swapped_sine.neg(), swapped_sine),
-        T::select_gt(centred.mul(centred), s(1.0), swapped_cosine, swapped_cosine.neg()),
-    )
+    // The lowest bit of k, as a sign: sine and cosine change places; the next one: the sine is negative.
+    let (odd, half) = (quarters.raise::<63>(), quarters.raise::<62>());
+    (T::select_sign(odd, cosine, sine).flip(half), T::select_sign(odd, sine, cosine).flip(half.xor(odd)))
 }
 
 #[cfg(test)]

@@ -9,6 +9,7 @@
 //!
 //! Arrays of samples are "channel major": the samples of one coordinate are contiguous.
 
+mod aligned;
 mod batch;
 mod branch;
 mod course;
@@ -20,6 +21,7 @@ mod factor;
 mod felt;
 mod filter;
 mod handle;
+mod joint;
 mod lane;
 mod link;
 mod march;

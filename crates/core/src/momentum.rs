@@ -5,90 +5,120 @@
 //! of an axis follows the recursion of the axis itself, `sd_i = X_i sd_parent + v_i x (G[i, a] z)` (Featherstone 2008,
 //! section 2.9); where G changes with position, `dG/dt[i, a] z` is added there.
 
-use crate::batch::{Slot, load, store};
+use crate::batch::{Batch, Slot, load, store};
+use crate::joint::JointMotion;
 use crate::lane::Lane;
-use crate::link::JointMotion;
-use crate::mechanism::{LINK_PARAMETERS, Link, Mechanism};
-use crate::vector::{Vector, cross, dot, zero};
+use crate::link::LINK_NUMBERS;
+use crate::mechanism::LINK_PARAMETERS;
+use crate::places::Sink;
+use crate::rows::get_axis;
+use crate::vector::{Vector, cross, cross_add, cycle, dot};
 
-/// Velocity of a link, in its own frame.
+/// Numbers of a link's velocity, in its own frame, and where its parts begin: angular velocity, velocity of the origin,
+const VELOCITY_NUMBERS: usize = 9;
+const _: () = assert!(VELOCITY_NUMBERS <= LINK_NUMBERS, "the slots of a link hold its velocity");
+const W: usize = 0;
+const V: usize = 3;
+/// acceleration of the base less gravity: minus gravity, seen from the link.
+const A: usize = 6;
+
+/// Velocities of one link at a batch of samples.
 #[derive(Clone, Copy)]
-pub(crate) struct LinkVelocity<T> {
-    /// Angular velocity, and velocity of the origin.
-    pub(crate) w: Vector<T>,
-    pub(crate) v: Vector<T>,
-    /// Acceleration of the base less gravity: minus gravity, seen from the link.
-    pub(crate) a: Vector<T>,
-}
-
-/// Numbers of a [`LinkVelocity`].
-pub(crate) const VELOCITY_NUMBERS: usize = 9;
+pub(crate) struct LinkVelocities(pub(crate) *mut Slot);
 
 /// # Safety
-/// Of both methods: the pointer is to [`VELOCITY_NUMBERS`] slots, and a lane from `k` on is inside them.
-impl<T: Lane> LinkVelocity<T> {
+/// Of every method: the pointer is to [`VELOCITY_NUMBERS`] slots, a lane from `k` on is inside them, and so it is inside
+/// the slots of axes and the places of entries.
+impl LinkVelocities {
     #[inline(always)]
-    pub(crate) unsafe fn store(&self, slots: *mut Slot, k: usize) {
-        let LinkVelocity { w, v, a } = self;
-        unsafe { store(slots, k, [w[0], w[1], w[2], v[0], v[1], v[2], a[0], a[1], a[2]]) }
+    unsafe fn part<T: Lane, const N: usize>(&self, part: usize, k: usize) -> [T; N] {
+        unsafe { load(self.0.add(part), k) }
     }
 
     #[inline(always)]
-    pub(crate) unsafe fn at(slots: *const Slot, k: usize) -> LinkVelocity<T> {
-        let m: [T; VELOCITY_NUMBERS] = unsafe { load(slots, k) };
-        LinkVelocity { w: [m[0], m[1], m[2]], v: [m[3], m[4], m[5]], a: [m[6], m[7], m[8]] }
+    unsafe fn set<T: Lane>(&self, (w, v, a): (Vector<T>, Vector<T>, Vector<T>), k: usize) {
+        unsafe {
+            store(self.0.add(W), k, w);
+            store(self.0.add(V), k, v);
+            store(self.0.add(A), k, a);
+        }
     }
-}
 
-/// Velocity of a link whose joint moves with `rate`.
-#[inline(always)]
-pub(crate) fn link_velocity<T: Lane>(
-    mechanism: &Mechanism,
-    link: &Link,
-    joint: &JointMotion<T>,
-    parent: Option<LinkVelocity<T>>,
-    rate: T,
-) -> LinkVelocity<T> {
-    match parent {
-        None => {
-            let (w, v) = JointMotion::own(link, rate);
-            LinkVelocity { w, v, a: joint.rotate(link, mechanism.gravity.map(|g| T::splat(-g))) }
-        }
-        Some(parent) => {
-            let (w, v) = joint.carry(link, parent.w, parent.v, rate);
-            LinkVelocity { w, v, a: joint.rotate(link, parent.a) }
+    /// The velocity of a link whose joint moves with `rate`, from the parent's.
+    #[inline(always)]
+    pub(crate) unsafe fn follow<T: Lane>(&self, parent: LinkVelocities, joint: &JointMotion<T>, rate: T, k: usize) {
+        unsafe {
+            let (w, v) = joint.moved(joint.carry((parent.part(W, k), parent.part(V, k))), rate);
+            self.set((w, v, joint.rotate(parent.part(A, k))), k)
         }
     }
-}
 
-/// Rate of change of an axis, from that of the same coordinate's axis on the parent (`above`), the joint's own rate with
-/// the coordinate, and the change of that.
-#[inline(always)]
-pub(crate) fn axis_rate<T: Lane>(
-    m: &LinkVelocity<T>,
-    link: &Link,
-    joint: &JointMotion<T>,
-    above: Option<(Vector<T>, Vector<T>)>,
-    rate: Option<T>,
-    change: Option<T>,
-) -> (Vector<T>, Vector<T>) {
-    let (mut x, mut u) = match above {
-        Some((x, u)) => joint.carry(link, x, u, T::splat(0.0)),
-        None => (zero(), zero()),
-    };
-    if let Some(rate) = rate {
-        // The cross products of the link's velocity with its joint's axis: of an angular axis both parts turn.
-        if link.slides() {
-            u = about_z(m.w, rate, u);
-        } else {
-            (x, u) = (about_z(m.w, rate, x), about_z(m.v, rate, u));
+    /// The velocity of a link on the base.
+    #[inline(always)]
+    pub(crate) unsafe fn begin<T: Lane>(&self, gravity: [f64; 3], joint: &JointMotion<T>, rate: T, k: usize) {
+        let (w, v) = joint.own(rate);
+        unsafe { self.set((w, v, joint.rotate(gravity.map(|g| T::splat(-g)))), k) }
+    }
+
+    /// What the link's velocity adds to the rate of change of an axis, when its joint moves with it at `rate`: of an
+    /// angular axis both parts turn.
+    #[inline(always)]
+    pub(crate) unsafe fn turn_axis<T: Lane>(
+        &self,
+        slides: bool,
+        (x, u): (Vector<T>, Vector<T>),
+        rate: T,
+        k: usize,
+    ) -> (Vector<T>, Vector<T>) {
+        let (w, v) = unsafe { (self.part(W, k), self.part(V, k)) };
+        match slides {
+            true => (x, about_z(w, rate, u)),
+            false => (about_z(w, rate, x), about_z(v, rate, u)),
         }
     }
-    if let Some(change) = change {
-        let own = if link.slides() { &mut u[2] } else { &mut x[2] };
-        *own = own.add(change);
+
+    /// The momentum of the link's ten unit parameters, contracted with an axis: wanted entries only.
+    #[inline(always)]
+    pub(crate) unsafe fn contract<T: Lane, const SET: u32>(&self, batch: Batch, axis: *const Slot, sink: &Sink) {
+        let sink = sink.of::<SET>();
+        for k in batch.lanes::<T>() {
+            unsafe {
+                let (x, u): (Vector<T>, Vector<T>) = get_axis(axis, k);
+                let velocity: (Vector<T>, Vector<T>) = (self.part(W, k), self.part(V, k));
+                for (p, entry) in contract_momentum(velocity, (x, u)).into_iter().enumerate() {
+                    sink.put(p, k, entry);
+                }
+            }
+        }
     }
-    (x, u)
+
+    /// What is left of a link's torque beside the change of its momentum, wanted entries only: gravity on the axis, less
+    /// the momentum contracted with the axis's rate of change.
+    #[inline(always)]
+    pub(crate) unsafe fn contract_rest<T: Lane, const SET: u32>(
+        &self,
+        batch: Batch,
+        (axis, rate): (*const Slot, *const Slot),
+        sink: &Sink,
+    ) {
+        let sink = sink.of::<SET>();
+        for k in batch.lanes::<T>() {
+            unsafe {
+                let (x, u): (Vector<T>, Vector<T>) = get_axis(axis, k);
+                let (xd, ud) = get_axis(rate, k);
+                let (velocity, a): (_, Vector<T>) = ((self.part(W, k), self.part(V, k)), self.part(A, k));
+                let mut left = contract_momentum(velocity, (xd.map(T::neg), ud.map(T::neg)));
+                for i in 0..3 {
+                    let [_, j, l] = cycle(i);
+                    left[6 + i] = a[l].fnma(x[j], a[j].fma(x[l], left[6 + i]));
+                }
+                left[9] = left[9].add(dot(u, a));
+                for (p, entry) in left.into_iter().enumerate() {
+                    sink.put(p, k, entry);
+                }
+            }
+        }
+    }
 }
 
 /// `c + rate * (a x z)`
@@ -97,13 +127,14 @@ fn about_z<T: Lane>(a: Vector<T>, rate: T, c: Vector<T>) -> Vector<T> {
     [a[1].fma(rate, c[0]), a[0].fnma(rate, c[1]), c[2]]
 }
 
-/// The momentum of a link's ten unit parameters, contracted with an axis (angular x, linear u).
+/// The momentum of a link's ten unit parameters at a velocity (angular w, linear v), contracted with an axis.
 #[inline(always)]
-pub(crate) fn contract_momentum<T: Lane>(m: &LinkVelocity<T>, x: Vector<T>, u: Vector<T>) -> [T; LINK_PARAMETERS] {
-    let (w, v) = (m.w, m.v);
-    let (turned, moved) = (cross(v, x), cross(u, w));
+pub(crate) fn contract_momentum<T: Lane>(
+    (w, v): (Vector<T>, Vector<T>),
+    (x, u): (Vector<T>, Vector<T>),
+) -> [T; LINK_PARAMETERS] {
+    let moments = cross_add(v, x, cross(u, w));
     let mixed = |i: usize, j: usize| x[i].fma(w[j], x[j].mul(w[i]));
-    let moment = |k: usize| turned[k].add(moved[k]);
     [
         x[0].mul(w[0]),
         mixed(0, 1),
@@ -111,26 +142,9 @@ pub(crate) fn contract_momentum<T: Lane>(m: &LinkVelocity<T>, x: Vector<T>, u: V
         x[1].mul(w[1]),
         mixed(1, 2),
         x[2].mul(w[2]),
-        moment(0),
-        moment(1),
-        moment(2),
+        moments[0],
+        moments[1],
+        moments[2],
         dot(u, v),
     ]
-}
-
-/// What is left of a link's torque beside the change of its momentum: gravity on the axis, less the momentum
-/// contracted with the axis's rate (angular xd, linear ud).
-#[inline(always)]
-pub(crate) fn contract_rest<T: Lane>(
-    m: &LinkVelocity<T>,
-    (x, u): (Vector<T>, Vector<T>),
-    (xd, ud): (Vector<T>, Vector<T>),
-) -> [T; LINK_PARAMETERS] {
-    let mut rest = contract_momentum(m, xd, ud).map(T::neg);
-    let weight = cross(m.a, x);
-    for k in 0..3 {
-        rest[6 + k] = rest[6 + k].add(weight[k]);
-    }
-    rest[9] = rest[9].add(dot(u, m.a));
-    rest
 }

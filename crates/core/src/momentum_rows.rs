@@ -1,15 +1,16 @@
 //! Rows without accelerations, a batch of samples at a time: of every coordinate its momentum, and the rest of its
 //! torque beside the momentum's rate of change. The recursion and its formulas are in `momentum`.
 
-use crate::batch::Batch;
+use crate::batch::{Batch, Followed};
 use crate::dispatch::dispatched;
+use crate::joint::JointMotion;
 use crate::lane::Lane;
-use crate::link::JointMotion;
-use crate::mechanism::{Axis, Link};
-use crate::momentum::{LinkVelocity, axis_rate, contract_momentum, contract_rest, link_velocity};
-use crate::places::Places;
-use crate::rows::{Slots, get_axis, put_axis, term_rows};
+use crate::mechanism::{Axis, Link, Shape, for_shape};
+use crate::momentum::LinkVelocities;
+use crate::places::{Places, for_set};
+use crate::rows::{Slots, carry, carry_axis, get_axis, put_axis, term_rows, turn};
 use crate::terms::Law;
+use crate::vector::zero;
 
 dispatched! {
     /// # Safety
@@ -22,11 +23,18 @@ dispatched! {
 #[inline(always)]
 unsafe fn momenta_in_lanes<T: Lane>(batch: Batch, momentum: &Places, rest: &Places, out: *mut f64, slots: &mut Slots) {
     unsafe {
-        for i in 0..batch.mechanism.links.len() {
-            let link = &batch.mechanism.links[i];
-            move_link::<T>(batch, i, slots);
-            for (slot, axis) in (link.first..).zip(&link.axes) {
-                axis_momenta::<T>(batch, (i, link), (slot, axis), slots, (momentum, rest), out);
+        for (i, link) in batch.mechanism.links.iter().enumerate() {
+            let followed = batch.follow::<T>(&link.course, &mut slots.followed);
+            turn::<T>(batch, link, followed, &mut slots.joint);
+            for_shape!(link.shape, shape => move_link::<T>(batch, (shape, i), followed, slots));
+            let velocities = LinkVelocities(slots.links[i].as_mut_ptr());
+            for (own, axis) in (link.first..).zip(&link.axes) {
+                let (momenta, rests) = (momentum.axis(own, out), rest.axis(own, out));
+                carry_axis::<T>(batch, link, axis, own, &mut slots.axes, &slots.joint);
+                carry_rate::<T>(batch, (link, velocities), axis, own, slots);
+                let (axis, rate) = (slots.axes[own].as_ptr(), slots.axis_rates[own].as_ptr());
+                for_set!(momenta, SET => velocities.contract::<T, SET>(batch, axis, &momenta));
+                for_set!(rests, SET => velocities.contract_rest::<T, SET>(batch, (axis, rate), &rests));
             }
         }
         rotor_momenta::<T>(batch, (momentum, rest), out, slots);
@@ -34,51 +42,47 @@ unsafe fn momenta_in_lanes<T: Lane>(batch: Batch, momentum: &Places, rest: &Plac
     }
 }
 
+/// The link's velocity, from the parent's.
 #[inline(always)]
-unsafe fn move_link<T: Lane>(batch: Batch, i: usize, slots: &mut Slots) {
+unsafe fn move_link<T: Lane>(batch: Batch, (shape, i): (Shape, usize), followed: Followed, slots: &mut Slots) {
     let link = &batch.mechanism.links[i];
-    unsafe {
-        let followed = batch.follow::<T>(&link.course, &mut slots.followed);
-        let parent = link.parent.map(|p| slots.links[p].as_ptr());
-        let own = slots.links[i].as_mut_ptr();
-        for k in batch.lanes::<T>() {
-            let [q, speed, _] = followed.at(k);
-            let joint = JointMotion::new(link, q);
-            joint.keep(link, &mut slots.joint, k);
-            let parent = parent.map(|parent| LinkVelocity::<T>::at(parent, k));
-            link_velocity(batch.mechanism, link, &joint, parent, speed).store(own, k);
+    let (rest, kept) = (JointMotion::<T>::rest(shape, link), slots.joint.as_ptr());
+    let parent = link.parent.map(|p| LinkVelocities(slots.links[p].as_mut_ptr()));
+    let own = LinkVelocities(slots.links[i].as_mut_ptr());
+    for k in batch.lanes::<T>() {
+        unsafe {
+            let ([_, speed, _], joint) = (followed.at(k), rest.kept(kept, k));
+            match parent {
+                Some(parent) => own.follow(parent, &joint, speed, k),
+                None => own.begin(batch.mechanism.gravity, &joint, speed, k),
+            }
         }
     }
 }
 
+/// The rate of change of a coordinate's axis, from that of its axis on the parent.
 #[inline(always)]
-unsafe fn axis_momenta<T: Lane>(
+unsafe fn carry_rate<T: Lane>(
     batch: Batch,
-    (i, link): (usize, &Link),
-    (slot, axis): (usize, &Axis),
+    (link, velocities): (&Link, LinkVelocities),
+    axis: &Axis,
+    own: usize,
     slots: &mut Slots,
-    (momentum, rest): (&Places, &Places),
-    out: *mut f64,
 ) {
-    let (momenta, rests) = (momentum.axis(slot), rest.axis(slot));
-    let moves = !axis.rate.is_zero();
+    let (rest, to) = (JointMotion::<T>::rest(link.shape, link), slots.axis_rates[own].as_mut_ptr());
     unsafe {
-        let above = axis.above.map(|k| (slots.axes[k].as_ptr(), slots.axis_rates[k].as_ptr()));
-        let (own, own_rate) = (slots.axes[slot].as_mut_ptr(), slots.axis_rates[slot].as_mut_ptr());
-        for k in batch.lanes::<T>() {
-            let velocity = LinkVelocity::<T>::at(slots.links[i].as_ptr(), k);
-            let joint = JointMotion::at(link.shape, link, &slots.joint, k);
-            let above = above.map(|(axis, rate)| (get_axis::<T>(axis, k), get_axis::<T>(rate, k)));
-            let (rate, change) = (batch.rate(axis.rate, k), batch.change(axis.rate, k));
-            let (x, u) = match above {
-                Some(((x, u), _)) => joint.carry(link, x, u, rate),
-                None => JointMotion::own(link, rate),
-            };
-            put_axis(own, k, (x, u));
-            momenta.put(out, k, 0, contract_momentum(&velocity, x, u));
-            let change = axis_rate(&velocity, link, &joint, above.map(|pair| pair.1), moves.then_some(rate), change);
-            put_axis(own_rate, k, change);
-            rests.put(out, k, 0, contract_rest(&velocity, (x, u), change));
+        if let Some(above) = axis.above {
+            let (above, joint) = (slots.axis_rates[above].as_ptr(), slots.joint.as_ptr());
+            carry(batch.mechanism.backend, batch, link, above, to, joint);
+        } else {
+            batch.lanes::<T>().for_each(|k| put_axis::<T>(to, k, (zero(), zero())));
+        }
+        if !axis.rate.is_zero() {
+            for k in batch.lanes::<T>() {
+                let turned = velocities.turn_axis(link.slides(), get_axis(to, k), batch.rate(axis.rate, k), k);
+                let changed = batch.change(axis.rate, k).map_or(turned, |change| rest.moved(turned, change));
+                put_axis(to, k, changed);
+            }
         }
     }
 }

@@ -12,8 +12,8 @@ pub(crate) type LinkPlaces = [usize; LINK_PARAMETERS];
 /// One set of rows: entry by entry the number in `out` where its first sample goes.
 #[derive(Debug, Clone)]
 pub(crate) struct Places {
-    /// By axis of the mechanism.
-    axes: Vec<LinkPlaces>,
+    /// By axis of the mechanism; with one bit for each entry that is wanted.
+    axes: Vec<(LinkPlaces, u32)>,
     /// By term, and by the coordinates that move it.
     terms: Vec<usize>,
 }
@@ -22,25 +22,29 @@ impl Places {
     /// Ask `place` for every entry that can differ from zero, by row and column; it answers with the entry's first
     /// number, if the entry is wanted.
     pub(crate) fn new(mechanism: &Mechanism, mut place: impl FnMut(usize, usize) -> Option<usize>) -> Places {
-        let mut at = |row, column| place(row, column).unwrap_or(NOWHERE);
         let mut axes = Vec::with_capacity(mechanism.axes);
         for (i, link) in mechanism.links.iter().enumerate() {
             for axis in &link.axes {
-                axes.push(core::array::from_fn(|p| at(axis.coordinate, LINK_PARAMETERS * i + p)));
+                let mut wanted = 0;
+                let places = core::array::from_fn(|p| {
+                    let place = place(axis.coordinate, LINK_PARAMETERS * i + p);
+                    wanted |= u32::from(place.is_some()) << p;
+                    place.unwrap_or(NOWHERE)
+                });
+                axes.push((places, wanted));
             }
         }
         let mut terms = Vec::new();
         for (c, term) in (mechanism.inertial_columns()..).zip(&mechanism.terms) {
-            terms.extend(term.course.rates.iter().map(|rate| at(rate.0, c)));
+            terms.extend(term.course.rates.iter().map(|rate| place(rate.0, c).unwrap_or(NOWHERE)));
         }
         Places { axes, terms }
     }
 
     /// Places of an axis's entries.
-    pub(crate) fn axis(&self, axis: usize) -> Sink<'_> {
-        let places = &self.axes[axis];
-        let wanted = (0..LINK_PARAMETERS).filter(|&p| places[p] != NOWHERE).fold(0, |mask, p| mask | 1 << p);
-        Sink { places, wanted }
+    pub(crate) fn axis(&self, axis: usize, out: *mut f64) -> Sink<'_> {
+        let (places, wanted) = &self.axes[axis];
+        Sink { places, wanted: *wanted, out }
     }
 
     /// The place of a term's entry, by the number of its rate among all terms'.
@@ -54,31 +58,57 @@ impl Places {
 pub(crate) struct Sink<'a> {
     places: &'a LinkPlaces,
     /// One bit for each parameter.
+    pub(crate) wanted: u32,
+    out: *mut f64,
+}
+
+impl Sink<'_> {
+    /// The same with a set that is a constant: that of the sink, or [`ANY`].
+    #[inline(always)]
+    pub(crate) fn of<const SET: u32>(&self) -> Known<SET> {
+        Known { places: self.places.map(|place| self.out.wrapping_add(place)), wanted: self.wanted }
+    }
+}
+
+/// Takes the entries of a set that the compiler knows: what is not in it is not computed.
+pub(crate) struct Known<const SET: u32> {
+    places: [*mut f64; LINK_PARAMETERS],
     wanted: u32,
 }
 
-/// Bits of the six entries of the inertia tensor, the three of the first moment, and that of the mass.
-pub(crate) const TENSOR: u32 = 0b00_0011_1111;
-pub(crate) const MOMENT: u32 = 0b01_1100_0000;
-pub(crate) const MASS: u32 = 0b10_0000_0000;
-
-impl Sink<'_> {
-    /// Whether any of these entries is wanted.
-    #[inline(always)]
-    pub(crate) fn wants(&self, bits: u32) -> bool {
-        self.wanted & bits != 0
-    }
-
-    /// Write entries `first..first + N` as far as they are wanted.
-    ///
+impl<const SET: u32> Known<SET> {
     /// # Safety
-    /// Their places have room for a lane from number `k` on.
+    /// The entry's place has room for a lane from number `k` on.
     #[inline(always)]
-    pub(crate) unsafe fn put<T: Lane, const N: usize>(&self, out: *mut f64, k: usize, first: usize, entries: [T; N]) {
-        for (p, entry) in (first..).zip(entries) {
-            if self.wants(1 << p) {
-                unsafe { entry.store(out.add(self.places[p] + k)) };
-            }
+    pub(crate) unsafe fn put<T: Lane>(&self, p: usize, k: usize, entry: T) {
+        let wanted = if SET == ANY { self.wanted } else { SET };
+        if wanted & 1 << p != 0 {
+            unsafe { entry.store(self.places[p].add(k)) };
         }
     }
 }
+
+/// Any set of entries: each is asked for.
+pub(crate) const ANY: u32 = 0;
+
+/// Evaluate an expression with the sink's set as a constant, if it is a common one: all entries; the base parameters of
+/// most turning links; those of a link that turns about a fixed direction; those of a link whose tensor is part of
+/// another's.
+macro_rules! for_set {
+    ($sink:expr, $set:ident => $body:expr) => {
+        $crate::places::for_set!($sink, [0b11_1111_1111, 0b00_1111_0111, 0b00_1110_0000, 0b00_1100_0000], $set => $body)
+    };
+    ($sink:expr, [$($common:literal),*], $set:ident => $body:expr) => {
+        match $sink.wanted {
+            $($common => {
+                const $set: u32 = $common;
+                $body
+            })*
+            _ => {
+                const $set: u32 = $crate::places::ANY;
+                $body
+            }
+        }
+    };
+}
+pub(crate) use for_set;

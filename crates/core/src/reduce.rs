@@ -1,5 +1,6 @@
 //! Rows made, filtered, decimated and folded into one triangle per motor and time block, in one pass.
 
+use crate::aligned::Aligned;
 use crate::error::{Error, expect_length};
 use crate::filter::Filter;
 use crate::lane::MAX_WIDTH;
@@ -9,6 +10,7 @@ use crate::regressor::{Motion, check_columns, reach};
 use crate::rows::{Workspace, rows};
 use crate::triangle::{Compact, fold, merge};
 use rayon::prelude::*;
+use std::mem::take;
 use std::ops::Range;
 
 /// Samples made at a time, and rows folded at a time.
@@ -65,8 +67,10 @@ pub fn reduce(mechanism: &Mechanism, motion: &Motion, reduction: &Reduction) -> 
     let parts = if threads == 1 { 1 } else { (4 * threads).min(pieces.len().max(1)) };
     let part = |k: usize| &pieces[k * pieces.len() / parts..(k + 1) * pieces.len() / parts];
     let run = |k: usize| {
-        let mut reducer = Reducer::new(mechanism, motion, reduction, &filter, &rows_of);
-        part(k).iter().map(|piece| reducer.piece(piece.clone())).collect::<Vec<_>>()
+        Workspace::with(mechanism, |workspace| {
+            let mut reducer = Reducer::new(mechanism, motion, reduction, &filter, &rows_of, workspace);
+            part(k).iter().map(|piece| reducer.piece(piece.clone())).collect::<Vec<_>>()
+        })
     };
     let done: Vec<Vec<Vec<Vec<f64>>>> =
         if parts == 1 { vec![run(0)] } else { (0..parts).into_par_iter().map(run).collect() };
@@ -141,17 +145,17 @@ struct Reducer<'a> {
     reduction: &'a Reduction<'a>,
     filter: &'a Filter,
     reached: &'a [Vec<usize>],
-    workspace: Workspace,
+    workspace: &'a mut Workspace,
     raw: Raw,
     /// Decimated rows, FOLD + PAD apart, in the order of the raw runs.
-    decimated: Vec<f64>,
+    decimated: Aligned,
     panels: Vec<Compact>,
 }
 
 /// Raw columns, one run per entry (motor, reached column or torque), holding samples `from..from + held`; without
 /// accelerations more runs follow, of the momenta that belong to those entries.
 struct Raw {
-    numbers: Vec<f64>,
+    numbers: Aligned,
     run: usize,
     from: usize,
     held: usize,
@@ -163,7 +167,14 @@ struct Raw {
 }
 
 impl Raw {
-    fn new(mechanism: &Mechanism, sets: usize, columns: &[usize], reached: &[Vec<usize>], filter: &Filter) -> Raw {
+    fn new(
+        mechanism: &Mechanism,
+        sets: usize,
+        columns: &[usize],
+        reached: &[Vec<usize>],
+        filter: &Filter,
+        mut numbers: Aligned,
+    ) -> Raw {
         let (na, all) = (mechanism.coordinates(), mechanism.columns());
         let longest = filter.reach() + CHUNK;
         let run = if filter.is_identity() { FOLD + PAD } else { longest.next_multiple_of(MAX_WIDTH) + PAD };
@@ -183,7 +194,8 @@ impl Raw {
             motors.push(motors[a] + reached.len() + 1);
         }
         let sets = (0..sets).map(|set| Places::new(mechanism, |a, c| place[(set * na + a) * all + c])).collect();
-        Raw { numbers: vec![0.0; (entries + moving.len()) * run], run, from: 0, held: 0, sets, motors, moving }
+        numbers.clear((entries + moving.len()) * run);
+        Raw { numbers, run, from: 0, held: 0, sets, motors, moving }
     }
 
     fn entry(&self, entry: usize) -> &[f64] {
@@ -228,11 +240,12 @@ impl<'a> Reducer<'a> {
         reduction: &'a Reduction<'a>,
         filter: &'a Filter,
         reached: &'a [Vec<usize>],
+        workspace: &'a mut Workspace,
     ) -> Reducer<'a> {
-        let raw = Raw::new(mechanism, motion.sets(), reduction.columns, reached, filter);
-        let decimated = vec![0.0; raw.motors[raw.motors.len() - 1] * (FOLD + PAD)];
-        let (workspace, panels) = (Workspace::new(mechanism, motion), Vec::new());
-        Reducer { mechanism, motion, reduction, filter, reached, workspace, raw, decimated, panels }
+        let (numbers, mut decimated) = (take(&mut workspace.raw), take(&mut workspace.decimated));
+        let raw = Raw::new(mechanism, motion.sets(), reduction.columns, reached, filter, numbers);
+        decimated.clear(raw.motors[raw.motors.len() - 1] * (FOLD + PAD));
+        Reducer { mechanism, motion, reduction, filter, reached, workspace, raw, decimated, panels: Vec::new() }
     }
 
     /// The triangles of some rows, one per motor, column-major.
@@ -268,7 +281,7 @@ impl<'a> Reducer<'a> {
     fn copy(&mut self, from: usize, to: usize) {
         (self.raw.from, self.raw.held) = (self.reduction.first + from, 0);
         let reducer = (self.mechanism, self.motion, self.reduction);
-        self.raw.extend(reducer, self.reduction.first + to, &mut self.workspace);
+        self.raw.extend(reducer, self.reduction.first + to, self.workspace);
         std::mem::swap(&mut self.raw.numbers, &mut self.decimated);
     }
 
@@ -281,7 +294,7 @@ impl<'a> Reducer<'a> {
         while row < to {
             self.raw.drop_before(centre(row) - half);
             let reducer = (self.mechanism, self.motion, self.reduction);
-            self.raw.extend(reducer, samples, &mut self.workspace);
+            self.raw.extend(reducer, samples, self.workspace);
             let seen = self.raw.from + self.raw.held;
             let ready = if seen < centre(row) + half + 1 { row } else { (seen - half - 1 - first) / d + 1 };
             let ready = ready.clamp(row, to);
@@ -317,6 +330,14 @@ impl<'a> Reducer<'a> {
                 column.iter_mut().zip(weights).for_each(|(x, &w)| *x = if w == 0.0 { 0.0 } else { *x * w });
             }
         }
+    }
+}
+
+impl Drop for Reducer<'_> {
+    /// Leave the memory to the thread's next reducer.
+    fn drop(&mut self) {
+        self.workspace.raw = take(&mut self.raw.numbers);
+        self.workspace.decimated = take(&mut self.decimated);
     }
 }
 

@@ -76,15 +76,17 @@ impl Entries {
         place: impl Fn(usize, usize) -> usize,
     ) -> Entries {
         let (na, sets) = (mechanism.coordinates, motion.sets());
-        let mut chosen = vec![None; mechanism.columns()];
-        columns.iter().enumerate().for_each(|(c, &column)| chosen[column] = Some(c));
         let mut filled = Vec::with_capacity(sets * na * columns.len());
         let mut of_set = |set: usize| {
+            let momentum = set + 1 < sets;
+            let mut chosen = vec![None; mechanism.columns()];
+            for (c, &column) in columns.iter().enumerate() {
+                chosen[column] = (!momentum || mechanism.has_momentum(column)).then_some(c);
+            }
             Places::new(mechanism, |a, column| {
-                let momentum = set + 1 < sets;
-                let c = chosen[column].filter(|_| !momentum || mechanism.has_momentum(column))?;
-                filled.push((set * na + a) * columns.len() + c);
-                Some(place(filled[filled.len() - 1], filled.len() - 1))
+                let entry = (set * na + a) * columns.len() + chosen[column]?;
+                filled.push(entry);
+                Some(place(entry, filled.len() - 1))
             })
         };
         let sets = (0..sets).map(&mut of_set).collect();
@@ -92,10 +94,12 @@ impl Entries {
     }
 
     /// Of `all` entries, those that are structurally zero.
-    fn empty(&self, all: usize) -> impl Iterator<Item = usize> {
+    fn empty(&self, all: usize) -> Vec<usize> {
         let mut empty = vec![true; all];
         self.filled.iter().for_each(|&entry| empty[entry] = false);
-        (0..all).filter(move |&entry| empty[entry])
+        let mut numbers = Vec::with_capacity(all);
+        numbers.extend((0..all).filter(|&entry| empty[entry]));
+        numbers
     }
 }
 
@@ -110,17 +114,18 @@ pub fn regressor(mechanism: &Mechanism, motion: &Motion, columns: &[usize], out:
     let shared = Shared(out.as_mut_ptr());
     if all * n <= CACHED {
         let entries = Entries::new(mechanism, motion, columns, |entry, _| entry * n);
-        let whole = n - n % MAX_WIDTH;
-        let mut workspace = Workspace::new(mechanism, motion);
-        // SAFETY: every entry has n numbers, and these are whole lanes of them.
-        unsafe { rows(mechanism, motion, 0, whole, &entries.sets, shared.at(0), &mut workspace) };
-        entries.empty(all).for_each(|entry| out[entry * n..(entry + 1) * n].fill(0.0));
-        // SAFETY: what is left is inside every entry.
-        unsafe { tiled(mechanism, motion, columns, whole..n, shared, &mut workspace) };
+        let empty = entries.empty(all);
+        in_parts(mechanism, n, |part, workspace| {
+            let whole = part.len() - part.len() % MAX_WIDTH;
+            // SAFETY: the part is inside every entry, and no other part writes it; these are whole lanes of it.
+            unsafe {
+                rows(mechanism, motion, part.start, whole, &entries.sets, shared.at(part.start), workspace);
+                empty.iter().for_each(|&entry| shared.at(entry * n + part.start).write_bytes(0, whole));
+                tiled(mechanism, motion, columns, part.start + whole..part.end, shared, workspace);
+            }
+        });
     } else {
-        let entries = Entries::new(mechanism, motion, columns, |entry, _| entry);
-        entries.empty(all).for_each(|entry| out[entry * n..(entry + 1) * n].fill(0.0));
-        in_parts(mechanism, motion, n, |part, workspace| {
+        in_parts(mechanism, n, |part, workspace| {
             // SAFETY: the part is inside every entry, and no other part writes it.
             unsafe { tiled(mechanism, motion, columns, part, shared, workspace) };
         });
@@ -129,7 +134,7 @@ pub fn regressor(mechanism: &Mechanism, motion: &Motion, columns: &[usize], out:
 }
 
 /// A regressor of so many numbers stays in the caches, and is written where it belongs; a larger one by way of a tile.
-const CACHED: usize = 1 << 16;
+const CACHED: usize = 1 << 20;
 
 /// Some samples of the regressor, made in a tile and sent to memory in long runs.
 ///
@@ -147,15 +152,18 @@ unsafe fn tiled(
         return;
     }
     let entries = Entries::new(mechanism, motion, columns, |_, index| index * RUN);
-    let mut tile = vec![0.0; entries.filled.len() * RUN];
+    let empty = entries.empty(motion.sets() * mechanism.coordinates * columns.len());
+    let tile = workspace.tile(entries.filled.len() * RUN);
     for from in samples.clone().step_by(TILE) {
         let count = TILE.min(samples.end - from);
         // SAFETY: every run has room for a tile and a lane; the rest is the caller's promise.
         unsafe {
-            rows(mechanism, motion, from, count, &entries.sets, tile.as_mut_ptr(), workspace);
-            for (run, &entry) in tile.chunks_exact(RUN).zip(&entries.filled) {
-                stream::copy(mechanism.backend, run.as_ptr(), out.at(entry * motion.samples + from), count);
-            }
+            rows(mechanism, motion, from, count, &entries.sets, tile, workspace);
+            let send = |run: *const f64, entry: usize| {
+                stream::copy(mechanism.backend, run, out.at(entry * motion.samples + from), count);
+            };
+            entries.filled.iter().enumerate().for_each(|(index, &entry)| send(tile.add(index * RUN), entry));
+            empty.iter().for_each(|&entry| send(ZEROS.as_ptr(), entry));
         }
     }
     stream::settle();
@@ -181,20 +189,13 @@ impl Shared {
 }
 
 /// Do the work for every part of some samples, on one thread where they are few.
-fn in_parts(
-    mechanism: &Mechanism,
-    motion: &Motion,
-    samples: usize,
-    work: impl Fn(Range<usize>, &mut Workspace) + Sync,
-) {
+fn in_parts(mechanism: &Mechanism, samples: usize, work: impl Fn(Range<usize>, &mut Workspace) + Sync) {
     let part = |k: usize| k * PART..samples.min((k + 1) * PART);
     let parts = samples.div_ceil(PART);
     if parts <= 2 {
-        let mut workspace = Workspace::new(mechanism, motion);
-        (0..parts).for_each(|k| work(part(k), &mut workspace));
+        Workspace::with(mechanism, |workspace| (0..parts).for_each(|k| work(part(k), workspace)));
     } else {
-        let workspace = || Workspace::new(mechanism, motion);
-        (0..parts).into_par_iter().for_each_init(workspace, |workspace, k| work(part(k), workspace));
+        (0..parts).into_par_iter().for_each(|k| Workspace::with(mechanism, |workspace| work(part(k), workspace)));
     }
 }
 
@@ -202,6 +203,7 @@ fn in_parts(
 /// fight for the same cache lines.
 const TILE: usize = 128;
 const RUN: usize = TILE + MAX_WIDTH;
+static ZEROS: [f64; TILE] = [0.0; TILE];
 
 /// Torques of the chosen columns' parameters `chi`: `out[r * samples + k]`, rows as in [`regressor`].
 pub fn torque(
@@ -219,19 +221,102 @@ pub fn torque(
     let entries = Entries::new(mechanism, motion, columns, |_, index| index * RUN);
     out.fill(0.0);
     let shared = Shared(out.as_mut_ptr());
-    in_parts(mechanism, motion, n, |part, workspace| {
-        let mut tile = vec![0.0; entries.filled.len() * RUN];
+    in_parts(mechanism, n, |part, workspace| {
+        let tile = workspace.tile(entries.filled.len() * RUN);
         for from in part.clone().step_by(TILE) {
             let count = TILE.min(part.end - from);
             // SAFETY: every run has room for a tile and a lane.
-            unsafe { rows(mechanism, motion, from, count, &entries.sets, tile.as_mut_ptr(), workspace) };
-            for (run, &entry) in tile.chunks_exact(RUN).zip(&entries.filled) {
+            unsafe { rows(mechanism, motion, from, count, &entries.sets, tile, workspace) };
+            for (k, &entry) in entries.filled.iter().enumerate() {
                 let (row, parameter) = (entry / columns.len(), chi[entry % columns.len()]);
-                // SAFETY: the row has n numbers, and no other part touches these.
+                // SAFETY: the run was just written; the row has n numbers, and no other part touches these.
+                let run = unsafe { core::slice::from_raw_parts(tile.add(k * RUN), count) };
                 let row = unsafe { core::slice::from_raw_parts_mut(shared.at(row * n + from), count) };
                 row.iter_mut().zip(run).for_each(|(tau, y)| *tau += y * parameter);
             }
         }
     });
     Ok(())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::dispatch::Backend;
+    use crate::mechanism::{Closure, Joint};
+
+    /// Four joints, one of which slides and one of which turns in place; every link is placed by another turn.
+    fn mechanism(backend: Backend) -> Mechanism {
+        let (s, c) = 0.4_f64.sin_cos();
+        let turns = [
+            [c, -s, 0.0, s, c, 0.0, 0.0, 0.0, 1.0],
+            [1.0, 0.0, 0.0, 0.0, 0.0, -1.0, 0.0, 1.0, 0.0],
+            [1.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0, -1.0, 0.0],
+            [1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0],
+        ];
+        let parents = [None, Some(0), Some(1), Some(1)];
+        let joints: Vec<Joint> = (0..4)
+            .map(|i| Joint {
+                parent: parents[i],
+                rotation: turns[i],
+                translation: if i == 2 { [0.0; 3] } else { [0.1, -0.2, 0.3] },
+                prismatic: i == 1,
+            })
+            .collect();
+        Mechanism::new(&joints, &Closure::open(4), [0.0, 1.0, -9.81], &[], backend).expect("a tree")
+    }
+
+    /// Columns of the regressor at some samples; sample k is the same in every motion.
+    fn columns(mechanism: &Mechanism, samples: Range<usize>, accelerations: bool, chosen: &[usize]) -> Vec<f64> {
+        let number = |order: usize| -> Vec<f64> {
+            let at = |a: usize, k: usize| ((7 * k + 11 * a) as f64 * 0.37 + order as f64).sin();
+            (0..4).flat_map(|a| samples.clone().map(move |k| at(a, k))).collect()
+        };
+        let (position, velocity, acceleration) = (number(0), number(1), number(2));
+        let motion = Motion {
+            samples: samples.len(),
+            position: &position,
+            velocity: &velocity,
+            acceleration: accelerations.then_some(&acceleration),
+            external: &[],
+            loops: &[],
+        };
+        let mut out = vec![f64::NAN; motion.sets() * 4 * chosen.len() * samples.len()];
+        regressor(mechanism, &motion, chosen, &mut out).expect("shapes");
+        out
+    }
+
+    #[test]
+    fn a_column_is_the_same_whichever_others_are_wanted() {
+        for backend in Backend::available() {
+            let (mechanism, n) = (mechanism(backend), 37);
+            let all: Vec<usize> = (0..40).collect();
+            let sets = [vec![0, 1, 2, 4, 5, 6, 7], vec![5, 6, 7], vec![7, 6], vec![9, 0, 3], vec![8]];
+            for accelerations in [true, false] {
+                let whole = columns(&mechanism, 0..n, accelerations, &all);
+                for set in &sets {
+                    let chosen: Vec<usize> = (0..4).flat_map(|i| set.iter().map(move |p| 10 * i + p)).collect();
+                    let some = columns(&mechanism, 0..n, accelerations, &chosen);
+                    for (entry, run) in some.chunks_exact(n).enumerate() {
+                        let (row, column) = (entry / chosen.len(), chosen[entry % chosen.len()]);
+                        assert_eq!(run, &whole[(row * 40 + column) * n..][..n], "{backend:?} {row} {column}");
+                    }
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn a_sample_is_the_same_in_a_short_and_in_a_long_motion() {
+        let (mechanism, long, short) = (mechanism(Backend::best()), 7001, 2999);
+        let all: Vec<usize> = (0..40).collect();
+        assert!(4 * all.len() * long > CACHED && 4 * all.len() * short <= CACHED);
+        let whole = columns(&mechanism, 0..long, true, &all);
+        for from in [0, 1234, long - short] {
+            let part = columns(&mechanism, from..from + short, true, &all);
+            for (part, whole) in part.chunks_exact(short).zip(whole.chunks_exact(long)) {
+                assert_eq!(part, &whole[from..from + short]);
+            }
+        }
+    }
 }

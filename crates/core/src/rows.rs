@@ -11,49 +11,79 @@
 //! Safety: [`rows`] is the one door. Behind it channels have whole lanes, slots hold a batch, and the caller's places have
 //! room for whole lanes; every unsafe function relies on just that.
 
-use crate::batch::{BATCH, Batch, Channels, Slot, load, store};
+use crate::aligned::Aligned;
+use crate::batch::{BATCH, Batch, Channels, Followed, Slot, load, store};
 use crate::dispatch::dispatched;
+use crate::joint::{JointMotion, JointSlots};
 use crate::lane::Lane;
-use crate::link::{
-    JointMotion, JointSlots, LINK_NUMBERS, LinkMotions, contract, contract_slide, contract_turn, link_motion,
-};
+use crate::link::{LINK_NUMBERS, LinkMotions};
 use crate::mechanism::{Axis, Link, Mechanism, Shape, for_shape};
 use crate::momentum_rows::momenta;
-use crate::places::{Places, Sink};
+use crate::places::{Places, for_set};
 use crate::regressor::Motion;
 use crate::terms::Law;
 use crate::vector::Vector;
+use std::cell::Cell;
 
 /// Both vectors of an axis.
 pub(crate) type AxisSlots = [Slot; 6];
 
-/// What one thread needs to make rows; made once, then reused for every batch.
+/// What one thread needs to make rows: it grows to what a mechanism needs, and is kept for the next batch and call.
+#[derive(Default)]
 pub(crate) struct Workspace {
     channels: Channels,
     pub(crate) slots: Slots,
+    /// Runs of entries on their way to memory.
+    tile: Aligned,
+    /// Runs of entries on their way to triangles, before and after the filter.
+    pub(crate) raw: Aligned,
+    pub(crate) decimated: Aligned,
 }
 
 /// Links and axes at a batch of samples.
+#[derive(Default)]
 pub(crate) struct Slots {
     pub(crate) followed: [Slot; 3],
     pub(crate) joint: JointSlots,
+    /// Motions of the links, or their velocities.
     pub(crate) links: Vec<[Slot; LINK_NUMBERS]>,
     pub(crate) axes: Vec<AxisSlots>,
     /// Rates of change of the axes, where there are no accelerations.
     pub(crate) axis_rates: Vec<AxisSlots>,
 }
 
+thread_local! {
+    static KEPT: Cell<Option<Box<Workspace>>> = const { Cell::new(None) };
+}
+
 impl Workspace {
-    pub(crate) fn new(mechanism: &Mechanism, motion: &Motion) -> Workspace {
-        let changing = if motion.acceleration.is_some() { 0 } else { mechanism.axes };
-        let slots = Slots {
-            followed: [[0.0; BATCH]; 3],
-            joint: [[0.0; BATCH]; 3],
-            links: vec![[[0.0; BATCH]; LINK_NUMBERS]; mechanism.links.len()],
-            axes: vec![[[0.0; BATCH]; 6]; mechanism.axes],
-            axis_rates: vec![[[0.0; BATCH]; 6]; changing],
-        };
-        Workspace { channels: Channels::new(mechanism), slots }
+    /// Work with the thread's own workspace, which is large enough for the mechanism.
+    pub(crate) fn with<R>(mechanism: &Mechanism, work: impl FnOnce(&mut Workspace) -> R) -> R {
+        let mut workspace = KEPT.take().unwrap_or_default();
+        workspace.grow(mechanism);
+        let done = work(&mut workspace);
+        KEPT.set(Some(workspace));
+        done
+    }
+
+    fn grow(&mut self, mechanism: &Mechanism) {
+        self.channels.grow(mechanism);
+        grow(&mut self.slots.links, mechanism.links.len(), [Slot::ZERO; LINK_NUMBERS]);
+        grow(&mut self.slots.axes, mechanism.axes, [Slot::ZERO; 6]);
+        grow(&mut self.slots.axis_rates, mechanism.axes, [Slot::ZERO; 6]);
+    }
+
+    /// The tile, with room for so many numbers; it holds what was last written there.
+    pub(crate) fn tile(&mut self, numbers: usize) -> *mut f64 {
+        self.tile.grow(numbers);
+        self.tile.as_mut_ptr()
+    }
+}
+
+/// Lengthen a buffer to what is wanted; what is there stays.
+pub(crate) fn grow<X: Clone>(buffer: &mut Vec<X>, wanted: usize, empty: X) {
+    if buffer.len() < wanted {
+        buffer.resize(wanted, empty);
     }
 }
 
@@ -72,7 +102,7 @@ pub(crate) unsafe fn rows(
     workspace: &mut Workspace,
 ) {
     debug_assert!(sets.len() == motion.sets());
-    let Workspace { channels, slots } = workspace;
+    let Workspace { channels, slots, .. } = workspace;
     for done in (0..count).step_by(BATCH) {
         let samples = BATCH.min(count - done);
         channels.turn_to(mechanism, motion, from + done, samples);
@@ -93,91 +123,100 @@ dispatched! {
 
 #[inline(always)]
 unsafe fn torques_in_lanes<T: Lane>(batch: Batch, places: &Places, out: *mut f64, slots: &mut Slots) {
-    unsafe {
-        for i in 0..batch.mechanism.links.len() {
-            let link = &batch.mechanism.links[i];
-            move_link::<T>(batch, i, slots);
+    for (i, link) in batch.mechanism.links.iter().enumerate() {
+        unsafe {
+            let followed = batch.follow::<T>(&link.course, &mut slots.followed);
+            turn::<T>(batch, link, followed, &mut slots.joint);
+            for_shape!(link.shape, shape => move_link::<T>(batch, (shape, i), followed, slots));
             let motions = LinkMotions(slots.links[i].as_mut_ptr());
             for (own, axis) in (link.first..).zip(&link.axes) {
-                let sink = places.axis(own);
-                match axis.above {
-                    Some(above) => for_shape!(link.shape, shape => carried_rows::<T>(
-                        batch, (shape, link), axis, (above, own), motions, &sink, out, slots
-                    )),
-                    None => first_rows::<T>(batch, link, axis, own, motions, &sink, out, slots),
-                }
+                let sink = places.axis(own, out);
+                carry_axis::<T>(batch, link, axis, own, &mut slots.axes, &slots.joint);
+                for_set!(sink, SET => match (axis.above, link.slides()) {
+                    (Some(_), _) => motions.contract::<T, SET>(batch, slots.axes[own].as_ptr(), &sink),
+                    (None, false) => motions.contract_turn::<T, SET>(batch, axis.rate, &sink),
+                    (None, true) => motions.contract_slide::<T, SET>(batch, axis.rate, &sink),
+                });
             }
         }
-        term_rows::<T>(batch, false, places, out, &mut slots.followed);
+    }
+    unsafe { term_rows::<T>(batch, false, places, out, &mut slots.followed) };
+}
+
+/// What the joint's position changes, for the link and the axes.
+#[inline(always)]
+pub(crate) unsafe fn turn<T: Lane>(batch: Batch, link: &Link, followed: Followed, slots: &mut JointSlots) {
+    let joint = JointMotion::<T>::rest(link.shape, link);
+    for k in batch.lanes::<T>() {
+        unsafe { joint.at(followed.at(k)[0]).keep(slots.as_mut_ptr(), k) };
     }
 }
 
-/// The joint's motion and the link's, from the parent's.
+/// The link's motion, from the parent's.
 #[inline(always)]
-unsafe fn move_link<T: Lane>(batch: Batch, i: usize, slots: &mut Slots) {
+unsafe fn move_link<T: Lane>(batch: Batch, (shape, i): (Shape, usize), followed: Followed, slots: &mut Slots) {
     let link = &batch.mechanism.links[i];
-    unsafe {
-        let followed = batch.follow::<T>(&link.course, &mut slots.followed);
-        let parent = link.parent.map(|p| LinkMotions(slots.links[p].as_mut_ptr()));
-        let motions = LinkMotions(slots.links[i].as_mut_ptr());
-        for k in batch.lanes::<T>() {
-            let [q, v, acceleration] = followed.at(k);
-            let joint = JointMotion::new(link, q);
-            joint.keep(link, &mut slots.joint, k);
-            let parent = parent.map(|parent| parent.at::<T>(k));
-            motions.set(k, link_motion(batch.mechanism, link, &joint, parent, v, acceleration));
-        }
-    }
-}
-
-/// An axis carried from the parent to the link, and its entries.
-#[inline(always)]
-#[allow(clippy::too_many_arguments)]
-unsafe fn carried_rows<T: Lane>(
-    batch: Batch,
-    (shape, link): (Shape, &Link),
-    axis: &Axis,
-    (above, own): (usize, usize),
-    motions: LinkMotions,
-    sink: &Sink,
-    out: *mut f64,
-    slots: &mut Slots,
-) {
-    let (above, own) = (slots.axes[above].as_ptr(), slots.axes[own].as_mut_ptr());
+    let (rest, kept) = (JointMotion::<T>::rest(shape, link), slots.joint.as_ptr());
+    let parent = link.parent.map(|p| LinkMotions(slots.links[p].as_mut_ptr()));
+    let own = LinkMotions(slots.links[i].as_mut_ptr());
     for k in batch.lanes::<T>() {
         unsafe {
-            let joint = JointMotion::at(shape, link, &slots.joint, k);
-            let axis = joint.carry_by(shape, link, get_axis::<T>(above, k), batch.rate(axis.rate, k));
-            put_axis(own, k, axis);
-            contract(motions, axis, sink, out, k);
+            let [_, v, acceleration] = followed.at(k);
+            let joint = rest.kept(kept, k);
+            match parent {
+                Some(parent) => own.follow(parent, &joint, (v, acceleration), k),
+                None => own.begin(batch.mechanism.gravity, &joint, (v, acceleration), k),
+            }
         }
     }
 }
 
-/// The axis of a coordinate that moves no link before this one, and its entries.
+/// The axis of a coordinate, from the parent's.
 #[inline(always)]
-#[allow(clippy::too_many_arguments)]
-unsafe fn first_rows<T: Lane>(
+pub(crate) unsafe fn carry_axis<T: Lane>(
     batch: Batch,
     link: &Link,
     axis: &Axis,
     own: usize,
-    motions: LinkMotions,
-    sink: &Sink,
-    out: *mut f64,
-    slots: &mut Slots,
+    axes: &mut [AxisSlots],
+    joint: &JointSlots,
 ) {
-    let own = slots.axes[own].as_mut_ptr();
-    for k in batch.lanes::<T>() {
-        unsafe {
-            let rate: T = batch.rate(axis.rate, k);
-            put_axis(own, k, JointMotion::own(link, rate));
-            match link.slides() {
-                true => contract_slide(motions, rate, sink, out, k),
-                false => contract_turn(motions, rate, sink, out, k),
+    let (rest, to) = (JointMotion::<T>::rest(link.shape, link), axes[own].as_mut_ptr());
+    unsafe {
+        if let Some(above) = axis.above {
+            let above = axes[above].as_ptr();
+            carry(batch.mechanism.backend, batch, link, above, to, joint.as_ptr());
+            if !axis.rate.is_zero() {
+                for k in batch.lanes::<T>() {
+                    put_axis(to, k, rest.moved(get_axis(to, k), batch.rate(axis.rate, k)));
+                }
+            }
+        } else {
+            for k in batch.lanes::<T>() {
+                put_axis(to, k, rest.own(batch.rate(axis.rate, k)));
             }
         }
     }
+}
+
+dispatched! {
+    /// An axis, or its rate of change, from the parent's slots to the link's.
+    ///
+    /// # Safety
+    /// As for [`rows`].
+    pub(crate) unsafe fn carry = carry_in_lanes(
+        batch: Batch, link: &Link, from: *const Slot, to: *mut Slot, joint: *const Slot,
+    )
+}
+
+#[inline(always)]
+unsafe fn carry_in_lanes<T: Lane>(batch: Batch, link: &Link, from: *const Slot, to: *mut Slot, joint: *const Slot) {
+    for_shape!(link.shape, shape => {
+        let rest = JointMotion::<T>::rest(shape, link);
+        for k in batch.lanes::<T>() {
+            unsafe { put_axis(to, k, rest.kept(joint, k).carry(get_axis(from, k))) };
+        }
+    })
 }
 
 /// # Safety

@@ -4,6 +4,12 @@ use crate::lane::Lane;
 
 pub type Vector<T> = [T; 3];
 
+/// A component of a vector, and the two after it.
+#[inline(always)]
+pub fn cycle(i: usize) -> [usize; 3] {
+    [i, (i + 1) % 3, (i + 2) % 3]
+}
+
 #[inline(always)]
 pub fn zero<T: Lane>() -> Vector<T> {
     [T::splat(0.0); 3]
