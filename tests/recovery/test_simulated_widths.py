@@ -9,6 +9,7 @@ import pytest
 import haptid
 from haptid import bench, estimators
 from haptid.simulation import DirectModel, Stretches, measured_state, open_loop, sets_of, smooth
+from haptid.simulation.parametric import ParametricModel
 from small_study import two_links
 from true_parameters import true_parameters
 
@@ -62,3 +63,13 @@ def test_only_where_friction_turns_over_steps_are_cut(monkeypatch):
     monkeypatch.setattr(DirectModel, "turning", lambda *args: np.ones(args[1].shape[1], dtype=bool))
     every = open_loop(model, motion, motion.tau.T, start, stretches)
     np.testing.assert_allclose(some.c, every.c, atol=1e-6)
+
+
+def test_steps_of_the_filter_are_cut_where_friction_turns_over(monkeypatch):
+    """With whole steps friction turns over half a step late, which biases it the other way."""
+    rows = observed(3)
+    beta = rows.device.base.of(truth(rows.device))
+    cut = haptid.estimate(rows, estimators.EKF())
+    monkeypatch.setattr(ParametricModel, "turning", lambda *_: False)
+    whole = haptid.estimate(rows, estimators.EKF())
+    assert np.sum(((cut.beta - beta) / cut.sd) ** 2) < np.sum(((whole.beta - beta) / whole.sd) ** 2)

@@ -8,7 +8,7 @@ import numpy as np
 from scipy import linalg
 
 from haptid._values import Array
-from haptid.estimators.kalman import Belief, Filtering, Track, lower
+from haptid.estimators.kalman import PARTS, Belief, Filtering, Track, lower
 from haptid.simulation.parametric import ParametricModel
 
 
@@ -23,16 +23,17 @@ class EKF(Filtering):
 
     def ahead(self, model: ParametricModel, belief: Belief, track: Track, k: int) -> Belief:
         """From sample k to the next, without measurement."""
-        n = len(track.c)
-        c, cd, beta = belief.x[:n], belief.x[n : 2 * n], belief.x[2 * n :]
-        cdd, by_state, by_beta, inverse = model.linearised(c, cd, track.tau[:, k], beta)
-        F, forced = exponential(by_state, track.motion.dt)
-        x = belief.x.copy()
-        x[: 2 * n] += forced @ np.concatenate([cd, cdd])
-        step = np.eye(len(x))
-        step[: 2 * n, : 2 * n], step[: 2 * n, 2 * n :] = F, forced[:, n:] @ by_beta
-        shaken = np.zeros((len(x), n))
-        shaken[: 2 * n] = forced[:, n:] @ (inverse * track.noise[1])
+        n, x, dt = len(track.c), belief.x.copy(), track.motion.dt
+        step, shaken = np.eye(len(x)), np.zeros((len(x), n))
+        parts = PARTS if model.turning(x[:n], x[n : 2 * n], track.tau[:, k], x[2 * n :], dt) else 1
+        for _ in range(parts):
+            cdd, by_state, by_beta, inverse = model.linearised(x[:n], x[n : 2 * n], track.tau[:, k], x[2 * n :])
+            F, forced = exponential(by_state, dt / parts)
+            x[: 2 * n] += forced @ np.concatenate([x[n : 2 * n], cdd])
+            own = np.eye(len(x))
+            own[: 2 * n, : 2 * n], own[: 2 * n, 2 * n :] = F, forced[:, n:] @ by_beta
+            step, shaken = own @ step, own @ shaken
+            shaken[: 2 * n] += forced[:, n:] @ (inverse * track.noise[1])
         S = lower(np.column_stack([step @ belief.S, shaken]))
         return Belief(x, S)
 

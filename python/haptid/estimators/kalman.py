@@ -36,6 +36,9 @@ from haptid.treatment import Motion
 
 Figures = tuple[float, ...]
 
+# A step within which dry friction may turn over is cut into so many: else it turns over half a step late.
+PARTS = 8
+
 
 @dataclass(frozen=True, eq=False)
 class Belief:

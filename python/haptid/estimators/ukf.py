@@ -7,11 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from haptid._values import Array
-from haptid.estimators.kalman import Belief, Filtering, Track, lower
+from haptid.estimators.kalman import PARTS, Belief, Filtering, Track, lower
 from haptid.simulation.parametric import ParametricModel
-
-# Runge and Kutta's method is stable up to this rate times the step.
-STABLE = 2.5
 
 
 @dataclass(frozen=True)
@@ -23,7 +20,7 @@ class UKF(Filtering):
     (2009), IEEE Trans. Automatic Control 54(6), section VI.
 
     Attributes:
-        parts: of a sampling period, each a step of Runge and Kutta's method.
+        parts: of a sampling period, each a step of Runge and Kutta's method; more where dry friction turns over.
     """
 
     parts: int = 1
@@ -32,18 +29,17 @@ class UKF(Filtering):
         """From sample k to the next, without measurement."""
         n, size, tau = len(track.c), len(belief.x), track.tau[:, k]
         points = belief.x[:, None] + np.sqrt(size) * np.column_stack([belief.S, -belief.S])
-        for _ in range(self.parts):
-            points[: 2 * n] = _step(model, points[:n], points[n : 2 * n], tau, points[2 * n :].T, self._h(track))
+        dt, mean = track.motion.dt, belief.x
+        parts = self.parts * (PARTS if model.turning(mean[:n], mean[n : 2 * n], tau, mean[2 * n :], dt) else 1)
+        for _ in range(parts):
+            points[: 2 * n] = _step(model, points[:n], points[n : 2 * n], tau, points[2 * n :].T, dt / parts)
         x = points.mean(axis=1)
         *_, inverse = model.linearised(belief.x[:n], belief.x[n : 2 * n], tau, belief.x[2 * n :])
-        shaken, dt = np.zeros((size, n)), track.motion.dt
+        shaken = np.zeros((size, n))
         push = inverse * track.noise[1]
         shaken[:n], shaken[n : 2 * n] = 0.5 * dt**2 * push, dt * push
         apart = (points - x[:, None]) / np.sqrt(2 * size)
         return Belief(x, lower(np.column_stack([apart, shaken])))
-
-    def _h(self, track: Track) -> float:
-        return track.motion.dt / self.parts
 
 
 def _step(model: ParametricModel, c: Array, cd: Array, tau: Array, beta: Array, h: float) -> Array:

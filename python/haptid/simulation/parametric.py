@@ -8,8 +8,9 @@ import numpy as np
 
 from haptid._values import Array
 from haptid.device import Device
+from haptid.device.terms import DRY
 from haptid.errors import MasslessError
-from haptid.simulation.direct import INVERTIBLE
+from haptid.simulation.direct import INVERTIBLE, TURNED, WIDTH
 from haptid.simulation.sensitivity import columns
 
 # Steps of differences by position and velocity.
@@ -57,6 +58,17 @@ class ParametricModel:
             return np.asarray(np.linalg.solve(M, force[:, :, None])[:, :, 0])
         except np.linalg.LinAlgError:
             raise MasslessError(self.device.row_labels[0], 0.0, INVERTIBLE) from None
+
+    def turning(self, c: Array, cd: Array, tau: Array, beta: Array, period: float) -> bool:
+        """Whether dry friction may turn over within a period, s, at one state; c, cd and tau are (n,), beta (p,)."""
+        column, speed = c[:, None], cd[:, None]
+        cdd = self.acceleration(column, speed, tau[:, None], beta)
+        return any(
+            abs(self.device.speed(term, column, speed)[0])
+            < TURNED * term.settings[WIDTH.get(term.kind, 0)] + period * abs(self.device.speed(term, column, cdd)[0])
+            for term in self.device.terms
+            if term.kind in DRY
+        )
 
     def linearised(self, c: Array, cd: Array, tau: Array, beta: Array) -> tuple[Array, Array, Array, Array]:
         """At one state: cdd (n,), its derivatives by (c, cd) (n, 2n) and by beta (n, p), and M^-1 (n, n).
