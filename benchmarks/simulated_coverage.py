@@ -1,8 +1,8 @@
 """Intervals of estimators that simulate the model: how often they hold the truth, and what a smooth friction does.
 
 Two links with dry friction on the virtual bench, noise on the torque, encoders of 4000 counts behind a gear, 5 s at
-250 Hz; a hundred motions. Once with dry friction that turns over within a wide band of speeds, as these methods had
-it, and once as they are. Of each: how many of the 95 % intervals hold the truth, over all parameters and of the worst;
+250 Hz; a hundred motions. Once with dry friction that turns over within a wide band of speeds, and once
+as these methods are. Of each: how many of the 95 % intervals hold the truth, over all parameters and of the worst;
 the deviation an interval is made with over the true scatter; and the bias over that scatter, of the worst parameter.
 """
 
