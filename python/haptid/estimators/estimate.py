@@ -142,7 +142,7 @@ class Estimate:
         """Of the errors of the base parameters, (p, p); NaN beside what has no deviation."""
         return correlations(self.covariance)
 
-    @property
+    @cached_property
     def interval95(self) -> Array:
         """Honest 95 % intervals, (p, 2)."""
         if self.held and isinstance(self.intervals, Limiting):
@@ -151,10 +151,10 @@ class Estimate:
             return self.held.interval(self._half)
         return np.column_stack([self.beta - self._half, self.beta + self._half])
 
-    @property
+    @cached_property
     def _half(self) -> Array:
         """Half-widths of the 95 % intervals of the free fit, (p,)."""
-        return np.asarray(stats.t.ppf(0.975, self.freedom) * self.sd)
+        return read_only(stats.t.ppf(0.975, self.freedom) * self.sd)
 
     @cached_property
     def parameters(self) -> tuple[Parameter, ...]:

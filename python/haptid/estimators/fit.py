@@ -40,8 +40,9 @@ class Moments:
         """The cells of a time block as one, whatever the motor."""
         times, where = np.unique(self.block, return_inverse=True)
         G, s = np.zeros((len(times), *self.G.shape[1:])), np.zeros((len(times), self.s.shape[1]))
-        np.add.at(G, where, self.G)
-        np.add.at(s, where, self.s)
+        for cell, k in enumerate(where):  # many times faster than numpy.add.at
+            G[k] += self.G[cell]
+            s[k] += self.s[cell]
         return Moments(G, s, times)
 
     @cached_property
