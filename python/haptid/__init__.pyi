@@ -81,6 +81,7 @@ from haptid.friction_choice import FrictionChoice, choose_friction
 from haptid.gains import DriveGains, drive_gains
 from haptid.identification import Identification, Run, identify
 from haptid.kinematics import HandleMotion, handle_motion, link_poses
+from haptid.load_friction import settled_loads
 from haptid.loads import Load, load_shift, log_without_load, without_load
 from haptid.log import Channels, Log, Signal, open_log, read_log
 from haptid.observation import Block, MotorRows, Observation, observe
@@ -269,6 +270,7 @@ __all__ = [
     "read_study",
     "regroupings",
     "result",
+    "settled_loads",
     "shipped_devices",
     "side_by_side",
     "stable_share",
