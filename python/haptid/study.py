@@ -48,6 +48,7 @@ from haptid.estimators import (
     Loss,
     Method,
     OutputError,
+    Profile,
     Ridge,
     Sandwich,
     StudentT,
@@ -220,7 +221,7 @@ class EstimateTable(_Table):
     )
     share: Positive | None = Field(None, description="ridge: deviation of prior values that have none, as a share; 0.3")
     strength: Positive | None = Field(None, description="ridge, entropic: of the pull; the one that predicts best")
-    intervals: Literal["clustered", "jackknife", "textbook", "sandwich", "fixed-b", "bootstrap"] = Field(
+    intervals: Literal["clustered", "jackknife", "textbook", "sandwich", "fixed-b", "bootstrap", "profile"] = Field(
         "clustered", description="how deviations are made; see the page on estimators"
     )
     possible: bool = Field(False, description="hold the estimate to what bodies and passive friction can have")
@@ -362,6 +363,7 @@ INTERVALS: Mapping[str, Callable[[], Intervals]] = {
     "sandwich": Sandwich,
     "fixed-b": FixedB,
     "bootstrap": Bootstrap,
+    "profile": Profile,
 }
 LOSSES: Mapping[str, Callable[[], Loss]] = {"Tukey": Tukey, "Huber": Huber, "Student t": StudentT}
 SETTINGS = tuple(dict.fromkeys(key for _, keys in METHODS.values() for key in keys))

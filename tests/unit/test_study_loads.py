@@ -151,6 +151,7 @@ def test_a_load_on_no_link_is_refused(study):
         ('intervals = "sandwich"', e.Sandwich()),
         ('intervals = "fixed-b"', e.FixedB()),
         ('intervals = "bootstrap"', e.Bootstrap()),
+        ('intervals = "profile"', e.Profile()),
     ],
 )
 def test_intervals_of_a_study_reach_its_estimate(study, text, intervals):
