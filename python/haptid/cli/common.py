@@ -5,21 +5,16 @@ from __future__ import annotations
 import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from typing import TYPE_CHECKING
 
 import typer
 from rich.console import Console
-from rich.progress import (
-    BarColumn,
-    Progress,
-    TaskID,
-    TaskProgressColumn,
-    TextColumn,
-    TimeElapsedColumn,
-    TimeRemainingColumn,
-)
 from rich.text import Text
 
 from haptid.errors import HaptidError
+
+if TYPE_CHECKING:
+    from rich.progress import Progress, TaskID
 
 EXIT_CRITERIA, EXIT_ERROR, EXIT_DEFECT = 1, 2, 3
 # As shells have it for a program that was interrupted.
@@ -54,8 +49,12 @@ def complain(sentence: str) -> None:
 
 
 def progress_bars(quiet: bool) -> Progress:
-    columns = (TextColumn("{task.description}"), BarColumn(), TaskProgressColumn(), TimeElapsedColumn())
-    return Progress(*columns, TimeRemainingColumn(), console=err, transient=True, disable=quiet)
+    """Bars on standard error; imported here, as most commands show none."""
+    from rich import progress
+
+    columns = (progress.TextColumn("{task.description}"), progress.BarColumn(), progress.TaskProgressColumn())
+    times = (progress.TimeElapsedColumn(), progress.TimeRemainingColumn())
+    return progress.Progress(*columns, *times, console=err, transient=True, disable=quiet)
 
 
 def teller(progress: Progress) -> Callable[[str, float], None]:
