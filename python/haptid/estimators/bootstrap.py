@@ -43,16 +43,15 @@ class Bootstrap:
 
     def spread(self, fit: Fit, combinations: Array | None = None) -> Spread:
         """Of base parameters, or of combinations of them, (q, p)."""
-        made, spread = fit.moments, fit.combined(combinations)
-        G, s, times = made.together.G, made.together.s, made.together.block
-        k, rng = made.s.shape[1], np.random.default_rng(self.seed)
+        made, spread = fit.together, fit.combined(combinations)
+        (blocks, k), rng = made.s.shape, np.random.default_rng(self.seed)
         pull = np.zeros((0, k)) if fit.solution.pull is None else fit.solution.pull
         alone = made.alone(spread)
         moved: list[Array] = []
         for _ in range(TRIES * self.draws):
-            counts = rng.multinomial(len(times), np.full(len(times), 1.0 / len(times)))
-            H = np.tensordot(counts, G, 1) + pull.T @ pull
-            score = counts @ s + self._drawn(pull, s, rng)
+            counts = rng.multinomial(blocks, np.full(blocks, 1.0 / blocks))
+            H = np.tensordot(counts, made.G, 1) + pull.T @ pull
+            score = counts @ made.s + self._drawn(pull, made.s, rng)
             if np.linalg.eigvalsh(H)[0] > LEFT:
                 moved.append(np.asarray(np.linalg.solve(H, score), dtype=np.float64))
             if len(moved) == self.draws:
@@ -60,8 +59,8 @@ class Bootstrap:
         if len(moved) < 2:  # hardly a draw has all directions
             moved, alone = [np.zeros(k)] * 2, np.arange(len(spread))
         shifts = np.array(moved) @ spread.T
-        covariance = np.atleast_2d(np.cov(shifts, rowvar=False)) * len(times) / max(1, len(times) - 1)
-        return Spread(covariance, np.full(len(spread), float(max(1, len(times) - 1))), len(made.s), alone)
+        covariance = np.atleast_2d(np.cov(shifts, rowvar=False)) * blocks / max(1, blocks - 1)
+        return Spread(covariance, np.full(len(spread), float(max(1, blocks - 1))), blocks, alone)
 
     @staticmethod
     def _drawn(pull: Array, s: Array, rng: np.random.Generator) -> Array:

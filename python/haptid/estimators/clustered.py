@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from haptid._values import Array
-from haptid.estimators.fit import ALONE, Fit, Moments, moments
+from haptid.estimators.fit import ALONE, Fit, Moments, together
 from haptid.estimators.solve import Solution
 from haptid.estimators.spread import Spread
 from haptid.observation import Observation
@@ -42,7 +42,7 @@ class Clustered:
 
         Knowledge with a deviation adds its own variance, as if its value had been drawn with that deviation.
         """
-        return _spread(fit.moments.together, fit.combined(combinations), fit.solution.pull)
+        return _spread(fit.together, fit.combined(combinations), fit.solution.pull)
 
 
 def clustered(
@@ -58,7 +58,7 @@ def clustered(
             left out.
     """
     spread = solution.root if combinations is None else combinations @ solution.root
-    return _spread(moments(observation, weights, solution).together, spread, solution.pull)
+    return _spread(together(observation, weights, solution), spread, solution.pull)
 
 
 def _spread(made: Moments, spread: Array, pull: Array | None) -> Spread:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -14,8 +14,8 @@ from haptid.observation import Observation
 
 # A block that alone carries more than this share of a direction cannot be left out: without it nothing is left.
 ALONE = 1.0 - 1e-6
-# Cells whose matrices are copied at a time.
-TOGETHER = 128
+# Cells that are worked on at a time.
+TOGETHER = 32
 # A parameter leans on such a block when this much of its variance is in that direction.
 MOSTLY = 0.1
 
@@ -26,7 +26,7 @@ class Moments:
     matrix: beta = root g, sum G + pull'pull = 1.
 
     Attributes:
-        G: of the columns, (cells, k, k); a cell is one block of one motor, or of all `together`.
+        G: of the columns, (cells, k, k); a cell is one block of one motor, or of all motors.
         s: of columns and residual, W'e, (cells, k): what a cell asks the solution to move, which adds up to zero.
         block: of each cell, (cells,).
     """
@@ -34,16 +34,6 @@ class Moments:
     G: Array
     s: Array
     block: np.ndarray
-
-    @cached_property
-    def together(self) -> Moments:
-        """The cells of a time block as one, whatever the motor."""
-        times, where = np.unique(self.block, return_inverse=True)
-        G, s = np.zeros((len(times), *self.G.shape[1:])), np.zeros((len(times), self.s.shape[1]))
-        for cell, k in enumerate(where):  # many times faster than numpy.add.at
-            G[k] += self.G[cell]
-            s[k] += self.s[cell]
-        return Moments(G, s, times)
 
     @cached_property
     def _heavy(self) -> tuple[np.ndarray, Array, Array]:
@@ -104,6 +94,11 @@ class Fit:
         """Of every block of every motor that has rows."""
         return moments(self.observation, self.weights, self.solution, self.noise)
 
+    @cached_property
+    def together(self) -> Moments:
+        """Of every block, whatever the motor."""
+        return together(self.observation, self.weights, self.solution, self.noise)
+
     def combined(self, combinations: Array | None) -> Array:
         """Combinations (q, p) of base parameters as combinations of the coordinates of `moments`, (q, k)."""
         return self.solution.root if combinations is None else combinations @ self.solution.root
@@ -113,18 +108,36 @@ def moments(
     observation: Observation, weights: Array, solution: Solution, noise: Sequence[Array] | None = None
 ) -> Moments:
     """What each block of each motor adds to a solution: see `Fit`."""
-    G, s, blocks = [], [], []
-    for k, (motor, weight) in enumerate(zip(observation.motors, weights, strict=True)):
-        filled = motor.rows > 0
-        T = motor.triangles[filled] * weight
-        U = T[:, :, :-1] @ solution.root[motor.columns]
-        e = T[:, :, -1] - T[:, :, :-1] @ solution.beta[motor.columns]
-        here, score = U.transpose(0, 2, 1) @ U, np.einsum("bij,bi->bj", U, e)
-        if noise is not None:
-            N = noise[k][filled]
-            here = here - solution.root.T @ N[:, :-1, :-1] @ solution.root
-            score = score - (N[:, :-1, -1] - N[:, :-1, :-1] @ solution.beta) @ solution.root
-        G.append(here)
-        s.append(score)
-        blocks.append(np.flatnonzero(filled))
+    blocks, G, s = zip(*_cells(observation, weights, solution, noise), strict=True)
     return Moments(np.concatenate(G), np.concatenate(s), np.concatenate(blocks))
+
+
+def together(
+    observation: Observation, weights: Array, solution: Solution, noise: Sequence[Array] | None = None
+) -> Moments:
+    """What each block adds to a solution, all motors as one: see `Fit`."""
+    many, k = len(observation.blocks), solution.root.shape[1]
+    G, s, there = np.zeros((many, k, k)), np.zeros((many, k)), np.zeros(many, dtype=bool)
+    for blocks, here, score in _cells(observation, weights, solution, noise):
+        G[blocks] += here
+        s[blocks] += score
+        there[blocks] = True
+    return Moments(G[there], s[there], np.flatnonzero(there))
+
+
+def _cells(
+    observation: Observation, weights: Array, solution: Solution, noise: Sequence[Array] | None
+) -> Iterator[tuple[np.ndarray, Array, Array]]:
+    """Numbers of some blocks of one motor, and their G and s; few at a time, as many would not stay in the caches."""
+    for m, (motor, weight) in enumerate(zip(observation.motors, weights, strict=True)):
+        filled = np.flatnonzero(motor.rows > 0)
+        for blocks in np.array_split(filled, 1 + len(filled) // TOGETHER):
+            T = motor.triangles[blocks] * weight
+            U = T[:, :, :-1] @ solution.root[motor.columns]
+            e = T[:, :, -1] - T[:, :, :-1] @ solution.beta[motor.columns]
+            G, s = U.transpose(0, 2, 1) @ U, np.einsum("bij,bi->bj", U, e)
+            if noise is not None:
+                N = noise[m][blocks]
+                G = G - solution.root.T @ N[:, :-1, :-1] @ solution.root
+                s = s - (N[:, :-1, -1] - N[:, :-1, :-1] @ solution.beta) @ solution.root
+            yield blocks, G, s
