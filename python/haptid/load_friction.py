@@ -17,6 +17,8 @@ from haptid.treatment import Motion
 
 # Passes at most, and how far the last may move a parameter, in its deviations.
 MOST, SETTLED = 20, 0.01
+# Of the largest parameter: rows without noise leave deviations of rounding, which no pass comes to rest within.
+ROUNDING = 1e-9
 
 
 def settled_loads(device: Device, motions: Sequence[Motion], method: Method | None = None) -> Device:
@@ -45,7 +47,7 @@ def settled_loads(device: Device, motions: Sequence[Motion], method: Method | No
     for _ in range(MOST):
         here = device.loaded(beta)
         found = estimate(reduce(add, [observe(here, motion) for motion in motions]), weighting)
-        moved = np.abs(found.beta - beta) / np.maximum(found.sd, np.finfo(float).tiny)
+        moved = np.abs(found.beta - beta) / np.maximum(found.sd, ROUNDING * np.abs(found.beta).max())
         if moved.max() <= SETTLED:
             return here
         beta = found.beta

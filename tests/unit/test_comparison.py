@@ -173,8 +173,15 @@ def test_estimates_that_share_rows_are_refused(device, beta):
     a = fitted(device, beta, 1)
     with pytest.raises(errors.DependentEstimatesError, match="both estimates were made from the rows from"):
         compare(a, haptid.estimate(a.observation, haptid.OLS()))
-    even, odd = (haptid.estimate(part, haptid.WLS()) for part in a.observation.alternate())
-    assert not compare(even, odd).differs
+
+
+def test_halves_of_one_log_rarely_differ(device, beta):
+    """By chance in one of twenty."""
+    found = 0
+    for seed in range(1, 21):
+        halves = fitted(device, beta, seed).observation.alternate()
+        found += bool(compare(*(haptid.estimate(half, haptid.WLS()) for half in halves)).differs)
+    assert found <= 4
 
 
 def test_estimates_without_a_common_parameter_are_refused(device, beta):
