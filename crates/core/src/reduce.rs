@@ -324,6 +324,9 @@ impl<'a> Reducer<'a> {
         }
         for (a, motor) in self.raw.motors.windows(2).enumerate() {
             let weights = &self.reduction.weights[a * self.reduction.rows..][from..to];
+            if weights.iter().all(|&w| w == 1.0) {
+                continue;
+            }
             for run in motor[0]..motor[1] {
                 let column = &mut self.decimated[run * (FOLD + PAD)..][..weights.len()];
                 // Selected, not multiplied: a row that does not count may hold anything.
