@@ -1,0 +1,111 @@
+"""The method of estimation and the kind of intervals that a study names."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from pathlib import Path
+
+from haptid.errors import MethodSettingError, StudyControllerError, StudyFileError
+from haptid.estimators import (
+    CLIE,
+    CLOE,
+    DIDIM,
+    EKF,
+    GLS,
+    IRLS,
+    IV,
+    OLS,
+    SUR,
+    TLS,
+    UKF,
+    WLS,
+    BlockJackknife,
+    Bootstrap,
+    Bounded,
+    Clustered,
+    Consistent,
+    Corrected,
+    Equal,
+    FixedB,
+    Heteroscedastic,
+    Huber,
+    Intervals,
+    Loss,
+    Method,
+    OutputError,
+    Profile,
+    Ridge,
+    Sandwich,
+    StudentT,
+    Textbook,
+    Tukey,
+)
+from haptid.estimators.entropic import Entropic
+from haptid.estimators.simulating import ClosedLoop
+from haptid.simulation import PID
+from haptid.study.schema import EstimateTable
+
+# What each method is made of, and the keys of the study that are its settings.
+METHODS: Mapping[str, tuple[Callable[..., Method], tuple[str, ...]]] = {
+    "OLS": (OLS, ()),
+    "WLS": (WLS, ("passes",)),
+    "SUR": (SUR, ("passes",)),
+    "GLS": (GLS, ("passes",)),
+    "IRLS": (IRLS, ("loss",)),
+    "heteroscedastic": (Heteroscedastic, ("passes",)),
+    "TLS": (TLS, ()),
+    "encoder noise": (Corrected, ("resolution",)),
+    "ridge": (Ridge, ("share", "strength", "passes")),
+    "entropic": (Entropic, ("strength",)),
+    "IV": (IV, ()),
+    "DIDIM": (DIDIM, ()),
+    "CLIE": (CLIE, ()),
+    "CLOE": (CLOE, ()),
+    "output error": (OutputError, ()),
+    "EKF": (EKF, ()),
+    "UKF": (UKF, ()),
+}
+INTERVALS: Mapping[str, Callable[[], Intervals]] = {
+    "clustered": Clustered,
+    "jackknife": BlockJackknife,
+    "textbook": Textbook,
+    "sandwich": Sandwich,
+    "fixed-b": FixedB,
+    "bootstrap": Bootstrap,
+    "profile": Profile,
+}
+LOSSES: Mapping[str, Callable[[], Loss]] = {"Tukey": Tukey, "Huber": Huber, "Student t": StudentT}
+SETTINGS = tuple(dict.fromkeys(key for _, keys in METHODS.values() for key in keys))
+HOLDING = ("possible", "limits", "relations")
+
+
+def method_of(study: Path, table: EstimateTable, controller: PID | None) -> Method:
+    make, keys = METHODS[table.method]
+    given = {key: value for key in SETTINGS if (value := getattr(table, key)) is not None}
+    for key in given:
+        if key not in keys:
+            raise StudyFileError(study, f"estimate.{key}", f"the method {table.method!r} has no such setting")
+    if "loss" in given:
+        given["loss"] = LOSSES[given["loss"]]()
+    if isinstance(make, type) and issubclass(make, ClosedLoop):
+        if controller is None:
+            raise StudyControllerError(study, table.method)
+        given["controller"] = controller
+    if isinstance(given.get("resolution"), list):
+        given["resolution"] = tuple(given["resolution"])
+    held = [key for key in HOLDING if getattr(table, key)]
+    if len(held) > 1:
+        raise StudyFileError(study, f"estimate.{held[1]}", f"beside {held[0]}: give one of {', '.join(HOLDING)}")
+    try:
+        return _held(table, make(**given))
+    except MethodSettingError as error:
+        raise StudyFileError(study, "estimate", str(error).rstrip(".")) from error
+
+
+def _held(table: EstimateTable, weighting: Method) -> Method:
+    """The method with what holds its estimate."""
+    if table.possible:
+        return Consistent(weighting)
+    if table.limits:
+        return Bounded({name: (limit.low, limit.high) for name, limit in table.limits.items()}, weighting)
+    return Equal(table.relations, weighting) if table.relations else weighting
