@@ -14,7 +14,7 @@ import numpy as np
 from haptid._values import Array
 from haptid.estimators.fit import ALONE, Fit, Moments, together
 from haptid.estimators.solve import Solution
-from haptid.estimators.spread import Spread
+from haptid.estimators.spread import Spread, believing
 from haptid.observation import Observation
 
 # With fewer effective blocks than this an interval means nothing; Student's t is held here.
@@ -65,12 +65,8 @@ def _spread(made: Moments, spread: Array, pull: Array | None) -> Spread:
     """Of combinations (q, k) of the moments' coordinates."""
     adjusted = Adjustment.of(made.G)
     shifts = adjusted.times(made.s) @ spread.T
-    outer = shifts.T @ shifts
-    believed = np.zeros_like(outer) if pull is None else (spread @ pull.T) @ (spread @ pull.T).T
-    own, whole = np.diag(outer), np.diag(outer + believed)
-    # What is only believed has no degrees of freedom to lose (Satterthwaite 1946).
-    grown = np.divide(whole, own, out=np.ones_like(whole), where=own > 0) ** 2
-    return Spread(outer + believed, freedom(made, adjusted, spread) * grown, len(made.s), made.alone(spread))
+    covariance, degrees = believing(shifts.T @ shifts, freedom(made, adjusted, spread), spread, pull)
+    return Spread(covariance, degrees, len(made.s), made.alone(spread))
 
 
 @dataclass(frozen=True, eq=False)

@@ -13,7 +13,7 @@ import numpy as np
 from haptid._values import Array
 from haptid.estimators.clustered import LEAST_FREEDOM
 from haptid.estimators.fit import Fit, Moments
-from haptid.estimators.spread import Spread
+from haptid.estimators.spread import Spread, believing
 
 
 @dataclass(frozen=True)
@@ -41,11 +41,8 @@ def _spread(made: Moments, spread: Array, pull: Array | None) -> Spread:
     """Of combinations (q, k) of the moments' coordinates."""
     shifts, blocks = made.moved @ spread.T, len(made.s)
     outer = shifts.T @ shifts * (blocks - 1) / max(blocks, 1)
-    believed = np.zeros_like(outer) if pull is None else (spread @ pull.T) @ (spread @ pull.T).T
-    own, whole = np.diag(outer), np.diag(outer + believed)
-    # What is only believed has no degrees of freedom to lose (Satterthwaite 1946).
-    grown = np.divide(whole, own, out=np.ones_like(whole), where=own > 0) ** 2
-    return Spread(outer + believed, freedom(made, spread) * grown, blocks, made.alone(spread))
+    covariance, degrees = believing(outer, freedom(made, spread), spread, pull)
+    return Spread(covariance, degrees, blocks, made.alone(spread))
 
 
 def freedom(made: Moments, spread: Array) -> Array:

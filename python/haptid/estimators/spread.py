@@ -47,6 +47,22 @@ class Limiting(Intervals, Protocol):
         """Ends of the 95 % intervals, (p, 2), where the free fit's half-widths are (p,)."""
 
 
+def believing(outer: Array, freedom: Array, spread: Array, pull: Array | None) -> tuple[Array, Array]:
+    """Covariance (q, q) and degrees of freedom (q,) with the variance of what is only believed added.
+
+    Args:
+        outer, freedom: what the rows say of combinations.
+        spread: these combinations, of coordinates in which rows and knowledge together are the unit matrix, (q, k).
+        pull: the knowledge in these coordinates, (rows, k).
+    """
+    if pull is None:
+        return outer, freedom
+    covariance = outer + (spread @ pull.T) @ (spread @ pull.T).T
+    own, whole = np.diag(outer), np.diag(covariance)
+    # What is only believed has no degrees of freedom to lose (Satterthwaite 1946).
+    return covariance, freedom * np.divide(whole, own, out=np.ones_like(whole), where=own > 0) ** 2
+
+
 def correlations(covariance: Array) -> Array:
     """Of a covariance, (p, p); NaN beside what has no deviation, 1 on the diagonal."""
     sd = np.sqrt(np.diag(covariance))
