@@ -31,7 +31,7 @@ joints = "all"
 kind = "coulomb"
 joints = "all"
 """
-STUDY = """
+HEAD = """
 schema = 1
 name = "two links"
 device = "device.toml"
@@ -39,6 +39,8 @@ device = "device.toml"
 time = "t"
 position = { channels = ["q1", "q2"], unit = "rad" }
 torque = { channels = ["tau1", "tau2"], unit = "N m" }
+"""
+STUDY = f"""{HEAD}
 [[logs]]
 path = "log.csv"
 [[logs]]

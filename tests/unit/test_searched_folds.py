@@ -13,7 +13,7 @@ from haptid.cli import app
 from haptid.folds import alternate, each_log
 from haptid.projection import EveryOther, variable_projection
 from motions import motion
-from small_study import DEVICE
+from small_study import DEVICE, HEAD
 
 STRIBECK = """
 [[terms]]
@@ -21,14 +21,7 @@ kind = "stribeck"
 joints = ["2"]
 velocity = { start = 0.5, low = 0.02, high = 5 }
 """
-STUDY = """
-schema = 1
-name = "two links"
-device = "device.toml"
-[channels]
-time = "t"
-position = { channels = ["q1", "q2"], unit = "rad" }
-torque = { channels = ["tau1", "tau2"], unit = "N m" }
+STUDY = f"""{HEAD}
 [[logs]]
 path = "log.parquet"
 [holdout]
