@@ -36,18 +36,19 @@ def plot_torque(parts: Iterable[Prediction], rows: int, title: str, path: Path) 
     """
     drawn = [outline(part, rows) for part in parts]
     motors, units = drawn[0].motors, drawn[0].units
-    height = 1.2 + 1.9 * len(motors)
+    height = 1.4 + 1.9 * len(motors)
     figure = Figure(figsize=(10, height))
     FigureCanvasAgg(figure)
     figure.suptitle(title, parse_math=False, y=1 - 0.12 / height, va="top")
     # Margins as they are: to look for them a layout would draw everything twice.
-    edges = {"left": 0.12, "right": 0.985, "bottom": 0.5 / height, "top": 1 - 0.45 / height}
+    edges = {"left": 0.12, "right": 0.985, "bottom": 0.5 / height, "top": 1 - 0.65 / height}
     panels = np.atleast_1d(figure.subplots(len(motors), 1, sharex=True, gridspec_kw={"hspace": 0.1, **edges}))
     for k, panel in enumerate(panels):
         draw_motor(panel, drawn, k)
         panel.set_ylabel(f"{motors[k]}\n{units[k]}", parse_math=False)
     panels[-1].set_xlabel("time, s")
-    panels[0].legend(loc="upper right", ncols=3, fontsize="small", framealpha=0.9)
+    # Above the panel, where it hides nothing.
+    panels[0].legend(loc="lower right", bbox_to_anchor=(1, 1), ncols=4, fontsize="small", frameon=False)
     with warnings.catch_warnings():
         warnings.filterwarnings("ignore", "Glyph .* missing")  # a name in letters that the font lacks
         figure.savefig(path, dpi=120, pil_kwargs={"compress_level": FAST})
@@ -84,7 +85,7 @@ def draw_motor(panel: Axes, drawn: list[Outline], k: int) -> None:
     t, dropped = (np.concatenate([part.dropped[k][axis] for part in drawn]) for axis in (0, 1))
     if dropped.any():
         low, high = panel.get_ylim()
-        panel.fill_between(t, low, high, where=dropped, color=DROPPED, linewidth=0, zorder=0)
+        panel.fill_between(t, low, high, where=dropped, color=DROPPED, linewidth=0, zorder=0, label="left out")
         panel.set_ylim(low, high)
     panel.margins(x=0)
     panel.grid(alpha=0.3)
