@@ -72,7 +72,7 @@ def essential(
             tell("diagnosing", 0.0)
             smaller = with_reduced(found, reductions["all motors"].reduced)
             worst = max(smaller.unseen, key=lambda validation: validation.relative, default=None)
-            write_result(smaller, folder, diagnose(smaller.estimate, worst).verdict)
+            write_result(smaller, folder, diagnose(smaller.estimate, worst, plan.controller).verdict)
             tell("diagnosing", 1.0)
             values = {name: reduction_values(one) for name, one in reductions.items()}
             text = json.dumps(values, indent=1, allow_nan=False)

@@ -23,7 +23,7 @@ from haptid.diagnosis.finding import LEVEL, Finding, holm
 from haptid.diagnosis.sight import Sight, torque_of
 from haptid.diagnosis.widened import Extra, Widened
 from haptid.dynamics import rigid
-from haptid.errors import ControllerError, MasslessError, SimulationLostError
+from haptid.errors import AccelerationColumnError, ControllerError, MasslessError, SimulationLostError
 from haptid.estimators import IV, Estimate, Method
 from haptid.estimators.simulating import ClosedLoop, treated_as
 from haptid.proposal import ABOVE_MOTION, bandwidth
@@ -98,7 +98,7 @@ def simulated(estimate: Estimate, law: PID) -> tuple[Motion, ...] | None:
     loop, device, seen = IV(controller=law), estimate.device, estimate.observation
     try:
         courses = loop.courses(seen, smooth(device, seen.motions, loop.friction), estimate.beta)
-    except (SimulationLostError, MasslessError, ControllerError):
+    except (SimulationLostError, MasslessError, ControllerError, AccelerationColumnError):
         return None
     return tuple(treated_as(device, course) for course in courses)
 

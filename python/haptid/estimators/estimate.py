@@ -146,10 +146,10 @@ class Estimate:
     def interval95(self) -> Array:
         """Honest 95 % intervals, (p, 2)."""
         if self.held and isinstance(self.intervals, Limiting):
-            return self.intervals.limits(self.fit, self.held, self._half)
+            return read_only(self.intervals.limits(self.fit, self.held, self._half))
         if self.held:
-            return self.held.interval(self._half)
-        return np.column_stack([self.beta - self._half, self.beta + self._half])
+            return read_only(self.held.interval(self._half))
+        return read_only(np.column_stack([self.beta - self._half, self.beta + self._half]))
 
     @cached_property
     def _half(self) -> Array:
