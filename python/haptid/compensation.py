@@ -41,11 +41,12 @@ from scipy import linalg
 from haptid._values import Array, expect, freeze, positive
 from haptid.characterisation.masses import felt_mass
 from haptid.characterisation.model import GivenModel, Model
-from haptid.device.terms import DRY
+from haptid.device.terms import Load
 from haptid.dynamics import core_momentum, core_torque, inverse_dynamics, raw_parameters, rigid
 from haptid.errors import CompensationSettingError
 from haptid.kinematics import handle_of
 from haptid.reversals import softened
+from haptid.signals import external
 
 # From the time since the start, s, and measured positions of the active joints, (active,), to torques of the motors'
 # coordinates, (motors,), N m or N.
@@ -84,6 +85,10 @@ class Compensation:
         for name in ("slow", "velocity_cutoff_hz", "momentum_cutoff_hz"):
             if not positive(getattr(self, name)):
                 raise CompensationSettingError(name, getattr(self, name), "a finite number above 0")
+        for term in self.model.device.terms if self.friction else ():
+            if isinstance(term.shape, Load):
+                wanted = f"0: term {term.name} needs accelerations, which a law does not have"
+                raise CompensationSettingError("friction", self.friction, wanted)
         if self.towards is not None:
             handle_of(self.model.device)
             if not positive(self.towards):
@@ -174,9 +179,9 @@ class _Law:
         self.settings, self.device, self.dt = settings, device, dt
         self.keep_velocity, self.keep_momentum = settings.keeps(dt)
         raw = raw_parameters(device, settings.model.beta)
-        kinds = [""] * (10 * len(device.joints)) + [term.kind for term in device.terms]
         self.bodies = rigid(device, raw)
-        self.rubbing = np.where([kind == "viscous" or kind in DRY for kind in kinds], raw, 0.0)
+        resists = [False] * (10 * len(device.joints)) + [term.resists for term in device.terms]
+        self.rubbing = np.where(resists, raw, 0.0)
         self.soft = softened(device, settings.slow)
         self.to_joints = np.linalg.inv(device.frame)
         self.to_motors = np.linalg.inv(device.drive_rates).T[[drive.motorised for drive in device.drives]]
@@ -206,4 +211,6 @@ class _Law:
 
     def _rubbing(self, c: Array) -> Array:
         """Friction of this velocity, (active, 1), none of it dry at rest."""
-        return core_torque(self.soft, self.rubbing, c, self.velocity, np.zeros_like(c))
+        still = np.zeros_like(c)
+        own = external(self.soft, c, self.velocity, still)
+        return core_torque(self.soft, self.rubbing, c, self.velocity, still, own)

@@ -17,7 +17,6 @@ from scipy import ndimage, stats
 
 from haptid._values import Array, expect, positive, read_only
 from haptid.device import Device
-from haptid.device.terms import DRY
 from haptid.dynamics import core_torque, raw_parameters
 from haptid.errors import MethodSettingError, NoStretchesError
 from haptid.estimators import Estimate
@@ -104,7 +103,7 @@ class ByModel:
         """Of bodies, rotors, offsets, springs and a user's own columns, (rows, samples)."""
         chi = raw_parameters(device, self.estimate.beta)
         for k, term in enumerate(device.terms, start=10 * len(device.joints)):
-            if term.kind == "viscous" or term.kind in DRY:
+            if term.resists:
                 chi[k] = 0.0
         return core_torque(device, chi, c, cd, cdd, external(device, c, cd, cdd))
 

@@ -4,6 +4,13 @@ import numpy as np
 import pytest
 
 import haptid
+from compiled import NAME, Library, relative
+from haptid.characterisation import GivenModel
+from haptid.characterisation.friction import viscous_matrix
+from haptid.compensation import Compensation
+from haptid.export import CCode, export_c
+from haptid.export.functions import code_of
+from haptid.export.golden import Golden
 from motions import motion
 from small_study import DEVICE
 
@@ -84,13 +91,44 @@ def test_a_motor_s_velocity_is_that_of_all_its_joints(tmp_path):
     np.testing.assert_allclose(made, [[0.0, 0.0], np.maximum(rate, 0)], atol=1e-12)
 
 
-@pytest.mark.parametrize("kind", ["viscous", "viscous-by-direction"])
-def test_exports_have_it(tmp_path, kind):
-    device = read(tmp_path, DEVICE.replace('kind = "viscous"', f'kind = "{kind}"'))
-    beta = np.full(len(device.base), 0.4)
-    found = haptid.estimate(haptid.observe(device, motion(device, beta, noise=0.01, dt=4e-3)), haptid.WLS())
-    haptid.export_c(found, tmp_path / "c")
-    assert any("c" in path.suffix for path in (tmp_path / "c").iterdir())
+@pytest.fixture
+def alike(tmp_path):
+    """The device with plain viscous friction and the one with it by direction, and the same parameters of both."""
+    made = []
+    for folder, text in ((tmp_path / "plain", DEVICE), (tmp_path / "both", BOTH)):
+        folder.mkdir()
+        device = read(folder, text)
+        sizes = {name: 0.2 + 0.1 * k for k, name in enumerate(n for n in device.base.names if n[:2] != "FV")}
+        sizes |= {name: 0.3 for name in device.base.names if name[:2] == "FV"}
+        made.append((device, np.array([sizes[name] for name in device.base.names])))
+    return made
+
+
+def test_written_friction_is_that_of_plain_viscous_friction(alike, tmp_path):
+    torques = []
+    for device, beta in alike:
+        golden = Golden.at_random(device, beta, 0.01, 200)
+        wanted = golden.functions["friction"]()["tau"]
+        folder = tmp_path / f"c{len(torques)}"
+        export_c((device, beta), folder, CCode(NAME, reversal_speed=0.01))
+        library = Library.built(folder, code_of(device, 0.01), "double")
+        got = library("friction", {x: getattr(golden, x) for x in ("q", "qd", "qdd", "tau")})["tau"]
+        assert relative(got, wanted) < 1e-12
+        torques.append(wanted)
+    np.testing.assert_allclose(torques[1], torques[0], rtol=1e-12)
+
+
+def test_compensation_and_the_handle_feel_plain_viscous_friction(alike):
+    laws = [Compensation(GivenModel.of(device, dict(zip(device.base.names, beta, strict=True))), 0.0, 0.0, 1.0)
+            for device, beta in alike]  # fmt: skip
+    steps = [law.begin(1e-3) for law in laws]
+    path = 0.3 * np.sin(np.linspace(0, 3, 40))
+    told = np.array([[step(1e-3 * k, np.array([x, -x])) for k, x in enumerate(path)] for step in steps])
+    assert np.abs(told[0, 5:]).min() > 0
+    np.testing.assert_allclose(told[1], told[0], rtol=1e-12)
+    plain, both = (viscous_matrix(device, beta) for device, beta in alike)
+    np.testing.assert_allclose(both, plain)
+    assert plain[0, 0] == 0.3
 
 
 def test_it_is_viscous_friction_and_never_negative(tmp_path):

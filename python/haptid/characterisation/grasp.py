@@ -8,13 +8,10 @@ import numpy as np
 
 from haptid._values import Array, expect, freeze, positive, read_only
 from haptid.device import Device
-from haptid.device.terms import DRY
 from haptid.errors import CharacterisationSettingError, SpareJointsError
 from haptid.kinematics import handle_motion, handle_of
 
 LINEAR = (0, 1, 2)
-# Terms that are taken to the handle by constant shares of the coordinates.
-RATED = ("rotor", "viscous", *DRY)
 # Poses are described all at once for so many of them.
 CHUNK = 50_000
 
@@ -122,7 +119,7 @@ def check_settings(device: Device, qa: Array, rows: tuple[int, ...], worst: floa
     if handle_of(device).link < 0:
         raise CharacterisationSettingError("the handle's link", "the base", "a link that moves")
     for term in device.terms:
-        if term.kind in RATED and term.joint is not None and device.varying[term.joint].any():
+        if (term.kind == "rotor" or term.resists) and term.joint is not None and device.varying[term.joint].any():
             wanted = "rotors and friction on motors or active joints: the rates of this joint vary with the pose"
             raise CharacterisationSettingError(f"term {term.name}", term.on, wanted)
     if not rows or len(set(rows)) < len(rows) or not set(rows) <= set(range(6)):

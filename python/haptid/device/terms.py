@@ -160,6 +160,16 @@ class TermColumn:
         """What it is physically: its kind, but for a column that is a part of another kind."""
         return (self.shape.nature if isinstance(self.shape, Column) else "") or self.kind
 
+    @property
+    def resists(self) -> bool:
+        """Whether it is friction: it takes energy out of a motion, and nothing else."""
+        return self.nature == "viscous" or self.kind in DRY or isinstance(self.shape, Load)
+
+    @property
+    def one_way(self) -> bool:
+        """Whether it is friction that acts while the motion goes one way, and a term like it acts the other way."""
+        return self.kind in ("coulomb+", "coulomb-") or (self.nature == "viscous" and self.kind != "viscous")
+
     def constant(self, name: str) -> float:
         """Present value of a constant, SI."""
         if isinstance(self.shape, Column):

@@ -10,8 +10,8 @@ import numpy as np
 
 from haptid._values import Array
 from haptid.device import Device
+from haptid.device.terms import TermColumn
 from haptid.dynamics import core_torque, mass_matrix, momentum, raw_parameters, rigid
-from haptid.export.terms import FRICTION
 from haptid.kinematics import HandleMotion, handle_motion
 from haptid.reversals import softened
 from haptid.signals import external
@@ -54,8 +54,8 @@ class Golden:
         return {
             "inverse_dynamics": lambda: {"tau": self._bodies(self.qd, self.qdd).T},
             "gravity": lambda: {"tau": self._bodies(self._none, self._none).T},
-            "terms": lambda: {"tau": self._terms(lambda kind: kind != "rotor").T},
-            "friction": lambda: {"tau": self._terms(lambda kind: kind in FRICTION).T},
+            "terms": lambda: {"tau": self._terms(lambda term: term.kind != "rotor").T},
+            "friction": lambda: {"tau": self._terms(lambda term: term.resists).T},
             "mass_matrix": lambda: {"M": self._flat(self._M)},
             "forward_dynamics": lambda: {"qdd": self._solved(self.tau - self._bodies(self.qd, self._none))},
             "momentum": self._momentum,
@@ -111,9 +111,9 @@ class Golden:
     def _bodies(self, qd: Array, qdd: Array) -> Array:
         return core_torque(self.device, rigid(self.device, self._chi), self.q, qd, qdd)
 
-    def _terms(self, wanted: Callable[[str], bool]) -> Array:
+    def _terms(self, wanted: Callable[[TermColumn], bool]) -> Array:
         links = 10 * len(self.device.joints)
-        kept = [False] * links + [wanted(term.kind) for term in self.device.terms]
+        kept = [False] * links + [wanted(term) for term in self.device.terms]
         chi = np.where(kept, self._chi, 0.0)
         own = external(self.device, self.q, self.qd, self._none)
         return core_torque(softened(self.device, self.speed), chi, self.q, self.qd, self._none, own)

@@ -16,7 +16,6 @@ from haptid.export.graph import Expr, Graph
 from haptid.export.vectors import combined
 
 # What resists motion, and is compensated by a share at most.
-FRICTION = ("viscous", *DRY)
 
 
 def term_torque(
@@ -35,7 +34,7 @@ def term_torque(
     graph = q[0].graph
     tau = [graph.number(0.0)] * len(q)
     for term, row in zip(device.terms, S, strict=True):
-        wanted = term.kind in FRICTION if friction_only else term.kind != "rotor"
+        wanted = term.resists if friction_only else term.kind != "rotor"
         if not wanted or not row.any():
             continue
         parameter = combined(row, parameters)

@@ -16,7 +16,6 @@ from haptid.characterisation import felt_mass
 from haptid.characterisation.neglected import drift
 from haptid.compensation import Compensation, stable_share
 from haptid.demos.branches.plan import Compensating, Sweep
-from haptid.device.terms import DRY
 from haptid.dynamics import mass_matrix
 from haptid.estimators import Estimate
 from haptid.kinematics import handle_motion
@@ -26,7 +25,6 @@ OFF = Controller((0.0,), (0.0,), tracking_limit=1.0)
 # Components of the handle's velocity that count: linear ones.
 LINEAR = slice(0, 3)
 # Terms that are off in this trial.
-FRICTION = (*DRY, "viscous")
 
 
 @dataclass(frozen=True, eq=False)
@@ -92,7 +90,7 @@ def replace_poses(sweep: Sweep, degrees: tuple[float, ...]) -> Sweep:
 def smooth(setup: Setup) -> Setup:
     """The same without friction, and with motors that do nothing but what a law asks for."""
     device = setup.device
-    rubbing = {term.name for term in device.terms if term.kind in FRICTION}
+    rubbing = {term.name for term in device.terms if term.resists}
     chi = np.where([name in rubbing for name in device.parameters.names], 0.0, setup.chi)
     return replace(setup, chi=chi, controller=replace(OFF, rate_hz=setup.controller.rate_hz))
 

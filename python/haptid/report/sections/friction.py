@@ -10,7 +10,6 @@ import numpy as np
 
 from haptid._values import Array
 from haptid.device import Device
-from haptid.device.terms import DRY
 from haptid.dissection import Dissection
 from haptid.dynamics import core_torque, raw_parameters
 from haptid.errors import NoAccelerationError, NoStretchesError
@@ -19,6 +18,7 @@ from haptid.report.chart import PREDICTED, RESIDUAL, Chart, axis, figure, packed
 from haptid.report.section import Section
 from haptid.report.sections.residual import CLOUD, binned
 from haptid.report.source import Source, Track
+from haptid.signals import external
 
 # Velocities at which the model's curve is drawn.
 POINTS = 201
@@ -35,7 +35,7 @@ class FrictionSection(Section):
     def of(cls, source: Source) -> FrictionSection | None:
         pairs = [(t, d) for t, d in zip(source.tracks, source.dissections, strict=True) if d is not None]
         device = source.estimate.device
-        felt = any(term.kind == "viscous" or term.kind in DRY for term in device.terms)
+        felt = any(term.resists for term in device.terms)
         if not pairs or not felt:
             return None
         steady = list(_steady(source))
@@ -109,13 +109,13 @@ def model_curve(source: Source, motor: int, fastest: float) -> tuple[Array, Arra
     c = np.repeat(trail[:, trail.shape[1] // 2, None], len(speed), axis=1)
     cd = np.zeros_like(c)
     cd[row] = speed
-    return speed, core_torque(
-        device, friction_only(device, raw_parameters(device, made.beta)), c, cd, np.zeros_like(c)
-    )[row]
+    still = np.zeros_like(c)
+    chi, own = friction_only(device, raw_parameters(device, made.beta)), external(device, c, cd, still)
+    return speed, core_torque(device, chi, c, cd, still, own)[row]
 
 
 def friction_only(device: Device, chi: Array) -> Array:
     """Only the parameters of friction, (r,)."""
     links = 10 * len(device.joints)
-    kept = [False] * links + [term.kind == "viscous" or term.kind in DRY for term in device.terms]
+    kept = [False] * links + [term.resists for term in device.terms]
     return np.where(kept, chi, 0.0)
