@@ -117,7 +117,7 @@ def core_mass(device: Device, chi: Array, followed: Followed) -> Array:
     rotors = [(term, chi[links + k]) for k, term in enumerate(device.terms) if term.kind == "rotor"]
     fixed = [(term.weights, inertia) for term, inertia in rotors if term.joint is None]
     weights, inertia = np.array([w for w, _ in fixed]).reshape(-1, n), np.array([x for _, x in fixed])
-    rates = G if G.ndim == 2 else G.reshape(q.shape[1], -1).T
+    rates = G if G.ndim == 2 else G.reshape(q.shape[1], len(q) * n).T
     q, rates = np.ascontiguousarray(q), np.ascontiguousarray(rates)
     core = importlib.import_module("haptid._core")
     at = (0, [0.0, 0.0, 0.0])  # of the handle nothing is asked

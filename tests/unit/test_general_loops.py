@@ -134,6 +134,7 @@ def test_no_samples_are_no_trouble() -> None:
     none = np.zeros((2, 0))
     assert device.closure.positions(none).shape == (4, 0)
     assert haptid.inverse_dynamics(device, np.ones(len(device.base)), none, none, none).shape == (2, 0)
+    assert haptid.mass_matrix(device, np.ones(len(device.base)), none).shape == (0, 2, 2)
 
 
 MIXED = """

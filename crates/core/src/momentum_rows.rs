@@ -87,8 +87,8 @@ unsafe fn carry_rate<T: Lane>(
     }
 }
 
-/// Of the terms only rotors have momentum; what is left of their torque is that of a rate that changes. The others' runs
-/// stay zero.
+/// Of the terms only rotors have momentum; what is left of their torque is that of a rate that changes. The others
+/// have no place among the momenta.
 #[inline(always)]
 unsafe fn rotor_momenta<T: Lane>(batch: Batch, (momentum, rest): (&Places, &Places), out: *mut f64, slots: &mut Slots) {
     let mut first = 0;

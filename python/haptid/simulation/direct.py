@@ -22,8 +22,6 @@ INVERTIBLE = 1e-12
 TURNED = 6.0
 # Steps of central differences: positions and velocities, relative to 1 rad, 1 m and to 1 of these per second.
 STEP = 1e-6
-# Which setting of a dry friction term is the width within which it turns over, where it is not the first.
-WIDTH = {"stribeck": 2}
 
 
 @dataclass(frozen=True, eq=False)
@@ -144,13 +142,19 @@ class DirectModel:
             c, cd, cdd: of the coordinates, (n, states).
             period: s.
         """
-        found = np.zeros(c.shape[1], dtype=bool)
-        for term in self.device.terms:
-            if term.kind in DRY:
-                speed, change = self.device.speed(term, c, cd), self.device.speed(term, c, cdd)
-                width = term.settings[WIDTH.get(term.kind, 0)]
-                found |= np.abs(speed) < TURNED * width + period * np.abs(change)
+        found = turning(self.device, c, cd, cdd, period)
         return np.tile(found.reshape(len(self.chi), -1).any(axis=0), len(self.chi))
+
+
+def turning(device: Device, c: Array, cd: Array, cdd: Array, period: float) -> np.ndarray:
+    """Where dry friction may turn over within a period, s, from positions and rates (n, states): (states,)."""
+    found = np.zeros(c.shape[1], dtype=bool)
+    for term in device.terms:
+        if term.kind in DRY:
+            shares = device.shares(term, c, cd)
+            speed, change = (np.abs((shares * x).sum(axis=0)) for x in (cd, cdd))
+            found |= speed < TURNED * term.constant("width") + period * change
+    return found
 
 
 def smooth(device: Device, motions: Sequence[Motion], share: float) -> Device:
@@ -166,13 +170,9 @@ def smooth(device: Device, motions: Sequence[Motion], share: float) -> Device:
     states = [state(device, motion, *motion.usable) for motion in motions]
     terms = []
     for term in device.terms:
-        index = WIDTH.get(term.kind, 0)
-        if term.kind in DRY and term.settings[index] == 0:
+        if term.kind in DRY and term.constant("width") == 0:
             power = np.concatenate([device.speed(term, c, cd) ** 2 for c, cd in states])
-            settings = list(term.settings)
-            settings[index] = max(share * float(np.sqrt(power.mean())), STEP)
-            first, second, third = settings
-            term = replace(term, settings=(first, second, third))
+            term = term.with_constant("width", max(share * float(np.sqrt(power.mean())), STEP))
         terms.append(term)
     return replace(device, terms=tuple(terms))
 

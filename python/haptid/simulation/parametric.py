@@ -10,7 +10,7 @@ from haptid._values import Array
 from haptid.device import Device
 from haptid.device.terms import DRY
 from haptid.errors import MasslessError
-from haptid.simulation.direct import INVERTIBLE, TURNED, WIDTH
+from haptid.simulation.direct import INVERTIBLE, turning
 from haptid.simulation.sensitivity import columns
 
 # Steps of differences by position and velocity.
@@ -63,12 +63,7 @@ class ParametricModel:
         """Whether dry friction may turn over within a period, s, at one state; c, cd and tau are (n,), beta (p,)."""
         column, speed = c[:, None], cd[:, None]
         cdd = self.acceleration(column, speed, tau[:, None], beta)
-        return any(
-            abs(self.device.speed(term, column, speed)[0])
-            < TURNED * term.settings[WIDTH.get(term.kind, 0)] + period * abs(self.device.speed(term, column, cdd)[0])
-            for term in self.device.terms
-            if term.kind in DRY
-        )
+        return bool(turning(self.device, column, speed, cdd, period)[0])
 
     def linearised(self, c: Array, cd: Array, tau: Array, beta: Array) -> tuple[Array, Array, Array, Array]:
         """At one state: cdd (n,), its derivatives by (c, cd) (n, 2n) and by beta (n, p), and M^-1 (n, n).
