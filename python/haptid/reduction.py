@@ -16,7 +16,9 @@ from pathlib import Path
 import numpy as np
 
 from haptid._core import __version__
+from haptid._values import Array
 from haptid.device import Device
+from haptid.device.terms import Load, TermColumn
 from haptid.observation import Observation, Plan, Reduced, assemble
 from haptid.signals import check_log
 from haptid.treatment import Motion
@@ -24,8 +26,8 @@ from haptid.workers import Here, Workers
 
 # Motions of fewer samples are reduced anew sooner than their triangles are read.
 LEAST_KEPT = 2**19
-# Torques by which a motion is told from others of its log.
-FIRST = 64
+# Samples by which a motion is told from others of its log, spread over all of it.
+TOLD_BY = 64
 
 
 @dataclass(frozen=True)
@@ -101,7 +103,8 @@ class Kept:
 def fingerprint(plan: Plan) -> str:
     """Of all that the triangles of a plan are made of: the log's bytes, channels and notes, treatment, device.
 
-    The first torques too: something may have been taken off a motion's that its log knows nothing of.
+    The device is what its file says, with its terms as they are at present: constants are searched, loads are settled.
+    Some positions and torques too: something may have been taken off a motion's that its log knows nothing of.
     """
     device, motion = plan.device, plan.motion
     assert motion.log is not None
@@ -110,14 +113,28 @@ def fingerprint(plan: Plan) -> str:
         device.tables.model_dump_json(by_alias=True),
         device.gravity.tolist(),
         device.base.names,
+        [(term.settings, _bodies(term)) for term in device.terms],
+        [device.terms[k].constant(constant.name) for k, constant in device.searched],
         motion.log.sha256,
         repr(motion.log.channels),
         motion.log.notes,
         repr(motion.treatment),
         (motion.t0, motion.dt, len(motion), plan.first, plan.rows, plan.block),
-        motion.tau[plan.first : plan.first + FIRST].tolist(),
+        [_some(signals, plan.first) for signals in (motion.q, motion.tau)],
     )
     return hashlib.sha256(json.dumps(said).encode()).hexdigest()[:24]
+
+
+def _bodies(term: TermColumn) -> list[float] | None:
+    """What friction by load is made of, where an estimate has told it."""
+    bodies = term.shape.bodies if isinstance(term.shape, Load) else None
+    return None if bodies is None else bodies.tolist()
+
+
+def _some(signals: Array, first: int) -> list[list[float]]:
+    """Some samples from the first to the last; one at a time, as those on disk are read."""
+    where = np.linspace(first, len(signals) - 1, TOLD_BY, dtype=int).tolist()
+    return [signals[k : k + 1][0].tolist() for k in where]
 
 
 Progress = Callable[[Motion, float], None]

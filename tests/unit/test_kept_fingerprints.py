@@ -1,0 +1,74 @@
+"""Triangles that an interrupted run has kept are of one motion and of one device as it is at present, or of no use."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import haptid
+from haptid.observation import Plan
+from haptid.reduction import Kept, fingerprint, observe_all
+from small_study import DEVICE, write_study
+
+TERMS = """
+[[terms]]
+kind = "load"
+motors = "all"
+[[terms]]
+kind = "stribeck"
+joints = ["2"]
+velocity = { start = 0.5, low = 0.02, high = 5 }
+[[terms]]
+kind = "column"
+name = "C1"
+unit = "N m"
+joints = ["1"]
+expression = "tanh(v_1 / s)"
+constants = { s = { start = 0.2, low = 0.01, high = 2 } }
+"""
+
+
+@pytest.fixture(scope="module")
+def device(tmp_path_factory):
+    path = tmp_path_factory.mktemp("device") / "device.toml"
+    path.write_text(DEVICE + TERMS)
+    return haptid.read_device(path)
+
+
+@pytest.fixture(scope="module")
+def motion(tmp_path_factory):
+    study = haptid.read_study(write_study(tmp_path_factory.mktemp("study")))
+    log = haptid.read_log(study.path.parent / "log.csv", study.logs[0].channels)
+    return haptid.treat(log, haptid.Treatment(cutoff_hz=30.0, decimation=5))
+
+
+def named(device, motion):
+    return fingerprint(Plan.of(device, motion))
+
+
+def test_another_load_of_the_bodies_has_another_name(device, motion):
+    heavy = device.loaded(np.ones(len(device.base)))
+    names = [named(d, motion) for d in (device, heavy, device.loaded(2.0 * np.ones(len(device.base))))]
+    assert len(set(names)) == 3
+    assert named(device.loaded(np.ones(len(device.base))), motion) == names[1]
+
+
+def test_another_value_of_a_searched_constant_has_another_name(device, motion):
+    assert len({named(device.with_constants(values), motion) for values in ((0.5, 0.2), (0.4, 0.2), (0.5, 0.3))}) == 3
+
+
+@pytest.mark.parametrize("what", ["tau", "q"])
+@pytest.mark.parametrize("where", [0.3, 0.9])
+def test_signals_that_differ_late_have_another_name(device, motion, what, where):
+    first = int(where * len(motion))
+    signals = np.array(getattr(motion, what))
+    signals[first:] += 1e-3
+    assert named(device, replace(motion, **{what: signals})) != named(device, motion)
+
+
+def test_a_run_does_not_take_what_another_load_left(device, motion, tmp_path):
+    kept = Kept(tmp_path / "kept", least=1)
+    heavy = device.loaded(np.ones(len(device.base)))
+    observe_all(device, [motion], kept=kept)
+    (found,) = observe_all(heavy, [motion], kept=kept)
+    np.testing.assert_array_equal(found.stack(), haptid.observe(heavy, motion).stack())
