@@ -5,7 +5,7 @@ import pytest
 
 import haptid
 from haptid import errors
-from haptid.estimators import Consistent
+from haptid.estimators import Consistent, Profile
 from haptid.estimators.entropic import Entropic, Pull, prior_links
 from haptid.estimators.possible import roomy
 from motions import motion
@@ -124,6 +124,15 @@ def test_truth_is_inside_its_intervals(device):
         low, high = haptid.estimate(observed(device, seed=seed), Entropic()).interval95.T
         inside += ((low <= beta) & (beta <= high)).tolist()
     assert np.mean(inside) >= 0.9
+
+
+def test_there_is_no_profile_of_what_is_pulled(device):
+    observation = observed(device, seconds=2.0)
+    found = haptid.estimate(observation, Entropic(1.0), Profile())
+    assert found.held.pulled
+    with pytest.raises(errors.PulledProfileError, match="Clustered"):
+        _ = found.interval95
+    assert not haptid.estimate(observation, Consistent()).held.pulled
 
 
 def test_what_cannot_be_pulled_is_refused(device, tmp_path):

@@ -59,6 +59,7 @@ def test_every_key_reaches_its_method(study, text, method):
         ('method = "TLS"\npossible = true', "estimate"),
         ("possible = true\nrelations = { FC1 = 0.0 }", "estimate.relations"),
         ("limits = { FC1 = { low = 1.0, high = 0.0 } }", "estimate"),
+        ('method = "entropic"\nintervals = "profile"', "estimate.intervals"),
     ],
 )
 def test_what_does_not_go_together_is_refused(study, text, where):

@@ -191,7 +191,13 @@ from haptid.errors.simulated import (
     SimulationLostError,
     UnsettledError,
 )
-from haptid.errors.weighing import ContradictionError, NoisyColumnsError, NoPriorError, NoResolutionError
+from haptid.errors.weighing import (
+    ContradictionError,
+    NoisyColumnsError,
+    NoPriorError,
+    NoResolutionError,
+    PulledProfileError,
+)
 from haptid.errors.workers import ClusterError, DistributedMissingError, WorkerCountError, WorkerLostError
 
 __all__ = [
@@ -310,6 +316,7 @@ __all__ = [
     "PickledLogError",
     "PictureError",
     "PositionJumpError",
+    "PulledProfileError",
     "RaggedRowError",
     "RegroupingCheckError",
     "RegroupingError",

@@ -15,6 +15,17 @@ class NoPriorError(EstimationError):
         )
 
 
+class PulledProfileError(EstimationError):
+    """A profile likelihood of an estimate that is not the best fit."""
+
+    def __init__(self) -> None:
+        super().__init__(
+            "a profile likelihood tells how far a parameter can go before the rows speak against it, and an estimate "
+            "that is pulled towards prior bodies is not what the rows speak for. Take Consistent() in the place of "
+            "Entropic(), or other intervals, such as Clustered()."
+        )
+
+
 class ContradictionError(EstimationError):
     """Relations between parameters that cannot hold together."""
 

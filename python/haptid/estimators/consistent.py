@@ -104,12 +104,14 @@ class Held:
         free: base parameters of the free fit, (p,), SI.
         active: a sentence for every link and term that holds the estimate.
         costs: relative residual of the free and of the held fit, by motor.
+        pulled: whether it was pulled towards prior bodies too, so that it is not the best fit of what is possible.
     """
 
     possible: Possible
     free: Array
     active: tuple[str, ...]
     costs: tuple[Cost, ...]
+    pulled: bool = False
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "free", read_only(self.free))

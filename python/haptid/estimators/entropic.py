@@ -84,7 +84,7 @@ class Entropic(Around):
         x = pull.least(free.R / scale, free.beta, strength)
         beta = conditions.A @ x
         bodies = Possible(device, beta, conditions.scale * x, min(1.0, conditions.margin(x)), ())
-        return Held(bodies, free.beta, (), costs(observation.motors, free.beta, beta))
+        return Held(bodies, free.beta, (), costs(observation.motors, free.beta, beta), pulled=True)
 
 
 def prior_links(device: Device) -> list[str]:

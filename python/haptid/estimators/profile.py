@@ -11,7 +11,7 @@ import numpy as np
 from scipy import sparse
 
 from haptid._values import Array
-from haptid.errors import MethodSettingError, UnsolvedError
+from haptid.errors import MethodSettingError, PulledProfileError, UnsolvedError
 from haptid.estimators.bounded import Within, conditions
 from haptid.estimators.clustered import Clustered
 from haptid.estimators.consistent import Held
@@ -62,6 +62,7 @@ class Profile:
 
         Raises:
             MethodSettingError: the estimate is not one of `Bounded()` or `Consistent()`.
+            PulledProfileError: it was pulled towards a prior.
             UnsolvedError: the solver stopped before it had an answer.
         """
         known = np.flatnonzero(np.isfinite(half))
@@ -79,7 +80,7 @@ class Profile:
             half: half-widths of their free intervals, (q,).
 
         Raises:
-            MethodSettingError, UnsolvedError: as `limits`.
+            MethodSettingError, PulledProfileError, UnsolvedError: as `limits`.
         """
         kept = ranged(held)
         room = within(fit, kept) if isinstance(kept, Within) else possible(fit, kept)
@@ -120,7 +121,10 @@ def ranged(held: object) -> Within | Held:
 
     Raises:
         MethodSettingError: it is none.
+        PulledProfileError: it is not the best fit of what it is held to.
     """
+    if isinstance(held, Held) and held.pulled:
+        raise PulledProfileError
     if isinstance(held, Within | Held):
         return held
     wanted = "an estimate by Bounded(...) or Consistent(...)"

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from pathlib import Path
 
-from haptid.errors import MethodSettingError, StudyControllerError, StudyFileError
+from haptid.errors import MethodSettingError, PulledProfileError, StudyControllerError, StudyFileError
 from haptid.estimators import (
     CLIE,
     CLOE,
@@ -93,6 +93,8 @@ def method_of(study: Path, table: EstimateTable, controller: PID | None) -> Meth
         given["controller"] = controller
     if isinstance(given.get("resolution"), list):
         given["resolution"] = tuple(given["resolution"])
+    if make is Entropic and INTERVALS[table.intervals] is Profile:
+        raise StudyFileError(study, "estimate.intervals", str(PulledProfileError()).rstrip("."))
     held = [key for key in HOLDING if getattr(table, key)]
     if len(held) > 1:
         raise StudyFileError(study, f"estimate.{held[1]}", f"beside {held[0]}: give one of {', '.join(HOLDING)}")
