@@ -12,8 +12,10 @@ from haptid.device import Device
 from haptid.device.terms import Load
 from haptid.errors import UnsettledError
 from haptid.estimators import WLS, Method, Without, estimate
-from haptid.observation import observe
-from haptid.treatment import Motion
+from haptid.estimators.kalman import Filtering
+from haptid.estimators.method import only_weighs
+from haptid.observation import Observation
+from haptid.projection.copies import Sought, observed
 
 # Passes at most, and how far the last may move a parameter, in its deviations.
 MOST, SETTLED = 20, 0.01
@@ -21,7 +23,7 @@ MOST, SETTLED = 20, 0.01
 ROUNDING = 1e-9
 
 
-def settled_loads(device: Device, motions: Sequence[Motion], method: Method | None = None) -> Device:
+def settled_loads(device: Device, motions: Sequence[Sought], method: Method | None = None) -> Device:
     """The device with the load of its own bodies in its friction by load: a fixed point of fits in turn.
 
     The first fit is without that friction; every next one has its columns from the bodies of the one before. A pass
@@ -32,24 +34,36 @@ def settled_loads(device: Device, motions: Sequence[Motion], method: Method | No
 
     Args:
         device: with terms of the kind "load".
-        motions: treated, with accelerations.
-        method: of estimation, `WLS()` where None; what it holds or leaves out counts in the last fit alone.
+        motions: treated, with accelerations; or every other block of one.
+        method: of estimation. What it holds, knows or leaves out counts in the last fit alone: here it only weighs
+            rows, and where it does not, `WLS()` does.
 
     Raises:
         AccelerationColumnError: a motion has no accelerations.
         UnsettledError: the passes do not come to rest.
         HaptidError: as `observe` and `estimate`.
     """
-    weighting: Method = getattr(method, "weighting", method) or WLS()
+    weighting = _weighting(method)
     names = {term.name for term in device.terms if isinstance(term.shape, Load)}
     own = tuple(name for name in device.base.names if name in names)
-    beta = estimate(reduce(add, [observe(device, motion) for motion in motions]), Without(own, weighting)).beta
+    beta = estimate(_rows(device, motions), Without(own, weighting)).beta
     for _ in range(MOST):
         here = device.loaded(beta)
-        found = estimate(reduce(add, [observe(here, motion) for motion in motions]), weighting)
+        found = estimate(_rows(here, motions), weighting)
         moved = np.abs(found.beta - beta) / np.maximum(found.sd, ROUNDING * np.abs(found.beta).max())
         if moved.max() <= SETTLED:
             return here
         beta = found.beta
     worst = int(np.argmax(moved))
     raise UnsettledError("friction by load", MOST, device.base.names[worst], float(moved[worst]), SETTLED)
+
+
+def _rows(device: Device, motions: Sequence[Sought]) -> Observation:
+    """Of all motions."""
+    return reduce(add, [observed(device, motion) for motion in motions])
+
+
+def _weighting(method: Method | None) -> Method:
+    """The method, or what it is around, if that weighs rows and nothing else; a filter simulates besides."""
+    inner: Method | None = getattr(method, "weighting", method)
+    return inner if inner and only_weighs(inner) and not isinstance(inner, Filtering) else WLS()

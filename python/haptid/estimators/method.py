@@ -100,12 +100,17 @@ class UnitRows:
         return np.ones(len(observation.motors))
 
 
+def only_weighs(method: Method) -> bool:
+    """Whether a method does no more than weigh rows: it does not reduce, hold or know parameters."""
+    return not (isinstance(method, Reduced | Knowing | Fitting) or hasattr(method, "hold"))
+
+
 def expect_weighting(owner: str, method: Method) -> None:
     """Raise MethodSettingError unless a method does no more than weigh rows.
 
     Raises:
         MethodSettingError: it reduces, holds or knows parameters, which the method around it would not hear of.
     """
-    if isinstance(method, Reduced | Knowing | Fitting) or hasattr(method, "hold"):
+    if not only_weighs(method):
         wanted = "a method that only weighs rows: OLS, WLS, SUR, GLS, IRLS or Heteroscedastic"
         raise MethodSettingError(owner, "weighting", method.name, wanted)

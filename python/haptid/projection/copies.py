@@ -122,12 +122,13 @@ def copied(device: Device, motions: Sequence[Sought], copies: Sequence[Copy]) ->
     return Copied(
         device=device,
         copies=tuple(copies),
-        observation=reduce(add, [_observed(wide, motion) for motion in motions]),
+        observation=reduce(add, [observed(wide, motion) for motion in motions]),
         term=tuple(names.index(device.terms[k].name) for k, _ in device.searched),
     )
 
 
-def _observed(device: Device, sought: Sought) -> Observation:
+def observed(device: Device, sought: Sought) -> Observation:
+    """The rows of a motion, or of every other block of one."""
     if isinstance(sought, EveryOther):
         return observe(device, sought.motion).alternate()[sought.parity]
     return observe(device, sought)
