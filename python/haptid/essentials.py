@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from dataclasses import replace
 
+from haptid.device import Device
+from haptid.device.reading import device_of
 from haptid.estimators import Estimate
 from haptid.identification import Identification, Run, held_out
 from haptid.study import Study
@@ -13,8 +15,8 @@ from haptid.validation import direct, validate
 def with_reduced(found: Identification, reduced: Estimate) -> Identification:
     """The same study and logs, estimated and validated with some parameters left out.
 
-    Rows that are held out of the fit have no part in the reduced values that predict them. They had one in the choice
-    of what to leave out; logs with the role "validate" had none.
+    Rows that are held out of the fit have no part in the reduced values that predict them, nor in constants and loads.
+    They had one in the choice of what to leave out; logs with the role "validate" had none.
 
     Args:
         found: a study walked to its end.
@@ -24,13 +26,15 @@ def with_reduced(found: Identification, reduced: Estimate) -> Identification:
         return found
     study = replace(found.study, method=reduced.method)
     fitted = [run for run in found.runs if run.entry.role == "identify"]
-    runs = tuple(_run(study, run, fitted, reduced) for run in found.runs)
+    filed = device_of(found.device.tables, str(found.study.device)).with_gravity(found.device.gravity)
+    runs = tuple(_run(study, filed, run, fitted, reduced) for run in found.runs)
     return replace(found, study=study, estimate=reduced, runs=runs)
 
 
-def _run(study: Study, run: Run, fitted: list[Run], reduced: Estimate) -> Run:
+def _run(study: Study, filed: Device, run: Run, fitted: list[Run], reduced: Estimate) -> Run:
     """A log as the reduced estimate predicts it."""
     if run.entry.role == "validate":
         return replace(run, unseen=(validate(reduced, run.observation),))
     others = [other.observation for other in fitted if other is not run]
-    return replace(run, direct=direct(reduced, run.observation), unseen=held_out(study, run.observation, others))
+    unseen = held_out(study, filed, run.observation, others)
+    return replace(run, direct=direct(reduced, run.observation), unseen=unseen)

@@ -1,4 +1,4 @@
-"""Held-out rows where constants are searched: every fit searches its own, so that it has seen nothing of them."""
+"""Held-out rows of a device that is to be settled: every fit settles its own, so that it has seen nothing of them."""
 
 from __future__ import annotations
 
@@ -9,24 +9,25 @@ from operator import add
 from haptid.device import Device
 from haptid.estimators import Method, estimate
 from haptid.observation import Observation, observe
-from haptid.projection import EveryOther, variable_projection
+from haptid.projection import EveryOther
+from haptid.settling import settled
 from haptid.treatment import Motion
 from haptid.validation import Validation, pooled, validate
 
 
 def each_log(device: Device, motion: Motion, others: Sequence[Motion], method: Method) -> Validation:
-    """A motion predicted by constants and parameters that were found from the others.
+    """A motion predicted by constants, loads and parameters that were found from the others.
 
     Args:
-        device: with searched constants.
+        device: as its file has it, with searched constants or friction by load.
         motion: that is predicted.
         others: that are fitted.
         method: of estimation.
 
     Raises:
-        HaptidError: as `variable_projection`, `observe` and `estimate`.
+        HaptidError: as `settled`, `observe` and `estimate`.
     """
-    found = variable_projection(device, others, method).device
+    found, _ = settled(device, others, method)
     fit: Observation = reduce(add, [observe(found, other) for other in others])
     return validate(estimate(fit, method), observe(found, motion))
 
@@ -39,7 +40,7 @@ def alternate(device: Device, motion: Motion, others: Sequence[Motion], method: 
 
     def predicted() -> Iterator[Validation]:
         for parity in (0, 1):
-            found = variable_projection(device, [EveryOther(motion, parity), *others], method).device
+            found, _ = settled(device, [EveryOther(motion, parity), *others], method)
             halves = observe(found, motion).alternate()
             fit: Observation = reduce(add, [observe(found, other) for other in others], halves[parity])
             yield validate(estimate(fit, method), halves[1 - parity])

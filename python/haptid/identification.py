@@ -12,13 +12,13 @@ from pathlib import Path
 from haptid.device import Device, read_device
 from haptid.estimators import Estimate, estimate
 from haptid.folds import alternate, each_log
-from haptid.load_friction import settled_loads
 from haptid.loads import log_without_load
 from haptid.log import Log, is_long, open_log, read_log
 from haptid.observation import Observation
-from haptid.projection import Projection, variable_projection
+from haptid.projection import Projection
 from haptid.proposal import Proposal, propose
 from haptid.reduction import Kept, observe_all
+from haptid.settling import settled, unsettled
 from haptid.study import LogEntry, Study
 from haptid.treatment import Motion, Treatment, treat
 from haptid.validation import Validation, direct, pooled, validate
@@ -102,20 +102,16 @@ def identify(
         HaptidError: one of the errors of the rooms it walks through.
     """
     tell = progress or _silent
-    device = as_filed = read_device(study.device)
+    as_filed = read_device(study.device)
     logs = [_read(entry, Path(data or study.path.parent), tell) for entry in study.logs]
     tell("choosing a treatment", 0.0)
-    proposal = propose(device, *_fit_to_propose(logs, study), **study.treatment)
+    proposal = propose(as_filed, *_fit_to_propose(logs, study), **study.treatment)
     tell("choosing a treatment", 1.0)
-    logs = [_unloaded(device, log, proposal.treatment, entry) for log, entry in zip(logs, study.logs, strict=True)]
+    logs = [_unloaded(as_filed, log, proposal.treatment, entry) for log, entry in zip(logs, study.logs, strict=True)]
     motions = [_treat(log, proposal.treatment, tell) for log in logs]
     fitting = [motion for motion, entry in zip(motions, study.logs, strict=True) if entry.role == "identify"]
-    if device.has_loads:
-        tell("settling loads", 0.0)
-        device = as_filed = settled_loads(device, fitting, study.method)
-        tell("settling loads", 1.0)
-    projection = _projected(device, fitting, study, tell)
-    device, intervals = (projection.device, projection.intervals) if projection else (device, study.intervals)
+    device, projection = settled(as_filed, fitting, study.method, study.intervals, tell)
+    intervals = projection.intervals if projection else study.intervals
     observations = observe_all(device, motions, workers, kept, _pace(tell))
     fitted = [o for o, entry in zip(observations, study.logs, strict=True) if entry.role == "identify"]
     tell("estimating", 0.0)
@@ -126,7 +122,7 @@ def identify(
             runs.append(Run(entry, observation, None, (validate(final, observation),)))
         else:
             others = [o for o in fitted if o is not observation]
-            unseen = _unseen(study, as_filed, observation, others)
+            unseen = held_out(study, as_filed, observation, others)
             runs.append(Run(entry, observation, direct(final, observation), unseen))
     tell("estimating", 1.0)
     return Identification(study, device, proposal, final, tuple(runs), projection)
@@ -163,17 +159,6 @@ def _treat(log: Log, treatment: Treatment, tell: Progress) -> Motion:
     return motion
 
 
-def _projected(device: Device, motions: Sequence[Motion], study: Study, tell: Progress) -> Projection | None:
-    if not device.searched:
-        return None
-    tell("searching constants", 0.0)
-
-    def searching(share: float) -> None:
-        tell("searching constants", share)
-
-    return variable_projection(device, motions, study.method, study.intervals, searching)
-
-
 def _pace(tell: Progress) -> Callable[[Motion, float], None]:
     """Progress of observing, with the samples of a second."""
     begin, done = time.perf_counter(), dict[Motion, float]()
@@ -187,19 +172,21 @@ def _pace(tell: Progress) -> Callable[[Motion, float], None]:
     return observing
 
 
-def _unseen(
+def held_out(
     study: Study, device: Device, observation: Observation, others: list[Observation]
 ) -> tuple[Validation, ...]:
-    """As `held_out`; constants that the device file leaves open are searched anew by every fit."""
-    if not (device.searched and study.holdout):
-        return held_out(study, observation, others)
-    predict = {"each-log": each_log, "alternate": alternate}[study.holdout]
-    rest = [motion for other in others for motion in other.motions]
-    return (predict(device, observation.motions[0], rest, study.method),)
+    """Predictions of a log's rows by fits that have not seen them, as the study's holdout says.
 
-
-def held_out(study: Study, observation: Observation, others: list[Observation]) -> tuple[Validation, ...]:
-    """Predictions of this log's rows by fits that have not seen them, as the study's holdout says."""
+    Args:
+        study: with the method of these fits.
+        device: as its file has it; what is not settled there is settled anew by every fit.
+        observation: of the log.
+        others: of the other logs with the role "identify", all of one device.
+    """
+    if study.holdout and unsettled(device):
+        predict = {"each-log": each_log, "alternate": alternate}[study.holdout]
+        rest = [motion for other in others for motion in other.motions]
+        return (predict(device, observation.motions[0], rest, study.method),)
     if study.holdout == "each-log":
         return (validate(estimate(reduce(add, others), study.method), observation),)
     if study.holdout == "alternate":

@@ -18,7 +18,7 @@ from haptid.characterisation.model import GivenModel
 from haptid.device import Device
 from haptid.device.reading import device_of
 from haptid.device.tables import checked
-from haptid.errors import ResultDeviceError, ResultFileError
+from haptid.errors import ResultDeviceError, ResultFileError, ShapeError
 from haptid.estimators.spread import correlations
 from haptid.observation import Block
 from haptid.study import Role
@@ -62,6 +62,7 @@ class _Estimate(_Table):
     status: str
     parameters: list[_Parameter]
     searched: list[_Searched] = []
+    loads: list[float] | None = None
     covariance: list[list[float]]
     freedom: list[float | None]
 
@@ -250,8 +251,8 @@ def read_result(folder: str | Path) -> Recorded:
     table = _checked(path, values)
     device = device_of(*checked(table.device_file, f"{path}, device_file"))
     device = device.with_constants([constant.value for constant in table.estimate.searched])
-    if device.has_loads and len(device.base) == len(table.estimate.parameters):
-        device = device.loaded(np.array([p.value for p in table.estimate.parameters]))
+    if device.has_loads:
+        device = _loaded(path, device, table.estimate.loads)
     stored = [p.name for p in table.estimate.parameters]
     if tuple(stored) != device.base.names:
         raise ResultDeviceError(path, stored, device.base.names, table.haptid)
@@ -304,6 +305,16 @@ def _checked(path: Path, values: dict[str, Any]) -> _File:
         where = ".".join(map(str, first["loc"]))
         what = "is missing" if first["type"] == "missing" else f"is wrong ({first['msg']})"
         raise ResultFileError(path, f"key `{where}` {what}") from error
+
+
+def _loaded(path: Path, device: Device, bodies: list[float] | None) -> Device:
+    """With friction by load made of the bodies that it was estimated with."""
+    if bodies is None:
+        raise ResultFileError(path, "key `estimate.loads` is missing, of which the friction by load is made")
+    try:
+        return device.with_load(bodies)
+    except ShapeError as error:
+        raise ResultFileError(path, f"key `estimate.loads` is wrong ({error})") from error
 
 
 def _log(log: _Log) -> RecordedLog:

@@ -18,7 +18,6 @@ import numpy as np
 from haptid._core import __version__
 from haptid._values import Array
 from haptid.device import Device
-from haptid.device.terms import Load, TermColumn
 from haptid.observation import Observation, Plan, Reduced, assemble
 from haptid.signals import check_log
 from haptid.treatment import Motion
@@ -113,7 +112,8 @@ def fingerprint(plan: Plan) -> str:
         device.tables.model_dump_json(by_alias=True),
         device.gravity.tolist(),
         device.base.names,
-        [(term.settings, _bodies(term)) for term in device.terms],
+        [term.settings for term in device.terms],
+        None if device.load is None else device.load.tolist(),
         [device.terms[k].constant(constant.name) for k, constant in device.searched],
         motion.log.sha256,
         repr(motion.log.channels),
@@ -123,12 +123,6 @@ def fingerprint(plan: Plan) -> str:
         [_some(signals, plan.first) for signals in (motion.q, motion.tau)],
     )
     return hashlib.sha256(json.dumps(said).encode()).hexdigest()[:24]
-
-
-def _bodies(term: TermColumn) -> list[float] | None:
-    """What friction by load is made of, where an estimate has told it."""
-    bodies = term.shape.bodies if isinstance(term.shape, Load) else None
-    return None if bodies is None else bodies.tolist()
 
 
 def _some(signals: Array, first: int) -> list[list[float]]:

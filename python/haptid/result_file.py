@@ -63,6 +63,7 @@ def result(identification: Identification, verdict: Verdict | None = None) -> di
             "parameters": [parameter(p) | {"essential": e} for p, e in zip(estimate.parameters, kept, strict=True)],
             "targets": [parameter(p) for p in targets(estimate).parameters] if estimate.device.targets else [],
             "searched": searched(identification.projection),
+            "loads": None if identification.device.load is None else identification.device.load.tolist(),
             "held": held(estimate.held),
             "freedom": estimate.freedom.tolist(),
             "covariance": estimate.covariance.tolist(),

@@ -408,12 +408,27 @@ class Device:
         """Whether it has friction by load, whose columns depend on the bodies' parameters."""
         return any(isinstance(term.shape, Load) for term in self.terms)
 
+    @property
+    def load(self) -> Array | None:
+        """What friction by load is made of: parameters of links, then of rotors, (r,), SI; None where nothing is."""
+        return next((term.shape.bodies for term in self.terms if isinstance(term.shape, Load)), None)
+
     def loaded(self, beta: Array) -> Device:
         """The same device with friction by load as these base parameters' bodies have it, (p,), SI."""
         raw = self.parameters.S[:, list(self.base.kept)] @ beta
         links = 10 * len(self.joints)
         rotors = [links + k for k, term in enumerate(self.terms) if term.kind == "rotor"]
-        bodies = read_only(np.concatenate([raw[:links], raw[rotors]]))
+        return self.with_load(np.concatenate([raw[:links], raw[rotors]]))
+
+    def with_load(self, bodies: ArrayLike) -> Device:
+        """The same device with friction by load made of bodies, as `load` has them.
+
+        Raises:
+            ShapeError: they are not the parameters of its links and rotors.
+        """
+        rotors = sum(term.kind == "rotor" for term in self.terms)
+        bodies = read_only(bodies)
+        expect("bodies", bodies.shape, (10 * len(self.joints) + rotors,))
         return replace(
             self,
             terms=tuple(

@@ -1,0 +1,167 @@
+"""Searched constants beside friction by load: each is settled with the other, by every fit anew; results keep both."""
+
+from dataclasses import replace
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
+import pytest
+
+import haptid
+from haptid import errors
+from haptid import estimators as e
+from haptid.essentials import with_reduced
+from haptid.estimators.essential import without
+from haptid.folds import alternate, each_log
+from haptid.load_friction import settled_loads
+from haptid.recorded import read_result
+from haptid.result_file import write_result
+from haptid.settling import settled
+from motions import motion
+from small_study import DEVICE, HEAD
+from true_parameters import true_parameters
+
+LOAD = """
+[[terms]]
+kind = "load"
+motors = "all"
+"""
+STRIBECK = """
+[[terms]]
+kind = "stribeck"
+joints = ["2"]
+velocity = { start = 0.05, low = 0.02, high = 5 }
+"""
+STUDY = f"""{HEAD}
+[[logs]]
+path = "a.parquet"
+[[logs]]
+path = "b.parquet"
+[holdout]
+pattern = "each-log"
+[treatment]
+cutoff_hz = 30
+parallel_cutoff_hz = 20
+decimation = 5
+torque_delay = 0
+low_speed = 0.0
+"""
+SIZES = {"FV": 0.4, "FC": 0.3, "FS": 0.8, "FL": 0.08}
+VELOCITY = 0.4
+
+
+@pytest.fixture(scope="module")
+def device(tmp_path_factory):
+    path = tmp_path_factory.mktemp("device") / "device.toml"
+    path.write_text(DEVICE + STRIBECK + LOAD)
+    return haptid.read_device(path)
+
+
+def truth(device):
+    plain = dict(zip(device.parameters.names, true_parameters(device), strict=True))
+    return device.base.of(np.array([SIZES.get(name[:2], value) for name, value in plain.items()]))
+
+
+def moved(device, seed=1, noise=0.03):
+    beta = truth(device)
+    return motion(device.with_constants((VELOCITY,)).loaded(beta), beta, seconds=8.0, dt=4e-3, seed=seed, noise=noise)
+
+
+@pytest.fixture(scope="module")
+def found(device, tmp_path_factory):
+    """A study of two logs, walked to its end."""
+    folder = tmp_path_factory.mktemp("study")
+    (folder / "device.toml").write_text(DEVICE + STRIBECK + LOAD)
+    (folder / "study.toml").write_text(STUDY)
+    for seed, name in ((1, "a"), (2, "b")):
+        made = moved(device, seed)
+        columns = {"t": made.dt * np.arange(len(made))}
+        columns |= {f"q{k + 1}": made.q[:, k] for k in (0, 1)} | {f"tau{k + 1}": made.tau[:, k] for k in (0, 1)}
+        pq.write_table(pa.table(columns), folder / f"{name}.parquet")
+    return haptid.identify(haptid.read_study(folder / "study.toml"))
+
+
+def test_without_noise_constant_and_load_come_back(device):
+    made = moved(device, noise=0.0)
+    here, projection = settled(device, [made], haptid.OLS())
+    assert projection.device is here
+    assert projection["FS2.velocity"].value == pytest.approx(VELOCITY, rel=1e-3)
+    beta = haptid.estimate(haptid.observe(here, made), haptid.OLS()).beta
+    np.testing.assert_allclose(beta, truth(device), rtol=1e-3, atol=1e-5)
+
+
+def test_loads_are_settled_with_the_constants_that_were_found(found, device):
+    motions = [run.motion for run in found.runs]
+    velocity = found.projection["FS2.velocity"].value
+    assert velocity == pytest.approx(VELOCITY, rel=0.3)
+    wanted, early = (settled_loads(d, motions).load for d in (device.with_constants((velocity,)), device))
+    left = np.abs(found.device.load - wanted).max()
+    assert left < 1e-6
+    assert np.abs(early - wanted).max() > 100 * left
+    assert found.projection.device is found.device is found.estimate.device
+
+
+def test_rows_held_out_have_seen_neither_constant_nor_load(found, device):
+    motions = [run.motion for run in found.runs]
+    for one, other, run in zip(motions, motions[::-1], found.runs, strict=True):
+        here, _ = settled(device, [other], haptid.WLS())
+        own = haptid.validate(haptid.estimate(haptid.observe(here, other), haptid.WLS()), haptid.observe(here, one))
+        assert run.unseen[0].relative == pytest.approx(own.relative, rel=1e-9)
+
+
+def test_loads_alone_are_settled_by_every_fold(tmp_path):
+    """The other log is of a device that carries twice as much: whoever had seen it would come nearer."""
+    (tmp_path / "device.toml").write_text(DEVICE + LOAD)
+    device = haptid.read_device(tmp_path / "device.toml")
+    light = truth(device)
+    heavy = np.where([name.startswith("F") for name in device.base.names], light, 2.0 * light)
+    near, far = (motion(device.loaded(b), b, seconds=8.0, dt=4e-3, seed=s) for s, b in ((1, light), (2, heavy)))
+    fold = each_log(device, far, [near], haptid.WLS())
+    here = settled_loads(device, [near])
+    own = haptid.validate(haptid.estimate(haptid.observe(here, near), haptid.WLS()), haptid.observe(here, far))
+    assert fold.relative == pytest.approx(own.relative, rel=1e-9)
+    assert alternate(device, near, [], haptid.WLS()).relative < 0.1
+
+
+def test_the_reduced_estimate_is_held_out_as_the_full_one(found, device):
+    smaller = without(found.estimate, ("FV1",))
+    made = with_reduced(found, smaller)
+    motions = [run.motion for run in found.runs]
+    for one, other, run in zip(motions, motions[::-1], made.runs, strict=True):
+        wanted = each_log(device, one, [other], smaller.method)
+        assert run.unseen[0].relative == pytest.approx(wanted.relative, rel=1e-9)
+
+
+def test_the_result_keeps_the_bodies_of_the_loads(found, tmp_path):
+    """Those that the friction was made of, not those of the estimate that is held or reduced."""
+    smaller = with_reduced(found, without(found.estimate, ("FV1", "FLM2")))
+    held = replace(found, estimate=haptid.estimate(found.estimate.observation, haptid.Consistent()))
+    for k, made in enumerate((found, smaller, held)):
+        folder = tmp_path / str(k)
+        folder.mkdir()
+        write_result(made, folder)
+        np.testing.assert_array_equal(read_result(folder).device.load, found.device.load)
+
+
+def test_a_result_without_the_bodies_is_refused(found, tmp_path):
+    write_result(found, tmp_path)
+    path = tmp_path / "result.json"
+    for change in ('"loads": null', '"loads": [1.0]'):
+        text = path.read_text()
+        before, after = text.split('"loads": [', 1)
+        path.write_text(before + change + after.split("]", 1)[1])
+        with pytest.raises(errors.ResultFileError, match=r"estimate\.loads"):
+            read_result(tmp_path)
+        path.write_text(text)
+
+
+@pytest.mark.parametrize(
+    "method", [e.TLS(), e.Corrected(1e-4), e.Ridge(), e.EKF(), e.Equal({"FC1 - FC2": 0.0}, e.OLS())]
+)
+def test_loads_settle_with_any_method(tmp_path, method):
+    """Of a method that does more than weigh rows, what is around; of one that is no weighting at all, WLS."""
+    (tmp_path / "device.toml").write_text(DEVICE + LOAD)
+    device = haptid.read_device(tmp_path / "device.toml")
+    made = motion(device.loaded(truth(device)), truth(device), seconds=8.0, dt=4e-3, noise=0.03)
+    wanted = settled_loads(device, [made], getattr(method, "weighting", haptid.WLS()))
+    np.testing.assert_array_equal(settled_loads(device, [made], method).load, wanted.load)
