@@ -2,15 +2,14 @@
 
 from __future__ import annotations
 
-import tomllib
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from pydantic import ValidationError
 
+from haptid._toml import read_checked
 from haptid._values import Array, freeze
 from haptid.bench.mjcf import Payload, Physics
 from haptid.bench.schema import ExperimentTable, SinesTable, TrianglesTable
@@ -20,10 +19,7 @@ from haptid.device import INERTIAL, Device
 from haptid.device.prior import Body, inertial_parameters, tensor
 from haptid.errors import ExperimentFileError, LinkNameError, ParameterNameError
 
-# An experiment is a page of text; anything much larger is not one.
-LARGEST_FILE = 1 << 20
 KINDS: Mapping[str, type] = {"multisine": Multisine, "fourier": Fourier, "sweep": Sweep, "grid": Grid}
-KIND_NAMES = ", ".join(f'"{kind}"' for kind in (*KINDS, "triangles"))
 
 
 @dataclass(frozen=True, eq=False)
@@ -74,18 +70,7 @@ def read_experiment(path: str | Path) -> Experiment:
         ExperimentFileError: the file cannot be read, or a key in it is missing, unknown or wrong; says which.
     """
     path = Path(path)
-    try:
-        if path.stat().st_size > LARGEST_FILE:
-            raise ExperimentFileError(path, "", f"the file is larger than {LARGEST_FILE >> 20} MiB")
-        data = tomllib.loads(path.read_text(encoding="utf-8"))
-    except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
-        raise ExperimentFileError(path, "", str(error)) from error
-    try:
-        table = ExperimentTable.model_validate(data)
-    except ValidationError as error:
-        first = error.errors()[0]
-        where = ".".join([*map(str, first["loc"]), *(["kind"] if first["type"].startswith("union_tag") else [])])
-        raise ExperimentFileError(path, where, _sentence(first)) from error
+    table = read_checked(path, ExperimentTable, ExperimentFileError, "an experiment")
     _check(path, table)
     return Experiment(table.name, table.seed, _kind(table), table)
 
@@ -188,13 +173,3 @@ def _figures(given: Mapping[str, Any]) -> dict[str, Any]:
         return (value,) if isinstance(value, float) and name not in SINGLE else value
 
     return {name: figures(name, value) for name, value in given.items()}
-
-
-def _sentence(error: Any) -> str:
-    found = "" if error["type"] == "missing" else f" (found {str(error.get('input'))[:60]!r})"
-    text = {"missing": "this key is missing", "extra_forbidden": "there is no such key"}.get(error["type"])
-    if error["type"] == "union_tag_not_found":
-        return f"this key is missing; write one of {KIND_NAMES}"
-    if error["type"] == "union_tag_invalid":
-        return f"there is no kind {error['ctx']['tag']!r}; write one of {KIND_NAMES}"
-    return (text or str(error["msg"])) + found

@@ -2,17 +2,17 @@
 
 from __future__ import annotations
 
-import re
 import tomllib
-from collections.abc import Iterable
+from collections.abc import Sequence
 from importlib.resources import files
 from pathlib import Path
-from typing import Any, get_origin
+from typing import Any
 
 from pydantic import BaseModel, ValidationError
 
+from haptid._toml import Fault, Syntax
 from haptid.device.place import Place
-from haptid.device.schema import CONVENTIONS, AnyDevice, AnyTerm
+from haptid.device.schema import CONVENTIONS, AnyDevice
 from haptid.errors import (
     DeviceFileError,
     DeviceKeyError,
@@ -24,18 +24,6 @@ from haptid.errors.devices import suggestion
 
 # A device file is some kilobytes; a file beyond this is something else.
 LARGEST_FILE = 1_000_000
-# Errors of these types are shown before the others: a misspelt key is the cause of the missing one, and where
-# a key takes one kind of value or another, these say more than that it is not the other.
-FIRST = ("extra_forbidden", "missing", "value_error")
-# What to write instead, where pydantic's own words are not a user's.
-INSTEAD = {
-    "string_type": 'Write a text in double quotes, such as "1"',
-    "string_pattern_mismatch": "Write a name of letters, digits and underscores",
-    "list_type": "Write a list in square brackets",
-    "bool_type": "Write true or false",
-    "model_type": "Write a table",
-    "dict_type": "Write a table",
-}
 
 
 def shipped_devices() -> tuple[str, ...]:
@@ -108,100 +96,28 @@ def _parsed(file: str, content: bytes) -> dict[str, Any]:
     try:
         return tomllib.loads(text)
     except (tomllib.TOMLDecodeError, RecursionError) as error:
-        position = re.search(r"line (\d+), column (\d+)", str(error))
-        lines = text.splitlines() or [""]
-        line, column = (int(position[1]), int(position[2])) if position else (len(lines), len(lines[-1]) + 1)
-        found = re.sub(r" \(at .*\)$", "", str(error))
-        raise DeviceSyntaxError(file, line, column, found, lines[min(line, len(lines)) - 1].strip()[:80]) from None
+        at = Syntax.of(error, text)
+        raise DeviceSyntaxError(file, at.line, at.column, at.found, at.text) from None
 
 
 def _first_error(error: ValidationError, file: str, data: Any, model: type[BaseModel]) -> Exception:
-    """The one pydantic error that a user should read first, in haptid's words."""
-    details = error.errors(include_url=False)
-    detail = min(details, key=_rank)
-    steps = _steps(detail["loc"], data)
-    place = Place(file).at(*steps)
-    kind, context = detail["type"], detail.get("ctx", {})
-    if kind == "extra_forbidden":
-        known = _keys(model, steps[:-1], data)
-        return DeviceKeyError(str(place), f'there is no key "{steps[-1]}" here', suggestion(str(steps[-1]), known))
-    if kind == "missing":
-        return DeviceKeyError(str(place), "this key is missing", f"Write {steps[-1]} = ... {_table(steps[:-1])}.")
-    if kind == "union_tag_not_found":
-        return DeviceKeyError(
-            str(place.at("kind")), "this key is missing", f"Write kind = ..., one of {', '.join(_kinds())}."
-        )
-    if kind == "union_tag_invalid":
-        return UnknownNameError(str(place.at("kind")), "kind of term", str(context["tag"]), _kinds())
-    wanted = INSTEAD.get(kind, detail["msg"].removeprefix("Value error, "))
-    return DeviceValueError(str(place), f"found {_shown(detail['input'])}", f"{wanted[:1].upper()}{wanted[1:]}.")
+    """The one fault that a user should read first, as an error of a device file."""
+    fault = Fault.of(error, model, data)
+    place, steps = str(Place(file).at(*fault.steps)), fault.steps
+    if fault.kinds and fault.kind == "union_tag_invalid":
+        return UnknownNameError(place, "kind of term", str(fault.found), fault.kinds)
+    if fault.kinds:
+        return DeviceKeyError(place, "this key is missing", f"Write kind = ..., one of {', '.join(fault.kinds)}.")
+    if fault.kind == "extra_forbidden":
+        key = str(steps[-1])
+        return DeviceKeyError(place, f'there is no key "{key}" here', suggestion(key, fault.keys))
+    if fault.kind == "missing":
+        return DeviceKeyError(place, "this key is missing", f"Write {steps[-1]} = ... {_table(steps[:-1])}.")
+    return DeviceValueError(place, f"found {fault.shown}", f"{fault.wanted[:1].upper()}{fault.wanted[1:]}.")
 
 
-def _rank(detail: Any) -> int:
-    """Place in the queue of one of several errors; a wrong word is told by the words that there are."""
-    kind = detail["type"]
-    if kind == "literal_error" and isinstance(detail["input"], str):
-        return len(FIRST)
-    return FIRST.index(kind) if kind in FIRST else len(FIRST) + 1 + (kind == "literal_error")
-
-
-def _steps(loc: tuple[int | str, ...], data: Any) -> list[str | int]:
-    """A pydantic location without the names of unions' branches: steps that the data has, then the last."""
-    steps: list[str | int] = []
-    here = data
-    for k, step in enumerate(loc):
-        is_key = isinstance(here, dict) and isinstance(step, str) and step in here
-        is_entry = isinstance(here, list) and isinstance(step, int) and step < len(here)
-        if is_key or is_entry:
-            here = here[step]
-            steps.append(step)
-        elif k == len(loc) - 1 and isinstance(here, dict) and step != "[key]":
-            steps.append(step)
-    return steps
-
-
-def _keys(model: type[BaseModel], steps: list[str | int], data: Any) -> list[str]:
-    """The keys that may stand in the table at `steps`."""
-    here: Any = model
-    entry_of_dict = False
-    for k, step in enumerate(steps):
-        if isinstance(step, int) or entry_of_dict:
-            entry_of_dict = False
-            continue
-        if steps[0] == "terms" and k == 0 and len(steps) > 1:
-            here = _term_model(data["terms"][steps[1]].get("kind"))
-            continue
-        field = next((f for name, f in here.model_fields.items() if step in (name, f.alias)), None)
-        here = next(iter(_models(field.annotation)), None) if field else None
-        if field is None or here is None:
-            return []
-        entry_of_dict = get_origin(field.annotation) is dict
-    return [field.alias or name for name, field in here.model_fields.items()]
-
-
-def _models(annotation: Any) -> Iterable[type[BaseModel]]:
-    """The table models anywhere in a type."""
-    if isinstance(annotation, type) and issubclass(annotation, BaseModel):
-        yield annotation
-    for part in getattr(annotation, "__args__", ()):
-        yield from _models(part)
-
-
-def _term_model(kind: str) -> type[BaseModel]:
-    return next(model for model in _models(AnyTerm) if kind in model.model_fields["kind"].annotation.__args__)  # type: ignore[union-attr]
-
-
-def _kinds() -> list[str]:
-    return [kind for model in _models(AnyTerm) for kind in model.model_fields["kind"].annotation.__args__]  # type: ignore[union-attr]
-
-
-def _table(steps: list[str | int]) -> str:
+def _table(steps: Sequence[str | int]) -> str:
     names = [str(step) for step in steps if isinstance(step, str)]
     if not names:
         return "at the top of the file"
     return f"in [[{'.'.join(names)}]]" if isinstance(steps[-1], int) else f"in [{'.'.join(names)}]"
-
-
-def _shown(value: Any) -> str:
-    text = repr(value)
-    return text if len(text) <= 60 else text[:57] + "..."

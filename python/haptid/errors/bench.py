@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 
-from haptid.errors.devices import suggestion
+from haptid.errors.devices import keys_here, suggestion
 from haptid.errors.roots import BenchError
 
 
@@ -18,9 +18,10 @@ class MujocoMissingError(BenchError):
 class ExperimentFileError(BenchError):
     """An experiment file that cannot be read, or a key in it that is wrong."""
 
-    def __init__(self, path: object, where: str, what: str) -> None:
+    def __init__(self, path: object, where: str, what: str, known: Sequence[str] = ()) -> None:
         place = f"{path}, key `{where}`" if where else f"{path}"
-        super().__init__(f"{place}: {what}. `haptid schema experiment` prints every key.")
+        keys = keys_here(where, known)
+        super().__init__(f"{place}: {what}.{keys} `haptid schema experiment` prints every key.")
 
 
 class ParameterNameError(BenchError):

@@ -2,16 +2,18 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
+from haptid.errors.devices import keys_here
 from haptid.errors.roots import EstimationError, StudyError, TreatmentError
 
 
 class StudyFileError(StudyError):
     """A study file that cannot be read, or a key in it that is wrong."""
 
-    def __init__(self, path: object, where: str, what: str, known: list[str] | None = None) -> None:
+    def __init__(self, path: object, where: str, what: str, known: Sequence[str] = ()) -> None:
         place = f"{path}, key `{where}`" if where else f"{path}"
-        keys = f" Keys here: {', '.join(known)}." if known else ""
-        super().__init__(f"{place}: {what}.{keys}")
+        super().__init__(f"{place}: {what}.{keys_here(where, known)}")
 
 
 class StudyLogsError(StudyError):

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import difflib
 import math
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 
 from haptid.errors.roots import DeviceError
 
@@ -12,10 +12,19 @@ from haptid.errors.roots import DeviceError
 def suggestion(name: str, known: Iterable[str]) -> str:
     """What was probably meant, and what is known: the tail of an error about a name."""
     names = list(dict.fromkeys(known))
-    close = difflib.get_close_matches(name, names, n=1, cutoff=0.6)
-    meant = f'Did you mean "{close[0]}"? ' if close else ""
     shown = ", ".join(names[:24]) + (f" and {len(names) - 24} more" if len(names) > 24 else "")
-    return f"{meant}Known: {shown or 'none'}."
+    return f"{meant(name, names)}Known: {shown or 'none'}."
+
+
+def keys_here(where: str, known: Sequence[str]) -> str:
+    """The same of the key at the end of a place; nothing where no keys are known."""
+    return f" {meant(where.rpartition('.')[2], known)}Keys here: {', '.join(known)}." if known else ""
+
+
+def meant(name: str, known: Sequence[str]) -> str:
+    """What is nearest, if anything is near."""
+    close = difflib.get_close_matches(name, known, n=1, cutoff=0.6)
+    return f'Did you mean "{close[0]}"? ' if close else ""
 
 
 class DeviceFileError(DeviceError):

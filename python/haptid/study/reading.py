@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from haptid._toml import read_checked
 from haptid.causal import Causal, HighPass
 from haptid.device.prior import Body, tensor
 from haptid.errors import ControllerError, LogError, StudyFileError, StudyLogsError
@@ -16,7 +17,6 @@ from haptid.shapes import SHAPES
 from haptid.simulation import PID
 from haptid.study.method import INTERVALS, method_of
 from haptid.study.model import LogEntry, Study
-from haptid.study.parsing import parsed
 from haptid.study.schema import (
     ChannelsTable,
     ControllerTable,
@@ -24,6 +24,7 @@ from haptid.study.schema import (
     LoadTable,
     LogTable,
     SignalTable,
+    StudyTable,
     TreatmentTable,
 )
 from haptid.treatment import Treatment
@@ -38,7 +39,7 @@ def read_study(path: str | Path) -> Study:
         StudyControllerError: the method needs the controller that moved the device, and there is none.
     """
     path = Path(path)
-    table = parsed(path)
+    table = read_checked(path, StudyTable, StudyFileError, "a study")
     logs = tuple(_log(path, k, log, table.channels) for k, log in enumerate(table.logs))
     _check_logs(path, logs, table.holdout)
     controller = _controller(path, table.controller) if table.controller else None
