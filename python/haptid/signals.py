@@ -138,13 +138,24 @@ def external(device: Device, c: Array, cd: Array, cdd: Array | None) -> Array:
         return np.zeros((0, c.shape[1]))
     if cdd is None:
         cdd = np.zeros_like(c)  # which no column reads
-        for term in device.externals:
-            if isinstance(term.shape, Load):
-                raise AccelerationColumnError(term.name)
-            if isinstance(term.shape, Column) and term.shape.reads({f"a_{name}" for name in device.joint_names}):
-                raise AccelerationColumnError(term.name)
+        check_linear(device)
     to_joints = np.linalg.inv(device.frame)
     return np.ascontiguousarray(device.external(to_joints @ c, to_joints @ cd, to_joints @ cdd))
+
+
+def check_columns(device: Device) -> None:
+    """Raise AccelerationColumnError if a column that the device file writes out reads accelerations."""
+    for term in device.externals:
+        if isinstance(term.shape, Column) and term.shape.reads({f"a_{name}" for name in device.joint_names}):
+            raise AccelerationColumnError(term.name)
+
+
+def check_linear(device: Device) -> None:
+    """The same, or if it has friction by load: torque is then not linear in accelerations."""
+    for term in device.externals:
+        if isinstance(term.shape, Load):
+            raise AccelerationColumnError(term.name)
+    check_columns(device)
 
 
 def rows(device: Device, c: Array, cd: Array, cdd: Array) -> Array:

@@ -389,19 +389,20 @@ class Device:
         made = {}
         for term in self.externals:
             if isinstance(term.shape, Load):
-                bare = self._bodies
-                chi = LIKE_ONE_ANOTHER * len(self.joints) if term.shape.bodies is None else term.shape.bodies.tolist()
+                bare, chi = self.bodies
                 columns = list(range(len(chi)))
                 own = np.zeros((0, c.shape[1]))
                 made[term.name] = term.shape.values(
-                    bare.mechanism.torque(c, cd, cdd, own, columns, chi, bare.loops(c, cd)), cd
+                    bare.mechanism.torque(c, cd, cdd, own, columns, chi.tolist(), bare.loops(c, cd)), cd
                 )
         return made
 
     @cached_property
-    def _bodies(self) -> Device:
-        """Links and rotors alone."""
-        return replace(self, terms=tuple(term for term in self.terms if term.kind == "rotor"))
+    def bodies(self) -> tuple[Device, Array]:
+        """Links and rotors alone, and their parameters as friction by load has them, (r,), SI."""
+        rotors = tuple(term for term in self.terms if term.kind == "rotor")
+        alike = np.array(LIKE_ONE_ANOTHER * len(self.joints) + [0.0] * len(rotors))
+        return replace(self, terms=rotors), freeze(alike) if self.load is None else self.load
 
     @property
     def has_loads(self) -> bool:

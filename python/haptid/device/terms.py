@@ -118,8 +118,12 @@ class Load:
 
     def values(self, torque: Array, speed: Array) -> Array:
         """The column, (samples,), from torque of the bodies and velocity of the coordinates, (active, samples)."""
+        return np.asarray(np.abs(torque[self.row]) * self.side(speed))
+
+    def side(self, speed: Array) -> Array:
+        """sgn v, or what is in its place, (samples,), from velocity of the coordinates, (active, samples)."""
         v = speed[self.row]
-        return np.asarray(np.abs(torque[self.row]) * (np.tanh(v / self.width) if self.width else np.sign(v)))
+        return np.asarray(np.tanh(v / self.width) if self.width else np.sign(v))
 
 
 @dataclass(frozen=True, eq=False)
@@ -163,7 +167,12 @@ class TermColumn:
     @property
     def resists(self) -> bool:
         """Whether it is friction: it takes energy out of a motion, and nothing else."""
-        return self.nature == "viscous" or self.kind in DRY or isinstance(self.shape, Load)
+        return self.nature == "viscous" or self.dry
+
+    @property
+    def dry(self) -> bool:
+        """Whether it is friction in which the sign of a velocity matters."""
+        return self.kind in DRY or isinstance(self.shape, Load)
 
     @property
     def one_way(self) -> bool:
@@ -172,12 +181,16 @@ class TermColumn:
 
     def constant(self, name: str) -> float:
         """Present value of a constant, SI."""
+        if isinstance(self.shape, Load):
+            return self.shape.width
         if isinstance(self.shape, Column):
             return self.shape.constants[name]
         return self.settings[PLACES[self.kind][name]]
 
     def with_constant(self, name: str, value: float) -> TermColumn:
         """The same term with another value of a constant."""
+        if isinstance(self.shape, Load):
+            return replace(self, shape=replace(self.shape, width=value))
         if isinstance(self.shape, Column):
             return replace(self, shape=replace(self.shape, constants={**self.shape.constants, name: value}))
         place = PLACES[self.kind][name]

@@ -73,9 +73,9 @@ class AccelerationColumnError(TreatmentError):
 
     def __init__(self, column: str) -> None:
         super().__init__(
-            f"column {column} is made of accelerations, and there are none by momentum: neither in rows with "
-            f"accelerations = 'momentum' nor in the momentum observer. Choose accelerations = 'differences' and "
-            f"estimate_force, or write the term as a rotor inertia."
+            f"column {column} is made of accelerations, and there are none in rows with accelerations = 'momentum', in "
+            f"the momentum observer and in the models of Kalman filters. Choose accelerations = 'differences', "
+            f"estimate_force or another method, or write the term as a rotor inertia."
         )
 
 

@@ -10,16 +10,18 @@ import numpy as np
 
 from haptid._values import Array, expect, freeze, read_only
 from haptid.device import Device
-from haptid.device.terms import DRY
 from haptid.dynamics import core_mass
 from haptid.errors import MasslessError
-from haptid.signals import external, state
+from haptid.signals import check_columns, external, state
+from haptid.simulation.loads import Carried, carried, pressed
 from haptid.treatment import Motion
 
 # Of the mass matrix, least eigenvalue over the largest of its scaled form that can still be inverted.
 INVERTIBLE = 1e-12
 # Smooth dry friction has all but turned over at so many widths from standstill: 1 - tanh is 1e-5 there.
 TURNED = 6.0
+# Passes in which the signs of what joints carry are found: two or three where friction takes less than all of it.
+PASSES = 8
 # Steps of central differences: positions and velocities, relative to 1 rad, 1 m and to 1 of these per second.
 STEP = 1e-6
 
@@ -29,11 +31,15 @@ class DirectModel:
     """M(c) cdd = tau - h(c, cd), friction, springs and a user's own columns in h.
 
     The core makes M from the coordinates' axes, and h by the inverse model without acceleration, for all states in one
-    call each, trees and loops alike (Walker and Orin 1982, J. Dyn. Sys. Meas. Control 104, method 3).
+    call each, trees and loops alike (Walker and Orin 1982, J. Dyn. Sys. Meas. Control 104, method 3). Friction by load
+    depends on cdd, too: it is in h as it is without acceleration, and what it changes is found with cdd.
 
     Attributes:
         device: the mechanism, its dry friction smooth: see `smooth`.
         chi: sets of parameters of the core's columns, (sets, r), SI.
+
+    Raises:
+        AccelerationColumnError: a user's own column is made of accelerations.
     """
 
     device: Device
@@ -42,6 +48,7 @@ class DirectModel:
     def __post_init__(self) -> None:
         object.__setattr__(self, "chi", read_only(np.atleast_2d(self.chi)))
         expect("chi", self.chi.shape, (None, self.device.mechanism.columns))
+        check_columns(self.device)
 
     @cached_property
     def _columns(self) -> list[tuple[list[int], list[float]]]:
@@ -53,16 +60,13 @@ class DirectModel:
 
         Args:
             c, cd: positions and velocities of the coordinates that torque rows belong to, (n, states).
-
-        Raises:
-            AccelerationColumnError: a user's own column is made of accelerations.
         """
         M, h = [], []
         for k, (columns, chi) in enumerate(self._columns):
             x, v = (np.ascontiguousarray(np.split(z, len(self.chi), axis=1)[k]) for z in (c, cd))
-            followed, own = self.device.follow(x, v), external(self.device, x, v, None)
-            loops = self.device.given(followed)
-            h.append(self.device.mechanism.torque(x, v, np.zeros_like(x), own, columns, chi, loops).T)
+            followed, still = self.device.follow(x, v), np.zeros_like(x)
+            own, loops = external(self.device, x, v, still), self.device.given(followed)
+            h.append(self.device.mechanism.torque(x, v, still, own, columns, chi, loops).T)
             M.append(core_mass(self.device, self.chi[k], followed))
         return np.concatenate(M), np.concatenate(h)
 
@@ -74,12 +78,41 @@ class DirectModel:
             tau: torque of every row, (n, states), N m or N.
 
         Raises:
-            AccelerationColumnError: as in `parts`.
             MasslessError: a mass matrix cannot be inverted.
         """
         M, h = self.parts(c, cd)
+        cdd = self._solved(M, tau.T - h)
+        loads = self._loads(c, cd)
+        # For given signs of the bodies' torques friction by load is linear in cdd: few passes find the signs.
+        for _ in range(PASSES if loads else 0):
+            more, rest = pressed(loads, cdd)
+            before, cdd = cdd, self._solved(M + more, tau.T - h - rest)
+            if not any((one.sign(before) != one.sign(cdd)).any() for one in loads):
+                break
+        return np.ascontiguousarray(cdd.T)
+
+    def inertia(self, c: Array, cd: Array, cdd: Array) -> Array:
+        """Derivative of the inverse model by accelerations, (states, n, n): M, and what friction by load adds to it.
+
+        Args:
+            c, cd, cdd: of the coordinates, (n, states).
+        """
+        M, _ = self.parts(c, cd)
+        loads = self._loads(c, cd)
+        return M + pressed(loads, cdd.T)[0] if loads else M
+
+    def _loads(self, c: Array, cd: Array) -> list[Carried]:
+        """Friction by load of all sets."""
+        return carried(self.device, np.repeat(self.chi, c.shape[1] // len(self.chi), axis=0), c, cd)
+
+    def _solved(self, M: Array, force: Array) -> Array:
+        """M^-1 force, (states, n).
+
+        Raises:
+            MasslessError: a mass matrix cannot be inverted.
+        """
         try:
-            return np.ascontiguousarray(np.linalg.solve(M, (tau.T - h)[:, :, None])[:, :, 0].T)
+            return np.asarray(np.linalg.solve(M, force[:, :, None])[:, :, 0])
         except np.linalg.LinAlgError:
             raise self.massless(M) from None
 
@@ -113,7 +146,7 @@ class DirectModel:
     def _torque(self, c: Array, cd: Array, cdd: Array) -> Array:
         """Inverse model of the first set, (n, states)."""
         (columns, chi), device = self._columns[0], self.device
-        own, loops = external(device, c, cd, None), device.loops(c, cd)
+        own, loops = external(device, c, cd, cdd), device.loops(c, cd)
         return np.asarray(device.mechanism.torque(c, cd, cdd, own, columns, chi, loops))
 
     def stiffness(self, c: Array) -> float:
@@ -132,7 +165,7 @@ class DirectModel:
     def without_dry(self) -> DirectModel:
         """The same model without dry friction."""
         chi, first = np.array(self.chi), 10 * len(self.device.joints)
-        chi[:, [first + k for k, term in enumerate(self.device.terms) if term.kind in DRY]] = 0.0
+        chi[:, [first + k for k, term in enumerate(self.device.terms) if term.dry]] = 0.0
         return DirectModel(self.device, chi)
 
     def turning(self, c: Array, cd: Array, cdd: Array, period: float) -> np.ndarray:
@@ -150,7 +183,7 @@ def turning(device: Device, c: Array, cd: Array, cdd: Array, period: float) -> n
     """Where dry friction may turn over within a period, s, from positions and rates (n, states): (states,)."""
     found = np.zeros(c.shape[1], dtype=bool)
     for term in device.terms:
-        if term.kind in DRY:
+        if term.dry:
             shares = device.shares(term, c, cd)
             speed, change = (np.abs((shares * x).sum(axis=0)) for x in (cd, cdd))
             found |= speed < TURNED * term.constant("width") + period * change
@@ -170,7 +203,7 @@ def smooth(device: Device, motions: Sequence[Motion], share: float) -> Device:
     states = [state(device, motion, *motion.usable) for motion in motions]
     terms = []
     for term in device.terms:
-        if term.kind in DRY and term.constant("width") == 0:
+        if term.dry and term.constant("width") == 0:
             power = np.concatenate([device.speed(term, c, cd) ** 2 for c, cd in states])
             term = term.with_constant("width", max(share * float(np.sqrt(power.mean())), STEP))
         terms.append(term)

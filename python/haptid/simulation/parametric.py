@@ -8,8 +8,8 @@ import numpy as np
 
 from haptid._values import Array
 from haptid.device import Device
-from haptid.device.terms import DRY
 from haptid.errors import MasslessError
+from haptid.signals import check_linear
 from haptid.simulation.direct import INVERTIBLE, turning
 from haptid.simulation.sensitivity import columns
 
@@ -24,10 +24,16 @@ class ParametricModel:
     Attributes:
         device: the mechanism, its dry friction smooth.
         base: the core's columns from base parameters, (r, p).
+
+    Raises:
+        AccelerationColumnError: a column is made of accelerations.
     """
 
     device: Device
     base: Array
+
+    def __post_init__(self) -> None:
+        check_linear(self.device)
 
     def parts(self, c: Array, cd: Array) -> tuple[Array, Array]:
         """Columns of M and of h: (states, n, n, p), its second axis that of the acceleration, and (states, n, p).

@@ -107,7 +107,7 @@ def _linearised(model: DirectModel, steps: Steps, part: slice, base: Array) -> _
     """The varied equations at some steps of the first set of parameters."""
     n, count = steps.c.shape[1], steps.stretches.count
     c, cd, cdd = (_flat(x[part, :, :count]) for x in (steps.c, steps.cd, steps.cdd))
-    inverse = np.linalg.inv(DirectModel(model.device, model.chi[:1]).parts(c, cd)[0])
+    inverse = np.linalg.inv(DirectModel(model.device, model.chi[:1]).inertia(c, cd, cdd))
     by_c, by_cd = model.slopes(c, cd, cdd)
     states = len(inverse)
     F = np.zeros((states, 2 * n, 2 * n))
@@ -121,7 +121,7 @@ def _linearised(model: DirectModel, steps: Steps, part: slice, base: Array) -> _
 def columns(device: Device, c: Array, cd: Array, cdd: Array, base: Array) -> Array:
     """Columns of the inverse model by base parameters, (n, p, samples)."""
     used = [int(k) for k in np.flatnonzero(base.any(axis=1))]
-    own, loops = external(device, c, cd, None), device.loops(c, cd)
+    own, loops = external(device, c, cd, cdd), device.loops(c, cd)
     raw = device.mechanism.regressor(c, cd, cdd, own, used, loops)
     return np.asarray(np.einsum("cks,kp->cps", raw, base[used], optimize=True))
 

@@ -1,0 +1,130 @@
+"""Friction by load in the direct model: it undoes the inverse model, falls as a solver says, and is found again."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy import integrate
+
+import haptid
+from haptid import errors, estimators
+from haptid.load_friction import settled_loads
+from haptid.simulation import PID, DirectModel, Stretches, closed_loop, open_loop, sets_of, smooth
+from motions import multisine
+from small_study import DEVICE
+from true_parameters import true_parameters
+
+LOAD = """
+[[terms]]
+kind = "load"
+motors = "all"
+width = 0.1
+[[terms]]
+kind = "rotor"
+motors = "all"
+"""
+COUPLED = '[[motors]]\nname = "1"\n[[motors]]\nname = "2"\ndrives = { 1 = 1, 2 = 1 }\n'
+SIZES = {"FV": 0.05, "FC": 0.2, "FL": 0.15, "IA": 0.02}
+
+
+def truth(device):
+    plain = dict(zip(device.parameters.names, true_parameters(device), strict=True))
+    return device.base.of(np.array([SIZES.get(name[:2], value) for name, value in plain.items()]))
+
+
+def made(folder, motors):
+    """With the loads of its true bodies."""
+    text = DEVICE.replace('kind = "coulomb"\n', 'kind = "coulomb"\nwidth = 0.1\n')
+    (folder / "device.toml").write_text(text + motors + LOAD)
+    read = haptid.read_device(folder / "device.toml")
+    return read.loaded(truth(read))
+
+
+@pytest.fixture(scope="module", params=["", COUPLED], ids=["plain", "coupled"])
+def device(request, tmp_path_factory):
+    return made(tmp_path_factory.mktemp("device"), request.param)
+
+
+def states_of(device, many=200):
+    qa = np.random.default_rng(0).normal(size=(3, 2, many))
+    return qa, [np.ascontiguousarray(device.frame @ x) for x in qa]
+
+
+def test_accelerations_undo_the_inverse_model(device):
+    """Of every set for itself: the truth, and twice its friction by load."""
+    beta = truth(device)
+    twice = np.where([name.startswith("FL") for name in device.base.names], 2.0 * beta, beta)
+    qa, (c, cd, cdd) = states_of(device)
+    torques = [haptid.inverse_dynamics(device, b, *qa) for b in (beta, twice)]
+    assert np.abs(torques[0] - torques[1]).max() > 0.1
+    model = DirectModel(device, sets_of(device, np.array([beta, twice])))
+    found = model.acceleration(np.tile(c, 2), np.tile(cd, 2), np.concatenate(torques, axis=1))
+    np.testing.assert_allclose(found, np.tile(cdd, 2), rtol=1e-9, atol=1e-9)
+
+
+def test_inertia_is_the_slope_of_the_inverse_model(device):
+    beta, step = truth(device), 1e-6
+    _, (c, cd, cdd) = states_of(device, 20)
+    found = DirectModel(device, sets_of(device, beta)).inertia(c, cd, cdd)
+    back = np.linalg.inv(device.frame)
+    for k in range(2):
+        ahead, behind = (
+            haptid.inverse_dynamics(device, beta, back @ c, back @ cd, back @ (cdd + side * step * np.eye(2)[:, [k]]))
+            for side in (1, -1)
+        )
+        np.testing.assert_allclose(found[:, :, k], (ahead - behind).T / (2 * step), rtol=1e-6, atol=1e-7)
+
+
+def test_it_falls_as_a_solver_says(device):
+    """Oracle: accelerations from the inverse model by fixed point, along a solver with steps of its own."""
+    beta, dt, back = truth(device), 2e-3, np.linalg.inv(device.frame)
+
+    def slope(_t, x):
+        cdd = np.zeros(2)
+        inverse = np.linalg.inv(haptid.mass_matrix(device, beta, back @ x[:2, None])[0])
+        for _ in range(40):  # friction that is a share of the load makes each miss a share of the one before
+            qa = (back @ y[:, None] for y in (x[:2], x[2:], cdd))
+            cdd = cdd + inverse @ (0.5 - haptid.inverse_dynamics(device, beta, *qa)[:, 0])
+        return np.append(x[2:], cdd)
+
+    start = np.array([0.3, -0.2, 0.1, 0.4])
+    wanted = integrate.solve_ivp(slope, (0, 0.3), start, rtol=1e-7, atol=1e-9, t_eval=dt * np.arange(150)).y
+    still = np.zeros((150, 2))
+    motion = haptid.Motion(dt, still, still, haptid.Treatment(cutoff_hz=None))
+    model = DirectModel(device, sets_of(device, beta))
+    begin = start[:2, None], start[2:, None]
+    steps = open_loop(model, motion, np.full((2, 150), 0.5), begin, Stretches.of(150, 150, 0))
+    np.testing.assert_allclose(steps.course(motion).c, wanted[:2], atol=1e-5)
+
+
+@pytest.mark.parametrize("kind", [estimators.IV, estimators.DIDIM, estimators.CLOE])
+def test_estimators_that_simulate_find_it_again(tmp_path, kind):
+    device = made(tmp_path, "")
+    beta, dt = truth(device), 4e-3
+    target = multisine(2, 4.0, dt, 1)[0].T
+    law = PID(60.0, 6.0, reference=(target,))
+    planned = haptid.Motion(dt, target, np.zeros_like(target), haptid.Treatment(cutoff_hz=None))
+    model = DirectModel(device, sets_of(device, beta))
+    course = closed_loop(model, law, planned, 0, Stretches.of(len(planned), len(planned), 0)).course(planned)
+    noisy = course.tau.T + 0.01 * np.random.default_rng(0).normal(size=target.shape)
+    moved = haptid.Motion(dt, course.c.T, noisy, haptid.Treatment(cutoff_hz=60))
+    here = settled_loads(device, [moved], kind(law))
+    found = haptid.estimate(haptid.observe(here, moved), kind(law))
+    low, high = found.interval95.T
+    assert ((low <= beta) & (beta <= high)).mean() >= 0.7
+    for name in ("FLM1", "FLM2"):
+        assert found[name].value == pytest.approx(0.15, rel=0.2)
+    assert haptid.direct(found).relative < 5.0
+
+
+def test_sharp_loads_are_smoothed_and_the_filter_refuses_them(device):
+    sharp = [t.with_constant("width", 0.0) if t.name.startswith("FL") else t for t in device.terms]
+    harsh = replace(device, terms=tuple(sharp))
+    q, qd, qdd = multisine(2, 2.0, 4e-3, 1)
+    tau = haptid.inverse_dynamics(harsh, truth(harsh), q, qd, qdd)
+    moved = haptid.Motion(4e-3, q.T, tau.T, haptid.Treatment(cutoff_hz=None), rates=(qd.T, qdd.T))
+    soft = {t.name: t.constant("width") for t in smooth(harsh, [moved], 1e-2).terms if t.dry}
+    assert soft["FC1"] == 0.1
+    assert 0 < soft["FLM1"] < 0.1
+    with pytest.raises(errors.AccelerationColumnError):
+        haptid.estimate(haptid.observe(device, moved), estimators.EKF())
