@@ -25,8 +25,8 @@ from haptid.workers import Here, Workers
 
 # Motions of fewer samples are reduced anew sooner than their triangles are read.
 LEAST_KEPT = 2**19
-# Samples by which a motion is told from others of its log, spread over all of it.
-TOLD_BY = 64
+# Places by which a motion is told from others of its log, and samples of each: a place on disk costs a chunk.
+PLACES, SAMPLES = 16, 4
 
 
 @dataclass(frozen=True)
@@ -126,9 +126,9 @@ def fingerprint(plan: Plan) -> str:
 
 
 def _some(signals: Array, first: int) -> list[list[float]]:
-    """Some samples from the first to the last; one at a time, as those on disk are read."""
-    where = np.linspace(first, len(signals) - 1, TOLD_BY, dtype=int).tolist()
-    return [signals[k : k + 1][0].tolist() for k in where]
+    """Some samples, from the first to the last."""
+    where = np.linspace(first, len(signals) - SAMPLES, PLACES, dtype=int).tolist()
+    return [row for k in where for row in signals[k : k + SAMPLES].tolist()]
 
 
 Progress = Callable[[Motion, float], None]
