@@ -58,7 +58,7 @@ def _column(device: Device, term: TermColumn, graph: Graph, q: list[Expr], qd: l
     if isinstance(term.shape, Counterbalance):
         return _strut(term.shape, graph, joints[term.shape.joint])
     if isinstance(term.shape, Load):
-        raise UnexportableTermError(term.name, "it is friction in proportion to the load, which accelerations are part of")
+        raise UnexportableTermError(term.name, "friction by load has accelerations in it")
     assert isinstance(term.shape, Column)  # the last kind
     return _written(device, term, term.shape, graph, joints, qd)
 
