@@ -2,13 +2,15 @@
 //!
 //! Passive joints follow the active ones with rates -A^+ B, where A and B are the Jacobians of the gaps by both, and
 //! these rates change with -A^+ (dJ/dt) G (implicit differentiation). A motion is followed sample by sample, each from
-//! the one before or from the start, whichever is nearer, or from the other where that way is not clear. Threads share
-//! a motion in parts, each begun from the start; where the end of a part does not lead to the next, that one is
-//! followed once more, so that the outcome is that of a single thread.
+//! those before it, or from the start where that way is not clear: passive joints go on turning where a walk comes back
+//! to where it was by another way. Threads share a motion in parts, each begun from the start; where the end of a part
+//! does not lead to the next, that one is followed once more, so that the outcome is that of a single thread.
 
 use crate::cuts::Loops;
+use crate::dispatch::Backend;
 use crate::error::{Error, expect_length};
 use crate::march::{March, Stand, greatest};
+use crate::part::Part;
 use rayon::prelude::*;
 
 /// Longest step of an active joint between samples tried as beginnings of a motion, rad (or mechanism sizes).
@@ -49,8 +51,9 @@ pub struct Branch {
     /// Joints that move as `constant` says.
     pub(crate) leads: Vec<usize>,
     /// Which rates of the unknown joints vary, unknown x active; the others are zero.
-    varying: Vec<bool>,
-    start: Stand,
+    pub(crate) varying: Vec<bool>,
+    pub(crate) start: Stand,
+    pub(crate) backend: Backend,
 }
 
 /// A motion's samples, samples x active: positions, and velocities or none.
@@ -91,6 +94,11 @@ impl Branch {
         if let Some(&got) = active.iter().chain(unknown).find(|&&j| j >= n) {
             return Err(Error::Index { name: "active or unknown joint", got, limit: n });
         }
+        for (name, got) in [("number of active joints", a), ("number of unknown joints", unknown.len())] {
+            if got == 0 {
+                return Err(Error::Value { name, got: 0.0, wanted: "at least one" });
+            }
+        }
         if unknown.len() > loops.gaps() {
             return Err(Error::Index { name: "number of unknown joints", got: unknown.len(), limit: loops.gaps() + 1 });
         }
@@ -107,7 +115,8 @@ impl Branch {
             offset: linear.offset.to_vec(),
             leads: (0..n).filter(|j| linear.constant[j * a..][..a].iter().any(|&rate| rate != 0.0)).collect(),
             varying: unknown.iter().flat_map(|&j| &varying[j * a..][..a]).copied().collect(),
-            start: Stand::new(loops, a, unknown.len()),
+            start: Stand::new(loops.gaps(), n, a, unknown.len()),
+            backend: Backend::best(),
         };
         branch.start = March::new(&branch).settled(start);
         Ok(branch)
@@ -161,7 +170,7 @@ impl Branch {
     }
 
     fn samples(&self, name: &'static str, x: &[f64]) -> Result<usize, Error> {
-        let samples = x.len() / self.active().max(1);
+        let samples = x.len() / self.active();
         expect_length(name, x.len(), samples * self.active())?;
         Ok(samples)
     }
@@ -212,10 +221,10 @@ impl Branch {
     fn together(&self, parts: &mut [Part], mut begun: March) -> Option<Stop> {
         let (first, rest) = parts.split_first_mut()?;
         if rest.is_empty() {
-            return first.follow(self, &mut begun).err();
+            return first.follow(&mut begun).err();
         }
         let (led, ends) = rayon::join(
-            || first.follow(self, &mut begun),
+            || first.follow(&mut begun),
             || rest.par_iter_mut().map(|part| part.guessed(self)).collect::<Vec<_>>(),
         );
         let mut stop = led.err();
@@ -223,57 +232,21 @@ impl Branch {
             if stop.is_some() {
                 break;
             }
-            if !begun.go_on(&part.position[..self.active()], &self.start) {
+            if !begun.go_on(&part.position[..self.active()]) {
                 stop = Some(begun.stop(part.first));
-            } else if guessed.is_some() && begun.is_at(&part.q[..self.joints()], SAME) {
-                match guessed.expect("looked at above") {
-                    Ok(end) => begun.stand_at(&end),
-                    Err(found) => stop = Some(found),
-                }
-            } else {
-                stop = part.follow(self, &mut begun).err();
+                break;
             }
+            let led = begun.is_at(&part.q[..self.joints()], SAME);
+            stop = match guessed.filter(|_| led) {
+                Some(Ok(end)) => {
+                    begun.stand_at(&end);
+                    None
+                }
+                Some(Err(found)) => Some(found),
+                None => part.follow(&mut begun).err(),
+            };
         }
         stop
-    }
-}
-
-/// Samples that follow each other, and what is found for them.
-struct Part<'a> {
-    first: usize,
-    position: &'a [f64],
-    velocity: &'a [f64],
-    q: &'a mut [f64],
-    rates: &'a mut [f64],
-    change: &'a mut [f64],
-}
-
-impl Part<'_> {
-    /// Follow the part from the start; none where that does not lead to it. Returns where it ends.
-    fn guessed(&mut self, branch: &Branch) -> Option<Result<Stand, Stop>> {
-        let mut march = March::new(branch);
-        march.stand_at(&branch.start);
-        let found = march.go(&self.position[..branch.active()]).then(|| self.follow(branch, &mut march));
-        found.map(|led| led.map(|()| march.stand))
-    }
-
-    /// Follow the part with a march that stands at its first sample, and is left at its last.
-    fn follow(&mut self, branch: &Branch, march: &mut March) -> Result<(), Stop> {
-        let (n, a) = (branch.joints(), branch.active());
-        for (k, target) in self.position.chunks_exact(a).enumerate() {
-            if k > 0 && !march.go_on(target, &branch.start) {
-                return Err(march.stop(self.first + k));
-            }
-            self.q[k * n..][..n].copy_from_slice(&march.stand.q);
-            if !self.rates.is_empty() {
-                march.rates_into(&branch.varying, &mut self.rates[k * n * a..][..n * a]);
-            }
-            if !self.change.is_empty() {
-                let velocity = &self.velocity[k * a..][..a];
-                march.change_into(&branch.varying, velocity, &mut self.change[k * n * a..][..n * a]);
-            }
-        }
-        Ok(())
     }
 }
 
@@ -322,6 +295,34 @@ mod tests {
                 assert!(((q[6 + j] - q[j]) / (2.0 * h) - rates[3 + j]).abs() < 1e-8);
                 assert!(((rates[6 + j] - rates[j]) / h - change[3 + j]).abs() < 1e-8);
             }
+        }
+    }
+
+    #[test]
+    fn every_backend_finds_the_same() {
+        let (mut branch, position) = (four_bar(0.4), turns(1009));
+        let velocity: Vec<f64> = (0..1009).map(|k| (0.01 * f64::from(k)).sin()).collect();
+        branch.backend = Backend::named("portable").expect("is everywhere");
+        let (q, rates, change, _) = followed(&branch, &position, &velocity);
+        for backend in Backend::available() {
+            branch.backend = backend;
+            let (other_q, other_rates, other_change, stop) = followed(&branch, &position, &velocity);
+            assert!(stop.is_none());
+            for (one, other) in [(&q, other_q), (&rates, other_rates), (&change, other_change)] {
+                assert!(one.iter().zip(&other).all(|(x, y)| (x - y).abs() < 1e-12), "{backend:?}");
+            }
+        }
+    }
+
+    #[test]
+    fn a_coarse_motion_is_that_of_its_samples_among_others() {
+        let (branch, fine) = (four_bar(0.4), turns(2001));
+        let coarse: Vec<f64> = fine.iter().step_by(40).copied().collect();
+        let (q, some) = (followed(&branch, &fine, &[1.0; 2001]), followed(&branch, &coarse, &[1.0; 51]));
+        for (k, one) in some.1.chunks_exact(3).enumerate() {
+            assert!((0..3).all(|j| (q.0[120 * k + j] - some.0[3 * k + j]).abs() < 1e-12));
+            assert!((0..3).all(|j| (q.1[120 * k + j] - one[j]).abs() < 1e-12));
+            assert!((0..3).all(|j| (q.2[120 * k + j] - some.2[3 * k + j]).abs() < 1e-11));
         }
     }
 

@@ -5,9 +5,9 @@
 //! Directions are weighed with the mechanism's size, so that all gaps are lengths. A joint j that carries a frame changes
 //! its origin p by z_j x (p - o_j) and its axes R by z_j x R, or by z_j and nothing where it slides.
 
-use crate::dual::Number;
 use crate::error::{Error, expect_length};
 use crate::mechanism::Joint;
+use crate::number::Number;
 use rayon::prelude::*;
 
 /// Largest step of a joint towards closed cuts, rad, or m per m of size.
@@ -91,25 +91,55 @@ pub(crate) struct Shape<N> {
     pub(crate) jacobian: Vec<N>,
 }
 
+// No closure stands between these and the lanes: one that is not inlined would pass them through memory.
+
+#[inline(always)]
 fn dot<N: Number>(a: Vector<N>, b: Vector<N>) -> N {
-    a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
+    (a[0] * b[0]).plus(a[1], b[1]).plus(a[2], b[2])
 }
 
+#[inline(always)]
 fn sub<N: Number>(a: Vector<N>, b: Vector<N>) -> Vector<N> {
     [a[0] - b[0], a[1] - b[1], a[2] - b[2]]
 }
 
+#[inline(always)]
 fn cross<N: Number>(a: Vector<N>, b: Vector<N>) -> Vector<N> {
-    [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]]
+    [(a[1] * b[2]).minus(a[2], b[1]), (a[2] * b[0]).minus(a[0], b[2]), (a[0] * b[1]).minus(a[1], b[0])]
+}
+
+#[inline(always)]
+fn times<N: Number>(a: Vector<N>, x: N) -> Vector<N> {
+    [a[0] * x, a[1] * x, a[2] * x]
+}
+
+/// a + b x
+#[inline(always)]
+fn plus<N: Number>(a: Vector<N>, b: Vector<N>, x: N) -> Vector<N> {
+    [a[0].plus(b[0], x), a[1].plus(b[1], x), a[2].plus(b[2], x)]
+}
+
+/// a - b x
+#[inline(always)]
+fn minus<N: Number>(a: Vector<N>, b: Vector<N>, x: N) -> Vector<N> {
+    [a[0].minus(b[0], x), a[1].minus(b[1], x), a[2].minus(b[2], x)]
+}
+
+/// a + b x, where x is constant.
+#[inline(always)]
+fn plus_times<N: Number>(a: Vector<N>, b: Vector<N>, x: f64) -> Vector<N> {
+    [a[0].plus_times(b[0], x), a[1].plus_times(b[1], x), a[2].plus_times(b[2], x)]
 }
 
 impl<N: Number> Pose<N> {
+    #[inline(always)]
     fn base() -> Self {
-        let unit = |k: usize| core::array::from_fn(|e| N::of(if e == k { 1.0 } else { 0.0 }));
-        Pose { axes: [unit(0), unit(1), unit(2)], origin: [N::of(0.0); 3] }
+        let (one, none) = (N::of(1.0), N::of(0.0));
+        Pose { axes: [[one, none, none], [none, one, none], [none, none, one]], origin: [none; 3] }
     }
 
     /// Rates of a frame that stands still.
+    #[inline(always)]
     fn still() -> Self {
         let zero = [N::of(0.0); 3];
         Pose { axes: [zero; 3], origin: zero }
@@ -118,29 +148,32 @@ impl<N: Number> Pose<N> {
     /// Rates of the axes and the origin with a joint that carries them, whose link is given.
     #[inline(always)]
     fn turned_by(&self, link: &Pose<N>, prismatic: bool) -> Self {
-        let z = link.axes[2];
+        let ([x, y, z], about) = (self.axes, link.axes[2]);
         if prismatic {
-            return Pose { origin: z, ..Pose::still() };
+            return Pose { origin: about, ..Pose::still() };
         }
-        Pose { axes: self.axes.map(|axis| cross(z, axis)), origin: cross(z, sub(self.origin, link.origin)) }
+        let axes = [cross(about, x), cross(about, y), cross(about, z)];
+        Pose { axes, origin: cross(about, sub(self.origin, link.origin)) }
     }
 
-    /// A combination of the axes.
+    /// A point, and how far it is from there along the axes.
     #[inline(always)]
-    fn along(&self, x: &[f64]) -> Vector<N> {
-        let [a, b, c] = &self.axes;
-        core::array::from_fn(|e| a[e].times(x[0]) + b[e].times(x[1]) + c[e].times(x[2]))
+    fn along(&self, from: Vector<N>, x: [f64; 3]) -> Vector<N> {
+        let [a, b, c] = self.axes;
+        plus_times(plus_times(plus_times(from, a, x[0]), b, x[1]), c, x[2])
     }
 
     /// A frame that stands in this one.
     #[inline(always)]
     fn placed(&self, at: &Placement) -> Self {
-        let shift = self.along(&at.shift);
-        let axes = match &at.rotation {
+        let (origin, none) = (self.along(self.origin, at.shift), [N::of(0.0); 3]);
+        let axes = match at.rotation {
             None => self.axes,
-            Some(r) => core::array::from_fn(|k| self.along(&[r[k], r[3 + k], r[6 + k]])),
+            Some([a, b, c, d, e, f, g, h, i]) => {
+                [self.along(none, [a, d, g]), self.along(none, [b, e, h]), self.along(none, [c, f, i])]
+            }
         };
-        Pose { axes, origin: core::array::from_fn(|e| self.origin[e] + shift[e]) }
+        Pose { axes, origin }
     }
 
     /// Turned about, or moved along, its own z.
@@ -148,11 +181,21 @@ impl<N: Number> Pose<N> {
     fn moved(&self, prismatic: bool, q: N) -> Self {
         let [x, y, z] = self.axes;
         if prismatic {
-            return Pose { axes: self.axes, origin: core::array::from_fn(|e| self.origin[e] + z[e] * q) };
+            return Pose { axes: self.axes, origin: plus(self.origin, z, q) };
         }
         let (s, c) = q.sin_cos();
-        let turned = [core::array::from_fn(|e| x[e] * c + y[e] * s), core::array::from_fn(|e| y[e] * c - x[e] * s), z];
-        Pose { axes: turned, origin: self.origin }
+        Pose { axes: [plus(times(x, c), y, s), minus(times(y, c), x, s), z], origin: self.origin }
+    }
+}
+
+impl<N: Number> Shape<N> {
+    /// A frame, and where it stands on its link.
+    #[inline(always)]
+    fn pose(&self, link: Option<usize>, at: &Placement) -> Pose<N> {
+        match link {
+            None => Pose::base().placed(at),
+            Some(link) => self.links[link].placed(at),
+        }
     }
 }
 
@@ -218,13 +261,10 @@ impl Loops {
         Shape { links: vec![Pose::base(); n], gaps: vec![N::of(0.0); m], jacobian: vec![N::of(0.0); m * n] }
     }
 
-    /// Gaps and their Jacobian where joint j is at `q(j)`.
-    pub(crate) fn measure<N: Number>(&self, q: impl Fn(usize) -> N, shape: &mut Shape<N>) {
-        for (j, joint) in self.joints.iter().enumerate() {
-            let parent = joint.parent.map_or(Pose::base(), |p| shape.links[p]);
-            shape.links[j] = parent.placed(&self.stands[j]).moved(joint.prismatic, q(j));
-        }
-        shape.jacobian.fill(N::of(0.0));
+    /// Gaps and their Jacobian at positions of the joints; entries of joints that carry no frame stay as they were made.
+    #[inline(always)]
+    pub(crate) fn measure<N: Number>(&self, q: &[N], shape: &mut Shape<N>) {
+        self.place(q, shape);
         let mut first = 0;
         for (k, cut) in self.cuts.iter().enumerate() {
             if cut.prismatic {
@@ -236,26 +276,58 @@ impl Loops {
         }
     }
 
+    /// Gaps alone.
+    #[inline(always)]
+    pub(crate) fn measure_gaps<N: Number>(&self, q: &[N], shape: &mut Shape<N>) {
+        self.place(q, shape);
+        let mut first = 0;
+        for (k, cut) in self.cuts.iter().enumerate() {
+            let [own, twin] = self.frames(k, shape);
+            let moved = Moved::between(&own, &twin);
+            let gaps = &mut shape.gaps[first..];
+            if cut.prismatic {
+                Sliding::entries(self.size, &moved.twin, [N::of(0.0); 3], &moved, gaps, 1);
+            } else {
+                Turning::entries(self.size, &moved.twin, [N::of(0.0); 3], &moved, gaps, 1);
+            }
+            first += cut.gaps();
+        }
+    }
+
+    /// Put the links where the joints bring them.
+    #[inline(always)]
+    fn place<N: Number>(&self, q: &[N], shape: &mut Shape<N>) {
+        for (j, joint) in self.joints.iter().enumerate() {
+            shape.links[j] = shape.pose(joint.parent, &self.stands[j]).moved(joint.prismatic, q[j]);
+        }
+    }
+
+    /// Both frames of cut k.
+    #[inline(always)]
+    fn frames<N: Number>(&self, k: usize, shape: &Shape<N>) -> [Pose<N>; 2] {
+        let (cut, [own, twin]) = (&self.cuts[k], &self.cut_stands[k]);
+        [shape.pose(cut.frame.link, own), shape.pose(cut.twin.link, twin)]
+    }
+
     /// Of cut k, whose gaps begin at `first`.
     #[inline(always)]
     fn measure_cut<N: Number, K: Kind>(&self, k: usize, first: usize, shape: &mut Shape<N>) {
-        let (n, cut) = (self.joints.len(), &self.cuts[k]);
-        let pose = |frame: &Frame, at: &Placement| frame.link.map_or(Pose::base(), |l| shape.links[l]).placed(at);
-        let [own, twin] = &self.cut_stands[k];
-        let (own, twin) = (pose(&cut.frame, own), pose(&cut.twin, twin));
-        let apart = sub(own.origin, twin.origin);
-        let gaps = &mut shape.gaps[first..];
-        let whole = Moved { apart, own: own.axes, twin: twin.axes };
-        K::entries(self.size, &twin.axes, [N::of(0.0); 3], &whole, |e, gap| gaps[e] = gap);
+        let (n, [own, twin]) = (self.joints.len(), self.frames(k, shape));
+        let whole = Moved::between(&own, &twin);
+        K::entries(self.size, &twin.axes, [N::of(0.0); 3], &whole, &mut shape.gaps[first..], 1);
         for carrier in &self.carriers[k] {
-            let link = &shape.links[carrier.joint];
-            let turned = |carried: bool, pose: &Pose<N>| {
-                if carried { pose.turned_by(link, self.joints[carrier.joint].prismatic) } else { Pose::still() }
-            };
-            let (by_own, by_twin) = (turned(carrier.frame, &own), turned(carrier.twin, &twin));
-            let change = Moved { apart: sub(by_own.origin, by_twin.origin), own: by_own.axes, twin: by_twin.axes };
-            let column = &mut shape.jacobian[first * n + carrier.joint..];
-            K::entries(self.size, &twin.axes, apart, &change, |e, rate| column[e * n] = rate);
+            let (link, prismatic) = (&shape.links[carrier.joint], self.joints[carrier.joint].prismatic);
+            let by_own = if carrier.frame { own.turned_by(link, prismatic) } else { Pose::still() };
+            let by_twin = if carrier.twin { twin.turned_by(link, prismatic) } else { Pose::still() };
+            let change = Moved::between(&by_own, &by_twin);
+            K::entries(
+                self.size,
+                &twin.axes,
+                whole.apart,
+                &change,
+                &mut shape.jacobian[first * n + carrier.joint..],
+                n,
+            );
         }
     }
 
@@ -271,7 +343,7 @@ impl Loops {
             let mut shape = self.shape::<f64>();
             let each = q.chunks_exact(n).zip(gaps.chunks_exact_mut(m.max(1)));
             for ((q, gaps), jacobian) in each.zip(jacobian.chunks_exact_mut((m * n).max(1))) {
-                self.measure(|j| q[j], &mut shape);
+                self.measure(q, &mut shape);
                 gaps.copy_from_slice(&shape.gaps);
                 jacobian.copy_from_slice(&shape.jacobian);
             }
@@ -291,7 +363,7 @@ impl Loops {
             let (mut shape, mut system) = (self.shape::<f64>(), System::new(unknown.len()));
             for q in q.chunks_exact_mut(n) {
                 for _ in 0..steps {
-                    self.measure(|j| q[j], &mut shape);
+                    self.measure(q, &mut shape);
                     system.assemble(&shape, n, unknown);
                     let step = system.solve();
                     let longest = step.iter().fold(0.0_f64, |longest, x| longest.max(x.abs()));
@@ -314,15 +386,23 @@ struct Moved<N> {
     twin: [Vector<N>; 3],
 }
 
+impl<N: Number> Moved<N> {
+    #[inline(always)]
+    fn between(own: &Pose<N>, twin: &Pose<N>) -> Self {
+        Moved { apart: sub(own.origin, twin.origin), own: own.axes, twin: twin.axes }
+    }
+}
+
 /// How the gaps of a cut follow from what moved, as far as they are linear in it.
 trait Kind {
-    /// Hand out gap by gap, the twin's own turn against a distance added.
+    /// Write gap after gap, each so many places after the last, the twin's own turn against a distance added.
     fn entries<N: Number>(
         size: f64,
         twin: &[Vector<N>; 3],
         apart: Vector<N>,
         moved: &Moved<N>,
-        put: impl FnMut(usize, N),
+        out: &mut [N],
+        after: usize,
     );
 }
 
@@ -334,16 +414,10 @@ struct Sliding;
 
 impl Kind for Turning {
     #[inline(always)]
-    fn entries<N: Number>(
-        size: f64,
-        _: &[Vector<N>; 3],
-        _: Vector<N>,
-        moved: &Moved<N>,
-        mut put: impl FnMut(usize, N),
-    ) {
+    fn entries<N: Number>(size: f64, _: &[Vector<N>; 3], _: Vector<N>, moved: &Moved<N>, out: &mut [N], after: usize) {
         for e in 0..3 {
-            put(e, moved.apart[e]);
-            put(3 + e, (moved.own[2][e] - moved.twin[2][e]).times(size));
+            out[e * after] = moved.apart[e];
+            out[(3 + e) * after] = (moved.own[2][e] - moved.twin[2][e]).times(size);
         }
     }
 }
@@ -355,11 +429,14 @@ impl Kind for Sliding {
         twin: &[Vector<N>; 3],
         apart: Vector<N>,
         moved: &Moved<N>,
-        mut put: impl FnMut(usize, N),
+        out: &mut [N],
+        after: usize,
     ) {
-        (0..2).for_each(|k| put(k, dot(twin[k], moved.apart) + dot(moved.twin[k], apart)));
-        for e in 0..3 {
-            (0..2).for_each(|k| put(2 + 2 * e + k, (moved.own[2 * k][e] - moved.twin[2 * k][e]).times(size)));
+        for k in 0..2 {
+            out[k * after] = dot(twin[k], moved.apart) + dot(moved.twin[k], apart);
+            for e in 0..3 {
+                out[(2 + 2 * e + k) * after] = (moved.own[2 * k][e] - moved.twin[2 * k][e]).times(size);
+            }
         }
     }
 }
@@ -453,7 +530,8 @@ mod tests {
             }
         }
         let mut moving = loops.shape();
-        loops.measure(|j| Dual { value: q[j], rate: qd[j] }, &mut moving);
+        let duals = [0, 1, 2, 3].map(|j| Dual { value: q[j], rate: qd[j] });
+        loops.measure(&duals, &mut moving);
         let (ahead, behind) = (shifted(h, &|j| qd[j]).1, shifted(-h, &|j| qd[j]).1);
         for (e, entry) in moving.jacobian.iter().enumerate() {
             assert!(((ahead[e] - behind[e]) / (2.0 * h) - entry.rate).abs() < 1e-8, "entry {e}");

@@ -1,32 +1,46 @@
 //! Small least squares by Householder reflections: what the gaps of cuts settle, how well, and on which side.
 
-/// Sum of products, four at a time: additions that wait for each other take longer than the products.
-pub(crate) fn dot(x: &[f64], y: &[f64]) -> f64 {
+use crate::number::Real;
+
+/// Sum of products.
+#[inline(always)]
+pub(crate) fn dot<N: Real>(x: &[N], y: &[N]) -> N {
+    sum(x, y, N::plus)
+}
+
+/// Sum of what `plus` makes of pairs, four at a time: additions that wait for each other take longer than the products.
+#[inline(always)]
+fn sum<N: Real, Y: Copy>(x: &[N], y: &[Y], plus: impl Fn(N, N, Y) -> N) -> N {
     let ((fours, rest), (others, last)) = (x.as_chunks::<4>(), y.as_chunks::<4>());
-    let mut sums = [0.0; 4];
+    let mut sums = [N::of(0.0); 4];
     for (x, y) in fours.iter().zip(others) {
-        (0..4).for_each(|e| sums[e] += x[e] * y[e]);
+        for ((sum, &x), &y) in sums.iter_mut().zip(x).zip(y) {
+            *sum = plus(*sum, x, y);
+        }
     }
-    let rest: f64 = rest.iter().zip(last).map(|(x, y)| x * y).sum();
-    (sums[0] + sums[2]) + (sums[1] + sums[3]) + rest
+    let mut left = N::of(0.0);
+    for (&x, &y) in rest.iter().zip(last) {
+        left = plus(left, x, y);
+    }
+    (sums[0] + sums[2]) + (sums[1] + sums[3]) + left
 }
 
 /// A tall matrix A = Q R, column by column; the reflections stand below the diagonal.
 #[derive(Debug, Clone)]
-pub(crate) struct Factor {
+pub(crate) struct Factor<N> {
     rows: usize,
     columns: usize,
-    entries: Vec<f64>,
-    diagonal: Vec<f64>,
+    entries: Vec<N>,
+    diagonal: Vec<N>,
     /// One over each of the diagonal.
-    inverse: Vec<f64>,
+    inverse: Vec<N>,
     /// Two over the squared length of each reflection's vector.
-    weights: Vec<f64>,
+    weights: Vec<N>,
 }
 
-impl Factor {
-    pub(crate) fn new(rows: usize, columns: usize) -> Factor {
-        let zeros = |len| vec![0.0; len];
+impl<N: Real> Factor<N> {
+    pub(crate) fn new(rows: usize, columns: usize) -> Factor<N> {
+        let zeros = |len| vec![N::of(0.0); len];
         Factor {
             rows,
             columns,
@@ -38,102 +52,114 @@ impl Factor {
     }
 
     /// Decompose a matrix given column by column.
-    pub(crate) fn decompose(&mut self, matrix: &[f64]) {
-        let m = self.rows;
+    #[inline(always)]
+    pub(crate) fn decompose(&mut self, matrix: &[N]) {
+        let (m, none) = (self.rows, N::of(0.0));
         self.entries.copy_from_slice(matrix);
         for k in 0..self.columns {
             let (done, after) = self.entries.split_at_mut((k + 1) * m);
             let vector = &mut done[k * m + k..];
-            let length = dot(vector, vector).sqrt();
-            self.diagonal[k] = if vector[0] > 0.0 { -length } else { length };
-            self.inverse[k] = 1.0 / self.diagonal[k];
-            vector[0] -= self.diagonal[k];
-            self.weights[k] = if length > 0.0 { -self.inverse[k] / vector[0] } else { 0.0 };
-            after.chunks_exact_mut(m).for_each(|column| reflect(vector, self.weights[k], &mut column[k..]));
+            let length = dot(vector, vector).root();
+            let diagonal = N::select(vector[0], none, none - length, length);
+            vector[0] = vector[0] - diagonal;
+            let both = (diagonal * vector[0]).inverse();
+            (self.diagonal[k], self.inverse[k]) = (diagonal, both * vector[0]);
+            self.weights[k] = N::select(length, none, none - both, none);
+            for column in after.chunks_exact_mut(m) {
+                reflect(vector, self.weights[k], &mut column[k..]);
+            }
         }
     }
 
     /// The x for which A x is nearest to the right side; it takes the first places there. Not finite where A is singular.
-    pub(crate) fn solve(&self, right: &mut [f64]) {
+    #[inline(always)]
+    pub(crate) fn solve(&self, right: &mut [N]) {
         let (m, n) = (self.rows, self.columns);
         for k in 0..n {
             reflect(&self.entries[k * m + k..(k + 1) * m], self.weights[k], &mut right[k..]);
         }
         for k in (0..n).rev() {
-            right[k] *= self.inverse[k];
+            right[k] = right[k] * self.inverse[k];
             let (above, known) = right.split_at_mut(k);
-            above.iter_mut().zip(&self.entries[k * m..]).for_each(|(x, entry)| *x -= entry * known[0]);
+            for (x, &entry) in above.iter_mut().zip(&self.entries[k * m..]) {
+                *x = x.minus(entry, known[0]);
+            }
         }
     }
 
     /// Whether the least singular value of A, its columns scaled to unit length, is above a limit: whether the Gram matrix
     /// stays positive definite with its diagonal reduced by the limit squared. The matrix is n x n of scratch.
-    pub(crate) fn is_open(&self, limit: f64, gram: &mut [f64]) -> bool {
+    #[inline(always)]
+    pub(crate) fn is_open(&self, limit: f64, gram: &mut [N]) -> bool {
         let n = self.columns;
         for i in 0..n {
             for k in 0..=i {
                 let (one, other) = (self.column(i), self.column(k));
                 let last = if i == k { self.diagonal[k] } else { one[k] };
-                gram[i * n + k] = dot(&one[..k], &other[..k]) + last * self.diagonal[k];
+                gram[i * n + k] = dot(&one[..k], &other[..k]).plus(last, self.diagonal[k]);
             }
-            gram[i * n + i] *= 1.0 - limit * limit;
+            gram[i * n + i] = gram[i * n + i].times(1.0 - limit * limit);
         }
         is_positive(gram, n)
     }
 
-    fn column(&self, k: usize) -> &[f64] {
+    #[inline(always)]
+    fn column(&self, k: usize) -> &[N] {
         &self.entries[k * self.rows..][..self.rows]
     }
 }
 
-fn reflect(vector: &[f64], weight: f64, x: &mut [f64]) {
+#[inline(always)]
+fn reflect<N: Real>(vector: &[N], weight: N, x: &mut [N]) {
     let along = weight * dot(vector, x);
-    x.iter_mut().zip(vector).for_each(|(x, v)| *x -= along * v);
+    for (x, &v) in x.iter_mut().zip(vector) {
+        *x = x.minus(along, v);
+    }
 }
 
-/// Whether a symmetric matrix, its lower triangle given, is positive definite: by Cholesky, in place.
-fn is_positive(matrix: &mut [f64], n: usize) -> bool {
+/// Whether a symmetric matrix, its lower triangle given, is positive definite: by Cholesky, in place. Once a pivot is not
+/// positive, all after it are minus infinity or no numbers; the last one tells.
+#[inline(always)]
+fn is_positive<N: Real>(matrix: &mut [N], n: usize) -> bool {
+    let mut pivot = N::of(1.0);
     for i in 0..n {
         let (before, row) = matrix.split_at_mut(i * n);
         for k in 0..i {
             let other = &before[k * n..];
-            row[k] = (row[k] - dot(&row[..k], &other[..k])) / other[k];
+            row[k] = (row[k] - dot(&row[..k], &other[..k])) * other[k];
         }
-        let pivot = row[i] - dot(&row[..i], &row[..i]);
-        // Not a number is not positive either.
-        if pivot.is_nan() || pivot <= 0.0 {
-            return false;
-        }
-        row[i] = pivot.sqrt();
+        pivot = row[i] - dot(&row[..i], &row[..i]);
+        row[i] = pivot.root().inverse();
     }
-    true
+    pivot.exceeds(0.0)
 }
 
-/// Whether det(A' B) is positive, of matrices given column by column; `product` is n x n of scratch.
-pub(crate) fn same_side(a: &[f64], b: &[f64], rows: usize, product: &mut [f64]) -> bool {
+/// Whether B, both matrices given column by column, is on the side of singular ones on which A is, and near enough to
+/// tell: whether all leading minors of A' B, so that its determinant too, are positive. They are where B differs from A
+/// by less than the least singular value, whatever the columns' lengths. `product` is n x n of scratch.
+#[inline(always)]
+pub(crate) fn same_side<N: Real>(a: &[f64], b: &[N], rows: usize, product: &mut [N]) -> bool {
     let n = a.len() / rows;
+    let product = &mut product[..n * n];
     for (i, a) in a.chunks_exact(rows).enumerate() {
         for (k, b) in b.chunks_exact(rows).enumerate() {
-            product[i * n + k] = dot(a, b);
+            product[i * n + k] = sum(b, a, N::plus_times);
         }
     }
-    let mut positive = true;
+    let mut good = N::of(1.0);
     for k in 0..n {
-        let size = |i: &usize| product[i * n + k].abs();
-        let pivot = (k..n).max_by(|i, j| size(i).total_cmp(&size(j))).unwrap_or(k);
-        (0..n).for_each(|e| product.swap(k * n + e, pivot * n + e));
         let (above, below) = product.split_at_mut((k + 1) * n);
         let row = &above[k * n..];
-        if row[k] == 0.0 || row[k].is_nan() {
-            return false;
-        }
-        positive ^= (row[k] < 0.0) ^ (pivot != k);
+        good = N::select(row[k], N::of(0.0), good, N::of(0.0));
+        let inverse = row[k].inverse();
         for other in below.chunks_exact_mut(n) {
-            let share = other[k] / row[k];
-            other[k..].iter_mut().zip(&row[k..]).for_each(|(x, y)| *x -= share * y);
+            let share = other[k] * inverse;
+            for (x, &y) in other[k..].iter_mut().zip(&row[k..]) {
+                *x = x.minus(share, y);
+            }
         }
     }
-    positive
+    good.exceeds(0.0)
 }
 
 #[cfg(test)]
@@ -172,13 +198,20 @@ mod tests {
 
     #[test]
     fn sides_change_with_the_sign_of_a_column_and_with_an_exchange() {
-        let mut product = [0.0; 9];
+        // Room for more than is needed.
+        let mut product = [0.0; 12];
         assert!(same_side(&A, &A, 5, &mut product));
+        let (s, c) = 0.5_f64.sin_cos();
         let mut other = A;
+        for e in 0..5 {
+            (other[5 + e], other[10 + e]) = (c * A[5 + e] - s * A[10 + e], s * A[5 + e] + c * A[10 + e]);
+        }
+        assert!(same_side(&A, &other, 5, &mut product));
         other[5..10].iter_mut().for_each(|x| *x = -*x);
         assert!(!same_side(&A, &other, 5, &mut product));
+        other = A;
         (0..5).for_each(|e| other.swap(e, 10 + e));
-        assert!(same_side(&A, &other, 5, &mut product));
+        assert!(!same_side(&A, &other, 5, &mut product));
         other[..5].fill(0.0);
         assert!(!same_side(&A, &other, 5, &mut product));
     }

@@ -28,6 +28,8 @@ mod march;
 mod mechanism;
 mod momentum;
 mod momentum_rows;
+mod number;
+mod part;
 mod places;
 mod principal;
 mod reduce;
@@ -36,6 +38,7 @@ mod rows;
 mod stream;
 mod terms;
 mod triangle;
+mod tried;
 mod vector;
 
 pub use branch::{Branch, Followed, Limits, Linear, Path, Stop};

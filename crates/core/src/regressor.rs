@@ -111,6 +111,9 @@ pub fn regressor(mechanism: &Mechanism, motion: &Motion, columns: &[usize], out:
     let n = motion.samples;
     expect_length("out", out.len(), motion.sets() * mechanism.coordinates * columns.len() * n)?;
     let all = motion.sets() * mechanism.coordinates * columns.len();
+    if columns.is_empty() {
+        return Ok(());
+    }
     let shared = Shared(out.as_mut_ptr());
     if all * n <= CACHED {
         let entries = Entries::new(mechanism, motion, columns, |entry, _| entry * n);
@@ -218,8 +221,11 @@ pub fn torque(
     expect_length("chi", chi.len(), columns.len())?;
     let n = motion.samples;
     expect_length("out", out.len(), motion.sets() * mechanism.coordinates * n)?;
-    let entries = Entries::new(mechanism, motion, columns, |_, index| index * RUN);
     out.fill(0.0);
+    if columns.is_empty() {
+        return Ok(());
+    }
+    let entries = Entries::new(mechanism, motion, columns, |_, index| index * RUN);
     let shared = Shared(out.as_mut_ptr());
     in_parts(mechanism, n, |part, workspace| {
         let tile = workspace.tile(entries.filled.len() * RUN);
