@@ -40,6 +40,8 @@ mod terms;
 mod triangle;
 mod tried;
 mod vector;
+#[cfg(target_arch = "x86_64")]
+mod wide;
 
 pub use branch::{Branch, Followed, Limits, Linear, Path, Stop};
 pub use cuts::{Cut, Frame, Loops};

@@ -5,10 +5,10 @@ use crate::dispatch::Kind;
 #[cfg(target_arch = "x86_64")]
 use crate::lane::x86::{Avx2, Avx512};
 use crate::march::{March, Stand};
-#[cfg(target_arch = "x86_64")]
-use crate::number::Wide;
 use crate::number::Real;
 use crate::tried::Tried;
+#[cfg(target_arch = "x86_64")]
+use crate::wide::Wide;
 use std::ops::Range;
 
 /// Samples that follow each other, and what is found for them.
@@ -29,9 +29,29 @@ impl Part<'_> {
         found.map(|led| led.map(|()| march.stand))
     }
 
-    /// Follow the part with a march that stands at its first sample, and is left at its last.
+    /// Follow the part with a march that stands at its first sample, and is left at its last: in the processor's own
+    /// vectors where it has wide ones, else sample by sample.
     pub(crate) fn follow(&mut self, march: &mut March) -> Result<(), Stop> {
-        follow(self, march)
+        #[cfg(target_arch = "x86_64")]
+        #[target_feature(enable = "avx512f,avx512dq,avx2,fma")]
+        fn avx512(part: &mut Part, march: &mut March) -> Result<(), Stop> {
+            follow_in_lanes::<Wide<Avx512>>(part, march)
+        }
+        #[cfg(target_arch = "x86_64")]
+        #[target_feature(enable = "avx2,fma")]
+        fn avx2(part: &mut Part, march: &mut March) -> Result<(), Stop> {
+            follow_in_lanes::<Wide<Avx2>>(part, march)
+        }
+        match march.branch.backend.0 {
+            // SAFETY: a backend value exists only where its instructions were detected.
+            #[cfg(target_arch = "x86_64")]
+            Kind::Avx512 => unsafe { avx512(self, march) },
+            #[cfg(target_arch = "x86_64")]
+            Kind::Avx2 => unsafe { avx2(self, march) },
+            #[cfg(target_arch = "aarch64")]
+            Kind::Neon => follow_in_lanes::<f64>(self, march),
+            Kind::Portable => follow_in_lanes::<f64>(self, march),
+        }
     }
 
     /// Follow some samples one after the other.
@@ -44,28 +64,6 @@ impl Part<'_> {
             self.q[k * n..][..n].copy_from_slice(&march.stand.q);
         }
         Ok(())
-    }
-}
-
-/// Follow a part, with the processor's own vectors where it has some.
-fn follow(part: &mut Part, march: &mut March) -> Result<(), Stop> {
-    #[cfg(target_arch = "x86_64")]
-    #[target_feature(enable = "avx512f,avx512dq,avx2,fma")]
-    fn avx512(part: &mut Part, march: &mut March) -> Result<(), Stop> {
-        follow_in_lanes::<Wide<Avx512>>(part, march)
-    }
-    #[cfg(target_arch = "x86_64")]
-    #[target_feature(enable = "avx2,fma")]
-    fn avx2(part: &mut Part, march: &mut March) -> Result<(), Stop> {
-        follow_in_lanes::<Wide<Avx2>>(part, march)
-    }
-    match march.branch.backend.0 {
-        // SAFETY: a backend value exists only where its instructions were detected.
-        #[cfg(target_arch = "x86_64")]
-        Kind::Avx512 => unsafe { avx512(part, march) },
-        #[cfg(target_arch = "x86_64")]
-        Kind::Avx2 => unsafe { avx2(part, march) },
-        _ => follow_in_lanes::<f64>(part, march),
     }
 }
 
