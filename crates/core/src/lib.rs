@@ -10,6 +10,7 @@
 //! Arrays of samples are "channel major": the samples of one coordinate are contiguous.
 
 mod aligned;
+mod back;
 mod batch;
 mod branch;
 mod course;
@@ -20,6 +21,7 @@ mod error;
 mod factor;
 mod felt;
 mod filter;
+mod forms;
 mod handle;
 mod joint;
 mod lane;
@@ -30,9 +32,11 @@ mod momentum;
 mod momentum_rows;
 mod places;
 mod principal;
+mod products;
 mod reduce;
 mod regressor;
 mod rows;
+mod slopes;
 mod stream;
 mod terms;
 mod triangle;
@@ -45,6 +49,8 @@ pub use error::Error;
 pub use felt::{View, felt_mass};
 pub use handle::{Bodies, Grip, Poses, handle_dynamics};
 pub use mechanism::{Closure, Joint, Mechanism};
+pub use products::inner_products;
 pub use reduce::{Reduction, Triangles, reduce};
 pub use regressor::{Motion, reach, regressor, torque};
+pub use slopes::{form_slopes, torque_slopes};
 pub use terms::{Law, Term};

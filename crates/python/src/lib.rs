@@ -4,7 +4,7 @@ mod arrays;
 mod handle;
 mod loops;
 
-use arrays::{output, row_major, square_stack};
+use arrays::{output, row_major, square_stack, stack};
 use haptid_core::{Backend, Closure, Error, Law, Mechanism, Motion, Reduction, Term};
 use loops::{PyBranch, PyLoops, joints};
 use numpy::{
@@ -200,6 +200,70 @@ impl PyMechanism {
         let shape = [motion.sets(), self.0.coordinates(), motion.samples];
         let mut out = vec![0.0; shape.iter().product()];
         py.detach(|| haptid_core::torque(&self.0, &motion, &columns, &chi, &mut out)).map_err(to_python)?;
+        out.into_pyarray(py).reshape(shape)
+    }
+
+    #[pyo3(signature = (position, velocity, acceleration, external, columns, loops=None))]
+    #[allow(clippy::too_many_arguments)]
+    fn inner_products<'py>(
+        &self,
+        py: Python<'py>,
+        position: PyReadonlyArray2<'py, f64>,
+        velocity: PyReadonlyArray2<'py, f64>,
+        acceleration: PyReadonlyArray2<'py, f64>,
+        external: PyReadonlyArray2<'py, f64>,
+        columns: Vec<usize>,
+        loops: Option<PyReadonlyArray2<'py, f64>>,
+    ) -> PyResult<Bound<'py, PyArray3<f64>>> {
+        let borrowed = Borrowed { position, velocity, acceleration: Some(acceleration), external, loops };
+        let motion = borrowed.motion()?;
+        let shape = [self.0.coordinates(), columns.len(), columns.len()];
+        let mut out = vec![0.0; shape.iter().product()];
+        py.detach(|| haptid_core::inner_products(&self.0, &motion, &columns, &mut out)).map_err(to_python)?;
+        out.into_pyarray(py).reshape(shape)
+    }
+
+    #[pyo3(signature = (position, velocity, acceleration, external, columns, forms, loops=None))]
+    #[allow(clippy::too_many_arguments)]
+    fn form_slopes<'py>(
+        &self,
+        py: Python<'py>,
+        position: PyReadonlyArray2<'py, f64>,
+        velocity: PyReadonlyArray2<'py, f64>,
+        acceleration: PyReadonlyArray2<'py, f64>,
+        external: PyReadonlyArray2<'py, f64>,
+        columns: Vec<usize>,
+        forms: PyReadonlyArray3<'py, f64>,
+        loops: Option<PyReadonlyArray2<'py, f64>>,
+    ) -> PyResult<Bound<'py, PyArray2<f64>>> {
+        let borrowed = Borrowed { position, velocity, acceleration: Some(acceleration), external, loops };
+        let motion = borrowed.motion()?;
+        let wanted = [self.0.coordinates(), columns.len(), columns.len()];
+        let forms = stack(&forms, wanted)?;
+        let shape = [self.0.channels(), motion.samples];
+        let mut out = vec![0.0; shape.iter().product()];
+        py.detach(|| haptid_core::form_slopes(&self.0, &motion, &columns, forms, &mut out)).map_err(to_python)?;
+        out.into_pyarray(py).reshape(shape)
+    }
+
+    #[pyo3(signature = (position, velocity, acceleration, external, columns, chi, loops=None))]
+    #[allow(clippy::too_many_arguments)]
+    fn torque_slopes<'py>(
+        &self,
+        py: Python<'py>,
+        position: PyReadonlyArray2<'py, f64>,
+        velocity: PyReadonlyArray2<'py, f64>,
+        acceleration: PyReadonlyArray2<'py, f64>,
+        external: PyReadonlyArray2<'py, f64>,
+        columns: Vec<usize>,
+        chi: Vec<f64>,
+        loops: Option<PyReadonlyArray2<'py, f64>>,
+    ) -> PyResult<Bound<'py, PyArray3<f64>>> {
+        let borrowed = Borrowed { position, velocity, acceleration: Some(acceleration), external, loops };
+        let motion = borrowed.motion()?;
+        let shape = [self.0.coordinates(), self.0.channels(), motion.samples];
+        let mut out = vec![0.0; shape.iter().product()];
+        py.detach(|| haptid_core::torque_slopes(&self.0, &motion, &columns, &chi, &mut out)).map_err(to_python)?;
         out.into_pyarray(py).reshape(shape)
     }
 
