@@ -1,7 +1,7 @@
 """Slopes of what a search lowers: by the state at every sample, and from those by the numbers that make the motion.
 
-A motion's rows depend on the state of their own sample only. So a difference for each position, velocity and
-acceleration gives all derivatives, whatever the number of harmonics.
+A motion's rows depend on the state of their own sample only. So one sweep of the core gives the derivatives by all
+positions, velocities and accelerations, whatever the number of harmonics.
 """
 
 from __future__ import annotations
@@ -67,47 +67,60 @@ class Slopes:
         needed = np.flatnonzero(kept.any(axis=1))
         return needed.tolist(), freeze(np.ascontiguousarray(kept[needed]))
 
-    def _core_rows(self, states: Array, out: Array | None = None) -> Array:
-        """The core's columns that are needed, of every coordinate's torque, (coordinates, columns, n)."""
-        device = self.bounds.device
-        c, cd, cdd = (np.ascontiguousarray(device.frame @ x) for x in states)
-        own, loops = external(device, c, cd, cdd), device.loops(c, cd)
-        return np.asarray(device.mechanism.regressor(c, cd, cdd, own, self.selection[0], loops, out))
+    @cached_property
+    def _factors(self) -> Array:
+        """What scales products of the core's columns, by measured torque, (motors, columns, columns).
 
-    def _scaled(self, made: Array) -> Array:
-        """Scaled rows of the measured torques, (motors, k, n), of the core's."""
-        measured = made[list(self.bounds.device.measured)]
-        return np.asarray(np.matmul(self.selection[1].T, measured) * self.scaling.factors[:, :, None])
+        A column of the core is part of one parameter at most.
+        """
+        factors = self.scaling.factors @ self.selection[1].T
+        return freeze(factors[:, :, None] * factors[:, None])
 
     def cost(self, states: Array, power: float = STARTING) -> float:
         """The criterion's stand-in alone."""
-        _, C = self._unit(self._scaled(self._core_rows(states)))
+        _, C = self._unit(self._channels(states))
         return self.criterion.smooth(C, power)[0]
 
-    def _unit(self, V: Array) -> tuple[Array, Array]:
+    def _channels(self, states: Array) -> list[Array]:
+        """What the core makes rows of, (channels, n) each: the coordinates' motion, a device's own columns, and loops."""
+        device = self.bounds.device
+        c, cd, cdd = (np.ascontiguousarray(device.frame @ x) for x in states)
+        loops = device.loops(c, cd)
+        return [c, cd, cdd, external(device, c, cd, cdd), np.zeros((0, c.shape[1])) if loops is None else loops]
+
+    def _unit(self, channels: list[Array]) -> tuple[Array, Array]:
         """Lengths that columns are divided by, (k,), and C of what they are then, (k, k)."""
-        lengths = np.where(self.scaling.unit, np.linalg.norm(V, axis=(0, 2)), 1.0)
+        *motion, loops = channels
+        made = self.bounds.device.mechanism.inner_products(*motion, self.selection[0], loops)
+        measured, S = list(self.bounds.device.measured), self.selection[1]
+        C = S.T @ (made[measured] * self._factors).sum(axis=0) @ S
+        lengths = np.where(self.scaling.unit, np.sqrt(np.diag(C)), 1.0)
         lengths = np.maximum(lengths, np.finfo(float).tiny)
-        unit = V / lengths[:, None]
-        return lengths, np.matmul(unit, np.swapaxes(unit, 1, 2)).sum(axis=0)
+        return lengths, C / lengths / lengths[:, None]
 
     def _criterion(self, states: Array, power: float) -> tuple[float, Array]:
-        here = self._core_rows(states)
-        V = self._scaled(here)
-        lengths, C = self._unit(V)
+        channels = self._channels(states)
+        lengths, C = self._unit(channels)
         cost, B = self.criterion.smooth(C, power)
         # A column of unit length does not grow: what would change its length is taken off.
-        B = B - np.diag(np.where(self.scaling.unit, (B * C).sum(axis=1), 0.0))
-        by_row = 2 * np.matmul(B, V / lengths[:, None]) / lengths[:, None]
-        by_core = np.zeros_like(here)
-        by_core[list(self.bounds.device.measured)] = self.selection[1] @ (by_row * self.scaling.factors[:, :, None])
-        by_state, moved = np.zeros_like(states), np.empty_like(here)
-        for s, step in enumerate(STEPS):
+        B = (B - np.diag(np.where(self.scaling.unit, (B * C).sum(axis=1), 0.0))) / lengths / lengths[:, None]
+        device, (columns, S) = self.bounds.device, self.selection
+        forms = np.zeros((device.mechanism.coordinates, len(columns), len(columns)))
+        forms[list(device.measured)] = self._factors * (S @ B @ S.T)
+        *motion, loops = channels
+        by_channel = device.mechanism.form_slopes(*motion, columns, forms, loops)
+        return cost, self._by_state(states, channels, by_channel)
+
+    def _by_state(self, states: Array, channels: list[Array], by_channel: Array) -> Array:
+        """Slopes by states from those by channels: exact, but for the channels that Python makes, by differences."""
+        device, own = self.bounds.device, np.concatenate(channels[3:])
+        by_motion, by_own = np.split(by_channel, [len(by_channel) - len(own)])
+        by_state = np.asarray(device.frame.T @ by_motion.reshape(states.shape))
+        for s, step in enumerate(STEPS if len(own) else ()):
             for j in range(states.shape[1]):
-                self._core_rows(_moved(states, s, j, step), moved)
-                moved -= here
-                by_state[s, j] = np.einsum("mkn,mkn->n", by_core, moved) / step
-        return cost, by_state
+                moved = np.concatenate(self._channels(_moved(states, s, j, step))[3:])
+                by_state[s, j] += (by_own * (moved - own)).sum(axis=0) / step
+        return by_state
 
     def _limits(self, states: Array, weight: float) -> tuple[float, Array]:
         """Mean squares of what exceeds the limits, and their slopes."""
