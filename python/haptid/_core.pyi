@@ -13,6 +13,9 @@ __version__: str
 def backends() -> list[str]:
     """Names of the instruction sets this machine can run, fastest first."""
 
+def triangles(rows: Array) -> Array:
+    """The upper triangles R with R'R = rows'rows, (stacks, columns, columns), of rows (stacks, many, columns)."""
+
 def handle_dynamics(
     mechanism: Mechanism,
     position: Array,

@@ -6,7 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from haptid import _core
-from mechanisms import Random, mechanisms, states
+from mechanisms import Random, draw, mechanisms, states
 
 # Every law, each with a slope everywhere but the first: that one jumps at rest, and is level elsewhere.
 LAWS = (
@@ -22,8 +22,12 @@ LAWS = (
     ("external", 0.0, 0.0, 0.0),
     ("external", 0.0, 0.0, 0.0),
 )
-# Central differences of third order in the step: a fourth of the digits are lost.
+# Of central differences: their error falls with the square of the step, and rounding grows with its inverse.
 STEP, TOLERANCE = 1e-5, 1e-7
+
+
+def tree(seed: int) -> Random:
+    return draw(seed, 6, closed=False)
 
 
 def terms(mechanism: Random, rng: np.random.Generator) -> tuple:
@@ -79,9 +83,7 @@ def difference(value, channels: list[np.ndarray], channel: int) -> np.ndarray:
 @pytest.mark.parametrize("backend", _core.backends())
 def test_slopes_are_differences_of_the_rows(backend, mechanism, samples, varying, seed):
     rng = np.random.default_rng(seed)
-    core, loops = (
-        looped(mechanism, backend, rng) if varying else (mechanism.core(backend, terms(mechanism, rng)), 0)
-    )
+    core, loops = looped(mechanism, backend, rng) if varying else (mechanism.core(backend, terms(mechanism, rng)), 0)
     channels = motion(mechanism, loops, samples, rng)
     chosen = [int(c) for c in rng.permutation(core.columns)[: rng.integers(1, core.columns + 1)]]
     chi = rng.normal(size=len(chosen))
@@ -103,7 +105,7 @@ def test_slopes_are_differences_of_the_rows(backend, mechanism, samples, varying
 @pytest.mark.parametrize("backend", _core.backends())
 @pytest.mark.parametrize("samples", [0, 1, 37, 128, 2501, 4000])
 def test_inner_products_are_those_of_the_regressor(backend, samples):
-    mechanism = Random_of(3)
+    mechanism = tree(3)
     rng = np.random.default_rng(samples)
     core = mechanism.core(backend, terms(mechanism, rng))
     channels = motion(mechanism, 0, samples, rng)
@@ -115,14 +117,8 @@ def test_inner_products_are_those_of_the_regressor(backend, samples):
         np.testing.assert_allclose(found, wanted, atol=1e-13 * max(1.0, np.abs(wanted).max(initial=0.0)))
 
 
-def Random_of(seed: int) -> Random:
-    from mechanisms import draw
-
-    return draw(seed, 6, closed=False)
-
-
 def test_a_long_motion_in_parts_is_a_short_one():
-    mechanism = Random_of(5)
+    mechanism = tree(5)
     core = mechanism.core()
     c, cd, cdd = states(mechanism, 5000)
     none, columns = np.zeros((0, 5000)), list(range(core.columns))
@@ -137,7 +133,7 @@ def test_a_long_motion_in_parts_is_a_short_one():
 
 
 def test_wrong_shapes_are_refused():
-    mechanism = Random_of(1)
+    mechanism = tree(1)
     core = mechanism.core()
     c, cd, cdd = states(mechanism, 4)
     none = np.zeros((0, 4))

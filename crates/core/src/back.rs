@@ -35,21 +35,29 @@ pub(crate) struct Back {
 }
 
 impl Back {
-    /// All slopes zero, and room for those of the mechanism.
-    fn clear(&mut self, mechanism: &Mechanism) {
+    /// All slopes that weights lead to zero, and room for those of the mechanism.
+    fn clear(&mut self, mechanism: &Mechanism, weights: &Weights) {
         grow(&mut self.links, mechanism.links.len(), [Slot::ZERO; 9]);
         grow(&mut self.axes, mechanism.axes, [Slot::ZERO; 6]);
         grow(&mut self.channels, mechanism.channels(), Slot::ZERO);
-        self.links.fill([Slot::ZERO; 9]);
-        self.axes.fill([Slot::ZERO; 6]);
-        self.channels.fill(Slot::ZERO);
+        self.links[..mechanism.links.len()].fill([Slot::ZERO; 9]);
+        let led_to = self.axes.iter_mut().zip(&weights.axes).filter(|(_, weights)| weights.1);
+        led_to.for_each(|(axis, _)| *axis = [Slot::ZERO; 6]);
+        self.channels[..mechanism.channels()].fill(Slot::ZERO);
     }
 
     /// Copy the channels' slopes to some samples of rows of `n`, the first of which has the given number.
     ///
     /// # Safety
     /// The rows are inside `out`, and nobody else uses these samples.
-    pub(crate) unsafe fn copy(&self, mechanism: &Mechanism, first: usize, out: Shared, n: usize, samples: Range<usize>) {
+    pub(crate) unsafe fn copy(
+        &self,
+        mechanism: &Mechanism,
+        first: usize,
+        out: Shared,
+        n: usize,
+        samples: Range<usize>,
+    ) {
         for (row, slot) in (first..).zip(&self.channels[..mechanism.channels()]) {
             let to = unsafe { out.at(row * n + samples.start) };
             unsafe { core::ptr::copy_nonoverlapping(slot.0.as_ptr(), to, samples.len()) };
@@ -117,7 +125,7 @@ unsafe fn forward_in_lanes<T: Lane>(batch: Batch, slots: &mut Slots) {
 /// # Safety
 /// See the head of the file.
 pub(crate) unsafe fn sweep(batch: Batch, weights: &Weights, first: *const f64, slots: &mut Slots, back: &mut Back) {
-    back.clear(batch.mechanism);
+    back.clear(batch.mechanism, weights);
     unsafe { sweep_back(batch.mechanism.backend, batch, weights, first, slots, back) };
 }
 

@@ -15,6 +15,7 @@ mod batch;
 mod branch;
 mod course;
 mod cuts;
+mod dense;
 mod dispatch;
 mod dual;
 mod error;
@@ -44,6 +45,7 @@ mod vector;
 
 pub use branch::{Branch, Followed, Limits, Linear, Path, Stop};
 pub use cuts::{Cut, Frame, Loops};
+pub use dense::triangle;
 pub use dispatch::Backend;
 pub use error::Error;
 pub use felt::{View, felt_mass};

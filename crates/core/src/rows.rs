@@ -157,7 +157,12 @@ pub(crate) unsafe fn turn<T: Lane>(batch: Batch, link: &Link, followed: Followed
 
 /// The link's motion, from the parent's.
 #[inline(always)]
-pub(crate) unsafe fn move_link<T: Lane>(batch: Batch, (shape, i): (Shape, usize), followed: Followed, slots: &mut Slots) {
+pub(crate) unsafe fn move_link<T: Lane>(
+    batch: Batch,
+    (shape, i): (Shape, usize),
+    followed: Followed,
+    slots: &mut Slots,
+) {
     let link = &batch.mechanism.links[i];
     let (rest, kept) = (JointMotion::<T>::rest(shape, link), slots.joint.as_ptr());
     let parent = link.parent.map(|p| LinkMotions(slots.links[p].as_mut_ptr()));

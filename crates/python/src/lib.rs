@@ -311,6 +311,22 @@ impl PyMechanism {
     }
 }
 
+/// The square upper triangles of stacks of rows, (stacks, columns, columns).
+#[pyfunction]
+fn triangles<'py>(py: Python<'py>, rows: PyReadonlyArray3<'py, f64>) -> PyResult<Bound<'py, PyArray3<f64>>> {
+    let shape = rows.as_array().raw_dim();
+    let (stacks, columns) = (shape[0], shape[2]);
+    let numbers = stack(&rows, [shape[0], shape[1], shape[2]])?;
+    let mut out = vec![0.0; stacks * columns * columns];
+    py.detach(|| {
+        let (many, square) = ((shape[1] * columns).max(1), (columns * columns).max(1));
+        let stacks = numbers.chunks_exact(many).zip(out.chunks_exact_mut(square));
+        stacks.into_iter().try_for_each(|(rows, out)| haptid_core::triangle(rows, columns, out))
+    })
+    .map_err(to_python)?;
+    out.into_pyarray(py).reshape([stacks, columns, columns])
+}
+
 /// Names of the instruction sets this machine can run, fastest first.
 #[pyfunction]
 fn backends() -> Vec<&'static str> {
@@ -323,6 +339,7 @@ fn _core(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add_class::<PyLoops>()?;
     module.add_class::<PyBranch>()?;
     module.add_function(wrap_pyfunction!(backends, module)?)?;
+    module.add_function(wrap_pyfunction!(triangles, module)?)?;
     module.add_function(wrap_pyfunction!(handle::handle_dynamics, module)?)?;
     module.add_function(wrap_pyfunction!(handle::felt_mass, module)?)?;
     module.add("__version__", env!("CARGO_PKG_VERSION"))
