@@ -190,13 +190,13 @@ class Observation:
 
     def stack(self, weights: Array | None = None) -> Array:
         """The triangle of all rows [R z; 0 rest], each motor's rows multiplied by its weight, (p + 1, p + 1)."""
-        p = len(self.base)
-        parts = []
+        p, stop = len(self.base), 0
+        rows = np.zeros((sum(len(motor.whole) for motor in self.motors), p + 1))
         for k, motor in enumerate(self.motors):
-            wide = np.zeros((len(motor.whole), p + 1))
-            wide[:, np.append(motor.columns, p)] = motor.whole * (1.0 if weights is None else weights[k])
-            parts.append(wide)
-        return triangle(np.concatenate(parts))
+            start, stop = stop, stop + len(motor.whole)
+            own = motor.whole if weights is None else motor.whole * weights[k]
+            rows[start:stop, motor.columns], rows[start:stop, p] = own[:, :-1], own[:, -1]
+        return triangle(rows)
 
     @cached_property
     def condition(self) -> tuple[float, float]:

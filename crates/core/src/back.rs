@@ -5,6 +5,8 @@
 //! and Walther 2008, section 3.2). So one sweep gives the slopes by all channels, however many there are, and costs about
 //! three times what the entries cost.
 //!
+//! A closure given to an array's `map` is compiled by itself, without the lane's instructions: there is none here.
+//!
 //! Safety: as in [`crate::rows`]. [`forward`] comes before [`sweep`], for the same batch; weights have a batch in each run.
 
 use crate::batch::{BATCH, Batch, Followed, Slot, load, store};
@@ -286,8 +288,9 @@ unsafe fn move_back<T: Lane>(
         unsafe {
             let (joint, [_, v, _]) = (rest.kept(kept, k), followed.at::<T>(k));
             let (w, wd, a): (Vector<T>, Vector<T>, Vector<T>) = (own.part(W, k), own.part(WD, k), own.part(A, k));
-            let by = &raw const back.links[i];
-            let [mut by_w, by_wd, by_a]: [Vector<T>; 3] = [0, 3, 6].map(|part| load(by.cast::<Slot>().add(part), k));
+            let by = back.links[i].as_ptr();
+            let (mut by_w, by_wd, by_a): (Vector<T>, Vector<T>, Vector<T>) =
+                (load(by, k), load(by.add(3), k), load(by.add(6), k));
             let by_joint = if joint.slides() {
                 let twice = v.add(v);
                 let by_v = turned(w, by_a, T::splat(0.0));
@@ -305,7 +308,7 @@ unsafe fn move_back<T: Lane>(
             if let Some(parent) = link.parent {
                 let motions = LinkMotions(slots.links[parent].as_mut_ptr());
                 let to = back.links[parent].as_mut_ptr();
-                let by_q = carry_to_parent(&joint, motions, to, [by_w, by_wd, by_a], k);
+                let by_q = carry_to_parent(&joint, motions, to, (by_w, by_wd, by_a), k);
                 raise(&raw mut back.joint[0], k, [by_q]);
             }
         }
@@ -318,10 +321,10 @@ unsafe fn carry_to_parent<T: Lane>(
     joint: &JointMotion<T>,
     parent: LinkMotions,
     to: *mut Slot,
-    by: [Vector<T>; 3],
+    (by_w, by_wd, by_a): (Vector<T>, Vector<T>, Vector<T>),
     k: usize,
 ) -> T {
-    let [mut by_w, mut by_wd, by_a] = by.map(|by| joint.rotate_back(by));
+    let (mut by_w, mut by_wd, by_a) = (joint.rotate_back(by_w), joint.rotate_back(by_wd), joint.rotate_back(by_a));
     let mut by_q = T::splat(0.0);
     unsafe {
         if let Some(origin) = joint.moved_by() {
@@ -352,8 +355,8 @@ unsafe fn follow_back<T: Lane>(batch: Batch, course: &Course, back: &mut Back) {
             }
             for &(a, rate) in &course.rates {
                 let weight: T = batch.rate(rate, k);
-                for order in usize::from(course.given.is_some())..3 {
-                    raise(channels.add(order * na + a), k, [by[order].mul(weight)]);
+                for (order, by) in by.iter().enumerate().skip(usize::from(course.given.is_some())) {
+                    raise(channels.add(order * na + a), k, [by.mul(weight)]);
                 }
                 let (Rate::Given { rate, change }, Some(moved)) = (rate, batch.change::<T>(rate, k)) else { continue };
                 let channel = |order: usize| T::load(batch.channels.channel(order * na + a).add(k));
@@ -396,7 +399,8 @@ unsafe fn terms_back<T: Lane>(
                     if outside {
                         raise(&raw mut back.channels[external], k, [by]);
                     }
-                    store(back.joint.as_mut_ptr(), k, term.law.slopes(v).map(|slope: T| slope.mul(by)));
+                    let [by_x, by_v, by_a]: [T; 3] = term.law.slopes(v);
+                    store(back.joint.as_mut_ptr(), k, [by_x.mul(by), by_v.mul(by), by_a.mul(by)]);
                 }
                 follow_back::<T>(batch, &term.course, back);
             }

@@ -76,17 +76,27 @@ pub fn inner_products(mechanism: &Mechanism, motion: &Motion, columns: &[usize],
         _ => starts.collect::<Vec<_>>().into_par_iter().map(part).collect(),
     };
     out.fill(0.0);
-    let mut first = 0;
-    for (reached, out) in entries.reached.iter().zip(out.chunks_exact_mut((p * p).max(1))) {
-        let m = reached.len();
-        for (i, j) in (0..m).flat_map(|i| (0..=i).map(move |j| (i, j))) {
-            let sum = made.iter().map(|made| made[first + i * m + j]).sum();
-            out[reached[i] * p + reached[j]] = sum;
-            out[reached[j] * p + reached[i]] = sum;
+    for made in &made {
+        let mut rest = &made[..];
+        for (reached, out) in entries.reached.iter().zip(out.chunks_exact_mut((p * p).max(1))) {
+            let own;
+            (own, rest) = rest.split_at(reached.len().pow(2));
+            add_triangle(own, reached, out, p);
         }
-        first += m * m;
     }
     Ok(())
+}
+
+/// Add a lower triangle of reached columns to a symmetric matrix of all `p`.
+fn add_triangle(triangle: &[f64], reached: &[usize], out: &mut [f64], p: usize) {
+    for (i, row) in triangle.chunks_exact(reached.len().max(1)).enumerate() {
+        for (j, product) in row[..=i].iter().enumerate() {
+            out[reached[i] * p + reached[j]] += product;
+            if i != j {
+                out[reached[j] * p + reached[i]] += product;
+            }
+        }
+    }
 }
 
 /// The lower triangles of some samples, row after row of torque, reached x reached each.
@@ -178,5 +188,9 @@ unsafe fn panel_products<T: Lane, const P: usize>(
         }
         k += T::WIDTH;
     }
-    sums.map(|sums| sums.map(T::sum))
+    let mut made = [[0.0; P]; P];
+    for (made, sums) in made.iter_mut().flatten().zip(sums.iter().flatten()) {
+        *made = sums.sum();
+    }
+    made
 }
