@@ -20,12 +20,14 @@ from haptid.characterisation.masses import core_arguments
 from haptid.excitation import Limits, RawCondition, observed
 from haptid.excitation.limits import Bounds
 from haptid.excitation.slopes import Slopes
-from haptid.observation import conditions
+from haptid.observation import condition
 from haptid.simulation import DirectModel, sets_of
 from stopwatch import Work
 
 # As `peers/common.py` has them.
 MANY, STEPS, STEP, TRAJECTORY = 2048, 10, 1e-4, 200
+# How sharp a search's stand-in is, and how much its limits weigh, half way down.
+POWER, WEIGHT = 2.0, 1e3
 PEERS = ("Pinocchio C++", "Pinocchio Python", "MuJoCo", "iDynTree", "figaroh")
 
 
@@ -59,8 +61,8 @@ def works(arm: Arm) -> dict[str, Work]:
     }
 
 
-def search(arm: Arm, motion: Trajectory) -> Work:
-    """What a search for a motion asks at every try: the smooth stand-in for the condition number."""
+def search(arm: Arm, motion: Trajectory) -> tuple[Work, Work]:
+    """What a search for a motion asks: the smooth stand-in for the condition number, and the same with its slopes."""
     slopes = Slopes.of(
         Bounds.of(arm.device, Limits(((-3.0, 3.0),) * arm.n, (9.0,), (99.0,)), arm.beta),
         RawCondition(),
@@ -68,12 +70,13 @@ def search(arm: Arm, motion: Trajectory) -> Work:
         np.ones(arm.n),
     )
     states = np.array([motion.q.T, motion.qd.T, motion.qdd.T])
-    return Work(1, lambda: slopes.cost(states))
+    return Work(1, lambda: slopes.cost(states)), Work(1, lambda: slopes(states, POWER, WEIGHT))
 
 
-def searched(taken: float, figures: dict[str, float]) -> dict[str, float]:
+def searched(taken: float, sloped: float, figures: dict[str, float]) -> dict[str, float]:
     """The time of a try of a search, beside the peers' of a condition number: they have no smooth stand-in."""
     made, work = {"cost of a motion in a search: haptid, us": taken}, "condition number of a motion"
+    made["cost of a motion and its slopes by all states: haptid, us"] = sloped
     for peer in PEERS:
         theirs = figures.get(f"{work}: {peer}, us")
         if theirs is not None:
@@ -86,9 +89,9 @@ def main() -> None:
     arm = Arm()
     motion = Trajectory(0.01, *(np.ascontiguousarray(x[:, :TRAJECTORY].T) for x in (arm.q, arm.qd, arm.qdd)))
     ours = works(arm)
-    ours["condition number of a motion"] = Work(1, lambda: conditions(observed(arm.device, motion).stack()[:-1])[0])
+    ours["condition number of a motion"] = Work(1, lambda: condition(observed(arm.device, motion).stack()[:-1]))
     figures = beside(arm.case(), ours, PEERS)
-    figures |= searched(search(arm, motion).microseconds(), figures)
+    figures |= searched(*(work.microseconds() for work in search(arm, motion)), figures)
     print(json.dumps(figures))
 
 

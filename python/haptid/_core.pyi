@@ -13,6 +13,9 @@ __version__: str
 def backends() -> list[str]:
     """Names of the instruction sets this machine can run, fastest first."""
 
+def triangles(rows: Array) -> Array:
+    """The upper triangles R with R'R = rows'rows, (stacks, columns, columns), of rows (stacks, many, columns)."""
+
 def handle_dynamics(
     mechanism: Mechanism,
     position: Array,
@@ -207,6 +210,48 @@ class Mechanism:
         loops: Array | None = None,
     ) -> Array:
         """Momentum of the chosen columns' parameters, and the rest of their torque, (2, coordinates, samples)."""
+
+    def inner_products(
+        self,
+        position: Array,
+        velocity: Array,
+        acceleration: Array,
+        external: Array,
+        columns: Sequence[int],
+        loops: Array | None = None,
+    ) -> Array:
+        """Inner products of the chosen columns over the samples, of every coordinate's torque.
+
+        Shape (coordinates, columns, columns).
+        """
+
+    def form_slopes(
+        self,
+        position: Array,
+        velocity: Array,
+        acceleration: Array,
+        external: Array,
+        columns: Sequence[int],
+        forms: Array,
+        loops: Array | None = None,
+    ) -> Array:
+        """Slopes of the sum over coordinates of y' F y by every channel, at each sample, (channels, samples).
+
+        y are the chosen columns of a coordinate's torque, and F its form, of (coordinates, columns, columns). Channels
+        are positions, velocities, accelerations, external and loops, in this order.
+        """
+
+    def torque_slopes(
+        self,
+        position: Array,
+        velocity: Array,
+        acceleration: Array,
+        external: Array,
+        columns: Sequence[int],
+        chi: Sequence[float],
+        loops: Array | None = None,
+    ) -> Array:
+        """Slopes of the chosen columns' torque by every channel, (coordinates, channels, samples)."""
 
     def reach(self, columns: Sequence[int]) -> list[list[bool]]:
         """Which of the chosen columns each coordinate's row can reach."""

@@ -26,6 +26,8 @@ def read_only(array: ArrayLike) -> Array:
 
 def expect(name: str, got: tuple[int, ...], wanted: tuple[int | None, ...]) -> None:
     """Raise ShapeError unless `got` fits `wanted`, in which None stands for any length."""
+    if got == wanted:
+        return
     if len(got) != len(wanted) or any(w is not None and g != w for g, w in zip(got, wanted, strict=True)):
         raise ShapeError(name, got, wanted)
 

@@ -5,6 +5,7 @@ W is never stored: the core makes its rows, filters and decimates them together 
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -13,6 +14,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from haptid import _core
 from haptid._values import Array, expect, freeze, read_only
 from haptid.base import BaseParameters
 from haptid.device import Device
@@ -109,9 +111,9 @@ class MotorRows:
 
 def triangle(rows: Array) -> Array:
     """The square upper triangle R with R'R = rows'rows, (..., columns, columns), of rows (..., many, columns)."""
-    R = np.asarray(np.linalg.qr(rows, mode="r"))
-    missing = rows.shape[-1] - R.shape[-2]
-    return np.pad(R, [(0, 0)] * (R.ndim - 2) + [(0, missing), (0, 0)]) if missing else R
+    *stacks, many, columns = rows.shape
+    flat = np.ascontiguousarray(rows, dtype=float).reshape(math.prod(stacks), many, columns)
+    return _core.triangles(flat).reshape(*stacks, columns, columns)
 
 
 @dataclass(frozen=True, eq=False)
@@ -188,13 +190,13 @@ class Observation:
 
     def stack(self, weights: Array | None = None) -> Array:
         """The triangle of all rows [R z; 0 rest], each motor's rows multiplied by its weight, (p + 1, p + 1)."""
-        p = len(self.base)
-        parts = []
+        p, stop = len(self.base), 0
+        rows = np.zeros((sum(len(motor.whole) for motor in self.motors), p + 1))
         for k, motor in enumerate(self.motors):
-            wide = np.zeros((len(motor.whole), p + 1))
-            wide[:, np.append(motor.columns, p)] = motor.whole * (1.0 if weights is None else weights[k])
-            parts.append(wide)
-        return triangle(np.concatenate(parts))
+            start, stop = stop, stop + len(motor.whole)
+            own = motor.whole if weights is None else motor.whole * weights[k]
+            rows[start:stop, motor.columns], rows[start:stop, p] = own[:, :-1], own[:, -1]
+        return triangle(rows)
 
     @cached_property
     def condition(self) -> tuple[float, float]:
@@ -350,13 +352,11 @@ class Plan:
         block = max(1, round(min(treatment.block / (treatment.decimation * motion.dt), rows / LEAST_BLOCKS)))
         while rows > MOST_BLOCKS * block:
             block *= 2
-        selection = device.parameters.S[:, list(device.base.kept)]
-        columns = tuple(int(c) for c in np.flatnonzero(selection.any(axis=1)))
         guard = shared.main_part(OUTSIDE_GUARD)
         if treatment.guard is not None:
             guard = (round(min(treatment.guard / motion.dt, len(motion))),) * 2
         first = low + shared.before
-        return Plan(device, motion, shared, first, rows, block, guard, columns, selection[list(columns)])
+        return Plan(device, motion, shared, first, rows, block, guard, *device.needed)
 
     @property
     def taps(self) -> Array:
@@ -413,8 +413,15 @@ class Plan:
         blocks = np.arange(0, stop - start, self.block)
         return [self.selected(np.array(a), T) for a, T in made], np.add.reduceat(weights > 0, blocks, axis=1, dtype=int)
 
+    @cached_property
+    def _one_to_one(self) -> bool:
+        """Whether the core's columns are those of the base parameters."""
+        return np.array_equal(self.selection, np.eye(len(self.selection)))
+
     def selected(self, reached: np.ndarray, triangles: Array) -> tuple[np.ndarray, Array]:
         """Triangles over the core's columns as triangles over base parameters, which may be sums of several."""
+        if self._one_to_one:
+            return reached, triangles
         chosen = self.selection[reached]
         base = np.flatnonzero(chosen.any(axis=0))
         if chosen.shape == (len(base), len(base)) and (chosen[:, base] == np.eye(len(base))).all():
@@ -426,10 +433,10 @@ class Plan:
     def weights(self, start: int, stop: int) -> Array:
         """One for a row that counts, zero for one too near slow motion for sgn to be known, (coordinates, rows)."""
         device, treatment = self.device, self.motion.treatment
-        speeds = np.broadcast_to(np.asarray(treatment.low_speed, dtype=float), (len(device.row_names),))
         weights = np.ones((len(device.row_names), stop - start))
-        if not speeds.any():
+        if not np.any(treatment.low_speed):
             return weights
+        speeds = np.broadcast_to(np.asarray(treatment.low_speed, dtype=float), (len(device.row_names),))
         centres = self.first + treatment.decimation * np.arange(start, stop)
         low, high = self.motion.usable
         back, ahead = self.guard

@@ -108,6 +108,35 @@ impl<T: Lane> JointMotion<T> {
         self.rotate([row(0), row(1), row(2)])
     }
 
+    /// Where the joint's z points in the parent's frame.
+    #[inline(always)]
+    pub(crate) fn along(&self) -> Vector<T> {
+        core::array::from_fn(|e| T::splat(self.inverse[6 + e]))
+    }
+
+    /// Origin of the link in the parent's frame; none where it is the parent's own.
+    #[inline(always)]
+    pub(crate) fn moved_by(&self) -> Option<Vector<T>> {
+        (self.shape.way != Way::TurnsInPlace).then_some(self.origin)
+    }
+
+    /// A vector of the link's frame in the parent's: [`JointMotion::rotate`] backwards.
+    #[inline(always)]
+    pub(crate) fn rotate_back(&self, v: Vector<T>) -> Vector<T> {
+        let [x, y, z] = match self.slides() {
+            true => v,
+            false => [v[1].fnma(self.sine, v[0].mul(self.cosine)), v[1].fma(self.cosine, v[0].mul(self.sine)), v[2]],
+        };
+        let r = |k: usize| T::splat(self.inverse[k]);
+        let column = |k: usize| z.fma(r(k + 6), y.fma(r(k + 3), x.mul(r(k))));
+        match self.shape.turn {
+            Turn::Identity => [x, y, z],
+            Turn::AboutX => [x, z.neg(), y],
+            Turn::AboutMinusX => [x, z, y.neg()],
+            Turn::General => [column(0), column(1), column(2)],
+        }
+    }
+
     /// An axis with the joint's own motion added, at a rate.
     #[inline(always)]
     pub(crate) fn moved(&self, (mut x, mut u): (Vector<T>, Vector<T>), rate: T) -> (Vector<T>, Vector<T>) {

@@ -10,16 +10,19 @@
 //! Arrays of samples are "channel major": the samples of one coordinate are contiguous.
 
 mod aligned;
+mod back;
 mod batch;
 mod branch;
 mod course;
 mod cuts;
+mod dense;
 mod dispatch;
 mod dual;
 mod error;
 mod factor;
 mod felt;
 mod filter;
+mod forms;
 mod handle;
 mod joint;
 mod lane;
@@ -32,9 +35,11 @@ mod number;
 mod part;
 mod places;
 mod principal;
+mod products;
 mod reduce;
 mod regressor;
 mod rows;
+mod slopes;
 mod stream;
 mod terms;
 mod triangle;
@@ -45,11 +50,14 @@ mod wide;
 
 pub use branch::{Branch, Followed, Limits, Linear, Path, Stop};
 pub use cuts::{Cut, Frame, Loops};
+pub use dense::triangle;
 pub use dispatch::Backend;
 pub use error::Error;
 pub use felt::{View, felt_mass};
 pub use handle::{Bodies, Grip, Poses, handle_dynamics};
 pub use mechanism::{Closure, Joint, Mechanism};
+pub use products::inner_products;
 pub use reduce::{Reduction, Triangles, reduce};
 pub use regressor::{Motion, reach, regressor, torque};
+pub use slopes::{form_slopes, torque_slopes};
 pub use terms::{Law, Term};

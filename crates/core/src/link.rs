@@ -13,12 +13,12 @@ use crate::vector::{Vector, cycle, zero};
 
 /// Numbers of a link's motion, in its own frame, and where its parts begin: angular velocity and acceleration,
 pub(crate) const LINK_NUMBERS: usize = 24;
-const W: usize = 0;
-const WD: usize = 3;
+pub(crate) const W: usize = 0;
+pub(crate) const WD: usize = 3;
 /// acceleration of the origin less gravity,
-const A: usize = 6;
+pub(crate) const A: usize = 6;
 /// `skew(wd) + skew(w)^2`, row-major,
-const B: usize = 9;
+pub(crate) const B: usize = 9;
 /// products `w1 w2, w2 w0, w0 w1`, and differences `w1^2 - w2^2, w2^2 - w0^2, w0^2 - w1^2`.
 const P: usize = 18;
 const D: usize = 21;
@@ -31,7 +31,7 @@ pub(crate) struct LinkMotions(pub(crate) *mut Slot);
 /// Of every method: the pointer is to [`LINK_NUMBERS`] slots, and a lane from `k` on is inside them.
 impl LinkMotions {
     #[inline(always)]
-    unsafe fn part<T: Lane, const N: usize>(&self, part: usize, k: usize) -> [T; N] {
+    pub(crate) unsafe fn part<T: Lane, const N: usize>(&self, part: usize, k: usize) -> [T; N] {
         unsafe { load(self.0.add(part), k) }
     }
 

@@ -235,6 +235,11 @@ impl Mechanism {
         self.externals
     }
 
+    /// Channels of a motion: positions, velocities and accelerations, the caller's own columns, then those of loops.
+    pub fn channels(&self) -> usize {
+        3 * self.coordinates + self.externals + self.loops
+    }
+
     /// All columns of the regressor: ten for each link, then one for each term.
     pub fn columns(&self) -> usize {
         self.inertial_columns() + self.terms.len()

@@ -31,6 +31,13 @@ impl Motion<'_> {
         if self.acceleration.is_some() { 1 } else { 2 }
     }
 
+    /// The same of a motion that must have accelerations.
+    pub(crate) fn check_accelerations(&self, mechanism: &Mechanism) -> Result<(), Error> {
+        let wanted = self.samples * mechanism.coordinates;
+        expect_length("acceleration", self.acceleration.map_or(0, <[f64]>::len), wanted)?;
+        self.check(mechanism)
+    }
+
     pub(crate) fn check(&self, mechanism: &Mechanism) -> Result<(), Error> {
         let wanted = self.samples * mechanism.coordinates;
         expect_length("position", self.position.len(), wanted)?;
@@ -173,11 +180,11 @@ unsafe fn tiled(
 }
 
 /// Samples that one thread takes at a time, a multiple of any lane; starting threads costs more than a few of these.
-const PART: usize = 1024;
+pub(crate) const PART: usize = 1024;
 
 /// An array that threads write to, each its own numbers.
 #[derive(Clone, Copy)]
-struct Shared(*mut f64);
+pub(crate) struct Shared(pub(crate) *mut f64);
 
 // SAFETY: whoever writes promises that nobody else writes the same numbers.
 unsafe impl Send for Shared {}
@@ -186,13 +193,13 @@ unsafe impl Sync for Shared {}
 impl Shared {
     /// # Safety
     /// `number` is inside the array, or one past it.
-    unsafe fn at(self, number: usize) -> *mut f64 {
+    pub(crate) unsafe fn at(self, number: usize) -> *mut f64 {
         unsafe { self.0.add(number) }
     }
 }
 
 /// Do the work for every part of some samples, on one thread where they are few.
-fn in_parts(mechanism: &Mechanism, samples: usize, work: impl Fn(Range<usize>, &mut Workspace) + Sync) {
+pub(crate) fn in_parts(mechanism: &Mechanism, samples: usize, work: impl Fn(Range<usize>, &mut Workspace) + Sync) {
     let part = |k: usize| k * PART..samples.min((k + 1) * PART);
     let parts = samples.div_ceil(PART);
     if parts <= 2 {

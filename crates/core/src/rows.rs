@@ -12,6 +12,7 @@
 //! room for whole lanes; every unsafe function relies on just that.
 
 use crate::aligned::Aligned;
+use crate::back::Back;
 use crate::batch::{BATCH, Batch, Channels, Followed, Slot, load, store};
 use crate::dispatch::dispatched;
 use crate::joint::{JointMotion, JointSlots};
@@ -31,8 +32,10 @@ pub(crate) type AxisSlots = [Slot; 6];
 /// What one thread needs to make rows: it grows to what a mechanism needs, and is kept for the next batch and call.
 #[derive(Default)]
 pub(crate) struct Workspace {
-    channels: Channels,
+    pub(crate) channels: Channels,
     pub(crate) slots: Slots,
+    /// Slopes on their way back through the mechanism.
+    pub(crate) back: Back,
     /// Runs of entries on their way to memory.
     tile: Aligned,
     /// Runs of entries on their way to triangles, before and after the filter.
@@ -154,7 +157,12 @@ pub(crate) unsafe fn turn<T: Lane>(batch: Batch, link: &Link, followed: Followed
 
 /// The link's motion, from the parent's.
 #[inline(always)]
-unsafe fn move_link<T: Lane>(batch: Batch, (shape, i): (Shape, usize), followed: Followed, slots: &mut Slots) {
+pub(crate) unsafe fn move_link<T: Lane>(
+    batch: Batch,
+    (shape, i): (Shape, usize),
+    followed: Followed,
+    slots: &mut Slots,
+) {
     let link = &batch.mechanism.links[i];
     let (rest, kept) = (JointMotion::<T>::rest(shape, link), slots.joint.as_ptr());
     let parent = link.parent.map(|p| LinkMotions(slots.links[p].as_mut_ptr()));

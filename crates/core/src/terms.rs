@@ -98,6 +98,17 @@ fn sign(v: f64, width: f64) -> f64 {
     }
 }
 
+/// Slope of [`sign`]; none where it jumps.
+fn sign_slope(v: f64, width: f64) -> f64 {
+    if width > 0.0 { (1.0 - sign(v, width).powi(2)) / width } else { 0.0 }
+}
+
+/// Slope of exp(-(|v| / velocity)^exponent); at rest what it is multiplied by is zero.
+fn fading_slope(v: f64, velocity: f64, exponent: f64) -> f64 {
+    let share = (v.abs() / velocity).powf(exponent);
+    if v == 0.0 { 0.0 } else { -exponent * share / v * (-share).exp() }
+}
+
 impl Law {
     /// The column for one lane. `external` is the caller's own column, read only by [`Law::External`].
     #[inline(always)]
@@ -120,5 +131,25 @@ impl Law {
             Law::Spring { rest } => x.sub(T::splat(rest)),
             Law::External => external,
         }
+    }
+
+    /// Slopes of the column by x, v and a; a jump has none.
+    #[inline(always)]
+    pub(crate) fn slopes<T: Lane>(self, v: T) -> [T; 3] {
+        let (zero, one) = (T::splat(0.0), T::splat(1.0));
+        let by_v = match self {
+            Law::Viscous => one,
+            Law::Coulomb { width } => v.map(|v| sign_slope(v, width)),
+            Law::CoulombForward { width } => v.map(|v| if v > 0.0 { sign_slope(v, width) } else { 0.0 }),
+            Law::CoulombBackward { width } => v.map(|v| if v < 0.0 { sign_slope(v, width) } else { 0.0 }),
+            Law::Stribeck { velocity, exponent, width } => v.map(|v| {
+                let fading = (-(v.abs() / velocity).powf(exponent)).exp();
+                sign_slope(v, width) * fading + sign(v, width) * fading_slope(v, velocity, exponent)
+            }),
+            Law::Rotor | Law::Offset | Law::Spring { .. } | Law::External => zero,
+        };
+        let by_x = if matches!(self, Law::Spring { .. }) { one } else { zero };
+        let by_a = if self == Law::Rotor { one } else { zero };
+        [by_x, by_v, by_a]
     }
 }

@@ -25,6 +25,18 @@ pub fn cross<T: Lane>(a: Vector<T>, b: Vector<T>) -> Vector<T> {
     [a[2].fnma(b[1], a[1].mul(b[2])), a[0].fnma(b[2], a[2].mul(b[0])), a[1].fnma(b[0], a[0].mul(b[1]))]
 }
 
+/// `a + b`
+#[inline(always)]
+pub fn add<T: Lane>(a: Vector<T>, b: Vector<T>) -> Vector<T> {
+    core::array::from_fn(|e| a[e].add(b[e]))
+}
+
+/// `s a + c`
+#[inline(always)]
+pub fn scale_add<T: Lane>(a: Vector<T>, s: T, c: Vector<T>) -> Vector<T> {
+    core::array::from_fn(|e| a[e].fma(s, c[e]))
+}
+
 /// `c + a x b`
 #[inline(always)]
 pub fn cross_add<T: Lane>(a: Vector<T>, b: Vector<T>, c: Vector<T>) -> Vector<T> {

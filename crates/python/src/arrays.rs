@@ -1,7 +1,7 @@
 //! Arrays in and out.
 
 use haptid_core::Triangles;
-use numpy::{IntoPyArray, PyArray3, PyArrayMethods, PyReadonlyArray2, PyUntypedArrayMethods};
+use numpy::{IntoPyArray, PyArray3, PyArrayMethods, PyReadonlyArray2, PyReadonlyArray3, PyUntypedArrayMethods};
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 
@@ -11,6 +11,15 @@ pub fn row_major<'a>(matrix: &'a PyReadonlyArray2<'_, f64>) -> PyResult<&'a [f64
         return Err(PyValueError::new_err("matrix is not row-major; pass numpy.ascontiguousarray(matrix)"));
     }
     Ok(matrix.as_slice()?)
+}
+
+/// The numbers of a stack of matrices of this shape, row by row.
+pub fn stack<'a>(matrices: &'a PyReadonlyArray3<'_, f64>, shape: [usize; 3]) -> PyResult<&'a [f64]> {
+    if matrices.shape() != shape || !matrices.is_c_contiguous() {
+        let got = matrices.shape();
+        return Err(PyValueError::new_err(format!("matrices have shape {got:?}; they must be row-major, {shape:?}")));
+    }
+    Ok(matrices.as_slice()?)
 }
 
 /// The caller's array to write to, if it has the shape and is row-major; else, if there is none, a new one.

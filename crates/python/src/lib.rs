@@ -4,7 +4,7 @@ mod arrays;
 mod handle;
 mod loops;
 
-use arrays::{output, row_major, square_stack};
+use arrays::{output, row_major, square_stack, stack};
 use haptid_core::{Backend, Closure, Error, Law, Mechanism, Motion, Reduction, Term};
 use loops::{PyBranch, PyLoops, joints};
 use numpy::{
@@ -203,6 +203,70 @@ impl PyMechanism {
         out.into_pyarray(py).reshape(shape)
     }
 
+    #[pyo3(signature = (position, velocity, acceleration, external, columns, loops=None))]
+    #[allow(clippy::too_many_arguments)]
+    fn inner_products<'py>(
+        &self,
+        py: Python<'py>,
+        position: PyReadonlyArray2<'py, f64>,
+        velocity: PyReadonlyArray2<'py, f64>,
+        acceleration: PyReadonlyArray2<'py, f64>,
+        external: PyReadonlyArray2<'py, f64>,
+        columns: Vec<usize>,
+        loops: Option<PyReadonlyArray2<'py, f64>>,
+    ) -> PyResult<Bound<'py, PyArray3<f64>>> {
+        let borrowed = Borrowed { position, velocity, acceleration: Some(acceleration), external, loops };
+        let motion = borrowed.motion()?;
+        let shape = [self.0.coordinates(), columns.len(), columns.len()];
+        let mut out = vec![0.0; shape.iter().product()];
+        py.detach(|| haptid_core::inner_products(&self.0, &motion, &columns, &mut out)).map_err(to_python)?;
+        out.into_pyarray(py).reshape(shape)
+    }
+
+    #[pyo3(signature = (position, velocity, acceleration, external, columns, forms, loops=None))]
+    #[allow(clippy::too_many_arguments)]
+    fn form_slopes<'py>(
+        &self,
+        py: Python<'py>,
+        position: PyReadonlyArray2<'py, f64>,
+        velocity: PyReadonlyArray2<'py, f64>,
+        acceleration: PyReadonlyArray2<'py, f64>,
+        external: PyReadonlyArray2<'py, f64>,
+        columns: Vec<usize>,
+        forms: PyReadonlyArray3<'py, f64>,
+        loops: Option<PyReadonlyArray2<'py, f64>>,
+    ) -> PyResult<Bound<'py, PyArray2<f64>>> {
+        let borrowed = Borrowed { position, velocity, acceleration: Some(acceleration), external, loops };
+        let motion = borrowed.motion()?;
+        let wanted = [self.0.coordinates(), columns.len(), columns.len()];
+        let forms = stack(&forms, wanted)?;
+        let shape = [self.0.channels(), motion.samples];
+        let mut out = vec![0.0; shape.iter().product()];
+        py.detach(|| haptid_core::form_slopes(&self.0, &motion, &columns, forms, &mut out)).map_err(to_python)?;
+        out.into_pyarray(py).reshape(shape)
+    }
+
+    #[pyo3(signature = (position, velocity, acceleration, external, columns, chi, loops=None))]
+    #[allow(clippy::too_many_arguments)]
+    fn torque_slopes<'py>(
+        &self,
+        py: Python<'py>,
+        position: PyReadonlyArray2<'py, f64>,
+        velocity: PyReadonlyArray2<'py, f64>,
+        acceleration: PyReadonlyArray2<'py, f64>,
+        external: PyReadonlyArray2<'py, f64>,
+        columns: Vec<usize>,
+        chi: Vec<f64>,
+        loops: Option<PyReadonlyArray2<'py, f64>>,
+    ) -> PyResult<Bound<'py, PyArray3<f64>>> {
+        let borrowed = Borrowed { position, velocity, acceleration: Some(acceleration), external, loops };
+        let motion = borrowed.motion()?;
+        let shape = [self.0.coordinates(), self.0.channels(), motion.samples];
+        let mut out = vec![0.0; shape.iter().product()];
+        py.detach(|| haptid_core::torque_slopes(&self.0, &motion, &columns, &chi, &mut out)).map_err(to_python)?;
+        out.into_pyarray(py).reshape(shape)
+    }
+
     /// Which of the chosen columns each coordinate's row can reach.
     fn reach(&self, columns: Vec<usize>) -> PyResult<Vec<Vec<bool>>> {
         let flat = haptid_core::reach(&self.0, &columns).map_err(to_python)?;
@@ -247,6 +311,22 @@ impl PyMechanism {
     }
 }
 
+/// The square upper triangles of stacks of rows, (stacks, columns, columns).
+#[pyfunction]
+fn triangles<'py>(py: Python<'py>, rows: PyReadonlyArray3<'py, f64>) -> PyResult<Bound<'py, PyArray3<f64>>> {
+    let shape = rows.as_array().raw_dim();
+    let (stacks, columns) = (shape[0], shape[2]);
+    let numbers = stack(&rows, [shape[0], shape[1], shape[2]])?;
+    let mut out = vec![0.0; stacks * columns * columns];
+    py.detach(|| {
+        let (many, square) = ((shape[1] * columns).max(1), (columns * columns).max(1));
+        let stacks = numbers.chunks_exact(many).zip(out.chunks_exact_mut(square));
+        stacks.into_iter().try_for_each(|(rows, out)| haptid_core::triangle(rows, columns, out))
+    })
+    .map_err(to_python)?;
+    out.into_pyarray(py).reshape([stacks, columns, columns])
+}
+
 /// Names of the instruction sets this machine can run, fastest first.
 #[pyfunction]
 fn backends() -> Vec<&'static str> {
@@ -259,6 +339,7 @@ fn _core(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add_class::<PyLoops>()?;
     module.add_class::<PyBranch>()?;
     module.add_function(wrap_pyfunction!(backends, module)?)?;
+    module.add_function(wrap_pyfunction!(triangles, module)?)?;
     module.add_function(wrap_pyfunction!(handle::handle_dynamics, module)?)?;
     module.add_function(wrap_pyfunction!(handle::felt_mass, module)?)?;
     module.add("__version__", env!("CARGO_PKG_VERSION"))

@@ -295,7 +295,7 @@ class Device:
             return tuple(drive.name for drive in self.drives)
         return tuple(self.joints[j].name for j in self.active)
 
-    @property
+    @cached_property
     def row_labels(self) -> tuple[str, ...]:
         """What to write beside a torque row: "motor 1", "joint 5"."""
         return tuple(f"{self.torque_rows} {name}" for name in self.row_names)
@@ -312,7 +312,7 @@ class Device:
         first = [self.joints[self.active[int(np.argmax(row != 0))]] for row in self.frame]
         return tuple("m" if joint.prismatic else "rad" for joint in first)
 
-    @property
+    @cached_property
     def torque_units(self) -> tuple[str, ...]:
         """Unit of every torque row, at the joint side: N m or N."""
         return tuple("N" if unit == "m" else "N m" for unit in self.coordinate_units)
@@ -488,6 +488,17 @@ class Device:
         from haptid.base import base_parameters
 
         return base_parameters(self)
+
+    @cached_property
+    def needed(self) -> tuple[tuple[int, ...], Array]:
+        """The core's columns that the base parameters need, and the combinations (columns, p) that make them of these.
+
+        In the parameters' order: where each is one column, the combinations are the identity.
+        """
+        made = self.parameters.S[:, list(self.base.kept)]
+        columns = np.flatnonzero(made.any(axis=1))
+        columns = columns[np.argsort(made[columns].argmax(axis=1), kind="stable")]
+        return tuple(columns.tolist()), freeze(made[columns])
 
     @cached_property
     def regroupings(self) -> Regroupings:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from functools import cached_property
 from typing import TypeVar
 
 import numpy as np
@@ -11,9 +12,10 @@ import numpy as np
 from haptid._values import Array, expect, read_only
 from haptid.bench.limits import FLAT, loop_openness
 from haptid.bench.trajectories import Figures, Trajectory, spread
-from haptid.device import Device
-from haptid.dynamics import inverse_dynamics
+from haptid.device import Device, Joint
+from haptid.dynamics import inverse_dynamics, raw_parameters
 from haptid.errors import NoRangeError
+from haptid.excitation.channels import Channels
 
 T = TypeVar("T")
 # A motion is planned to stay this much further from flat loops than the bench insists on.
@@ -140,13 +142,67 @@ class Bounds:
             for label, most, x in zip(self.device.row_labels, self.torque, tau, strict=True):
                 yield np.abs(x) / most - 1, f"the torque of {label}"
 
+    def slopes(self, states: Array, weights: Array) -> Array:
+        """Slopes by states, (3, active, n), of the sum of `by_sample`, every excess at every sample with its weight.
+
+        Args:
+            states: as for `by_sample`.
+            weights: (limits, n).
+        """
+        made, rest = np.zeros_like(states), iter(weights)
+        for j, (low, high) in enumerate(self.position):
+            made[0, j] += next(rest) * _outwards(states[0, j], low, high)
+        for s, limits in ((1, self.speed), (2, self.acceleration)):
+            for j in np.flatnonzero(np.isfinite(limits)).tolist():
+                made[s, j] += next(rest) * np.sign(states[s, j]) / limits[j]
+        for c in self.limits.couplings:
+            made[0] += np.outer(c.weights, next(rest) * _outwards(np.array(c.weights) @ states[0], c.low, c.high))
+        self._passive_slopes(states, rest, made)
+        if np.isfinite(self.torque).any():
+            made += self._torque_slopes(states, np.array(list(rest)))
+        return made
+
+    def _passive_slopes(self, states: Array, rest: Iterator[Array], made: Array) -> None:
+        """The same of joints that only follow, added; a rate changes by a coordinate as it does along the motion."""
+        if not self._followers:
+            return
+        followed = self.device.closure.follow(states[0], states[1])
+        qd = followed.velocity(states[1])
+        shape = (states.shape[2], *followed.G.shape[-2:])
+        G, Gd = (np.broadcast_to(x, shape).transpose(1, 2, 0) for x in (followed.G, followed.Gd))
+        for k, joint in self._followers:
+            if joint.position_limits is not None:
+                made[0] += G[k] * (next(rest) * _outwards(followed.q[k], *joint.position_limits))
+            if joint.velocity_limit is not None:
+                outwards = next(rest) * np.sign(qd[k]) / joint.velocity_limit
+                made[0] += Gd[k] * outwards
+                made[1] += G[k] * outwards
+
+    def _torque_slopes(self, states: Array, weights: Array) -> Array:
+        """The same of torques."""
+        device, chi, channels = self.device, raw_parameters(self.device, self.beta), Channels.of(self.device, states)
+        columns = np.flatnonzero(chi)
+        motion, loops = channels.motion, channels.loops
+        by = device.mechanism.torque_slopes(*motion, columns.tolist(), chi[columns].tolist(), loops)
+        tau = inverse_dynamics(device, self.beta, *(np.ascontiguousarray(x) for x in states))
+        return channels.by_state(np.einsum("rn,rcn->cn", weights * np.sign(tau) / self.torque[:, None], by))
+
+    @cached_property
+    def _followers(self) -> list[tuple[int, Joint]]:
+        """The joints that only follow and have limits, with their numbers."""
+        passive = [(k, joint) for k, joint in enumerate(self.device.joints) if k not in self.device.active]
+        return [(k, j) for k, j in passive if j.position_limits is not None or j.velocity_limit is not None]
+
     def _passive(self, states: Array) -> Iterator[tuple[Array, str]]:
         """Limits of the joints that only follow."""
-        q, qd, _ = self.device.tree(*states)
-        for k, joint in enumerate(self.device.joints):
-            if k not in self.device.active and joint.position_limits is not None:
+        if not self._followers:
+            return
+        followed = self.device.closure.follow(states[0], states[1])
+        q, qd = followed.q, followed.velocity(states[1])
+        for k, joint in self._followers:
+            if joint.position_limits is not None:
                 yield _beyond(q[k], *joint.position_limits), f"the position of joint {joint.name}"
-            if k not in self.device.active and joint.velocity_limit is not None:
+            if joint.velocity_limit is not None:
                 yield np.abs(qd[k]) / joint.velocity_limit - 1, f"the speed of joint {joint.name}"
 
     def flatness(self, q: Array) -> Array:
@@ -163,3 +219,8 @@ def _given(what: str, joint: str, value: T | None) -> T:
 def _beyond(x: Array, low: float, high: float) -> Array:
     """How far values leave a range, of its width."""
     return np.asarray(np.maximum(low - x, x - high) / (high - low))
+
+
+def _outwards(x: Array, low: float, high: float) -> Array:
+    """Slope of `_beyond` by x."""
+    return np.asarray(np.where(x - high > low - x, 1.0, -1.0) / (high - low))

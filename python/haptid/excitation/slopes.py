@@ -1,26 +1,23 @@
 """Slopes of what a search lowers: by the state at every sample, and from those by the numbers that make the motion.
 
-A motion's rows depend on the state of their own sample only. So a difference for each position, velocity and
-acceleration gives all derivatives, whatever the number of harmonics.
+A motion's rows depend on the state of their own sample only. So one sweep of the core gives the derivatives by all
+positions, velocities and accelerations, whatever the number of harmonics.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
 
 from haptid._values import Array, freeze
+from haptid.excitation.channels import STEPS, Channels, moved
 from haptid.excitation.criteria import Criterion, Scaling
 from haptid.excitation.limits import Bounds
-from haptid.signals import external
 
 # How sharp the criterion's stand-in is where starts are compared.
 STARTING = 4.0
-# Steps of the differences by position, velocity and acceleration.
-STEPS = (1e-6, 1e-5, 1e-4)
 # A search aims for so much within every limit, of its size, to end on the right side.
 WITHIN = 0.01
 
@@ -67,75 +64,65 @@ class Slopes:
         needed = np.flatnonzero(kept.any(axis=1))
         return needed.tolist(), freeze(np.ascontiguousarray(kept[needed]))
 
-    def _core_rows(self, states: Array, out: Array | None = None) -> Array:
-        """The core's columns that are needed, of every coordinate's torque, (coordinates, columns, n)."""
-        device = self.bounds.device
-        c, cd, cdd = (np.ascontiguousarray(device.frame @ x) for x in states)
-        own, loops = external(device, c, cd, cdd), device.loops(c, cd)
-        return np.asarray(device.mechanism.regressor(c, cd, cdd, own, self.selection[0], loops, out))
+    @cached_property
+    def _factors(self) -> Array:
+        """What scales products of the core's columns, by measured torque, (motors, columns, columns).
 
-    def _scaled(self, made: Array) -> Array:
-        """Scaled rows of the measured torques, (motors, k, n), of the core's."""
-        measured = made[list(self.bounds.device.measured)]
-        return np.asarray(np.matmul(self.selection[1].T, measured) * self.scaling.factors[:, :, None])
+        A column of the core is part of one parameter at most.
+        """
+        factors = self.scaling.factors @ self.selection[1].T
+        return freeze(factors[:, :, None] * factors[:, None])
 
     def cost(self, states: Array, power: float = STARTING) -> float:
         """The criterion's stand-in alone."""
-        _, C = self._unit(self._scaled(self._core_rows(states)))
+        _, C = self._unit(Channels.of(self.bounds.device, states))
         return self.criterion.smooth(C, power)[0]
 
-    def _unit(self, V: Array) -> tuple[Array, Array]:
+    def _unit(self, channels: Channels) -> tuple[Array, Array]:
         """Lengths that columns are divided by, (k,), and C of what they are then, (k, k)."""
-        lengths = np.where(self.scaling.unit, np.linalg.norm(V, axis=(0, 2)), 1.0)
+        device, (columns, S) = self.bounds.device, self.selection
+        made = device.mechanism.inner_products(*channels.motion, columns, channels.loops)
+        C = S.T @ (made[list(device.measured)] * self._factors).sum(axis=0) @ S
+        lengths = np.where(self.scaling.unit, np.sqrt(np.diag(C)), 1.0)
         lengths = np.maximum(lengths, np.finfo(float).tiny)
-        unit = V / lengths[:, None]
-        return lengths, np.matmul(unit, np.swapaxes(unit, 1, 2)).sum(axis=0)
+        return lengths, C / lengths / lengths[:, None]
 
     def _criterion(self, states: Array, power: float) -> tuple[float, Array]:
-        here = self._core_rows(states)
-        V = self._scaled(here)
-        lengths, C = self._unit(V)
+        device, (columns, S) = self.bounds.device, self.selection
+        channels = Channels.of(device, states)
+        lengths, C = self._unit(channels)
         cost, B = self.criterion.smooth(C, power)
         # A column of unit length does not grow: what would change its length is taken off.
-        B = B - np.diag(np.where(self.scaling.unit, (B * C).sum(axis=1), 0.0))
-        by_row = 2 * np.matmul(B, V / lengths[:, None]) / lengths[:, None]
-        by_core = np.zeros_like(here)
-        by_core[list(self.bounds.device.measured)] = self.selection[1] @ (by_row * self.scaling.factors[:, :, None])
-        by_state, moved = np.zeros_like(states), np.empty_like(here)
-        for s, step in enumerate(STEPS):
-            for j in range(states.shape[1]):
-                self._core_rows(_moved(states, s, j, step), moved)
-                moved -= here
-                by_state[s, j] = np.einsum("mkn,mkn->n", by_core, moved) / step
-        return cost, by_state
+        B = (B - np.diag(np.where(self.scaling.unit, (B * C).sum(axis=1), 0.0))) / lengths / lengths[:, None]
+        forms = np.zeros((device.mechanism.coordinates, len(columns), len(columns)))
+        forms[list(device.measured)] = self._factors * (S @ B @ S.T)
+        by_channel = device.mechanism.form_slopes(*channels.motion, columns, forms, channels.loops)
+        return cost, channels.by_state(by_channel)
 
     def _limits(self, states: Array, weight: float) -> tuple[float, Array]:
         """Mean squares of what exceeds the limits, and their slopes."""
-        cost, by_state = self._squares(states, self._over, len(STEPS))
-        flat, by_position = self._squares(states, self._flat, 1)
-        return weight * (cost + flat), weight * (by_state + by_position)
+        over, n, by_state = self._over(states), states.shape[2], np.zeros_like(states)
+        hot = over.any(axis=0)
+        if hot.any():
+            there = np.ascontiguousarray(states[:, :, hot])
+            by_state[:, :, hot] = self.bounds.slopes(there, 2 / n * over[:, hot])
+        flat, by_position = self._flatness(states)
+        by_state[0] += by_position
+        return weight * (float((over**2).sum()) / n + flat), weight * by_state
 
-    def _squares(self, states: Array, over: Callable[[Array], Array], kinds: int) -> tuple[float, Array]:
-        """Of one function of the first kinds of states, (limits, n); differences where it is not zero."""
-        values, by_state, n = over(states), np.zeros_like(states), states.shape[2]
-        hot = values.any(axis=0)
-        there, here = states[:, :, hot], values[:, hot]
-        for s, step in enumerate(STEPS[:kinds]):
-            for j in range(states.shape[1] if hot.any() else 0):
-                slope = (over(_moved(there, s, j, step)) - here) / step
-                by_state[s, j, hot] = 2 / n * (here * slope).sum(axis=0)
-        return float((values**2).sum()) / n, by_state
+    def _flatness(self, states: Array) -> tuple[float, Array]:
+        """The same of flat loops alone, by positions, (active, n): differences where it is not zero."""
+        flat, n, by_position = self._flat(states), states.shape[2], np.zeros_like(states[0])
+        hot = flat > 0
+        there, here = states[:, :, hot], flat[hot]
+        for j in range(len(by_position) if hot.any() else 0):
+            by_position[j, hot] = 2 / n * here * (self._flat(moved(there, 0, j, STEPS[0])) - here) / STEPS[0]
+        return float((flat**2).sum()) / n, by_position
 
     def _over(self, states: Array) -> Array:
         """What exceeds each limit less a margin, (limits, n)."""
-        return np.array([np.maximum(excess + WITHIN, 0.0) for excess, _ in self.bounds.by_sample(states)])
+        return np.maximum(np.array([excess for excess, _ in self.bounds.by_sample(states)]) + WITHIN, 0.0)
 
     def _flat(self, states: Array) -> Array:
-        """The same of flat loops, (1, n)."""
-        return np.maximum(self.bounds.flatness(states[0])[None] + WITHIN, 0.0)
-
-
-def _moved(states: Array, s: int, j: int, step: float) -> Array:
-    made = states.copy()
-    made[s, j] += step
-    return made
+        """The same of flat loops, (n,)."""
+        return np.maximum(self.bounds.flatness(states[0]) + WITHIN, 0.0)
