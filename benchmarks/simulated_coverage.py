@@ -11,7 +11,6 @@ from __future__ import annotations
 import os
 from collections.abc import Mapping
 from concurrent.futures import ProcessPoolExecutor
-from pathlib import Path
 
 import numpy as np
 from scipy import stats
@@ -19,36 +18,14 @@ from scipy import stats
 import bench_identification  # finds the tests' devices
 import haptid
 from haptid import bench, estimators
-from small_study import two_links
+from small_study import FRICTION, driven, log_of, two_links
 from true_parameters import true_parameters
 
 assert bench_identification
-RUNS, SECONDS, RATE_HZ, ENDS = 100, 5.0, 250.0, 125
-KP, KD, NOISE, COUNTS, GEAR = (60.0, 30.0), (4.0, 2.0), 0.02, 4000.0, 10.0
+RUNS, SECONDS, RATE_HZ, NOISE, ENCODERS = 100, 5.0, 250.0, 0.02, bench.Encoders((4000.0,), (10.0,))
 TREATMENT = haptid.Treatment(cutoff_hz=25, decimation=10, torque_delay=0.5 / RATE_HZ, low_speed=0.05)
-FRICTION = {"FV": 0.05, "FC": 0.2}
 # Widths, as shares of the root mean square speed, that are compared with those of the methods' own.
 WIDE = {"OutputError": 0.01, "EKF": 0.02}
-
-
-def truth(device: haptid.Device) -> np.ndarray:
-    """Free standard parameters, (n,)."""
-    chi = zip(device.parameters.kinds, true_parameters(device), strict=True)
-    return np.array([FRICTION.get(kind, value) for kind, value in chi])
-
-
-def log_of(device: haptid.Device, seed: int) -> haptid.Log:
-    """One motion behind encoders."""
-    controller = bench.Controller(KP, KD, rate_hz=RATE_HZ)
-    amplifiers, encoders = bench.Amplifiers(noise=(NOISE,)), bench.Encoders((COUNTS,), (GEAR,))
-    setup = bench.Setup(device, truth(device), controller, encoders=encoders, amplifiers=amplifiers)
-    kind = bench.Multisine(SECONDS + 2 * ENDS / RATE_HZ, (0.0, 0.5), (0.9, 0.8), speed=(2.5, 2.5))
-    trajectory = bench.plan(kind, device, setup.dt, np.random.default_rng(seed))
-    made, inner = bench.simulate(setup, trajectory, np.random.default_rng(1000 + seed)), slice(ENDS, -ENDS)
-    position, command = (tuple(f"{name}{k}" for k in (1, 2)) for name in ("q", "command"))
-    torque = haptid.Signal(command, device.motors[0].unit, side="motor")
-    channels = haptid.Channels(haptid.Signal(position, "rad"), torque, time="t")
-    return haptid.Log(Path("bench"), "", made.t[inner], made.position[inner], made.command[inner], channels)
 
 
 def methods() -> Mapping[str, haptid.Method]:
@@ -63,8 +40,9 @@ def methods() -> Mapping[str, haptid.Method]:
 def reading(seed: int) -> dict[str, np.ndarray]:
     """Of one log, by method: estimates less the truth, deviations, and half-widths of intervals, (3, p)."""
     device = two_links()
-    observation = haptid.observe(device, haptid.treat(log_of(device, seed), TREATMENT))
-    beta = device.base.of(truth(device))
+    log = log_of(driven(seed, SECONDS, RATE_HZ, NOISE, ENCODERS))
+    observation = haptid.observe(device, haptid.treat(log, TREATMENT))
+    beta = device.base.of(true_parameters(device, **FRICTION))
     made = {}
     for name, method in methods().items():
         found = haptid.estimate(observation, method)

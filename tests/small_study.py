@@ -1,4 +1,4 @@
-"""A small study: a device of two links, and two logs of noisy torque."""
+"""A small study: a device of two links, two logs of noisy torque, and what the bench records of it."""
 
 from __future__ import annotations
 
@@ -10,7 +10,9 @@ import pyarrow as pa
 import pyarrow.csv
 
 import haptid
+from haptid import bench
 from motions import multisine, truth
+from true_parameters import true_parameters
 
 DEVICE = """
 schema = 1
@@ -50,6 +52,11 @@ role = "validate"
 cutoff_hz = 30
 decimation = 5
 """
+# Of the device on the bench, and of its controller.
+FRICTION = {"FV": 0.05, "FC": 0.2}
+KP, KD = (60.0, 30.0), (4.0, 2.0)
+# Left out of what the bench records at either end: the smooth start and stop, s.
+ENDS = 0.5
 
 
 def columns(seed: int, seconds: float = 6.0) -> dict[str, np.ndarray]:
@@ -77,3 +84,29 @@ def write_study(folder: Path) -> Path:
     for seed, name in ((1, "log.csv"), (2, "check.csv")):
         pyarrow.csv.write_csv(pa.table(columns(seed)), folder / name)
     return folder / "study.toml"
+
+
+def driven(
+    seed: int, seconds: float, rate_hz: float = 250.0, noise: float = 0.02, encoders: bench.Encoders | None = None
+) -> bench.Recording:
+    """The two links under control along a multisine, so many seconds and the ends; without encoders as it is."""
+    device, controller = two_links(), bench.Controller(KP, KD, rate_hz=rate_hz)
+    chi, amplifiers = true_parameters(device, **FRICTION), bench.Amplifiers(noise=(noise,))
+    setup = bench.Setup(device, chi, controller, encoders or bench.Encoders(), amplifiers)
+    kind = bench.Multisine(seconds + 2 * ENDS, (0.0, 0.5), (0.9, 0.8), speed=(2.5, 2.5))
+    trajectory = bench.plan(kind, device, setup.dt, np.random.default_rng(seed))
+    return bench.simulate(setup, trajectory, np.random.default_rng(1000 + seed))
+
+
+def between(made: bench.Recording) -> slice:
+    """All samples but the ends."""
+    end = round(ENDS / made.dt)
+    return slice(end, len(made) - end)
+
+
+def log_of(made: bench.Recording) -> haptid.Log:
+    """What the controller would have recorded between the ends."""
+    inner, unit = between(made), two_links().motors[0].unit
+    torque = haptid.Signal(("command1", "command2"), unit, side="motor")
+    channels = haptid.Channels(haptid.Signal(("q1", "q2"), "rad"), torque, time="t")
+    return haptid.Log(Path("bench"), "", made.t[inner], made.position[inner], made.command[inner], channels)

@@ -9,10 +9,10 @@ import pytest
 from typer.testing import CliRunner
 
 import haptid
-from haptid import bench, estimators
+from haptid import estimators
 from haptid.cli import app
 from haptid.errors import StudyControllerError, StudyFileError
-from small_study import DEVICE, two_links
+from small_study import DEVICE, FRICTION, between, driven, log_of, two_links
 from true_parameters import true_parameters
 
 STUDY = """
@@ -39,31 +39,20 @@ kd = [4.0, 2.0]
 velocity_cutoff_hz = 100
 reference = { channels = ["target1", "target2"], unit = "rad" }
 """
-GAINS = bench.Controller((60.0, 30.0), (4.0, 2.0), rate_hz=500.0)
-
-
-def truth():
-    device = two_links()
-    size = {"FV": 0.05, "FC": 0.2}
-    return np.array([size.get(k, x) for k, x in zip(device.parameters.kinds, true_parameters(device), strict=True)])
 
 
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory):
     """Device and a log of the bench, with what was planned."""
-    made = tmp_path_factory.mktemp("loop")
-    (made / "device.toml").write_text(DEVICE)
-    setup = bench.Setup(two_links(), truth(), GAINS, amplifiers=bench.Amplifiers(noise=(0.02,)))
-    plan = bench.Multisine(7.0, (0.0, 0.5), (0.9, 0.8), speed=(2.5, 2.5))
-    trajectory = bench.plan(plan, two_links(), setup.dt, np.random.default_rng(1))
-    read = bench.simulate(setup, trajectory, np.random.default_rng(2))
-    inner = slice(250, -250)
-    columns = {"t": read.t[inner]}
-    for k in (0, 1):
-        columns |= {f"q{k + 1}": read.position[inner, k], f"target{k + 1}": read.target[inner, k]}
-        columns[f"command{k + 1}"] = read.command[inner, k]
-    pq.write_table(pa.table(columns), made / "log.parquet")
-    return made
+    path = tmp_path_factory.mktemp("loop")
+    (path / "device.toml").write_text(DEVICE)
+    made = driven(1, 6.0, rate_hz=500.0)
+    log, target = log_of(made), made.target[between(made)]
+    columns = {"t": log.t}
+    for name, values in (("q", log.position), ("command", log.torque), ("target", target)):
+        columns |= {f"{name}{k + 1}": values[:, k] for k in (0, 1)}
+    pq.write_table(pa.table(columns), path / "log.parquet")
+    return path
 
 
 def written(folder, text):
@@ -83,7 +72,7 @@ def test_the_command_identifies_with_it(folder, tmp_path, name):
     assert ran.exit_code == 0, ran.output
     found = json.loads((tmp_path / "out" / "result.json").read_text())
     assert found["estimate"]["method"] == haptid.read_study(path).method.name
-    beta = two_links().base.of(truth())
+    beta = two_links().base.of(true_parameters(two_links(), **FRICTION))
     value = np.array([p["value"] for p in found["estimate"]["parameters"]])
     sd = np.array([p["sd"] for p in found["estimate"]["parameters"]])
     assert (np.abs(value - beta) < 5 * sd).all()
