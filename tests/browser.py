@@ -12,6 +12,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
+import pytest
 from websockets.sync.client import ClientConnection, connect
 
 NAMES = ("chromium", "chromium-browser", "google-chrome", "google-chrome-stable")
@@ -29,11 +30,18 @@ SETTINGS = (
 )
 # What a slow machine may take to start, or to draw, s.
 PATIENCE = 60.0
+# Widths of windows, pixels.
+LAPTOP, PHONE = 1280, 390
 
 
 def browser() -> str | None:
     """The path of a browser, if there is one."""
     return next((path for name in NAMES if (path := shutil.which(name))), None)
+
+
+needs_browser = pytest.mark.skipif(
+    browser() is None, reason="no browser: install Debian's chromium, or Chrome, to test the report in one"
+)
 
 
 class Page:

@@ -33,7 +33,7 @@ def test_header_says_what_the_model_is_and_how_it_was_validated(tmp_path, identi
     assert made.verdict in text
     assert identification.runs[0].motion.log.sha256 in text
     assert identification.runs[1].motion.log.sha256 not in text  # it validated, and identified nothing
-    assert "q[0] motor 1, rad, N m; from -2 to 2 rad; command = torque" in text
+    assert "q[0] motor 1, rad, N m; from -2 to 2 rad; command = torque\n" in text
     for parameter in identification.estimate.parameters:
         assert f"{parameter.name}: {parameter.value:.6g} {parameter.unit}" in text
     assert made.verdict in (made.folder / "README.md").read_text()

@@ -9,27 +9,10 @@ import numpy as np
 import pytest
 
 import haptid
+from changed_devices import SET_B, changed
 from haptid.device import Device
 
-DEVICES = Path(haptid.__file__).parent / "devices"
 INERTIAL = ("XX", "XY", "XZ", "YY", "YZ", "ZZ", "MX", "MY", "MZ", "M", "IA")
-# Set B: lever axis and forearm turned by half a turn, as the printed regroupings have it.
-SET_B = (
-    ('twin = { d = "-d6" } }\nguess = { 3 = "-pi", 6 = 0 }', 'twin = { d = "d6" } }\nguess = { 3 = 0, 6 = 0 }'),
-    ('twin = { gamma = "-pi/2", d = "-d7" }', 'twin = { gamma = "pi/2", d = "-d7" }'),
-    ('guess = { 7 = 0, 8 = "pi/2" }', 'guess = { 7 = 0, 8 = "-pi/2" }'),
-)
-
-
-def changed(name: str, folder: Path, *changes: tuple[str, str]) -> Device:
-    """A shipped device with parts of its file replaced."""
-    text = (DEVICES / f"{name}.toml").read_text(encoding="utf-8")
-    for old, new in changes:
-        assert old in text
-        text = text.replace(old, new)
-    path = folder / f"{name}.toml"
-    path.write_text(text, encoding="utf-8")
-    return haptid.read_device(path)
 
 
 def inertial(device: Device) -> int:

@@ -6,28 +6,14 @@ import numpy as np
 import pytest
 
 import haptid
-from browser import browser, page
+from browser import LAPTOP, PHONE, needs_browser
 from haptid.report.page import page as written
 from haptid.report.sections.mechanism import MechanismSection
 from reported import found, made
 from true_parameters import true_parameters
 
-pytestmark = pytest.mark.skipif(
-    browser() is None, reason="no browser: install Debian's chromium, or Chrome, to test the report in one"
-)
-LAPTOP, PHONE = 1280, 390
+pytestmark = needs_browser
 MASS = re.compile(r"([\d.e−]+) kg along")
-
-
-@pytest.fixture(scope="module")
-def folder(tmp_path_factory):
-    return tmp_path_factory.mktemp("report-pictures")
-
-
-@pytest.fixture(scope="module")
-def tab(folder):
-    with page(folder) as opened:
-        yield opened
 
 
 @pytest.fixture(scope="module")

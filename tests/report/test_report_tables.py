@@ -4,29 +4,15 @@ import base64
 
 import pytest
 
-from browser import browser, page
+from browser import LAPTOP, PHONE, needs_browser
 from haptid.report import write_comparison
 from haptid.result_file import write_result
 from reported import found, made
 
-pytestmark = pytest.mark.skipif(
-    browser() is None, reason="no browser: install Debian's chromium, or Chrome, to test the report in one"
-)
-LAPTOP, PHONE = 1280, 390
+pytestmark = needs_browser
 TABLES = "[...document.querySelectorAll('main table')]"
 FOLDED = "document.querySelectorAll('details:not([open])').length"
 WIDTHS = "[...document.querySelectorAll('#torque svg.drawing')].map((s) => s.getAttribute('width'))"
-
-
-@pytest.fixture(scope="module")
-def folder(tmp_path_factory):
-    return tmp_path_factory.mktemp("report-tables")
-
-
-@pytest.fixture(scope="module")
-def tab(folder):
-    with page(folder) as opened:
-        yield opened
 
 
 @pytest.fixture

@@ -10,19 +10,13 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import haptid
+from changed_devices import SET_B, changed
 from haptid.bench import mjcf
 from haptid.bench.bodies import bodies, effects
 from haptid.bench.mjcf import closed, depth_first
 from haptid.device import Device, Frame, poses, read_device
 from haptid.errors import DuplicateNameError, NoDyadError, UnknownNameError
 
-DEVICES = Path(haptid.__file__).parent / "devices"
-# Set B of the branch: lever axis and forearm turned by half a turn.
-SET_B = (
-    ('twin = { d = "-d6" } }\nguess = { 3 = "-pi", 6 = 0 }', 'twin = { d = "d6" } }\nguess = { 3 = 0, 6 = 0 }'),
-    ('twin = { gamma = "-pi/2", d = "-d7" }', 'twin = { gamma = "pi/2", d = "-d7" }'),
-    ('guess = { 7 = 0, 8 = "pi/2" }', 'guess = { 7 = 0, 8 = "-pi/2" }'),
-)
 # Two cranks of one length, joined by a bar that was cut off the second one.
 BARS = """
 name = "bars"
@@ -76,15 +70,6 @@ def written(folder: Path, text: str) -> Path:
     return path
 
 
-def branch(folder: Path, *changes: tuple[str, str]) -> Device:
-    """The branch of the medical interface, with parts of its file replaced."""
-    text = (DEVICES / "cea_medical_branch.toml").read_text(encoding="utf-8")
-    for old, new in changes:
-        assert old in text
-        text = text.replace(old, new)
-    return read_device(written(folder, text))
-
-
 def turned(device: Device, qa: np.ndarray) -> np.ndarray:
     """Angle from a frame to its twin by the poses of their links, (cuts, samples)."""
     links = poses(device, device.closure.positions(qa).T)
@@ -101,7 +86,7 @@ def test_cut_joints_of_the_branch_move_as_printed(
     changes: tuple[tuple[str, str], ...], half: float, tmp_path: Path
 ) -> None:
     """Janot et al. (2007), equations (7) to (9), whole turns apart; half a turn less in (7) of set B."""
-    device = branch(tmp_path, *changes)
+    device = changed("cea_medical_branch", tmp_path, *changes)
     qa = np.random.default_rng(0).uniform(-3, 3, (3, 20))
     printed = np.array([qa[2] - qa[1] - half, -qa[1], 3 * np.pi / 2 - qa[2]])
     found = np.array([cut.positions(qa) for cut in device.cut_joints])
@@ -161,7 +146,8 @@ def test_cut_that_slides(tmp_path: Path) -> None:
 def test_spring_at_a_cut_has_one_rest_everywhere(tmp_path: Path) -> None:
     """Its torque is that of its own angle, by the regressor and by both roads to base parameters."""
     spring = '[[terms]]\nkind = "spring"\njoints = ["{}"]\nrest = 0\n'
-    device = branch(tmp_path, ("[handle]", spring.format("10") + spring.format("3") + "[handle]"))
+    springs = spring.format("10") + spring.format("3")
+    device = changed("cea_medical_branch", tmp_path, ("[handle]", springs + "[handle]"))
     qa = np.array([[0.1, 0.2], [0.3, -0.4], [0.5, 0.7]])
     chi = (np.array(device.parameters.names) == "K10").astype(float)
     still = np.zeros_like(qa)
@@ -172,7 +158,7 @@ def test_spring_at_a_cut_has_one_rest_everywhere(tmp_path: Path) -> None:
 
 
 def test_unnamed_cuts_stay_out_of_all_joints(tmp_path: Path) -> None:
-    device = branch(tmp_path, *((f'name = "{k}", ', "") for k in (10, 11, 12)))
+    device = changed("cea_medical_branch", tmp_path, *((f'name = "{k}", ', "") for k in (10, 11, 12)))
     assert device.cut_joints == ()
     assert not {"FV10", "FC11"} & set(device.parameters.names)
     assert len(device.base) == 34
@@ -184,13 +170,13 @@ def test_unnamed_cuts_stay_out_of_all_joints(tmp_path: Path) -> None:
 def test_name_that_is_taken(name: str, first: str, tmp_path: Path) -> None:
     old = "12" if name == "11" else "10"
     with pytest.raises(DuplicateNameError, match=rf'cut\.name: the joint "{name}" is already taken by {first}'):
-        branch(tmp_path, (f'name = "{old}"', f'name = "{name}"'))
+        changed("cea_medical_branch", tmp_path, (f'name = "{old}"', f'name = "{name}"'))
 
 
 def test_other_refusals(tmp_path: Path) -> None:
     term = '[[terms]]\nkind = "viscous"\nprefix = "D"\njoints = ["13"]\n[handle]'
     with pytest.raises(UnknownNameError, match='no joint is named "13"'):
-        branch(tmp_path, ("[handle]", term))
+        changed("cea_medical_branch", tmp_path, ("[handle]", term))
     text = BARS.format(ground=0.3, crank=0.2, turn=0.0, joints='"all"')
     with pytest.raises(NoDyadError, match="cut joint cut has a name"):
         haptid.loop_regroupings(written(tmp_path, text))
@@ -214,7 +200,7 @@ def test_mujoco_feels_friction_and_springs_at_cuts_as_the_model_does(tmp_path: P
     """One cut that two motors turn, and one that follows a single motor, each with damper and spring."""
     mujoco = pytest.importorskip("mujoco")
     springs = "".join(f'[[terms]]\nkind = "spring"\njoints = ["{k}"]\nrest = 0.2\n' for k in (10, 12))
-    device = branch(tmp_path, ("[handle]", springs + "[handle]"))
+    device = changed("cea_medical_branch", tmp_path, ("[handle]", springs + "[handle]"))
     values = {"FV10": 0.3, "FV12": 0.5, "K10": 0.7, "K12": 0.9}
     chi = np.array([values.get(name, 0.0) for name in device.parameters.names])
     chi[[k for k, kind in enumerate(device.parameters.kinds) if kind in ("XX", "YY", "ZZ", "M")]] = 1e-2

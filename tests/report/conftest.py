@@ -1,0 +1,23 @@
+"""The tab of a browser, and the folder of what it opens; its pictures stay in the run's folder."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+from browser import Page, page
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Of what a module writes."""
+    return tmp_path_factory.mktemp("report")
+
+
+@pytest.fixture(scope="module")
+def tab(folder: Path) -> Iterator[Page]:
+    """Of a browser of the module's own."""
+    with page(folder) as opened:
+        yield opened
