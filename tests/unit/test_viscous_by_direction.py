@@ -54,6 +54,15 @@ def test_columns_are_the_halves_of_the_velocity(tmp_path):
     np.testing.assert_allclose(tau, [[0.0, 0.0], [3.0, -4.5]], atol=1e-12)
 
 
+def test_both_halves_together_are_viscous_friction_by_both_roads(tmp_path):
+    """Where a file declares both kinds, one of three is regrouped, with lengths as symbols too."""
+    device = read(tmp_path, COUPLED + '[[terms]]\nkind = "viscous"\nmotors = "all"\n')
+    found = dict(zip(device.regroupings.names, device.regroupings.formulas, strict=True))
+    for motor in "ab":
+        assert found[f"FVPM{motor}R"] == f"FVPM{motor} + FVM{motor}"
+        assert found[f"FVNM{motor}R"] == f"FVNM{motor} + FVM{motor}"
+
+
 def test_different_parameters_come_back(tmp_path):
     device = read(tmp_path, BOTH)
     beta = np.linspace(0.2, 1.0, len(device.base))

@@ -18,7 +18,7 @@ def viscous_matrix(device: Device, beta: Array) -> Array:
     """Viscous friction of the coordinates that torque rows belong to, (active, active), N m s/rad."""
     made = np.zeros((len(device.active),) * 2)
     for term, value in _terms(device, beta, ("viscous",)):
-        made += value * np.outer(term.weights, term.weights) / (2 if term.one_way else 1)
+        made += value * np.outer(term.weights, term.weights) / (2 if term.side else 1)
     return made
 
 
@@ -49,7 +49,7 @@ def coulomb_level(device: Device, beta: Array) -> Array:
     """Sum of the dry friction that loads each coordinate, (active,), N m or N: the paper's Fc."""
     made = np.zeros(len(device.active))
     for term, value in _terms(device, beta, DRY):
-        made += value * np.abs(term.weights) / (2 if term.one_way else 1)
+        made += value * np.abs(term.weights) / (2 if term.side else 1)
     return made
 
 

@@ -272,7 +272,7 @@ def _half(target: Target, sign: str, targets: Targets, place: Place) -> Column:
     """The velocity where it is forward ("+") or backward ("-"), else zero."""
     joints = [joint.name for joint in targets.joints]
     made = column(f"0.5*({target.speed} {sign} abs({target.speed}))", joints, {}, place)
-    return replace(made, nature="viscous")
+    return replace(made, nature="viscous", side=1 if sign == "+" else -1)
 
 
 def _own_column(table: ColumnTerm, target: Target, targets: Targets, reader: Reader, place: Place) -> TermColumn:

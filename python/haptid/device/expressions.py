@@ -72,12 +72,14 @@ class Column:
         tree: as parsed; only names, numbers, arithmetic and FUNCTIONS are in it.
         constants: values of named lengths that it uses, SI.
         nature: the kind of term that it is a part of, such as "viscous"; empty for a user's own.
+        side: 1 or -1 for the part of it that acts forward, or backward; else 0.
     """
 
     text: str
     tree: ast.expr = field(repr=False, compare=False)
     constants: Mapping[str, float] = field(repr=False, default_factory=dict)
     nature: str = ""
+    side: int = 0
 
     def values(self, motion: Mapping[str, Array], samples: int) -> Array:
         """The column, (samples,), from q_<joint>, v_<joint> and a_<joint>, each (samples,)."""

@@ -114,7 +114,8 @@ class Load:
     @property
     def text(self) -> str:
         """In words."""
-        return f"sgn(v) |torque of the bodies| on coordinate {self.row + 1}"
+        turning = f"tanh(v / {self.width})" if self.width else "sgn(v)"
+        return f"{turning} |torque of the bodies| on coordinate {self.row + 1}"
 
     def values(self, torque: Array, speed: Array) -> Array:
         """The column, (samples,), from torque of the bodies and velocity of the coordinates, (active, samples)."""
@@ -175,9 +176,10 @@ class TermColumn:
         return self.kind in DRY or isinstance(self.shape, Load)
 
     @property
-    def one_way(self) -> bool:
-        """Whether it is friction that acts while the motion goes one way, and a term like it acts the other way."""
-        return self.kind in ("coulomb+", "coulomb-") or (self.nature == "viscous" and self.kind != "viscous")
+    def side(self) -> int:
+        """1 where it acts forward only, -1 backward only, and another term the other way; else 0."""
+        of_core = {"coulomb+": 1, "coulomb-": -1}.get(self.kind, 0)
+        return self.shape.side if isinstance(self.shape, Column) else of_core
 
     def constant(self, name: str) -> float:
         """Present value of a constant, SI."""

@@ -137,8 +137,8 @@ def apply(field: Field, matrices: Residues, vectors: Residues) -> Residues:
 
 def _functions(chain: ExactChain, field: Field, rng: np.random.Generator, count: int) -> dict[Hashable, Residues]:
     """Values at every state of what is not polynomial: drawn apart for each function."""
-    keys = dict.fromkeys(part.key for column in chain.columns for part in column.parts if part.what == "function")
-    return {key: field.draw(rng, count) for key in keys}
+    keys = dict.fromkeys(part.key for column in chain.columns for part in column.parts)
+    return {key: field.draw(rng, count) for key in keys if key is not None}
 
 
 def _measured(chain: ExactChain, field: Field, W: Residues) -> Residues:

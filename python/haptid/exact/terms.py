@@ -24,9 +24,9 @@ class Part:
 
     Attributes:
         factor: number.
-        what: position, velocity, acceleration, one; or "function", of which nothing is known but that functions with
-            the same key are the same.
-        key: of a function.
+        what: position, velocity, acceleration, one.
+        key: of a function that it is multiplied with, of which nothing is known but that functions with the same key
+            are the same; None for none.
     """
 
     factor: Fraction
@@ -58,14 +58,11 @@ class ExactColumn:
         count = G.shape[0]
         total = np.zeros(count, dtype=np.int64)
         for part in self.parts:
-            if part.what == "function":
-                size = functions[part.key]
-            elif part.what == "one":
-                size = np.ones(count, dtype=np.int64)
-            else:
-                size = motion[MOTION[part.what]]
+            size = np.ones(count, dtype=np.int64) if part.what == "one" else motion[MOTION[part.what]]
             if part.what == "position":
                 size = field.reduce(size - self.rest.modulo(field, values, count))
+            if part.key is not None:
+                size = field.reduce(size * functions[part.key])
             total = field.reduce(total + field.of(part.factor) * size)
         return field.reduce(G * total[:, None])
 
@@ -109,10 +106,10 @@ def _parts(term: TermColumn) -> tuple[Part, ...]:
     plain = {"rotor": "acceleration", "viscous": "velocity", "offset": "one", "spring": "position"}
     if term.kind in plain:
         return (Part(Fraction(1), plain[term.kind]),)
-    if term.kind == "external":
+    if term.kind == "external" and not term.side:
         shape = term.shape
         key = shape if isinstance(shape, Counterbalance) else getattr(shape, "text", "")
-        return (Part(Fraction(1), "function", key),)
+        return (Part(Fraction(1), "one", key),)
     if not term.weights.any():  # what it acts on never moves
         return ()
     first = float(term.weights[np.flatnonzero(term.weights)[0]])
@@ -120,12 +117,14 @@ def _parts(term: TermColumn) -> tuple[Part, ...]:
     sign, scale = Fraction(1 if first > 0 else -1), abs(first)
     if term.kind == "stribeck":
         velocity, exponent, width = term.settings
-        return (Part(sign, "function", ("stribeck", direction, velocity / scale, exponent, width / scale)),)
+        return (Part(sign, "one", ("stribeck", direction, velocity / scale, exponent, width / scale)),)
     width = term.settings[0] / scale
-    odd = ("coulomb", direction, width)
+    odd, half = ("coulomb", direction, width), Fraction(term.side, 2)
     if term.kind == "coulomb":
-        return (Part(sign, "function", odd),)
+        return (Part(sign, "one", odd),)
+    if term.nature == "viscous":
+        # max(v, 0) = (v + v sgn v) / 2 and min(v, 0) = (v - v sgn v) / 2.
+        return (Part(Fraction(1, 2), "velocity"), Part(sign * half, "velocity", odd))
     # sgn max(v, 0) = (|sgn v| + sgn v) / 2 and sgn min(v, 0) = (sgn v - |sgn v|) / 2, and |sgn v| is one but at rest.
-    half = Fraction(1 if term.kind == "coulomb+" else -1, 2)
-    even = Part(half, "function", ("even", direction, width)) if width else Part(half, "one")
-    return (Part(sign / 2, "function", odd), even)
+    even = Part(half, "one", ("even", direction, width) if width else None)
+    return (Part(sign / 2, "one", odd), even)
