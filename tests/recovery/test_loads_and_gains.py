@@ -91,6 +91,7 @@ def test_gains_are_exact_without_noise(device):
 
 
 def test_gains_are_inside_their_intervals(device):
+    """Thirty draws of three motors, which are no ninety: of one draw, hits of two motors correlate by 0.6 to 0.75."""
     factor, inside, errors_ = np.array([0.8, 1.1, 1.25]), [], []
     for seed in range(1, 31):
         bare = haptid.observe(device, recorded(device, None, seed, factor=factor))

@@ -49,7 +49,8 @@ def test_it_is_the_cr2_of_whole_rows(rows, method):
     np.testing.assert_allclose(found.covariance, expected, rtol=1e-6, atol=1e-9 * np.abs(expected).min())
     if pull is not None:
         return
-    # Its degrees of freedom, from the matrix of all rows that Pustejovsky and Tipton write.
+    # Its degrees of freedom, from the matrix of all rows that Pustejovsky and Tipton write. Blocks that carry little of
+    # a direction are summed to the second order of what they carry: 1e-3 is left out here at most.
     whole = np.concatenate(W)
     annihilator = np.eye(len(whole)) - whole @ bread @ whole.T
     ends = np.cumsum([0, *map(len, W)])
@@ -58,7 +59,7 @@ def test_it_is_the_cr2_of_whole_rows(rows, method):
         for g, (w, A) in enumerate(zip(W, adjusted, strict=True)):
             G[ends[g] : ends[g + 1], g] = A @ w @ bread[k]
         P = G.T @ annihilator @ G
-        assert found.freedom[k] == pytest.approx(np.trace(P) ** 2 / (P**2).sum(), rel=1e-2)
+        assert found.freedom[k] == pytest.approx(np.trace(P) ** 2 / (P**2).sum(), rel=2e-3)
 
 
 @pytest.mark.parametrize("size", [0.02, 0.3, 0.9])
