@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import sys
 import time
+from pathlib import Path
 
 import numpy as np
 
@@ -10,7 +12,9 @@ import haptid
 from haptid.device import NewtonClosure
 from stopwatch import fastest
 
-DEVICES = ("four_bar", "slider_crank", "five_bar", "delta")
+sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "tests"))
+from closed_devices import NAMES, path
+
 # Twenty seconds at 1 kHz, and poses that each are reached from the start.
 SAMPLES, DT, POSES = 20_000, 1e-3, 2_000
 # Seconds that each is run again and again for.
@@ -20,11 +24,11 @@ LONG = 0.5
 def run() -> dict[str, float]:
     """Processor time of a sample, microseconds, and the largest gap left, as a share of the mechanism's size."""
     figures = {}
-    for name in DEVICES:
+    for name in NAMES:
         device = haptid.read_device(name)
         closure = device.closure
         assert isinstance(closure, NewtonClosure)
-        q, qd, qdd = course(closure.at)
+        q, qd, qdd = path(device, SAMPLES * DT, DT)
         motion = haptid.Motion(
             DT, q.T, np.zeros_like(q.T), haptid.Treatment(cutoff_hz=None), rates=(qd.T.copy(), qdd.T.copy())
         )
@@ -41,14 +45,3 @@ def run() -> dict[str, float]:
         gap = np.abs(closure.chain.residual(closure.positions(q).T)[0]).max() / closure.chain.size
         figures[f"{name}, gap"] = float(gap)
     return figures
-
-
-def course(at: np.ndarray) -> tuple[np.ndarray, ...]:
-    """Position, velocity and acceleration of the active joints from two sines each about a pose, (active, n)."""
-    t, rng = DT * np.arange(SAMPLES), np.random.default_rng(1)
-    omega = 2 * np.pi * rng.uniform(0.4, 2.5, (len(at), 2, 1))
-    phase = rng.uniform(0, 2 * np.pi, omega.shape)
-    size = 0.15 * omega ** np.arange(3)[:, None, None, None]
-    angle = omega * t + phase
-    q, qd, qdd = (size * np.array([np.sin(angle), np.cos(angle), -np.sin(angle)])).sum(axis=2)
-    return at[:, None] + q, qd, qdd
