@@ -34,6 +34,7 @@ mod momentum_rows;
 mod number;
 mod part;
 mod places;
+mod plan;
 mod principal;
 mod products;
 mod reduce;

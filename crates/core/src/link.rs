@@ -7,9 +7,8 @@ use crate::batch::{Batch, Slot, load, store};
 use crate::course::Rate;
 use crate::joint::JointMotion;
 use crate::lane::Lane;
-use crate::places::Sink;
-use crate::rows::get_axis;
-use crate::vector::{Vector, cycle, zero};
+use crate::places::{Known, Sink};
+use crate::vector::{Vector, cycle, dot, zero};
 
 /// Numbers of a link's motion, in its own frame, and where its parts begin: angular velocity and acceleration,
 pub(crate) const LINK_NUMBERS: usize = 24;
@@ -148,37 +147,51 @@ impl LinkMotions {
 
     /// The wanted entries of an axis. Each is stored before the next one is found: so they all stay in the registers.
     #[inline(always)]
-    pub(crate) unsafe fn contract<T: Lane, const SET: u32>(&self, batch: Batch, axis: *const Slot, sink: &Sink) {
-        let sink = sink.of::<SET>();
-        for k in batch.lanes::<T>() {
-            unsafe {
-                let (x, u): (Vector<T>, Vector<T>) = get_axis(axis, k);
-                let n = |number: usize| -> T { self.part::<T, 1>(number, k)[0] };
-                let square = |i: usize| {
-                    let [_, j, l] = cycle(i);
-                    x[l].fnma(n(P + l), x[j].fma(n(P + j), x[i].mul(n(WD + i))))
-                };
-                // Of the two components other than i.
-                let mixed = |i: usize| {
-                    let [_, j, l] = cycle(i);
-                    x[j].fnma(n(B + 3 * i + j), x[l].fma(n(B + 3 * i + l), x[i].mul(n(D + i))))
-                };
-                let moment = |i: usize| {
-                    let [_, j, l] = cycle(i);
-                    let moved = u[2].fma(n(B + 6 + i), u[1].fma(n(B + 3 + i), u[0].mul(n(B + i))));
-                    x[j].fnma(n(A + l), x[l].fma(n(A + j), moved))
-                };
-                sink.put(0, k, square(0));
-                sink.put(1, k, mixed(2));
-                sink.put(2, k, mixed(1));
-                sink.put(3, k, square(1));
-                sink.put(4, k, mixed(0));
-                sink.put(5, k, square(2));
-                sink.put(6, k, moment(0));
-                sink.put(7, k, moment(1));
-                sink.put(8, k, moment(2));
-                sink.put(9, k, u[2].fma(n(A + 2), u[1].fma(n(A + 1), u[0].mul(n(A)))));
+    pub(crate) unsafe fn contract<T: Lane, const SET: u32>(
+        &self,
+        (x, u): (Vector<T>, Vector<T>),
+        sink: &Known<SET>,
+        k: usize,
+    ) {
+        unsafe {
+            sink.put(0, k, self.square(0, x, k));
+            sink.put(1, k, self.mixed(2, x, k));
+            sink.put(2, k, self.mixed(1, x, k));
+            sink.put(3, k, self.square(1, x, k));
+            sink.put(4, k, self.mixed(0, x, k));
+            sink.put(5, k, self.square(2, x, k));
+            for i in 0..3 {
+                sink.put(6 + i, k, self.moment(i, (x, u), k));
             }
+            sink.put(9, k, dot(u, self.part(A, k)));
         }
+    }
+
+    /// Entry of the parameter of component i, i of the tensor.
+    #[inline(always)]
+    unsafe fn square<T: Lane>(&self, i: usize, x: Vector<T>, k: usize) -> T {
+        let ([_, j, l], p) = (cycle(i), |e: usize| unsafe { self.number::<T>(P + e, k) });
+        x[l].fnma(p(l), x[j].fma(p(j), x[i].mul(unsafe { self.number(WD + i, k) })))
+    }
+
+    /// Entry of the parameter of the two components other than i.
+    #[inline(always)]
+    unsafe fn mixed<T: Lane>(&self, i: usize, x: Vector<T>, k: usize) -> T {
+        let ([_, j, l], b) = (cycle(i), |e: usize| unsafe { self.number::<T>(B + 3 * i + e, k) });
+        x[j].fnma(b(j), x[l].fma(b(l), x[i].mul(unsafe { self.number(D + i, k) })))
+    }
+
+    /// Entry of component i of the first moments.
+    #[inline(always)]
+    unsafe fn moment<T: Lane>(&self, i: usize, (x, u): (Vector<T>, Vector<T>), k: usize) -> T {
+        let ([_, j, l], n) = (cycle(i), |e: usize| unsafe { self.number::<T>(e, k) });
+        let moved = u[2].fma(n(B + 6 + i), u[1].fma(n(B + 3 + i), u[0].mul(n(B + i))));
+        x[j].fnma(n(A + l), x[l].fma(n(A + j), moved))
+    }
+
+    /// One number of the motion.
+    #[inline(always)]
+    unsafe fn number<T: Lane>(&self, number: usize, k: usize) -> T {
+        unsafe { self.part::<T, 1>(number, k)[0] }
     }
 }

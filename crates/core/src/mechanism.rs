@@ -3,6 +3,7 @@
 use crate::course::{Course, Rate};
 use crate::dispatch::Backend;
 use crate::error::{Error, expect_length};
+use crate::plan::Last;
 use crate::terms::{Column, Law, Term};
 
 /// Parameters of a link: XX XY XZ YY YZ ZZ MX MY MZ M, in the link's frame, Khalil's signs (XY = -integral of xy dm).
@@ -137,6 +138,7 @@ pub struct Mechanism {
     /// Channels that the motion brings for loops that are not linear.
     pub(crate) loops: usize,
     pub(crate) backend: Backend,
+    pub(crate) last: Last,
 }
 
 impl Mechanism {
@@ -161,8 +163,8 @@ impl Mechanism {
             term.check(coordinates)?;
         }
         let externals = wanted.iter().filter(|t| t.law == Law::External).count();
-        let (links, terms, loops) = (Vec::new(), Vec::new(), 0);
-        let mut mechanism = Mechanism { links, coordinates, axes: 0, gravity, terms, externals, loops, backend };
+        let (links, terms, loops, last) = (Vec::new(), Vec::new(), 0, Last::default());
+        let mut mechanism = Mechanism { links, coordinates, axes: 0, gravity, terms, externals, loops, backend, last };
         for (i, joint) in joints.iter().enumerate() {
             let course = mechanism.course(closure, i);
             mechanism.append(joint, course)?;

@@ -1,14 +1,14 @@
 //! Rows without accelerations, a batch of samples at a time: of every coordinate its momentum, and the rest of its
 //! torque beside the momentum's rate of change. The recursion and its formulas are in `momentum`.
 
-use crate::batch::{Batch, Followed};
+use crate::batch::{Batch, Followed, Slot};
 use crate::dispatch::dispatched;
-use crate::joint::JointMotion;
+use crate::joint::{JointMotion, JointSlots};
 use crate::lane::Lane;
 use crate::mechanism::{Axis, Link, Shape, for_shape};
 use crate::momentum::LinkVelocities;
-use crate::places::{Places, for_set};
-use crate::rows::{Slots, carry, carry_axis, get_axis, put_axis, term_rows, turn};
+use crate::places::{Places, Runs, for_set};
+use crate::rows::{AxisSlots, Slots, get_axis, put_axis, term_rows, turn};
 use crate::terms::Law;
 use crate::vector::zero;
 
@@ -16,12 +16,12 @@ dispatched! {
     /// # Safety
     /// As for [`crate::rows::rows`].
     pub(crate) unsafe fn momenta = momenta_in_lanes(
-        batch: Batch, momentum: &Places, rest: &Places, out: *mut f64, slots: &mut Slots,
+        batch: Batch, momentum: &Places, rest: &Places, out: Runs, slots: &mut Slots,
     )
 }
 
 #[inline(always)]
-unsafe fn momenta_in_lanes<T: Lane>(batch: Batch, momentum: &Places, rest: &Places, out: *mut f64, slots: &mut Slots) {
+unsafe fn momenta_in_lanes<T: Lane>(batch: Batch, momentum: &Places, rest: &Places, out: Runs, slots: &mut Slots) {
     unsafe {
         for (i, link) in batch.mechanism.links.iter().enumerate() {
             let followed = batch.follow::<T>(&link.course, &mut slots.followed);
@@ -60,6 +60,54 @@ unsafe fn move_link<T: Lane>(batch: Batch, (shape, i): (Shape, usize), followed:
     }
 }
 
+/// The axis of a coordinate, from the parent's.
+#[inline(always)]
+pub(crate) unsafe fn carry_axis<T: Lane>(
+    batch: Batch,
+    link: &Link,
+    axis: &Axis,
+    own: usize,
+    axes: &mut [AxisSlots],
+    joint: &JointSlots,
+) {
+    let (rest, to) = (JointMotion::<T>::rest(link.shape, link), axes[own].as_mut_ptr());
+    unsafe {
+        if let Some(above) = axis.above {
+            let above = axes[above].as_ptr();
+            carry(batch.mechanism.backend, batch, link, above, to, joint.as_ptr());
+            if !axis.rate.is_zero() {
+                for k in batch.lanes::<T>() {
+                    put_axis(to, k, rest.moved(get_axis(to, k), batch.rate(axis.rate, k)));
+                }
+            }
+        } else {
+            for k in batch.lanes::<T>() {
+                put_axis(to, k, rest.own(batch.rate(axis.rate, k)));
+            }
+        }
+    }
+}
+
+dispatched! {
+    /// An axis, or its rate of change, from the parent's slots to the link's.
+    ///
+    /// # Safety
+    /// As for [`rows`].
+    unsafe fn carry = carry_in_lanes(
+        batch: Batch, link: &Link, from: *const Slot, to: *mut Slot, joint: *const Slot,
+    )
+}
+
+#[inline(always)]
+unsafe fn carry_in_lanes<T: Lane>(batch: Batch, link: &Link, from: *const Slot, to: *mut Slot, joint: *const Slot) {
+    for_shape!(link.shape, shape => {
+        let rest = JointMotion::<T>::rest(shape, link);
+        for k in batch.lanes::<T>() {
+            unsafe { put_axis(to, k, rest.kept(joint, k).carry(get_axis(from, k))) };
+        }
+    })
+}
+
 /// The rate of change of a coordinate's axis, from that of its axis on the parent.
 #[inline(always)]
 unsafe fn carry_rate<T: Lane>(
@@ -90,7 +138,7 @@ unsafe fn carry_rate<T: Lane>(
 /// Of the terms only rotors have momentum; what is left of their torque is that of a rate that changes. The others
 /// have no place among the momenta.
 #[inline(always)]
-unsafe fn rotor_momenta<T: Lane>(batch: Batch, (momentum, rest): (&Places, &Places), out: *mut f64, slots: &mut Slots) {
+unsafe fn rotor_momenta<T: Lane>(batch: Batch, (momentum, rest): (&Places, &Places), out: Runs, slots: &mut Slots) {
     let mut first = 0;
     for term in &batch.mechanism.terms {
         let rates = &term.course.rates;
@@ -104,7 +152,7 @@ unsafe fn rotor_momenta<T: Lane>(batch: Batch, (momentum, rest): (&Places, &Plac
                         let change = batch.change(rate, k).map_or(T::splat(0.0), |change: T| speed.mul(change).neg());
                         let put = |place: Option<usize>, entry: T| {
                             if let Some(place) = place {
-                                entry.store(out.add(place + k));
+                                entry.store(out.at(place).add(k));
                             }
                         };
                         put(momentum, speed.mul(batch.rate(rate, k)));

@@ -6,10 +6,31 @@ use crate::mechanism::{LINK_PARAMETERS, Mechanism};
 /// No place: an entry that nobody wants is not computed.
 const NOWHERE: usize = usize::MAX;
 
-/// Places of the ten entries of one axis, from `out` on.
+/// Runs of numbers, equally far apart: an entry's run by its number.
+#[derive(Clone, Copy)]
+pub(crate) struct Runs {
+    pub(crate) first: *mut f64,
+    pub(crate) apart: usize,
+}
+
+impl Runs {
+    /// Where run number `place` begins; nowhere for no place.
+    #[inline(always)]
+    pub(crate) fn at(self, place: usize) -> *mut f64 {
+        self.first.wrapping_add(place.wrapping_mul(self.apart))
+    }
+
+    /// The same runs from their number `k` on.
+    #[inline(always)]
+    pub(crate) fn from(self, k: usize) -> Runs {
+        Runs { first: self.first.wrapping_add(k), apart: self.apart }
+    }
+}
+
+/// Runs of the ten entries of one axis.
 pub(crate) type LinkPlaces = [usize; LINK_PARAMETERS];
 
-/// One set of rows: entry by entry the number in `out` where its first sample goes.
+/// One set of rows: entry by entry the run where its samples go.
 #[derive(Debug, Clone)]
 pub(crate) struct Places {
     /// By axis of the mechanism; with one bit for each entry that is wanted.
@@ -19,8 +40,8 @@ pub(crate) struct Places {
 }
 
 impl Places {
-    /// Ask `place` for every entry that can differ from zero, by row and column; it answers with the entry's first
-    /// number, if the entry is wanted.
+    /// Ask `place` for every entry that can differ from zero, by row and column; it answers with the entry's run,
+    /// if the entry is wanted.
     pub(crate) fn new(mechanism: &Mechanism, mut place: impl FnMut(usize, usize) -> Option<usize>) -> Places {
         let mut axes = Vec::with_capacity(mechanism.axes);
         for (i, link) in mechanism.links.iter().enumerate() {
@@ -42,7 +63,7 @@ impl Places {
     }
 
     /// Places of an axis's entries.
-    pub(crate) fn axis(&self, axis: usize, out: *mut f64) -> Sink<'_> {
+    pub(crate) fn axis(&self, axis: usize, out: Runs) -> Sink<'_> {
         let (places, wanted) = &self.axes[axis];
         Sink { places, wanted: *wanted, out }
     }
@@ -59,14 +80,14 @@ pub(crate) struct Sink<'a> {
     places: &'a LinkPlaces,
     /// One bit for each parameter.
     pub(crate) wanted: u32,
-    out: *mut f64,
+    out: Runs,
 }
 
 impl Sink<'_> {
     /// The same with a set that is a constant: that of the sink, or [`ANY`].
     #[inline(always)]
     pub(crate) fn of<const SET: u32>(&self) -> Known<SET> {
-        Known { places: self.places.map(|place| self.out.wrapping_add(place)), wanted: self.wanted }
+        Known { places: self.places.map(|place| self.out.at(place)), wanted: self.wanted }
     }
 }
 

@@ -6,7 +6,7 @@ use crate::dispatch::dispatched;
 use crate::error::{Error, expect_length};
 use crate::lane::{Lane, MAX_WIDTH};
 use crate::mechanism::Mechanism;
-use crate::places::Places;
+use crate::places::{Places, Runs};
 use crate::regressor::{Motion, PART, check_columns};
 use crate::rows::{Workspace, rows};
 use rayon::prelude::*;
@@ -52,9 +52,9 @@ impl Entries {
         self.first[row]..self.first[row + 1]
     }
 
-    /// Where the rows' entries go, in a tile whose runs are so far apart.
-    pub(crate) fn places(&self, mechanism: &Mechanism, apart: usize) -> Places {
-        Places::new(mechanism, |a, column| Some(self.run(a, column)).filter(|&run| run != 0).map(|run| run * apart))
+    /// In which run each entry of the rows goes.
+    pub(crate) fn places(&self, mechanism: &Mechanism) -> Places {
+        Places::new(mechanism, |a, column| Some(self.run(a, column)).filter(|&run| run != 0))
     }
 }
 
@@ -107,7 +107,7 @@ fn of_part(
     samples: Range<usize>,
     workspace: &mut Workspace,
 ) -> Vec<f64> {
-    let places = [entries.places(mechanism, RUN)];
+    let places = [entries.places(mechanism)];
     let mut sums = vec![0.0; entries.reached.iter().map(|reached| reached.len().pow(2)).sum()];
     let tile = workspace.tile(entries.many() * RUN);
     // SAFETY: the tile has room for all runs, the first of which stands for columns that are not there.
@@ -116,7 +116,7 @@ fn of_part(
     for from in samples.clone().step_by(TILE) {
         let count = TILE.min(samples.end - from);
         // SAFETY: every run has room for a tile and a lane.
-        unsafe { rows(mechanism, motion, from, count, &places, tile, workspace) };
+        unsafe { rows(mechanism, motion, from, count, &places, Runs { first: tile, apart: RUN }, workspace) };
         let whole = count.next_multiple_of(MAX_WIDTH);
         runs.chunks_exact_mut(RUN).for_each(|run| run[count..whole].fill(0.0));
         let mut rest = &mut sums[..];

@@ -5,7 +5,7 @@ use crate::error::{Error, expect_length};
 use crate::filter::Filter;
 use crate::lane::MAX_WIDTH;
 use crate::mechanism::Mechanism;
-use crate::places::Places;
+use crate::places::{Places, Runs};
 use crate::regressor::{Motion, check_columns, reach};
 use crate::rows::{Workspace, rows};
 use crate::triangle::{Compact, fold, merge};
@@ -185,9 +185,9 @@ impl Raw {
             for (entry, &c) in (motors[a]..).zip(reached) {
                 let column = columns[c];
                 // With two sets the first one holds the momenta.
-                place[((sets - 1) * na + a) * all + column] = Some(entry * run);
+                place[((sets - 1) * na + a) * all + column] = Some(entry);
                 if sets == 2 && mechanism.has_momentum(column) {
-                    place[a * all + column] = Some((entries + moving.len()) * run);
+                    place[a * all + column] = Some(entries + moving.len());
                     moving.push(entry);
                 }
             }
@@ -222,7 +222,7 @@ impl Raw {
         let count = CHUNK.min(end - next);
         // SAFETY: a run has room for what the filter reaches back to, a chunk, and a lane.
         unsafe {
-            let out = self.numbers.as_mut_ptr().add(self.held);
+            let out = Runs { first: self.numbers.as_mut_ptr(), apart: self.run }.from(self.held);
             rows(mechanism, motion, next, count, &self.sets, out, workspace);
         }
         for (a, motor) in self.motors.windows(2).enumerate() {

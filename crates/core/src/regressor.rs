@@ -3,7 +3,8 @@
 use crate::error::{Error, expect_length};
 use crate::lane::MAX_WIDTH;
 use crate::mechanism::Mechanism;
-use crate::places::Places;
+use crate::places::Runs;
+use crate::plan::Plan;
 use crate::rows::{Workspace, rows};
 use crate::stream;
 use rayon::prelude::*;
@@ -67,77 +68,32 @@ pub(crate) fn check_columns(mechanism: &Mechanism, columns: &[usize]) -> Result<
     Ok(())
 }
 
-/// The entries of some rows and chosen columns that can differ from zero, and where they go.
-struct Entries {
-    /// Numbers of the entries, row * chosen + column, in the order in which they were placed.
-    filled: Vec<usize>,
-    sets: Vec<Places>,
-}
-
-impl Entries {
-    /// `place(entry, index)` is the place of the entry with that index among the filled ones.
-    fn new(
-        mechanism: &Mechanism,
-        motion: &Motion,
-        columns: &[usize],
-        place: impl Fn(usize, usize) -> usize,
-    ) -> Entries {
-        let (na, sets) = (mechanism.coordinates, motion.sets());
-        let mut filled = Vec::with_capacity(sets * na * columns.len());
-        let mut of_set = |set: usize| {
-            let momentum = set + 1 < sets;
-            let mut chosen = vec![None; mechanism.columns()];
-            for (c, &column) in columns.iter().enumerate() {
-                chosen[column] = (!momentum || mechanism.has_momentum(column)).then_some(c);
-            }
-            Places::new(mechanism, |a, column| {
-                let entry = (set * na + a) * columns.len() + chosen[column]?;
-                filled.push(entry);
-                Some(place(entry, filled.len() - 1))
-            })
-        };
-        let sets = (0..sets).map(&mut of_set).collect();
-        Entries { filled, sets }
-    }
-
-    /// Of `all` entries, those that are structurally zero.
-    fn empty(&self, all: usize) -> Vec<usize> {
-        let mut empty = vec![true; all];
-        self.filled.iter().for_each(|&entry| empty[entry] = false);
-        let mut numbers = Vec::with_capacity(all);
-        numbers.extend((0..all).filter(|&entry| empty[entry]));
-        numbers
-    }
-}
-
 /// The regressor of every sample: `out[(r * chosen + c) * samples + k]`, for row r (coordinates, set after set), chosen
 /// column c, sample k.
 pub fn regressor(mechanism: &Mechanism, motion: &Motion, columns: &[usize], out: &mut [f64]) -> Result<(), Error> {
     motion.check(mechanism)?;
-    check_columns(mechanism, columns)?;
+    let plan = mechanism.plan(motion.sets(), columns)?;
     let n = motion.samples;
-    expect_length("out", out.len(), motion.sets() * mechanism.coordinates * columns.len() * n)?;
-    let all = motion.sets() * mechanism.coordinates * columns.len();
+    expect_length("out", out.len(), plan.all * n)?;
     if columns.is_empty() {
         return Ok(());
     }
     let shared = Shared(out.as_mut_ptr());
-    if all * n <= CACHED {
-        let entries = Entries::new(mechanism, motion, columns, |entry, _| entry * n);
-        let empty = entries.empty(all);
+    if plan.all * n <= CACHED {
         in_parts(mechanism, n, |part, workspace| {
             let whole = part.len() - part.len() % MAX_WIDTH;
             // SAFETY: the part is inside every entry, and no other part writes it; these are whole lanes of it.
             unsafe {
-                rows(mechanism, motion, part.start, whole, &entries.sets, shared.at(part.start), workspace);
-                empty.iter().for_each(|&entry| shared.at(entry * n + part.start).write_bytes(0, whole));
-                tiled(mechanism, motion, columns, part.start + whole..part.end, shared, workspace);
+                let runs = Runs { first: shared.at(part.start), apart: n };
+                rows(mechanism, motion, part.start, whole, &plan.spread, runs, workspace);
+                plan.empty.iter().for_each(|&entry| runs.at(entry).write_bytes(0, whole));
+                tiled(mechanism, motion, &plan, part.start + whole..part.end, shared, workspace);
             }
         });
     } else {
         in_parts(mechanism, n, |part, workspace| {
             // SAFETY: the part is inside every entry, and no other part writes it.
-            unsafe { tiled(mechanism, motion, columns, part, shared, workspace) };
+            unsafe { tiled(mechanism, motion, &plan, part, shared, workspace) };
         });
     }
     Ok(())
@@ -153,7 +109,7 @@ const CACHED: usize = 1 << 20;
 unsafe fn tiled(
     mechanism: &Mechanism,
     motion: &Motion,
-    columns: &[usize],
+    plan: &Plan,
     samples: Range<usize>,
     out: Shared,
     workspace: &mut Workspace,
@@ -161,19 +117,17 @@ unsafe fn tiled(
     if samples.is_empty() {
         return;
     }
-    let entries = Entries::new(mechanism, motion, columns, |_, index| index * RUN);
-    let empty = entries.empty(motion.sets() * mechanism.coordinates * columns.len());
-    let tile = workspace.tile(entries.filled.len() * RUN);
+    let tile = Runs { first: workspace.tile(plan.filled.len() * RUN), apart: RUN };
     for from in samples.clone().step_by(TILE) {
         let count = TILE.min(samples.end - from);
         // SAFETY: every run has room for a tile and a lane; the rest is the caller's promise.
         unsafe {
-            rows(mechanism, motion, from, count, &entries.sets, tile, workspace);
+            rows(mechanism, motion, from, count, &plan.packed, tile, workspace);
             let send = |run: *const f64, entry: usize| {
                 stream::copy(mechanism.backend, run, out.at(entry * motion.samples + from), count);
             };
-            entries.filled.iter().enumerate().for_each(|(index, &entry)| send(tile.add(index * RUN), entry));
-            empty.iter().for_each(|&entry| send(ZEROS.as_ptr(), entry));
+            plan.filled.iter().enumerate().for_each(|(index, &entry)| send(tile.at(index), entry));
+            plan.empty.iter().for_each(|&entry| send(ZEROS.as_ptr(), entry));
         }
     }
     stream::settle();
@@ -224,7 +178,7 @@ pub fn torque(
     out: &mut [f64],
 ) -> Result<(), Error> {
     motion.check(mechanism)?;
-    check_columns(mechanism, columns)?;
+    let plan = mechanism.plan(motion.sets(), columns)?;
     expect_length("chi", chi.len(), columns.len())?;
     let n = motion.samples;
     expect_length("out", out.len(), motion.sets() * mechanism.coordinates * n)?;
@@ -232,18 +186,17 @@ pub fn torque(
     if columns.is_empty() {
         return Ok(());
     }
-    let entries = Entries::new(mechanism, motion, columns, |_, index| index * RUN);
     let shared = Shared(out.as_mut_ptr());
     in_parts(mechanism, n, |part, workspace| {
-        let tile = workspace.tile(entries.filled.len() * RUN);
+        let tile = Runs { first: workspace.tile(plan.filled.len() * RUN), apart: RUN };
         for from in part.clone().step_by(TILE) {
             let count = TILE.min(part.end - from);
             // SAFETY: every run has room for a tile and a lane.
-            unsafe { rows(mechanism, motion, from, count, &entries.sets, tile, workspace) };
-            for (k, &entry) in entries.filled.iter().enumerate() {
+            unsafe { rows(mechanism, motion, from, count, &plan.packed, tile, workspace) };
+            for (k, &entry) in plan.filled.iter().enumerate() {
                 let (row, parameter) = (entry / columns.len(), chi[entry % columns.len()]);
                 // SAFETY: the run was just written; the row has n numbers, and no other part touches these.
-                let run = unsafe { core::slice::from_raw_parts(tile.add(k * RUN), count) };
+                let run = unsafe { core::slice::from_raw_parts(tile.at(k), count) };
                 let row = unsafe { core::slice::from_raw_parts_mut(shared.at(row * n + from), count) };
                 row.iter_mut().zip(run).for_each(|(tau, y)| *tau += y * parameter);
             }

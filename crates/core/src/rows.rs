@@ -14,13 +14,14 @@
 use crate::aligned::Aligned;
 use crate::back::Back;
 use crate::batch::{BATCH, Batch, Channels, Followed, Slot, load, store};
+use crate::course::Rate;
 use crate::dispatch::dispatched;
 use crate::joint::{JointMotion, JointSlots};
 use crate::lane::Lane;
 use crate::link::{LINK_NUMBERS, LinkMotions};
-use crate::mechanism::{Axis, Link, Mechanism, Shape, for_shape};
+use crate::mechanism::{Axis, Link, Mechanism, Shape, Turn, Way, for_shape};
 use crate::momentum_rows::momenta;
-use crate::places::{Places, for_set};
+use crate::places::{Places, Runs, Sink, for_set};
 use crate::regressor::Motion;
 use crate::terms::Law;
 use crate::vector::Vector;
@@ -90,18 +91,18 @@ pub(crate) fn grow<X: Clone>(buffer: &mut Vec<X>, wanted: usize, empty: X) {
     }
 }
 
-/// Make the rows of samples `from..from + count`. Entry (row, column) of sample `from + k` is written to `out` plus its
-/// place plus k, for each of the sets of places: torques, or momenta and then the rest of the torques.
+/// Make the rows of samples `from..from + count`. Entry (row, column) of sample `from + k` is written to number
+/// k of its run in `out`, for each of the sets of places: torques, or momenta and then the rest of the torques.
 ///
 /// # Safety
-/// Every place has room for `count` rounded up to whole lanes of [`crate::lane::MAX_WIDTH`].
+/// Every run has room for `count` rounded up to whole lanes of [`crate::lane::MAX_WIDTH`].
 pub(crate) unsafe fn rows(
     mechanism: &Mechanism,
     motion: &Motion,
     from: usize,
     count: usize,
     sets: &[Places],
-    out: *mut f64,
+    out: Runs,
     workspace: &mut Workspace,
 ) {
     debug_assert!(sets.len() == motion.sets());
@@ -112,8 +113,8 @@ pub(crate) unsafe fn rows(
         let batch = Batch { mechanism, channels, samples };
         unsafe {
             match sets {
-                [torque] => torques(mechanism.backend, batch, torque, out.add(done), slots),
-                [momentum, rest] => momenta(mechanism.backend, batch, momentum, rest, out.add(done), slots),
+                [torque] => torques(mechanism.backend, batch, torque, out.from(done), slots),
+                [momentum, rest] => momenta(mechanism.backend, batch, momentum, rest, out.from(done), slots),
                 _ => unreachable!("a motion has one set of rows or two"),
             }
         }
@@ -121,11 +122,11 @@ pub(crate) unsafe fn rows(
 }
 
 dispatched! {
-    unsafe fn torques = torques_in_lanes(batch: Batch, places: &Places, out: *mut f64, slots: &mut Slots)
+    unsafe fn torques = torques_in_lanes(batch: Batch, places: &Places, out: Runs, slots: &mut Slots)
 }
 
 #[inline(always)]
-unsafe fn torques_in_lanes<T: Lane>(batch: Batch, places: &Places, out: *mut f64, slots: &mut Slots) {
+unsafe fn torques_in_lanes<T: Lane>(batch: Batch, places: &Places, out: Runs, slots: &mut Slots) {
     for (i, link) in batch.mechanism.links.iter().enumerate() {
         unsafe {
             let followed = batch.follow::<T>(&link.course, &mut slots.followed);
@@ -133,17 +134,107 @@ unsafe fn torques_in_lanes<T: Lane>(batch: Batch, places: &Places, out: *mut f64
             for_shape!(link.shape, shape => move_link::<T>(batch, (shape, i), followed, slots));
             let motions = LinkMotions(slots.links[i].as_mut_ptr());
             for (own, axis) in (link.first..).zip(&link.axes) {
-                let sink = places.axis(own, out);
-                carry_axis::<T>(batch, link, axis, own, &mut slots.axes, &slots.joint);
-                for_set!(sink, SET => match (axis.above, link.slides()) {
-                    (Some(_), _) => motions.contract::<T, SET>(batch, slots.axes[own].as_ptr(), &sink),
-                    (None, false) => motions.contract_turn::<T, SET>(batch, axis.rate, &sink),
-                    (None, true) => motions.contract_slide::<T, SET>(batch, axis.rate, &sink),
-                });
+                let (axes, joint) = (slots.axes.as_mut_ptr(), slots.joint.as_ptr());
+                let row = Row { link, axis, motions, joint, to: axes.add(own).cast(), sink: places.axis(own, out) };
+                match axis.above {
+                    None => own_rows::<T>(batch, &row),
+                    Some(above) => carried_rows(batch.mechanism.backend, batch, &row, axes.add(above).cast()),
+                }
             }
         }
     }
     unsafe { term_rows::<T>(batch, false, places, out, &mut slots.followed) };
+}
+
+/// One coordinate's rows of one link: where its axis goes, and where its entries.
+struct Row<'a> {
+    link: &'a Link,
+    axis: &'a Axis,
+    motions: LinkMotions,
+    joint: *const Slot,
+    to: *mut Slot,
+    sink: Sink<'a>,
+}
+
+/// A coordinate that moves this link's joint and no joint before it. Its axis is kept only where it varies.
+#[inline(always)]
+unsafe fn own_rows<T: Lane>(batch: Batch, row: &Row) {
+    let (link, rate) = (row.link, row.axis.rate);
+    unsafe {
+        if let Rate::Given { .. } = rate {
+            let rest = JointMotion::<T>::rest(link.shape, link);
+            batch.lanes::<T>().for_each(|k| put_axis(row.to, k, rest.own(batch.rate(rate, k))));
+        }
+        for_set!(row.sink, SET => match link.slides() {
+            false => row.motions.contract_turn::<T, SET>(batch, rate, &row.sink),
+            true => row.motions.contract_slide::<T, SET>(batch, rate, &row.sink),
+        });
+    }
+}
+
+dispatched! {
+    /// A coordinate that moves the parent too.
+    ///
+    /// # Safety
+    /// As for [`rows`]; `above` is the axis on the parent, where it varies.
+    unsafe fn carried_rows = carried_rows_in_lanes(batch: Batch, row: &Row, above: *const Slot)
+}
+
+#[inline(always)]
+unsafe fn carried_rows_in_lanes<T: Lane>(batch: Batch, row: &Row, above: *const Slot) {
+    let link = row.link;
+    unsafe {
+        if let Some(above) = constant_above::<T>(batch.mechanism, row) {
+            let rest = JointMotion::<T>::rest(link.shape, link);
+            if link.slides() {
+                return for_set!(row.sink, SET => {
+                    put_rows::<T, SET>(batch, row, |k| rest.kept(row.joint, k).carry(above))
+                });
+            }
+            // Carried to the joint at rest, it has only to turn in place.
+            let above = rest.carry(above);
+            let turn = JointMotion::<T>::rest(Shape { turn: Turn::Identity, way: Way::TurnsInPlace }, link);
+            for_set!(row.sink, SET => put_rows::<T, SET>(batch, row, |k| turn.kept(row.joint, k).carry(above)))
+        } else {
+            for_shape!(link.shape, shape => {
+                let rest = JointMotion::<T>::rest(shape, link);
+                for_set!(row.sink, SET => {
+                    put_rows::<T, SET>(batch, row, |k| rest.kept(row.joint, k).carry(get_axis(above, k)))
+                });
+            })
+        }
+    }
+}
+
+/// The axis on the parent, in its frame, where it is the same at every sample: that of the parent's own joint.
+#[inline(always)]
+fn constant_above<T: Lane>(mechanism: &Mechanism, row: &Row) -> Option<(Vector<T>, Vector<T>)> {
+    let parent = &mechanism.links[row.link.parent?];
+    let axis = &parent.axes[row.axis.above? - parent.first];
+    match (axis.above, axis.rate) {
+        (None, Rate::Constant(rate)) => Some(JointMotion::rest(parent.shape, parent).own(T::splat(rate))),
+        _ => None,
+    }
+}
+
+/// Carry an axis to every lane, keep it, and put its entries where they belong: it stays in the registers meanwhile.
+#[inline(always)]
+unsafe fn put_rows<T: Lane, const SET: u32>(
+    batch: Batch,
+    row: &Row,
+    carried: impl Fn(usize) -> (Vector<T>, Vector<T>),
+) {
+    let (sink, rest) = (row.sink.of::<SET>(), JointMotion::<T>::rest(row.link.shape, row.link));
+    for k in batch.lanes::<T>() {
+        unsafe {
+            let mut axis = carried(k);
+            if !row.axis.rate.is_zero() {
+                axis = rest.moved(axis, batch.rate(row.axis.rate, k));
+            }
+            put_axis(row.to, k, axis);
+            row.motions.contract(axis, &sink, k);
+        }
+    }
 }
 
 /// What the joint's position changes, for the link and the axes.
@@ -179,54 +270,6 @@ pub(crate) unsafe fn move_link<T: Lane>(
     }
 }
 
-/// The axis of a coordinate, from the parent's.
-#[inline(always)]
-pub(crate) unsafe fn carry_axis<T: Lane>(
-    batch: Batch,
-    link: &Link,
-    axis: &Axis,
-    own: usize,
-    axes: &mut [AxisSlots],
-    joint: &JointSlots,
-) {
-    let (rest, to) = (JointMotion::<T>::rest(link.shape, link), axes[own].as_mut_ptr());
-    unsafe {
-        if let Some(above) = axis.above {
-            let above = axes[above].as_ptr();
-            carry(batch.mechanism.backend, batch, link, above, to, joint.as_ptr());
-            if !axis.rate.is_zero() {
-                for k in batch.lanes::<T>() {
-                    put_axis(to, k, rest.moved(get_axis(to, k), batch.rate(axis.rate, k)));
-                }
-            }
-        } else {
-            for k in batch.lanes::<T>() {
-                put_axis(to, k, rest.own(batch.rate(axis.rate, k)));
-            }
-        }
-    }
-}
-
-dispatched! {
-    /// An axis, or its rate of change, from the parent's slots to the link's.
-    ///
-    /// # Safety
-    /// As for [`rows`].
-    pub(crate) unsafe fn carry = carry_in_lanes(
-        batch: Batch, link: &Link, from: *const Slot, to: *mut Slot, joint: *const Slot,
-    )
-}
-
-#[inline(always)]
-unsafe fn carry_in_lanes<T: Lane>(batch: Batch, link: &Link, from: *const Slot, to: *mut Slot, joint: *const Slot) {
-    for_shape!(link.shape, shape => {
-        let rest = JointMotion::<T>::rest(shape, link);
-        for k in batch.lanes::<T>() {
-            unsafe { put_axis(to, k, rest.kept(joint, k).carry(get_axis(from, k))) };
-        }
-    })
-}
-
 /// # Safety
 /// `slots` are an axis's, and a lane from `k` on is inside them.
 #[inline(always)]
@@ -248,7 +291,7 @@ pub(crate) unsafe fn term_rows<T: Lane>(
     batch: Batch,
     momentum: bool,
     places: &Places,
-    out: *mut f64,
+    out: Runs,
     slots: &mut [Slot; 3],
 ) {
     let mut external = 3 * batch.mechanism.coordinates;
@@ -256,7 +299,7 @@ pub(crate) unsafe fn term_rows<T: Lane>(
     for term in &batch.mechanism.terms {
         let own = if term.law == Law::External { external } else { 0 };
         external += usize::from(term.law == Law::External);
-        let places_of = |rate: usize| places.term(first + rate).map(|place| unsafe { out.add(place) });
+        let places_of = |rate: usize| places.term(first + rate).map(|place| out.at(place));
         let wanted = (0..term.course.rates.len()).any(|rate| places_of(rate).is_some());
         if wanted && !(momentum && term.law == Law::Rotor) {
             unsafe {

@@ -7,6 +7,7 @@ use crate::batch::{BATCH, Batch};
 use crate::error::{Error, expect_length};
 use crate::forms::{Form, apply};
 use crate::mechanism::Mechanism;
+use crate::places::Runs;
 use crate::products::Entries;
 use crate::regressor::{Motion, Shared, check_columns, in_parts};
 use crate::rows::{Workspace, rows};
@@ -69,7 +70,7 @@ pub fn form_slopes(
     expect_length("out", out.len(), mechanism.channels() * n)?;
     let entries = Entries::new(mechanism, columns);
     let weights = Weights::new(mechanism, |a, column| entries.run(a, column));
-    let places = [entries.places(mechanism, BATCH)];
+    let places = [entries.places(mechanism)];
     let form = |row: usize| Form::new(&forms[row * p * p..][..p * p], p, &entries.reached[row]);
     let forms: Vec<Form> = (0..na).map(form).collect();
     let shared = Shared(out.as_mut_ptr());
@@ -80,7 +81,8 @@ pub fn form_slopes(
             unsafe {
                 let first = tile.add(entries.many() * BATCH);
                 first.write_bytes(0, BATCH);
-                rows(mechanism, motion, samples.start, samples.len(), &places, tile, workspace);
+                let runs = Runs { first: tile, apart: BATCH };
+                rows(mechanism, motion, samples.start, samples.len(), &places, runs, workspace);
                 for (row, form) in forms.iter().enumerate() {
                     let at = entries.of_row(row).start * BATCH;
                     apply(mechanism.backend, form, tile.add(at), first.add(at));

@@ -1,9 +1,14 @@
 //! Arrays in and out.
 
 use haptid_core::Triangles;
-use numpy::{IntoPyArray, PyArray3, PyArrayMethods, PyReadonlyArray2, PyReadonlyArray3, PyUntypedArrayMethods};
+use numpy::{
+    IntoPyArray, PyArray1, PyArray3, PyArrayMethods, PyReadonlyArray1, PyReadonlyArray2, PyReadonlyArray3,
+    PyUntypedArrayMethods,
+};
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
+use pyo3::types::PySlice;
+use std::ops::Deref;
 
 /// A matrix's numbers, row by row. `as_slice` alone would take Fortran order too, and read it transposed.
 pub fn row_major<'a>(matrix: &'a PyReadonlyArray2<'_, f64>) -> PyResult<&'a [f64]> {
@@ -22,18 +27,51 @@ pub fn stack<'a>(matrices: &'a PyReadonlyArray3<'_, f64>, shape: [usize; 3]) -> 
     Ok(matrices.as_slice()?)
 }
 
-/// The caller's array to write to, if it has the shape and is row-major; else, if there is none, a new one.
+/// Numbers in a line of the caches.
+const LINE: usize = 8;
+
+/// The caller's array to write to, if it has the shape and is row-major; else, if there is none, a new one, whose
+/// numbers begin with a line of the caches and are anything: all are to be written.
 pub fn output<'py>(
     py: Python<'py>,
     given: Option<Bound<'py, PyArray3<f64>>>,
     shape: [usize; 3],
 ) -> PyResult<Bound<'py, PyArray3<f64>>> {
     match given {
-        None => Ok(PyArray3::zeros(py, shape, false)),
+        None => {
+            let numbers: usize = shape.iter().product();
+            // SAFETY: numbers are plain, and the caller writes them before anybody reads them.
+            let room = unsafe { PyArray1::<f64>::new(py, [numbers + LINE - 1], false) };
+            let first = room.data().align_offset(LINE * size_of::<f64>());
+            let part = PySlice::new(py, first as isize, (first + numbers) as isize, 1);
+            room.as_any().get_item(part)?.cast_into::<PyArray1<f64>>()?.reshape(shape)
+        }
         Some(out) if out.shape() == shape && out.is_c_contiguous() => Ok(out),
         Some(out) => {
             Err(PyValueError::new_err(format!("out has shape {:?}; it must be row-major, {shape:?}", out.shape())))
         }
+    }
+}
+
+/// Numbers of columns: an array of NumPy's own integers is read at once, any other sequence number by number.
+pub struct Columns(Vec<usize>);
+
+impl<'py> FromPyObject<'_, 'py> for Columns {
+    type Error = PyErr;
+
+    fn extract(columns: Borrowed<'_, 'py, PyAny>) -> PyResult<Columns> {
+        let Ok(array) = columns.extract::<PyReadonlyArray1<'py, i64>>() else {
+            return columns.extract().map(Columns);
+        };
+        Ok(Columns(array.as_array().iter().map(|&column| usize::try_from(column)).collect::<Result<_, _>>()?))
+    }
+}
+
+impl Deref for Columns {
+    type Target = [usize];
+
+    fn deref(&self) -> &[usize] {
+        &self.0
     }
 }
 

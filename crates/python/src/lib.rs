@@ -4,7 +4,7 @@ mod arrays;
 mod handle;
 mod loops;
 
-use arrays::{output, row_major, square_stack, stack};
+use arrays::{Columns, output, row_major, square_stack, stack};
 use haptid_core::{Backend, Closure, Error, Law, Mechanism, Motion, Reduction, Term};
 use loops::{PyBranch, PyLoops, joints};
 use numpy::{
@@ -131,7 +131,7 @@ impl PyMechanism {
         velocity: PyReadonlyArray2<'py, f64>,
         acceleration: PyReadonlyArray2<'py, f64>,
         external: PyReadonlyArray2<'py, f64>,
-        columns: Vec<usize>,
+        columns: Columns,
         loops: Option<PyReadonlyArray2<'py, f64>>,
         out: Option<Bound<'py, PyArray3<f64>>>,
     ) -> PyResult<Bound<'py, PyArray3<f64>>> {
@@ -153,7 +153,7 @@ impl PyMechanism {
         velocity: PyReadonlyArray2<'py, f64>,
         acceleration: PyReadonlyArray2<'py, f64>,
         external: PyReadonlyArray2<'py, f64>,
-        columns: Vec<usize>,
+        columns: Columns,
         chi: Vec<f64>,
         loops: Option<PyReadonlyArray2<'py, f64>>,
     ) -> PyResult<Bound<'py, PyArray2<f64>>> {
@@ -172,7 +172,7 @@ impl PyMechanism {
         position: PyReadonlyArray2<'py, f64>,
         velocity: PyReadonlyArray2<'py, f64>,
         external: PyReadonlyArray2<'py, f64>,
-        columns: Vec<usize>,
+        columns: Columns,
         loops: Option<PyReadonlyArray2<'py, f64>>,
     ) -> PyResult<Bound<'py, PyArray4<f64>>> {
         let borrowed = Borrowed { position, velocity, acceleration: None, external, loops };
@@ -191,7 +191,7 @@ impl PyMechanism {
         position: PyReadonlyArray2<'py, f64>,
         velocity: PyReadonlyArray2<'py, f64>,
         external: PyReadonlyArray2<'py, f64>,
-        columns: Vec<usize>,
+        columns: Columns,
         chi: Vec<f64>,
         loops: Option<PyReadonlyArray2<'py, f64>>,
     ) -> PyResult<Bound<'py, PyArray3<f64>>> {
@@ -212,7 +212,7 @@ impl PyMechanism {
         velocity: PyReadonlyArray2<'py, f64>,
         acceleration: PyReadonlyArray2<'py, f64>,
         external: PyReadonlyArray2<'py, f64>,
-        columns: Vec<usize>,
+        columns: Columns,
         loops: Option<PyReadonlyArray2<'py, f64>>,
     ) -> PyResult<Bound<'py, PyArray3<f64>>> {
         let borrowed = Borrowed { position, velocity, acceleration: Some(acceleration), external, loops };
@@ -232,7 +232,7 @@ impl PyMechanism {
         velocity: PyReadonlyArray2<'py, f64>,
         acceleration: PyReadonlyArray2<'py, f64>,
         external: PyReadonlyArray2<'py, f64>,
-        columns: Vec<usize>,
+        columns: Columns,
         forms: PyReadonlyArray3<'py, f64>,
         loops: Option<PyReadonlyArray2<'py, f64>>,
     ) -> PyResult<Bound<'py, PyArray2<f64>>> {
@@ -255,7 +255,7 @@ impl PyMechanism {
         velocity: PyReadonlyArray2<'py, f64>,
         acceleration: PyReadonlyArray2<'py, f64>,
         external: PyReadonlyArray2<'py, f64>,
-        columns: Vec<usize>,
+        columns: Columns,
         chi: Vec<f64>,
         loops: Option<PyReadonlyArray2<'py, f64>>,
     ) -> PyResult<Bound<'py, PyArray3<f64>>> {
@@ -268,7 +268,7 @@ impl PyMechanism {
     }
 
     /// Which of the chosen columns each coordinate's row can reach.
-    fn reach(&self, columns: Vec<usize>) -> PyResult<Vec<Vec<bool>>> {
+    fn reach(&self, columns: Columns) -> PyResult<Vec<Vec<bool>>> {
         let flat = haptid_core::reach(&self.0, &columns).map_err(to_python)?;
         Ok((0..self.0.coordinates()).map(|a| flat[a * columns.len()..][..columns.len()].to_vec()).collect())
     }
@@ -283,7 +283,7 @@ impl PyMechanism {
         acceleration: Option<PyReadonlyArray2<'py, f64>>,
         external: PyReadonlyArray2<'py, f64>,
         torque: PyReadonlyArray2<'py, f64>,
-        columns: Vec<usize>,
+        columns: Columns,
         taps: PyReadonlyArray1<'py, f64>,
         decimation: usize,
         first: usize,
