@@ -92,37 +92,70 @@ unsafe fn fold_in_lanes<T: Lane>(block: Block, panels: &mut Vec<Compact>) {
 #[inline(always)]
 unsafe fn fold_panels<T: Lane, const P: usize>(mut block: Block, panels: &mut Vec<Compact>) {
     panels.clear();
-    for first in (0..block.columns).step_by(P) {
-        let width = P.min(block.columns - first);
-        // SAFETY: columns first..first + width of A exist, and so do the earlier ones.
-        unsafe {
-            if width == P {
-                reflect::<T, P, P>(&mut block, panels, first);
-            } else {
-                (first..block.columns).for_each(|c| reflect::<T, P, 1>(&mut block, panels, c));
-            }
-            panels.push(factor::<T>(&mut block, first, width));
+    let block = &mut block;
+    let mut first = 0;
+    // SAFETY: columns up to `first`, and those taken next, are columns of A.
+    unsafe {
+        while first + 2 * P <= block.columns {
+            reflect::<T, P, P, 2>(block, panels, 0, first);
+            panels.push(factor::<T, P>(block, first));
+            reflect::<T, P, P, 1>(block, panels, panels.len() - 1, first + P);
+            panels.push(factor::<T, P>(block, first + P));
+            first += 2 * P;
+        }
+        if first + P <= block.columns {
+            finish::<T, P, P>(block, panels, first);
+            first += P;
+        }
+        match block.columns - first {
+            1 => finish::<T, P, 1>(block, panels, first),
+            2 => finish::<T, P, 2>(block, panels, first),
+            3 => finish::<T, P, 3>(block, panels, first),
+            _ => (),
         }
     }
 }
 
-/// Apply all panels to N columns.
+/// One panel of N columns, from all before it.
 #[inline(always)]
-unsafe fn reflect<T: Lane, const P: usize, const N: usize>(block: &mut Block, panels: &[Compact], c: usize) {
-    let Some(last) = panels.len().checked_sub(1) else { return };
+unsafe fn finish<T: Lane, const P: usize, const N: usize>(block: &mut Block, panels: &mut Vec<Compact>, first: usize) {
     unsafe {
-        let x = block.some::<N>(c);
-        let mut v = block.some::<P>(0);
-        let mut sums = exchange::<T, P, N, false, true>(v, &[[T::splat(0.0); N]; P], v, x, block.rows);
-        for (j, panel) in panels.iter().enumerate() {
-            let weights = weigh(block, panel, j * P, c, &sums);
-            if j == last {
-                exchange::<T, P, N, true, false>(v, &weights, v, x, block.rows);
-            } else {
-                let next = block.some::<P>((j + 1) * P);
-                sums = exchange::<T, P, N, true, true>(v, &weights, next, x, block.rows);
-                v = next;
+        reflect::<T, P, N, 1>(block, panels, 0, first);
+        panels.push(factor::<T, N>(block, first));
+    }
+}
+
+/// Apply the panels from `begin` on to G times N columns. While one N of them is worked on, the weights of the next are
+/// found: a sum across a lane takes long to come.
+#[inline(always)]
+unsafe fn reflect<T: Lane, const P: usize, const N: usize, const G: usize>(
+    block: &mut Block,
+    panels: &[Compact],
+    begin: usize,
+    c: usize,
+) {
+    if begin == panels.len() {
+        return;
+    }
+    unsafe {
+        let none = [[T::splat(0.0); N]; P];
+        let x: [[*mut f64; N]; G] = core::array::from_fn(|g| block.some(c + g * N));
+        let mut v = block.some::<P>(begin * P);
+        let mut weights = [none; G];
+        for g in 0..G {
+            let sums = exchange::<T, P, N, false, true>(v, &none, v, x[g], block.rows);
+            weights[g] = weigh(block, &panels[begin], begin * P, c + g * N, &sums);
+        }
+        for j in begin + 1..panels.len() {
+            let next = block.some::<P>(j * P);
+            for g in 0..G {
+                let sums = exchange::<T, P, N, true, true>(v, &weights[g], next, x[g], block.rows);
+                weights[g] = weigh(block, &panels[j], j * P, c + g * N, &sums);
             }
+            v = next;
+        }
+        for (weights, x) in weights.iter().zip(x) {
+            exchange::<T, P, N, true, false>(v, weights, v, x, block.rows);
         }
     }
 }
@@ -186,84 +219,68 @@ unsafe fn exchange<T: Lane, const P: usize, const N: usize, const TAKE: bool, co
     sums
 }
 
-/// Inner products of N columns with one.
+/// Reflect a panel's columns onto R.
+///
+/// The step that takes a reflection out of the columns after it finds the inner products of the next one with them all.
 #[inline(always)]
-unsafe fn products<T: Lane, const N: usize>(x: [*mut f64; N], y: *mut f64, rows: usize) -> [f64; N] {
-    // Two sums each hide the latency of the fused multiply-add.
-    let mut sums = [[T::splat(0.0); N]; 2];
-    let mut i = 0;
-    while i < rows {
-        for sums in &mut sums {
-            if i < rows {
-                let y = unsafe { T::load(y.add(i)) };
-                for (sum, x) in sums.iter_mut().zip(x) {
-                    *sum = unsafe { T::load(x.add(i)) }.fma(y, *sum);
-                }
-            }
-            i += T::WIDTH;
-        }
-    }
-    core::array::from_fn(|k| sums[0][k].add(sums[1][k]).sum())
-}
-
-/// Reflect `width` columns onto R.
-#[inline(always)]
-unsafe fn factor<T: Lane>(block: &mut Block, first: usize, width: usize) -> Compact {
+unsafe fn factor<T: Lane, const W: usize>(block: &mut Block, first: usize) -> Compact {
     let (columns, rows) = (block.columns, block.rows);
     let mut t = [[0.0; MAX_PANEL]; MAX_PANEL];
-    for k in 0..width {
-        let v = unsafe { block.column(first + k) };
-        let below = unsafe { products::<T, 1>([v], v, rows)[0] };
+    // The column to be reflected, those after it, then those before it.
+    let mut x = unsafe { block.some::<W>(first) };
+    let mut products = unsafe { take_out::<T, W, 0>(x, (1.0, [0.0; W]), rows) };
+    for k in 0..W {
+        let (mut scale, mut taken) = (0.0, [0.0; W]);
         let diagonal = (first + k) * columns + first + k;
-        let alpha = block.r[diagonal];
+        let (alpha, below) = (block.r[diagonal], products[0]);
         // Below this the column is zero beside its diagonal, and its square may not be told from zero.
-        if below < f64::MIN_POSITIVE {
-            unsafe { scale::<T>(v, rows, 0.0) };
-            continue;
+        if below >= f64::MIN_POSITIVE {
+            let beta = -(alpha * alpha + below).sqrt().copysign(alpha);
+            let tau = (beta - alpha) / beta;
+            scale = 1.0 / (alpha - beta);
+            block.r[diagonal] = beta;
+            for c in 1..W - k {
+                let above = diagonal + c * columns;
+                taken[c] = tau * (block.r[above] + scale * products[c]);
+                block.r[above] -= taken[c];
+            }
+            let inner = |j: usize| scale * products[W - k + j];
+            t[k][k] = tau;
+            for (j, row) in t.iter_mut().enumerate().take(k) {
+                row[k] = -tau * (j..k).map(|l| row[l] * inner(l)).sum::<f64>();
+            }
         }
-        let beta = -(alpha * alpha + below).sqrt().copysign(alpha);
-        let tau = (beta - alpha) / beta;
-        block.r[diagonal] = beta;
-        unsafe { scale::<T>(v, rows, 1.0 / (alpha - beta)) };
-        for c in k + 1..width {
-            let x = unsafe { block.column(first + c) };
-            let above = (first + c) * columns + first + k;
-            let s = tau * (block.r[above] + unsafe { products::<T, 1>([x], v, rows)[0] });
-            block.r[above] -= s;
-            unsafe { subtract::<T>(x, v, s, rows) };
-        }
-        t[k][k] = tau;
-        let inner = match k {
-            0 => [0.0; 3],
-            // The panel's first columns; those from k on are not read below.
-            _ => unsafe { products::<T, 3>(core::array::from_fn(|j| block.column(first + j.min(k - 1))), v, rows) },
-        };
-        for (j, row) in t.iter_mut().enumerate().take(k) {
-            row[k] = -tau * (j..k).map(|l| row[l] * inner[l]).sum::<f64>();
-        }
+        products = unsafe { take_out::<T, W, 1>(x, (scale, taken), rows) };
+        x.rotate_left(1);
+        products.rotate_left(1);
     }
     t
 }
 
+/// Scale the first column, take it out of the others, and return their inner products with column NEXT.
 #[inline(always)]
-unsafe fn scale<T: Lane>(x: *mut f64, rows: usize, by: f64) {
-    let by = T::splat(by);
+unsafe fn take_out<T: Lane, const W: usize, const NEXT: usize>(
+    x: [*mut f64; W],
+    (scale, taken): (f64, [f64; W]),
+    rows: usize,
+) -> [f64; W] {
+    let (scale, taken, mut sums) = (T::splat(scale), taken.map(T::splat), [T::splat(0.0); W]);
     let mut i = 0;
     while i < rows {
-        unsafe { T::load(x.add(i)).mul(by).store(x.add(i)) };
+        let mut lanes: [T; W] = core::array::from_fn(|c| unsafe { T::load(x[c].add(i)) });
+        lanes[0] = lanes[0].mul(scale);
+        for c in 1..W {
+            lanes[c] = lanes[0].fnma(taken[c], lanes[c]);
+        }
+        for (sum, &lane) in sums.iter_mut().zip(&lanes) {
+            *sum = lanes[NEXT % W].fma(lane, *sum);
+        }
+        for (lane, x) in lanes.iter().zip(x) {
+            unsafe { lane.store(x.add(i)) };
+        }
         i += T::WIDTH;
     }
-}
-
-/// x -= s v
-#[inline(always)]
-unsafe fn subtract<T: Lane>(x: *mut f64, v: *const f64, s: f64, rows: usize) {
-    let s = T::splat(s);
-    let mut i = 0;
-    while i < rows {
-        unsafe { T::load(v.add(i)).fnma(s, T::load(x.add(i))).store(x.add(i)) };
-        i += T::WIDTH;
-    }
+    sums.map(T::sum)
 }
 
 #[cfg(test)]
