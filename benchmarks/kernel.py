@@ -55,9 +55,9 @@ def shares(found: dict[str, float]) -> dict[str, float]:
 
 
 def regressor(arm: Arm | Closed, samples: int) -> Work:
-    """Into memory that is there."""
+    """Into memory that is there, as an earlier call returned it."""
     motion = arm.motion(samples)
-    out = np.zeros((arm.n, len(arm.columns), samples))
+    out = arm.core.regressor(*motion, arm.columns)
     return Work(samples, lambda: arm.core.regressor(*motion, arm.columns, None, out), arm.wanted)
 
 

@@ -172,7 +172,8 @@ class Mechanism:
     ) -> Array:
         """The chosen columns of every coordinate's torque, (coordinates, columns, samples).
 
-        Written into `out`, row-major and of this shape, where it is given: new memory costs more than the numbers.
+        Written into `out`, row-major and of this shape, where it is given: new memory costs more than the numbers. What
+        an earlier call returned begins with a line of the caches, and is written fastest.
         """
 
     def torque(
