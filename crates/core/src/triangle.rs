@@ -146,11 +146,11 @@ unsafe fn reflect<T: Lane, const P: usize, const N: usize, const G: usize>(
             let sums = exchange::<T, P, N, false, true>(v, &none, v, x[g], block.rows);
             weights[g] = weigh(block, &panels[begin], begin * P, c + g * N, &sums);
         }
-        for j in begin + 1..panels.len() {
+        for (j, panel) in panels.iter().enumerate().skip(begin + 1) {
             let next = block.some::<P>(j * P);
             for g in 0..G {
                 let sums = exchange::<T, P, N, true, true>(v, &weights[g], next, x[g], block.rows);
-                weights[g] = weigh(block, &panels[j], j * P, c + g * N, &sums);
+                weights[g] = weigh(block, panel, j * P, c + g * N, &sums);
             }
             v = next;
         }
