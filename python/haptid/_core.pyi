@@ -182,11 +182,31 @@ class Mechanism:
         velocity: Array,
         acceleration: Array,
         external: Array,
-        columns: Sequence[int],
-        chi: Sequence[float],
+        chi: Array,
         loops: Array | None = None,
     ) -> Array:
-        """Torque of the chosen columns' parameters, (coordinates, samples)."""
+        """Torque of the parameters of all columns, (coordinates, samples), by recursion.
+
+        chi is (columns,), or (sets, columns): samples are shared out among the sets evenly, in order. A column that the
+        caller makes is not read where its parameter is zero.
+        """
+
+    def mass_matrix(self, position: Array, chi: Array, loops: Array | None = None) -> Array:
+        """Mass matrix of links and rotors, (samples, coordinates, coordinates); chi as for `torque`."""
+
+    def acceleration(
+        self,
+        position: Array,
+        velocity: Array,
+        torque: Array,
+        external: Array,
+        chi: Array,
+        loops: Array | None = None,
+    ) -> tuple[Array, int | None]:
+        """Acceleration under a torque (coordinates, samples), of the same shape; chi as for `torque`.
+
+        Beside it the first sample whose mass matrix is not positive definite, if there is one.
+        """
 
     def momentum_regressor(
         self,
@@ -202,15 +222,12 @@ class Mechanism:
         """
 
     def momentum(
-        self,
-        position: Array,
-        velocity: Array,
-        external: Array,
-        columns: Sequence[int],
-        chi: Sequence[float],
-        loops: Array | None = None,
+        self, position: Array, velocity: Array, external: Array, chi: Array, loops: Array | None = None
     ) -> Array:
-        """Momentum of the chosen columns' parameters, and the rest of their torque, (2, coordinates, samples)."""
+        """Momentum, and the rest of the torque beside its rate of change, (2, coordinates, samples).
+
+        chi as for `torque`.
+        """
 
     def inner_products(
         self,

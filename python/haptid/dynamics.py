@@ -2,14 +2,11 @@
 
 from __future__ import annotations
 
-import importlib
-
 import numpy as np
 from numpy.typing import ArrayLike
 
 from haptid._values import Array, expect
 from haptid.device import Device
-from haptid.device.closure import Followed
 from haptid.signals import external
 
 
@@ -44,8 +41,8 @@ def mass_matrix(device: Device, beta: ArrayLike, qa: ArrayLike) -> Array:
     Raises:
         ShapeError: an array does not fit the device.
     """
-    chi, (c,) = rigid(device, raw_parameters(device, beta)), _coordinates(device, qa)
-    return core_mass(device, chi, device.follow(c, np.zeros_like(c)))
+    (c,) = _coordinates(device, qa)
+    return core_mass(device, raw_parameters(device, beta), c)
 
 
 def bias_torque(device: Device, beta: ArrayLike, qa: Array, qda: Array) -> Array:
@@ -98,45 +95,32 @@ def rigid(device: Device, chi: Array) -> Array:
 
 def core_torque(device: Device, chi: Array, c: Array, cd: Array, cdd: Array, own: Array | None = None) -> Array:
     """Torque of the core's columns, (rows, samples); `own` are the columns that Python computes, none if left out."""
-    columns = [int(k) for k in np.flatnonzero(chi)]
     if own is None:
         own = np.zeros((len(device.externals), c.shape[1]))
-    c, cd, cdd, own = (np.ascontiguousarray(x) for x in (c, cd, cdd, own))
-    return np.asarray(device.mechanism.torque(c, cd, cdd, own, columns, chi[columns].tolist(), device.loops(c, cd)))
+    c, cd, cdd, own, chi = (np.ascontiguousarray(x) for x in (c, cd, cdd, own, chi))
+    return np.asarray(device.mechanism.torque(c, cd, cdd, own, chi, device.loops(c, cd)))
 
 
-def core_mass(device: Device, chi: Array, followed: Followed) -> Array:
+def core_mass(device: Device, chi: Array, c: Array) -> Array:
     """Mass matrix of the core's columns, (samples, rows, rows), kg m^2 (or kg, kg m).
 
     Args:
         device: the mechanism.
-        chi: parameters of the core's columns, (r,), SI; only those of bodies and rotors count.
-        followed: all joints, by the coordinates that torque rows belong to.
+        chi: parameters of the core's columns, (r,) or several sets (sets, r), SI; only those of bodies and rotors
+            count.
+        c: positions of the coordinates that torque rows belong to, (active, samples), of the first set, then of the
+            second, ...
     """
-    links, (q, n), G = 10 * len(device.joints), (followed.q, len(device.active)), followed.G
-    rotors = [(term, chi[links + k]) for k, term in enumerate(device.terms) if term.kind == "rotor"]
-    fixed = [(term.weights, inertia) for term, inertia in rotors if term.joint is None]
-    weights, inertia = np.array([w for w, _ in fixed]).reshape(-1, n), np.array([x for _, x in fixed])
-    rates = G if G.ndim == 2 else G.reshape(q.shape[1], len(q) * n).T
-    q, rates = np.ascontiguousarray(q), np.ascontiguousarray(rates)
-    core = importlib.import_module("haptid._core")
-    at = (0, [0.0, 0.0, 0.0])  # of the handle nothing is asked
-    made = core.handle_dynamics(device.mechanism, q, rates, *at, chi[:links], weights, inertia, [])
-    M: Array = made.reshape(q.shape[1], n, n)
-    for term, own in rotors:
-        if term.joint is not None:
-            turn = G[:, term.joint]
-            M += own * turn[:, :, None] * turn[:, None]
-    return M
+    c, chi = np.ascontiguousarray(c), np.ascontiguousarray(chi)
+    return np.asarray(device.mechanism.mass_matrix(c, chi, device.loops(c, np.zeros_like(c))))
 
 
 def core_momentum(device: Device, chi: Array, c: Array, cd: Array, own: Array | None = None) -> tuple[Array, Array]:
     """Momentum of the core's columns, and the rest of their torque, each (rows, samples); `own` as in `core_torque`."""
-    columns = [int(k) for k in np.flatnonzero(chi)]
     if own is None:
         own = np.zeros((len(device.externals), c.shape[1]))
-    c, cd = np.ascontiguousarray(c), np.ascontiguousarray(cd)
-    p, rest = device.mechanism.momentum(c, cd, own, columns, chi[columns].tolist(), device.loops(c, cd))
+    c, cd, chi = np.ascontiguousarray(c), np.ascontiguousarray(cd), np.ascontiguousarray(chi)
+    p, rest = device.mechanism.momentum(c, cd, own, chi, device.loops(c, cd))
     return p, rest
 
 

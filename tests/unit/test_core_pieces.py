@@ -50,7 +50,9 @@ def test_every_sample_is_made_alike() -> None:
     for first in (0, 1021, 2045, SAMPLES - 5):
         few = [np.ascontiguousarray(x[:, first : first + 5]) for x in motion]
         np.testing.assert_array_equal(device.mechanism.regressor(*few, columns), whole[:, :, first : first + 5])
-    tau = device.mechanism.torque(*motion, columns, np.ones(len(columns)))
+    chi = np.zeros(device.mechanism.columns)
+    chi[columns] = 1.0
+    tau = device.mechanism.torque(*motion, chi)
     np.testing.assert_allclose(tau, whole.sum(axis=1), atol=1e-11)
 
 

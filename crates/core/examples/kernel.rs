@@ -2,10 +2,12 @@
 //! `kernel WORK SAMPLES REPEATS [BACKEND]` prints the microseconds per sample of the fastest repeat.
 //!
 //! WORK is a mechanism and what is done with it: `arm` (7 joints, 43 base columns) or `loop` (9 links, 3 coordinates,
-//! 29 base columns), then `-regressor`, `-reduce`, `-filter` (41 taps, every tenth row) or `-momentum` (the same without
-//! accelerations).
+//! 29 base columns), then `-regressor`, `-reduce`, `-filter` (41 taps, every tenth row), `-momentum` (the same without
+//! accelerations), `-torque`, `-mass` or `-acceleration` (of given parameters).
 
-use haptid_core::{Backend, Closure, Joint, Mechanism, Motion, Reduction, reduce, regressor};
+use haptid_core::{
+    Backend, Closure, Joint, Mechanism, Motion, Reduction, acceleration, mass_matrix, reduce, regressor, torque,
+};
 use std::time::Instant;
 
 fn main() {
@@ -27,7 +29,7 @@ fn main() {
         "reduce" => reducing(&mechanism, &columns, numbers.motion(true), &numbers, &[1.0], 1),
         "filter" => reducing(&mechanism, &columns, numbers.motion(true), &numbers, &[1.0 / 41.0; 41], 10),
         "momentum" => reducing(&mechanism, &columns, numbers.motion(false), &numbers, &[1.0 / 41.0; 41], 10),
-        _ => panic!("unknown work {work}"),
+        _ => dynamics(work, &mechanism, &numbers),
     };
     let fastest = (0..repeats).map(|_| seconds(&mut run)).fold(f64::INFINITY, f64::min);
     println!("{}", fastest * 1e6 / samples.max(1) as f64);
@@ -61,6 +63,26 @@ fn reducing<'a>(
         weights: &[],
     };
     Box::new(move || drop(reduce(mechanism, &motion, &reduction).expect("shapes")))
+}
+
+/// Dynamics of bodies that are balls.
+fn dynamics<'a>(work: &str, mechanism: &'a Mechanism, numbers: &'a Numbers) -> Box<dyn FnMut() + 'a> {
+    let chi = [0.1, 0.0, 0.0, 0.1, 0.0, 0.1, 0.0, 0.0, 0.0, 1.0].repeat(mechanism.columns() / 10);
+    let (na, motion) = (mechanism.coordinates(), numbers.motion(true));
+    let mut out = vec![0.0; na * na * motion.samples];
+    match work {
+        "torque" => {
+            out.truncate(na * motion.samples);
+            Box::new(move || torque(mechanism, &motion, &chi, &mut out).expect("shapes"))
+        }
+        "mass" => Box::new(move || mass_matrix(mechanism, &motion, &chi, &mut out).expect("shapes")),
+        "acceleration" => {
+            out.truncate(na * motion.samples);
+            let mut run = move || acceleration(mechanism, &motion, &numbers.torque, &chi, &mut out).expect("shapes");
+            Box::new(move || assert!(run().is_none()))
+        }
+        _ => panic!("unknown work {work}"),
+    }
 }
 
 /// Numbers between -2 and 2, the same on every machine.

@@ -8,13 +8,13 @@ use crate::vector::{Vector, cross_add, zero};
 /// A joint at one position. Where its shape is a constant to the compiler, so is what need not be computed.
 #[derive(Clone, Copy)]
 pub(crate) struct JointMotion<T> {
-    shape: Shape,
+    pub(crate) shape: Shape,
     /// Rotation from the parent's frame to the joint's, row-major.
-    inverse: [f64; 9],
-    cosine: T,
-    sine: T,
+    pub(crate) inverse: [f64; 9],
+    pub(crate) cosine: T,
+    pub(crate) sine: T,
     /// Origin of the link in the parent's frame.
-    origin: Vector<T>,
+    pub(crate) origin: Vector<T>,
 }
 
 /// What a joint's position changes, at a batch of samples: cosine and sine, or the origin of a link that slides.

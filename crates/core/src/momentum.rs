@@ -15,7 +15,7 @@ use crate::rows::get_axis;
 use crate::vector::{Vector, cross, cross_add, cycle, dot};
 
 /// Numbers of a link's velocity, in its own frame, and where its parts begin: angular velocity, velocity of the origin,
-const VELOCITY_NUMBERS: usize = 9;
+pub(crate) const VELOCITY_NUMBERS: usize = 9;
 const _: () = assert!(VELOCITY_NUMBERS <= LINK_NUMBERS, "the slots of a link hold its velocity");
 const W: usize = 0;
 const V: usize = 3;
@@ -33,6 +33,12 @@ impl LinkVelocities {
     #[inline(always)]
     unsafe fn part<T: Lane, const N: usize>(&self, part: usize, k: usize) -> [T; N] {
         unsafe { load(self.0.add(part), k) }
+    }
+
+    /// Angular velocity, velocity of the origin, and minus gravity.
+    #[inline(always)]
+    pub(crate) unsafe fn get<T: Lane>(&self, k: usize) -> [Vector<T>; 3] {
+        unsafe { [self.part(W, k), self.part(V, k), self.part(A, k)] }
     }
 
     #[inline(always)]

@@ -1,4 +1,4 @@
-//! The regressor, and torques from it, over whole motions.
+//! The regressor over whole motions.
 
 use crate::error::{Error, expect_length};
 use crate::lane::MAX_WIDTH;
@@ -41,10 +41,15 @@ impl Motion<'_> {
 
     pub(crate) fn check(&self, mechanism: &Mechanism) -> Result<(), Error> {
         let wanted = self.samples * mechanism.coordinates;
-        expect_length("position", self.position.len(), wanted)?;
         expect_length("velocity", self.velocity.len(), wanted)?;
         expect_length("acceleration", self.acceleration.map_or(wanted, <[f64]>::len), wanted)?;
         expect_length("external", self.external.len(), self.samples * mechanism.externals)?;
+        self.check_poses(mechanism)
+    }
+
+    /// Check what says where the links are.
+    pub(crate) fn check_poses(&self, mechanism: &Mechanism) -> Result<(), Error> {
+        expect_length("position", self.position.len(), self.samples * mechanism.coordinates)?;
         expect_length("loops", self.loops.len(), self.samples * mechanism.loops)
     }
 }
@@ -78,7 +83,7 @@ pub fn regressor(mechanism: &Mechanism, motion: &Motion, columns: &[usize], out:
     if columns.is_empty() {
         return Ok(());
     }
-    let shared = Shared(out.as_mut_ptr());
+    let shared = Shared::new(out);
     if plan.all * n <= CACHED {
         in_parts(mechanism, n, |part, workspace| {
             let whole = part.len() - part.len() % MAX_WIDTH;
@@ -138,13 +143,17 @@ pub(crate) const PART: usize = 1024;
 
 /// An array that threads write to, each its own numbers.
 #[derive(Clone, Copy)]
-pub(crate) struct Shared(pub(crate) *mut f64);
+pub(crate) struct Shared(*mut f64);
 
 // SAFETY: whoever writes promises that nobody else writes the same numbers.
 unsafe impl Send for Shared {}
 unsafe impl Sync for Shared {}
 
 impl Shared {
+    pub(crate) fn new(numbers: &mut [f64]) -> Shared {
+        Shared(numbers.as_mut_ptr())
+    }
+
     /// # Safety
     /// `number` is inside the array, or one past it.
     pub(crate) unsafe fn at(self, number: usize) -> *mut f64 {
@@ -168,42 +177,6 @@ pub(crate) fn in_parts(mechanism: &Mechanism, samples: usize, work: impl Fn(Rang
 const TILE: usize = 128;
 const RUN: usize = TILE + MAX_WIDTH;
 static ZEROS: [f64; TILE] = [0.0; TILE];
-
-/// Torques of the chosen columns' parameters `chi`: `out[r * samples + k]`, rows as in [`regressor`].
-pub fn torque(
-    mechanism: &Mechanism,
-    motion: &Motion,
-    columns: &[usize],
-    chi: &[f64],
-    out: &mut [f64],
-) -> Result<(), Error> {
-    motion.check(mechanism)?;
-    let plan = mechanism.plan(motion.sets(), columns)?;
-    expect_length("chi", chi.len(), columns.len())?;
-    let n = motion.samples;
-    expect_length("out", out.len(), motion.sets() * mechanism.coordinates * n)?;
-    out.fill(0.0);
-    if columns.is_empty() {
-        return Ok(());
-    }
-    let shared = Shared(out.as_mut_ptr());
-    in_parts(mechanism, n, |part, workspace| {
-        let tile = Runs { first: workspace.tile(plan.filled.len() * RUN), apart: RUN };
-        for from in part.clone().step_by(TILE) {
-            let count = TILE.min(part.end - from);
-            // SAFETY: every run has room for a tile and a lane.
-            unsafe { rows(mechanism, motion, from, count, &plan.packed, tile, workspace) };
-            for (k, &entry) in plan.filled.iter().enumerate() {
-                let (row, parameter) = (entry / columns.len(), chi[entry % columns.len()]);
-                // SAFETY: the run was just written; the row has n numbers, and no other part touches these.
-                let run = unsafe { core::slice::from_raw_parts(tile.at(k), count) };
-                let row = unsafe { core::slice::from_raw_parts_mut(shared.at(row * n + from), count) };
-                row.iter_mut().zip(run).for_each(|(tau, y)| *tau += y * parameter);
-            }
-        }
-    });
-    Ok(())
-}
 
 #[cfg(test)]
 mod tests {

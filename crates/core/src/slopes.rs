@@ -30,7 +30,7 @@ pub fn torque_slopes(
     columns.iter().enumerate().for_each(|(c, &column)| run[column] = c + 1);
     let of_row = |row: usize| Weights::new(mechanism, |a, column| if a == row { run[column] } else { 0 });
     let weights: Vec<Weights> = (0..na).map(of_row).collect();
-    let shared = Shared(out.as_mut_ptr());
+    let shared = Shared::new(out);
     in_parts(mechanism, n, |part, workspace| {
         let tile = workspace.tile((columns.len() + 1) * BATCH);
         // SAFETY: the tile was just made so large.
@@ -73,7 +73,7 @@ pub fn form_slopes(
     let places = [entries.places(mechanism)];
     let form = |row: usize| Form::new(&forms[row * p * p..][..p * p], p, &entries.reached[row]);
     let forms: Vec<Form> = (0..na).map(form).collect();
-    let shared = Shared(out.as_mut_ptr());
+    let shared = Shared::new(out);
     in_parts(mechanism, n, |part, workspace| {
         let tile = workspace.tile(2 * entries.many() * BATCH);
         for samples in batches(part) {

@@ -88,25 +88,34 @@ impl Term {
     }
 }
 
+/// sgn v, or tanh(v / width) where a width is given; 0 at rest, where Coulomb friction is not known.
 #[inline(always)]
-fn sign(v: f64, width: f64) -> f64 {
+fn sign<T: Lane>(v: T, width: f64) -> T {
     if width > 0.0 {
-        (v / width).tanh()
-    } else {
-        // `f64::signum` is 1 at zero; a joint at rest has no Coulomb torque to tell.
-        f64::from(i8::from(v > 0.0) - i8::from(v < 0.0))
+        return v.mul(T::splat(1.0 / width)).tanh();
     }
+    let (zero, one) = (T::splat(0.0), T::splat(1.0));
+    T::select_gt(zero, v, one.neg(), T::select_gt(v, zero, one, zero))
 }
 
 /// Slope of [`sign`]; none where it jumps.
-fn sign_slope(v: f64, width: f64) -> f64 {
-    if width > 0.0 { (1.0 - sign(v, width).powi(2)) / width } else { 0.0 }
+#[inline(always)]
+fn sign_slope<T: Lane>(v: T, width: f64) -> T {
+    if width == 0.0 {
+        return T::splat(0.0);
+    }
+    let sign = sign(v, width);
+    sign.fnma(sign, T::splat(1.0)).mul(T::splat(1.0 / width))
 }
 
-/// Slope of exp(-(|v| / velocity)^exponent); at rest what it is multiplied by is zero.
-fn fading_slope(v: f64, velocity: f64, exponent: f64) -> f64 {
-    let share = (v.abs() / velocity).powf(exponent);
-    if v == 0.0 { 0.0 } else { -exponent * share / v * (-share).exp() }
+/// exp(-(|v| / velocity)^exponent), and its slope; at rest what that is multiplied by is zero.
+#[inline(always)]
+fn fading<T: Lane>(v: T, velocity: f64, exponent: f64) -> (T, T) {
+    let (size, zero) = (v.flip(v), T::splat(0.0));
+    let share = size.mul(T::splat(1.0 / velocity)).power(exponent);
+    let fading = share.neg().exp();
+    let slope = share.mul(T::splat(-exponent)).div(v).mul(fading);
+    (fading, T::select_gt(size, zero, slope, zero))
 }
 
 impl Law {
@@ -116,17 +125,10 @@ impl Law {
         match self {
             Law::Rotor => a,
             Law::Viscous => v,
-            Law::Coulomb { width: 0.0 } => {
-                let (zero, one) = (T::splat(0.0), T::splat(1.0));
-                let up = T::select_gt(v, zero, one, zero);
-                T::select_gt(zero, v, one.neg(), up)
-            }
-            Law::Coulomb { width } => v.map(|v| sign(v, width)),
-            Law::CoulombForward { width } => v.map(|v| sign(v.max(0.0), width)),
-            Law::CoulombBackward { width } => v.map(|v| sign(v.min(0.0), width)),
-            Law::Stribeck { velocity, exponent, width } => {
-                v.map(|v| sign(v, width) * (-(v.abs() / velocity).powf(exponent)).exp())
-            }
+            Law::Coulomb { width } => sign(v, width),
+            Law::CoulombForward { width } => sign(T::select_gt(v, T::splat(0.0), v, T::splat(0.0)), width),
+            Law::CoulombBackward { width } => sign(T::select_gt(T::splat(0.0), v, v, T::splat(0.0)), width),
+            Law::Stribeck { velocity, exponent, width } => sign(v, width).mul(fading(v, velocity, exponent).0),
             Law::Offset => T::splat(1.0),
             Law::Spring { rest } => x.sub(T::splat(rest)),
             Law::External => external,
@@ -139,13 +141,13 @@ impl Law {
         let (zero, one) = (T::splat(0.0), T::splat(1.0));
         let by_v = match self {
             Law::Viscous => one,
-            Law::Coulomb { width } => v.map(|v| sign_slope(v, width)),
-            Law::CoulombForward { width } => v.map(|v| if v > 0.0 { sign_slope(v, width) } else { 0.0 }),
-            Law::CoulombBackward { width } => v.map(|v| if v < 0.0 { sign_slope(v, width) } else { 0.0 }),
-            Law::Stribeck { velocity, exponent, width } => v.map(|v| {
-                let fading = (-(v.abs() / velocity).powf(exponent)).exp();
-                sign_slope(v, width) * fading + sign(v, width) * fading_slope(v, velocity, exponent)
-            }),
+            Law::Coulomb { width } => sign_slope(v, width),
+            Law::CoulombForward { width } => T::select_gt(v, zero, sign_slope(v, width), zero),
+            Law::CoulombBackward { width } => T::select_gt(zero, v, sign_slope(v, width), zero),
+            Law::Stribeck { velocity, exponent, width } => {
+                let (fading, slope) = fading(v, velocity, exponent);
+                sign_slope(v, width).fma(fading, sign(v, width).mul(slope))
+            }
             Law::Rotor | Law::Offset | Law::Spring { .. } | Law::External => zero,
         };
         let by_x = if matches!(self, Law::Spring { .. }) { one } else { zero };

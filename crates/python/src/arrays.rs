@@ -3,7 +3,7 @@
 use haptid_core::Triangles;
 use numpy::{
     IntoPyArray, PyArray1, PyArray3, PyArrayMethods, PyReadonlyArray1, PyReadonlyArray2, PyReadonlyArray3,
-    PyUntypedArrayMethods,
+    PyReadonlyArrayDyn, PyUntypedArrayMethods,
 };
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
@@ -25,6 +25,16 @@ pub fn stack<'a>(matrices: &'a PyReadonlyArray3<'_, f64>, shape: [usize; 3]) -> 
         return Err(PyValueError::new_err(format!("matrices have shape {got:?}; they must be row-major, {shape:?}")));
     }
     Ok(matrices.as_slice()?)
+}
+
+/// Parameters of all columns, (columns,), or several sets of them, (sets, columns).
+pub fn sets<'a>(chi: &'a PyReadonlyArrayDyn<'_, f64>, columns: usize) -> PyResult<&'a [f64]> {
+    match chi.shape() {
+        [.., last] if chi.ndim() <= 2 && *last == columns && chi.is_c_contiguous() => Ok(chi.as_slice()?),
+        shape => {
+            Err(PyValueError::new_err(format!("chi has shape {shape:?}; it must be row-major, (sets, {columns})")))
+        }
+    }
 }
 
 /// Numbers in a line of the caches.

@@ -4,11 +4,12 @@ mod arrays;
 mod handle;
 mod loops;
 
-use arrays::{Columns, output, row_major, square_stack, stack};
+use arrays::{Columns, output, row_major, sets, square_stack, stack};
 use haptid_core::{Backend, Closure, Error, Law, Mechanism, Motion, Reduction, Term};
 use loops::{PyBranch, PyLoops, joints};
 use numpy::{
     IntoPyArray, PyArray2, PyArray3, PyArray4, PyArrayMethods, PyReadonlyArray1, PyReadonlyArray2, PyReadonlyArray3,
+    PyReadonlyArrayDyn,
 };
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
@@ -144,7 +145,7 @@ impl PyMechanism {
         Ok(out)
     }
 
-    #[pyo3(signature = (position, velocity, acceleration, external, columns, chi, loops=None))]
+    #[pyo3(signature = (position, velocity, acceleration, external, chi, loops=None))]
     #[allow(clippy::too_many_arguments)]
     fn torque<'py>(
         &self,
@@ -153,16 +154,58 @@ impl PyMechanism {
         velocity: PyReadonlyArray2<'py, f64>,
         acceleration: PyReadonlyArray2<'py, f64>,
         external: PyReadonlyArray2<'py, f64>,
-        columns: Columns,
-        chi: Vec<f64>,
+        chi: PyReadonlyArrayDyn<'py, f64>,
         loops: Option<PyReadonlyArray2<'py, f64>>,
     ) -> PyResult<Bound<'py, PyArray2<f64>>> {
         let borrowed = Borrowed { position, velocity, acceleration: Some(acceleration), external, loops };
-        let motion = borrowed.motion()?;
+        let (motion, chi) = (borrowed.motion()?, sets(&chi, self.0.columns())?);
         let shape = [self.0.coordinates(), motion.samples];
         let mut out = vec![0.0; shape.iter().product()];
-        py.detach(|| haptid_core::torque(&self.0, &motion, &columns, &chi, &mut out)).map_err(to_python)?;
+        py.detach(|| haptid_core::torque(&self.0, &motion, chi, &mut out)).map_err(to_python)?;
         out.into_pyarray(py).reshape(shape)
+    }
+
+    #[pyo3(signature = (position, chi, loops=None))]
+    fn mass_matrix<'py>(
+        &self,
+        py: Python<'py>,
+        position: PyReadonlyArray2<'py, f64>,
+        chi: PyReadonlyArrayDyn<'py, f64>,
+        loops: Option<PyReadonlyArray2<'py, f64>>,
+    ) -> PyResult<Bound<'py, PyArray3<f64>>> {
+        let motion = Motion {
+            samples: position.as_array().ncols(),
+            position: row_major(&position)?,
+            velocity: &[],
+            acceleration: None,
+            external: &[],
+            loops: loops.as_ref().map_or(Ok(&[][..]), row_major)?,
+        };
+        let (na, chi) = (self.0.coordinates(), sets(&chi, self.0.columns())?);
+        let mut out = vec![0.0; motion.samples * na * na];
+        py.detach(|| haptid_core::mass_matrix(&self.0, &motion, chi, &mut out)).map_err(to_python)?;
+        out.into_pyarray(py).reshape([motion.samples, na, na])
+    }
+
+    #[pyo3(signature = (position, velocity, torque, external, chi, loops=None))]
+    #[allow(clippy::too_many_arguments)]
+    fn acceleration<'py>(
+        &self,
+        py: Python<'py>,
+        position: PyReadonlyArray2<'py, f64>,
+        velocity: PyReadonlyArray2<'py, f64>,
+        torque: PyReadonlyArray2<'py, f64>,
+        external: PyReadonlyArray2<'py, f64>,
+        chi: PyReadonlyArrayDyn<'py, f64>,
+        loops: Option<PyReadonlyArray2<'py, f64>>,
+    ) -> PyResult<(Bound<'py, PyArray2<f64>>, Option<usize>)> {
+        let borrowed = Borrowed { position, velocity, acceleration: None, external, loops };
+        let (motion, torque) = (borrowed.motion()?, row_major(&torque)?);
+        let (shape, chi) = ([self.0.coordinates(), motion.samples], sets(&chi, self.0.columns())?);
+        let mut out = vec![0.0; shape.iter().product()];
+        let failed =
+            py.detach(|| haptid_core::acceleration(&self.0, &motion, torque, chi, &mut out)).map_err(to_python)?;
+        Ok((out.into_pyarray(py).reshape(shape)?, failed))
     }
 
     #[pyo3(signature = (position, velocity, external, columns, loops=None))]
@@ -183,23 +226,21 @@ impl PyMechanism {
         out.into_pyarray(py).reshape(shape)
     }
 
-    #[pyo3(signature = (position, velocity, external, columns, chi, loops=None))]
-    #[allow(clippy::too_many_arguments)]
+    #[pyo3(signature = (position, velocity, external, chi, loops=None))]
     fn momentum<'py>(
         &self,
         py: Python<'py>,
         position: PyReadonlyArray2<'py, f64>,
         velocity: PyReadonlyArray2<'py, f64>,
         external: PyReadonlyArray2<'py, f64>,
-        columns: Columns,
-        chi: Vec<f64>,
+        chi: PyReadonlyArrayDyn<'py, f64>,
         loops: Option<PyReadonlyArray2<'py, f64>>,
     ) -> PyResult<Bound<'py, PyArray3<f64>>> {
         let borrowed = Borrowed { position, velocity, acceleration: None, external, loops };
-        let motion = borrowed.motion()?;
+        let (motion, chi) = (borrowed.motion()?, sets(&chi, self.0.columns())?);
         let shape = [motion.sets(), self.0.coordinates(), motion.samples];
         let mut out = vec![0.0; shape.iter().product()];
-        py.detach(|| haptid_core::torque(&self.0, &motion, &columns, &chi, &mut out)).map_err(to_python)?;
+        py.detach(|| haptid_core::torque(&self.0, &motion, chi, &mut out)).map_err(to_python)?;
         out.into_pyarray(py).reshape(shape)
     }
 

@@ -390,11 +390,8 @@ class Device:
         for term in self.externals:
             if isinstance(term.shape, Load):
                 bare, chi = self.bodies
-                columns = list(range(len(chi)))
-                own = np.zeros((0, c.shape[1]))
-                made[term.name] = term.shape.values(
-                    bare.mechanism.torque(c, cd, cdd, own, columns, chi.tolist(), bare.loops(c, cd)), cd
-                )
+                own, loops = np.zeros((0, c.shape[1])), bare.loops(c, cd)
+                made[term.name] = term.shape.values(bare.mechanism.torque(c, cd, cdd, own, chi, loops), cd)
         return made
 
     @cached_property

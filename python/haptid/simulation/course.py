@@ -147,7 +147,8 @@ def closed_loop(model: DirectModel, law: PID, motion: Motion, place: int, stretc
     speed = np.gradient(target, motion.dt, axis=1)
     wanted, rate = (np.tile(between(x, stretches, per), sets) for x in (target, speed))
     c, cd = (np.tile(x[:, stretches.sample[0]], sets) for x in measured_state(device, motion))
-    running = Running(law, device, motion.dt / per, Start(c, cd, wanted[0], rate[0], model.parts(c, cd)[1].T))
+    held = model.inverse(c, cd, np.zeros_like(c))
+    running = Running(law, device, motion.dt / per, Start(c, cd, wanted[0], rate[0], held))
 
     def drive(k: int, c: Array, cd: Array) -> tuple[Array, np.ndarray]:
         return running.torque(c, cd, wanted[k], rate[k])

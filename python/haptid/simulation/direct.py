@@ -4,13 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
 
 import numpy as np
 
 from haptid._values import Array, expect, freeze, read_only
 from haptid.device import Device
-from haptid.dynamics import core_mass
+from haptid.dynamics import core_mass, core_torque
 from haptid.errors import MasslessError
 from haptid.signals import check_columns, external, state
 from haptid.simulation.loads import Carried, carried, pressed
@@ -30,9 +29,10 @@ STEP = 1e-6
 class DirectModel:
     """M(c) cdd = tau - h(c, cd), friction, springs and a user's own columns in h.
 
-    The core makes M from the coordinates' axes, and h by the inverse model without acceleration, for all states in one
-    call each, trees and loops alike (Walker and Orin 1982, J. Dyn. Sys. Meas. Control 104, method 3). Friction by load
-    depends on cdd, too: it is in h as it is without acceleration, and what it changes is found with cdd.
+    The core makes M from composite bodies and h by the inverse model without acceleration, and solves, for all states
+    and sets in one call, trees and loops alike (Walker and Orin 1982, J. Dyn. Sys. Meas. Control 104, method 3).
+    Friction by load depends on cdd, too: it is in h as it is without acceleration, and what it changes is found with
+    cdd.
 
     Attributes:
         device: the mechanism, its dry friction smooth: see `smooth`.
@@ -50,25 +50,21 @@ class DirectModel:
         expect("chi", self.chi.shape, (None, self.device.mechanism.columns))
         check_columns(self.device)
 
-    @cached_property
-    def _columns(self) -> list[tuple[list[int], list[float]]]:
-        """Of each set, the columns that count and their parameters."""
-        return [([int(k) for k in np.flatnonzero(one)], one[one != 0].tolist()) for one in self.chi]
-
     def parts(self, c: Array, cd: Array) -> tuple[Array, Array]:
         """M, (states, n, n), and h, (states, n); states are those of the first set, then of the second, ...
 
         Args:
             c, cd: positions and velocities of the coordinates that torque rows belong to, (n, states).
         """
-        M, h = [], []
-        for k, (columns, chi) in enumerate(self._columns):
-            x, v = (np.ascontiguousarray(np.split(z, len(self.chi), axis=1)[k]) for z in (c, cd))
-            followed, still = self.device.follow(x, v), np.zeros_like(x)
-            own, loops = external(self.device, x, v, still), self.device.given(followed)
-            h.append(self.device.mechanism.torque(x, v, still, own, columns, chi, loops).T)
-            M.append(core_mass(self.device, self.chi[k], followed))
-        return np.concatenate(M), np.concatenate(h)
+        return self.mass(c), self.inverse(c, cd, np.zeros_like(c)).T
+
+    def mass(self, c: Array) -> Array:
+        """M, (states, n, n), at positions (n, states); sets as in `parts`."""
+        return core_mass(self.device, self.chi, c)
+
+    def inverse(self, c: Array, cd: Array, cdd: Array) -> Array:
+        """Torque of every row, (n, states), from the coordinates' motion, each (n, states); sets as in `parts`."""
+        return core_torque(self.device, self.chi, c, cd, cdd, external(self.device, c, cd, cdd))
 
     def acceleration(self, c: Array, cd: Array, tau: Array) -> Array:
         """cdd, (n, states), rad/s^2 or m/s^2.
@@ -78,15 +74,26 @@ class DirectModel:
             tau: torque of every row, (n, states), N m or N.
 
         Raises:
-            MasslessError: a mass matrix cannot be inverted.
+            MasslessError: a mass matrix is not positive definite.
         """
-        M, h = self.parts(c, cd)
-        cdd = self._solved(M, tau.T - h)
+        c, cd, tau = np.ascontiguousarray(c), np.ascontiguousarray(cd), np.ascontiguousarray(tau)
+        own, loops = external(self.device, c, cd, np.zeros_like(c)), self.device.loops(c, cd)
+        cdd, failed = self.device.mechanism.acceleration(c, cd, tau, own, self.chi, loops)
+        if failed is not None:
+            of = failed * len(self.chi) // c.shape[1]
+            raise self.massless(core_mass(self.device, self.chi[of], c[:, [failed]]))
         loads = self._loads(c, cd)
-        # For given signs of the bodies' torques friction by load is linear in cdd: few passes find the signs.
-        for _ in range(PASSES if loads else 0):
+        return self._loaded(loads, self.mass(c), cdd.T) if loads else np.asarray(cdd)
+
+    def _loaded(self, loads: list[Carried], M: Array, cdd: Array) -> Array:
+        """cdd with friction by load, (n, states), from that with its size as without acceleration, (states, n).
+
+        For given signs of the bodies' torques friction by load is linear in cdd: few passes find the signs.
+        """
+        force = (M @ cdd[:, :, None])[:, :, 0]
+        for _ in range(PASSES):
             more, rest = pressed(loads, cdd)
-            before, cdd = cdd, self._solved(M + more, tau.T - h - rest)
+            before, cdd = cdd, self._solved(M + more, force - rest)
             if not any((one.sign(before) != one.sign(cdd)).any() for one in loads):
                 break
         return np.ascontiguousarray(cdd.T)
@@ -97,12 +104,13 @@ class DirectModel:
         Args:
             c, cd, cdd: of the coordinates, (n, states).
         """
-        M, _ = self.parts(c, cd)
-        loads = self._loads(c, cd)
+        M, loads = self.mass(c), self._loads(c, cd)
         return M + pressed(loads, cdd.T)[0] if loads else M
 
     def _loads(self, c: Array, cd: Array) -> list[Carried]:
         """Friction by load of all sets."""
+        if not self.device.has_loads:
+            return []
         return carried(self.device, np.repeat(self.chi, c.shape[1] // len(self.chi), axis=0), c, cd)
 
     def _solved(self, M: Array, force: Array) -> Array:
@@ -126,7 +134,7 @@ class DirectModel:
 
     def check(self, c: Array) -> None:
         """Raise MasslessError unless the mass matrix is positive definite at these positions, (n, states)."""
-        M, _ = self.parts(np.tile(c, len(self.chi)), np.zeros((len(c), len(self.chi) * c.shape[1])))
+        M = self.mass(np.tile(c, len(self.chi)))
         if not (np.linalg.eigvalsh(M)[:, 0] > INVERTIBLE * np.abs(M).max(axis=(1, 2))).all():
             raise self.massless(M)
 
@@ -136,18 +144,13 @@ class DirectModel:
         By central differences. Column k is the derivative by coordinate k.
         """
         n, states = c.shape
+        first = DirectModel(self.device, self.chi[:1])
         shift = STEP * np.repeat(np.eye(n), states, axis=1)
         wide, wide_d, wide_dd = (np.tile(x, n) for x in (c, cd, cdd))
-        by_c = self._torque(wide + shift, wide_d, wide_dd) - self._torque(wide - shift, wide_d, wide_dd)
-        by_cd = self._torque(wide, wide_d + shift, wide_dd) - self._torque(wide, wide_d - shift, wide_dd)
-        first, second = (x.reshape(n, n, states).transpose(2, 0, 1) / (2 * STEP) for x in (by_c, by_cd))
-        return first, second
-
-    def _torque(self, c: Array, cd: Array, cdd: Array) -> Array:
-        """Inverse model of the first set, (n, states)."""
-        (columns, chi), device = self._columns[0], self.device
-        own, loops = external(device, c, cd, cdd), device.loops(c, cd)
-        return np.asarray(device.mechanism.torque(c, cd, cdd, own, columns, chi, loops))
+        by_c = first.inverse(wide + shift, wide_d, wide_dd) - first.inverse(wide - shift, wide_d, wide_dd)
+        by_cd = first.inverse(wide, wide_d + shift, wide_dd) - first.inverse(wide, wide_d - shift, wide_dd)
+        by_c, by_cd = (x.reshape(n, n, states).transpose(2, 0, 1) / (2 * STEP) for x in (by_c, by_cd))
+        return by_c, by_cd
 
     def stiffness(self, c: Array) -> float:
         """Greatest rate at which friction brakes a coordinate at rest, 1/s, over positions (n, states).
@@ -155,7 +158,7 @@ class DirectModel:
         Of the first set: the largest eigenvalue of M^-1 dh/dcd, where smooth dry friction is steepest.
         """
         still = np.zeros_like(c)
-        M, _ = DirectModel(self.device, self.chi[:1]).parts(c, still)
+        M = core_mass(self.device, self.chi[0], c)
         _, damping = self.slopes(c, still, still)
         try:
             return float(np.abs(np.linalg.eigvals(np.linalg.solve(M, damping))).max(initial=0.0))

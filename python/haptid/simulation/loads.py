@@ -50,10 +50,8 @@ def carried(device: Device, chi: Array, c: Array, cd: Array) -> list[Carried]:
         chi: parameters of the core's columns at each state, (states, r), SI.
         c, cd: positions and velocities of the coordinates that torque rows belong to, (n, states).
     """
-    if not device.has_loads:
-        return []
     bare, bodies = device.bodies
-    M = core_mass(bare, bodies, bare.follow(c, cd))
+    M = core_mass(bare, bodies, c)
     h = core_torque(bare, bodies, c, cd, np.zeros_like(c))
     first = 10 * len(device.joints)
     return [

@@ -123,7 +123,7 @@ def columns(device: Device, c: Array, cd: Array, cdd: Array, base: Array) -> Arr
     used = [int(k) for k in np.flatnonzero(base.any(axis=1))]
     own, loops = external(device, c, cd, cdd), device.loops(c, cd)
     raw = device.mechanism.regressor(c, cd, cdd, own, used, loops)
-    return np.asarray(np.einsum("cks,kp->cps", raw, base[used], optimize=True))
+    return np.asarray(base[used].T @ raw)
 
 
 def _flat(x: Array) -> Array:
