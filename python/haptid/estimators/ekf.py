@@ -24,18 +24,21 @@ class EKF(Filtering):
     def ahead(self, model: ParametricModel, belief: Belief, track: Track, k: int) -> Belief:
         """From sample k to the next, without measurement."""
         n, x, dt = len(track.c), belief.x.copy(), track.motion.dt
-        step, shaken = np.eye(len(x)), np.zeros((len(x), n))
-        parts = PARTS if model.turning(x[:n], x[n : 2 * n], track.tau[:, k], x[2 * n :], dt) else 1
-        for _ in range(parts):
-            cdd, by_state, by_beta, inverse = model.linearised(x[:n], x[n : 2 * n], track.tau[:, k], x[2 * n :])
+        linear = model.linearised(x[:n], x[n : 2 * n], track.tau[:, k], x[2 * n :])
+        parts = PARTS if model.turning(x[:n], x[n : 2 * n], linear[0], dt) else 1
+        by_start, by_beta, shaken = np.eye(2 * n), np.zeros((2 * n, len(x) - 2 * n)), np.zeros((2 * n, n))
+        for part in range(parts):
+            if part > 0:
+                linear = model.linearised(x[:n], x[n : 2 * n], track.tau[:, k], x[2 * n :])
+            cdd, by_state, slope, inverse = linear
             F, forced = exponential(by_state, dt / parts)
             x[: 2 * n] += forced @ np.concatenate([x[n : 2 * n], cdd])
-            own = np.eye(len(x))
-            own[: 2 * n, : 2 * n], own[: 2 * n, 2 * n :] = F, forced[:, n:] @ by_beta
-            step, shaken = own @ step, own @ shaken
-            shaken[: 2 * n] += forced[:, n:] @ (inverse * track.noise[1])
-        S = lower(np.column_stack([step @ belief.S, shaken]))
-        return Belief(x, S)
+            by_start, by_beta = F @ by_start, F @ by_beta + forced[:, n:] @ slope
+            shaken = F @ shaken + forced[:, n:] @ (inverse * track.noise[1])
+        root = np.zeros((len(x), len(x) + n))
+        root[: 2 * n, :-n] = by_start @ belief.S[: 2 * n] + by_beta @ belief.S[2 * n :]
+        root[: 2 * n, -n:], root[2 * n :, :-n] = shaken, belief.S[2 * n :]
+        return Belief(x, lower(root))
 
 
 def exponential(by_state: Array, dt: float) -> tuple[Array, Array]:

@@ -30,11 +30,11 @@ class UKF(Filtering):
         n, size, tau = len(track.c), len(belief.x), track.tau[:, k]
         points = belief.x[:, None] + np.sqrt(size) * np.column_stack([belief.S, -belief.S])
         dt, mean = track.motion.dt, belief.x
-        parts = self.parts * (PARTS if model.turning(mean[:n], mean[n : 2 * n], tau, mean[2 * n :], dt) else 1)
+        cdd, *_, inverse = model.linearised(mean[:n], mean[n : 2 * n], tau, mean[2 * n :])
+        parts = self.parts * (PARTS if model.turning(mean[:n], mean[n : 2 * n], cdd, dt) else 1)
         for _ in range(parts):
             points[: 2 * n] = _step(model, points[:n], points[n : 2 * n], tau, points[2 * n :].T, dt / parts)
         x = points.mean(axis=1)
-        *_, inverse = model.linearised(belief.x[:n], belief.x[n : 2 * n], tau, belief.x[2 * n :])
         shaken = np.zeros((size, n))
         push = inverse * track.noise[1]
         shaken[:n], shaken[n : 2 * n] = 0.5 * dt**2 * push, dt * push

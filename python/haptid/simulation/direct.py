@@ -184,13 +184,13 @@ class DirectModel:
 
 def turning(device: Device, c: Array, cd: Array, cdd: Array, period: float) -> np.ndarray:
     """Where dry friction may turn over within a period, s, from positions and rates (n, states): (states,)."""
-    found = np.zeros(c.shape[1], dtype=bool)
-    for term in device.terms:
-        if term.dry:
-            shares = device.shares(term, c, cd)
-            speed, change = (np.abs((shares * x).sum(axis=0)) for x in (cd, cdd))
-            found |= speed < TURNED * term.constant("width") + period * change
-    return found
+    dry = [term for term in device.terms if term.dry]
+    if not dry:
+        return np.zeros(c.shape[1], dtype=bool)
+    shares = np.array([np.broadcast_to(device.shares(term, c, cd), c.shape) for term in dry])
+    speed, change = (np.abs((shares * x).sum(axis=1)) for x in (cd, cdd))
+    widths = np.array([[term.constant("width")] for term in dry])
+    return np.asarray((speed < TURNED * widths + period * change).any(axis=0))
 
 
 def smooth(device: Device, motions: Sequence[Motion], share: float) -> Device:

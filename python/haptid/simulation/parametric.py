@@ -47,11 +47,9 @@ class ParametricModel:
         """
         return DirectModel(self.device, beta @ self.base.T).acceleration(c, cd, tau)
 
-    def turning(self, c: Array, cd: Array, tau: Array, beta: Array, period: float) -> bool:
-        """Whether dry friction may turn over within a period, s, at one state; c, cd and tau are (n,), beta (p,)."""
-        column, speed = c[:, None], cd[:, None]
-        cdd = self.acceleration(column, speed, tau[:, None], beta)
-        return bool(turning(self.device, column, speed, cdd, period)[0])
+    def turning(self, c: Array, cd: Array, cdd: Array, period: float) -> bool:
+        """Whether dry friction may turn over within a period, s, at one state; c, cd and cdd are (n,)."""
+        return bool(turning(self.device, *(x[:, None] for x in (c, cd, cdd)), period)[0])
 
     def linearised(self, c: Array, cd: Array, tau: Array, beta: Array) -> tuple[Array, Array, Array, Array]:
         """At one state: cdd (n,), its derivatives by (c, cd) (n, 2n) and by beta (n, p), and M^-1 (n, n).

@@ -121,6 +121,7 @@ def _linearised(model: DirectModel, steps: Steps, part: slice, base: Array) -> _
 def columns(device: Device, c: Array, cd: Array, cdd: Array, base: Array) -> Array:
     """Columns of the inverse model by base parameters, (n, p, samples)."""
     used = [int(k) for k in np.flatnonzero(base.any(axis=1))]
+    c, cd, cdd = (np.ascontiguousarray(x) for x in (c, cd, cdd))
     own, loops = external(device, c, cd, cdd), device.loops(c, cd)
     raw = device.mechanism.regressor(c, cd, cdd, own, used, loops)
     return np.asarray(base[used].T @ raw)
