@@ -1,7 +1,7 @@
 """Torques, mass matrices, accelerations, simulation, maps and condition numbers beside peers: see `kernel.py`.
 
-Ours are for all samples in one call, the public functions but for the mass matrix, which is the core's that maps are
-made with. A simulation step is torque held, velocity first, then position with the new velocity: what MuJoCo does.
+Ours are for all samples in one call: the public functions, and what simulated estimators call. A simulation step is
+torque held, velocity first, then position with the new velocity: what MuJoCo does.
 """
 
 from __future__ import annotations
@@ -13,10 +13,8 @@ import numpy as np
 import haptid
 from arm import Arm
 from beside import alone, beside
-from haptid import _core
 from haptid.bench.trajectories import Trajectory
 from haptid.characterisation import GivenModel, felt_mass
-from haptid.characterisation.masses import core_arguments
 from haptid.excitation import Limits, RawCondition, observed
 from haptid.excitation.limits import Bounds
 from haptid.excitation.slopes import Slopes
@@ -41,7 +39,6 @@ def works(arm: Arm) -> dict[str, Work]:
     device, beta = arm.device, arm.beta
     q, qd, qdd, tau = (np.ascontiguousarray(x[:, :MANY]) for x in (arm.q, arm.qd, arm.qdd, arm.tau))
     direct, model = DirectModel(device, sets_of(device, beta)), GivenModel(device, beta)
-    at = core_arguments(model, q)
 
     def simulated() -> tuple[np.ndarray, np.ndarray]:
         c, cd = q, qd
@@ -52,9 +49,7 @@ def works(arm: Arm) -> dict[str, Work]:
 
     return {
         "inverse dynamics": Work(MANY, lambda: haptid.inverse_dynamics(device, beta, q, qd, qdd), np.transpose),
-        "mass matrix": Work(
-            MANY, lambda: _core.handle_dynamics(*at, rows=[]), lambda found: found.reshape(MANY, arm.n, arm.n)
-        ),
+        "mass matrix": Work(MANY, lambda: haptid.mass_matrix(device, beta, q)),
         "forward dynamics": Work(MANY, lambda: direct.acceleration(q, qd, tau), np.transpose),
         "simulation step": Work(MANY * STEPS, simulated, lambda end: np.concatenate(end).T),
         "felt masses": Work(MANY, lambda: felt_mass(model, q, worst_condition=1e9), lambda found: found.mass.value),

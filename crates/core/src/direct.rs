@@ -145,3 +145,86 @@ unsafe fn solve_lane<T: Lane>(mass: &mut [Slot], right: &mut [Slot], k: usize) -
     }
     least
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::dispatch::Backend;
+    use crate::inverse::torque;
+    use crate::mechanism::{Closure, Joint, Mechanism};
+    use crate::regressor::regressor;
+    use crate::terms::{Law, Term};
+
+    const SAMPLES: usize = 45;
+
+    /// Four links, one of which slides and each of which is placed by another turn, that follow three coordinates.
+    fn mechanism(backend: Backend) -> Mechanism {
+        let (s, c) = 0.4_f64.sin_cos();
+        let turns = [
+            [c, -s, 0.0, s, c, 0.0, 0.0, 0.0, 1.0],
+            [1.0, 0.0, 0.0, 0.0, 0.0, -1.0, 0.0, 1.0, 0.0],
+            [1.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0, -1.0, 0.0],
+            [1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0],
+        ];
+        let joint = |i: usize| Joint {
+            parent: [None, Some(0), Some(1), Some(1)][i],
+            rotation: turns[i],
+            translation: if i == 2 { [0.0; 3] } else { [0.1, -0.2, 0.3] },
+            prismatic: i == 1,
+        };
+        let rates = vec![1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0, 0.5, 0.0, -1.0];
+        let closure = Closure { rates, offset: vec![0.1; 4], given: Vec::new() };
+        let term = |law| Term { law, weights: vec![(0, 1.0), (2, -0.5)], offset: 0.2, joint: None };
+        let laws = [Law::Rotor, Law::Coulomb { width: 0.1 }, Law::Spring { rest: 0.3 }];
+        let joints: Vec<Joint> = (0..4).map(joint).collect();
+        Mechanism::new(&joints, &closure, [0.0, 1.0, -9.81], &laws.map(term), backend).expect("a tree")
+    }
+
+    fn numbers(order: usize) -> Vec<f64> {
+        (0..3 * SAMPLES).map(|k| (k as f64 * 0.37 + order as f64).sin()).collect()
+    }
+
+    fn near(got: &[f64], wanted: &[f64], backend: Backend) {
+        let size = wanted.iter().fold(1.0_f64, |most, x| most.max(x.abs()));
+        for (k, (got, wanted)) in got.iter().zip(wanted).enumerate() {
+            assert!((got - wanted).abs() <= 1e-12 * size, "{backend:?} at {k}: {got}, not {wanted}");
+        }
+    }
+
+    #[test]
+    fn torques_are_rows_times_parameters_and_accelerations_undo_them() {
+        let (position, velocity, acceleration) = (numbers(0), numbers(1), numbers(2));
+        let body = [0.3, 0.01, -0.02, 0.3, 0.03, 0.3, 0.1, -0.2, 0.15, 1.5];
+        let chi: Vec<f64> = body.repeat(4).into_iter().chain([0.2, 0.5, 3.0]).collect();
+        for backend in Backend::available() {
+            let mechanism = mechanism(backend);
+            let motion = |acceleration| Motion {
+                samples: SAMPLES,
+                position: &position,
+                velocity: &velocity,
+                acceleration,
+                external: &[],
+                loops: &[],
+            };
+            let columns: Vec<usize> = (0..chi.len()).collect();
+            for motion in [motion(Some(&acceleration[..])), motion(None)] {
+                let rows = motion.sets() * 3;
+                let (mut y, mut tau) = (vec![0.0; rows * chi.len() * SAMPLES], vec![0.0; rows * SAMPLES]);
+                regressor(&mechanism, &motion, &columns, &mut y).expect("shapes");
+                torque(&mechanism, &motion, &chi, &mut tau).expect("shapes");
+                let entry = |row: usize, k: usize| -> f64 {
+                    let each = chi.iter().enumerate();
+                    each.map(|(c, x)| x * y[(row * chi.len() + c) * SAMPLES + k]).sum()
+                };
+                let wanted: Vec<f64> = (0..rows * SAMPLES).map(|at| entry(at / SAMPLES, at % SAMPLES)).collect();
+                near(&tau, &wanted, backend);
+                if motion.acceleration.is_some() {
+                    let mut back = vec![0.0; 3 * SAMPLES];
+                    let failed = super::acceleration(&mechanism, &motion, &tau, &chi, &mut back).expect("shapes");
+                    assert_eq!(failed, None);
+                    near(&back, &acceleration, backend);
+                }
+            }
+        }
+    }
+}

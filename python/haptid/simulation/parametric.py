@@ -49,7 +49,7 @@ class ParametricModel:
 
     def turning(self, c: Array, cd: Array, cdd: Array, period: float) -> bool:
         """Whether dry friction may turn over within a period, s, at one state; c, cd and cdd are (n,)."""
-        return bool(turning(self.device, *(x[:, None] for x in (c, cd, cdd)), period)[0])
+        return bool(turning(self.device, c[:, None], cd[:, None], cdd[:, None], period)[0])
 
     def linearised(self, c: Array, cd: Array, tau: Array, beta: Array) -> tuple[Array, Array, Array, Array]:
         """At one state: cdd (n,), its derivatives by (c, cd) (n, 2n) and by beta (n, p), and M^-1 (n, n).
