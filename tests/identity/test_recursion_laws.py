@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 
 import haptid
 from closed_devices import NAMES, bodies, poses
-from haptid import _core
+from haptid import _core, errors
 from haptid.dynamics import core_mass, core_momentum, core_torque
 from haptid.signals import rows
 from haptid.simulation import DirectModel
@@ -151,6 +151,18 @@ def test_loops_whose_rates_vary(name):
         column = core_torque(device, chi, c, still, still + unit[:, None]) - core_torque(device, chi, c, still, still)
         np.testing.assert_allclose(core_mass(device, chi, c)[:, :, a].T, column, rtol=0, atol=1e-12 * scale)
     np.testing.assert_allclose(DirectModel(device, chi).acceleration(c, cd, tau), cdd, rtol=1e-7, atol=1e-7)
+
+
+def test_a_set_without_inertia_is_an_error_that_names_the_row():
+    device = haptid.read_device("arm3")
+    chi = np.zeros((2, device.mechanism.columns))
+    for set_, size in zip(chi, (1.0, -1.0), strict=True):
+        for j in range(3):
+            set_[10 * j : 10 * j + 10] = size * np.array([0.3, 0, 0, 0.3, 0, 0.3, 0.1, 0, 0, 1.0])
+    still = np.zeros((3, 6))
+    assert np.isfinite(DirectModel(device, chi[:1]).acceleration(still, still, still)).all()
+    with pytest.raises(errors.MasslessError, match="no inertia"):
+        DirectModel(device, chi).acceleration(still, still, still)
 
 
 def test_sets_that_do_not_fit_are_refused():
