@@ -42,6 +42,20 @@ def test_accelerations_undo_the_inverse_model(mechanism, seed):
     np.testing.assert_allclose(model.acceleration(c, cd, tau), cdd, rtol=1e-6, atol=1e-6 * np.abs(cdd).max())
 
 
+@pytest.mark.parametrize("name", ["five_bar", "cea_medical_branch"])
+def test_slopes_are_those_of_differences(name):
+    device, rng, step = haptid.read_device(name), np.random.default_rng(1), 1e-5
+    c = device.frame @ (device.closure.draw(rng, 9) if name == "five_bar" else rng.uniform(-0.3, 0.3, (3, 9)))
+    cd, cdd = rng.normal(size=(2, *c.shape))
+    model = DirectModel(device, np.abs(rng.normal(size=device.mechanism.columns)))
+    found = model.slopes(c, cd, cdd)
+    for k, move in enumerate(step * np.eye(len(c))[:, :, None]):
+        by_c = model.inverse(c + move, cd, cdd) - model.inverse(c - move, cd, cdd)
+        by_cd = model.inverse(c, cd + move, cdd) - model.inverse(c, cd - move, cdd)
+        for got, change in zip(found, (by_c, by_cd), strict=True):
+            np.testing.assert_allclose(got[:, :, k].T, change / (2 * step), rtol=1e-5, atol=1e-5 * np.abs(got).max())
+
+
 @pytest.mark.parametrize("name", ["five_bar", "phantom_premium_15", "cea_medical_branch"])
 def test_loops_too_and_every_set_for_itself(name):
     device = haptid.read_device(name)

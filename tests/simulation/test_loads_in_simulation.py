@@ -45,6 +45,17 @@ def device(request, tmp_path_factory):
     return made(tmp_path_factory.mktemp("device"), request.param)
 
 
+def test_slopes_of_the_inverse_model_are_those_of_differences(device):
+    _, (c, cd, cdd) = states_of(device, 20)
+    model, step = DirectModel(device, sets_of(device, truth(device))), 1e-6
+    found = model.slopes(c, cd, cdd)
+    for k, move in enumerate(step * np.eye(2)[:, :, None]):
+        by_c = model.inverse(c + move, cd, cdd) - model.inverse(c - move, cd, cdd)
+        by_cd = model.inverse(c, cd + move, cdd) - model.inverse(c, cd - move, cdd)
+        for got, change in zip(found, (by_c, by_cd), strict=True):
+            np.testing.assert_allclose(got[:, :, k].T, change / (2 * step), rtol=1e-6, atol=1e-6)
+
+
 def states_of(device, many=200):
     qa = np.random.default_rng(0).normal(size=(3, 2, many))
     return qa, [np.ascontiguousarray(device.frame @ x) for x in qa]

@@ -12,10 +12,10 @@ import numpy as np
 from haptid._values import Array, expect, read_only
 from haptid.bench.limits import FLAT, loop_openness
 from haptid.bench.trajectories import Figures, Trajectory, spread
+from haptid.core_channels import CoreChannels
 from haptid.device import Device, Joint
 from haptid.dynamics import inverse_dynamics, raw_parameters
 from haptid.errors import NoRangeError
-from haptid.excitation.channels import Channels
 
 T = TypeVar("T")
 # A motion is planned to stay this much further from flat loops than the bench insists on.
@@ -180,12 +180,15 @@ class Bounds:
 
     def _torque_slopes(self, states: Array, weights: Array) -> Array:
         """The same of torques."""
-        device, chi, channels = self.device, raw_parameters(self.device, self.beta), Channels.of(self.device, states)
-        columns = np.flatnonzero(chi)
-        motion, loops = channels.motion, channels.loops
-        by = device.mechanism.torque_slopes(*motion, columns.tolist(), chi[columns].tolist(), loops)
+        device = self.device
+        by = self.channels(states).torque_slopes(raw_parameters(device, self.beta))
         tau = inverse_dynamics(device, self.beta, *(np.ascontiguousarray(x) for x in states))
-        return channels.by_state(np.einsum("rn,rcn->cn", weights * np.sign(tau) / self.torque[:, None], by))
+        by_motion = np.einsum("rn,rscn->scn", weights * np.sign(tau) / self.torque[:, None], by)
+        return np.asarray(device.frame.T @ by_motion)
+
+    def channels(self, states: Array) -> CoreChannels:
+        """What the core makes rows of, from states of the active joints, (3, active, n)."""
+        return CoreChannels.of(self.device, self.device.frame @ states)
 
     @cached_property
     def _followers(self) -> list[tuple[int, Joint]]:

@@ -12,7 +12,7 @@ from functools import cached_property
 import numpy as np
 
 from haptid._values import Array, freeze
-from haptid.excitation.channels import STEPS, Channels, moved
+from haptid.core_channels import STEPS, CoreChannels, moved
 from haptid.excitation.criteria import Criterion, Scaling
 from haptid.excitation.limits import Bounds
 
@@ -75,13 +75,13 @@ class Slopes:
 
     def cost(self, states: Array, power: float = STARTING) -> float:
         """The criterion's stand-in alone."""
-        _, C = self._unit(Channels.of(self.bounds.device, states))
+        _, C = self._unit(self.bounds.channels(states))
         return self.criterion.smooth(C, power)[0]
 
-    def _unit(self, channels: Channels) -> tuple[Array, Array]:
+    def _unit(self, channels: CoreChannels) -> tuple[Array, Array]:
         """Lengths that columns are divided by, (k,), and C of what they are then, (k, k)."""
         device, (columns, S) = self.bounds.device, self.selection
-        made = device.mechanism.inner_products(*channels.motion, columns, channels.loops)
+        made = device.mechanism.inner_products(*channels.motion, channels.own, columns, channels.loops)
         C = S.T @ (made[list(device.measured)] * self._factors).sum(axis=0) @ S
         lengths = np.where(self.scaling.unit, np.sqrt(np.diag(C)), 1.0)
         lengths = np.maximum(lengths, np.finfo(float).tiny)
@@ -89,15 +89,15 @@ class Slopes:
 
     def _criterion(self, states: Array, power: float) -> tuple[float, Array]:
         device, (columns, S) = self.bounds.device, self.selection
-        channels = Channels.of(device, states)
+        channels = self.bounds.channels(states)
         lengths, C = self._unit(channels)
         cost, B = self.criterion.smooth(C, power)
         # A column of unit length does not grow: what would change its length is taken off.
         B = (B - np.diag(np.where(self.scaling.unit, (B * C).sum(axis=1), 0.0))) / lengths / lengths[:, None]
         forms = np.zeros((device.mechanism.coordinates, len(columns), len(columns)))
         forms[list(device.measured)] = self._factors * (S @ B @ S.T)
-        by_channel = device.mechanism.form_slopes(*channels.motion, columns, forms, channels.loops)
-        return cost, channels.by_state(by_channel)
+        by_channel = device.mechanism.form_slopes(*channels.motion, channels.own, columns, forms, channels.loops)
+        return cost, np.asarray(device.frame.T @ channels.by_motion(by_channel))
 
     def _limits(self, states: Array, weight: float) -> tuple[float, Array]:
         """Mean squares of what exceeds the limits, and their slopes."""

@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from haptid._values import Array, expect, freeze, read_only
+from haptid.core_channels import CoreChannels
 from haptid.device import Device
 from haptid.dynamics import core_mass, core_torque
 from haptid.errors import MasslessError
@@ -21,8 +22,8 @@ INVERTIBLE = 1e-12
 TURNED = 6.0
 # Passes in which the signs of what joints carry are found: two or three where friction takes less than all of it.
 PASSES = 8
-# Steps of central differences: positions and velocities, relative to 1 rad, 1 m and to 1 of these per second.
-STEP = 1e-6
+# Least width of smooth dry friction, rad/s or m/s.
+LEAST = 1e-6
 
 
 @dataclass(frozen=True, eq=False)
@@ -141,15 +142,10 @@ class DirectModel:
     def slopes(self, c: Array, cd: Array, cdd: Array) -> tuple[Array, Array]:
         """Derivatives of the first set's inverse model by position and by velocity, each (states, n, n).
 
-        By central differences. Column k is the derivative by coordinate k.
+        Column k is the derivative by coordinate k.
         """
-        n, states = c.shape
-        first = DirectModel(self.device, self.chi[:1])
-        shift = STEP * np.repeat(np.eye(n), states, axis=1)
-        wide, wide_d, wide_dd = (np.tile(x, n) for x in (c, cd, cdd))
-        by_c = first.inverse(wide + shift, wide_d, wide_dd) - first.inverse(wide - shift, wide_d, wide_dd)
-        by_cd = first.inverse(wide, wide_d + shift, wide_dd) - first.inverse(wide, wide_d - shift, wide_dd)
-        by_c, by_cd = (x.reshape(n, n, states).transpose(2, 0, 1) / (2 * STEP) for x in (by_c, by_cd))
+        made = CoreChannels.of(self.device, np.array([c, cd, cdd])).torque_slopes(self.chi[0])
+        by_c, by_cd, _ = np.moveaxis(made, (1, 3), (0, 1))
         return by_c, by_cd
 
     def stiffness(self, c: Array) -> float:
@@ -208,7 +204,7 @@ def smooth(device: Device, motions: Sequence[Motion], share: float) -> Device:
     for term in device.terms:
         if term.dry and term.constant("width") == 0:
             power = np.concatenate([device.speed(term, c, cd) ** 2 for c, cd in states])
-            term = term.with_constant("width", max(share * float(np.sqrt(power.mean())), STEP))
+            term = term.with_constant("width", max(share * float(np.sqrt(power.mean())), LEAST))
         terms.append(term)
     return replace(device, terms=tuple(terms))
 

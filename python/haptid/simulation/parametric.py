@@ -12,9 +12,6 @@ from haptid.signals import check_linear
 from haptid.simulation.direct import DirectModel, turning
 from haptid.simulation.sensitivity import columns
 
-# Steps of differences by position and velocity.
-STEP = 1e-6
-
 
 @dataclass(frozen=True, eq=False)
 class ParametricModel:
@@ -58,11 +55,9 @@ class ParametricModel:
             c, cd, tau: (n,).
             beta: (p,).
         """
-        n, model = len(c), DirectModel(self.device, self.base @ beta)
-        shift = np.column_stack([np.zeros(2 * n), STEP * np.eye(2 * n), -STEP * np.eye(2 * n)])
-        shifted = c[:, None] + shift[:n], cd[:, None] + shift[n:]
-        cdd = model.acceleration(*shifted, np.repeat(tau[:, None], 4 * n + 1, axis=1))
-        by_state = (cdd[:, 1 : 2 * n + 1] - cdd[:, 2 * n + 1 :]) / (2 * STEP)
-        inverse = np.linalg.inv(model.mass(c[:, None])[0])
-        Y = columns(self.device, c[:, None], cd[:, None], cdd[:, :1], self.base)[:, :, 0]
+        model, column = DirectModel(self.device, self.base @ beta), (c[:, None], cd[:, None])
+        cdd = model.acceleration(*column, tau[:, None])
+        inverse = np.linalg.inv(model.mass(column[0])[0])
+        by_state = -inverse @ np.concatenate(model.slopes(*column, cdd), axis=2)[0]
+        Y = columns(self.device, *column, cdd, self.base)[:, :, 0]
         return cdd[:, 0], by_state, -inverse @ Y, inverse
