@@ -7,6 +7,8 @@ use crate::tried::Tried;
 /// Longest step of an active joint from one closed pose to the next, rad (or mechanism sizes), and the shortest tried.
 const STRIDE: f64 = 0.1;
 const LEAST: f64 = 1e-5;
+/// Longest way, rad (or mechanism sizes): further is no motion, but another unit, and would be walked for hours.
+const FARTHEST: f64 = 1e4;
 
 /// A closed pose, and what the next one is reached by.
 #[derive(Debug, Clone)]
@@ -141,7 +143,7 @@ impl<'a> March<'a> {
     /// halved.
     pub(crate) fn go(&mut self, target: &[f64]) -> bool {
         let far = self.far(target);
-        if far == 0.0 || !far.is_finite() {
+        if far == 0.0 || !far.is_finite() || far > FARTHEST {
             return far == 0.0;
         }
         self.from.iter_mut().zip(&self.branch.active).for_each(|(from, &j)| *from = self.stand.q[j]);

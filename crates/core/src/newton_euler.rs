@@ -169,7 +169,7 @@ pub(crate) unsafe fn add_terms<T: Lane>(
     for (t, term) in batch.mechanism.terms.iter().enumerate() {
         let own = if term.law == Law::External { external } else { 0 };
         external += usize::from(term.law == Law::External);
-        if !bodies.sets.wanted(t) || !chosen(term.law) {
+        if !bodies.sets.wanted(t) || !chosen(term.law) || term.course.rates.is_empty() {
             continue;
         }
         unsafe {

@@ -115,7 +115,9 @@ fn fading<T: Lane>(v: T, velocity: f64, exponent: f64) -> (T, T) {
     let share = size.mul(T::splat(1.0 / velocity)).power(exponent);
     let fading = share.neg().exp();
     let slope = share.mul(T::splat(-exponent)).div(v).mul(fading);
-    (fading, T::select_gt(size, zero, slope, zero))
+    let moves = T::select_gt(size, zero, slope, zero);
+    // Where all has faded the share may be infinite.
+    (fading, T::select_gt(fading, zero, moves, zero))
 }
 
 impl Law {

@@ -5,7 +5,7 @@ use numpy::{
     IntoPyArray, PyArray1, PyArray3, PyArrayMethods, PyReadonlyArray1, PyReadonlyArray2, PyReadonlyArray3,
     PyReadonlyArrayDyn, PyUntypedArrayMethods,
 };
-use pyo3::exceptions::PyValueError;
+use pyo3::exceptions::{PyMemoryError, PyValueError};
 use pyo3::prelude::*;
 use pyo3::types::PySlice;
 use std::ops::Deref;
@@ -16,6 +16,16 @@ pub fn row_major<'a>(matrix: &'a PyReadonlyArray2<'_, f64>) -> PyResult<&'a [f64
         return Err(PyValueError::new_err("matrix is not row-major; pass numpy.ascontiguousarray(matrix)"));
     }
     Ok(matrix.as_slice()?)
+}
+
+/// The numbers of a matrix that has a column for each sample, row by row.
+pub fn of_samples<'a>(name: &str, matrix: &'a PyReadonlyArray2<'_, f64>, samples: usize) -> PyResult<&'a [f64]> {
+    match matrix.shape() {
+        [0, _] => Ok(&[]),
+        [_, columns] if *columns == samples => row_major(matrix),
+        [_, columns] => Err(PyValueError::new_err(format!("{name} has {columns} samples, positions have {samples}"))),
+        _ => unreachable!("a matrix has two dimensions"),
+    }
 }
 
 /// The numbers of a stack of matrices of this shape, row by row.
@@ -37,6 +47,20 @@ pub fn sets<'a>(chi: &'a PyReadonlyArrayDyn<'_, f64>, columns: usize) -> PyResul
     }
 }
 
+/// Room for so many numbers, all zero; a MemoryError where there is none.
+pub fn room(numbers: usize) -> PyResult<Vec<f64>> {
+    let mut room = reserved(numbers)?;
+    room.resize(numbers, 0.0);
+    Ok(room)
+}
+
+fn reserved(numbers: usize) -> PyResult<Vec<f64>> {
+    let mut room = Vec::new();
+    let refused = |_| PyMemoryError::new_err(format!("there is no memory for {numbers} numbers; take fewer samples"));
+    room.try_reserve_exact(numbers).map_err(refused)?;
+    Ok(room)
+}
+
 /// Numbers in a line of the caches.
 const LINE: usize = 8;
 
@@ -50,11 +74,12 @@ pub fn output<'py>(
     match given {
         None => {
             let numbers: usize = shape.iter().product();
-            // SAFETY: numbers are plain, and the caller writes them before anybody reads them.
-            let room = unsafe { PyArray1::<f64>::new(py, [numbers + LINE - 1], false) };
-            let first = room.data().align_offset(LINE * size_of::<f64>());
+            let mut room = reserved(numbers + LINE - 1)?;
+            // SAFETY: there is room, numbers are plain, and the caller writes them before anybody reads them.
+            unsafe { room.set_len(numbers + LINE - 1) };
+            let first = room.as_ptr().align_offset(LINE * size_of::<f64>());
             let part = PySlice::new(py, first as isize, (first + numbers) as isize, 1);
-            room.as_any().get_item(part)?.cast_into::<PyArray1<f64>>()?.reshape(shape)
+            room.into_pyarray(py).as_any().get_item(part)?.cast_into::<PyArray1<f64>>()?.reshape(shape)
         }
         Some(out) if out.shape() == shape && out.is_c_contiguous() => Ok(out),
         Some(out) => {

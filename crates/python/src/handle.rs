@@ -1,6 +1,7 @@
 //! The seam to what the handle feels: see `_core.pyi`.
 
 use crate::arrays::row_major;
+use crate::threads::detached;
 use crate::{PyMechanism, to_python};
 use haptid_core::{Bodies, Grip, Poses, View};
 use numpy::{IntoPyArray, PyArray2, PyArrayMethods, PyReadonlyArray1, PyReadonlyArray2, PyUntypedArrayMethods};
@@ -46,7 +47,7 @@ pub fn handle_dynamics<'py>(
     let na = mechanism.0.coordinates();
     let shape = [poses.samples, (rows.len() + na) * na];
     let mut out = vec![0.0; shape.iter().product()];
-    py.detach(|| haptid_core::handle_dynamics(&mechanism.0, &poses, &grip, &bodies, &rows, &mut out))
+    detached(py, || haptid_core::handle_dynamics(&mechanism.0, &poses, &grip, &bodies, &rows, &mut out))
         .map_err(to_python)?;
     out.into_pyarray(py).reshape(shape)
 }
@@ -74,6 +75,7 @@ pub fn felt_mass<'py>(
     let view = View { rows: &rows, moving: &moving, worst, spread: row_major(&spread)?, directions };
     let shape = [poses.samples, view.width()];
     let mut out = vec![0.0; shape.iter().product()];
-    py.detach(|| haptid_core::felt_mass(&mechanism.0, &poses, &grip, &bodies, &view, &mut out)).map_err(to_python)?;
+    detached(py, || haptid_core::felt_mass(&mechanism.0, &poses, &grip, &bodies, &view, &mut out))
+        .map_err(to_python)?;
     out.into_pyarray(py).reshape(shape)
 }

@@ -3,8 +3,9 @@
 mod arrays;
 mod handle;
 mod loops;
+mod threads;
 
-use arrays::{Columns, output, row_major, sets, square_stack, stack};
+use arrays::{Columns, of_samples, output, room, row_major, sets, square_stack, stack};
 use haptid_core::{Backend, Closure, Error, Law, Mechanism, Motion, Reduction, Term};
 use loops::{PyBranch, PyLoops, joints};
 use numpy::{
@@ -13,6 +14,7 @@ use numpy::{
 };
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
+use threads::detached;
 
 fn to_python(error: Error) -> PyErr {
     PyValueError::new_err(error.to_string())
@@ -65,13 +67,14 @@ impl<'py> Borrowed<'py> {
         if other(&self.velocity) || self.acceleration.as_ref().is_some_and(other) {
             return Err(PyValueError::new_err("position, velocity and acceleration must have the same shape"));
         }
+        let samples = self.position.as_array().ncols();
         Ok(Motion {
-            samples: self.position.as_array().ncols(),
+            samples,
             position: row_major(&self.position)?,
             velocity: row_major(&self.velocity)?,
             acceleration: self.acceleration.as_ref().map(row_major).transpose()?,
-            external: row_major(&self.external)?,
-            loops: self.loops.as_ref().map_or(Ok(&[][..]), row_major)?,
+            external: of_samples("external", &self.external, samples)?,
+            loops: self.loops.as_ref().map_or(Ok(&[][..]), |loops| of_samples("loops", loops, samples))?,
         })
     }
 }
@@ -141,7 +144,7 @@ impl PyMechanism {
         let out = output(py, out, [self.0.coordinates(), columns.len(), motion.samples])?;
         let mut borrowed = out.try_readwrite()?;
         let numbers = borrowed.as_slice_mut()?;
-        py.detach(|| haptid_core::regressor(&self.0, &motion, &columns, numbers)).map_err(to_python)?;
+        detached(py, || haptid_core::regressor(&self.0, &motion, &columns, numbers)).map_err(to_python)?;
         Ok(out)
     }
 
@@ -160,8 +163,8 @@ impl PyMechanism {
         let borrowed = Borrowed { position, velocity, acceleration: Some(acceleration), external, loops };
         let (motion, chi) = (borrowed.motion()?, sets(&chi, self.0.columns())?);
         let shape = [self.0.coordinates(), motion.samples];
-        let mut out = vec![0.0; shape.iter().product()];
-        py.detach(|| haptid_core::torque(&self.0, &motion, chi, &mut out)).map_err(to_python)?;
+        let mut out = room(shape.iter().product())?;
+        detached(py, || haptid_core::torque(&self.0, &motion, chi, &mut out)).map_err(to_python)?;
         out.into_pyarray(py).reshape(shape)
     }
 
@@ -182,8 +185,8 @@ impl PyMechanism {
             loops: loops.as_ref().map_or(Ok(&[][..]), row_major)?,
         };
         let (na, chi) = (self.0.coordinates(), sets(&chi, self.0.columns())?);
-        let mut out = vec![0.0; motion.samples * na * na];
-        py.detach(|| haptid_core::mass_matrix(&self.0, &motion, chi, &mut out)).map_err(to_python)?;
+        let mut out = room(motion.samples * na * na)?;
+        detached(py, || haptid_core::mass_matrix(&self.0, &motion, chi, &mut out)).map_err(to_python)?;
         out.into_pyarray(py).reshape([motion.samples, na, na])
     }
 
@@ -200,11 +203,12 @@ impl PyMechanism {
         loops: Option<PyReadonlyArray2<'py, f64>>,
     ) -> PyResult<(Bound<'py, PyArray2<f64>>, Option<usize>)> {
         let borrowed = Borrowed { position, velocity, acceleration: None, external, loops };
-        let (motion, torque) = (borrowed.motion()?, row_major(&torque)?);
+        let (motion, torque) =
+            (borrowed.motion()?, of_samples("torque", &torque, borrowed.position.as_array().ncols())?);
         let (shape, chi) = ([self.0.coordinates(), motion.samples], sets(&chi, self.0.columns())?);
-        let mut out = vec![0.0; shape.iter().product()];
+        let mut out = room(shape.iter().product())?;
         let failed =
-            py.detach(|| haptid_core::acceleration(&self.0, &motion, torque, chi, &mut out)).map_err(to_python)?;
+            detached(py, || haptid_core::acceleration(&self.0, &motion, torque, chi, &mut out)).map_err(to_python)?;
         Ok((out.into_pyarray(py).reshape(shape)?, failed))
     }
 
@@ -221,8 +225,8 @@ impl PyMechanism {
         let borrowed = Borrowed { position, velocity, acceleration: None, external, loops };
         let motion = borrowed.motion()?;
         let shape = [motion.sets(), self.0.coordinates(), columns.len(), motion.samples];
-        let mut out = vec![0.0; shape.iter().product()];
-        py.detach(|| haptid_core::regressor(&self.0, &motion, &columns, &mut out)).map_err(to_python)?;
+        let mut out = room(shape.iter().product())?;
+        detached(py, || haptid_core::regressor(&self.0, &motion, &columns, &mut out)).map_err(to_python)?;
         out.into_pyarray(py).reshape(shape)
     }
 
@@ -239,8 +243,8 @@ impl PyMechanism {
         let borrowed = Borrowed { position, velocity, acceleration: None, external, loops };
         let (motion, chi) = (borrowed.motion()?, sets(&chi, self.0.columns())?);
         let shape = [motion.sets(), self.0.coordinates(), motion.samples];
-        let mut out = vec![0.0; shape.iter().product()];
-        py.detach(|| haptid_core::torque(&self.0, &motion, chi, &mut out)).map_err(to_python)?;
+        let mut out = room(shape.iter().product())?;
+        detached(py, || haptid_core::torque(&self.0, &motion, chi, &mut out)).map_err(to_python)?;
         out.into_pyarray(py).reshape(shape)
     }
 
@@ -259,8 +263,8 @@ impl PyMechanism {
         let borrowed = Borrowed { position, velocity, acceleration: Some(acceleration), external, loops };
         let motion = borrowed.motion()?;
         let shape = [self.0.coordinates(), columns.len(), columns.len()];
-        let mut out = vec![0.0; shape.iter().product()];
-        py.detach(|| haptid_core::inner_products(&self.0, &motion, &columns, &mut out)).map_err(to_python)?;
+        let mut out = room(shape.iter().product())?;
+        detached(py, || haptid_core::inner_products(&self.0, &motion, &columns, &mut out)).map_err(to_python)?;
         out.into_pyarray(py).reshape(shape)
     }
 
@@ -282,8 +286,8 @@ impl PyMechanism {
         let wanted = [self.0.coordinates(), columns.len(), columns.len()];
         let forms = stack(&forms, wanted)?;
         let shape = [self.0.channels(), motion.samples];
-        let mut out = vec![0.0; shape.iter().product()];
-        py.detach(|| haptid_core::form_slopes(&self.0, &motion, &columns, forms, &mut out)).map_err(to_python)?;
+        let mut out = room(shape.iter().product())?;
+        detached(py, || haptid_core::form_slopes(&self.0, &motion, &columns, forms, &mut out)).map_err(to_python)?;
         out.into_pyarray(py).reshape(shape)
     }
 
@@ -303,8 +307,8 @@ impl PyMechanism {
         let borrowed = Borrowed { position, velocity, acceleration: Some(acceleration), external, loops };
         let motion = borrowed.motion()?;
         let shape = [self.0.coordinates(), self.0.channels(), motion.samples];
-        let mut out = vec![0.0; shape.iter().product()];
-        py.detach(|| haptid_core::torque_slopes(&self.0, &motion, &columns, &chi, &mut out)).map_err(to_python)?;
+        let mut out = room(shape.iter().product())?;
+        detached(py, || haptid_core::torque_slopes(&self.0, &motion, &columns, &chi, &mut out)).map_err(to_python)?;
         out.into_pyarray(py).reshape(shape)
     }
 
@@ -338,7 +342,7 @@ impl PyMechanism {
         let motion = borrowed.motion()?;
         let reduction = Reduction {
             columns: &columns,
-            torque: row_major(&torque)?,
+            torque: of_samples("torque", &torque, motion.samples)?,
             taps: taps.as_slice()?,
             slope: slope.as_ref().map_or(Ok(&[][..]), |slope| slope.as_slice())?,
             decimation,
@@ -347,7 +351,7 @@ impl PyMechanism {
             block,
             weights: row_major(&weights)?,
         };
-        let done = py.detach(|| haptid_core::reduce(&self.0, &motion, &reduction)).map_err(to_python)?;
+        let done = detached(py, || haptid_core::reduce(&self.0, &motion, &reduction)).map_err(to_python)?;
         done.into_iter().map(|motor| square_stack(py, motor)).collect()
     }
 }
@@ -359,7 +363,7 @@ fn triangles<'py>(py: Python<'py>, rows: PyReadonlyArray3<'py, f64>) -> PyResult
     let (stacks, columns) = (shape[0], shape[2]);
     let numbers = stack(&rows, [shape[0], shape[1], shape[2]])?;
     let mut out = vec![0.0; stacks * columns * columns];
-    py.detach(|| {
+    detached(py, || {
         let (many, square) = ((shape[1] * columns).max(1), (columns * columns).max(1));
         let stacks = numbers.chunks_exact(many).zip(out.chunks_exact_mut(square));
         stacks.into_iter().try_for_each(|(rows, out)| haptid_core::triangle(rows, columns, out))
@@ -376,6 +380,7 @@ fn backends() -> Vec<&'static str> {
 
 #[pymodule]
 fn _core(module: &Bound<'_, PyModule>) -> PyResult<()> {
+    threads::settle();
     module.add_class::<PyMechanism>()?;
     module.add_class::<PyLoops>()?;
     module.add_class::<PyBranch>()?;

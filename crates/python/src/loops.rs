@@ -1,6 +1,7 @@
 //! Joints cut out of loops. See `_core.pyi`.
 
 use crate::arrays::row_major;
+use crate::threads::detached;
 use crate::to_python;
 use haptid_core::{Branch, Cut, Followed, Frame, Joint, Limits, Linear, Loops, Path};
 use numpy::{
@@ -73,7 +74,7 @@ impl PyLoops {
         let (samples, m, n) = (q.shape()[0], self.0.gaps(), self.0.joints());
         let (mut gaps, mut jacobian) = (vec![0.0; samples * m], vec![0.0; samples * m * n]);
         let q = row_major(&q)?;
-        py.detach(|| self.0.gaps_into(q, &mut gaps, &mut jacobian)).map_err(to_python)?;
+        detached(py, || self.0.gaps_into(q, &mut gaps, &mut jacobian)).map_err(to_python)?;
         Ok((gaps.into_pyarray(py).reshape([samples, m])?, jacobian.into_pyarray(py).reshape([samples, m, n])?))
     }
 
@@ -87,7 +88,7 @@ impl PyLoops {
     ) -> PyResult<Bound<'py, PyArray2<f64>>> {
         let shape = [q.shape()[0], self.0.joints()];
         let mut closed = row_major(&q)?.to_vec();
-        py.detach(|| self.0.close(&mut closed, &unknown, steps, settled)).map_err(to_python)?;
+        detached(py, || self.0.close(&mut closed, &unknown, steps, settled)).map_err(to_python)?;
         closed.into_pyarray(py).reshape(shape)
     }
 }
@@ -131,7 +132,7 @@ impl PyBranch {
         let mut q = vec![0.0; shape[0] * shape[1]];
         let path = Path { position: row_major(&qa)?, velocity: &[] };
         let out = Followed { position: &mut q, rates: &mut [], change: &mut [] };
-        let stop = py.detach(|| self.0.follow(&path, out)).map_err(to_python)?;
+        let stop = detached(py, || self.0.follow(&path, out)).map_err(to_python)?;
         let stop = stop.map(|stop| (stop.sample, stop.pose.into_pyarray(py)));
         Ok((q.into_pyarray(py).reshape(shape)?, stop))
     }
@@ -149,7 +150,7 @@ impl PyBranch {
         let (mut q, mut rates, mut change) = (vec![0.0; samples * n], vec![0.0; entries], vec![0.0; entries]);
         let path = Path { position: row_major(&qa)?, velocity: row_major(&qda)? };
         let out = Followed { position: &mut q, rates: &mut rates, change: &mut change };
-        let stop = py.detach(|| self.0.follow(&path, out)).map_err(to_python)?;
+        let stop = detached(py, || self.0.follow(&path, out)).map_err(to_python)?;
         let stop = stop.map(|stop| (stop.sample, stop.pose.into_pyarray(py)));
         let (rates, change) = (rates.into_pyarray(py).reshape(shape)?, change.into_pyarray(py).reshape(shape)?);
         Ok((q.into_pyarray(py).reshape([samples, n])?, rates, change, stop))
@@ -164,7 +165,7 @@ impl PyBranch {
         let shape = [qa.shape()[0], self.0.joints()];
         let (mut q, mut reached) = (vec![0.0; shape[0] * shape[1]], vec![false; shape[0]]);
         let targets = row_major(&qa)?;
-        py.detach(|| self.0.reach(targets, &mut q, &mut reached)).map_err(to_python)?;
+        detached(py, || self.0.reach(targets, &mut q, &mut reached)).map_err(to_python)?;
         Ok((q.into_pyarray(py).reshape(shape)?, reached.into_pyarray(py)))
     }
 }

@@ -14,13 +14,15 @@ from haptid._values import Array, expect, read_only
 from haptid.device.closing import STEPS, Chain, compiled, solve
 from haptid.device.closure import Followed
 from haptid.device.model import Cut
-from haptid.errors import LoopUnreachableError, SingularLoopError
+from haptid.errors import LoopFarError, LoopUnreachableError, SingularLoopError
 
 # A loop is closed where its gap stays below this share of the mechanism's size.
 CLOSED = 1e-12
 # Least singular value of the cuts' Jacobian by the passive joints, its columns of unit length, above which they are
 # settled.
 SINGULAR = 1e-3
+# The core follows loops so far from the start pose, rad or mechanism sizes.
+FARTHEST = 1e4
 # Random poses stay this far from singular ones, so that rounding does not grow.
 ROOMY = 0.1
 # Draws of random poses, each from a smaller range about the start.
@@ -77,6 +79,7 @@ class NewtonClosure:
 
         Raises:
             LoopUnreachableError: the loops do not close at a pose.
+            LoopFarError: a pose is too far away to be one of a motion.
             SingularLoopError: they close, but there, or on the way there, passive joints are not settled.
         """
         qa = rows(qa)
@@ -131,6 +134,8 @@ class NewtonClosure:
             return
         sample, q = stop
         pose = self.chain.active_text(qa[sample])
+        if (np.abs(qa[sample] - self.at) > FARTHEST * self.chain.units[list(self.chain.active)]).any():
+            raise LoopFarError(sample, pose, FARTHEST)
         there = qa[sample] @ self.constant.T + self.offset
         there[list(self.unknown)] = q[list(self.unknown)]
         gap = least_gap(self.chain, there, self.unknown)

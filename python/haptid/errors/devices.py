@@ -181,6 +181,18 @@ class LoopUnreachableError(DeviceError):
         )
 
 
+class LoopFarError(DeviceError):
+    """A pose of the active joints that no motion leads to."""
+
+    def __init__(self, sample: int, pose: str, limit: float) -> None:
+        self.sample = sample
+        super().__init__(
+            f"at sample {sample} the active joints are further from the start pose than loops are followed: {pose} "
+            f"(limit {limit:.0e} rad, or as many times the mechanism's size). Such positions are in another unit: give "
+            f"the log's unit, counts or degrees, and its gain."
+        )
+
+
 class SingularLoopError(DeviceError):
     """Loops at, or beyond, a pose in which the passive joints are not settled by the active ones."""
 
