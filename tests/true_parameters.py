@@ -23,15 +23,16 @@ SIZES = {"FV": 6e-4, "FC": 0.01, "IA": 1e-3, "OFF": 0.01}
 
 
 def true_parameters(device: haptid.Device, **sizes: float) -> np.ndarray:
-    """Free standard parameters, (p,): the prior where it makes bodies, else drawn bodies."""
+    """Free standard parameters, (p,): the prior where it makes bodies, else drawn bodies; `sizes` are of kinds."""
+    sizes = {**SIZES, **sizes}
     chi = np.nan_to_num(device.chi_prior)
     if not device.name.startswith("PHANToM"):
         rng = np.random.default_rng(3)
         for joint in device.joints:
             put(device, chi, joint.name, *(CEA[joint.name] if device.name.startswith("CEA") else drawn(rng)))
     for k, kind in enumerate(device.parameters.kinds):
-        if kind in SIZES:
-            chi[k] = {**SIZES, **sizes}[kind]
+        if kind in sizes:
+            chi[k] = sizes[kind]
         elif len(kind) > 2 or kind[0] == "K":
             chi[k] = 0.0  # a counterbalance or a spring
     return chi

@@ -37,9 +37,7 @@ def device(tmp_path_factory):
 
 
 def truth(device):
-    chi = true_parameters(device, **FRICTION)
-    chi[[device.parameters.index[name] for name in NAMES]] = SIZE
-    beta = device.base.of(chi)
+    beta = device.base.of(true_parameters(device, **FRICTION, FLM=SIZE))
     assert [beta[device.base.names.index(name)] for name in NAMES] == [SIZE, SIZE]
     return beta
 

@@ -46,7 +46,7 @@ decimation = 5
 torque_delay = 0
 low_speed = 0.0
 """
-SIZES = {"FV": 0.4, "FC": 0.3, "FS": 0.8, "FL": 0.08}
+SIZES = {"FV": 0.4, "FC": 0.3, "FS": 0.8, "FLM": 0.08}
 VELOCITY = 0.4
 
 
@@ -58,8 +58,7 @@ def device(tmp_path_factory):
 
 
 def truth(device):
-    plain = dict(zip(device.parameters.names, true_parameters(device), strict=True))
-    return device.base.of(np.array([SIZES.get(name[:2], value) for name, value in plain.items()]))
+    return device.base.of(true_parameters(device, **SIZES))
 
 
 def moved(device, seed=1, noise=0.03):

@@ -24,12 +24,11 @@ kind = "rotor"
 motors = "all"
 """
 COUPLED = '[[motors]]\nname = "1"\n[[motors]]\nname = "2"\ndrives = { 1 = 1, 2 = 1 }\n'
-SIZES = {"FV": 0.05, "FC": 0.2, "FL": 0.15, "IA": 0.02}
+SIZES = {"FV": 0.05, "FC": 0.2, "FLM": 0.15, "IA": 0.02}
 
 
 def truth(device):
-    plain = dict(zip(device.parameters.names, true_parameters(device), strict=True))
-    return device.base.of(np.array([SIZES.get(name[:2], value) for name, value in plain.items()]))
+    return device.base.of(true_parameters(device, **SIZES))
 
 
 def made(folder, motors):
