@@ -76,7 +76,7 @@ class Arm:
 
 def without_rotors(name: str) -> haptid.Device:
     """A device of the package without its terms: peers have none."""
-    text = resources.files("haptid.devices").joinpath(f"{name}.toml").read_text(encoding="utf-8")
+    text = resources.files("haptid.device.library").joinpath(f"{name}.toml").read_text(encoding="utf-8")
     kept = re.sub(r"\[\[terms\]\]\n(.+\n)+", "", text)
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / f"{name}.toml"

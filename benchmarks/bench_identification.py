@@ -21,7 +21,7 @@ from pathlib import Path
 import numpy as np
 
 import haptid
-from haptid import bench
+from haptid.experiment import bench
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "tests"))
 from true_parameters import true_parameters
@@ -127,7 +127,7 @@ CASES = {
 @cache
 def device_of(case: Case) -> haptid.Device:
     """The shipped device, with what the case adds to its file."""
-    text = (Path(haptid.__file__).parent / "devices" / f"{case.name}.toml").read_text(encoding="utf-8")
+    text = (Path(haptid.__file__).parent / "device/library" / f"{case.name}.toml").read_text(encoding="utf-8")
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "device.toml"
         path.write_text((text.replace(case.less, "") if case.less else text) + case.more, encoding="utf-8")

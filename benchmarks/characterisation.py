@@ -18,10 +18,10 @@ import numpy as np
 
 import haptid
 from haptid import _core
-from haptid.characterisation import GivenModel, felt_mass
-from haptid.characterisation.masses import core_arguments
-from haptid.dynamics import mass_matrix
-from haptid.kinematics import handle_motion
+from haptid.end_effector.characterisation import GivenModel, felt_mass
+from haptid.end_effector.characterisation.apparent_mass import core_arguments
+from haptid.dynamics.inverse import mass_matrix
+from haptid.dynamics.kinematics import handle_motion
 
 POSES = 1_000_000
 DEVICES = {

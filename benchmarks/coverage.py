@@ -19,12 +19,12 @@ import numpy as np
 from scipy import signal, stats
 
 import haptid
-from haptid.estimators import BlockJackknife, Bootstrap, Clustered, FixedB, Intervals, Sandwich
-from haptid.rows import Rows, decimated
+from haptid.estimation import BlockJackknife, Bootstrap, Clustered, FixedB, Intervals, Sandwich
+from haptid.observation.rows import Rows, decimated
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "tests"))
 from diagnosed import estimated, log, phantom
-from haptid.diagnosis import diagnose
+from haptid.inference.diagnosis import diagnose
 from motions import multisine, truth
 
 RUNS, FEW, SANDWICHES, LOGS = 2400, 150, 60, 200

@@ -15,7 +15,7 @@ import numpy as np
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "tests"))
 from diagnosed import estimated, log
-from haptid.diagnosis import diagnose
+from haptid.inference.diagnosis import diagnose
 
 CLEAN, FAULTY = 100, 40
 NOISES = {"white noise": {}, "AR(1) 0.95": {"phi": 0.95, "noise": 0.02}}

@@ -13,12 +13,12 @@ import numpy as np
 import haptid
 from arm import Arm
 from beside import alone, beside
-from haptid.bench.trajectories import Trajectory
-from haptid.characterisation import GivenModel, felt_mass
-from haptid.excitation import Limits, RawCondition, observed
-from haptid.excitation.limits import Bounds
-from haptid.excitation.slopes import Slopes
-from haptid.observation import condition
+from haptid.experiment.bench.trajectories import Trajectory
+from haptid.end_effector.characterisation import GivenModel, felt_mass
+from haptid.experiment.excitation import Limits, RawCondition, observed
+from haptid.experiment.excitation.limits import Bounds
+from haptid.experiment.excitation.gradients import Slopes
+from haptid.observation.observation import condition
 from haptid.simulation import DirectModel, sets_of
 from stopwatch import Work
 

@@ -15,11 +15,11 @@ from pathlib import Path
 import numpy as np
 
 import haptid
-from haptid.estimators import GLS, IRLS, SUR, Huber, StudentT, Tukey
-from haptid.estimators.autoregression import Autoregression
-from haptid.estimators.gls import Whitening
-from haptid.estimators.solve import solve
-from haptid.rows import Rows
+from haptid.estimation import GLS, IRLS, SUR, Huber, StudentT, Tukey
+from haptid.estimation.intervals.autoregression import Autoregression
+from haptid.estimation.methods.gls import Whitening
+from haptid.estimation.least_squares import solve
+from haptid.observation.rows import Rows
 
 sys.path.insert(0, str(Path(__file__).resolve().parent))
 from coverage import NOISE, clean_motion, noise

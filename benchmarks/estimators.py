@@ -16,9 +16,9 @@ from pathlib import Path
 
 import haptid
 from haptid.errors import HaptidError
-from haptid.estimators import GLS, IRLS, SUR, TLS, Bounded, Corrected, Heteroscedastic, Huber, Ridge, StudentT, Tukey
-from haptid.identification import held_out
-from haptid.validation import pooled
+from haptid.estimation import GLS, IRLS, SUR, TLS, Bounded, Corrected, Heteroscedastic, Huber, Ridge, StudentT, Tukey
+from haptid.study.identify import held_out
+from haptid.validation.validation import pooled
 
 HERE = Path(__file__).resolve().parents[1]
 ROBOTS = ("emps", "kuka_kr300", "staubli_tx40")

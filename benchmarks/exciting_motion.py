@@ -8,9 +8,9 @@ from pathlib import Path
 import numpy as np
 
 import haptid
-from haptid import bench
-from haptid.bench.limits import loop_openness
-from haptid.excitation import FourierSeries, Limits, Search, design, observed, quality
+from haptid.experiment import bench
+from haptid.experiment.bench.limits import loop_openness
+from haptid.experiment.excitation import FourierSeries, Limits, Search, design, observed, quality
 
 EXAMPLES = Path(__file__).resolve().parents[1] / "examples" / "cea"
 # What is sought: positions about a centre, rad, to either side of it, degrees; speed, rad/s; acceleration, rad/s^2.

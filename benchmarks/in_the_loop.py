@@ -11,7 +11,7 @@ import tempfile
 import numpy as np
 
 from bench_identification import CASES, Case, device_of, identify, log_of, record, truth_of
-from haptid import bench
+from haptid.experiment import bench
 from haptid.export import CCode, export_c
 
 # The sign of a velocity is smoothed below this, rad/s: some counts of the encoders in a period of the differentiator.

@@ -17,7 +17,8 @@ import numpy as np
 
 import haptid
 from bench_identification import CASES, ENDS, device_of, log_of, record, truth_of
-from haptid import bench, estimators
+from haptid import estimation
+from haptid.experiment import bench
 from haptid.simulation import PID
 
 CASE, COUNTS, SECONDS, READINGS, EVERY = CASES["PHANToM, one parallelogram"], 4000.0, 10.0, 20, 2

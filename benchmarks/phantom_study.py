@@ -23,13 +23,13 @@ from pathlib import Path
 import numpy as np
 
 import haptid
-from haptid.definite import definiteness
+from haptid.end_effector.definiteness import definiteness
 from haptid.demos import read_demo
 from haptid.demos.mountings.fits import Accuracy, Fit, accuracy, fitted
 from haptid.demos.mountings.hand import feel
 from haptid.demos.mountings.plan import Mountings
 from haptid.demos.recordings import Recorded, Take, read_recorded, record
-from haptid.estimators import Consistent, possible
+from haptid.estimation import Consistent, possible
 
 NAME, SEEDS, STEP = "phantom", range(1, 21), 5e-4
 # Up to this seed there are logs without noise too.

@@ -14,8 +14,8 @@ import mujoco
 import numpy as np
 
 import haptid
-from haptid import bench
-from haptid.bench.mjcf import closed, cut_sites, depth_first
+from haptid.experiment import bench
+from haptid.experiment.bench.mjcf import closed, cut_sites, depth_first
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "tests"))
 from true_parameters import true_parameters

@@ -20,7 +20,8 @@ from pathlib import Path
 import numpy as np
 
 import haptid
-from haptid import bench, estimators
+from haptid import estimation
+from haptid.experiment import bench
 from haptid.simulation import PID
 
 SEEDS, UNSEEN, SECONDS, RATE_HZ = (1, 2, 3), 99, 12.0, 500.0
@@ -42,25 +43,25 @@ ENDS = 500
 STICKS = 0.02
 Makes = Callable[[PID], haptid.Method]
 METHODS: dict[str, Makes] = {
-    "OLS": lambda _: estimators.OLS(),
-    "WLS": lambda _: estimators.WLS(),
-    "SUR": lambda _: estimators.SUR(),
-    "GLS": lambda _: estimators.GLS(),
-    "IRLS": lambda _: estimators.IRLS(),
-    "TLS": lambda _: estimators.TLS(),
-    "maximum likelihood": lambda _: estimators.Heteroscedastic(),
-    "consistent OLS": lambda _: estimators.Consistent(estimators.OLS()),
-    "consistent WLS": lambda _: estimators.Consistent(),
-    "consistent IRLS": lambda _: estimators.Consistent(estimators.IRLS()),
-    "IV": lambda law: estimators.IV(law, friction=FRICTION),
-    "consistent IV": lambda law: estimators.Consistent(estimators.IV(law, friction=FRICTION)),
-    "DIDIM": lambda law: estimators.DIDIM(law, friction=FRICTION),
-    "consistent DIDIM": lambda law: estimators.Consistent(estimators.DIDIM(law, friction=FRICTION)),
-    "CLIE": lambda law: estimators.CLIE(law, friction=FRICTION),
-    "CLOE": lambda law: estimators.CLOE(law, friction=FRICTION),
-    "OutputError": lambda _: estimators.OutputError(friction=FRICTION),
-    "EKF": lambda _: estimators.EKF(),
-    "UKF": lambda _: estimators.UKF(),
+    "OLS": lambda _: estimation.OLS(),
+    "WLS": lambda _: estimation.WLS(),
+    "SUR": lambda _: estimation.SUR(),
+    "GLS": lambda _: estimation.GLS(),
+    "IRLS": lambda _: estimation.IRLS(),
+    "TLS": lambda _: estimation.TLS(),
+    "maximum likelihood": lambda _: estimation.Heteroscedastic(),
+    "consistent OLS": lambda _: estimation.Consistent(estimation.OLS()),
+    "consistent WLS": lambda _: estimation.Consistent(),
+    "consistent IRLS": lambda _: estimation.Consistent(estimation.IRLS()),
+    "IV": lambda law: estimation.IV(law, friction=FRICTION),
+    "consistent IV": lambda law: estimation.Consistent(estimation.IV(law, friction=FRICTION)),
+    "DIDIM": lambda law: estimation.DIDIM(law, friction=FRICTION),
+    "consistent DIDIM": lambda law: estimation.Consistent(estimation.DIDIM(law, friction=FRICTION)),
+    "CLIE": lambda law: estimation.CLIE(law, friction=FRICTION),
+    "CLOE": lambda law: estimation.CLOE(law, friction=FRICTION),
+    "OutputError": lambda _: estimation.OutputError(friction=FRICTION),
+    "EKF": lambda _: estimation.EKF(),
+    "UKF": lambda _: estimation.UKF(),
 }
 SLOW = ("EKF", "UKF")
 

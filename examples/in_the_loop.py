@@ -15,7 +15,7 @@ from dataclasses import replace
 import numpy as np
 
 import haptid
-from haptid import bench
+from haptid.experiment import bench
 
 # Where the hand feels the device, as a share of the motion's amplitude beside its centre.
 PLACE = 0.4

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import haptid
 
-DEVICES = Path(haptid.__file__).parent / "devices"
+DEVICES = Path(haptid.__file__).parent / "device/library"
 # Set B of the branch of the medical interface: lever axis and forearm turned by half a turn, as the printed
 # regroupings have it.
 SET_B = (

@@ -7,10 +7,10 @@ from scipy.spatial.transform import Rotation
 
 import haptid
 from haptid.device import Handle
-from haptid.device.closure import Closure
-from haptid.device.model import Joint, Motor
+from haptid.device.loops.linear import Closure
+from haptid.device.device import Joint, Motor
 from haptid.device.parameters import standard_parameters
-from haptid.device.terms import UNITS, TermColumn
+from haptid.device.terms.term import UNITS, TermColumn
 from mechanisms import Random
 
 KINDS = ("rotor", "viscous", "coulomb", "offset", "spring")

@@ -10,7 +10,7 @@ import pyarrow as pa
 import pyarrow.csv
 
 import haptid
-from haptid import bench
+from haptid.experiment import bench
 from motions import multisine, truth
 from true_parameters import true_parameters
 

@@ -2,19 +2,19 @@
 
 from haptid import errors
 from haptid._core import __version__
-from haptid.added import Addition, addition
-from haptid.base import BaseParameters, base_parameters
-from haptid.causal import Causal, HighPass
-from haptid.characterisation import Characterisation, FeltMass, GivenModel, characterise, felt_mass
-from haptid.comparison import Comparison, compare
-from haptid.compensation import Compensation, stable_share
-from haptid.definite import Definiteness, definiteness
-from haptid.delay import Delay, find_delay
+from haptid.inference.payload_estimate import Addition, addition
+from haptid.dynamics.base_parameters import BaseParameters, base_parameters
+from haptid.motion.causal import Causal, HighPass
+from haptid.end_effector.characterisation import Characterisation, FeltMass, GivenModel, characterise, felt_mass
+from haptid.inference.comparison import Comparison, compare
+from haptid.end_effector.compensation import Compensation, stable_share
+from haptid.end_effector.definiteness import Definiteness, definiteness
+from haptid.treatment_choice.delay_estimate import Delay, find_delay
 from haptid.device import Device, device_schema, read_device, shipped_devices
-from haptid.diagnosis import Diagnosis, Finding, Verdict, diagnose
-from haptid.dissection import Dissection, dissect
-from haptid.dynamics import bias_torque, gravity_torque, inverse_dynamics, mass_matrix
-from haptid.estimators import (
+from haptid.inference.diagnosis import Diagnosis, Finding, Verdict, diagnose
+from haptid.end_effector.torque_decomposition import Dissection, dissect
+from haptid.dynamics.inverse import bias_torque, gravity_torque, inverse_dynamics, mass_matrix
+from haptid.estimation import (
     CLIE,
     CLOE,
     DIDIM,
@@ -60,9 +60,9 @@ from haptid.estimators import (
     project,
     pseudo_inertia,
 )
-from haptid.estimators.entropic import Entropic
-from haptid.estimators.essential import AtMost, Essential, Reduction, TimesSmallest, essential, essential_by_motor
-from haptid.exact import Regroupings, loop_regroupings, regroupings
+from haptid.estimation.methods.entropic import Entropic
+from haptid.inference.elimination import AtMost, Essential, Reduction, TimesSmallest, essential, essential_by_motor
+from haptid.dynamics.symbolic import Regroupings, loop_regroupings, regroupings
 from haptid.export import (
     CCode,
     CExport,
@@ -75,34 +75,34 @@ from haptid.export import (
     export_rust,
     export_urdf,
 )
-from haptid.force import HandleForce, estimate_force
-from haptid.friction import ByModel, ByPairs, Constant, FrictionCurve, friction_curve
-from haptid.friction_choice import FrictionChoice, choose_friction
-from haptid.gains import DriveGains, drive_gains
-from haptid.identification import Identification, Run, identify
-from haptid.kinematics import HandleMotion, handle_motion, link_poses
-from haptid.load_friction import settled_loads
-from haptid.loads import Load, load_shift, log_without_load, without_load
+from haptid.end_effector.force import HandleForce, estimate_force
+from haptid.experiment.friction_test.curve import ByModel, ByPairs, Constant, FrictionCurve, friction_curve
+from haptid.experiment.friction_test.choice import FrictionChoice, choose_friction
+from haptid.inference.drive_gains import DriveGains, drive_gains
+from haptid.study.identify import Identification, Run, identify
+from haptid.dynamics.kinematics import HandleMotion, handle_motion, link_poses
+from haptid.estimation.nonlinear.load_friction import settled_loads
+from haptid.observation.known_payload import Load, load_shift, log_without_load, without_load
 from haptid.log import Channels, Log, Signal, open_log, read_log
-from haptid.observation import Block, MotorRows, Observation, observe
-from haptid.observer import MomentumObserver, Watched, observe_force
-from haptid.over_time import Drift, drift
-from haptid.prediction import Prediction, predict
-from haptid.projection import Projection, variable_projection
-from haptid.proposal import Proposal, propose
-from haptid.reach import Box, Workspace, workspace
-from haptid.recorded import Recorded, RecordedLog, read_result
-from haptid.reduction import Kept, observe_all
+from haptid.observation.observation import Block, MotorRows, Observation, observe
+from haptid.end_effector.momentum_observer import MomentumObserver, Watched, observe_force
+from haptid.inference.drift import Drift, drift
+from haptid.validation.prediction import Prediction, predict
+from haptid.estimation.nonlinear import Projection, variable_projection
+from haptid.treatment_choice.propose import Proposal, propose
+from haptid.dynamics.workspace import Box, Workspace, workspace
+from haptid.results.read import Recorded, RecordedLog, read_result
+from haptid.observation.batch import Kept, observe_all
 from haptid.report import Hand, Report, make_report, read_report, write_comparison
-from haptid.result_file import result, write_result
-from haptid.several import Series, compare_all
-from haptid.shapes import Bell, Sharp
+from haptid.results.write import result, write_result
+from haptid.inference.several import Series, compare_all
+from haptid.motion.shapes import Bell, Sharp
 from haptid.simulation import PID
 from haptid.study import Study, read_study, study_schema
-from haptid.target_parameters import Targets, side_by_side, target_map, targets
-from haptid.treatment import Motion, Treatment, treat
-from haptid.validation import MotorError, Validation, direct, validate
-from haptid.workers import Cluster, Here, Processes, Workers
+from haptid.inference.targets import Targets, side_by_side, target_map, targets
+from haptid.motion.treatment import Motion, Treatment, treat
+from haptid.validation.validation import MotorError, Validation, direct, validate
+from haptid._internal.workers import Cluster, Here, Processes, Workers
 
 __all__ = [
     "CLIE",

@@ -5,7 +5,7 @@ import pytest
 from typer.testing import CliRunner
 
 import haptid
-from haptid import bench
+from haptid.experiment import bench
 from haptid.cli import app
 
 pytest.importorskip("mujoco", reason="MuJoCo has no wheel for this platform")

@@ -6,12 +6,13 @@ import numpy as np
 import pytest
 
 import haptid
-from haptid import bench, errors
-from haptid.characterisation import GivenModel, characterise, felt_mass
-from haptid.characterisation.neglected import drift
-from haptid.compensation import Compensation, stable_share
-from haptid.dynamics import mass_matrix
-from haptid.kinematics import handle_motion
+from haptid import errors
+from haptid.experiment import bench
+from haptid.end_effector.characterisation import GivenModel, characterise, felt_mass
+from haptid.end_effector.characterisation.velocity_forces import drift
+from haptid.end_effector.compensation import Compensation, stable_share
+from haptid.dynamics.inverse import mass_matrix
+from haptid.dynamics.kinematics import handle_motion
 from true_parameters import true_parameters
 
 pytest.importorskip("mujoco", reason="MuJoCo has no wheel for this platform")
@@ -134,7 +135,7 @@ def test_friction_is_taken_off(device):
 @pytest.fixture(scope="module")
 def held(tmp_path_factory):
     """The device, and the same with springs on its motors: a hand that holds it with stiffness and damping."""
-    text = (files("haptid") / "devices" / "phantom_premium_15.toml").read_text(encoding="utf-8")
+    text = (files("haptid") / "device/library" / "phantom_premium_15.toml").read_text(encoding="utf-8")
     springs = '[[terms]]\nkind = "spring"\nmotors = "all"\nprefix = "K"\n\n[handle]'
     path = tmp_path_factory.mktemp("held") / "held.toml"
     path.write_text(text.replace("[handle]", springs, 1), encoding="utf-8")

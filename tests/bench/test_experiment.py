@@ -10,7 +10,8 @@ from pyarrow import parquet
 from typer.testing import CliRunner
 
 import haptid
-from haptid import bench, errors
+from haptid import errors
+from haptid.experiment import bench
 from haptid.cli import app
 
 EXAMPLES = Path(__file__).resolve().parents[2] / "examples"

@@ -7,8 +7,8 @@ import pytest
 
 import haptid
 from bench_identification import CASES, ENDS, truth_of
-from haptid import bench
-from haptid.device.prior import Body
+from haptid.experiment import bench
+from haptid.device.priors import Body
 
 pytest.importorskip("mujoco")
 CASE, SECONDS, WEIGHT = CASES["open arm, 3 joints"], 12.0, 1.0
@@ -24,7 +24,7 @@ def arm():
 @pytest.fixture(scope="module")
 def wrong(tmp_path_factory):
     """A copy of the device file with a gain that is off."""
-    text = (Path(haptid.__file__).parent / "devices" / "arm3.toml").read_text(encoding="utf-8")
+    text = (Path(haptid.__file__).parent / "device/library" / "arm3.toml").read_text(encoding="utf-8")
     path = tmp_path_factory.mktemp("device") / "arm3.toml"
     path.write_text(text.replace("drives = { 2 = 1 }", "drives = { 2 = 1 }\ngain = 1.2"), encoding="utf-8")
     return haptid.read_device(path)

@@ -6,8 +6,9 @@ import numpy as np
 import pytest
 
 import haptid
-from haptid import bench, errors
-from haptid.bench.compiled import prototypes
+from haptid import errors
+from haptid.experiment import bench
+from haptid.experiment.bench.compiled_code import prototypes
 from haptid.export import CCode, export_c
 from haptid.export.golden import Golden
 from in_the_loop import CASES, DEVICES, rehearsed, setup_of

@@ -7,10 +7,11 @@ import numpy as np
 import pytest
 
 import haptid
-from haptid import bench, errors
-from haptid.bench import mjcf
-from haptid.bench.limits import loop_openness
-from haptid.bench.mjcf import cut_sites, depth_first
+from haptid import errors
+from haptid.experiment import bench
+from haptid.experiment.bench import mjcf
+from haptid.experiment.bench.limits import loop_openness
+from haptid.experiment.bench.mjcf import cut_sites, depth_first
 from true_parameters import put
 
 # Of each device: centre of the motion, its size, and the controller's springs and dampers.

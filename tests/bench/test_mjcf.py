@@ -6,8 +6,8 @@ import pytest
 
 import haptid
 from haptid import errors
-from haptid.bench import Payload, Physics, mjcf
-from haptid.bench.mjcf import closed, cut_sites, depth_first
+from haptid.experiment.bench import Payload, Physics, mjcf
+from haptid.experiment.bench.mjcf import closed, cut_sites, depth_first
 from true_parameters import drawn, put, true_parameters
 
 DEVICES = ["phantom_premium_15", "cea_medical_branch", "arm7", "rx90", "sr400", "staubli_tx40"]

@@ -4,8 +4,9 @@ import numpy as np
 import pytest
 
 import haptid
-from haptid import bench, errors
-from haptid.bench.picture import stick_figure
+from haptid import errors
+from haptid.experiment import bench
+from haptid.experiment.bench.picture import stick_figure
 from true_parameters import true_parameters
 
 TIMES = [0.0, 0.5, 1.0]

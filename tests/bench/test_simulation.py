@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 import haptid
-from haptid import bench, errors
+from haptid import errors
+from haptid.experiment import bench
 from true_parameters import true_parameters
 from virtual_bench import exact_identification, free_motion, phantom
 
@@ -151,7 +152,7 @@ def test_a_joint_at_its_stop_is_an_error():
 
 
 def test_a_loop_that_opens_is_an_error(monkeypatch):
-    monkeypatch.setattr("haptid.bench.simulation.WIDEST_GAP", 1e-13)
+    monkeypatch.setattr("haptid.experiment.bench.simulation.WIDEST_GAP", 1e-13)
     with pytest.raises(errors.LoopBrokenError, match=r"open by .* m at"):
         made(seconds=2.0)
 

@@ -6,8 +6,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import haptid
-from haptid import bench, errors
-from haptid.bench.trajectories import spread
+from haptid import errors
+from haptid.experiment import bench
+from haptid.experiment.bench.trajectories import spread
 from true_parameters import true_parameters
 
 PHANTOM = haptid.read_device("phantom_premium_15")

@@ -6,13 +6,13 @@ import numpy as np
 import pytest
 
 import haptid
-from haptid.bench import read_experiment
-from haptid.characterisation import GivenModel
+from haptid.experiment.bench import read_experiment
+from haptid.end_effector.characterisation import GivenModel
 from haptid.demos import kind_of, read_demo
 from haptid.demos.branches.compensated import bound, smooth
 from haptid.demos.recordings import Take, record
 from haptid.demos.report import write_report
-from haptid.estimators import possible
+from haptid.estimation import possible
 
 TABLES = {"upper": "table1.csv", "lower": "table2.csv"}
 

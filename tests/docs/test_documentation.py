@@ -24,7 +24,7 @@ from typing import Any
 import pytest
 
 import haptid
-from haptid import bench
+from haptid.experiment import bench
 
 PROJECT = Path(__file__).resolve().parents[2]
 PAGES = [PROJECT / "README.md", *sorted((PROJECT / "docs").glob("*.md"))]

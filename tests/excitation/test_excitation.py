@@ -7,8 +7,9 @@ import numpy as np
 import pytest
 
 import haptid
-from haptid import bench, errors
-from haptid.excitation import (
+from haptid import errors
+from haptid.experiment import bench
+from haptid.experiment.excitation import (
     Coupling,
     FourierSeries,
     Information,
@@ -23,7 +24,7 @@ from haptid.excitation import (
     quality,
     write_experiment,
 )
-from haptid.signals import rows
+from haptid.motion.channels import rows
 from motions import truth
 from true_parameters import true_parameters
 

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 import haptid
-from haptid import bench
-from haptid.excitation import (
+from haptid.experiment import bench
+from haptid.experiment.excitation import (
     Bounds,
     Coupling,
     FourierSeries,

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import haptid
-from haptid.excitation import Bounds, Coupling, Limits, RawCondition, ScaledCondition, Slopes
+from haptid.experiment.excitation import Bounds, Coupling, Limits, RawCondition, ScaledCondition, Slopes
 
 # A tree, parallelograms, coupled motors, and loops that are not linear.
 DEVICES = ("arm7", "phantom_premium_15", "cea_medical_branch", "four_bar", "slider_crank", "five_bar", "delta")

@@ -8,9 +8,9 @@ import pytest
 
 import exciting_motion
 import haptid
-from haptid import bench
-from haptid.bench.limits import FLAT, loop_openness
-from haptid.excitation import observed, quality
+from haptid.experiment import bench
+from haptid.experiment.bench.limits import FLAT, loop_openness
+from haptid.experiment.excitation import observed, quality
 
 RESULTS = Path(exciting_motion.__file__).parent / "results" / "exciting-motion.json"
 

@@ -12,8 +12,8 @@ from typer.testing import CliRunner
 import haptid
 from compiled import NAME, STRICT, Library, compiler, relative, run
 from haptid.cli import app
-from haptid.essentials import with_reduced
-from haptid.estimators.essential import AtMost, Essential, essential, without
+from haptid.advice.eliminate import with_reduced
+from haptid.inference.elimination import AtMost, Essential, essential, without
 from haptid.export import CCode, export_c
 from haptid.export.functions import code_of
 from haptid.export.golden import Golden

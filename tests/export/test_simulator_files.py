@@ -10,12 +10,12 @@ from hypothesis import strategies as st
 
 import haptid
 from bench_identification import CASES, device_of, log_of, record
-from haptid.bench.mjcf import depth_first
+from haptid.experiment.bench.mjcf import depth_first
 from haptid.export import export_mjcf, export_urdf
 from haptid.export.standard import departure, standard_parameters
 from haptid.export.urdf import angles, upright
-from haptid.observation import Plan
-from haptid.prediction import decimate
+from haptid.observation.observation import Plan
+from haptid.validation.prediction import decimate
 from mechanisms import mechanisms
 from random_devices import as_device, parameters
 from true_parameters import true_parameters

@@ -7,9 +7,9 @@ import pytest
 from scipy import signal
 
 import haptid
-from haptid import bench
-from haptid.estimators.essential import essential
-from haptid.excitation import observed
+from haptid.experiment import bench
+from haptid.inference.elimination import essential
+from haptid.experiment.excitation import observed
 
 EXAMPLES = Path(__file__).resolve().parents[2] / "examples" / "cea"
 DEVICE = haptid.read_device("cea_medical_branch")

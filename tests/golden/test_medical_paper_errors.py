@@ -7,11 +7,11 @@ import numpy as np
 import pytest
 
 import haptid
-from haptid.characterisation import GivenModel, characterise, felt_mass
-from haptid.characterisation.neglected import drift
+from haptid.end_effector.characterisation import GivenModel, characterise, felt_mass
+from haptid.end_effector.characterisation.velocity_forces import drift
 from haptid.demos import read_demo
-from haptid.dynamics import core_torque, mass_matrix
-from haptid.kinematics import handle_motion
+from haptid.dynamics.inverse import core_torque, mass_matrix
+from haptid.dynamics.kinematics import handle_motion
 
 DEMO = read_demo("medical")
 DEVICE = haptid.read_device(DEMO.device)

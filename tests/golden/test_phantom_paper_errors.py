@@ -5,12 +5,12 @@ import pytest
 from scipy import signal
 
 import haptid
-from haptid.definite import definiteness
+from haptid.end_effector.definiteness import definiteness
 from haptid.demos import read_demo
-from haptid.dynamics import mass_matrix
-from haptid.force import estimate_force
-from haptid.kinematics import handle_motion
-from haptid.target_parameters import target_map
+from haptid.dynamics.inverse import mass_matrix
+from haptid.end_effector.force import estimate_force
+from haptid.dynamics.kinematics import handle_motion
+from haptid.inference.targets import target_map
 from motions import motion, multisine
 
 ALPHA, DT, OMEGA = 2.73, 1e-3, 2 * np.pi * 10.0

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 import haptid
-from haptid.base import formula
-from haptid.target_parameters import target_map
+from haptid.dynamics.base_parameters import formula
+from haptid.inference.targets import target_map
 
 ALPHA = 2.73  # command per N m
 # Table I, column [1] times alpha, in units of command.

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import haptid
-from haptid.base import NO_EFFECT, random_regressor
+from haptid.dynamics.base_parameters import NO_EFFECT, random_regressor
 
 INERTIAL = ("XX", "XY", "XZ", "YY", "YZ", "ZZ", "MX", "MY", "MZ", "M", "IA")
 
@@ -58,7 +58,7 @@ def test_sr400_loop_is_found_from_its_cut_joint():
 
 def test_sr400_as_a_tree_has_55(tmp_path):
     """The same file without its loop: all eight joints independent, six rotors."""
-    text = Path(haptid.__file__).parent.joinpath("devices", "sr400.toml").read_text()
+    text = Path(haptid.__file__).parent.joinpath("device/library", "sr400.toml").read_text()
     before, loop = text.split("[[loops]]")
     (tmp_path / "tree.toml").write_text(before + "[[" + loop.split("[[", 1)[1])
     tree = haptid.read_device(tmp_path / "tree.toml")

@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 
 import haptid
-from haptid import proposal
-from haptid.causal import Causal, HighPass
-from haptid.dissection import dissect
-from haptid.force import estimate_force
+from haptid.treatment_choice import propose as proposal
+from haptid.motion.causal import Causal, HighPass
+from haptid.end_effector.torque_decomposition import dissect
+from haptid.end_effector.force import estimate_force
 from motions import motion, multisine, truth
 
 DT = 1e-3

@@ -11,8 +11,8 @@ from hypothesis import strategies as st
 
 import haptid
 from device_files import device_text
-from haptid.exact import placements
-from haptid.exact.chain import exact_chain
+from haptid.dynamics.symbolic import placements
+from haptid.dynamics.symbolic.chain import exact_chain
 
 
 def drawn(folder: Path, text: str) -> haptid.Device:

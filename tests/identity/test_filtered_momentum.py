@@ -8,9 +8,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import haptid
-from haptid import observation
-from haptid.causal import Causal, HighPass
-from haptid.prediction import predict
+from haptid.observation import observation
+from haptid.motion.causal import Causal, HighPass
+from haptid.validation.prediction import predict
 from mechanisms import mechanisms
 from motions import motion, multisine, truth
 

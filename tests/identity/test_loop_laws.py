@@ -12,10 +12,10 @@ import haptid
 from closed_devices import NAMES, bodies, path, poses
 from haptid import _core
 from haptid.device import mechanism_arguments
-from haptid.device.branches import newton_closure
-from haptid.device.closing import Chain
-from haptid.dynamics import bias_torque, core_momentum, core_torque, gravity_torque, mass_matrix, raw_parameters, rigid
-from haptid.kinematics import handle_motion, link_poses
+from haptid.device.loops.assembly_mode import newton_closure
+from haptid.device.loops.assembly import Chain
+from haptid.dynamics.inverse import bias_torque, core_momentum, core_torque, gravity_torque, mass_matrix, raw_parameters, rigid
+from haptid.dynamics.kinematics import handle_motion, link_poses
 
 
 @pytest.fixture(scope="module", params=NAMES)
@@ -120,7 +120,7 @@ joints = ["{0}"]
 
 @pytest.mark.parametrize(("name", "joint"), [("four_bar", "rocker"), ("slider_crank", "slide"), ("five_bar", "4")])
 def test_terms_on_passive_joints_act_through_their_rates(tmp_path, name, joint):
-    text = (Path(haptid.__file__).parent / "devices" / f"{name}.toml").read_text() + PASSIVE_ROTOR.format(joint)
+    text = (Path(haptid.__file__).parent / "device/library" / f"{name}.toml").read_text() + PASSIVE_ROTOR.format(joint)
     (tmp_path / "more.toml").write_text(text)
     device = haptid.read_device(tmp_path / "more.toml")
     qa, qda, qdda = poses(device, 12)

@@ -4,7 +4,7 @@ import numpy as np
 from hypothesis import given, settings
 
 import haptid
-from haptid.dynamics import bias_torque, gravity_torque, mass_matrix, momentum, raw_parameters
+from haptid.dynamics.inverse import bias_torque, gravity_torque, mass_matrix, momentum, raw_parameters
 from mechanisms import mechanisms, states
 from random_devices import as_device, parameters
 

@@ -6,8 +6,8 @@ from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
 import haptid
-from haptid.characterisation import GivenModel, characterise
-from haptid.characterisation.neglected import unit_directions
+from haptid.end_effector.characterisation import GivenModel, characterise
+from haptid.end_effector.characterisation.velocity_forces import unit_directions
 from haptid.demos import read_demo
 from mechanisms import draw
 from random_devices import as_device, parameters

@@ -8,8 +8,8 @@ from hypothesis import strategies as st
 import haptid
 from closed_devices import NAMES, bodies, poses
 from haptid import _core, errors
-from haptid.dynamics import core_mass, core_momentum, core_torque
-from haptid.signals import rows
+from haptid.dynamics.inverse import core_mass, core_momentum, core_torque
+from haptid.motion.channels import rows
 from haptid.simulation import DirectModel
 from mechanisms import Random, mechanisms, states
 

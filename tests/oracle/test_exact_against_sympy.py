@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 import haptid
-from haptid.base import preference
-from haptid.exact.laurent import Coefficient
+from haptid.dynamics.base_parameters import preference
+from haptid.dynamics.symbolic.laurent import Coefficient
 
 sympy = pytest.importorskip("sympy")
 QQ = sympy.QQ

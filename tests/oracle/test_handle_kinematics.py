@@ -7,7 +7,7 @@ from scipy.spatial.transform import Rotation
 
 import haptid
 from haptid import errors
-from haptid.kinematics import handle_motion, link_poses
+from haptid.dynamics.kinematics import handle_motion, link_poses
 from mechanisms import mechanisms, states
 from random_devices import as_device
 

@@ -13,8 +13,8 @@ import pytest
 
 import haptid
 from closed_devices import bodies as light
-from haptid.bench import mjcf
-from haptid.bench.mjcf import cut_sites, depth_first
+from haptid.experiment.bench import mjcf
+from haptid.experiment.bench.mjcf import cut_sites, depth_first
 from true_parameters import true_parameters
 
 NAMES = ("four_bar", "slider_crank", "five_bar", "delta", "cea_medical_branch", "phantom_premium_15")
@@ -98,7 +98,7 @@ def compared(request):
     qda, qdda = rng.uniform(-1, 1, (2, *qa.shape)) * np.array([5.0, 50.0])[:, None, None]
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(
-            sys.modules["haptid.bench.bodies"], "LIGHT", 1e-20
+            sys.modules["haptid.experiment.bench.bodies"], "LIGHT", 1e-20
         )  # the simulator's rotors of weightless links, not felt at all
         model = mujoco.MjModel.from_xml_string(mjcf(device, chi))
     data, order = mujoco.MjData(model), list(depth_first(device))

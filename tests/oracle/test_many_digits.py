@@ -15,7 +15,7 @@ import pytest
 from mpmath import mp, mpf
 
 import haptid
-from haptid.base import preference
+from haptid.dynamics.base_parameters import preference
 
 DIGITS = 100
 # Step of the central differences in time, s: their error is about its square.

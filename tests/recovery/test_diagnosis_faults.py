@@ -10,8 +10,8 @@ import pytest
 
 import haptid
 from diagnosed import coulomb, estimated, log, phantom
-from haptid.diagnosis import diagnose
-from haptid.diagnosis.finding import LEVEL
+from haptid.inference.diagnosis import diagnose
+from haptid.inference.diagnosis.finding import LEVEL
 from motions import multisine, truth
 
 RUNS = 12

@@ -8,7 +8,7 @@ from scipy import stats
 
 import haptid
 from haptid import errors
-from haptid.estimators.essential import (
+from haptid.inference.elimination import (
     AtMost,
     Essential,
     TimesSmallest,
@@ -17,8 +17,8 @@ from haptid.estimators.essential import (
     objection,
     without,
 )
-from haptid.estimators.reduced import Without
-from haptid.signals import rows
+from haptid.estimation.methods.zeroed import Without
+from haptid.motion.channels import rows
 from motions import motion, truth
 
 ZERO = ("FV1", "FV2", "FC3")

@@ -6,9 +6,10 @@ import numpy as np
 import pytest
 
 import haptid
-from haptid import bench, errors
-from haptid.friction import ByModel, Constant, friction_curve
-from haptid.friction_choice import choose_friction
+from haptid import errors
+from haptid.experiment import bench
+from haptid.experiment.friction_test.curve import ByModel, Constant, friction_curve
+from haptid.experiment.friction_test.choice import choose_friction
 from motions import motion as multisine
 from motions import truth
 from true_parameters import true_parameters

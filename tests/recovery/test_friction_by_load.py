@@ -11,9 +11,9 @@ from typer.testing import CliRunner
 import haptid
 from haptid import errors
 from haptid.cli import app
-from haptid.device.terms import Load
-from haptid.load_friction import settled_loads
-from haptid.recorded import read_result
+from haptid.device.terms.term import Load
+from haptid.estimation.nonlinear.load_friction import settled_loads
+from haptid.results.read import read_result
 from motions import motion
 from small_study import DEVICE, FRICTION, STUDY
 from true_parameters import true_parameters

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import haptid
-from haptid.estimators import Consistent
+from haptid.estimation import Consistent
 from motions import motion
 from true_parameters import true_parameters
 

@@ -5,7 +5,7 @@ import pytest
 
 import haptid
 from haptid import errors
-from haptid.device.prior import Body
+from haptid.device.priors import Body
 from motions import motion
 
 DEVICE = """
@@ -114,7 +114,7 @@ def test_what_cannot_be_is_refused(device, tmp_path, monkeypatch):
     bare = haptid.observe(device, recorded(device))
     with pytest.raises(errors.DifferentModelError):
         haptid.drive_gains(bare, haptid.observe(flat, recorded(flat, seed=2)), "3", LOAD)
-    monkeypatch.setattr("haptid.gains.MOST_STEPS", 1)
+    monkeypatch.setattr("haptid.inference.drive_gains.MOST_STEPS", 1)
     loaded = haptid.observe(device, recorded(device, LOAD, seed=2, factor=0.5))
     with pytest.raises(errors.GainSettlingError, match="still move"):
         haptid.drive_gains(bare, loaded, "3", LOAD)

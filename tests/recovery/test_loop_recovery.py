@@ -5,7 +5,7 @@ import pytest
 
 import haptid
 from closed_devices import bodies, path
-from haptid.dissection import dissect
+from haptid.end_effector.torque_decomposition import dissect
 
 TREATMENTS = {
     "differences": haptid.Treatment(cutoff_hz=None, parallel_cutoff_hz=30.0, decimation=5),

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import haptid
-from haptid.estimators import Profile, profile, pseudo_inertia
+from haptid.estimation import Profile, profile, pseudo_inertia
 from motions import motion
 from small_study import two_links
 from true_parameters import true_parameters

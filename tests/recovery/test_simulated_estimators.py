@@ -8,12 +8,12 @@ import pytest
 
 import haptid
 from bench_identification import CASES, device_of, log_of, record, truth_of
-from haptid import errors, estimators
-from haptid.estimators.iv import second_stage
-from haptid.estimators.kalman import Belief, gained
-from haptid.estimators.simulating import along
-from haptid.estimators.solve import solve
-from haptid.rows import Rows
+from haptid import errors, estimation
+from haptid.estimation.methods.iv import second_stage
+from haptid.estimation.methods.kalman import Belief, gained
+from haptid.estimation.methods.simulating import along
+from haptid.estimation.least_squares import solve
+from haptid.observation.rows import Rows
 from haptid.simulation import PID
 
 ARM, PHANTOM = "open arm, 3 joints", "PHANToM, one parallelogram"

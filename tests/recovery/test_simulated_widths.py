@@ -6,9 +6,10 @@ import numpy as np
 import pytest
 
 import haptid
-from haptid import bench, estimators
+from haptid import estimation
+from haptid.experiment import bench
 from haptid.simulation import DirectModel, Stretches, measured_state, open_loop, sets_of, smooth
-from haptid.simulation.parametric import ParametricModel
+from haptid.dynamics.parametric import ParametricModel
 from small_study import FRICTION, driven, log_of, two_links
 from true_parameters import true_parameters
 
@@ -23,7 +24,7 @@ def observed(seed):
     return haptid.observe(two_links(), haptid.treat(log, treatment))
 
 
-@pytest.mark.parametrize(("kind", "wide"), [(estimators.OutputError, 0.01), (estimators.EKF, 0.02)])
+@pytest.mark.parametrize(("kind", "wide"), [(estimation.OutputError, 0.01), (estimation.EKF, 0.02)])
 def test_a_narrow_band_takes_the_bias_off_dry_friction(kind, wide):
     rows = observed(3)
     device = rows.device
@@ -55,7 +56,7 @@ def test_steps_of_the_filter_are_cut_where_friction_turns_over(monkeypatch):
     """With whole steps friction turns over half a step late, which biases it the other way."""
     rows = observed(3)
     beta = rows.device.base.of(true_parameters(rows.device, **FRICTION))
-    cut = haptid.estimate(rows, estimators.EKF())
+    cut = haptid.estimate(rows, estimation.EKF())
     monkeypatch.setattr(ParametricModel, "turning", lambda *_: False)
-    whole = haptid.estimate(rows, estimators.EKF())
+    whole = haptid.estimate(rows, estimation.EKF())
     assert np.sum(((cut.beta - beta) / cut.sd) ** 2) < np.sum(((whole.beta - beta) / whole.sd) ** 2)

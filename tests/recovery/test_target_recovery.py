@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import haptid
-from haptid.target_parameters import target_map, targets
+from haptid.inference.targets import target_map, targets
 from motions import motion, truth
 
 

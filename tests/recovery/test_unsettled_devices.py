@@ -9,14 +9,14 @@ import pytest
 
 import haptid
 from haptid import errors
-from haptid import estimators as e
-from haptid.essentials import with_reduced
-from haptid.estimators.essential import without
-from haptid.folds import alternate, each_log
-from haptid.load_friction import settled_loads
-from haptid.recorded import read_result
-from haptid.result_file import write_result
-from haptid.settling import settled
+from haptid import estimation as e
+from haptid.advice.eliminate import with_reduced
+from haptid.inference.elimination import without
+from haptid.validation.cross_validation import alternate, each_log
+from haptid.estimation.nonlinear.load_friction import settled_loads
+from haptid.results.read import read_result
+from haptid.results.write import write_result
+from haptid.estimation.nonlinear.linearise import settled
 from motions import motion
 from small_study import DEVICE, HEAD
 from true_parameters import true_parameters

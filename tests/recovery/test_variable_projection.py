@@ -6,7 +6,7 @@ from scipy import optimize
 
 import haptid
 from haptid import errors
-from haptid.projection import variable_projection
+from haptid.estimation.nonlinear import variable_projection
 from motions import motion
 
 DEVICE = """

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import haptid
-from haptid.estimators import GLS, IRLS, SUR, Bounded, Equal, FixedB, Heteroscedastic, Huber, Sandwich, Textbook
+from haptid.estimation import GLS, IRLS, SUR, Bounded, Equal, FixedB, Heteroscedastic, Huber, Sandwich, Textbook
 from motions import motion, truth
 
 DEVICE = haptid.read_device("phantom_premium_15")

@@ -6,7 +6,7 @@ import pytest
 
 from browser import LAPTOP, PHONE, needs_browser
 from haptid.report import write_comparison
-from haptid.result_file import write_result
+from haptid.results.write import write_result
 from reported import found, made
 
 pytestmark = needs_browser

@@ -27,7 +27,7 @@ from haptid.report.sections.hand import HandSection
 from haptid.report.sections.residual import binned
 from haptid.report.sections.torque import ALL_BINS, MOST_BINS
 from haptid.report.terminal import BARS, rms_of_bins, sparkline
-from haptid.result_file import write_result
+from haptid.results.write import write_result
 from reported import found, logs, made, source
 
 finite = st.floats(-1e6, 1e6, width=32)

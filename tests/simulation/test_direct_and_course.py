@@ -11,10 +11,11 @@ from scipy import linalg
 
 import haptid
 from bench_identification import CASES, device_of, log_of, record, truth_of
-from haptid import bench, errors
+from haptid import errors
+from haptid.experiment import bench
 from haptid.simulation import PID, DirectModel, Stretches, closed_loop, columns, open_loop, sensitivity, sets_of, smooth
 from haptid.simulation.control import recorded
-from haptid.simulation.parametric import ParametricModel
+from haptid.dynamics.parametric import ParametricModel
 from mechanisms import mechanisms, states
 from random_devices import as_device, parameters
 

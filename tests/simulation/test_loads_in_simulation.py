@@ -7,8 +7,8 @@ import pytest
 from scipy import integrate
 
 import haptid
-from haptid import errors, estimators
-from haptid.load_friction import settled_loads
+from haptid import errors, estimation
+from haptid.estimation.nonlinear.load_friction import settled_loads
 from haptid.simulation import PID, DirectModel, Stretches, closed_loop, open_loop, sets_of, smooth
 from motions import multisine
 from small_study import DEVICE

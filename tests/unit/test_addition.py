@@ -5,7 +5,7 @@ import pytest
 
 import haptid
 from haptid import errors
-from haptid.added import addition
+from haptid.inference.payload_estimate import addition
 from motions import motion
 
 

@@ -249,7 +249,7 @@ def test_a_run_that_fails_while_drawing_leaves_nothing(folder, monkeypatch):
     def broken(*_):
         raise OSError("no space left on device")
 
-    monkeypatch.setattr("haptid.plots.plot_torque", broken)
+    monkeypatch.setattr("haptid.report.plots.plot_torque", broken)
     done = identify(folder)
     assert done.exit_code == 2
     assert "no space left" in done.stderr
@@ -261,7 +261,7 @@ def test_an_interrupted_run_leaves_nothing(folder, monkeypatch):
     def interrupted(*_):
         raise KeyboardInterrupt
 
-    monkeypatch.setattr("haptid.plots.plot_torque", interrupted)
+    monkeypatch.setattr("haptid.report.plots.plot_torque", interrupted)
     assert identify(folder).exit_code != 0
     assert not (folder / "out").exists()
     assert not list(folder.glob(".out-*"))

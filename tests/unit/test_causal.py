@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 from scipy import signal
 
 import haptid
-from haptid.causal import Causal, HighPass
+from haptid.motion.causal import Causal, HighPass
 from haptid.errors import (
     AccelerationColumnError,
     CutoffError,
@@ -15,7 +15,7 @@ from haptid.errors import (
     NoAccelerationError,
     TreatmentValueError,
 )
-from haptid.shapes import Bell, Sharp
+from haptid.motion.shapes import Bell, Sharp
 
 MOMENTUM = {"accelerations": "momentum"}
 RAW = {

@@ -9,11 +9,11 @@ import pytest
 from typer.testing import CliRunner
 
 import haptid
-from haptid.characterisation import characterise
+from haptid.end_effector.characterisation import characterise
 from haptid.cli import app
-from haptid.identification import identify
-from haptid.recorded import read_result
-from haptid.result_file import write_result
+from haptid.study.identify import identify
+from haptid.results.read import read_result
+from haptid.results.write import write_result
 from haptid.study import read_study
 
 

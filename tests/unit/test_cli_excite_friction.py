@@ -10,7 +10,7 @@ import pytest
 from typer.testing import CliRunner
 
 import haptid
-from haptid import bench
+from haptid.experiment import bench
 from haptid.cli import app
 from motions import truth
 

@@ -10,7 +10,7 @@ import pytest
 import haptid
 from closed_devices import NAMES, bodies, path
 from haptid import errors
-from haptid.dynamics import core_mass, core_torque, rigid
+from haptid.dynamics.inverse import core_mass, core_torque, rigid
 from haptid.simulation import DirectModel
 
 
@@ -71,7 +71,7 @@ def test_a_motion_that_is_not_a_number_closes_nowhere() -> None:
 
 @pytest.mark.parametrize("rotor", ["crank", "rocker"])
 def test_masses_are_the_torques_of_unit_accelerations(rotor: str, tmp_path: Path) -> None:
-    text = (Path(haptid.__file__).parent / "devices" / "four_bar.toml").read_text()
+    text = (Path(haptid.__file__).parent / "device/library" / "four_bar.toml").read_text()
     term = 'kind = "rotor"\nmotors = "all"'
     assert term in text
     (tmp_path / "four_bar.toml").write_text(text.replace(term, f'kind = "rotor"\njoints = ["{rotor}"]'))

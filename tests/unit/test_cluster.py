@@ -14,8 +14,8 @@ import pytest
 
 import haptid
 from haptid import errors
-from haptid.reduction import observe_all
-from haptid.workers import Cluster
+from haptid.observation.batch import observe_all
+from haptid._internal.workers import Cluster
 from motions import motion, truth
 
 distributed = pytest.importorskip("distributed")
@@ -58,6 +58,6 @@ def test_a_cluster_gives_the_observation_of_one_process(address: str) -> None:
 
 
 def test_a_scheduler_that_does_not_answer_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("haptid.workers.PATIENCE", 1.0)
+    monkeypatch.setattr("haptid._internal.workers.PATIENCE", 1.0)
     with pytest.raises(errors.ClusterError, match=r"no Dask scheduler answers at tcp://127.0.0.1:9"):
         list(Cluster("tcp://127.0.0.1:9").map(abs, [1]))

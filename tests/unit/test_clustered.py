@@ -7,9 +7,9 @@ import pytest
 from scipy import linalg
 
 import haptid
-from haptid.estimators import BlockJackknife, Clustered, Ridge
-from haptid.estimators.clustered import Adjustment
-from haptid.rows import Rows
+from haptid.estimation import BlockJackknife, Clustered, Ridge
+from haptid.estimation.intervals.cluster_robust import Adjustment
+from haptid.observation.rows import Rows
 from motions import motion, truth
 
 

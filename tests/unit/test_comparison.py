@@ -10,9 +10,9 @@ from scipy import stats
 
 import haptid
 from haptid import errors
-from haptid.comparison import Comparison, compare
-from haptid.estimators.consistent import Consistent
-from haptid.target_parameters import targets
+from haptid.inference.comparison import Comparison, compare
+from haptid.estimation.methods.consistent import Consistent
+from haptid.inference.targets import targets
 from motions import motion, truth
 
 

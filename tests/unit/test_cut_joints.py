@@ -11,9 +11,9 @@ from hypothesis import strategies as st
 
 import haptid
 from changed_devices import SET_B, changed
-from haptid.bench import mjcf
-from haptid.bench.bodies import bodies, effects
-from haptid.bench.mjcf import closed, depth_first
+from haptid.experiment.bench import mjcf
+from haptid.experiment.bench.bodies import bodies, effects
+from haptid.experiment.bench.mjcf import closed, depth_first
 from haptid.device import Device, Frame, poses, read_device
 from haptid.errors import DuplicateNameError, NoDyadError, UnknownNameError
 

@@ -11,7 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from haptid.device.expressions import column, number, relation
-from haptid.device.place import Place
+from haptid.device.toml.place import Place
 from haptid.errors import DeviceError, ExpressionError, RelationError, UnknownNameError
 
 HERE = Place("arm.toml", "joints[0].alpha")

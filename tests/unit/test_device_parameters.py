@@ -11,9 +11,9 @@ from hypothesis import strategies as st
 
 from haptid.device import INERTIAL, Counterbalance, Device, read_device
 from haptid.device.geometry import placed
-from haptid.device.model import Joint
+from haptid.device.device import Joint
 from haptid.device.parameters import Symmetry, standard_parameters
-from haptid.device.prior import Body, body_prior, inertial_parameters
+from haptid.device.priors import Body, body_prior, inertial_parameters
 from haptid.errors import ColumnValueError
 
 NAMES = [kind + joint for joint in "123" for kind in INERTIAL]

@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 import haptid.device
 from haptid import errors
 from haptid.device import device_schema, read_device, shipped_devices
-from haptid.device.tables import LARGEST_FILE
+from haptid.device.toml.tables import LARGEST_FILE
 
 ARM = """
 schema = 1
@@ -414,7 +414,7 @@ JUNK = st.sampled_from(
     JUNK,
 )
 def test_a_damaged_file_is_a_device_or_one_clear_error(tmp_path: Path, name: str, line: int, junk: str) -> None:
-    folder = Path(haptid.device.__file__).parent.parent / "devices"
+    folder = Path(haptid.device.__file__).parent / "library"
     lines = (folder / f"{name}.toml").read_text().splitlines()
     line %= len(lines)
     lines[line] = re.sub(r"= .*", f"= {junk}", lines[line]) if "= " in lines[line] else ""

@@ -101,7 +101,7 @@ def test_summary_names_everything(device: Device) -> None:
 
 
 def test_every_file_says_what_it_is_and_whence() -> None:
-    folder = Path(haptid.device.__file__).parent.parent / "devices"
+    folder = Path(haptid.device.__file__).parent / "library"
     for name in shipped_devices():
         head = (folder / f"{name}.toml").read_text().split("schema = 1")[0]
         assert head.startswith("# ")

@@ -8,18 +8,18 @@ import pytest
 
 import haptid
 from diagnosed import estimated, log, phantom
-from haptid.diagnosis import diagnose
-from haptid.diagnosis.excitation import advice
-from haptid.diagnosis.exogeneity import instrument
-from haptid.diagnosis.finding import LEVEL
-from haptid.diagnosis.late import rates
-from haptid.diagnosis.misfit import SHAPES
-from haptid.diagnosis.places import places
-from haptid.diagnosis.residual import residuals
-from haptid.diagnosis.suspicion import cause
-from haptid.diagnosis.widened import Extra, widen
-from haptid.estimators.essential import untold
-from haptid.estimators.reduced import Without
+from haptid.inference.diagnosis import diagnose
+from haptid.inference.diagnosis.excitation import advice
+from haptid.inference.diagnosis.exogeneity import instrument
+from haptid.inference.diagnosis.finding import LEVEL
+from haptid.inference.diagnosis.delay_test import rates
+from haptid.inference.diagnosis.lack_of_fit import SHAPES
+from haptid.inference.diagnosis.places import places
+from haptid.inference.diagnosis.residual import residuals
+from haptid.inference.diagnosis.plausibility import cause
+from haptid.inference.diagnosis.added_variable import Extra, widen
+from haptid.inference.elimination import untold
+from haptid.estimation.methods.zeroed import Without
 from motions import motion, truth
 
 LOOKS = {
@@ -42,7 +42,7 @@ def diagnosis(clean):
 @pytest.fixture(scope="module")
 def without_viscosity(tmp_path_factory):
     """The device without viscous friction on motor 2."""
-    text = (Path(haptid.__file__).parent / "devices" / "phantom_premium_15.toml").read_text(encoding="utf-8")
+    text = (Path(haptid.__file__).parent / "device/library" / "phantom_premium_15.toml").read_text(encoding="utf-8")
     path = tmp_path_factory.mktemp("device") / "device.toml"
     text = text.partition("[targets]")[0]
     path.write_text(text.replace('kind = "viscous"\nmotors = "all"', 'kind = "viscous"\nmotors = ["1", "3"]'))

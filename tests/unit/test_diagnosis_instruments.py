@@ -6,10 +6,10 @@ from functools import cache
 import numpy as np
 
 import haptid
-from haptid import estimators
-from haptid.diagnosis import diagnose
-from haptid.diagnosis.exogeneity import instruments, known
-from haptid.diagnosis.finding import LEVEL
+from haptid import estimation
+from haptid.inference.diagnosis import diagnose
+from haptid.inference.diagnosis.exogeneity import instruments, known
+from haptid.inference.diagnosis.finding import LEVEL
 from haptid.simulation import PID
 from small_study import KD, KP, between, driven, log_of, two_links
 
@@ -57,7 +57,7 @@ def test_coarse_encoders_are_seen():
 
 
 def test_an_instrumental_estimate_brings_its_own():
-    method = haptid.Consistent(estimators.IV(law()))
+    method = haptid.Consistent(estimation.IV(law()))
     assert known(method) is law()
     assert known(haptid.WLS()) is None
     found = diagnose(estimated(1, 1e7, CALM, method))["errors in W"]

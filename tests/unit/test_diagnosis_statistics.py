@@ -7,13 +7,13 @@ from hypothesis import strategies as st
 from scipy import stats
 
 import haptid
-from haptid.diagnosis.blocked import regress
-from haptid.diagnosis.distribution import independent, standardised, wild_rows
-from haptid.diagnosis.excitation import dependencies
-from haptid.diagnosis.finding import LEVEL, Finding, holm, listed, worst
-from haptid.diagnosis.influence import deletions
-from haptid.diagnosis.ripple import chance, waves
-from haptid.diagnosis.serial import autocorrelation, half_power, memory, portmanteau, serial
+from haptid.inference.diagnosis.block_jackknife import regress
+from haptid.inference.diagnosis.distribution import independent, standardised, wild_rows
+from haptid.inference.diagnosis.excitation import dependencies
+from haptid.inference.diagnosis.finding import LEVEL, Finding, holm, listed, worst
+from haptid.inference.diagnosis.influence import deletions
+from haptid.inference.diagnosis.ripple import chance, waves
+from haptid.inference.diagnosis.serial import autocorrelation, half_power, memory, portmanteau, serial
 from motions import motion, truth
 
 

@@ -5,9 +5,9 @@ import pytest
 
 import haptid
 from haptid import errors
-from haptid.estimators import Consistent, Profile
-from haptid.estimators.entropic import Entropic, Pull, prior_links
-from haptid.estimators.possible import roomy
+from haptid.estimation import Consistent, Profile
+from haptid.estimation.methods.entropic import Entropic, Pull, prior_links
+from haptid.estimation.feasibility.feasible import roomy
 from motions import motion
 
 BODY = """

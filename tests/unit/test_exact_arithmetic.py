@@ -9,10 +9,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from haptid.exact.interpolation import Points, fit
-from haptid.exact.laurent import Coefficient, Laurent
-from haptid.exact.residues import PRIMES, Field, UnluckyDrawError, rational
-from haptid.exact.symbols import GRAVITY, LENGTH, PURE, Symbol, draw
+from haptid.dynamics.symbolic.interpolation import Points, fit
+from haptid.dynamics.symbolic.laurent import Coefficient, Laurent
+from haptid.dynamics.symbolic.residues import PRIMES, Field, UnluckyDrawError, rational
+from haptid.dynamics.symbolic.symbols import GRAVITY, LENGTH, PURE, Symbol, draw
 
 FIELD = Field(PRIMES[0])
 RESIDUE = st.integers(1, PRIMES[0] - 1)

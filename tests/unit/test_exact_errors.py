@@ -13,8 +13,8 @@ import haptid
 from haptid import errors
 from haptid.cli import app
 from haptid.device import Device
-from haptid.exact import regrouping as module
-from haptid.exact.residues import UnluckyDrawError
+from haptid.dynamics.symbolic import regrouping as module
+from haptid.dynamics.symbolic.residues import UnluckyDrawError
 
 FOUR_BAR = """
 name = "four-bar"

@@ -9,10 +9,11 @@ from hypothesis import strategies as st
 from pydantic import ValidationError
 
 import haptid
-from haptid import bench, errors
-from haptid._toml import LARGEST_FILE, Fault
-from haptid.bench.schema import ExperimentTable
-from haptid.device.schema import ModifiedDHDevice
+from haptid import errors
+from haptid.experiment import bench
+from haptid._internal.toml_tables import LARGEST_FILE, Fault
+from haptid.experiment.bench.schema import ExperimentTable
+from haptid.device.toml.schema import ModifiedDHDevice
 from haptid.study.schema import StudyTable
 from small_study import DEVICE, STUDY
 

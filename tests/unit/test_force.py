@@ -10,9 +10,9 @@ from hypothesis import strategies as st
 
 import haptid
 from haptid import errors
-from haptid.force import estimate_force
-from haptid.kinematics import handle_motion
-from haptid.reversals import doubt, softened
+from haptid.end_effector.force import estimate_force
+from haptid.dynamics.kinematics import handle_motion
+from haptid.observation.reversals import doubt, softened
 from mechanisms import draw
 from motions import motion, multisine, truth
 from random_devices import as_device, parameters

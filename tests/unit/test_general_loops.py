@@ -11,12 +11,12 @@ import haptid
 from closed_devices import NAMES, poses
 from haptid import errors
 from haptid.device import Closure, NewtonClosure
-from haptid.reach import workspace
+from haptid.dynamics.workspace import workspace
 
 
 def edited(folder: Path, name: str, *pairs: tuple[str, str]) -> haptid.Device:
     """A shipped device with some of its text replaced."""
-    text = (Path(haptid.__file__).parent / "devices" / f"{name}.toml").read_text()
+    text = (Path(haptid.__file__).parent / "device/library" / f"{name}.toml").read_text()
     for old, new in pairs:
         assert old in text
         text = text.replace(old, new)

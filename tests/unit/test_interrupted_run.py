@@ -19,8 +19,8 @@ import pytest
 from numpy.testing import assert_allclose
 from pyarrow import parquet
 
-from haptid.identification import identify
-from haptid.reduction import LEAST_KEPT
+from haptid.study.identify import identify
+from haptid.observation.batch import LEAST_KEPT
 from haptid.study import read_study
 from small_study import DEVICE, STUDY, columns
 
@@ -33,10 +33,11 @@ pytestmark = [
 PROGRAM = """
 import signal
 signal.signal(signal.SIGINT, signal.default_int_handler)  # what was started in the background may not listen
-from haptid import observation, reduction
+from haptid.observation import observation
+from haptid.observation import batch
 observation.SEGMENT = 4096
-made, plain = [], reduction.Reducer.__call__
-reduction.Reducer.__call__ = lambda self, part: (made.append(part), plain(self, part))[1]
+made, plain = [], batch.Reducer.__call__
+batch.Reducer.__call__ = lambda self, part: (made.append(part), plain(self, part))[1]
 from haptid.cli import main
 try:
     main()
@@ -140,7 +141,7 @@ def test_ctrl_c_and_the_same_command_again(study: Path, wanted: np.ndarray, tmp_
 
 def segments(study: Path) -> Iterator[tuple[int, int]]:
     """The parts of the log as PROGRAM has them."""
-    from haptid import observation
+    from haptid.observation import observation
 
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(observation, "SEGMENT", 4096)

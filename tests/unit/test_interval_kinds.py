@@ -8,7 +8,7 @@ from scipy import linalg
 
 import haptid
 from haptid import errors
-from haptid.estimators import (
+from haptid.estimation import (
     GLS,
     TLS,
     BlockJackknife,
@@ -22,9 +22,9 @@ from haptid.estimators import (
     Sandwich,
     Textbook,
 )
-from haptid.estimators.autoregression import burg
-from haptid.estimators.solve import solve
-from haptid.rows import Rows
+from haptid.estimation.intervals.autoregression import burg
+from haptid.estimation.least_squares import solve
+from haptid.observation.rows import Rows
 from motions import motion, truth
 
 KINDS = [Clustered(), BlockJackknife(), Textbook(), FixedB(), Bootstrap(99), Sandwich()]

@@ -16,7 +16,7 @@ from scipy import signal
 import haptid
 from haptid.log import as_array, checks, opening
 from haptid.log.on_disk import CHUNK, OnDisk
-from haptid.long_motion import PIECE, filtered, memory
+from haptid.motion.streaming import PIECE, filtered, memory
 
 
 class Held(OnDisk):

@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 
 from haptid import errors
 from haptid.log import Channels, Log, Signal, read_log
-from haptid.log.time import from_stamps
+from haptid.log.resampling import from_stamps
 from haptid.log.units import SPELLINGS, TABLES, meant
 
 QUICK = settings(max_examples=40, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])

@@ -9,7 +9,7 @@ import pytest
 
 from haptid import errors
 from haptid.log import Channels, Log, Signal, check_against
-from haptid.log.model import Side
+from haptid.log.log import Side
 
 T = np.arange(500) / 100
 NAMES = ("A", "B")

@@ -21,7 +21,7 @@ from pyarrow import parquet
 
 from haptid import errors
 from haptid.log import Channels, Signal, content, read_log
-from haptid.log.reading import FORMATS
+from haptid.log.read import FORMATS
 
 QUICK = settings(max_examples=25, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
 BY_SUFFIX = {suffix: kind for kind in FORMATS for suffix in kind.suffixes}

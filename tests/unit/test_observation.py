@@ -20,8 +20,8 @@ from haptid.errors import (
     TreatmentValueError,
     UnexcitedError,
 )
-from haptid.estimators import BlockJackknife
-from haptid.signals import rows
+from haptid.estimation import BlockJackknife
+from haptid.motion.channels import rows
 from motions import motion, truth
 
 
@@ -181,7 +181,7 @@ def test_slow_rows_are_dropped_motor_by_motor(device, beta):
 
 
 def test_blocks_of_a_long_motion_grow(device, beta, monkeypatch):
-    monkeypatch.setattr("haptid.observation.MOST_BLOCKS", 4)
+    monkeypatch.setattr("haptid.observation.observation.MOST_BLOCKS", 4)
     made = motion(device, beta, noise=0.1)
     observation = haptid.observe(device, made)
     assert len(observation.blocks) <= 4
@@ -195,7 +195,7 @@ def test_the_result_does_not_depend_on_the_segments(device, beta, monkeypatch):
     treatment = haptid.Treatment(cutoff_hz=None, decimation=5, low_speed=0.05)
     made = motion(device, beta, noise=0.1, treatment=treatment)
     whole = haptid.observe(device, made)
-    monkeypatch.setattr("haptid.observation.SEGMENT", 1500)
+    monkeypatch.setattr("haptid.observation.observation.SEGMENT", 1500)
     parts = haptid.observe(device, made)
     for a, b in zip(whole.motors, parts.motors, strict=True):
         np.testing.assert_array_equal(a.rows, b.rows)
@@ -203,7 +203,7 @@ def test_the_result_does_not_depend_on_the_segments(device, beta, monkeypatch):
 
 
 def test_progress_runs_to_the_end(device, beta, monkeypatch):
-    monkeypatch.setattr("haptid.observation.SEGMENT", 1500)
+    monkeypatch.setattr("haptid.observation.observation.SEGMENT", 1500)
     shares = []
     haptid.observe(device, motion(device, beta), progress=shares.append)
     assert len(shares) > 3

@@ -6,10 +6,10 @@ from hypothesis import given, settings
 
 import haptid
 from haptid import errors
-from haptid.causal import HighPass
-from haptid.force import estimate_force
-from haptid.kinematics import handle_motion
-from haptid.observer import MomentumObserver, observe_force
+from haptid.motion.causal import HighPass
+from haptid.end_effector.force import estimate_force
+from haptid.dynamics.kinematics import handle_motion
+from haptid.end_effector.momentum_observer import MomentumObserver, observe_force
 from mechanisms import mechanisms
 from motions import motion, multisine, truth
 from random_devices import as_device, parameters
@@ -73,7 +73,7 @@ def test_samples_may_come_one_by_one(monkeypatch):
     beta, observer = truth(device), MomentumObserver()
     q, qd, tau, _ = pushed(device, beta, 1e-3, seconds=0.2)
     whole = observer.follow(device, beta, 1e-3, q, qd, tau)
-    monkeypatch.setattr("haptid.observer.STRETCH", 64)
+    monkeypatch.setattr("haptid.end_effector.momentum_observer.STRETCH", 64)
     pieces, before = [], None
     for low, high in ((0, 1), (1, 2), (2, 50), (50, 51), (51, 200)):
         before = observer.follow(device, beta, 1e-3, *(x[:, low:high] for x in (q, qd, tau)), before)

@@ -4,9 +4,9 @@ from types import SimpleNamespace
 
 import pytest
 
-from haptid.diagnosis.finding import Finding
-from haptid.diagnosis.plain import PLAIN
-from haptid.diagnosis.verdict import COMPENSATION, PREDICTION, SINGLE, verdict
+from haptid.inference.diagnosis.finding import Finding
+from haptid.inference.diagnosis.messages import PLAIN
+from haptid.inference.diagnosis.verdict import COMPENSATION, PREDICTION, SINGLE, verdict
 
 LOOKS = (*PREDICTION, *COMPENSATION, *SINGLE)
 

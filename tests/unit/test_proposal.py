@@ -9,8 +9,8 @@ from hypothesis import strategies as st
 
 import haptid
 from haptid.errors import SwappedChannelsError, TreatmentValueError
-from haptid.late import delayed
-from haptid.proposal import bandwidth
+from haptid.motion.time_shift import delayed
+from haptid.treatment_choice.propose import bandwidth
 from motions import multisine, truth
 
 STEP = 2 * np.pi / 4000 / 12

@@ -8,13 +8,13 @@ import numpy as np
 import pytest
 
 import haptid
-from haptid.characterisation.model import freedom, trusted
-from haptid.device.reading import device_of
-from haptid.device.tables import checked
+from haptid.end_effector.characterisation.model import freedom, trusted
+from haptid.device.toml.reader import device_of
+from haptid.device.toml.tables import checked
 from haptid.errors import ResultDeviceError, ResultFileError
-from haptid.identification import identify
-from haptid.recorded import read_result
-from haptid.result_file import device_file, finite, result, write_result
+from haptid.study.identify import identify
+from haptid.results.read import read_result
+from haptid.results.write import device_file, finite, result, write_result
 from haptid.study import read_study
 
 

@@ -12,10 +12,10 @@ from typer.testing import CliRunner
 import haptid
 from haptid import errors
 from haptid.cli import app
-from haptid.over_time import drift
-from haptid.several import Series, compare_all
-from haptid.target_parameters import targets
-from haptid.welch import misfit
+from haptid.inference.drift import drift
+from haptid.inference.several import Series, compare_all
+from haptid.inference.targets import targets
+from haptid.uncertainty.multiple_testing import misfit
 from motions import motion
 from small_study import write_study
 

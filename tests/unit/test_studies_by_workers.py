@@ -14,8 +14,8 @@ from numpy.testing import assert_allclose
 from pyarrow import parquet
 
 import haptid
-from haptid.estimators import Bootstrap
-from haptid.workers import Cluster, Here, Processes, Workers
+from haptid.estimation import Bootstrap
+from haptid._internal.workers import Cluster, Here, Processes, Workers
 from motions import motion, truth
 from small_study import two_links
 
@@ -89,7 +89,7 @@ def test_monte_carlo_and_bootstrap(crews: tuple[Workers, ...]) -> None:
 
 def test_a_sweep_of_the_bench(crews: tuple[Workers, ...], tmp_path: Path) -> None:
     pytest.importorskip("mujoco")
-    from haptid.bench.run import Job, make_logs, repeated
+    from haptid.experiment.bench.run import Job, make_logs, repeated
 
     (tmp_path / "short.toml").write_text(EXPERIMENT)
     tables = []

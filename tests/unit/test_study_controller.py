@@ -9,7 +9,7 @@ import pytest
 from typer.testing import CliRunner
 
 import haptid
-from haptid import estimators
+from haptid import estimation
 from haptid.cli import app
 from haptid.errors import StudyControllerError, StudyFileError
 from small_study import DEVICE, FRICTION, between, driven, log_of, two_links
@@ -82,7 +82,7 @@ def test_every_key_reaches_the_controller(folder):
     more = "ki = 1.0\nrate_hz = 1000\nsaturation = [5.0, 3.0]\n"
     study = haptid.read_study(written(folder, CONTROLLER + more + method("DIDIM")))
     law = study.controller
-    assert isinstance(study.method, estimators.DIDIM)
+    assert isinstance(study.method, estimation.DIDIM)
     assert study.method.controller is law
     assert (law.kp, law.kd, law.ki, law.rate_hz, law.saturation) == ((60.0, 30.0), (4.0, 2.0), 1.0, 1000.0, (5.0, 3.0))
     assert law.velocity_cutoff_hz == 100.0

@@ -10,13 +10,13 @@ import pyarrow.parquet
 import pytest
 
 import haptid
-from haptid import estimators as e
-from haptid.device.prior import Body
+from haptid import estimation as e
+from haptid.device.priors import Body
 from haptid.errors import StudyFileError, UnknownLinkError
-from haptid.loads import Load, log_without_load
-from haptid.observation import Plan
-from haptid.reduction import Kept, fingerprint
-from haptid.result_file import result
+from haptid.observation.known_payload import Load, log_without_load
+from haptid.observation.observation import Plan
+from haptid.observation.batch import Kept, fingerprint
+from haptid.results.write import result
 from motions import multisine, truth
 from small_study import columns, two_links, write_study
 

@@ -6,7 +6,7 @@ import pytest
 from typer.testing import CliRunner
 
 import haptid
-from haptid import estimators as e
+from haptid import estimation as e
 from haptid.cli import app
 from haptid.errors import StudyFileError
 from small_study import write_study

@@ -10,10 +10,10 @@ from hypothesis import strategies as st
 import haptid
 from haptid import errors
 from haptid.device.expressions import combination
-from haptid.device.model import Combination
-from haptid.device.place import Place
-from haptid.estimators.consistent import Consistent
-from haptid.target_parameters import side_by_side, target_map, targets
+from haptid.device.device import Combination
+from haptid.device.toml.place import Place
+from haptid.estimation.methods.consistent import Consistent
+from haptid.inference.targets import side_by_side, target_map, targets
 from mechanisms import mechanisms
 from motions import motion, truth
 from random_devices import as_device

@@ -6,8 +6,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import haptid
-from haptid.causal import Causal
-from haptid.rows import Rows, decimated
+from haptid.motion.causal import Causal
+from haptid.observation.rows import Rows, decimated
 from motions import motion, truth
 from windows import FILTERS, windows
 

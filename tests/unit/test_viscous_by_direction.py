@@ -5,9 +5,9 @@ import pytest
 
 import haptid
 from compiled import NAME, Library, relative
-from haptid.characterisation import GivenModel
-from haptid.characterisation.friction import viscous_matrix
-from haptid.compensation import Compensation
+from haptid.end_effector.characterisation import GivenModel
+from haptid.end_effector.characterisation.friction import viscous_matrix
+from haptid.end_effector.compensation import Compensation
 from haptid.export import CCode, export_c
 from haptid.export.functions import code_of
 from haptid.export.golden import Golden

@@ -10,7 +10,7 @@ from scipy import linalg, optimize, signal
 
 import haptid
 from haptid import errors
-from haptid.estimators import (
+from haptid.estimation import (
     GLS,
     IRLS,
     SUR,
@@ -24,15 +24,15 @@ from haptid.estimators import (
     StudentT,
     Tukey,
 )
-from haptid.estimators.autoregression import Autoregression, burg
-from haptid.estimators.gls import models
-from haptid.estimators.heteroscedastic import variances
-from haptid.estimators.irls import judged
-from haptid.estimators.ridge import STRENGTHS, prediction_error, strengthened
-from haptid.estimators.solve import solve
-from haptid.estimators.sur import covariance, nearest_correlation
-from haptid.estimators.tls import least_noise
-from haptid.rows import Rows
+from haptid.estimation.intervals.autoregression import Autoregression, burg
+from haptid.estimation.methods.gls import models
+from haptid.estimation.methods.heteroscedastic import variances
+from haptid.estimation.methods.irls import judged
+from haptid.estimation.methods.ridge import STRENGTHS, prediction_error, strengthened
+from haptid.estimation.least_squares import solve
+from haptid.estimation.methods.sur import covariance, nearest_correlation
+from haptid.estimation.methods.tls import least_noise
+from haptid.observation.rows import Rows
 from motions import motion, multisine, truth
 
 BY_RESIDUAL = [SUR(), GLS(), IRLS(Huber()), IRLS(Tukey()), IRLS(StudentT())]

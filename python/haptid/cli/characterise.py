@@ -51,12 +51,12 @@ def characterise(
     out_folder: Annotated[Path, typer.Option("--out", help="folder for the figures")] = Path("haptid-handle"),
     quiet: Annotated[bool, typer.Option("--quiet", "-q", help="no progress, no summary")] = False,
 ) -> None:
-    from haptid.characterisation.characterise import characterise as feel
-    from haptid.characterisation.columns import columns, write_columns
+    from haptid.end_effector.characterisation.characterise import characterise as feel
+    from haptid.end_effector.characterisation.table import columns, write_columns
     from haptid.cli.handle import asked, chosen, draw, show
-    from haptid.force import WORST_CONDITION
-    from haptid.outputs import check_writable, publishing
-    from haptid.recorded import read_result
+    from haptid.end_effector.force import WORST_CONDITION
+    from haptid._internal.atomic_folder import check_writable, publishing
+    from haptid.results.read import read_result
 
     with errors_shown():
         check_writable(out_folder)

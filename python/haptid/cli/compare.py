@@ -12,8 +12,8 @@ import typer
 from haptid.cli.common import app, errors_shown, out
 
 if TYPE_CHECKING:
-    from haptid.over_time import Drift
-    from haptid.several import Series
+    from haptid.inference.drift import Drift
+    from haptid.inference.several import Series
 
 HELP = """\
 Compare results: which parameters differ, how sure that is, and how fast they drift.
@@ -41,11 +41,11 @@ def compare(
     confidence: Annotated[float, typer.Option("--confidence", help="for all parameters together")] = 0.95,
     as_json: Annotated[bool, typer.Option("--json", help="print JSON in place of tables")] = False,
 ) -> None:
-    from haptid.over_time import drift
-    from haptid.recorded import read_result
+    from haptid.inference.drift import drift
+    from haptid.results.read import read_result
     from haptid.report.compared import names_of
-    from haptid.result_file import finite
-    from haptid.several import compare_all
+    from haptid.results.write import finite
+    from haptid.inference.several import compare_all
 
     with errors_shown():
         when = None if times is None else [_time(part) for part in times.split(",")]

@@ -40,7 +40,7 @@ def demo(
     quiet: Annotated[bool, typer.Option("--quiet", "-q", help="no progress, no summary")] = False,
 ) -> None:
     from haptid.demos import demo_names, kind_of, read_demo, run_demo
-    from haptid.outputs import check_writable, publishing
+    from haptid._internal.atomic_folder import check_writable, publishing
 
     if name is None:
         for known in demo_names():

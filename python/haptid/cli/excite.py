@@ -12,7 +12,7 @@ from haptid.cli.common import app, errors_shown, out, progress_bars
 
 if TYPE_CHECKING:
     from haptid.device import Device
-    from haptid.excitation import Excitation, Family, Limits
+    from haptid.experiment.excitation import Excitation, Family, Limits
 
 HELP = """\
 Search a motion that tells a device's base parameters well, within its limits.
@@ -55,11 +55,11 @@ def excite(
     rate_hz: Annotated[float, typer.Option(min=1.0, help="of the samples in the CSV")] = 1000.0,
     quiet: Annotated[bool, typer.Option("--quiet", "-q", help="no progress, no summary")] = False,
 ) -> None:
-    from haptid.bench import read_experiment
+    from haptid.experiment.bench import read_experiment
     from haptid.device import read_device
     from haptid.errors import OptionError
-    from haptid.excitation import Search, design, write_experiment
-    from haptid.excitation.plain import plain_experiment, write_samples
+    from haptid.experiment.excitation import Search, design, write_experiment
+    from haptid.experiment.excitation.default_experiment import plain_experiment, write_samples
 
     with errors_shown():
         if out_file.suffix != ".toml":
@@ -97,7 +97,7 @@ def _limits(
     """What the options say in place of the device file."""
     from haptid.cli.figures import numbers, spread
     from haptid.errors import OptionError
-    from haptid.excitation import Limits
+    from haptid.experiment.excitation import Limits
 
     names, count = ", ".join(device.joint_names[j] for j in device.active), len(device.active)
     if (centre is None) != (stroke is None):
@@ -114,7 +114,7 @@ def _limits(
 
 def _family(triangles: bool, seconds: float | None) -> Family:
     """The motions to search among."""
-    from haptid.excitation import FourierSeries, TrianglesWithSines
+    from haptid.experiment.excitation import FourierSeries, TrianglesWithSines
 
     if triangles:
         return TrianglesWithSines() if seconds is None else TrianglesWithSines(seconds=seconds)

@@ -53,7 +53,7 @@ def export(
 ) -> None:
     import haptid.export
     from haptid.export import CCode
-    from haptid.recorded import read_result
+    from haptid.results.read import read_result
 
     with errors_shown():
         read = read_result(result)

@@ -13,7 +13,7 @@ from haptid.cli.common import app, errors_shown, out, progress_bars, teller
 
 if TYPE_CHECKING:
     from haptid.device import Device
-    from haptid.treatment import Motion
+    from haptid.motion.treatment import Motion
 
 HELP = """\
 Tell from a test at constant velocities which friction model each joint asks for.
@@ -47,10 +47,10 @@ def friction(
     out_folder: Annotated[Path, typer.Option("--out", help="folder for the results")] = Path("haptid-friction"),
     quiet: Annotated[bool, typer.Option("--quiet", "-q", help="no progress, no summary")] = False,
 ) -> None:
-    from haptid.friction import Constant, friction_curve
-    from haptid.friction_choice import choose_friction
-    from haptid.friction_files import choice_values, plot_friction, write_points
-    from haptid.outputs import check_writable, publishing
+    from haptid.experiment.friction_test.curve import Constant, friction_curve
+    from haptid.experiment.friction_test.choice import choose_friction
+    from haptid.experiment.friction_test.files import choice_values, plot_friction, write_points
+    from haptid._internal.atomic_folder import check_writable, publishing
 
     with errors_shown():
         check_writable(out_folder)
@@ -77,9 +77,9 @@ def _test(what: str, log: Path | None, data: Path | None, tell: Callable[[str, f
     """The device and the motion of the test, as a study says or as they are given."""
     from haptid.device import read_device
     from haptid.log import read_log
-    from haptid.proposal import propose
+    from haptid.treatment_choice.propose import propose
     from haptid.study import read_study
-    from haptid.treatment import treat
+    from haptid.motion.treatment import treat
 
     tell("reading the log", 0.0)
     if log is not None:

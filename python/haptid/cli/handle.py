@@ -10,16 +10,16 @@ import numpy as np
 from rich.console import Console
 from rich.table import Table
 
-from haptid._values import Array
-from haptid.characterisation import Characterisation, felt_mass, line
-from haptid.characterisation.characterise import POSES
-from haptid.characterisation.columns import Asked, Column
-from haptid.characterisation.plots import Sweep, plot_map, plot_sweeps
-from haptid.characterisation.summary import notes
+from haptid._internal.arrays import Array
+from haptid.end_effector.characterisation import Characterisation, felt_mass, line
+from haptid.end_effector.characterisation.characterise import POSES
+from haptid.end_effector.characterisation.table import Asked, Column
+from haptid.end_effector.characterisation.plots import Sweep, plot_map, plot_sweeps
+from haptid.end_effector.characterisation.summary import notes
 from haptid.cli.figures import named, numbers, ranges, spread
 from haptid.device import Device
 from haptid.errors import OptionError
-from haptid.reach import Workspace, workspace
+from haptid.dynamics.workspace import Workspace, workspace
 
 # Poses of a sweep, and of each side of a map.
 SWEEP, SIDE = 201, 120

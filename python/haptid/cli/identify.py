@@ -55,15 +55,15 @@ def identify(
     ] = None,
     fresh: Annotated[bool, typer.Option("--fresh", help="do not go on from an interrupted run")] = False,
 ) -> None:
-    from haptid import tables
+    from haptid.report import tables
     from haptid.cli.work import interruptible, resumed, workers
-    from haptid.identification import identify as walk
-    from haptid.observation import Plan
-    from haptid.outputs import check_writable, publishing
-    from haptid.plots import plot_torque
-    from haptid.prediction import predictions
+    from haptid.study.identify import identify as walk
+    from haptid.observation.observation import Plan
+    from haptid._internal.atomic_folder import check_writable, publishing
+    from haptid.report.plots import plot_torque
+    from haptid.validation.prediction import predictions
     from haptid.report import Source, report_of, sparklines
-    from haptid.result_file import finite, result, write_result
+    from haptid.results.write import finite, result, write_result
     from haptid.study import read_study
 
     with errors_shown():

@@ -27,9 +27,9 @@ def model(
     as_json: Annotated[bool, typer.Option("--json", help="the same as JSON")] = False,
 ) -> None:
     """Print a device's tree, loops, motors, base parameters and how the others regroup into them."""
-    from haptid import tables
+    from haptid.report import tables
     from haptid.device import read_device
-    from haptid.device.reading import keeping
+    from haptid.device.toml.reader import keeping
 
     with errors_shown():
         read = keeping(read_device(device), keep) if keep else read_device(device)

@@ -11,18 +11,18 @@ from typing import Any
 import numpy as np
 from pyarrow import parquet
 
-from haptid._values import Array, expect, read_only
-from haptid.bench.experiment import read_experiment
-from haptid.bench.logs import truth_paths, write_log, write_truth
-from haptid.bench.run import perform
-from haptid.bench.setup import Encoders
+from haptid._internal.arrays import Array, expect, read_only
+from haptid.experiment.bench.experiment import read_experiment
+from haptid.experiment.bench.logs import truth_paths, write_log, write_truth
+from haptid.experiment.bench.run import perform
+from haptid.experiment.bench.setup import Encoders
 from haptid.device import Device, read_device
-from haptid.dynamics import inverse_dynamics
+from haptid.dynamics.inverse import inverse_dynamics
 from haptid.errors import MountingError
-from haptid.late import lost
+from haptid.motion.time_shift import lost
 from haptid.log import Channels, Log, Signal, read_log
-from haptid.treatment import Motion, Treatment, treat
-from haptid.workers import Processes
+from haptid.motion.treatment import Motion, Treatment, treat
+from haptid._internal.workers import Processes
 
 # What of a mounting's torque the device's own base parameters may leave, as a share: rounding.
 LEFT = 1e-9

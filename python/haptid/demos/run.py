@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from haptid.bench.simulation import load_mujoco
+from haptid.experiment.bench.simulation import load_mujoco
 from haptid.demos.kind import Tell
 from haptid.demos.known import kind_of
 from haptid.demos.plan import Demo

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
-from haptid._values import Array
+from haptid._internal.arrays import Array
 
 # Columns that are no figures.
 WORDS = ("name", "motor", "meaning", "unit")

@@ -8,10 +8,10 @@ import numpy as np
 
 from haptid.device.expressions import combination
 from haptid.device.geometry import Reader
-from haptid.device.model import Combination
+from haptid.device.device import Combination
 from haptid.device.parameters import StandardParameters
-from haptid.device.place import Place
-from haptid.device.schema import AnyDevice, TargetTable
+from haptid.device.toml.place import Place
+from haptid.device.toml.schema import AnyDevice, TargetTable
 from haptid.errors import DeviceValueError, DuplicateNameError
 
 # Symbol of the size of the device file's gravity in targets, m/s^2.

@@ -11,8 +11,8 @@ from typing import Any
 
 import numpy as np
 
-from haptid._values import Array
-from haptid.device.place import Place
+from haptid._internal.arrays import Array
+from haptid.device.toml.place import Place
 from haptid.errors import ExpressionError, NonlinearTargetError, RelationError, UnknownNameError
 
 # Longest expression, characters: enough for any column, too short to exhaust the stack.

@@ -7,11 +7,11 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from haptid._values import Array, expect
+from haptid._internal.arrays import Array, expect
 from haptid.device.expressions import number
-from haptid.device.model import Device, Frame, Joint
-from haptid.device.place import Place
-from haptid.device.schema import (
+from haptid.device.device import Device, Frame, Joint
+from haptid.device.toml.place import Place
+from haptid.device.toml.schema import (
     AnyJoint,
     BaseTable,
     FrameTable,

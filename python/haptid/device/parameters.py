@@ -8,8 +8,8 @@ from functools import cached_property
 
 import numpy as np
 
-from haptid._values import Array, expect, read_only
-from haptid.device.terms import TermColumn
+from haptid._internal.arrays import Array, expect, read_only
+from haptid.device.terms.term import TermColumn
 
 # The ten inertial parameters of a link, in the order of every array of haptid: inertia tensor about the link
 # frame's origin (XY = -integral of xy dm), first moments, mass.

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from haptid._values import Array
+from haptid._internal.arrays import Array
 from haptid.export.graph import Expr
 from haptid.export.newton import Bodies
 from haptid.export.tree import Link, Tree

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
-from haptid.outputs import publishing
+from haptid._internal.atomic_folder import publishing
 
 
 @dataclass(frozen=True)

@@ -18,7 +18,7 @@ from haptid.export.rust import export_rust
 from haptid.export.settings import CCode
 from haptid.export.urdf import export_urdf
 from haptid.export.writing import export_c
-from haptid.outputs import publishing
+from haptid._internal.atomic_folder import publishing
 
 
 class Exporter(Protocol):

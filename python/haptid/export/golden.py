@@ -8,13 +8,13 @@ from functools import cached_property
 
 import numpy as np
 
-from haptid._values import Array
+from haptid._internal.arrays import Array
 from haptid.device import Device
-from haptid.device.terms import TermColumn
-from haptid.dynamics import core_torque, mass_matrix, momentum, raw_parameters, rigid
-from haptid.kinematics import HandleMotion, handle_motion
-from haptid.reversals import softened
-from haptid.signals import external
+from haptid.device.terms.term import TermColumn
+from haptid.dynamics.inverse import core_torque, mass_matrix, momentum, raw_parameters, rigid
+from haptid.dynamics.kinematics import HandleMotion, handle_motion
+from haptid.observation.reversals import softened
+from haptid.motion.channels import external
 
 # Least eigenvalue of a mass matrix, relative to the largest, at which it can be inverted to some digits.
 WORST = 1e-6

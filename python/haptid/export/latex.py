@@ -8,11 +8,11 @@ from pathlib import Path
 
 from haptid.device import Device
 from haptid.errors import RegroupingError
-from haptid.exact.formulas import subscript
+from haptid.dynamics.symbolic.formulas import subscript
 from haptid.export.folder import Export, write
 from haptid.export.names import default_name
 from haptid.export.provenance import Model, Provenance, about, provenance
-from haptid.validation import Validation
+from haptid.validation.validation import Validation
 
 # Digits of a figure that stands without its deviation.
 DIGITS = 5

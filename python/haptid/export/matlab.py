@@ -13,7 +13,7 @@ from haptid.export.names import default_name
 from haptid.export.provenance import Model, Provenance, about, provenance
 from haptid.export.settings import CCode
 from haptid.export.text import coordinate_lines
-from haptid.validation import Validation
+from haptid.validation.validation import Validation
 
 
 def export_matlab(

@@ -5,13 +5,13 @@ from __future__ import annotations
 from pathlib import Path
 from xml.etree.ElementTree import Element, fromstring, indent, tostring
 
-from haptid.bench.mjcf import mjcf, numbers
+from haptid.experiment.bench.mjcf import mjcf, numbers
 from haptid.device import Device
 from haptid.export.folder import Export, write
 from haptid.export.names import default_name
 from haptid.export.provenance import Model, about, provenance
 from haptid.export.standard import departure, standard_parameters
-from haptid.validation import Validation
+from haptid.validation.validation import Validation
 
 
 def export_mjcf(
@@ -25,7 +25,7 @@ def export_mjcf(
     """Write a model as MJCF: bodies that have the identified base parameters, loops, rotors, friction, springs, motors.
 
     Torque tells base parameters only; of all bodies that have them, those nearest to the prior are written. Joints have
-    the limits of the device file. Actuators are as in `haptid.bench.mjcf`.
+    the limits of the device file. Actuators are as in `haptid.experiment.bench.mjcf`.
 
     Args:
         model, validation, largest_error, anyway: as in `export_c`.

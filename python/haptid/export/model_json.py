@@ -10,14 +10,14 @@ from typing import Any
 import numpy as np
 
 from haptid._core import __version__
-from haptid._values import Array
+from haptid._internal.arrays import Array
 from haptid.device import Device
-from haptid.estimators.possible import possible
+from haptid.estimation.feasibility.feasible import possible
 from haptid.export.folder import Export, write
 from haptid.export.names import default_name
 from haptid.export.provenance import Model, Provenance, provenance
-from haptid.result_file import device_file, finite
-from haptid.validation import Validation
+from haptid.results.write import device_file, finite
+from haptid.validation.validation import Validation
 
 # Version of the format.
 SCHEMA = 1

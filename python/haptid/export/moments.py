@@ -12,8 +12,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from haptid._values import Array, freeze
-from haptid.base import NO_EFFECT, eliminate, regroup
+from haptid._internal.arrays import Array, freeze
+from haptid.dynamics.base_parameters import NO_EFFECT, eliminate, regroup
 from haptid.device import Device
 from haptid.device.parameters import INERTIAL
 from haptid.export.graph import Expr

@@ -12,7 +12,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from haptid._values import Array
+from haptid._internal.arrays import Array
 from haptid.export.graph import Expr
 from haptid.export.moments import Moments
 from haptid.export.tree import Link, Tree

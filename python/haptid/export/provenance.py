@@ -9,13 +9,13 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from haptid._core import __version__
-from haptid._values import Array, expect, read_only
+from haptid._internal.arrays import Array, expect, read_only
 from haptid.device import Device
 from haptid.errors import FailedValidationError, UnvalidatedError
-from haptid.estimators import Estimate
-from haptid.identification import Identification
-from haptid.recorded import Recorded, RecordedUse
-from haptid.validation import Validation
+from haptid.estimation import Estimate
+from haptid.study.identify import Identification
+from haptid.results.read import Recorded, RecordedUse
+from haptid.validation.validation import Validation
 
 # What can be exported: an identification by a study, the same read back from its result folder, an estimate, or a
 # device with base parameters from elsewhere.

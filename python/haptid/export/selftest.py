@@ -6,13 +6,13 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from haptid._values import Array
-from haptid.causal import HighPass
+from haptid._internal.arrays import Array
+from haptid.motion.causal import HighPass
 from haptid.export.dialects import DOUBLE, C
 from haptid.export.functions import Function
 from haptid.export.golden import Golden
 from haptid.export.text import CUTOFF_HZ, GAIN, STEP, Files
-from haptid.observer import MomentumObserver
+from haptid.end_effector.momentum_observer import MomentumObserver
 
 SAMPLES = 12
 # States of which the best are taken.

@@ -5,10 +5,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Literal, get_args
 
-from haptid._values import positive
+from haptid._internal.arrays import positive
 from haptid.errors import CodeSettingError
 from haptid.export.names import check_name
-from haptid.force import REVERSAL_SPEED
+from haptid.end_effector.force import REVERSAL_SPEED
 
 Precision = Literal["double", "single"]
 

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 
-from haptid._values import Array
+from haptid._internal.arrays import Array
 from haptid.device import Device
 from haptid.errors import ImpossibleModelError
-from haptid.estimators.cone import Cone
-from haptid.estimators.possible import possible, roomy
+from haptid.estimation.feasibility.cone import Cone
+from haptid.estimation.feasibility.feasible import possible, roomy
 
 # Bodies on the border of what is possible go this far inside, in each link's own mass and length: simulators refuse
 # what rounding may push out.

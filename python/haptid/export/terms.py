@@ -7,10 +7,10 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from haptid._values import Array
+from haptid._internal.arrays import Array
 from haptid.device import Device
 from haptid.device.expressions import Column
-from haptid.device.terms import DRY, Counterbalance, Load, TermColumn
+from haptid.device.terms.term import DRY, Counterbalance, Load, TermColumn
 from haptid.errors import UnexportableTermError
 from haptid.export.graph import Expr, Graph
 from haptid.export.vectors import combined

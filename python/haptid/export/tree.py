@@ -9,7 +9,7 @@ from functools import cached_property
 
 import numpy as np
 
-from haptid._values import Array, freeze
+from haptid._internal.arrays import Array, freeze
 from haptid.device import Device
 from haptid.export.graph import Expr
 from haptid.export.vectors import NEAR, Turn, Vector, back, combined, constant, forth, plus, rotated, snapped

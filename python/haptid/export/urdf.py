@@ -14,16 +14,16 @@ from xml.etree.ElementTree import Element, SubElement, indent, tostring
 
 import numpy as np
 
-from haptid._values import Array
-from haptid.bench.bodies import Body, Effect, bodies, effects
-from haptid.bench.mjcf import numbers
+from haptid._internal.arrays import Array
+from haptid.experiment.bench.bodies import Body, Effect, bodies, effects
+from haptid.experiment.bench.mjcf import numbers
 from haptid.device import Cut, Device, Joint
 from haptid.export.folder import Export, write
 from haptid.export.mjcf import xml_comment
 from haptid.export.names import default_name
 from haptid.export.provenance import Model, about, provenance
 from haptid.export.standard import departure, standard_parameters
-from haptid.validation import Validation
+from haptid.validation.validation import Validation
 
 DRAKE = "http://drake.mit.edu"
 # URDF wants limits of every joint that has any: what is unknown is this, SI.

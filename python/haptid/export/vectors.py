@@ -6,7 +6,7 @@ from collections.abc import Iterable, Sequence
 
 import numpy as np
 
-from haptid._values import Array
+from haptid._internal.arrays import Array
 from haptid.export.graph import Expr, Graph
 
 Vector = tuple[Expr, Expr, Expr]

@@ -14,7 +14,7 @@ from haptid.export.provenance import Model, provenance
 from haptid.export.selftest import selftest
 from haptid.export.settings import CCode
 from haptid.export.text import Files
-from haptid.validation import Validation
+from haptid.validation.validation import Validation
 
 
 @dataclass(frozen=True, eq=False)

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from haptid._values import Array
+from haptid._internal.arrays import Array
 from haptid.errors import (
     DeadChannelError,
     IdenticalChannelsError,
@@ -20,8 +20,8 @@ from haptid.errors import (
     UnequalChannelsError,
     WrappedPositionError,
 )
-from haptid.log.content import Column, all_usable, usable
-from haptid.log.model import Signal
+from haptid.log.formats.content import Column, all_usable, usable
+from haptid.log.log import Signal
 from haptid.log.units import PERIODS
 
 # A step is a jump if it is longer than this many of the steps that only one in a thousand exceeds,

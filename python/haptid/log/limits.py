@@ -6,7 +6,7 @@ import math
 from collections.abc import Sequence
 
 from haptid.errors import LooksLikeDegreesError, LooksLikeRadiansError, SwappedChannelsError
-from haptid.log.model import Log
+from haptid.log.log import Log
 
 Range = tuple[float, float]
 

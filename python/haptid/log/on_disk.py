@@ -11,8 +11,8 @@ from typing import Any, cast
 import numpy as np
 from numpy.typing import DTypeLike
 
-from haptid._values import Array, freeze
-from haptid.log.time import PIECE
+from haptid._internal.arrays import Array, freeze
+from haptid.log.resampling import PIECE
 
 # Samples that are made together. The same ones whoever asks, so that what is made does not depend on the order.
 CHUNK = PIECE

@@ -10,7 +10,7 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import ArrayLike
 
-from haptid._values import Array
+from haptid._internal.arrays import Array
 
 # Colours that colour-blind readers tell apart (Okabe and Ito 2008), by the name that charts use.
 COLOURS = ("black", "blue", "vermillion", "green", "purple", "orange", "sky", "yellow")

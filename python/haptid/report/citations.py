@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Iterator
 from importlib.resources import files
 
-from haptid.estimators import OLS, Consistent
+from haptid.estimation import OLS, Consistent
 from haptid.report.source import Source
-from haptid.result_file import weighting
+from haptid.results.write import weighting
 
 
 def bibtex(source: Source) -> str:

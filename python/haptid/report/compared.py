@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from haptid._core import __version__
-from haptid.recorded import read_result
+from haptid.results.read import read_result
 from haptid.report.page import page, write_text
 from haptid.report.sections.comparison import ComparisonSection
 

@@ -8,9 +8,9 @@ from html import escape
 
 import numpy as np
 
-from haptid.base import BaseParameters
-from haptid.exact import Regroupings
-from haptid.exact.formulas import NAME, Style, formula
+from haptid.dynamics.base_parameters import BaseParameters
+from haptid.dynamics.symbolic import Regroupings
+from haptid.dynamics.symbolic.formulas import NAME, Style, formula
 
 # An element stands in a text as its number between these two, so that texts can be put together like plain ones.
 OPEN, CLOSE = "\ue000", "\ue001"

@@ -12,12 +12,12 @@ from types import MappingProxyType
 
 from haptid._core import __version__
 from haptid.errors import ReportDataError
-from haptid.identification import Identification
+from haptid.study.identify import Identification
 from haptid.report.page import page, write_text
 from haptid.report.section import Section
 from haptid.report.sections import SECTIONS
 from haptid.report.source import Hand, Source
-from haptid.result_file import finite
+from haptid.results.write import finite
 
 SCHEMA = 2
 # Of the file that keeps a report in a folder of results, and of the page.

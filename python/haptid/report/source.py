@@ -7,18 +7,18 @@ from functools import cached_property
 
 import numpy as np
 
-from haptid._values import Array, expect, read_only
-from haptid.characterisation.model import GivenModel
-from haptid.diagnosis import Diagnosis, diagnose
-from haptid.dissection import Dissection, dissect
-from haptid.dynamics import raw_parameters
+from haptid._internal.arrays import Array, expect, read_only
+from haptid.end_effector.characterisation.model import GivenModel
+from haptid.inference.diagnosis import Diagnosis, diagnose
+from haptid.end_effector.torque_decomposition import Dissection, dissect
+from haptid.dynamics.inverse import raw_parameters
 from haptid.errors import NoAccelerationError
-from haptid.estimators import Estimate
-from haptid.force import HandleForce
-from haptid.identification import Identification, Run
-from haptid.observation import Plan
-from haptid.stretches import gathered, stretches
-from haptid.validation import Validation
+from haptid.estimation import Estimate
+from haptid.end_effector.force import HandleForce
+from haptid.study.identify import Identification, Run
+from haptid.observation.observation import Plan
+from haptid.observation.chunks import gathered, stretches
+from haptid.validation.validation import Validation
 
 # A log with more rows is not taken apart: its parts would not fit in memory beside the rest.
 LARGEST_DISSECTION = 2_000_000

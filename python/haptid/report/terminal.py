@@ -6,7 +6,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from haptid._values import Array
+from haptid._internal.arrays import Array
 from haptid.report.source import Source, Track
 
 BARS = "\u2581\u2582\u2583\u2584\u2585\u2586\u2587\u2588"

@@ -1,8 +1,8 @@
 """The model simulated along a log: direct dynamics, controller, sensitivities."""
 
 from haptid.simulation.control import PID
-from haptid.simulation.course import Course, Steps, Stretches, closed_loop, measured_state, open_loop
-from haptid.simulation.direct import DirectModel, sets_of, smooth
+from haptid.simulation.closed_loop import Course, Steps, Stretches, closed_loop, measured_state, open_loop
+from haptid.dynamics.forward import DirectModel, sets_of, smooth
 from haptid.simulation.sensitivity import Sensitivity, columns, sensitivity
 
 __all__ = [

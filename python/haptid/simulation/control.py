@@ -7,12 +7,12 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from haptid._values import Array, expect, positive
+from haptid._internal.arrays import Array, expect, positive
 from haptid.device import Device
 from haptid.errors import ControllerError
 from haptid.log import Log, Signal, read_log
-from haptid.signals import position_map
-from haptid.treatment import Motion
+from haptid.motion.channels import position_map
+from haptid.motion.treatment import Motion
 
 Figures = float | Sequence[float]
 

@@ -11,13 +11,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from haptid._values import Array
+from haptid._internal.arrays import Array
 from haptid.device import Device
-from haptid.signals import external
+from haptid.motion.channels import external
 from haptid.simulation.control import PID, Running, Start
-from haptid.simulation.course import Steps
-from haptid.simulation.direct import DirectModel
-from haptid.treatment import Motion
+from haptid.simulation.closed_loop import Steps
+from haptid.dynamics.forward import DirectModel
+from haptid.motion.treatment import Motion
 
 # Steps that are linearised at a time: enough for the core, little memory.
 CHUNK = 64

@@ -1,7 +1,7 @@
 """A study: the corridor from device and logs to a validated estimate, written down as TOML."""
 
-from haptid.study.model import LogEntry, Study
-from haptid.study.reading import read_study
+from haptid.study.study import LogEntry, Study
+from haptid.study.read import read_study
 from haptid.study.schema import Role, study_schema
 
 __all__ = ["LogEntry", "Role", "Study", "read_study", "study_schema"]

@@ -6,7 +6,7 @@ from collections.abc import Callable, Mapping
 from pathlib import Path
 
 from haptid.errors import MethodSettingError, PulledProfileError, StudyControllerError, StudyFileError
-from haptid.estimators import (
+from haptid.estimation import (
     CLIE,
     CLOE,
     DIDIM,
@@ -40,8 +40,8 @@ from haptid.estimators import (
     Textbook,
     Tukey,
 )
-from haptid.estimators.entropic import Entropic
-from haptid.estimators.simulating import ClosedLoop
+from haptid.estimation.methods.entropic import Entropic
+from haptid.estimation.methods.simulating import ClosedLoop
 from haptid.simulation import PID
 from haptid.study.schema import EstimateTable
 

@@ -12,8 +12,8 @@ from haptid.demos.branches.fits import Identified
 from haptid.demos.branches.said import alike, disagreements, homogeneity, published_deviations, statements
 from haptid.demos.report import claims
 from haptid.demos.tables import markdown
-from haptid.estimators.essential import Drop
-from haptid.validation import Validation
+from haptid.inference.elimination import Drop
+from haptid.validation.validation import Validation
 
 # A reduction is told from its beginning and its end: so many steps each.
 STEPS_TOLD = 3

@@ -6,11 +6,11 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from haptid._values import Array
-from haptid.characterisation import Figure
+from haptid._internal.arrays import Array
+from haptid.end_effector.characterisation import Figure
 from haptid.demos.branches.finding import Handle, Results
 from haptid.demos.branches.fits import Identified, coulomb_of
-from haptid.target_parameters import aligned
+from haptid.inference.targets import aligned
 
 PARAMETERS = ["", "unit", "CAD", "published", "±, %", "found", "±, %", "95 % interval", "true"]
 AXES = "xyz"

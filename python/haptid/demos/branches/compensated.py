@@ -7,18 +7,18 @@ from pathlib import Path
 
 import numpy as np
 
-from haptid._values import Array, freeze
-from haptid.bench.experiment import read_experiment
-from haptid.bench.setup import Controller, Push, Setup
-from haptid.bench.simulation import simulate
-from haptid.bench.trajectories import Trajectory
-from haptid.characterisation import felt_mass
-from haptid.characterisation.neglected import drift
-from haptid.compensation import Compensation, stable_share
+from haptid._internal.arrays import Array, freeze
+from haptid.experiment.bench.experiment import read_experiment
+from haptid.experiment.bench.setup import Controller, Push, Setup
+from haptid.experiment.bench.simulation import simulate
+from haptid.experiment.bench.trajectories import Trajectory
+from haptid.end_effector.characterisation import felt_mass
+from haptid.end_effector.characterisation.velocity_forces import drift
+from haptid.end_effector.compensation import Compensation, stable_share
 from haptid.demos.branches.plan import Compensating, Sweep
-from haptid.dynamics import mass_matrix
-from haptid.estimators import Estimate
-from haptid.kinematics import handle_motion
+from haptid.dynamics.inverse import mass_matrix
+from haptid.estimation import Estimate
+from haptid.dynamics.kinematics import handle_motion
 
 # Motors do nothing but what the law asks for; the device is free to go where the hand moves it.
 OFF = Controller((0.0,), (0.0,), tracking_limit=1.0)

@@ -14,7 +14,7 @@ from haptid.demos.branches.fits import FrictionTest
 from haptid.demos.branches.plan import Drawn, Sweep
 from haptid.demos.drawing import BLACK, BLUE, GREEN, ORANGE, picture
 from haptid.demos.kind import Tell
-from haptid.prediction import predict
+from haptid.validation.prediction import predict
 
 # One colour for each mass, largest first; one style of line for each branch.
 COLOURS, STYLES = (BLUE, ORANGE, GREEN), ("-", "--", ":", "-.")

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
-from haptid.characterisation import Characterisation, FeltMass, characterise, felt_mass
+from haptid.end_effector.characterisation import Characterisation, FeltMass, characterise, felt_mass
 from haptid.demos.branches.compensated import Compensated, compensated
 from haptid.demos.branches.fits import FrictionTest, Identified, friction_test, identified
 from haptid.demos.branches.plan import Branch, Branches

@@ -7,19 +7,19 @@ from functools import cached_property
 
 import numpy as np
 
-from haptid._values import Array
+from haptid._internal.arrays import Array
 from haptid.demos.branches.plan import Branch, Stretch
 from haptid.demos.recordings import Recorded
 from haptid.demos.tables import Table
 from haptid.device import Device
-from haptid.estimators import WLS, Estimate, estimate
-from haptid.estimators.essential import Reduction, essential, essential_by_motor
-from haptid.friction import FrictionCurve, friction_curve
-from haptid.friction_choice import FrictionChoice, choose_friction
-from haptid.observation import Observation, observe
-from haptid.proposal import Proposal, propose
-from haptid.treatment import Motion, Treatment
-from haptid.validation import Validation
+from haptid.estimation import WLS, Estimate, estimate
+from haptid.inference.elimination import Reduction, essential, essential_by_motor
+from haptid.experiment.friction_test.curve import FrictionCurve, friction_curve
+from haptid.experiment.friction_test.choice import FrictionChoice, choose_friction
+from haptid.observation.observation import Observation, observe
+from haptid.treatment_choice.propose import Proposal, propose
+from haptid.motion.treatment import Motion, Treatment
+from haptid.validation.validation import Validation
 
 
 @dataclass(frozen=True, eq=False)

@@ -8,8 +8,8 @@ from typing import Literal
 import numpy as np
 from pydantic import Field
 
-from haptid._values import Array
-from haptid.characterisation import sweep
+from haptid._internal.arrays import Array
+from haptid.end_effector.characterisation import sweep
 from haptid.demos.plan import Demo, Part
 from haptid.demos.tables import Table, read_table
 from haptid.device import Device

@@ -6,7 +6,7 @@ from collections.abc import Callable, Iterator
 
 import numpy as np
 
-from haptid._values import Array
+from haptid._internal.arrays import Array
 from haptid.demos.branches.columns import ranged
 from haptid.demos.branches.finding import Results
 from haptid.demos.branches.fits import Identified

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from typing import Any
 
-from haptid._values import Array
+from haptid._internal.arrays import Array
 from haptid.demos.branches.columns import at_posture
 from haptid.demos.branches.finding import Results
 from haptid.demos.branches.fits import Identified
 from haptid.demos.report import head
-from haptid.validation import Validation
+from haptid.validation.validation import Validation
 
 
 def values(found: Results) -> dict[str, Any]:

@@ -13,7 +13,7 @@ from haptid.demos.mountings.fits import Accuracy, accuracy
 from haptid.demos.mountings.judged import Judged
 from haptid.demos.report import claims
 from haptid.demos.tables import markdown
-from haptid.dissection import RIGID, dissect
+from haptid.end_effector.torque_decomposition import RIGID, dissect
 
 VISCOUS = "viscous"
 

@@ -9,17 +9,17 @@ from pathlib import Path
 
 import numpy as np
 
-from haptid._values import Array
+from haptid._internal.arrays import Array
 from haptid.demos.drawing import BLACK, BLUE, GREEN, ORANGE, PURPLE, Curve, lines, panels, picture
 from haptid.demos.kind import Tell
 from haptid.demos.mountings.finding import Results
 from haptid.demos.mountings.fits import Fit, Fits
 from haptid.demos.mountings.hand import Felt
 from haptid.device import Device
-from haptid.dissection import dissect
-from haptid.prediction import predict
-from haptid.stretches import stretches
-from haptid.treatment import Motion
+from haptid.end_effector.torque_decomposition import dissect
+from haptid.validation.prediction import predict
+from haptid.observation.chunks import stretches
+from haptid.motion.treatment import Motion
 
 # Seconds that are drawn, from the beginning of the half that validates.
 TORQUES, PARTS = 9.0, 10.0

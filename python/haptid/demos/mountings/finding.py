@@ -6,9 +6,9 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
-from haptid.added import Addition, addition
-from haptid.bench.experiment import read_experiment
-from haptid.comparison import Comparison, compare
+from haptid.inference.payload_estimate import Addition, addition
+from haptid.experiment.bench.experiment import read_experiment
+from haptid.inference.comparison import Comparison, compare
 from haptid.demos.kind import Tell
 from haptid.demos.mountings.fits import Fits, fit_all, fitted
 from haptid.demos.mountings.hand import Felt, feel

@@ -8,18 +8,18 @@ from functools import cached_property
 
 import numpy as np
 
-from haptid._values import Array, expect, read_only
+from haptid._internal.arrays import Array, expect, read_only
 from haptid.demos.mountings.frictionless import without_terms
 from haptid.demos.mountings.plan import Mounting, Mountings
 from haptid.demos.recordings import Recorded
 from haptid.device import Device
-from haptid.dynamics import inverse_dynamics
-from haptid.estimators import WLS, Consistent, Estimate, Method, estimate
-from haptid.observation import observe
-from haptid.proposal import Proposal, propose
-from haptid.target_parameters import Targets, target_map, targets
-from haptid.treatment import Motion
-from haptid.validation import Validation, validate
+from haptid.dynamics.inverse import inverse_dynamics
+from haptid.estimation import WLS, Consistent, Estimate, Method, estimate
+from haptid.observation.observation import observe
+from haptid.treatment_choice.propose import Proposal, propose
+from haptid.inference.targets import Targets, target_map, targets
+from haptid.motion.treatment import Motion
+from haptid.validation.validation import Validation, validate
 
 # A joint slower than this may stick, rad/s or m/s: its dry friction is then anything up to the Coulomb one.
 STICKS = 0.02

@@ -7,16 +7,16 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy import signal
 
-from haptid._values import Array, expect, read_only
+from haptid._internal.arrays import Array, expect, read_only
 from haptid.demos.mountings.fits import Fit
 from haptid.demos.mountings.plan import Hand
 from haptid.demos.recordings import Recorded
-from haptid.estimators import Estimate
-from haptid.force import estimate_force
-from haptid.kinematics import handle_motion
-from haptid.observer import MomentumObserver, observe_force
-from haptid.treatment import Motion, treat
-from haptid.validation import Validation, validate
+from haptid.estimation import Estimate
+from haptid.end_effector.force import estimate_force
+from haptid.dynamics.kinematics import handle_motion
+from haptid.end_effector.momentum_observer import MomentumObserver, observe_force
+from haptid.motion.treatment import Motion, treat
+from haptid.validation.validation import Validation, validate
 
 FORCES = ("measured", "true", "bare", "modelled", "true_late", "modelled_late", "observed")
 

@@ -7,12 +7,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from haptid._values import Array
-from haptid.definite import Definiteness, definiteness
+from haptid._internal.arrays import Array
+from haptid.end_effector.definiteness import Definiteness, definiteness
 from haptid.demos.mountings.plan import Mountings, Place
 from haptid.device import Device
-from haptid.estimators import Estimate, Possible, possible
-from haptid.target_parameters import Targets, target_map
+from haptid.estimation import Estimate, Possible, possible
+from haptid.inference.targets import Targets, target_map
 
 
 @dataclass(frozen=True, eq=False)

@@ -6,12 +6,12 @@ from pathlib import Path
 
 from haptid.demos.mountings.finding import Results
 from haptid.demos.mountings.fits import Fit
-from haptid.identification import Identification, Run
-from haptid.observation import observe
-from haptid.proposal import Proposal
+from haptid.study.identify import Identification, Run
+from haptid.observation.observation import observe
+from haptid.treatment_choice.propose import Proposal
 from haptid.report import Hand, make_report
 from haptid.study import LogEntry, Study
-from haptid.validation import direct
+from haptid.validation.validation import direct
 
 
 def write_page(found: Results, folder: Path) -> None:

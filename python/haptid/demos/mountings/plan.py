@@ -8,12 +8,12 @@ from typing import Annotated, Literal
 import numpy as np
 from pydantic import Field
 
-from haptid.causal import Causal, HighPass
+from haptid.motion.causal import Causal, HighPass
 from haptid.demos.plan import Demo, Part
 from haptid.demos.tables import Table, read_table
 from haptid.device import Device
-from haptid.reach import Box, Workspace, workspace
-from haptid.treatment import Treatment
+from haptid.dynamics.workspace import Box, Workspace, workspace
+from haptid.motion.treatment import Treatment
 
 Triple = Annotated[tuple[float, float, float], Field()]
 

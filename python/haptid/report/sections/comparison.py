@@ -8,14 +8,14 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from haptid._values import Array
-from haptid.comparison import Comparison
-from haptid.diagnosis.finding import listed
+from haptid._internal.arrays import Array
+from haptid.inference.comparison import Comparison
+from haptid.inference.diagnosis.finding import listed
 from haptid.errors import DifferentParametersError
-from haptid.recorded import Recorded
+from haptid.results.read import Recorded
 from haptid.report.chart import COLOURS, Chart, figure, packed
 from haptid.report.section import Shown
-from haptid.sides import SAME_MEANING
+from haptid.inference.comparable import SAME_MEANING
 
 # For all parameters of one pair of results together.
 CONFIDENCE = 0.95

@@ -7,8 +7,8 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from haptid._values import Array
-from haptid.dissection import Dissection
+from haptid._internal.arrays import Array
+from haptid.end_effector.torque_decomposition import Dissection
 from haptid.report.chart import COLOURS, Chart, axis, even, packed, plot, series
 from haptid.report.section import Section
 from haptid.report.source import Source, Track

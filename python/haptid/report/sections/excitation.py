@@ -12,9 +12,9 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from haptid._values import Array
-from haptid.diagnosis.excitation import advice
-from haptid.estimators import Estimate
+from haptid._internal.arrays import Array
+from haptid.inference.diagnosis.excitation import advice
+from haptid.estimation import Estimate
 from haptid.report.chart import COLOURS, Chart, packed
 from haptid.report.section import Section
 from haptid.report.source import Source

@@ -8,17 +8,17 @@ from typing import ClassVar
 
 import numpy as np
 
-from haptid._values import Array
+from haptid._internal.arrays import Array
 from haptid.device import Device
-from haptid.dissection import Dissection
-from haptid.dynamics import core_torque, raw_parameters
+from haptid.end_effector.torque_decomposition import Dissection
+from haptid.dynamics.inverse import core_torque, raw_parameters
 from haptid.errors import NoAccelerationError, NoStretchesError
-from haptid.friction import ByModel, JointFriction, friction_curve
+from haptid.experiment.friction_test.curve import ByModel, JointFriction, friction_curve
 from haptid.report.chart import PREDICTED, RESIDUAL, Chart, axis, figure, packed, plot, series
 from haptid.report.section import Section
 from haptid.report.sections.residual import CLOUD, binned
 from haptid.report.source import Source, Track
-from haptid.signals import external
+from haptid.motion.channels import external
 
 # Velocities at which the model's curve is drawn.
 POINTS = 201

@@ -8,8 +8,8 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from haptid._values import Array, expect, read_only
-from haptid.characterisation import Characterisation, GivenModel, characterise
+from haptid._internal.arrays import Array, expect, read_only
+from haptid.end_effector.characterisation import Characterisation, GivenModel, characterise
 from haptid.errors import CharacterisationSettingError, SpareJointsError
 from haptid.report.chart import Chart, figure, packed
 from haptid.report.section import Section

@@ -7,13 +7,13 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from haptid._values import Array
-from haptid.characterisation.grasp import moving_coordinates
+from haptid._internal.arrays import Array
+from haptid.end_effector.characterisation.jacobian import moving_coordinates
 from haptid.device import Device, Frame, NewtonClosure
-from haptid.device.closure import Closure
-from haptid.dynamics import raw_parameters, rigid
-from haptid.force import WORST_CONDITION
-from haptid.kinematics import handle_motion
+from haptid.device.loops.linear import Closure
+from haptid.dynamics.inverse import raw_parameters, rigid
+from haptid.end_effector.force import WORST_CONDITION
+from haptid.dynamics.kinematics import handle_motion
 from haptid.report.chart import Chart, packed
 from haptid.report.section import Section
 from haptid.report.source import Source

@@ -8,16 +8,16 @@ from typing import Any, ClassVar
 import numpy as np
 
 from haptid.errors import HaptidError, RegroupingError
-from haptid.estimators import Estimate, Parameter
-from haptid.estimators.essential import essential as search
-from haptid.exact import Regroupings
-from haptid.projection import Projection
+from haptid.estimation import Estimate, Parameter
+from haptid.inference.elimination import essential as search
+from haptid.dynamics.symbolic import Regroupings
+from haptid.estimation.nonlinear import Projection
 from haptid.report.chart import Chart, packed
 from haptid.report.mathml import groupings, parameter
 from haptid.report.section import Section
 from haptid.report.source import Source
-from haptid.tables import short_percent, with_digits
-from haptid.target_parameters import targets
+from haptid.report.tables import short_percent, with_digits
+from haptid.inference.targets import targets
 
 # With more parameters the search for those that can be left out takes longer than a reader waits.
 MOST_SEARCHED = 60

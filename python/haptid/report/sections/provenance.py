@@ -8,11 +8,11 @@ from importlib.metadata import version
 from typing import Any, ClassVar
 
 from haptid._core import __version__
-from haptid.estimators import Consistent
+from haptid.estimation import Consistent
 from haptid.report.citations import bibtex
 from haptid.report.section import Section
 from haptid.report.source import Source
-from haptid.result_file import interval, treatment, weighting
+from haptid.results.write import interval, treatment, weighting
 
 
 @dataclass(frozen=True)

@@ -8,7 +8,7 @@ from typing import Any, ClassVar
 import numpy as np
 from scipy import signal
 
-from haptid._values import Array
+from haptid._internal.arrays import Array
 from haptid.report.chart import MEASURED, RESIDUAL, Chart, axis, figure, packed, plot, series
 from haptid.report.section import Section
 from haptid.report.source import Source, Track

@@ -10,7 +10,7 @@ import numpy as np
 from haptid.report.chart import MEASURED, PREDICTED, RESIDUAL, Chart, axis, envelope, figure, plot, shaded
 from haptid.report.section import Section
 from haptid.report.source import Source, Track
-from haptid.validation import MotorError, Validation
+from haptid.validation.validation import MotorError, Validation
 
 # Bins kept of all curves together, and of one at most and at least: a file stays well below 15 MB.
 ALL_BINS, MOST_BINS, LEAST_BINS = 60_000, 6000, 400

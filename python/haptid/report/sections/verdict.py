@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import ClassVar
 
-from haptid.diagnosis import Finding
+from haptid.inference.diagnosis import Finding
 from haptid.report.section import Section
 from haptid.report.source import Source
 

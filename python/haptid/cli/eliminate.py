@@ -1,0 +1,132 @@
+"""`haptid essential`."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from haptid.cli.common import app, errors_shown, out, progress_bars, teller
+
+if TYPE_CHECKING:
+    from haptid.inference.elimination import Reduction
+    from haptid.study.identify import Identification
+
+HELP = """\
+Identify a device, then leave out, one by one, the parameters that the logs do not miss.
+
+At each step the parameter of the largest relative deviation is the candidate, and an F-test says whether the logs
+object to leaving it out. The search ends where the test objects, or where the largest relative deviation is at most 10
+times the smallest, or --at-most so many per cent. Where the study has a log with the role "validate", both models are
+compared on it. Writes into OUT:
+
+  essential.json    every step, the parameters kept with intervals, how far they moved, errors of both models
+
+  result.json       the reduced model of all motors, as of haptid identify: for haptid export and others
+
+  parameters.csv, correlation.csv   its tables
+
+Exit status: 0 when done, 2 when something is wrong; the message says what to do.
+
+Example: haptid essential examples/phantom/study.toml --data logs --at-most 20
+"""
+
+
+@app.command(help=HELP)
+def essential(
+    study: Annotated[Path, typer.Argument(help="the study file (TOML)", show_default=False)],
+    data: Annotated[Path | None, typer.Option(help="where the study's relative log paths start")] = None,
+    at_most: Annotated[
+        float | None, typer.Option("--at-most", min=0.0, help="largest relative deviation that is left, per cent")
+    ] = None,
+    level: Annotated[float, typer.Option(min=0.0, max=1.0, help="probability below which the F-test objects")] = 0.05,
+    by_motor: Annotated[bool, typer.Option("--by-motor", help="with the rows of one motor at a time, too")] = False,
+    out_folder: Annotated[Path, typer.Option("--out", help="folder for the results")] = Path("haptid-essential"),
+    quiet: Annotated[bool, typer.Option("--quiet", "-q", help="no progress, no tables")] = False,
+) -> None:
+    from haptid.inference.diagnosis import diagnose
+    from haptid.advice.eliminate import with_reduced
+    from haptid.inference.elimination import AtMost, Essential, TimesSmallest, essential_by_motor
+    from haptid.inference.elimination import essential as reduce
+    from haptid.study.identify import identify
+    from haptid._internal.atomic_folder import check_writable, publishing
+    from haptid.results.write import write_result
+    from haptid.study import read_study
+
+    with errors_shown():
+        check_writable(out_folder)
+        plan = read_study(study)
+        how = Essential(TimesSmallest() if at_most is None else AtMost(at_most), level)
+        with progress_bars(quiet) as progress, publishing(out_folder) as folder:
+            tell = teller(progress)
+            found = identify(plan, data, tell)
+            tell("leaving out", 0.0)
+            unseen = _unseen(found)
+            reductions = {"all motors": reduce(found.estimate, how, unseen)}
+            if by_motor:
+                labels = [motor.label for motor in found.estimate.observation.motors]
+                reductions |= dict(zip(labels, essential_by_motor(found.estimate, how, unseen), strict=True))
+            tell("leaving out", 1.0)
+            tell("diagnosing", 0.0)
+            smaller = with_reduced(found, reductions["all motors"].reduced)
+            worst = max(smaller.unseen, key=lambda validation: validation.relative, default=None)
+            write_result(smaller, folder, diagnose(smaller.estimate, worst, plan.controller).verdict)
+            tell("diagnosing", 1.0)
+            values = {name: reduction_values(one) for name, one in reductions.items()}
+            text = json.dumps(values, indent=1, allow_nan=False)
+            (folder / "essential.json").write_text(text + "\n", encoding="utf-8")
+    if not quiet:
+        for name, one in reductions.items():
+            out.print(name, style="bold")
+            out.print(one.summary(), highlight=False, soft_wrap=True)
+        out.print(f"Steps in {out_folder / 'essential.json'}; the reduced model in {out_folder / 'result.json'}")
+
+
+def _unseen(found: Identification) -> Any:
+    """The rows of all logs with the role "validate", None without any."""
+    from functools import reduce
+    from operator import add
+
+    rows = [run.observation for run in found.runs if run.entry.role == "validate"]
+    return reduce(add, rows) if rows else None
+
+
+def reduction_values(found: Reduction) -> dict[str, Any]:
+    """A reduction as plain values."""
+    from haptid.results.write import finite
+
+    errors = {"fit": found.seen, "unseen": found.unseen}
+    kept = [found.reduced.parameters[k] for k in found.reduced.kept]
+    made = {
+        "parameters": len(found.full.kept),
+        "reason": found.reason,
+        "left_out": [
+            {
+                "name": d.name,
+                "relative_sd_percent": d.relative_sd,
+                "F": d.test.F,
+                "p": d.test.p,
+                "error_percent": d.error,
+            }
+            for d in found.drops
+        ],
+        "refused": None if found.refused is None else {"name": found.refused.name, "p": found.refused.test.p},
+        "essential": [
+            {
+                "name": p.name,
+                "value": p.value,
+                "sd": p.sd,
+                "interval95": list(p.interval),
+                "unit": p.unit,
+                "moved_sd": m,
+            }
+            for p, m in zip(kept, found.shift[list(found.reduced.kept)].tolist(), strict=True)
+        ],
+        "error_percent": {
+            kind: {"full": both[0].relative, "reduced": both[1].relative} for kind, both in errors.items() if both
+        },
+    }
+    plain: dict[str, Any] = finite(made)
+    return plain

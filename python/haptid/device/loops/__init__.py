@@ -1,0 +1,1 @@
+"""Loop closure: how passive joints follow the active ones."""

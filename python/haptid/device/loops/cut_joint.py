@@ -1,0 +1,128 @@
+"""Joints that were cut, as joints that terms act on: how the twin frame turns, or slides, seen from the other frame."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from haptid._internal.arrays import Array, read_only
+from haptid.device.loops.linear import Closure
+from haptid.device.geometry import joint_poses
+from haptid.device.loops.from_toml import nearest, relation_text
+from haptid.device.device import Cut, Frame, Joint
+from haptid.device.loops.newton import NewtonClosure
+from haptid.device.toml.place import Place
+from haptid.errors import CutRateError
+
+# Random poses at which the rates of a cut joint are compared.
+POSES = 8
+# Rates that differ by less than this are one.
+SAME = 1e-6
+
+
+@dataclass(frozen=True, eq=False)
+class CutJoint:
+    """A joint that was cut and has a name: its position is that of the twin frame in the other, along or about z.
+
+    Attributes:
+        name: of the joint.
+        prismatic: whether it slides.
+        row: its position as a combination of the active joints' positions, (active,).
+        offset: its position where they are zero, rad, within half a turn of zero, or m.
+        relation: readable, such as "q10 = -q2 + q5".
+    """
+
+    name: str
+    prismatic: bool
+    row: Array
+    offset: float
+    relation: str
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "row", read_only(self.row))
+
+    def positions(self, qa: Array) -> Array:
+        """Its positions, (samples,), rad or m, from the active joints', (active, samples)."""
+        return np.asarray(self.row @ qa + self.offset)
+
+
+def cut_joints(
+    joints: Sequence[Joint], active: tuple[int, ...], closure: Closure | NewtonClosure, place: Place
+) -> tuple[CutJoint, ...]:
+    """The cuts that have a name, in the file's order.
+
+    Raises:
+        CutRateError: the rates of one by the active joints vary with the pose.
+    """
+    named = [cut for cut in closure.cuts if cut.name is not None]
+    if not named:
+        return ()
+    qa = closure.draw(np.random.default_rng(0), POSES)
+    followed = closure.follow(qa)
+    links = joint_poses(joints, followed.q.T)
+    G = np.broadcast_to(followed.G, (POSES, *followed.G.shape[-2:]))
+    made = []
+    for cut in named:
+        rates = _rates(joints, cut, links, G)
+        spread = float(np.ptp(rates, axis=0).max())
+        if spread > SAME:
+            raise CutRateError(str(place), str(cut.name), spread, SAME)
+        made.append(_joint(joints, active, cut, rates[0], float(_position(cut, links)[0]), qa[:, 0]))
+    return tuple(made)
+
+
+def _joint(
+    joints: Sequence[Joint], active: tuple[int, ...], cut: Cut, rates: Array, position: float, qa: Array
+) -> CutJoint:
+    """A cut joint from its rates, and from its position at one pose of the active joints; rounding is taken off."""
+    row = np.array([nearest(float(rate), 1 / 12) for rate in rates])
+    offset = position - float(row @ qa)
+    if not cut.prismatic:
+        turns = math.ceil(offset / (2 * math.pi) - 0.5 - 1e-9)
+        offset = nearest(offset - 2 * math.pi * turns, math.pi / 12)
+    name = str(cut.name)
+    relation = relation_text([*(joint.name for joint in joints), name], len(joints), active, row, offset)
+    return CutJoint(name, cut.prismatic, row, offset, relation)
+
+
+def _position(cut: Cut, links: Array) -> Array:
+    """Angle of the twin frame's x axis, or place of its origin, in the other frame, (n,), where links are at poses."""
+    frame, twin = (_pose(at, links) for at in (cut.frame, cut.twin))
+    if cut.prismatic:
+        return np.asarray(np.einsum("ni,ni->n", frame[:, :3, 2], twin[:, :3, 3] - frame[:, :3, 3]))
+    x, y = (np.einsum("ni,ni->n", frame[:, :3, axis], twin[:, :3, 0]) for axis in (0, 1))
+    return np.asarray(np.arctan2(y, x))
+
+
+def _rates(joints: Sequence[Joint], cut: Cut, links: Array, G: Array) -> Array:
+    """Rates of a cut joint by active joint, (n, active): the twin's along or about the common axis, less the other's.
+
+    Args:
+        joints: of the tree.
+        cut: the joint cut.
+        links: poses, (n, joints, 4, 4).
+        G: rates of all joints, (n, joints, active).
+    """
+    axis = _pose(cut.frame, links)[:, :3, 2]
+    made = np.zeros((len(links), G.shape[2]))
+    for frame, sign in ((cut.twin, 1.0), (cut.frame, -1.0)):
+        origin = _pose(frame, links)[:, :3, 3]
+        k = frame.link
+        while k >= 0:
+            z, slides = links[:, k, :3, 2], joints[k].prismatic
+            if cut.prismatic and not slides:
+                z = np.cross(z, origin - links[:, k, :3, 3])
+            if cut.prismatic or not slides:  # a sliding joint turns nothing
+                made += sign * np.einsum("ni,ni->n", axis, z)[:, None] * G[:, k]
+            k = joints[k].parent
+    return made
+
+
+def _pose(frame: Frame, links: Array) -> Array:
+    """Poses of a frame, (n, 4, 4)."""
+    local = np.eye(4)
+    local[:3, :3], local[:3, 3] = frame.rotation, frame.translation
+    return np.asarray(links[:, frame.link] @ local) if frame.link >= 0 else np.broadcast_to(local, (len(links), 4, 4))

@@ -1,0 +1,1 @@
+"""Terms beyond link inertia: friction, springs, rotors and custom columns, each one column of the regressor."""

@@ -1,0 +1,1 @@
+"""The device file: its schema, its reader and its faults."""

@@ -1,0 +1,93 @@
+"""A device in plain words: tree, loops, motors, terms, and what is known beforehand."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+
+from haptid.device.device import Device, Joint, Motor
+from haptid.device.terms.term import Counterbalance, TermColumn
+
+
+def summary_lines(device: Device) -> tuple[str, ...]:
+    """The device as lines of text, without markup."""
+    lines = [device.name]
+    lines += [text for text in (device.description, f"source: {device.source}" if device.source else "") if text]
+    gravity = ", ".join(f"{g:g}" for g in device.gravity)
+    lines += [f"gravity [{gravity}] m/s^2, described by {device.convention}", "", "Tree"]
+    lines += _table(
+        ("joint", "on", "type", "moves", "link", "limits", "velocity", "torque"),
+        [_joint_row(device, k, joint) for k, joint in enumerate(device.joints)],
+    )
+    if device.closure.relations:
+        lines += ["", "Loops", *(f"  {text}" for text in device.closure.relations)]
+        if device.closure.cuts:
+            lines.append(f"  closed within {device.closure.error:.1e} m")
+    lines += ["", "Motors"]
+    rows = [_motor_row(device, drive) for drive in device.drives]
+    lines += _table(("motor", "coordinate", "gear", "gain", "command"), rows)
+    lines += ["", "Terms", *_terms(device.terms)] if device.terms else []
+    parameters = device.parameters
+    lines += ["", f"{len(parameters)} standard parameters of {len(parameters.raw)} columns"]
+    lines += [f"  {note}" for note in device.notes]
+    return tuple(lines)
+
+
+def _joint_row(device: Device, k: int, joint: Joint) -> tuple[str, ...]:
+    parent = device.joints[joint.parent].name if joint.parent >= 0 else "base"
+    unit = "m" if joint.prismatic else "rad"
+    low_high = joint.position_limits
+    return (
+        joint.name,
+        parent,
+        "prismatic" if joint.prismatic else "revolute",
+        "active" if k in device.active else "passive",
+        "body" if joint.body else "massless",
+        f"{low_high[0]:.4g} .. {low_high[1]:.4g} {unit}" if low_high else "-",
+        f"{joint.velocity_limit:.4g} {unit}/s" if joint.velocity_limit else "-",
+        f"{joint.torque_limit:.4g} {'N' if joint.prismatic else 'N m'}" if joint.torque_limit else "-",
+    )
+
+
+def _motor_row(device: Device, drive: Motor) -> tuple[str, ...]:
+    names = [device.joints[j].name for j in device.active]
+    coordinate = ""
+    for name, factor in zip(names, drive.row, strict=True):
+        if factor:
+            size = "" if abs(factor) == 1 else f"{abs(factor):g}*"
+            sign = "-" if factor < 0 else "+" if coordinate else ""
+            coordinate += f" {sign} {size}q{name}" if coordinate else f"{sign}{size}q{name}"
+    if not drive.motorised:
+        return (drive.name, coordinate, "-", "-", "no motor")
+    return (drive.name, coordinate, f"{drive.gear:.8g}", f"{drive.gain:.8g}", drive.unit)
+
+
+def _terms(terms: Iterable[TermColumn]) -> list[str]:
+    """One line for each stretch of terms of the same kind and settings."""
+    lines: list[str] = []
+    last: tuple[object, ...] = ()
+    for term in terms:
+        key = (_words(term), term.unit, term.on.partition(" ")[0])
+        if key == last:
+            lines[-1] += f" {term.name}"
+            continue
+        last = key
+        lines.append(f"  {_words(term)} [{term.unit}] on {key[-1]}s: {term.name}")
+    return lines
+
+
+def _words(term: TermColumn) -> str:
+    """A term's kind and settings."""
+    if isinstance(term.shape, Counterbalance):
+        return f"counterbalance, {term.shape.force} force"
+    if term.shape is not None:
+        return f"column {term.shape.text}"
+    settings = {"stribeck": "velocity {}, exponent {}, width {}", "spring": "rest {}"}.get(term.kind, "width {}")
+    shown = f" ({settings.format(*(f'{s:g}' for s in term.settings))})" if any(term.settings) else ""
+    return f"{term.kind}{shown}"
+
+
+def _table(head: Sequence[str], rows: Sequence[Sequence[str]]) -> list[str]:
+    cells = [head, *rows]
+    widths = [max(len(row[k]) for row in cells) for k in range(len(head))]
+    lines = ("  ".join(cell.ljust(width) for cell, width in zip(row, widths, strict=True)) for row in cells)
+    return ["  " + line.rstrip() for line in lines]

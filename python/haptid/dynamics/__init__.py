@@ -1,0 +1,1 @@
+"""The dynamic model evaluated: base parameters, regressor, inverse and forward dynamics, kinematics."""

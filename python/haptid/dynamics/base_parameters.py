@@ -1,0 +1,190 @@
+"""Base parameters, numerically: the smallest set that determines the torque, and how the others regroup into it.
+
+Source: Gautier (1991), J. Robotic Systems 8(4), with an ordered elimination in place of the pivoted QR, so that the
+set kept is the one the books keep.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import TYPE_CHECKING
+
+import numpy as np
+from scipy import linalg
+
+from haptid._internal.arrays import Array, read_only
+from haptid.motion.channels import rows
+
+if TYPE_CHECKING:
+    from haptid.device import Device
+
+# A column this small beside the largest has no effect. Tested before columns are scaled to unit length: scaled
+# rounding noise would otherwise count as rank.
+NO_EFFECT = 1e-12
+# A regrouping coefficient this small beside its unit (length of the mechanism to the right power) is rounding.
+ROUNDING = 1e-9
+# Between the least independent column kept and the most independent one dropped there should be such a gulf.
+CLEAR_GAP = 1e3
+# Within a link, the parameters that the books keep come first.
+PREFERENCE = ("ZZ", "XX", "XY", "XZ", "YZ", "MX", "MY", "IA", "YY", "MZ", "M")
+
+
+@dataclass(frozen=True, eq=False)
+class BaseParameters:
+    """The base parameters of a device: beta = regrouping @ chi.
+
+    Attributes:
+        names: ZZ1R where others regroup into ZZ1, FC2 where nothing does, (p,).
+        units: of each, (p,).
+        kept: index in the device's standard parameters of the one each is named after, (p,).
+        regrouping: (p, standard parameters), the identity on `kept`.
+        standard: names of the standard parameters.
+        no_effect: names of the standard parameters that no motion can show.
+        tolerance: relative length below which a column counts as a combination of those before it.
+        gap: least relative length kept, and greatest dropped (0 where nothing was).
+    """
+
+    names: tuple[str, ...]
+    units: tuple[str, ...]
+    kept: tuple[int, ...]
+    regrouping: Array
+    standard: tuple[str, ...]
+    no_effect: tuple[str, ...]
+    tolerance: float
+    gap: tuple[float, float]
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "regrouping", read_only(self.regrouping))
+
+    def __len__(self) -> int:
+        return len(self.names)
+
+    @cached_property
+    def groupings(self) -> tuple[str, ...]:
+        """Readable formulas, such as `ZZ1 + IA1 + YY2 + 0.2025 M3`."""
+        return tuple(formula(row, self.standard, kept) for row, kept in zip(self.regrouping, self.kept, strict=True))
+
+    @property
+    def is_clear(self) -> bool:
+        """Whether the rank is beyond doubt: a gulf between what was kept and what was dropped."""
+        return self.gap[0] > CLEAR_GAP * max(self.gap[1], np.finfo(float).eps)
+
+    def of(self, chi: Array) -> Array:
+        """Base parameters of standard parameters chi, (p,)."""
+        return np.asarray(self.regrouping @ chi)
+
+
+def formula(coefficients: Array, names: tuple[str, ...], first: int) -> str:
+    """A linear combination as text, the named entry first, then in the parameters' own order."""
+    others = [int(k) for k in np.flatnonzero(coefficients) if k != first]
+    text = ""
+    for k in (first, *others):
+        value = float(coefficients[k])
+        size = "" if np.isclose(abs(value), 1.0, rtol=1e-9) else f"{abs(value):.6g} "
+        sign = ("- " if value < 0 else "+ ") if text else ("-" if value < 0 else "")
+        text += f"{' ' if text else ''}{sign}{size}{names[k]}"
+    return text
+
+
+def base_parameters(device: Device, seed: int = 0) -> BaseParameters:
+    """Base parameters of a device, from the regressor at random states.
+
+    Columns are taken in order of preference and kept when they are independent of those kept before: the user's own
+    first choices, then link by link ZZ XX XY XZ YZ MX MY IA YY MZ M, then the other terms, those of motors and
+    active joints before those of passive joints.
+
+    Args:
+        device: the mechanism.
+        seed: of the random states; the result does not depend on it.
+    """
+    parameters = device.parameters
+    W = random_regressor(device, seed)
+    lengths = np.linalg.norm(W, axis=0)
+    effective = lengths > NO_EFFECT * lengths.max(initial=0.0)
+    order = [k for k in preference(device) if effective[k]]
+    kept, Q, gap = eliminate(W / np.where(effective, lengths, 1.0), order, device.base_tolerance)
+    kept = sorted(kept)  # shown in the parameters' own order
+    regrouping = regroup(W, Q, kept, effective)
+    names = tuple(
+        parameters.names[k] + ("R" if np.count_nonzero(row) > 1 else "")
+        for k, row in zip(kept, regrouping, strict=True)
+    )
+    return BaseParameters(
+        names=names,
+        units=tuple(parameters.units[k] for k in kept),
+        kept=tuple(kept),
+        regrouping=regrouping,
+        standard=tuple(parameters.names),
+        no_effect=tuple(parameters.names[k] for k in np.flatnonzero(~effective)),
+        tolerance=device.base_tolerance,
+        gap=gap,
+    )
+
+
+def random_regressor(device: Device, seed: int) -> Array:
+    """The regressor of the standard parameters at random states, (rows, standard parameters).
+
+    Only torques that are measured have rows: what acts on an axis without motor alone cannot be known. Positions
+    cover the whole circle, whatever the joint limits: identifiability is a property of the structure. Where loops that
+    are not linear close at some poses only, positions are of these, inside the limits.
+    """
+    rng = np.random.default_rng(seed)
+    S = device.parameters.S
+    states = 4 + -(-4 * S.shape[1] // max(sum(device.measured), 1))
+    c = device.frame @ device.closure.draw(rng, states)
+    cd, cdd = rng.uniform(-2, 2, (2, *c.shape))
+    Y = rows(device, c, cd, cdd)[list(device.measured)]
+    return np.asarray(Y.transpose(0, 2, 1).reshape(-1, Y.shape[1]) @ S)
+
+
+def preference(device: Device) -> list[int]:
+    """Indices of the standard parameters, in the order in which they would rather be kept."""
+    parameters = device.parameters
+    first = {name: k for k, name in enumerate(device.keep)}
+    rank = {kind: k for k, kind in enumerate(PREFERENCE)}
+
+    def key(k: int) -> tuple[int, int, int, int]:
+        kind, link = parameters.kinds[k], parameters.links[k]
+        chosen = first.get(parameters.names[k], len(first))
+        if kind in rank:
+            return (chosen, link, rank[kind], k)
+        passive = link >= 0 and link not in device.active
+        return (chosen, len(device.joints), passive, k)
+
+    return sorted(range(len(parameters.names)), key=key)
+
+
+def eliminate(W: Array, order: list[int], tolerance: float) -> tuple[list[int], Array, tuple[float, float]]:
+    """Columns of unit length, taken in order and kept when independent of those kept before.
+
+    Returns:
+        the columns kept, an orthonormal basis of them, and the least length kept and greatest dropped.
+    """
+    Q = np.zeros((len(W), 0))
+    kept: list[int] = []
+    least, greatest = 1.0, 0.0
+    for k in order:
+        rest = W[:, k]
+        for _ in range(2):  # twice is enough (Kahan and Parlett)
+            rest = rest - Q @ (Q.T @ rest)
+        length = float(np.linalg.norm(rest))
+        if length > tolerance:
+            least = min(least, length)
+            kept.append(k)
+            Q = np.column_stack([Q, rest / length])
+        else:
+            greatest = max(greatest, length)
+    return kept, Q, (least, greatest)
+
+
+def regroup(W: Array, Q: Array, kept: list[int], effective: np.ndarray) -> Array:
+    """Coefficients of every standard parameter in the base parameters, (kept, standard)."""
+    R = Q.T @ W[:, kept]
+    coefficients = np.asarray(linalg.solve(R, Q.T @ W)) if kept else np.zeros((0, W.shape[1]))
+    lengths = np.linalg.norm(W, axis=0)
+    # What a coefficient can change in a column, beside that column: below ROUNDING it is noise.
+    share = np.abs(coefficients) * lengths[kept][:, None] / np.where(effective, lengths, np.inf)
+    coefficients[share < ROUNDING] = 0.0
+    coefficients[:, kept] = np.eye(len(kept))
+    return coefficients

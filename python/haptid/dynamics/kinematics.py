@@ -1,0 +1,120 @@
+"""Where the links and the handle are, and how the handle moves with the active joints."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from haptid._internal.arrays import Array, expect, freeze, read_only
+from haptid.device import Device, Handle, poses
+from haptid.errors import HandleMissingError
+
+
+@dataclass(frozen=True, eq=False)
+class HandleMotion:
+    """The handle at some positions, and its Jacobian; linear rows first, angular rows after.
+
+    The Jacobian takes rates of the active joints to the velocity of the handle's origin and the angular velocity of
+    its frame. Its transpose takes a wrench at the handle's origin to torques of the active joints.
+
+    Attributes:
+        device: the mechanism.
+        qa: positions of the active joints, (active, samples), rad or m.
+        position: of the handle's origin in the base frame, (samples, 3), m.
+        rotation: of its frame in the base frame, (samples, 3, 3).
+        jacobian: in the base frame, (samples, 6, active), m/rad or 1, and rad/rad or rad/m.
+    """
+
+    device: Device
+    qa: Array
+    position: Array
+    rotation: Array
+    jacobian: Array
+
+    def __post_init__(self) -> None:
+        for name in ("qa", "position", "rotation", "jacobian"):
+            object.__setattr__(self, name, read_only(getattr(self, name)))
+        samples, active = self.qa.shape[1], len(self.device.active)
+        expect("position", self.position.shape, (samples, 3))
+        expect("rotation", self.rotation.shape, (samples, 3, 3))
+        expect("jacobian", self.jacobian.shape, (samples, 6, active))
+
+    @cached_property
+    def jacobian_in_handle(self) -> Array:
+        """The same velocities with components along the handle's own axes, (samples, 6, active)."""
+        return freeze(np.concatenate([self.rotation.mT @ half for half in np.split(self.jacobian, 2, axis=1)], axis=1))
+
+    @cached_property
+    def row_jacobian(self) -> Array:
+        """By rates of the coordinates that torque rows belong to, in the base frame, (samples, 6, active).
+
+        Its transpose takes a wrench to the torque rows; the same as `jacobian` where rows are the active joints'.
+        """
+        return freeze(self.jacobian @ np.linalg.inv(self.device.frame))
+
+
+def link_poses(device: Device, qa: ArrayLike) -> Array:
+    """Poses of all links' frames (normal form, z along the joint axis) in the base frame, (samples, joints, 4, 4), m.
+
+    Args:
+        device: the mechanism.
+        qa: positions of the active joints, (active, samples), rad or m.
+
+    Raises:
+        ShapeError: the array does not fit the device.
+    """
+    return freeze(poses(device, tree_positions(device, qa).T))
+
+
+def handle_motion(device: Device, qa: ArrayLike) -> HandleMotion:
+    """Pose and Jacobian of the handle.
+
+    Column j of a tree's Jacobian is z x (p - o), z for a turning joint and z, 0 for a sliding one (Siciliano et al.
+    2009, eq. 3.30), where joint j carries the handle; loops then project it: J = J_tree G.
+
+    Args:
+        device: the mechanism.
+        qa: positions of the active joints, (active, samples), rad or m.
+
+    Raises:
+        HandleMissingError: the device has no handle.
+        ShapeError: the array does not fit the device.
+    """
+    qa, handle = np.asarray(qa, dtype=float), handle_of(device)
+    expect("qa", qa.shape, (len(device.active), None))
+    followed = device.closure.follow(qa)
+    at = poses(device, followed.q.T)
+    held = np.broadcast_to(np.eye(4), (qa.shape[1], 4, 4)) if handle.link < 0 else at[:, handle.link]
+    position = held[:, :3, :3] @ handle.translation + held[:, :3, 3]
+    tree = np.zeros((qa.shape[1], 6, len(device.joints)))
+    link = handle.link
+    while link >= 0:
+        axis, joint = at[:, link, :3, 2], device.joints[link]
+        if joint.prismatic:
+            tree[:, :3, link] = axis
+        else:
+            tree[:, :3, link] = np.cross(axis, position - at[:, link, :3, 3])
+            tree[:, 3:, link] = axis
+        link = joint.parent
+    return HandleMotion(device, qa, position, held[:, :3, :3] @ handle.rotation, tree @ followed.G)
+
+
+def handle_of(device: Device) -> Handle:
+    """The device's handle.
+
+    Raises:
+        HandleMissingError: it has none.
+    """
+    if device.handle is None:
+        raise HandleMissingError(device.name)
+    return device.handle
+
+
+def tree_positions(device: Device, qa: ArrayLike) -> Array:
+    """Positions of all joints, (joints, samples), from the active ones', (active, samples), rad or m."""
+    qa = np.asarray(qa, dtype=float)
+    expect("qa", qa.shape, (len(device.active), None))
+    return device.closure.positions(qa)

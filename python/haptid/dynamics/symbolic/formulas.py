@@ -1,0 +1,160 @@
+"""Groupings as a person writes them: parameters that share a coefficient collected before it."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from fractions import Fraction
+
+from haptid.dynamics.symbolic.laurent import Coefficient, Laurent, Powers
+
+# How names of parameters split into kind and owner, in LaTeX.
+NAME = re.compile(r"(XX|XY|XZ|YY|YZ|ZZ|MX|MY|MZ|IA|FV|FC|FS|OFF|M|K|[A-Za-z]+?)(\w*)$")
+
+
+@dataclass(frozen=True)
+class Style:
+    """How the parts of a formula are written.
+
+    Attributes:
+        parameter: of a standard parameter's name.
+        power: of a symbol's name and an exponent above zero.
+        fraction: of what is above and below a line, either of them a product or a sum.
+    """
+
+    parameter: Callable[[str], str]
+    power: Callable[[str, int], str]
+    fraction: Callable[[str, str], str]
+
+    def number(self, value: Fraction) -> str:
+        """A number above zero, nothing for one."""
+        if value == 1:
+            return ""
+        if value.denominator == 1:
+            return str(value.numerator)
+        return self.fraction(str(value.numerator), str(value.denominator))
+
+    def monomial(self, exponents: Powers) -> str:
+        """A product of powers."""
+        above = " ".join(self.power(name, e) for name, e in exponents if e > 0)
+        below = " ".join(self.power(name, -e) for name, e in exponents if e < 0)
+        return self.fraction(above or "1", below) if below else above
+
+    def polynomial(self, found: Laurent) -> str:
+        """A sum of products, those added first, then the highest powers."""
+        terms = sorted(found.terms, key=lambda term: (term[1] < 0, _rank(term[0])))
+        return joined((c, " ".join(filter(None, (self.number(abs(c)), self.monomial(e)))) or "1") for e, c in terms)
+
+    def parameters(self, share: Sequence[tuple[str, Fraction]]) -> str:
+        """A sum of parameters."""
+        return joined((c, " ".join(filter(None, (self.number(abs(c)), self.parameter(name))))) for name, c in share)
+
+
+def joined(parts: Iterable[tuple[Fraction, str]]) -> str:
+    """Texts, each with the sign of its number, as a sum."""
+    made = ""
+    for signed, part in parts:
+        sign = "-" if signed < 0 else "+"
+        made += f" {sign} {part}" if made else ("-" if signed < 0 else "") + part
+    return made
+
+
+def text(row: Mapping[int, Coefficient], kept: int, names: Sequence[str], links: Sequence[int]) -> str:
+    """A base parameter's combination of standard parameters, in plain text."""
+    return formula(row, kept, names, links, TEXT)
+
+
+def latex(row: Mapping[int, Coefficient], kept: int, names: Sequence[str], links: Sequence[int]) -> str:
+    """The same in LaTeX."""
+    return formula(row, kept, names, links, LATEX)
+
+
+def coefficient(found: Coefficient) -> str:
+    """A coefficient in plain text: `d3^2 + d4^2`, `d6/d3`, `-1`."""
+    return _quotient(found, TEXT) if found.is_ratio else TEXT.polynomial(found.numerator)
+
+
+def _quotient(found: Coefficient, style: Style) -> str:
+    return style.fraction(*(_held(style.polynomial(part)) for part in (found.numerator, found.denominator)))
+
+
+def formula(row: Mapping[int, Coefficient], kept: int, names: Sequence[str], links: Sequence[int], style: Style) -> str:
+    """A base parameter in a style: the parameter kept, plain ones link by link, then those that come with lengths."""
+    order = sorted(row, key=lambda k: (k != kept, links[k] < 0, links[k], k))
+    by_monomial: dict[Powers, list[tuple[str, Fraction]]] = {}
+    for k in order:
+        if not row[k].is_ratio:
+            for exponents, coefficient in row[k].numerator.terms:
+                by_monomial.setdefault(exponents, []).append((names[k], coefficient))
+    parts = [(Fraction(1), style.parameters(by_monomial.pop((), [])))]
+    for share, factor in _collected(by_monomial):
+        parts.append(_product(share, factor, style))
+    for k in order:
+        if row[k].is_ratio:
+            parts.append((Fraction(1), f"{style.parameter(names[k])} {_quotient(row[k], style)}"))
+    return joined(parts)
+
+
+def _collected(
+    by_monomial: Mapping[Powers, Sequence[tuple[str, Fraction]]],
+) -> list[tuple[tuple[tuple[str, Fraction], ...], Laurent]]:
+    """Parameters that come in the same proportions, and the polynomial that they share."""
+    made: dict[tuple[tuple[str, Fraction], ...], Laurent] = {}
+    for exponents in sorted(by_monomial, key=_rank):
+        share = by_monomial[exponents]
+        lead = share[0][1]
+        key = tuple((name, coefficient / lead) for name, coefficient in share)
+        made[key] = made.get(key, Laurent()) + Laurent.of([(exponents, lead)])
+    return list(made.items())
+
+
+def _product(share: Sequence[tuple[str, Fraction]], factor: Laurent, style: Style) -> tuple[Fraction, str]:
+    """A sign, and parameters times their polynomial."""
+    parameters = _held(style.parameters(share))
+    if len(factor.terms) > 1:
+        return Fraction(1), f"{parameters} {_held(style.polynomial(factor))}"
+    ((exponents, lead),) = factor.terms
+    return lead, " ".join(filter(None, (style.number(abs(lead)), parameters, style.monomial(exponents))))
+
+
+def _held(sum_: str) -> str:
+    """A sum in brackets, anything else as it is."""
+    return f"({sum_})" if " + " in sum_ or " - " in sum_ else sum_
+
+
+def _rank(exponents: Powers) -> tuple[int, Powers]:
+    """Highest degrees first, then by name."""
+    return -sum(e for _, e in exponents), exponents
+
+
+def subscript(name: str) -> str:
+    """The LaTeX of a parameter's name: ZZ_{2R}."""
+    found = NAME.match(name)
+    return f"{found[1]}_{{{found[2]}}}" if found and found[2] else name
+
+
+def _text_power(name: str, exponent: int) -> str:
+    return name if exponent == 1 else f"{name}^{exponent}"
+
+
+def _text_fraction(above: str, below: str) -> str:
+    return f"{above}/{below}" if " " not in below or below.startswith("(") else f"{above}/({below})"
+
+
+def _latex_power(name: str, exponent: int) -> str:
+    raised = "" if exponent == 1 else f"^{{{exponent}}}"
+    if name.startswith(("cos(", "sin(")):
+        return rf"\{name[:3]}{raised} {_latex_symbol(name[4:-1])}"
+    return _latex_symbol(name) + raised
+
+
+def _latex_symbol(name: str) -> str:
+    stem = name.rstrip("0123456789_")
+    number = name[len(stem) :].replace("_", "'")
+    stem = r"\pi" if stem == "pi" else stem if len(stem) == 1 else rf"\mathrm{{{stem}}}"
+    return f"{stem}_{{{number}}}" if number else stem
+
+
+TEXT = Style(parameter=lambda name: name, power=_text_power, fraction=_text_fraction)
+LATEX = Style(parameter=subscript, power=_latex_power, fraction=lambda above, below: rf"\frac{{{above}}}{{{below}}}")

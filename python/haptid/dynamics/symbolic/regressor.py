@@ -1,0 +1,152 @@
+"""The regressor modulo a prime: exact rows at random states, for many sets of lengths at once.
+
+Source: Kane's form of the inverse dynamics, in link frames: the torque of active joint m is the sum over links of the
+link's force and moment times what they move per unit rate of m. Loops are in those rates, so that the tree's torques
+are never formed (Khalil and Dombre 2002, eq. 10.25, for the same projection).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Hashable, Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from haptid.dynamics.symbolic import placements
+from haptid.dynamics.symbolic.chain import ExactChain
+from haptid.dynamics.symbolic.motion import States
+from haptid.dynamics.symbolic.residues import Field, Residues
+from haptid.dynamics.symbolic.tree import ExactJoint, about_z
+
+# Where XX XY XZ YY YZ ZZ stand in the moment of inertia about x, y and z: row, component of the vector, parameter.
+INERTIA = ((0, 0, 0), (0, 1, 1), (0, 2, 2), (1, 0, 1), (1, 1, 3), (1, 2, 4), (2, 0, 2), (2, 1, 4), (2, 2, 5))
+
+
+@dataclass(frozen=True, eq=False)
+class LinkMotion:
+    """Motion of a link's frame, seen in that frame, all residues.
+
+    Attributes:
+        w, dw: angular velocity and acceleration, (n, 3).
+        a: acceleration of the origin less gravity, (n, 3).
+        Jv, Jw: velocity of the origin and angular velocity per unit rate of each active joint, (n, 3, active).
+    """
+
+    w: Residues
+    dw: Residues
+    a: Residues
+    Jv: Residues
+    Jw: Residues
+
+
+def regressor(
+    chain: ExactChain, field: Field, rng: np.random.Generator, values: Mapping[str, Residues], samples: int
+) -> Residues:
+    """Rows of measured torque by raw standard parameter, (sets, samples * rows, columns).
+
+    Args:
+        chain: the mechanism.
+        field: the residues' prime.
+        rng: where states are drawn from.
+        values: residues of its symbols, (sets,) each.
+        samples: states for each set of lengths.
+    """
+    sets = len(next(iter(values.values()))) if values else 1
+    count = sets * samples
+    each = {name: np.repeat(residues, samples) for name, residues in values.items()}
+    states = chain.motion.states(field, rng, each, count)
+    links = _links(chain, field, states, values, samples)
+    blocks = [link_columns(field, link) for link in links]
+    functions = _functions(chain, field, rng, count)
+    blocks += [column.modulo(field, states, each, functions)[:, :, None] for column in chain.columns]
+    W = np.concatenate(blocks, axis=2)
+    if chain.rows is not None:
+        W = _measured(chain, field, W)
+    return W.reshape(sets, samples * W.shape[1], W.shape[2])
+
+
+def _links(
+    chain: ExactChain, field: Field, states: States, values: Mapping[str, Residues], samples: int
+) -> list[LinkMotion]:
+    """Motion of all links, parents first."""
+    sets, count, actives = states.cos.shape[1] // samples, states.cos.shape[1], states.G.shape[2]
+    zero = np.zeros((count, 3), dtype=np.int64)
+    each = {name: np.repeat(residues, samples) for name, residues in values.items()}
+    up = np.stack([field.reduce(-part.modulo(field, each, count)) for part in chain.gravity], axis=1)
+    still = np.zeros((count, 3, actives), dtype=np.int64)
+    base = LinkMotion(zero, zero, up, still, still)
+    made: list[LinkMotion] = []
+    for j, joint in enumerate(chain.joints):
+        placed = np.repeat(placements.modulo(joint.placement, field, values, sets), samples, axis=0)
+        made.append(_moved(field, made[joint.parent] if joint.parent >= 0 else base, joint, placed, states, j))
+    return made
+
+
+def _moved(field: Field, parent: LinkMotion, joint: ExactJoint, placed: Residues, states: States, j: int) -> LinkMotion:
+    """Motion of the link that joint j moves, from its parent's and its own placement, (n, 4, 4)."""
+    back = np.swapaxes(field.product(placed[:, :3, :3], about_z(states.cos[j], states.sin[j])), 1, 2)
+    origin = placed[:, :3, 3]
+    if joint.prismatic:
+        origin = field.reduce(origin + placed[:, :3, 2] * states.slide[j][:, None])
+    rate, acceleration, G = states.velocity[j][:, None], states.acceleration[j][:, None], states.G[j]
+    swing = field.reduce(cross(parent.dw) + field.product(cross(parent.w), cross(parent.w)))
+    a = apply(field, back, field.reduce(parent.a + apply(field, swing, origin)))
+    w, dw = apply(field, back, parent.w), apply(field, back, parent.dw)
+    Jw = field.product(back, parent.Jw)
+    Jv = field.product(back, field.reduce(parent.Jv - field.product(cross(origin), parent.Jw)))
+    z = np.array([0, 0, 1])
+    across = field.reduce(np.stack([w[:, 1], -w[:, 0], np.zeros_like(w[:, 0])], axis=1) * rate)  # w x z rate
+    if joint.prismatic:
+        a = field.reduce(a + z * acceleration + 2 * across)
+        Jv[:, 2] = field.reduce(Jv[:, 2] + G)
+    else:
+        w, dw = field.reduce(w + z * rate), field.reduce(dw + z * acceleration + across)
+        Jw[:, 2] = field.reduce(Jw[:, 2] + G)
+    return LinkMotion(w, dw, a, Jv, Jw)
+
+
+def link_columns(field: Field, link: LinkMotion) -> Residues:
+    """Torques of the active joints by XX XY XZ YY YZ ZZ MX MY MZ M of a link, (n, active, 10)."""
+    spin = cross(link.w)
+    moment = field.reduce(times_inertia(link.dw) + field.product(spin, times_inertia(link.w)))
+    force = field.reduce(cross(link.dw) + field.product(spin, spin))
+    of_v, of_w = np.swapaxes(link.Jv, 1, 2), np.swapaxes(link.Jw, 1, 2)
+    first = field.reduce(field.product(of_v, force) - field.product(of_w, cross(link.a)))
+    return np.concatenate([field.product(of_w, moment), first, field.product(of_v, link.a[:, :, None])], axis=2)
+
+
+def cross(v: Residues) -> Residues:
+    """Matrices of v x, (n, 3, 3)."""
+    made = np.zeros((len(v), 3, 3), dtype=np.int64)
+    made[:, 2, 1], made[:, 0, 2], made[:, 1, 0] = v[:, 0], v[:, 1], v[:, 2]
+    return made - np.swapaxes(made, 1, 2)
+
+
+def times_inertia(v: Residues) -> Residues:
+    """Matrices of J v over XX XY XZ YY YZ ZZ, (n, 3, 6)."""
+    made = np.zeros((len(v), 3, 6), dtype=np.int64)
+    for row, component, parameter in INERTIA:
+        made[:, row, parameter] = v[:, component]
+    return made
+
+
+def apply(field: Field, matrices: Residues, vectors: Residues) -> Residues:
+    """Matrices (n, 3, 3) times vectors (n, 3)."""
+    return field.product(matrices, vectors[:, :, None])[:, :, 0]
+
+
+def _functions(chain: ExactChain, field: Field, rng: np.random.Generator, count: int) -> dict[Hashable, Residues]:
+    """Values at every state of what is not polynomial: drawn apart for each function."""
+    keys = dict.fromkeys(part.key for column in chain.columns for part in column.parts)
+    return {key: field.draw(rng, count) for key in keys if key is not None}
+
+
+def _measured(chain: ExactChain, field: Field, W: Residues) -> Residues:
+    """The measured rows, (n, rows, columns), of all active joints', (n, active, columns)."""
+    rows = []
+    for weights in chain.rows or ():
+        total = np.zeros((W.shape[0], W.shape[2]), dtype=np.int64)
+        for k, weight in enumerate(weights):
+            total = field.reduce(total + field.of(weight) * W[:, k])
+        rows.append(total)
+    return np.stack(rows, axis=1)

@@ -1,0 +1,283 @@
+"""Base parameters with the lengths as symbols: which are kept, and how the others regroup into them, exactly.
+
+The regressor is evaluated modulo primes at exact points of the motion, brought to reduced echelon form at many sets of
+lengths, and each coefficient is interpolated from its residues and checked at another prime. Nothing is rounded, and no
+trigonometry is done on symbols.
+
+Source of the problem: Khalil and Bennis (1995), Int. J. Robotics Research 14(2); Gautier (1991), J. Robotic Systems
+8(4).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from functools import cached_property
+from types import MappingProxyType
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from haptid._internal.arrays import Array, freeze
+from haptid.dynamics.base_parameters import preference
+from haptid.device import NewtonClosure
+from haptid.errors import RegroupingCheckError, RegroupingFormError
+from haptid.dynamics.symbolic import formulas
+from haptid.dynamics.symbolic.chain import ExactChain, exact_chain
+from haptid.dynamics.symbolic.closure import check_closure
+from haptid.dynamics.symbolic.comparison import check_agreement
+from haptid.dynamics.symbolic.elimination import Columns, Pivots, quantities, scatter
+from haptid.dynamics.symbolic.interpolation import Points, fit, span_of
+from haptid.dynamics.symbolic.laurent import ONE, Coefficient, Laurent
+from haptid.dynamics.symbolic.opening import dyad_chain, opened
+from haptid.dynamics.symbolic.residues import PRIMES, Field, Residues, UnluckyDrawError, rational
+from haptid.dynamics.symbolic.symbols import GRADES, PURE, Grade, Symbol, draw
+
+if TYPE_CHECKING:
+    from haptid.device import Device
+
+# Sets of lengths from which coefficients are interpolated, and how often each length is then moved on its own: few
+# first, more for what does not fit.
+SETS = ((16, 1), (48, 6), (200, 6))
+# Sets of lengths at which the relations are checked.
+CHECKED_SETS = 3
+# Draws that may fail before something else must be wrong: each fails with odds of one in a million.
+DRAWS = 4
+
+
+@dataclass(frozen=True, eq=False)
+class Regroupings:
+    """Base parameters of a device as linear combinations of its standard parameters, exact in its lengths.
+
+    Attributes:
+        names: ZZ1R where others regroup into ZZ1, FC2 where nothing does, (p,).
+        units: of each, (p,).
+        kept: index in the standard parameters of the one each is named after, (p,).
+        coefficients: of the standard parameters that are in each base parameter, by index; one for `kept`, (p,).
+        standard: names of the standard parameters.
+        links: index of the joint each belongs to, -1 for a motor's.
+        no_effect: names of the standard parameters that no motion can show.
+        symbols: lengths and other quantities that the coefficients depend on.
+    """
+
+    names: tuple[str, ...]
+    units: tuple[str, ...]
+    kept: tuple[int, ...]
+    coefficients: tuple[Mapping[int, Coefficient], ...]
+    standard: tuple[str, ...]
+    links: tuple[int, ...] = field(repr=False)
+    no_effect: tuple[str, ...]
+    symbols: tuple[Symbol, ...]
+
+    def __post_init__(self) -> None:
+        read_only = tuple(MappingProxyType(dict(row)) for row in self.coefficients)
+        object.__setattr__(self, "coefficients", read_only)
+
+    def __len__(self) -> int:
+        return len(self.names)
+
+    @cached_property
+    def formulas(self) -> tuple[str, ...]:
+        """Of every base parameter, such as `ZZ2 + IA2 + ZZ6 + ZZ7 + (M3 + M4 + M8 + M9) d3^2`."""
+        return tuple(formulas.text(row, kept, self.standard, self.links) for row, kept in self._rows)
+
+    @cached_property
+    def latex(self) -> tuple[str, ...]:
+        """Of every base parameter, such as `ZZ_{2R} = ZZ_{2} + (M_{3} + M_{4}) d_{3}^{2}`."""
+        return tuple(
+            f"{formulas.subscript(name)} = {formulas.latex(row, kept, self.standard, self.links)}"
+            for name, (row, kept) in zip(self.names, self._rows, strict=True)
+        )
+
+    @cached_property
+    def texts(self) -> tuple[Mapping[str, str], ...]:
+        """Of every base parameter, the coefficient of each standard parameter in it: {"M3": "d3^2", "MX6": "d6/d3"}."""
+        return tuple(
+            MappingProxyType({self.standard[k]: formulas.coefficient(row[k]) for k in sorted(row)})
+            for row in self.coefficients
+        )
+
+    @cached_property
+    def values(self) -> Array:
+        """The coefficients at the device's own lengths, (p, standard parameters)."""
+        at = {symbol.name: symbol.value for symbol in self.symbols}
+        made = np.zeros((len(self.names), len(self.standard)))
+        for row, coefficients in zip(made, self.coefficients, strict=True):
+            for k, coefficient in coefficients.items():
+                row[k] = coefficient.value(at)
+        return freeze(made)
+
+    @property
+    def _rows(self) -> tuple[tuple[Mapping[int, Coefficient], int], ...]:
+        return tuple(zip(self.coefficients, self.kept, strict=True))
+
+
+def regroupings(device: Device, seed: int = 0) -> Regroupings:
+    """Base parameters of a device with its lengths as symbols, compared with those of its numbers.
+
+    Columns are taken in the same order of preference as by `base_parameters`. That those kept are independent is
+    certain; that the relations hold is checked at other lengths, states and another prime, so that a wrong one has odds
+    of less than one in a billion (Schwartz 1980, J. ACM 27(4)).
+
+    Args:
+        device: the mechanism.
+        seed: of what is drawn at random; the result does not depend on it.
+
+    Raises:
+        SymbolicClosureError: a loop closes at the device's own lengths only, not for all values of its symbols.
+        NoDyadError: a loop that is not linear is no planar dyad.
+        ManyAnglesError: too many angles are no quarter turns.
+        RegroupingFormError: a coefficient is no ratio of polynomials of low degree.
+        AccelerationRegroupingError: a column of accelerations depends on other parameters.
+        RoadsDisagreeError: base parameters at the device's own lengths differ, so that its geometry is a special one.
+    """
+    if isinstance(device.closure, NewtonClosure):
+        tree = opened(device.tables, device.name).with_gravity(device.gravity)
+        chain = dyad_chain(tree, device.tables, device.name, seed)
+    else:
+        chain = exact_chain(device)
+    made = chain_regroupings(device, chain, seed)
+    check_agreement(made, device)
+    return made
+
+
+def chain_regroupings(device: Device, chain: ExactChain, seed: int) -> Regroupings:
+    """Base parameters of a mechanism whose standard parameters are those of a device.
+
+    Raises:
+        SymbolicClosureError, RegroupingFormError: see `regroupings`.
+        RegroupingCheckError: a relation does not hold where it is checked, or draws fail again and again.
+    """
+    for attempt in range(DRAWS):
+        try:
+            return _regroupings(device, chain, seed + 1000 * attempt)
+        except UnluckyDrawError:
+            continue
+    raise RegroupingCheckError(f"{DRAWS} draws in a row met a zero that should not be there")
+
+
+def _regroupings(device: Device, chain: ExactChain, seed: int) -> Regroupings:
+    check_closure(chain, device.joint_names, seed)
+    parameters, order = device.parameters, preference(device)
+    members = tuple(tuple(np.flatnonzero(parameters.S[:, k]).tolist()) for k in order)
+    columns = Columns(chain, members)
+    grades = [GRADES.get(parameters.units[k]) for k in order]
+    names = [parameters.names[k] for k in order]
+    pivots = columns.pivots(Field(PRIMES[0]), np.random.default_rng(seed))
+    found = _coefficients(columns, pivots, grades, names, seed)
+    _check(columns, pivots, found, names, seed)
+    kept = pivots.kept
+    base = sorted(range(len(kept)), key=lambda row: order[kept[row]])
+    rows = [
+        {order[kept[row]]: Coefficient(ONE), **{order[k]: c for (i, k), c in found.items() if i == row}} for row in base
+    ]
+    first = [order[kept[row]] for row in base]
+    used = {name for row in rows for coefficient in row.values() for name in coefficient.symbols}
+    return Regroupings(
+        names=tuple(parameters.names[k] + ("R" if len(row) > 1 else "") for k, row in zip(first, rows, strict=True)),
+        units=tuple(parameters.units[k] for k in first),
+        kept=tuple(first),
+        coefficients=tuple(rows),
+        standard=tuple(parameters.names),
+        links=tuple(parameters.links),
+        no_effect=tuple(parameters.names[k] for k in sorted(order[i] for i in pivots.idle)),
+        symbols=tuple(symbol for symbol in chain.symbols if symbol.name in used),
+    )
+
+
+def _coefficients(
+    columns: Columns, pivots: Pivots, grades: list[Grade | None], names: list[str], seed: int
+) -> dict[tuple[int, int], Coefficient]:
+    """Coefficients that are not zero, by row of `kept` and column.
+
+    Raises:
+        RegroupingFormError: one of them fits no form.
+    """
+    others = [k for k in range(len(columns.members)) if k not in pivots.kept and k not in pivots.idle]
+    wanted: set[tuple[int, int]] = set()
+    made: dict[tuple[int, int], Coefficient] = {}
+    for sets, moves in SETS:
+        points, R = _residues(columns, pivots, others, (sets, moves), seed)
+        if not wanted:  # the first time
+            wanted = {(int(i), others[k]) for i, k in np.argwhere(R[0].any(axis=0))}
+        known: dict[tuple[object, ...], Coefficient | None] = {}
+        for i, k in sorted(wanted):
+            y = [residues[:, i, others.index(k)] for residues in R]
+            grade = _difference(grades[pivots.kept[i]], grades[k])
+            key = (grade, *(residues.tobytes() for residues in y))
+            if key not in known:
+                known[key] = _coefficient(columns.chain.symbols, points, y, (sets, moves), grade)
+            if (coefficient := known[key]) is not None:
+                made[i, k] = coefficient
+            elif sets == SETS[-1][0]:
+                raise RegroupingFormError(names[pivots.kept[i]], names[k], sets)
+        wanted -= set(made)
+        if not wanted:
+            break
+    return made
+
+
+def _residues(
+    columns: Columns, pivots: Pivots, others: list[int], sets: tuple[int, int], seed: int
+) -> tuple[list[Points], list[Residues]]:
+    """Sets of lengths for the first two primes, and the relations there."""
+    points, R = [], []
+    for prime in PRIMES[:2]:
+        rng = np.random.default_rng([seed, *sets, prime])
+        at = Points(Field(prime), scatter(columns.chain.symbols, Field(prime), rng, *sets))
+        points.append(at)
+        R.append(columns.relations(at.field, rng, at.values, pivots, others))
+    return points, R
+
+
+def _coefficient(
+    symbols: tuple[Symbol, ...],
+    points: list[Points],
+    y: list[Residues],
+    layout: tuple[int, int],
+    grade: Grade | None,
+) -> Coefficient | None:
+    """One coefficient: first on which quantities it depends, then in what form."""
+    sets, moves = layout
+    along = {
+        name: [0, *range(sets + k * moves, sets + (k + 1) * moves)]
+        for k, names in enumerate(quantities(symbols))
+        for name in names
+    }
+    moving = [s for s in symbols if any((r[along[s.name]] != r[0]).any() for r in y)]
+    if not moving:
+        constant = rational(tuple(int(r[0]) for r in y), tuple(at.field.prime for at in points))
+        same = all((r[:sets] == r[0]).all() for r in y)
+        return Coefficient(Laurent.number(constant)) if constant is not None and same else None
+    if grade is None:
+        return None
+    spans = {s.name: span_of(points[0], y[0], s.name, along[s.name]) for s in moving if s.grade != PURE}
+    return fit(points, [r[:sets] for r in y], moving, grade, spans)
+
+
+def _difference(base: Grade | None, other: Grade | None) -> Grade | None:
+    """Dimension of a coefficient, None where a user's own unit leaves it unknown."""
+    if base == other:
+        return PURE
+    return (base[0] - other[0], base[1] - other[1]) if base and other else None
+
+
+def _check(
+    columns: Columns, pivots: Pivots, found: Mapping[tuple[int, int], Coefficient], names: list[str], seed: int
+) -> None:
+    """Every relation at fresh states, fresh lengths and another prime; what has no relation must be zero there.
+
+    Raises:
+        RegroupingCheckError: one of them does not hold.
+    """
+    at, rng = Field(PRIMES[2]), np.random.default_rng([seed, PRIMES[2]])
+    values = draw(columns.chain.symbols, at, rng, CHECKED_SETS)
+    W = columns.sample(at, rng, values, pivots.samples)
+    left = W.copy()
+    for (i, k), coefficient in found.items():
+        share = coefficient.modulo(at, values, CHECKED_SETS)[: len(W), None]
+        left[:, :, k] = at.reduce(left[:, :, k] - W[:, :, pivots.kept[i]] * share)
+    left[:, :, pivots.kept] = 0
+    wrong = np.flatnonzero(left.any(axis=(0, 1)))
+    if len(wrong):
+        raise RegroupingCheckError(f"at another prime the relation of {names[wrong[0]]} does not hold")

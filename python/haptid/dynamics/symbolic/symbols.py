@@ -1,0 +1,157 @@
+"""Symbols of a mechanism: lengths, angles and gravity as unknowns, each with its value and its dimension."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from fractions import Fraction
+from itertools import combinations
+
+import numpy as np
+
+from haptid.device.loops.from_toml import nearest
+from haptid.dynamics.symbolic.laurent import Laurent
+from haptid.dynamics.symbolic.residues import Field, Residues
+
+# Exponents of metre and second. Angles have none: a sliding joint that follows a turning one ties them to lengths.
+Grade = tuple[int, int]
+LENGTH: Grade = (1, 0)
+GRAVITY: Grade = (1, -2)
+PURE: Grade = (0, 0)
+# Dimension of a parameter over that of a mass, by its unit.
+GRADES: Mapping[str, Grade] = {
+    "kg m^2": (2, 0),
+    "kg m": (1, 0),
+    "kg": (0, 0),
+    "N m": (2, -2),
+    "N": (1, -2),
+    "N m s/rad": (2, -1),
+    "N s/m": (0, -1),
+    "N m/rad": (2, -2),
+    "N/m": (0, -2),
+}
+# Two numbers of a file this close, relatively, are one.
+SAME = 1e-9
+# Largest denominator of a number that is taken as a ratio of whole numbers, where that misses it by less than SAME.
+LARGEST_DENOMINATOR = 10_000
+
+
+@dataclass(frozen=True)
+class Symbol:
+    """A quantity of the geometry that is kept as an unknown.
+
+    Attributes:
+        name: as in formulas: d3, g, or cos(a2) and sin(a2) of an angle that is no multiple of a quarter turn.
+        value: in this device, SI.
+        grade: exponents of metre and second.
+    """
+
+    name: str
+    value: float
+    grade: Grade
+
+    @property
+    def angle(self) -> str | None:
+        """Name of the angle whose cosine or sine it is, None for others."""
+        return self.name[4:-1] if self.name[:4] in ("cos(", "sin(") else None
+
+
+class Symbols:
+    """All symbols of one mechanism, while its file is read: equal numbers share one.
+
+    Opposite bars of a parallelogram must be one symbol, or the loop would not close for all values of its lengths.
+    """
+
+    def __init__(self) -> None:
+        self._known: dict[str, Symbol] = {}
+
+    @property
+    def all(self) -> tuple[Symbol, ...]:
+        """In the order in which they were met."""
+        return tuple(self._known.values())
+
+    def named(self, name: str, value: float, grade: Grade) -> Laurent:
+        """A new symbol; a number that is zero stays zero."""
+        if value == 0:
+            return Laurent()
+        while name in self._known or f"cos({name})" in self._known:
+            name += "_"
+        self._known[name] = Symbol(name, value, grade)
+        return Laurent.symbol(name)
+
+    def quantity(self, value: float, name: str, grade: Grade = LENGTH) -> Laurent:
+        """The symbol of this size that is already there, or a new one."""
+        for symbol in self.all:
+            if symbol.grade == grade and symbol.angle is None and _same(abs(symbol.value), abs(value)):
+                sign = Fraction(1 if symbol.value * value > 0 else -1)
+                return Laurent.symbol(symbol.name).times(sign)
+        made = self.named(name, abs(value), grade)
+        return made if value > 0 else -made
+
+    def combination(self, value: float, name: str) -> Laurent:
+        """A length as a sum or difference of two that are already there, or as a symbol of its own."""
+        lengths = [symbol for symbol in self.all if symbol.grade == LENGTH]
+        if not any(_same(abs(symbol.value), abs(value)) for symbol in lengths):
+            for a, b in combinations(lengths, 2):
+                for s, t in ((1, 1), (1, -1), (-1, 1), (-1, -1)):
+                    if _same(s * a.value + t * b.value, value):
+                        return Laurent.symbol(a.name).times(Fraction(s)) + Laurent.symbol(b.name).times(Fraction(t))
+        return self.quantity(value, name)
+
+    def position(self, value: float, slides: bool, name: str) -> Laurent:
+        """A joint's position: a length, so many twelfths of pi, or an angle of its own."""
+        if value == 0:
+            return Laurent()
+        if slides:
+            return self.combination(value, name)
+        twelfths = nearest(value, math.pi / 12) / (math.pi / 12)
+        if twelfths == round(twelfths):
+            return self.quantity(math.pi, "pi", PURE).times(Fraction(round(twelfths), 12))
+        return self.quantity(value, name, PURE)
+
+    def turn(self, angle: float, name: str) -> tuple[Laurent, Laurent]:
+        """Cosine and sine of an angle: numbers at quarter turns, else symbols of the angle within an eighth of one.
+
+        Angles that differ by quarter turns or in sign share their symbols.
+        """
+        quarters = round(angle / (math.pi / 2))
+        rest = angle - quarters * math.pi / 2
+        if abs(rest) < SAME:
+            c, s = Laurent.number(1), Laurent()
+        else:
+            c, s = self._small_turn(abs(rest), name)
+            s = s if rest > 0 else -s
+        for _ in range(quarters % 4):
+            c, s = -s, c
+        return c, s
+
+    def _small_turn(self, angle: float, name: str) -> tuple[Laurent, Laurent]:
+        for symbol in self.all:
+            if symbol.name.startswith("sin(") and _same(symbol.value, math.sin(angle)):
+                return Laurent.symbol(f"cos({symbol.angle})"), Laurent.symbol(symbol.name)
+        while name in self._known or f"cos({name})" in self._known:
+            name += "_"
+        cosine, sine = f"cos({name})", f"sin({name})"
+        return self.named(cosine, math.cos(angle), PURE), self.named(sine, math.sin(angle), PURE)
+
+
+def _same(a: float, b: float) -> bool:
+    return abs(a - b) <= SAME * max(abs(a), abs(b))
+
+
+def ratio(value: float) -> Fraction:
+    """A plain number of a file, exactly: a ratio of small whole numbers, or else the decimals as they stand."""
+    simple = Fraction(value).limit_denominator(LARGEST_DENOMINATOR)
+    return simple if _same(float(simple), value) else Fraction(repr(value))
+
+
+def draw(symbols: Iterable[Symbol], field: Field, rng: np.random.Generator, count: int) -> dict[str, Residues]:
+    """Residues of all symbols at random, (count,) each; those of an angle lie on the circle."""
+    made: dict[str, Residues] = {}
+    for symbol in symbols:
+        if symbol.angle is None:
+            made[symbol.name] = field.draw(rng, count)
+        elif symbol.name not in made:
+            made[f"cos({symbol.angle})"], made[f"sin({symbol.angle})"] = field.circle(rng, count)
+    return made

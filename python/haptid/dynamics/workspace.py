@@ -1,0 +1,161 @@
+"""Where a device may go: limits of joints, of their combinations, and of the handle's place."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from numbers import Real
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from haptid._internal.arrays import Array, expect, freeze, read_only
+from haptid.device import Device
+from haptid.errors import EmptyWorkspaceError, UnboundedWorkspaceError, WorkspaceLimitError
+from haptid.dynamics.kinematics import handle_motion, handle_of, tree_positions
+
+Range = tuple[float, float]
+# Poses of a grid over the joints' limits, those outside other limits counted.
+POSES = 120_000
+
+
+@dataclass(frozen=True)
+class Box:
+    """Limits of the handle's origin in the base frame.
+
+    Attributes:
+        low, high: corners, (3,), m.
+    """
+
+    low: tuple[float, float, float]
+    high: tuple[float, float, float]
+
+    def __post_init__(self) -> None:
+        for name in ("low", "high"):
+            if np.shape(getattr(self, name)) != (3,):
+                raise WorkspaceLimitError(f"box {name}", getattr(self, name), "three numbers: x, y, z in m")
+        for axis, low, high in zip("xyz", self.low, self.high, strict=True):
+            _ascending(f"box {axis}", (low, high))
+
+
+@dataclass(frozen=True, eq=False)
+class Workspace:
+    """Poses of a device inside all of its limits; see `workspace`.
+
+    Attributes:
+        device: the mechanism.
+        limits: of every active joint, (active, 2), rad or m.
+        coupled: indices of the passive joints that have limits.
+        ranges: of their positions, (couplings, 2), rad or m.
+        box: of the handle's origin, None for no limit.
+    """
+
+    device: Device
+    limits: Array
+    coupled: tuple[int, ...]
+    ranges: Array
+    box: Box | None
+
+    def __post_init__(self) -> None:
+        for name in ("limits", "ranges"):
+            object.__setattr__(self, name, read_only(getattr(self, name)))
+        expect("limits", self.limits.shape, (len(self.device.active), 2))
+        expect("ranges", self.ranges.shape, (len(self.coupled), 2))
+        if self.box is not None:
+            handle_of(self.device)
+
+    @property
+    def couplings(self) -> tuple[str, ...]:
+        """Names of the passive joints that have limits."""
+        return tuple(self.device.joint_names[j] for j in self.coupled)
+
+    def slack(self, qa: ArrayLike) -> Array:
+        """How far every pose is inside each limit, negative outside, (limits, samples), rad or m.
+
+        Where loops do not close no limit is kept: -inf.
+
+        Args:
+            qa: positions of the active joints, (active, samples), rad or m.
+        """
+        qa = np.asarray(qa, dtype=float)
+        expect("qa", qa.shape, (len(self.device.active), None))
+        closed = self.device.closure.closes(qa)
+        here = qa[:, closed]
+        pairs = [(here, self.limits), (tree_positions(self.device, here)[list(self.coupled)], self.ranges)]
+        if self.box is not None:
+            at = handle_motion(self.device, here).position.T
+            pairs.append((at, np.column_stack([self.box.low, self.box.high])))
+        slack = np.full((2 * sum(len(x) for x, _ in pairs), qa.shape[1]), -np.inf)
+        slack[:, closed] = np.concatenate([side for x, r in pairs for side in (x - r[:, :1], r[:, 1:] - x)])
+        return slack
+
+    def holds(self, qa: ArrayLike) -> np.ndarray:
+        """Whether each pose is inside all limits, (samples,)."""
+        return np.asarray((self.slack(qa) >= 0).all(axis=0))
+
+    def grid(self, poses: int = POSES) -> Array:
+        """Poses inside all limits, at the centres of equal cells over the joints' limits, (active, samples), rad or m.
+
+        Args:
+            poses: cells at most.
+
+        Raises:
+            EmptyWorkspaceError: no cell's centre is inside.
+        """
+        per_joint = max(1, int(poses ** (1 / len(self.limits)) + 1e-9))
+        centres = (np.arange(per_joint) + 0.5) / per_joint
+        axes = [low + (high - low) * centres for low, high in self.limits]
+        every = np.array([axis.ravel() for axis in np.meshgrid(*axes, indexing="ij")])
+        inside = every[:, self.holds(every)]
+        if not inside.size:
+            raise EmptyWorkspaceError(every.shape[1])
+        return freeze(np.ascontiguousarray(inside))
+
+
+def workspace(
+    device: Device, limits: Mapping[str, Sequence[float] | None] | None = None, box: Box | None = None
+) -> Workspace:
+    """The workspace of a device: its file's limits, some of them replaced.
+
+    Args:
+        device: the mechanism.
+        limits: of joints by name, active or passive, rad or m; instead of the file's, None for no limit. A passive
+            joint's are limits of a combination of active ones, such as a parallelogram's coupling.
+        box: of the handle's origin, if any.
+
+    Raises:
+        WorkspaceLimitError: limits of a joint that is not there, or that do not ascend.
+        UnboundedWorkspaceError: an active joint slides without limits; a turning one has a whole turn.
+        HandleMissingError: a box for a device without handle.
+    """
+    known = _limits(device, limits or {})
+    for j in device.active:
+        if known[device.joint_names[j]] is None and device.joints[j].prismatic:
+            raise UnboundedWorkspaceError(device.joint_names[j])
+    active = [known[device.joint_names[j]] or (-np.pi, np.pi) for j in device.active]
+    passive = [j for j, joint in enumerate(device.joints) if j not in device.active and known[joint.name] is not None]
+    return Workspace(
+        device=device,
+        limits=np.array(active, dtype=float),
+        coupled=tuple(passive),
+        ranges=np.array([known[device.joints[j].name] for j in passive], dtype=float).reshape(-1, 2),
+        box=box,
+    )
+
+
+def _limits(device: Device, given: Mapping[str, Sequence[float] | None]) -> dict[str, Range | None]:
+    """Of every joint by name: those given, else the file's."""
+    known = {joint.name: joint.position_limits for joint in device.joints}
+    for name, pair in given.items():
+        if name not in known:
+            raise WorkspaceLimitError(name, pair, f"limits of one of the joints {', '.join(known)}")
+        known[name] = None if pair is None else _ascending(name, pair)
+    return known
+
+
+def _ascending(name: str, pair: Sequence[float]) -> Range:
+    """Two limits, the lower one first."""
+    both = tuple(pair) if isinstance(pair, Iterable) else ()
+    if len(both) != 2 or not all(isinstance(x, Real) and np.isfinite(x) for x in both) or both[0] >= both[1]:
+        raise WorkspaceLimitError(name, pair, "two finite numbers, the lower one first")
+    return float(both[0]), float(both[1])

@@ -1,0 +1,19 @@
+"""What the hand feels of a device: masses, friction, weight and forces at the handle, with their intervals."""
+
+from haptid.end_effector.characterisation.characterise import Characterisation, characterise, line, sweep
+from haptid.end_effector.characterisation.jacobian import Grasp
+from haptid.end_effector.characterisation.apparent_mass import FeltMass, felt_mass
+from haptid.end_effector.characterisation.model import Figure, GivenModel, Model
+
+__all__ = [
+    "Characterisation",
+    "FeltMass",
+    "Figure",
+    "GivenModel",
+    "Grasp",
+    "Model",
+    "characterise",
+    "felt_mass",
+    "line",
+    "sweep",
+]

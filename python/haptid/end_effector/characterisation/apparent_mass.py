@@ -1,0 +1,152 @@
+"""The masses that a hand feels: principal values of the handle's mass matrix, at a million poses where wanted."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from haptid import _core
+from haptid._internal.arrays import Array, expect, freeze, read_only
+from haptid.end_effector.characterisation.jacobian import LINEAR, check_settings, moving_coordinates
+from haptid.end_effector.characterisation.model import Figure, Model, freedom, spread, trusted
+from haptid.dynamics.inverse import mass_matrix, raw_parameters
+from haptid.end_effector.force import WORST_CONDITION
+from haptid.dynamics.kinematics import handle_motion, handle_of
+
+# Degrees of freedom are looked at in so many poses.
+LOOKED_AT = 6
+
+
+@dataclass(frozen=True, eq=False)
+class FeltMass:
+    """Principal masses at many poses, for a push that leaves all coordinates free: M = (J A^-1 J')^-1.
+
+    With as many coordinates as rows that is J^-T A J^-1 (Janot et al. 2007, section V); with more it is what a force
+    without moment feels (Khatib 1987, eq. 51); with fewer it is of the motion that the handle can have.
+
+    Attributes:
+        mass: principal values, largest first, (poses, r), kg, or kg m^2 for angular rows.
+        directions: of each, unit vectors over the rows, their largest component positive, (poses, r, m).
+        isotropy: smallest over largest principal value, (poses,).
+        condition: number of the handle's Jacobian, (poses,).
+        worst: condition number beyond which a pose is left out.
+    """
+
+    mass: Figure
+    directions: Array
+    isotropy: Figure
+    condition: Array
+    worst: float
+
+    def __post_init__(self) -> None:
+        for name in ("directions", "condition"):
+            object.__setattr__(self, name, read_only(getattr(self, name)))
+        expect("condition", self.condition.shape, self.mass.value.shape[:1])
+
+    @property
+    def usable(self) -> np.ndarray:
+        """Whether the Jacobian of each pose can be inverted, (poses,)."""
+        return np.asarray(self.condition <= self.worst)
+
+    @property
+    def definite(self) -> np.ndarray:
+        """Whether the mass matrix of each usable pose is positive definite, (poses,)."""
+        return np.asarray(self.usable & np.isfinite(self.mass.value[:, 0]))
+
+
+def felt_mass(
+    model: Model, qa: ArrayLike, rows: tuple[int, ...] = LINEAR, worst_condition: float = WORST_CONDITION
+) -> FeltMass:
+    """Masses that a hand feels, with deviations: exact in the first order, since masses change as kinetic energy does.
+
+    The order of masses that are nearly equal may change within their deviations.
+
+    Args:
+        model: an estimate, or given parameters.
+        qa: positions of the active joints, (active, poses), rad or m.
+        rows: of the handle's velocity in the base frame: 0 to 2 linear, 3 to 5 angular.
+        worst_condition: of the Jacobian, beyond which a pose is left out.
+
+    Raises:
+        HandleMissingError: the device has no handle.
+        CharacterisationSettingError: a setting that means nothing.
+        ShapeError: the poses do not fit the device.
+    """
+    device, qa = model.device, np.asarray(qa, dtype=float)
+    check_settings(device, qa, rows, worst_condition)
+    moving, columns = moving_coordinates(device), spread(model)
+    none = np.zeros((len(model.beta), 0))
+    known = core_spread(model, none if columns is None else columns)
+    at = core_arguments(model, qa)
+    found = _core.felt_mass(*at, rows=rows, moving=moving, worst=worst_condition, spread=known)
+    m, r = len(rows), min(len(rows), len(moving))
+    condition, mass, directions, C = np.split(found, [1, 1 + r, 1 + r + r * m], axis=1)
+    directions = freeze(np.ascontiguousarray(directions).reshape(-1, r, m))
+    sd, doubt = None, None
+    if columns is not None:
+        first = [0, *np.cumsum(np.arange(r, 1, -1))]
+        sd = trusted(model, np.sqrt(C[:, first]))
+        doubt = trusted(model, _isotropy_sd(mass, C[:, 0], C[:, -1], C[:, r - 1]))
+    degrees = float("inf") if columns is None else _freedom(model, qa, rows, moving, mass, directions)
+    linear = max(rows) < 3
+    return FeltMass(
+        mass=Figure(mass, sd, degrees, "kg" if linear else "kg m^2" if min(rows) > 2 else "in mixed units"),
+        directions=directions,
+        isotropy=Figure(mass[:, -1] / mass[:, 0], doubt, degrees, "1"),
+        condition=condition[:, 0],
+        worst=worst_condition,
+    )
+
+
+def core_arguments(model: Model, qa: Array) -> tuple[Any, Array, Array, int, list[float], Array, Array, Array]:
+    """What the core needs of a model at these poses: mechanism, positions, rates, handle, bodies, rotors."""
+    device, handle = model.device, handle_of(model.device)
+    raw, links = raw_parameters(device, model.beta), 10 * len(device.joints)
+    rotors = [(links + k, term.weights) for k, term in enumerate(device.terms) if term.kind == "rotor"]
+    weights = np.array([w for _, w in rotors], dtype=float).reshape(-1, len(device.active))
+    followed = device.closure.follow(qa).by(device.frame)
+    rates = followed.G if followed.G.ndim == 2 else followed.G.reshape(qa.shape[1], -1).T
+    return (
+        device.mechanism,
+        np.ascontiguousarray(followed.q),
+        np.ascontiguousarray(rates),
+        handle.link,
+        handle.translation.tolist(),
+        raw[:links],
+        weights,
+        raw[[k for k, _ in rotors]],
+    )
+
+
+def core_spread(model: Model, columns: Array) -> Array:
+    """Columns over base parameters, (p, s), as columns over link parameters and rotors, (r, s)."""
+    device, links = model.device, 10 * len(model.device.joints)
+    kept = [*range(links), *(links + k for k, term in enumerate(device.terms) if term.kind == "rotor")]
+    return np.ascontiguousarray(device.parameters.S[kept][:, list(device.base.kept)] @ columns)
+
+
+def _isotropy_sd(mass: Array, largest: Array, smallest: Array, both: Array) -> Array:
+    """Deviation of smallest over largest, from the variances of each and their covariance, (poses,)."""
+    ratio = mass[:, -1] / mass[:, 0]
+    return np.asarray(np.sqrt(np.maximum(smallest + ratio**2 * largest - 2 * ratio * both, 0.0)) / mass[:, 0])
+
+
+def _freedom(
+    model: Model, qa: Array, rows: tuple[int, ...], moving: tuple[int, ...], mass: Array, directions: Array
+) -> float:
+    """Least degrees of freedom of the masses at some poses."""
+    known = np.flatnonzero(np.isfinite(mass[:, 0]))
+    few = known[np.linspace(0, len(known) - 1, min(len(known), LOOKED_AT)).astype(int)] if len(known) else known
+    inner = list(moving)
+
+    def matrices(beta: Array) -> Array:
+        return mass_matrix(model.device, beta, qa[:, few])[:, inner][:, :, inner]
+
+    J = handle_motion(model.device, qa[:, few]).row_jacobian[:, list(rows)][:, :, inner]
+    rates = np.linalg.solve(matrices(model.beta), J.mT @ directions[few].mT) * mass[few][:, None]
+    units = np.eye(len(model.beta))
+    gradients = np.array([np.einsum("pae,pab,pbe->pe", rates, matrices(u), rates).ravel() for u in units])
+    return freedom(model, gradients.T)

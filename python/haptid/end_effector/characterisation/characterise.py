@@ -1,0 +1,280 @@
+"""`characterise(model, poses)`: what the hand feels of a device, pose by pose, each figure with its deviation.
+
+Source: Janot et al. (2007), section V, eqs (18) and (19): F = M xdd + B xd + K x + F_c sign + F_d.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from haptid._internal.arrays import Array, expect, freeze
+from haptid.end_effector.characterisation import friction, neglected, strength
+from haptid.end_effector.characterisation.jacobian import LINEAR, Grasp, grasp
+from haptid.end_effector.characterisation.apparent_mass import FeltMass, felt_mass
+from haptid.end_effector.characterisation.model import Figure, Model, changing, linear
+from haptid.end_effector.characterisation.summary import summary
+from haptid.device import Device
+from haptid.dynamics.inverse import inverse_dynamics, mass_matrix
+from haptid.errors import CharacterisationSettingError, DifferentModelError
+from haptid.end_effector.force import WORST_CONDITION
+from haptid.dynamics.workspace import Workspace
+
+# Poses of a workspace's grid, unless another number is asked for.
+POSES = 8000
+
+
+@dataclass(frozen=True, eq=False)
+class Characterisation:
+    """What the hand feels at some poses; see `characterise`.
+
+    Figures over poses have NaN at those that do not count: `grasp.usable` says which, `summary` how many and where.
+
+    Attributes:
+        model: the parameters.
+        grasp: the poses, the handle's place and Jacobian at each.
+        masses: principal masses that the hand feels.
+    """
+
+    model: Model
+    grasp: Grasp
+    masses: FeltMass
+
+    @property
+    def device(self) -> Device:
+        return self.model.device
+
+    @cached_property
+    def inverse(self) -> Array:
+        """Rates of the coordinates from the handle's velocity, (poses, n, m)."""
+        return self.grasp.inverse("friction, weight or stiffness at the handle")
+
+    @property
+    def apparent_mass(self) -> Figure:
+        """Principal masses, largest first, (poses, r), kg."""
+        return self.masses.mass
+
+    @property
+    def isotropy(self) -> Figure:
+        """Smallest over largest principal mass, (poses,)."""
+        return self.masses.isotropy
+
+    def mass_along(self, direction: ArrayLike) -> Figure:
+        """d' J^-T A J^-1 d: force along d for an acceleration along d and none across, (poses,), kg."""
+        rates = self._rates(self._unit(direction))
+        inner = list(self.grasp.moving)
+
+        def of(beta: Array) -> Array:
+            A = mass_matrix(self.device, beta, self.grasp.qa)[:, inner][:, :, inner]
+            return np.asarray(np.einsum("pa,pab,pb->p", rates, A, rates))
+
+        return linear(self.model, of, "kg")
+
+    @cached_property
+    def viscous_friction(self) -> Figure:
+        """Principal values of J^-T Fv J^-1, largest first, (poses, m), N s/m."""
+        D = self._viscous(self.model.beta)
+        values, vectors = np.linalg.eigh(np.nan_to_num(D))
+        values, vectors = values[:, ::-1], vectors[:, :, ::-1]
+
+        def slope(change: Array) -> Array:
+            return np.asarray(np.einsum("pie,pij,pje->pe", vectors, self._viscous(change), vectors))
+
+        values = np.where(self.grasp.usable[:, None], values, np.nan)
+        return changing(self.model, values, slope, "N s/m")
+
+    def viscous_along(self, direction: ArrayLike) -> Figure:
+        """d' J^-T Fv J^-1 d, (poses,), N s/m."""
+        d = self._unit(direction)
+        return linear(self.model, lambda beta: np.einsum("i,pij,j->p", d, self._viscous(beta), d), "N s/m")
+
+    def coulomb_friction(self, direction: ArrayLike) -> Figure:
+        """Force at the handle, all components, for slow motion along d: J^-T Fc sign(J^-1 d), (poses, m), N.
+
+        Its component along d is what the hand loses to dry friction: `backdrive_force` has it with the weight.
+        """
+        rates = self.grasp.all_rates(self._rates(self._unit(direction)))
+        return linear(self.model, lambda beta: self._felt(friction.dry_torque(self.device, beta, rates)), "N")
+
+    @cached_property
+    def coulomb_by_axis(self) -> Figure:
+        """J^-T Fc as printed in eq. (18), (poses, m), N: right where signs of the handle's and joints' rates agree."""
+
+        def of(beta: Array) -> Array:
+            level = friction.coulomb_level(self.device, beta)
+            return self._felt(np.repeat(level[:, None], len(self.grasp), axis=1))
+
+        return linear(self.model, of, "N")
+
+    @cached_property
+    def weight(self) -> Figure:
+        """Force of the hand that holds the device still, without friction, (poses, m), N."""
+        return linear(self.model, lambda beta: self._felt(self._static(beta)), "N")
+
+    def backdrive_force(self, direction: ArrayLike) -> Figure:
+        """Force along d that moves the device slowly that way, motors off: friction and weight, (poses,), N."""
+        d = self._unit(direction)
+        rates = self.grasp.all_rates(self._rates(d))
+
+        def of(beta: Array) -> Array:
+            return np.asarray(self._felt(self._static(beta) + friction.dry_torque(self.device, beta, rates)) @ d)
+
+        return linear(self.model, of, "N")
+
+    def neglected_force(self, speed: float) -> Figure:
+        """Largest |F_d| over directions of motion at a handle speed, (poses,), N; see `neglected_force_of`.
+
+        F_d is weight and a part that grows with the square of speed, so at the largest speed of a range that part is
+        largest too.
+        """
+        worst = speed * neglected.worst_directions(self.grasp, self.inverse, self.model.beta, speed)
+        force = neglected.neglected_force(self.grasp, self.inverse, self.model.beta, worst)
+        best = np.linalg.norm(force, axis=1)
+        along = force / np.where(best > 0, best, 1.0)[:, None]
+
+        def slope(change: Array) -> Array:
+            force = neglected.neglected_force(self.grasp, self.inverse, change, worst)
+            return np.asarray(np.einsum("pm,pm->p", along, force))
+
+        return changing(self.model, best, slope, "N")
+
+    def neglected_force_of(self, velocity: ArrayLike) -> Figure:
+        """F_d for a velocity of the handle, (m,) or (poses, m), m/s: what eq. (18) leaves out, (poses, m), N."""
+        v = np.broadcast_to(np.asarray(velocity, dtype=float), (len(self.grasp), len(self.grasp.rows)))
+        return linear(self.model, lambda b: neglected.neglected_force(self.grasp, self.inverse, b, v), "N")
+
+    def stiffness(self, joint_stiffness: ArrayLike) -> tuple[Array, Array]:
+        """Principal values of J^-T K J^-1, largest first, (poses, r), N/m, and their directions, (poses, r, m).
+
+        Args:
+            joint_stiffness: K_tot of the coordinates that torque rows belong to, (active, active) or its diagonal.
+        """
+        K = np.asarray(joint_stiffness, dtype=float)
+        K = np.diag(K) if K.ndim == 1 else K
+        expect("joint_stiffness", K.shape, (len(self.device.active),) * 2)
+        inner = list(self.grasp.moving)
+        values, vectors = np.linalg.eigh(np.nan_to_num(self.inverse.mT @ K[inner][:, inner] @ self.inverse))
+        values = np.where(self.grasp.usable[:, None], values[:, ::-1], np.nan)
+        return freeze(values), freeze(np.ascontiguousarray(vectors[:, :, ::-1].mT))
+
+    def greatest_force(self, limits: Mapping[str, float] | None = None) -> tuple[Figure, Array]:
+        """Force that motors can make in every direction while they carry the weight, and its worst direction.
+
+        Peak force for peak torques, continuous force for continuous ones.
+
+        Args:
+            limits: torque of each motor's coordinate by name, N m or N; else those of the device's joints.
+
+        Returns:
+            The force in the worst direction, (poses,), N, and that direction, (poses, m).
+
+        Raises:
+            TorqueLimitError: a motor without a limit.
+        """
+        most, J = strength.torque_limits(self.device, limits), strength.motor_jacobian(self.grasp)
+        held = strength.motor_torque(self.device, self._static(self.model.beta))
+        force, direction, motor = strength.weakest(J, most, held)
+        at = np.arange(len(force))
+        sign, length = np.sign(held[motor, at]), np.linalg.norm(J[at, :, motor], axis=1)
+
+        def slope(change: Array) -> Array:
+            return np.asarray(-sign * strength.motor_torque(self.device, self._static(change))[motor, at] / length)
+
+        return changing(self.model, force, slope, "N"), freeze(direction)
+
+    def force_along(self, direction: ArrayLike, limits: Mapping[str, float] | None = None) -> Figure:
+        """Greatest force of the motors on the hand along d, (poses,), N; arguments as for `greatest_force`."""
+        most, J = strength.torque_limits(self.device, limits), strength.motor_jacobian(self.grasp)
+        held = strength.motor_torque(self.device, self._static(self.model.beta))
+        force, load, motor = strength.along(J, most, held, self._unit(direction))
+        at = np.arange(len(force))
+        # Where no motor feels d, or one has nothing left, a small change of the weight changes nothing.
+        bound = np.isfinite(force) & (force > 0)
+        slopes = np.where(bound, -1 / np.where(bound, load, 1.0), 0.0)
+
+        def slope(change: Array) -> Array:
+            return np.asarray(slopes * strength.motor_torque(self.device, self._static(change))[motor, at])
+
+        return changing(self.model, force, slope, "N")
+
+    def summary(self) -> str:
+        """Figures over the poses, and the poses that do not count, as text."""
+        return summary(self)
+
+    def _unit(self, direction: ArrayLike) -> Array:
+        d = np.asarray(direction, dtype=float)
+        expect("direction", d.shape, (len(self.grasp.rows),))
+        length = np.linalg.norm(d)
+        if not (np.isfinite(length) and length > 0):
+            raise CharacterisationSettingError("direction", direction, "finite components, not all zero")
+        return np.asarray(d / length)
+
+    def _rates(self, direction: Array) -> Array:
+        """Of the moving coordinates, for unit speed along a direction, (poses, n)."""
+        return np.asarray(self.inverse @ direction)
+
+    def _viscous(self, beta: Array) -> Array:
+        inner = list(self.grasp.moving)
+        D = friction.viscous_matrix(self.device, beta)[inner][:, inner]
+        return np.asarray(self.inverse.mT @ D @ self.inverse)
+
+    def _felt(self, torque: Array) -> Array:
+        return friction.felt(self.grasp, self.inverse, torque)
+
+    def _static(self, beta: Array) -> Array:
+        """Torque that holds the device still, (active, poses): gravity, springs, offsets."""
+        still = np.zeros_like(self.grasp.qa)
+        return inverse_dynamics(self.device, beta, self.grasp.qa, still, still)
+
+
+def characterise(
+    model: Model,
+    poses: Workspace | ArrayLike,
+    rows: tuple[int, ...] = LINEAR,
+    worst_condition: float = WORST_CONDITION,
+) -> Characterisation:
+    """What the hand feels of a device, at poses or over a workspace.
+
+    Args:
+        model: an estimate, whose covariance gives deviations, or given parameters.
+        poses: positions of the active joints, (active, poses), rad or m, or a workspace, of which a grid is taken.
+        rows: components of the handle's velocity in the base frame, 0 to 2 linear, 3 to 5 angular.
+        worst_condition: of the handle's Jacobian, beyond which a pose is left out.
+
+    Raises:
+        HandleMissingError: the device has no handle.
+        CharacterisationSettingError: a setting that means nothing.
+        DifferentModelError: the workspace is of another device.
+        EmptyWorkspaceError: no pose is inside the workspace.
+        ShapeError: the poses do not fit the device.
+    """
+    if isinstance(poses, Workspace):
+        if poses.device is not model.device:
+            raise DifferentModelError(model.device.name, poses.device.name)
+        poses = poses.grid(POSES)
+    qa = np.asarray(poses, dtype=float)
+    held = grasp(model.device, qa, rows, worst_condition)
+    return Characterisation(model, held, felt_mass(model, qa, rows, worst_condition))
+
+
+def sweep(start: ArrayLike, joint: int, values: ArrayLike) -> Array:
+    """Poses in which one active joint takes values and the others stay, (active, poses), rad or m.
+
+    Args:
+        start: a pose, (active,).
+        joint: which of the active joints.
+        values: of it, (poses,).
+    """
+    values = np.asarray(values, dtype=float)
+    made = np.repeat(np.asarray(start, dtype=float)[:, None], len(values), axis=1)
+    made[joint] = values
+    return freeze(made)
+
+
+def line(start: ArrayLike, end: ArrayLike, poses: int) -> Array:
+    """Poses on a straight line of the joints' positions, ends included, (active, poses), rad or m."""
+    return freeze(np.linspace(np.asarray(start, dtype=float), np.asarray(end, dtype=float), poses, axis=1))

@@ -1,0 +1,86 @@
+"""Greatest force at the handle that motors of limited torque can make, while they carry the device's weight."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+
+from haptid._internal.arrays import Array
+from haptid.end_effector.characterisation.jacobian import Grasp
+from haptid.device import Device
+from haptid.errors import TorqueLimitError
+
+
+def torque_limits(device: Device, given: Mapping[str, float] | None) -> Array:
+    """Greatest torque of each motor's coordinate, (motors,), N m or N: those given, else the joint's in the device.
+
+    Raises:
+        TorqueLimitError: a motor without a limit, or a limit that means nothing.
+    """
+    known = given or {}
+    made = [known.get(drive.name, _of_joint(device, drive.row)) for drive in device.motors]
+    for drive, limit in zip(device.motors, made, strict=True):
+        if limit is None or not (np.isfinite(limit) and limit > 0):
+            raise TorqueLimitError(drive.name, limit)
+    for name in known:
+        if name not in [drive.name for drive in device.motors]:
+            raise TorqueLimitError(name, "of a motor that is not there")
+    return np.array(made, dtype=float)
+
+
+def _of_joint(device: Device, row: Array) -> float | None:
+    """Limit of the one joint that a motor drives, seen by the motor; None where it drives several."""
+    joints = np.flatnonzero(row)
+    limit = device.joints[device.active[joints[0]]].torque_limit if len(joints) == 1 else None
+    return None if limit is None else limit / abs(float(row[joints[0]]))
+
+
+def motor_jacobian(grasp: Grasp) -> Array:
+    """Velocity of the handle by rates of the motors' coordinates, (poses, m, motors)."""
+    device, made = grasp.device, np.zeros((len(grasp), len(grasp.rows), len(grasp.device.active)))
+    made[:, :, list(grasp.moving)] = grasp.jacobian
+    driven = [k for k, drive in enumerate(device.drives) if drive.motorised]
+    return np.asarray((made @ np.linalg.inv(device.drive_rates))[:, :, driven])
+
+
+def motor_torque(device: Device, torque: Array) -> Array:
+    """Torques of the motors' coordinates, (motors, samples), from those of the torque rows, (active, samples)."""
+    driven = [k for k, drive in enumerate(device.drives) if drive.motorised]
+    return np.asarray(np.linalg.solve(device.drive_rates.T, torque)[driven])
+
+
+def weakest(jacobian: Array, limits: Array, weight: Array) -> tuple[Array, Array, np.ndarray]:
+    """Force in the direction in which it is least, that direction, and the motor that sets it.
+
+    A motor is loaded most by a force along its own column of the Jacobian, so the least force over all directions is
+    the least of (limit - |weight|) / |column|: no search is needed.
+
+    Args:
+        jacobian: (poses, m, motors).
+        limits: (motors,).
+        weight: torque that carries the device, (motors, poses).
+    """
+    lengths = np.linalg.norm(jacobian, axis=1)
+    spare = np.maximum(limits - np.abs(weight.T), 0.0)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        force = np.where(lengths > 0, spare / lengths, np.inf)
+    motor = np.argmin(force, axis=1)
+    at = np.arange(len(force))
+    # A force whose load has the sign of the weight's.
+    column = jacobian[at, :, motor] * np.where(weight[motor, at] < 0, -1.0, 1.0)[:, None]
+    return force[at, motor], column / np.linalg.norm(column, axis=1, keepdims=True), motor
+
+
+def along(jacobian: Array, limits: Array, weight: Array, direction: Array) -> tuple[Array, Array, np.ndarray]:
+    """Greatest force along one direction, infinite where no motor feels it; torque per force of the motor that sets it,
+    and which that is, (poses,) each.
+
+    Motors carry the weight and push: |weight + J' f d| <= limit.
+    """
+    load = np.einsum("pmk,m->pk", jacobian, direction)
+    room = np.maximum(limits - np.sign(load) * weight.T, 0.0)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        force = np.where(load != 0, room / np.abs(load), np.inf)
+    motor, at = np.argmin(force, axis=1), np.arange(len(force))
+    return force[at, motor], load[at, motor], motor

@@ -1,0 +1,65 @@
+"""Friction at the handle: viscous, and dry friction that depends on the direction of motion."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from haptid._internal.arrays import Array
+from haptid.end_effector.characterisation.jacobian import Grasp
+from haptid.device import Device
+from haptid.device.terms.term import DRY, TermColumn
+from haptid.dynamics.inverse import raw_parameters
+
+# A joint stands still in a motion where its rate is below this share of the fastest one's.
+STILL = 1e-9
+
+
+def viscous_matrix(device: Device, beta: Array) -> Array:
+    """Viscous friction of the coordinates that torque rows belong to, (active, active), N m s/rad."""
+    made = np.zeros((len(device.active),) * 2)
+    for term, value in _terms(device, beta, ("viscous",)):
+        made += value * np.outer(term.weights, term.weights) / (2 if term.side else 1)
+    return made
+
+
+def dry_torque(device: Device, beta: Array, rates: Array) -> Array:
+    """Dry friction of a motion in the limit of slow speed, (active, samples), N m or N: only signs of rates count.
+
+    Friction at rest counts for Stribeck terms. What does not move has none here, though at rest it may have.
+
+    Args:
+        device: the mechanism.
+        beta: its base parameters, (p,), SI.
+        rates: of the coordinates that torque rows belong to, (active, samples).
+    """
+    made = np.zeros_like(rates)
+    fastest = np.abs(rates).max(axis=0, initial=0.0)
+    for term, value in _terms(device, beta, DRY):
+        rate = term.weights @ rates
+        sign = np.where(np.abs(rate) > STILL * fastest, np.sign(rate), 0.0)
+        if term.kind == "coulomb+":
+            sign = np.maximum(sign, 0.0)
+        elif term.kind == "coulomb-":
+            sign = np.minimum(sign, 0.0)
+        made += value * np.outer(term.weights, sign)
+    return made
+
+
+def coulomb_level(device: Device, beta: Array) -> Array:
+    """Sum of the dry friction that loads each coordinate, (active,), N m or N: the paper's Fc."""
+    made = np.zeros(len(device.active))
+    for term, value in _terms(device, beta, DRY):
+        made += value * np.abs(term.weights) / (2 if term.side else 1)
+    return made
+
+
+def _terms(device: Device, beta: Array, kinds: tuple[str, ...]) -> list[tuple[TermColumn, float]]:
+    """Terms of these kinds that have an effect, each with its parameter."""
+    values = raw_parameters(device, beta)[10 * len(device.joints) :]
+    pairs = zip(device.terms, values, strict=True)
+    return [(term, float(value)) for term, value in pairs if term.nature in kinds and value]
+
+
+def felt(grasp: Grasp, inverse: Array, torque: Array) -> Array:
+    """Force at the handle, (poses, m), that balances torques of all coordinates, (active, poses)."""
+    return np.asarray(np.einsum("pnm,np->pm", inverse, torque[list(grasp.moving)]))

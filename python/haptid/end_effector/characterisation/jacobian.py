@@ -1,0 +1,128 @@
+"""The poses of a characterisation: how the handle moves at each, and which of them count."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from haptid._internal.arrays import Array, expect, freeze, positive, read_only
+from haptid.device import Device
+from haptid.errors import CharacterisationSettingError, SpareJointsError
+from haptid.dynamics.kinematics import handle_motion, handle_of
+
+LINEAR = (0, 1, 2)
+# Poses are described all at once for so many of them.
+CHUNK = 50_000
+
+
+@dataclass(frozen=True, eq=False)
+class Grasp:
+    """Poses, and the handle's Jacobian by the coordinates whose torque is measured; the others are held still.
+
+    Attributes:
+        device: the mechanism.
+        qa: positions of the active joints, (active, poses), rad or m.
+        rows: components of the handle's velocity in the base frame: 0 to 2 linear, 3 to 5 angular, (m,).
+        moving: coordinates that move, (n,).
+        position: of the handle, (poses, 3), m.
+        jacobian: (poses, m, n).
+        condition: number of the Jacobian, infinite where it is singular, (poses,).
+        worst: condition number beyond which a pose is left out.
+    """
+
+    device: Device
+    qa: Array
+    rows: tuple[int, ...]
+    moving: tuple[int, ...]
+    position: Array
+    jacobian: Array
+    condition: Array
+    worst: float
+
+    def __post_init__(self) -> None:
+        poses, m, n = self.qa.shape[1], len(self.rows), len(self.moving)
+        for name, shape in (("position", (poses, 3)), ("jacobian", (poses, m, n)), ("condition", (poses,))):
+            object.__setattr__(self, name, read_only(getattr(self, name)))
+            expect(name, getattr(self, name).shape, shape)
+        object.__setattr__(self, "qa", read_only(self.qa))
+
+    def __len__(self) -> int:
+        return int(self.qa.shape[1])
+
+    @property
+    def usable(self) -> np.ndarray:
+        """Whether the Jacobian of each pose can be inverted, (poses,)."""
+        return np.asarray(self.condition <= self.worst)
+
+    @property
+    def spare(self) -> int:
+        """Coordinates more than rows: the handle's motion does not tell how they share it."""
+        return max(0, len(self.moving) - len(self.rows))
+
+    def inverse(self, figure: str) -> Array:
+        """Rates of the moving coordinates from the handle's velocity, (poses, n, m); NaN at poses that do not count.
+
+        With fewer coordinates than rows it takes the part of a velocity that the handle can have.
+
+        Raises:
+            SpareJointsError: more coordinates than rows, so that `figure` is not determined.
+        """
+        if self.spare:
+            raise SpareJointsError(figure, len(self.moving), len(self.rows))
+        made = np.full((len(self), len(self.moving), len(self.rows)), np.nan)
+        made[self.usable] = np.linalg.pinv(self.jacobian[self.usable])
+        return freeze(made)
+
+    def all_rates(self, rates: Array) -> Array:
+        """Rates of all coordinates, (coordinates, poses), from those of the moving ones, (poses, n)."""
+        made = np.zeros((len(self.device.active), len(self)))
+        made[list(self.moving)] = rates.T
+        return made
+
+
+def grasp(device: Device, qa: Array, rows: tuple[int, ...], worst: float) -> Grasp:
+    """The handle at these poses.
+
+    Raises:
+        HandleMissingError: the device has no handle.
+        CharacterisationSettingError: a setting that means nothing.
+        ShapeError: the poses do not fit the device.
+    """
+    check_settings(device, qa, rows, worst)
+    moving = moving_coordinates(device)
+    parts = [handle_motion(device, qa[:, k : k + CHUNK]) for k in range(0, max(qa.shape[1], 1), CHUNK)]
+    jacobian = np.concatenate([part.row_jacobian[:, list(rows)][:, :, list(moving)] for part in parts])
+    singular = np.linalg.svd(jacobian, compute_uv=False)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        condition = np.where(singular[:, -1] > 0, singular[:, 0] / singular[:, -1], np.inf)
+    position = np.concatenate([part.position for part in parts])
+    return Grasp(device, qa, rows, moving, position, jacobian, condition, worst)
+
+
+def moving_coordinates(device: Device) -> tuple[int, ...]:
+    """Coordinates whose torque is measured: entries of the model in the others' rows are not identified."""
+    return tuple(k for k, known in enumerate(device.measured) if known)
+
+
+def check_settings(device: Device, qa: Array, rows: tuple[int, ...], worst: float) -> None:
+    """Refuse settings that mean nothing.
+
+    Raises:
+        HandleMissingError: the device has no handle.
+        CharacterisationSettingError: a setting, or a position that is not finite.
+        ShapeError: the poses do not fit the device.
+    """
+    expect("qa", qa.shape, (len(device.active), None))
+    if not np.isfinite(qa).all():
+        raise CharacterisationSettingError("a position", float("nan"), "finite positions")
+    if handle_of(device).link < 0:
+        raise CharacterisationSettingError("the handle's link", "the base", "a link that moves")
+    for term in device.terms:
+        if (term.kind == "rotor" or term.resists) and term.joint is not None and device.varying[term.joint].any():
+            wanted = "rotors and friction on motors or active joints: the rates of this joint vary with the pose"
+            raise CharacterisationSettingError(f"term {term.name}", term.on, wanted)
+    if not rows or len(set(rows)) < len(rows) or not set(rows) <= set(range(6)):
+        raise CharacterisationSettingError("rows", rows, "different numbers of 0 to 5")
+    if not (positive(worst) and worst > 1):
+        raise CharacterisationSettingError("worst_condition", worst, "a finite number above 1")

@@ -1,0 +1,114 @@
+"""Sweeps and maps of what the hand feels, drawn."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure as Picture
+from matplotlib.ticker import LogLocator
+
+from haptid._internal.arrays import Array, expect, read_only
+from haptid.end_effector.characterisation.model import Figure
+
+# Colours that colour-blind readers tell apart (Okabe and Ito 2008), and styles of line.
+COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9")
+STYLES = ("-", "--", ":", "-.")
+# What is not known is grey on a map.
+UNKNOWN = "0.8"
+DECADE = 10.0
+
+
+@dataclass(frozen=True, eq=False)
+class Sweep:
+    """Figures along a sweep.
+
+    Attributes:
+        label: of the axis, with its unit, such as "q2, deg".
+        x: (poses,).
+        figures: by name, each (poses,) or (poses, values); all of one unit.
+    """
+
+    label: str
+    x: Array
+    figures: Mapping[str, Figure]
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "x", read_only(self.x))
+        for name, figure in self.figures.items():
+            expect(name, figure.value.shape[:1], self.x.shape)
+
+
+def plot_sweeps(sweeps: Sequence[Sweep], quantity: str, path: Path) -> None:
+    """One panel for each sweep: a style of line for each name, a colour for each value, intervals as bands.
+
+    Args:
+        sweeps: what is drawn.
+        quantity: label of the vertical axis, with its unit.
+        path: of the picture.
+    """
+    picture = Picture(figsize=(1.5 + 4.2 * len(sweeps), 4.2), layout="constrained")
+    FigureCanvasAgg(picture)
+    panels = np.atleast_1d(picture.subplots(1, len(sweeps), sharey=True))
+    for panel, sweep in zip(panels, sweeps, strict=True):
+        for style, (name, figure) in zip(_repeated(STYLES, len(sweep.figures)), sweep.figures.items(), strict=True):
+            _draw(panel, sweep.x, name, figure, style)
+        panel.set_xlabel(sweep.label, parse_math=False)
+        panel.grid(alpha=0.3)
+        panel.margins(x=0)
+    panels[0].set_ylabel(quantity, parse_math=False)
+    panels[0].set_ylim(bottom=0)
+    panels[-1].legend(fontsize="small", framealpha=0.9)
+    picture.savefig(path, dpi=120)
+
+
+def _draw(panel: Axes, x: Array, name: str, figure: Figure, style: str) -> None:
+    """The values of one figure: colours in order, the name once."""
+    values = figure.value.reshape(len(x), -1)
+    band = figure.interval95
+    for k, colour in enumerate(_repeated(COLOURS, values.shape[1])):
+        panel.plot(x, values[:, k], color=colour, linestyle=style, label=name if k == 0 else None)
+        if band is not None:
+            low, high = np.moveaxis(band.reshape(len(x), -1, 2)[:, k], -1, 0)
+            panel.fill_between(x, low, high, color=colour, alpha=0.25, linewidth=0)
+
+
+def plot_map(x: Array, y: Array, value: Array, labels: tuple[str, str, str], path: Path) -> None:
+    """One positive value over a slice of poses, its colours logarithmic; what is not known is grey.
+
+    Args:
+        x, y: of the cells' centres, (columns,) and (rows,).
+        value: (rows, columns), NaN where it is not known.
+        labels: of x, y and the value, with units.
+        path: of the picture.
+    """
+    expect("value", value.shape, (len(y), len(x)))
+    picture = Picture(figsize=(6.4, 4.8), layout="constrained")
+    FigureCanvasAgg(picture)
+    panel = picture.subplots()
+    panel.set_facecolor(UNKNOWN)
+    known = np.ma.masked_invalid(value)
+    if known.count():
+        mesh = panel.pcolormesh(x, y, known, cmap="cividis", norm="log", shading="nearest", rasterized=True)
+        bar = picture.colorbar(mesh, ax=panel, label=labels[2])
+        bar.ax.yaxis.set_major_formatter("{x:g}")
+        if known.max() < DECADE * known.min():  # over several decades the minor ticks' figures would overlap
+            bar.ax.yaxis.set_minor_formatter("{x:g}")
+        else:
+            bar.ax.yaxis.set_minor_formatter("")
+    if known.count() and known.min() < known.max():
+        levels = LogLocator(subs=(1.0, 2.0, 5.0))
+        lines = panel.contour(x, y, known, colors="white", linewidths=0.7, norm="log", locator=levels)
+        panel.clabel(lines, fontsize="small")
+    panel.set_xlabel(labels[0], parse_math=False)
+    panel.set_ylabel(labels[1], parse_math=False)
+    picture.savefig(path, dpi=120)
+
+
+def _repeated(styles: tuple[str, ...], count: int) -> tuple[str, ...]:
+    """So many styles, from the beginning again where they run out."""
+    return tuple(styles[k % len(styles)] for k in range(count))

@@ -1,0 +1,81 @@
+"""A characterisation as text."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from haptid.end_effector.characterisation.model import Figure
+
+if TYPE_CHECKING:
+    from haptid.end_effector.characterisation.characterise import Characterisation
+
+
+def summary(found: Characterisation) -> str:
+    """Median and range of the figures over the poses that count, and what does not."""
+    grasp = found.grasp
+    lines = [f"{found.device.name} at the handle: {int(grasp.usable.sum())} of {len(grasp)} poses"]
+    for k in range(found.apparent_mass.value.shape[1]):
+        lines.append(_line(f"apparent mass {k + 1}", found.apparent_mass, k))
+    lines.append(_line("isotropy", found.isotropy))
+    if not grasp.spare:
+        lines.append(_line("largest viscous friction", found.viscous_friction, 0))
+        size = np.linalg.norm(found.weight.value, axis=1)
+        lines.append(_line("weight", Figure(size, None, float("inf"), "N")))
+    return "\n".join([*lines, *(f"  {note}" for note in notes(found))])
+
+
+def _line(name: str, figure: Figure, k: int | None = None) -> str:
+    pick = slice(None) if k is None else (slice(None), k)
+    value = figure.value[pick]
+    known = np.isfinite(value)
+    unit = "" if figure.unit == "1" else f" {figure.unit}"
+    if not known.any():
+        return f"  {name}: not known at any pose"
+    value = value[known]
+    text = f"  {name}: {np.median(value):.3g}{unit} at the median, {value.min():.3g} .. {value.max():.3g}"
+    if figure.sd is None:
+        return text
+    return f"{text}, deviation up to {figure.sd[pick][known].max():.2g}"
+
+
+def notes(found: Characterisation) -> Iterator[str]:
+    """What is not known, in sentences."""
+    grasp, masses = found.grasp, found.masses
+    out, indefinite = ~grasp.usable, grasp.usable & ~masses.definite
+    if out.any():
+        yield (
+            f"{int(out.sum())} of {len(grasp)} poses ({100 * out.mean():.3g} %) are left out: the condition number of "
+            f"the handle's Jacobian is above {grasp.worst:g} there{_where(found, out)}."
+        )
+    if indefinite.any():
+        yield (
+            f"At {int(indefinite.sum())} of {len(grasp)} poses the mass matrix is not positive definite, so no mass is "
+            f"given{_where(found, indefinite)}; `definiteness` says which direction fails."
+        )
+    if grasp.spare:
+        yield (
+            f"{len(grasp.moving)} joints move {len(grasp.rows)} components of the handle's velocity: masses are those "
+            f"that a force feels when all joints are free; friction and weight at the handle are not determined."
+        )
+    if len(grasp.moving) < len(grasp.rows):
+        yield f"The handle moves in {len(grasp.moving)} directions at a pose: figures are of that motion."
+    held = [label for label, known in zip(found.device.row_labels, found.device.measured, strict=True) if not known]
+    if held:
+        yield f"Torque is not measured on {', '.join(held)}: those coordinates are taken to stand still."
+    if min(grasp.rows) < 3 <= max(grasp.rows):
+        yield "Linear and angular components are mixed: principal values depend on the units."
+    if masses.mass.sd is not None and np.isinf(masses.mass.sd).any():
+        yield "The estimate cannot say how far to trust some parameter, so deviations are infinite."
+
+
+def _where(found: Characterisation, poses: np.ndarray) -> str:
+    """Range of each active joint over these poses."""
+    device, parts = found.device, []
+    for j, row in zip(device.active, found.grasp.qa[:, poses], strict=True):
+        joint = device.joints[j]
+        low, high = (row.min(), row.max()) if joint.prismatic else np.degrees([row.min(), row.max()])
+        parts.append(f"{joint.name} {low:.3g} .. {high:.3g} {'m' if joint.prismatic else 'deg'}")
+    return f" ({', '.join(parts)})"

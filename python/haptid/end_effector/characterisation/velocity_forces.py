@@ -1,0 +1,130 @@
+"""What the linear description of a device at its handle leaves out: forces of velocity, and weight."""
+
+from __future__ import annotations
+
+import itertools
+
+import numpy as np
+
+from haptid._internal.arrays import Array
+from haptid.end_effector.characterisation.friction import felt
+from haptid.end_effector.characterisation.jacobian import Grasp
+from haptid.device import Device
+from haptid.dynamics.inverse import core_torque, raw_parameters, rigid
+from haptid.dynamics.kinematics import handle_of, link_poses
+
+# Directions that a largest force is first looked for in, and steps from the best of them. At the most they are within
+# 0.1 % of the largest of thousands.
+DIRECTIONS, STEPS = 256, 20
+
+
+def drift(device: Device, qa: Array, qda: Array) -> Array:
+    """Jdot qd: acceleration of the handle, linear and angular, without acceleration of joints, (samples, 6).
+
+    Forward recursion in the base frame (Siciliano et al. 2009, section 7.5.1, with all joint accelerations zero).
+
+    Args:
+        device: the mechanism.
+        qa: positions of the active joints, (active, samples), rad or m.
+        qda: their velocities.
+    """
+    handle, at = handle_of(device), link_poses(device, qa)
+    rates = device.tree(qa, qda, np.zeros_like(qda))[1]
+    accelerations = device.tree(qa, qda, np.zeros_like(qda))[2]
+    chain, link = list[int](), handle.link
+    while link >= 0:
+        chain.append(link)
+        link = device.joints[link].parent
+    w, wd, a, origin = list[Array](np.zeros((4, qa.shape[1], 3)))
+    for i in reversed(chain):
+        here, z = at[:, i, :3, 3], at[:, i, :3, 2]
+        rate, change = rates[i][:, None], accelerations[i][:, None]
+        arm = here - origin
+        a = a + np.cross(wd, arm) + np.cross(w, np.cross(w, arm))
+        if device.joints[i].prismatic:
+            a = a + 2 * np.cross(w, z * rate) + z * change
+        else:
+            wd = wd + np.cross(w, z * rate) + z * change
+            w = w + z * rate
+        origin = here
+    arm = at[:, handle.link, :3, :3] @ handle.translation
+    a = a + np.cross(wd, arm) + np.cross(w, np.cross(w, arm))
+    return np.concatenate([a, wd], axis=1)
+
+
+def neglected_force(grasp: Grasp, inverse: Array, beta: Array, velocity: Array) -> Array:
+    """F_d = J^-T (H - A J^-1 Jdot qd), (poses, m): Janot et al. (2007), eq. (19), with the inverse that it lacks.
+
+    Weight is in it, as in the paper's H.
+
+    Args:
+        grasp: the poses.
+        inverse: of the Jacobian, (poses, n, m).
+        beta: base parameters, (p,), SI.
+        velocity: of the handle, (poses, m).
+    """
+    device, to_joints = grasp.device, np.linalg.inv(grasp.device.frame)
+    cd = grasp.all_rates(np.einsum("pnm,pm->pn", inverse, velocity))
+    usable = grasp.usable
+    cd = np.where(usable, cd, 0.0)
+    slowing = drift(device, grasp.qa, to_joints @ cd)[:, list(grasp.rows)]
+    cdd = -grasp.all_rates(np.einsum("pnm,pm->pn", np.where(usable[:, None, None], inverse, 0.0), slowing))
+    chi = rigid(device, raw_parameters(device, beta))
+    return felt(grasp, inverse, core_torque(device, chi, device.frame @ grasp.qa, cd, cdd))
+
+
+def worst_directions(grasp: Grasp, inverse: Array, beta: Array, speed: float) -> Array:
+    """Directions of motion at a handle speed in which F_d is largest, (poses, m).
+
+    F_d is weight and a quadratic form of the velocity, so a few velocities tell it. From the best direction of a grid,
+    two steps in turn never lower |F_d|: f along F_d; then the direction in which f' F_d is largest, an eigenvector.
+
+    Args:
+        grasp, inverse, beta: as for `neglected_force`.
+        speed: of the handle, m/s.
+    """
+    weight, form = _by_velocity(grasp, inverse, beta, speed)
+    grid = unit_directions(len(grasp.rows))
+    sizes = [np.linalg.norm(_force(weight, form, np.broadcast_to(d, weight.shape)), axis=1) for d in grid]
+    worst = grid[np.argmax(sizes, axis=0)]
+    for _ in range(STEPS):
+        force = _force(weight, form, worst)
+        worst = np.linalg.eigh(np.einsum("pk,pkij->pij", force, form))[1][:, :, -1]
+    return np.asarray(worst)
+
+
+def _by_velocity(grasp: Grasp, inverse: Array, beta: Array, speed: float) -> tuple[Array, Array]:
+    """F_d as weight (poses, m) and a quadratic form of the direction at this speed, (poses, m, m, m), N."""
+    m = len(grasp.rows)
+    shape, axes = (len(grasp), m), speed * np.eye(m)
+
+    def force(velocity: Array) -> Array:
+        return np.nan_to_num(neglected_force(grasp, inverse, beta, np.broadcast_to(velocity, shape)))
+
+    weight, form = force(np.zeros(m)), np.zeros((*shape, m, m))
+    for i in range(m):
+        form[:, :, i, i] = force(axes[i]) - weight
+    for i, j in itertools.combinations(range(m), 2):
+        both = force(axes[i] + axes[j]) - weight
+        form[:, :, i, j] = form[:, :, j, i] = (both - form[:, :, i, i] - form[:, :, j, j]) / 2
+    return weight, form
+
+
+def _force(weight: Array, form: Array, direction: Array) -> Array:
+    return np.asarray(weight + np.einsum("pkij,pi,pj->pk", form, direction, direction))
+
+
+def unit_directions(m: int, count: int = DIRECTIONS) -> Array:
+    """Directions over a half sphere, nearly even, (count, m); a force of velocity is the same along both ways."""
+    if m == 1:
+        return np.ones((1, 1))
+    if m == 2:
+        angle = np.pi * np.arange(count) / count
+        return np.column_stack([np.cos(angle), np.sin(angle)])
+    if m == 3:
+        place = np.arange(count) + 0.5
+        z, turned = place / count, np.pi * (1 + 5**0.5) * place
+        across = np.sqrt(1 - z**2)
+        return np.column_stack([across * np.cos(turned), across * np.sin(turned), z])
+    drawn = np.random.default_rng(0).normal(size=(count, m))
+    return np.asarray(drawn / np.linalg.norm(drawn, axis=1, keepdims=True))

@@ -1,0 +1,159 @@
+"""What the model's torque is made of: inertia, velocity torques, gravity, friction and the other terms.
+
+Source: Tahmasebi et al. (2005), section III-E and figures 7 to 11.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from haptid._internal.arrays import Array, expect, freeze, read_only
+from haptid.device import Device
+from haptid.device.terms.term import Counterbalance, Load, TermColumn
+from haptid.dynamics.inverse import core_torque, raw_parameters, rigid
+from haptid.estimation import Estimate
+from haptid.observation.observation import Plan
+from haptid.observation.chunks import Stretch, gathered, stretches
+from haptid.motion.treatment import Motion
+
+RIGID = ("inertia", "Coriolis and centrifugal", "gravity")
+FRICTION = ("viscous", "Coulomb", "Stribeck")
+# Names of the parts by kind of term; rotors belong to inertia.
+PARTS = {
+    "viscous": "viscous",
+    "coulomb": "Coulomb",
+    "coulomb+": "Coulomb",
+    "coulomb-": "Coulomb",
+    "stribeck": "Stribeck",
+    "offset": "offset",
+    "spring": "spring",
+}
+
+
+@dataclass(frozen=True, eq=False)
+class Dissection:
+    """The model's torque in parts, treated like the measured torque; the parts sum to the model's torque.
+
+    A base parameter counts with the part of the parameter it is named after: where an offset cannot be told from a
+    weight on a sliding joint, neither can the two parts.
+
+    Attributes:
+        motors: what each row is of, "motor 1" or "joint 5", (motors,).
+        units: N m or N, (motors,).
+        t: (rows,), s.
+        parts: inertia (with rotors), Coriolis and centrifugal, gravity, then one for each kind of term, (parts,).
+        torque: of each part, at the joint side, (parts, motors, rows).
+        measured: torque, (motors, rows).
+    """
+
+    motors: tuple[str, ...]
+    units: tuple[str, ...]
+    t: Array
+    parts: tuple[str, ...]
+    torque: Array
+    measured: Array
+
+    def __post_init__(self) -> None:
+        for name in ("t", "torque", "measured"):
+            object.__setattr__(self, name, read_only(getattr(self, name)))
+        expect("torque", self.torque.shape, (len(self.parts), len(self.motors), len(self.t)))
+        expect("measured", self.measured.shape, self.torque.shape[1:])
+
+    def __getitem__(self, part: str) -> Array:
+        """Torque of one part, (motors, rows)."""
+        return np.asarray(self.torque[self.parts.index(part)])
+
+    @cached_property
+    def model(self) -> Array:
+        """Torque of the whole model, (motors, rows)."""
+        return freeze(self.torque.sum(axis=0))
+
+    @cached_property
+    def friction(self) -> Array:
+        """Viscous, Coulomb and Stribeck torque together, (motors, rows)."""
+        return freeze(self.torque[[part in FRICTION for part in self.parts]].sum(axis=0))
+
+    @cached_property
+    def rms(self) -> Array:
+        """Of each part's torque, (parts, motors), N m or N."""
+        return freeze(np.sqrt((self.torque**2).mean(axis=2)))
+
+    @cached_property
+    def shares(self) -> Array:
+        """RMS of each part over that of the model's torque, (parts, motors); NaN where the model has no torque.
+
+        Parts may oppose each other, so shares need not add to one.
+        """
+        whole = np.sqrt((self.model**2).mean(axis=1))
+        return freeze(self.rms / np.where(whole > 0, whole, np.nan))
+
+    def summary(self) -> str:
+        """A table as text: RMS of each part, and its share of the model's."""
+        width = max(len(part) for part in self.parts)
+        lines = ["RMS torque of each part, and its share of the model's; parts may oppose each other"]
+        for m, (motor, unit) in enumerate(zip(self.motors, self.units, strict=True)):
+            lines.append(f"  {motor}")
+            for k, part in enumerate(self.parts):
+                lines.append(f"    {part:{width}s} {self.rms[k, m]:10.4g} {unit} {100 * self.shares[k, m]:6.1f} %")
+        return "\n".join(lines)
+
+
+def dissect(estimate: Estimate, motion: Motion) -> Dissection:
+    """The parts of an estimate's torque along a motion, through the same filter and decimation as in `predict`.
+
+    Args:
+        estimate: whose torque.
+        motion: along what.
+
+    Raises:
+        ChannelCountError: the motion has more or fewer channels than the device has coordinates or motors.
+        MotionTooShortError: not one row fits between the filters' ends.
+    """
+    device = estimate.device
+    chi = raw_parameters(device, estimate.beta)
+    terms = {name: _only(device, chi, name) for name in dict.fromkeys(_part(t) for t in device.terms) if name}
+    pieces = ((s.t, _torques(s, rigid(device, chi), terms), s.measured()) for s in stretches(device, motion))
+    t, torque, measured = gathered(pieces, Plan.of(device, motion).rows)
+    rows = [k for k, known in enumerate(device.measured) if known]
+    return Dissection(
+        motors=tuple(device.row_labels[k] for k in rows),
+        units=tuple(device.torque_units[k] for k in rows),
+        t=freeze(t),
+        parts=(*RIGID, *terms),
+        torque=freeze(torque),
+        measured=freeze(measured),
+    )
+
+
+def _part(term: TermColumn) -> str:
+    """The part that a term belongs to; none for rotors, which are inertia."""
+    if term.kind == "rotor":
+        return ""
+    if term.nature == "external":
+        named = {Counterbalance: "counterbalance", Load: "friction by load"}
+        return named.get(type(term.shape), "own columns")
+    return PARTS[term.nature]
+
+
+def _only(device: Device, chi: Array, part: str) -> Array:
+    """The parameters of one part's terms, the others zero, (r,)."""
+    links = 10 * len(device.joints)
+    kept = [False] * links + [_part(term) == part for term in device.terms]
+    return np.where(kept, chi, 0.0)
+
+
+def _torques(stretch: Stretch, bodies: Array, terms: dict[str, Array]) -> Array:
+    """Treated torque of every part, (parts, motors, rows).
+
+    The bodies' torque is linear in acceleration and, apart from it, quadratic in velocity: the velocity torques are
+    what velocity adds to the torque at rest, and inertia is the rest of the bodies' torque.
+    """
+    device, still = stretch.device, np.zeros_like(stretch.c)
+    weight = core_torque(device, bodies, stretch.c, still, still)
+    velocity = stretch.treated(core_torque(device, bodies, stretch.c, stretch.cd, still) - weight)
+    gravity = stretch.treated(weight)
+    inertia = stretch.torque(bodies) - velocity - gravity
+    return np.array([inertia, velocity, gravity, *(stretch.torque(chi) for chi in terms.values())])

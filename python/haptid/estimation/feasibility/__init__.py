@@ -1,0 +1,1 @@
+"""Physical consistency: the cone of standard parameters that rigid bodies can have."""

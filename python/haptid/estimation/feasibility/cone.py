@@ -1,0 +1,248 @@
+"""What real bodies ask of the standard parameters: a cone for every link and every term, in scaled parameters."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from scipy import linalg
+from scipy.sparse.csgraph import connected_components
+
+from haptid._internal.arrays import Array, expect, freeze
+from haptid.device import INERTIAL, Device
+from haptid.device.priors import TENSOR
+from haptid.estimation.feasibility.scaling import Scale
+
+# What a term's parameter is called, for the kinds that no passive thing can have below zero.
+NEVER_NEGATIVE = {
+    "rotor": "rotor inertia",
+    "viscous": "viscous friction",
+    "coulomb": "Coulomb friction",
+    "coulomb+": "forward Coulomb friction",
+    "coulomb-": "backward Coulomb friction",
+}
+# Entries of a link that are positive in every body.
+POSITIVE = ("XX", "YY", "ZZ", "M")
+# Upper triangle, column by column: the order of a semidefinite cone's entries.
+UPPER = tuple((i, k) for k in range(4) for i in range(k + 1))
+
+
+def pseudo_inertia(chi: Array) -> Array:
+    """The pseudo-inertia of a link, (4, 4): positive semidefinite for a body, and only for a body.
+
+    Source: Wensing, Kim and Slotine (2018), IEEE Robotics and Automation Letters 3(1).
+
+    Args:
+        chi: XX XY XZ YY YZ ZZ MX MY MZ M, (10,), SI.
+    """
+    expect("chi", np.shape(chi), (10,))
+    J = np.zeros((3, 3))
+    for value, (i, k) in zip(chi[:6], TENSOR, strict=True):
+        J[i, k] = J[k, i] = value
+    second = np.trace(J) / 2 * np.eye(3) - J
+    return np.block([[second, chi[6:9, None]], [chi[None, 6:9], chi[9]]])
+
+
+def entries(matrix: Array) -> Array:
+    """Upper triangle of a symmetric (4, 4) matrix as a vector that keeps inner products, (10,)."""
+    return np.array([matrix[i, k] * (1.0 if i == k else np.sqrt(2)) for i, k in UPPER])
+
+
+# The same as a linear map of the ten parameters, (10, 10).
+PSEUDO = freeze(np.column_stack([entries(pseudo_inertia(unit)) for unit in np.eye(10)]))
+
+
+@dataclass(frozen=True, eq=False)
+class Block:
+    """One condition: G x in a cone, x the scaled standard parameters.
+
+    Attributes:
+        label: "link 3", or "viscous friction of motor 1".
+        is_link: whether the cone is that of positive semidefinite matrices, or of numbers that are not negative.
+        G: the scaled pseudo-inertia's entries, (10, n), or one number, (1, n), from x.
+    """
+
+    label: str
+    is_link: bool
+    G: Array
+
+    @property
+    def inside(self) -> Array:
+        """What is added to go straight into the cone: the identity matrix, or one, (rows,)."""
+        return entries(np.eye(4)) if self.is_link else np.ones(1)
+
+    @property
+    def unfold(self) -> Array:
+        """From the cone's entries to the matrix, (rows, size, size)."""
+        if not self.is_link:
+            return np.ones((1, 1, 1))
+        made = np.zeros((len(UPPER), 4, 4))
+        for row, (i, k) in enumerate(UPPER):
+            made[row, i, k] = made[row, k, i] = 1.0 if i == k else np.sqrt(0.5)
+        return made
+
+    def matrix(self, x: Array) -> Array:
+        """The scaled pseudo-inertia, or the scaled term, at x, (4, 4) or (1, 1)."""
+        return np.asarray(np.tensordot(self.G @ x, self.unfold, 1))
+
+    def matrices(self, directions: Array) -> Array:
+        """Along every column of directions, (n, k): (k, 4, 4) or (k, 1, 1)."""
+        return np.asarray(np.tensordot((self.G @ directions).T, self.unfold, 1))
+
+    def margin(self, x: Array) -> float:
+        """The least eigenvalue at x: negative where no body, or no passive term, is."""
+        return float(np.linalg.eigvalsh(self.matrix(x))[0])
+
+    def home(self, centre: Array, ball: Array) -> Array:
+        """The centre, where it is inside, else the ball."""
+        return centre if self.margin(centre) > 1e-3 * self.margin(ball) else ball
+
+
+@dataclass(frozen=True, eq=False)
+class Part:
+    """Standard parameters that share base parameters or conditions, apart from all others.
+
+    Attributes:
+        columns: indices of its standard parameters, (k,).
+        null: directions of them that no base parameter sees, orthonormal, (n, null).
+        blocks: its conditions.
+    """
+
+    columns: np.ndarray
+    null: Array
+    blocks: tuple[Block, ...]
+
+    def margin(self, x: Array) -> float:
+        """The least eigenvalue of its conditions; infinite where there is none."""
+        return min((block.margin(x) for block in self.blocks), default=float("inf"))
+
+
+@dataclass(frozen=True, eq=False)
+class Cone:
+    """The conditions of a device on its scaled standard parameters x = chi / scale.
+
+    Attributes:
+        scale: size of every standard parameter, (n,), SI.
+        A: base parameters from x, (p, n), SI.
+        ball: a homogeneous ball for every link, (n,).
+        centre: the prior where one is known, else the ball, (n,).
+        parts: the conditions, those that do not touch one another apart.
+    """
+
+    scale: Array
+    A: Array
+    ball: Array
+    centre: Array
+    parts: tuple[Part, ...]
+
+    @property
+    def blocks(self) -> tuple[Block, ...]:
+        """The conditions of all parts."""
+        return tuple(block for part in self.parts for block in part.blocks)
+
+    @property
+    def null(self) -> Array:
+        """Directions of x that no base parameter sees, orthonormal, (n, null)."""
+        return np.column_stack([part.null for part in self.parts])
+
+    @cached_property
+    def inverse(self) -> Array:
+        """From base parameters to the least x that has them, (n, p)."""
+        rows = np.linalg.norm(self.A, axis=1)
+        return np.asarray(np.linalg.pinv(self.A / rows[:, None]) / rows)
+
+    def start(self, beta: Array) -> Array:
+        """Scaled standard parameters with these base parameters, nearest to the centre, (n,)."""
+        return self.centre + self.inverse @ (beta - self.A @ self.centre)
+
+    def margin(self, x: Array) -> float:
+        """The least eigenvalue of all conditions."""
+        return min((part.margin(x) for part in self.parts), default=np.inf)
+
+    def mended(self, x: Array) -> Array:
+        """x with as much of a ball as brings it back from a rounding error outside of the cone."""
+        return x + max(0.0, -self.margin(x)) / self.margin(self.ball) * self.ball
+
+
+def cone(device: Device, beta: Array) -> Cone:
+    """The conditions of a device, scaled for base parameters of about this size.
+
+    Args:
+        device: the mechanism.
+        beta: its base parameters, (p,), SI.
+    """
+    size = Scale.of(device, beta)
+    A = device.base.regrouping * size.chi
+    blocks = (*link_blocks(device, size), *term_blocks(device, size))
+    ball = device.parameters.S.T @ size.ball / np.maximum(device.parameters.S.sum(axis=0), 1)
+    known = np.isfinite(device.chi_prior)
+    centre = np.where(known, np.where(known, device.chi_prior, 0.0), ball)
+    return Cone(size.chi, A, ball / size.chi, centre / size.chi, parts(A, blocks))
+
+
+def link_blocks(device: Device, size: Scale) -> list[Block]:
+    """The pseudo-inertia of every link that has inertia, in its own mass and length."""
+    made = []
+    for j, joint in enumerate(device.joints):
+        raw = device.parameters.S[10 * j : 10 * j + 10] * size.chi
+        root = np.array([size.length[j]] * 3 + [1.0]) * np.sqrt(size.mass[j])
+        G = PSEUDO @ raw / np.array([root[i] * root[k] for i, k in UPPER])[:, None]
+        if joint.body and G.any():
+            made.append(Block(f"link {joint.name}", True, G))
+    return made
+
+
+def term_blocks(device: Device, size: Scale) -> list[Block]:
+    """Terms that are never negative: each by itself, and Stribeck friction together with what it adds to.
+
+    sgn(v) (FC + FS exp(..)) resists at every speed where FC >= 0 and FC + FS >= 0.
+    """
+    rows = device.parameters.S[10 * len(device.joints) :]
+    dry: dict[str, list[Array]] = {}
+    made = []
+    for term, row in zip(device.terms, rows, strict=True):
+        if term.nature in NEVER_NEGATIVE and row.any():
+            made.append(Block(f"{NEVER_NEGATIVE[term.nature]} of {term.on}", False, unit_row(row * size.chi)))
+        if term.kind.startswith("coulomb"):
+            dry.setdefault(term.on, []).append(row)
+    for term, row in zip(device.terms, rows, strict=True):
+        if term.kind == "stribeck" and row.any():
+            for other in dry.get(term.on, [np.zeros_like(row)]):
+                made.append(Block(f"friction at rest of {term.on}", False, unit_row((row + other) * size.chi)))
+    return made
+
+
+def unit_row(row: Array) -> Array:
+    """A row with entries of size one, (1, n)."""
+    return np.asarray(row[None] / np.abs(row).max())
+
+
+def parts(A: Array, blocks: tuple[Block, ...]) -> tuple[Part, ...]:
+    """Split parameters and conditions into groups that share nothing."""
+    n = A.shape[1]
+    touched = np.vstack([A != 0, *((block.G != 0).any(axis=0)[None] for block in blocks)])
+    links = touched.T.astype(int) @ touched.astype(int)
+    _, label = connected_components(links, directed=False)
+    made = []
+    for group in range(label.max(initial=-1) + 1):
+        columns = np.flatnonzero(label == group)
+        rows = A[(A[:, columns] != 0).any(axis=1)][:, columns]
+        inner = (
+            linalg.null_space(rows / np.linalg.norm(rows, axis=1, keepdims=True)) if len(rows) else np.eye(len(columns))
+        )
+        null = np.zeros((n, inner.shape[1]))
+        null[columns] = inner
+        mine = tuple(block for block in blocks if block.G[:, columns].any())
+        made.append(Part(columns, null, mine))
+    return tuple(made)
+
+
+def never_negative(device: Device) -> np.ndarray:
+    """Base parameters that are sums of quantities which are never negative, (p,), bool."""
+    raw = [kind in POSITIVE for _ in device.joints for kind in INERTIAL]
+    raw += [term.nature in NEVER_NEGATIVE for term in device.terms]
+    S = device.parameters.S
+    positive = S[np.array(raw)].sum(axis=0) == S.sum(axis=0)
+    rows = device.base.regrouping
+    return np.asarray(((rows >= 0) & ((rows == 0) | positive)).all(axis=1))

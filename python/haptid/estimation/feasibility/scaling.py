@@ -1,0 +1,89 @@
+"""How large the parameters of a device are: haptic inertias of 1e-7 kg m^2 and arms' of 10 in numbers near one."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from haptid._internal.arrays import Array
+from haptid.device import Device
+
+# Power of a length in the unit of each of a link's ten parameters.
+POWER = np.array([2] * 6 + [1] * 3 + [0])
+# A ball whose pseudo-inertia, in its own mass and length, is the identity.
+BALL = np.array([2.0, 0, 0, 2.0, 0, 2.0, 0, 0, 0, 1.0])
+
+
+@dataclass(frozen=True, eq=False)
+class Scale:
+    """Characteristic sizes.
+
+    Attributes:
+        mass, length: of every link, (joints,), kg and m.
+        chi: of every standard parameter, (n,), SI.
+        ball: raw parameters of a ball for every link, and of terms of the size of their kind, (r,), SI.
+    """
+
+    mass: Array
+    length: Array
+    chi: Array
+    ball: Array
+
+    @staticmethod
+    def of(device: Device, beta: Array) -> Scale:
+        """Lengths from the geometry; masses and terms from what base parameters of this size can hold.
+
+        The sizes only set the units in which margins are told and numbers are computed, not what is possible.
+        """
+        length = lengths(device)
+        S, room = device.parameters.S, largest(device.base.regrouping, beta)
+        free = np.argmax(S, axis=1)
+        raw = np.where(S.any(axis=1), room[free], np.nan)
+        links = raw[: 10 * len(length)].reshape(-1, 10) / length[:, None] ** POWER
+        mass = filled(np.array([large(row) for row in links]))
+        sizes = np.concatenate([(mass[:, None] * length[:, None] ** POWER).ravel(), term_sizes(device, raw)])
+        ball = sizes * np.concatenate([np.tile(BALL, len(length)), np.ones(len(device.terms))])
+        return Scale(mass, length, sizes[np.argmax(S, axis=0)], ball)
+
+
+def largest(regrouping: Array, beta: Array) -> Array:
+    """What each standard parameter would be if it alone made up a base parameter, the least of them, (n,).
+
+    NaN where no base parameter that is not zero holds it.
+    """
+    used = (regrouping != 0) & (beta != 0)[:, None]
+    alone = np.where(used, np.abs(beta)[:, None] / np.where(used, np.abs(regrouping), 1.0), np.inf).min(axis=0)
+    return np.where(np.isfinite(alone), alone, np.nan)
+
+
+def large(values: Array) -> float:
+    """A large one of those that are neither unknown nor zero, though not an outlier; zero where there is none."""
+    known = values[values > 0]
+    return float(np.quantile(known, 0.8)) if len(known) else 0.0
+
+
+def filled(values: Array) -> Array:
+    """Sizes with the median of the others where there is none, one where there are no others."""
+    return np.where(values > 0, values, np.median(known) if len(known := values[values > 0]) else 1.0)
+
+
+def term_sizes(device: Device, raw: Array) -> Array:
+    """The largest of every kind and unit, (terms,), SI."""
+    own = np.nan_to_num(raw[10 * len(device.joints) :])
+    kinds = [(term.kind, term.unit) for term in device.terms]
+    most = {kind: max(v for v, k in zip(own, kinds, strict=True) if k == kind) for kind in kinds}
+    return np.array([most[kind] or 1.0 for kind in kinds])
+
+
+def lengths(device: Device) -> Array:
+    """How far every link reaches: to its children's joints, the loops' cuts, the handle, (joints,), m."""
+    reach = np.zeros(len(device.joints))
+    ends = [(joint.parent, joint.translation) for joint in device.joints]
+    ends += [(f.link, f.translation) for cut in device.closure.cuts for f in (cut.frame, cut.twin)]
+    if device.handle is not None:
+        ends.append((device.handle.link, device.handle.translation))
+    for link, end in ends:
+        if link >= 0:
+            reach[link] = max(reach[link], float(np.linalg.norm(end)))
+    return filled(reach)

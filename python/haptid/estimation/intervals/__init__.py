@@ -1,0 +1,1 @@
+"""Covariance estimators and confidence intervals."""

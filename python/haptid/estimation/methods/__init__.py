@@ -1,0 +1,1 @@
+"""Methods of estimation, each a small frozen type."""

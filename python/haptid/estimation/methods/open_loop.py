@@ -1,0 +1,102 @@
+"""Output error in the open loop: the model under the measured torque, over stretches too short to drift."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from haptid._internal.arrays import Array
+from haptid.device import Device
+from haptid.estimation.methods.didim import base_columns
+from haptid.estimation.methods.linearised import by_block
+from haptid.estimation.methods.simulating import Simulating
+from haptid.observation.observation import Observation, triangle
+from haptid.motion.channels import coordinate_torque, position_map
+from haptid.simulation import DirectModel, Stretches, measured_state, open_loop, sensitivity, sets_of
+from haptid.motion.treatment import Motion
+
+# Noise of positions is taken to be at least this share of their own deviation.
+LEAST_NOISE = 1e-7
+
+
+@dataclass(frozen=True)
+class OutputError(Simulating):
+    """Open-loop output error by multiple shooting: no controller is needed.
+
+    Every stretch begins at a state of its own, near the treated one, which is fitted with the parameters and
+    eliminated stretch by stretch. Positions as they were recorded are compared, in units of what the treatment took
+    from them. Noise of the torque grows over a stretch into something that is not white: it costs precision, and
+    longer stretches cost more; shorter ones see less of the parameters.
+
+    Sources: Bock (1983), multiple shooting; Jategaonkar (2015), Flight Vehicle System Identification, section 4.5.
+
+    Attributes:
+        stretch: s.
+        most: passes at most; reversals make them go to and fro.
+    """
+
+    stretch: float = 0.1
+    most: int = field(default=20, kw_only=True)
+
+    def restate(self, observation: Observation, smoothed: Device, beta: Array) -> Observation:
+        """Rows of position, each coordinate's in units of its noise."""
+        p, size = len(observation.base), len(observation.blocks)
+        triangles, counts = np.zeros((size, p + 1, p + 1)), np.zeros(size, dtype=int)
+        for motion in observation.motions:
+            stretches = Stretches.of(len(motion), max(2, round(self.stretch / motion.dt)), 0)
+            J, error = shot(observation.device, smoothed, motion, beta, stretches)
+            for k, block in enumerate(homes(observation, motion, stretches)):
+                if block is not None:
+                    rows = np.column_stack([J[..., k].reshape(-1, J.shape[2]), error[..., k].ravel()])
+                    first = J.shape[2] - p  # states at the beginning, eliminated
+                    left = triangle(np.column_stack([rows[:, p:-1], rows[:, :p], rows[:, -1] + rows[:, :p] @ beta]))
+                    triangles[block] = triangle(np.concatenate([triangles[block], left[first:, first:]]))
+                    counts[block] += len(rows) - first
+        return by_block(observation, self.name, triangles, counts)
+
+
+def shot(device: Device, smoothed: Device, motion: Motion, beta: Array, stretches: Stretches) -> tuple[Array, Array]:
+    """Of every stretch, derivatives of positions (steps, n, p + 2n, stretches), and errors (steps, n, stretches).
+
+    In units of each coordinate's noise; zero where a step is past the end.
+    """
+    model = DirectModel(smoothed, sets_of(device, beta))
+    treated, cd = measured_state(device, motion)
+    start = (treated[:, stretches.sample[0]], cd[:, stretches.sample[0]])
+    steps = open_loop(model, motion, held_torque(device, motion), start, stretches)
+    made = sensitivity(model, None, motion, steps, base_columns(device))
+    raw = recorded_positions(device, motion)
+    scale = 1.0 / position_noise(raw, treated, motion)
+    own = stretches.own & (stretches.sample >= motion.usable[0]) & (stretches.sample < motion.usable[1])
+    error = (np.moveaxis(raw[:, stretches.sample], 0, 1) - steps.c) * scale[None, :, None] * own[:, None]
+    return made.c * scale[None, :, None, None] * own[:, None, None], error
+
+
+def held_torque(device: Device, motion: Motion) -> Array:
+    """Torque of the rows that acts from each sample to the next, (n, samples), N m or N."""
+    if motion.log is not None:  # a command is held
+        return coordinate_torque(device, replace(motion, tau=motion.log.torque), 0, len(motion))
+    tau = coordinate_torque(device, motion, 0, len(motion))
+    return 0.5 * (tau + np.column_stack([tau[:, 1:], tau[:, -1]]))
+
+
+def recorded_positions(device: Device, motion: Motion) -> Array:
+    """Positions of the coordinates before treatment, (n, samples), rad or m."""
+    q = motion.q if motion.log is None else motion.log.position
+    return position_map(device, motion)(np.ascontiguousarray(q.T))
+
+
+def position_noise(raw: Array, treated: Array, motion: Motion) -> Array:
+    """Deviation of what the treatment took from the positions, (n,), rad or m."""
+    low, high = motion.usable
+    taken = (raw - treated)[:, low:high].std(axis=1)
+    return np.asarray(np.maximum(taken, LEAST_NOISE * np.maximum(raw.std(axis=1), 1e-3)))
+
+
+def homes(observation: Observation, motion: Motion, stretches: Stretches) -> list[int | None]:
+    """The block in which each stretch lies, None where there is none."""
+    name = motion.log.sha256 if motion.log else f"motion {id(motion):x}"
+    own = [(k, block) for k, block in enumerate(observation.blocks) if block.log == name]
+    middle = motion.t0 + motion.dt * stretches.sample[len(stretches.sample) // 2]
+    return [next((k for k, block in own if block.start <= t < block.stop), None) for t in middle]

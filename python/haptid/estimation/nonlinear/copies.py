@@ -1,0 +1,173 @@
+"""Columns of a term at other values of its searched constants, observed beside the term itself."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, fields, replace
+from functools import cached_property, reduce
+from operator import add
+
+import numpy as np
+from scipy import linalg
+
+from haptid._internal.arrays import Array
+from haptid.dynamics.base_parameters import BaseParameters
+from haptid.device import Device
+from haptid.device.parameters import standard_parameters
+from haptid.device.terms.term import TermColumn
+from haptid.observation.observation import Observation, observe, triangle
+from haptid.motion.treatment import Motion
+
+
+@dataclass(frozen=True, eq=False)
+class EveryOther:
+    """Every other time block of a motion.
+
+    Attributes:
+        motion: whose blocks.
+        parity: 0 for the first, third, ...; 1 for the second, fourth, ...
+    """
+
+    motion: Motion
+    parity: int
+
+
+# What constants are searched in.
+Sought = Motion | EveryOther
+
+
+@dataclass(frozen=True)
+class Copy:
+    """A term's column at another value of one of its searched constants.
+
+    Attributes:
+        constant: index among the device's searched constants.
+        value: of that constant, SI.
+    """
+
+    constant: int
+    value: float
+
+
+@dataclass(frozen=True, eq=False)
+class Copied:
+    """Rows of a device with copies of some terms: its own columns first, then the copies'.
+
+    Attributes:
+        device: the device itself.
+        copies: what was added.
+        observation: rows of the device with the copies.
+        term: base parameter of each searched constant's own term, (constants,).
+    """
+
+    device: Device
+    copies: tuple[Copy, ...]
+    observation: Observation
+    term: tuple[int, ...]
+
+    @property
+    def own(self) -> int:
+        """How many columns are the device's own."""
+        return len(self.device.base)
+
+    def left(self, weights: Array, instead: Mapping[int, int] | None = None, beside: Array | None = None) -> Left:
+        """What columns leave of the torque: the device's own, some terms replaced by copies of them.
+
+        Args:
+            weights: of each motor's rows, (motors,).
+            instead: copy that stands for each constant's term.
+            beside: combinations of all columns that are fitted too, (p of the observation, k).
+        """
+        stack: Array = self.observation.stack(weights)
+        replaced = {self.term[constant]: self.own + copy for constant, copy in (instead or {}).items()}
+        kept = [replaced.get(column, column) for column in range(self.own)]
+        columns = stack[:, kept] if beside is None else np.hstack([stack[:, kept], stack[:, :-1] @ beside])
+        beta = np.asarray(np.linalg.lstsq(columns, stack[:, -1], rcond=None)[0], dtype=np.float64)
+        return Left(beta, stack[:, -1] - columns @ beta)
+
+    def taken_out(self, weights: Array, columns: Array) -> tuple[Array, Array]:
+        """Combinations (p, k) of all columns, and the torque, without what the device's own columns tell of them."""
+        stack = self.observation.stack(weights)
+        p = self.own
+        R = triangle(np.column_stack([stack[:, :p], stack[:, :-1] @ columns, stack[:, -1]]))
+        return R[p:, p:-1], R[p:, -1]
+
+
+@dataclass(frozen=True, eq=False)
+class Left:
+    """A fit of some columns.
+
+    Attributes:
+        beta: their parameters.
+        residual: of the weighted triangle, (rows,).
+    """
+
+    beta: Array
+    residual: Array
+
+    @property
+    def square(self) -> float:
+        """Of the weighted residual."""
+        return float(self.residual @ self.residual)
+
+
+def copied(device: Device, motions: Sequence[Sought], copies: Sequence[Copy]) -> Copied:
+    """Observe motions with copies of terms; every term with a searched constant is a base parameter of its own.
+
+    Raises:
+        HaptidError: as `observe`.
+    """
+    wide = _Wide.of(device, [_copy(device, copy, f":{number}") for number, copy in enumerate(copies)])
+    names = [device.parameters.names[k] for k in device.base.kept]
+    return Copied(
+        device=device,
+        copies=tuple(copies),
+        observation=reduce(add, [observed(wide, motion) for motion in motions]),
+        term=tuple(names.index(device.terms[k].name) for k, _ in device.searched),
+    )
+
+
+def observed(device: Device, sought: Sought) -> Observation:
+    """The rows of a motion, or of every other block of one."""
+    if isinstance(sought, EveryOther):
+        return observe(device, sought.motion).alternate()[sought.parity]
+    return observe(device, sought)
+
+
+def _copy(device: Device, copy: Copy, suffix: str) -> TermColumn:
+    k, constant = device.searched[copy.constant]
+    changed = device.terms[k].with_constant(constant.name, copy.value)
+    return replace(changed, name=f"{changed.name}{suffix}", searched=())
+
+
+@dataclass(frozen=True, eq=False)
+class _Wide(Device):
+    """A device with more terms, every one of which is a base parameter, whatever the others are.
+
+    Attributes:
+        narrow: the device without them.
+    """
+
+    narrow: Device = field(kw_only=True)
+
+    @staticmethod
+    def of(device: Device, more: Sequence[TermColumn]) -> _Wide:
+        terms, joints = (*device.terms, *more), device.joints
+        bodies = [joint.body for joint in joints]
+        parameters = standard_parameters(device.joint_names, bodies, terms, device.symmetry)
+        shared = {entry.name: getattr(device, entry.name) for entry in fields(Device)}
+        return _Wide(**{**shared, "terms": terms, "parameters": parameters, "targets": ()}, narrow=device)
+
+    @cached_property
+    def base(self) -> BaseParameters:
+        """Those of the device without, then the terms added."""
+        own, old = self.narrow.base, len(self.narrow.parameters)
+        more = range(old, len(self.parameters))
+        return replace(
+            own,
+            names=(*own.names, *(self.parameters.names[k] for k in more)),
+            units=(*own.units, *(self.parameters.units[k] for k in more)),
+            kept=(*own.kept, *more),
+            regrouping=linalg.block_diag(own.regrouping, np.eye(len(more))),
+            standard=tuple(self.parameters.names),
+        )

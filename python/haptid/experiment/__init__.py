@@ -1,0 +1,1 @@
+"""Experiments: the virtual bench, exciting motions and friction tests."""

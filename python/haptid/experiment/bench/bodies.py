@@ -1,0 +1,239 @@
+"""What standard parameters are to a simulator: bodies about their centres of mass, and effects along coordinates."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from haptid._internal.arrays import Array, expect, read_only
+from haptid.device import Device, NewtonClosure, TermColumn
+from haptid.device.priors import TENSOR
+from haptid.errors import UnphysicalBodyError, UnsimulatedTermError, WeightlessLinkError
+from haptid.motion.channels import rows
+
+# A moment of inertia may exceed the sum of the other two by this share of it: rounding.
+TRIANGLE_SLACK = 1e-9
+# What is moved from a link to its rotor beyond the least that makes the link physical, as a share of the other moments.
+MOVED_SPARE = 0.02
+# Rotor of a weightless link in a loop, as a share of the greatest inertia of the device's bodies.
+LIGHT = 1e-6
+# Two columns of the regressor are one where they differ by less than this share.
+SAME_COLUMN = 1e-10
+
+
+@dataclass(frozen=True, eq=False)
+class Body:
+    """A rigid body in its link's frame.
+
+    Attributes:
+        mass: kg.
+        com: centre of mass, (3,), m.
+        inertia: tensor about the centre of mass, (3, 3), kg m^2.
+        moved: inertia about the joint's axis that was moved to the rotor, kg m^2.
+    """
+
+    mass: float
+    com: Array
+    inertia: Array
+    moved: float = 0.0
+
+    def __post_init__(self) -> None:
+        expect("com", self.com.shape, (3,))
+        expect("inertia", self.inertia.shape, (3, 3))
+        for name in ("com", "inertia"):
+            object.__setattr__(self, name, read_only(getattr(self, name)))
+
+    @property
+    def weightless(self) -> bool:
+        """Whether it has no inertia at all."""
+        return self.mass == 0
+
+
+@dataclass
+class Effect:
+    """What terms do along one coordinate, a combination of joints' positions.
+
+    Attributes:
+        name: of the joint, or of the motor where several joints are in it.
+        joints: share of every joint in it, (joints,).
+        armature, viscous, coulomb, stiffness, rest, offset: rotor inertia, friction, spring and constant force, SI.
+    """
+
+    name: str
+    joints: Array
+    armature: float = 0.0
+    viscous: float = 0.0
+    coulomb: float = 0.0
+    stiffness: float = 0.0
+    rest: float = 0.0
+    offset: float = 0.0
+    _springs: list[tuple[float, float]] = field(default_factory=list, repr=False)
+
+    def spring(self, stiffness: float, rest: float) -> None:
+        """One more spring: several are one, with its rest where their forces are in balance."""
+        self._springs.append((stiffness, rest))
+        self.stiffness = sum(k for k, _ in self._springs)
+        self.rest = sum(k * r for k, r in self._springs) / self.stiffness
+
+
+def bodies(device: Device, chi: Array) -> tuple[Body, ...]:
+    """The bodies of all links.
+
+    A link whose moment of inertia about its joint's axis is too large for a body holds a rotor's: where that makes no
+    difference to the motion, the rotor gets it.
+
+    Args:
+        device: the mechanism.
+        chi: its free standard parameters, (p,), SI.
+
+    Raises:
+        UnphysicalBodyError: no rigid body has a link's parameters.
+    """
+    raw = device.parameters.S @ chi
+    return tuple(_body(device, j, raw[10 * j : 10 * j + 10]) for j in range(len(device.joints)))
+
+
+def effects(device: Device, chi: Array, made: tuple[Body, ...]) -> tuple[Effect, ...]:
+    """What the terms do: one effect for each joint, then one for each motor or cut joint that goes with several.
+
+    Raises:
+        UnsimulatedTermError: a term that MuJoCo has no counterpart for is not zero.
+        WeightlessLinkError: a joint moves neither mass nor rotor.
+    """
+    raw = device.parameters.S @ chi
+    unit = np.eye(len(device.joints))
+    found = {joint.name: Effect(joint.name, unit[j]) for j, joint in enumerate(device.joints)}
+    single = list(found.values())
+    for effect, body in zip(single, made, strict=True):
+        effect.armature += body.moved
+    for term, value in zip(device.terms, raw[10 * len(device.joints) :], strict=True):
+        shares = _shares(device, term)
+        used = np.flatnonzero(shares)
+        if value == 0 or not len(used):
+            continue
+        if len(used) == 1:
+            _add(single[int(used[0])], term, float(value), float(shares[used[0]]))
+        else:
+            _add(found.setdefault(term.on, Effect(term.on, shares)), term, float(value), 1.0)
+    _steady(device, made, single)
+    _check_heavy(device, made, tuple(found.values()))
+    return tuple(found.values())
+
+
+def _shares(device: Device, term: TermColumn) -> Array:
+    """The coordinate of a term as a combination of all joints, (joints,)."""
+    shares = np.zeros(len(device.joints))
+    what, _, name = term.on.partition(" ")
+    if what == "joint":
+        shares[device.joint_names.index(name)] = 1.0
+    else:
+        shares[list(device.active)] = term.weights @ device.frame
+    return shares
+
+
+def _add(effect: Effect, term: TermColumn, value: float, share: float) -> None:
+    """Add a term of a coordinate that is `share` times the effect's."""
+    width = term.settings[0]
+    if term.kind == "rotor":
+        effect.armature += value * share**2
+    elif term.kind == "viscous":
+        effect.viscous += value * share**2
+    elif term.kind == "coulomb" and width == 0:
+        effect.coulomb += value * abs(share)
+    elif term.kind in ("coulomb+", "coulomb-") and width == 0:
+        effect.coulomb += value * abs(share) / 2  # F+ and F- are their mean, and half their difference as an offset
+        effect.offset += (1 if term.kind == "coulomb+" else -1) * value * share / 2
+    elif term.kind == "spring":
+        start = term.offset if term.on.startswith("cut ") else 0.0  # where its combination of joints is zero
+        effect.spring(value * share**2, (term.settings[0] - start) / share)
+    elif term.kind == "offset":
+        effect.offset += value * share
+    else:
+        raise UnsimulatedTermError(term.name, term.kind, value)
+
+
+def _body(device: Device, j: int, chi: Array) -> Body:
+    """The body of one link from its ten standard parameters, (10,)."""
+    joint, mass = device.joints[j], float(chi[9])
+    J = np.zeros((3, 3))
+    for value, (i, k) in zip(chi[:6], TENSOR, strict=True):
+        J[i, k] = J[k, i] = value
+    if not chi.any():
+        return Body(0.0, np.zeros(3), J)
+    if mass <= 0:
+        alone = mass == 0 and J[2, 2] > 0 and not np.delete(chi, 5).any()
+        if alone and _is_rotor(device, j):
+            return Body(0.0, np.zeros(3), np.zeros((3, 3)), float(J[2, 2]))
+        raise UnphysicalBodyError(joint.name, f"its mass is {mass:g} kg beside other parameters", _INSTEAD)
+    com = chi[6:9] / mass
+    central = J - mass * (com @ com * np.eye(3) - np.outer(com, com))
+    central, moved = _physical(device, j, central)
+    return Body(mass, com, central, moved)
+
+
+_INSTEAD = (
+    "Base parameters alone are no body: give the link its mass, com and inertia under [[bodies]] in the experiment."
+)
+
+
+def _physical(device: Device, j: int, central: Array) -> tuple[Array, float]:
+    """A tensor that obeys the triangle inequality, and what of it was moved to the rotor."""
+    moments = np.linalg.eigvalsh(central)
+    excess = moments[2] - moments[0] - moments[1]
+    if moments[0] > 0 and excess <= TRIANGLE_SLACK * moments[2]:
+        return central, 0.0
+    moved = (1 + 2 * MOVED_SPARE) * excess + MOVED_SPARE * (moments[0] + moments[1])
+    less = central - np.diag([0.0, 0.0, moved])
+    now = np.linalg.eigvalsh(less)
+    if moments[0] > 0 and now[0] > 0 and now[2] <= now[0] + now[1] and _is_rotor(device, j):
+        return less, float(moved)
+    shown = ", ".join(f"{moment:.3g}" for moment in moments)
+    found = f"its principal moments of inertia about the centre of mass are {shown} kg m^2"
+    rule = f"{'a moment that is not above 0' if moments[0] <= 0 else 'one above the sum of the other two'}"
+    raise UnphysicalBodyError(device.joints[j].name, f"{found}, with {rule}", _INSTEAD)
+
+
+def _is_rotor(device: Device, j: int) -> bool:
+    """Whether inertia about a turning joint's axis acts as its rotor's would: the same column of the regressor."""
+    if device.joints[j].prismatic:
+        return False
+    rng = np.random.default_rng(0)
+    c = np.ascontiguousarray(device.frame @ device.closure.draw(rng, 20))
+    cd, cdd = rng.uniform(-2, 2, (2, *c.shape))
+    column = rows(device, c, cd, cdd)[:, 10 * j + 5]
+    followed = device.follow(c, cd)
+    G = np.broadcast_to(followed.G, (20, *device.rates.shape))[:, j].T
+    rotor = G * followed.acceleration(cd, cdd)[j]
+    return bool(np.abs(column - rotor).max() <= SAME_COLUMN * max(np.abs(rotor).max(), 1e-300))
+
+
+def _steady(device: Device, made: tuple[Body, ...], single: list[Effect]) -> None:
+    """Give weightless links that a loop holds at both ends a rotor that is too small to be felt.
+
+    The simulator moves them as parts of a tree, where they would weigh nothing.
+    """
+    if not isinstance(device.closure, NewtonClosure):
+        return
+    masses = np.array([body.mass for body in made])
+    turned = np.array([np.trace(body.inertia) + body.mass * body.com @ body.com for body in made])
+    heavy = _heavy(device, made, tuple(single))
+    for j in device.closure.unknown:
+        if not heavy[j]:
+            single[j].armature = LIGHT * float((masses if device.joints[j].prismatic else turned).max())
+
+
+def _check_heavy(device: Device, made: tuple[Body, ...], found: tuple[Effect, ...]) -> None:
+    """Raise WeightlessLinkError where a joint moves nothing."""
+    heavy = _heavy(device, made, found)
+    if not all(heavy):
+        raise WeightlessLinkError(device.joints[heavy.index(False)].name)
+
+
+def _heavy(device: Device, made: tuple[Body, ...], found: tuple[Effect, ...]) -> list[bool]:
+    """Whether each joint moves a mass or a rotor, its own or one that it carries."""
+    heavy = [not body.weightless or any(e.armature > 0 and e.joints[j] for e in found) for j, body in enumerate(made)]
+    for j in reversed(range(len(made))):
+        if heavy[j] and device.joints[j].parent >= 0:
+            heavy[device.joints[j].parent] = True
+    return heavy

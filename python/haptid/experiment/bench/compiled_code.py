@@ -1,0 +1,187 @@
+"""Exported C, compiled and loaded: the code that goes to a real device, called state by state from the bench."""
+
+from __future__ import annotations
+
+import ctypes
+import os
+import re
+import shutil
+import subprocess
+import tempfile
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from haptid._internal.arrays import Array
+from haptid.errors import CodeSettingError, CompileError, NoCodeError, NoCompilerError
+
+FLAGS = ("-std=c99", "-O2", "-fPIC", "-shared")
+# Vectors of the observer and of the differentiator, beside their numbers.
+VECTORS = {"observer": ("p", "pushed", "torque"), "differentiator": ("q", "qd")}
+NUMBERS = {"observer": ("dt", "keep"), "differentiator": ("a", "b")}
+SETTINGS = {"observer": "gain", "differentiator": "cutoff_hz"}
+
+
+@dataclass(frozen=True)
+class Prototype:
+    """A function of the code, as its header declares it.
+
+    Attributes:
+        model: whether it reads the model.
+        inputs: sizes of the arrays it reads, by name.
+        outputs: sizes of those it fills.
+        checks: whether it says that it failed.
+    """
+
+    model: bool
+    inputs: Mapping[str, int]
+    outputs: Mapping[str, int]
+    checks: bool
+
+
+@dataclass(frozen=True, eq=False)
+class Compiled:
+    """The code of an exported folder; see `Compiled.of`.
+
+    Attributes:
+        name: how its names begin.
+        coordinates: how many there are.
+        functions: by their names, without the prefix.
+        real: type of its numbers.
+        library: the loaded code.
+    """
+
+    name: str
+    coordinates: int
+    functions: Mapping[str, Prototype]
+    real: Any
+    library: ctypes.CDLL
+    model: Any = field(repr=False)
+
+    @staticmethod
+    def of(folder: str | Path) -> Compiled:
+        """Compile and load what `export_c` wrote.
+
+        The compiler is that of the environment variable CC, else `cc`.
+
+        Args:
+            folder: with NAME.h and NAME.c.
+
+        Raises:
+            NoCodeError: there is no code in it.
+            NoCompilerError, CompileError: it cannot be compiled here.
+        """
+        header = _header(Path(folder))
+        text, name = header.read_text(encoding="utf-8"), header.stem
+        real = ctypes.c_float if f"typedef float {name}_real" in text else ctypes.c_double
+        constants, coordinates, parameters = (
+            _figure(text, pattern)
+            for pattern in (rf"{name}_real k\[(\d+)\]", r"_COORDINATES (\d+)", r"_PARAMETERS (\d+)")
+        )
+        library, model = _built(header), (real * constants)()
+        getattr(library, f"{name}_init")(model, (ctypes.c_double * parameters).in_dll(library, f"{name}_beta"))
+        return Compiled(name, coordinates, prototypes(text, name), real, library, model)
+
+    def __call__(self, function: str, *inputs: Array) -> dict[str, Array]:
+        """What a function gives, by output; zeros where it says that it failed.
+
+        Args:
+            function: its name, without the prefix.
+            inputs: arrays in the order of the header.
+        """
+        found = self.functions[function]
+        given = [self.array(x) for x in inputs]
+        made = {name: (self.real * size)() for name, size in found.outputs.items()}
+        self.library[f"{self.name}_{function}"](*([self.model] if found.model else []), *given, *made.values())
+        return {name: np.array(values, dtype=float) for name, values in made.items()}
+
+    def array(self, values: Array) -> Any:
+        """Values as the code takes them."""
+        return (self.real * len(values))(*map(float, values))
+
+    def friction_compensation(self, qd: Array, share: float) -> Array:
+        """A share of the friction, (coordinates,), N m or N."""
+        tau = (self.real * self.coordinates)()
+        self.library[f"{self.name}_friction_compensation"](self.model, self.array(qd), self.real(share), tau)
+        return np.array(tau, dtype=float)
+
+    def differentiator(self, cutoff_hz: float, dt: float) -> Callable[[Array], Array]:
+        """Velocities of positions that are given one after the other, each (coordinates,)."""
+        state = self._state("differentiator", cutoff_hz, dt)
+
+        def update(q: Array) -> Array:
+            qd = (self.real * self.coordinates)()
+            self.library[f"{self.name}_differentiator_update"](ctypes.byref(state), self.array(q), qd)
+            return np.array(qd, dtype=float)
+
+        return update
+
+    def observer(self, gain: float, dt: float) -> Callable[[Array, Array, Array], Array]:
+        """Torque of the hand from positions, velocities and motors' torques, each (coordinates,)."""
+        state = self._state("observer", gain, dt)
+
+        def update(q: Array, qd: Array, tau: Array) -> Array:
+            torque = (self.real * self.coordinates)()
+            given = [self.array(x) for x in (q, qd, tau)]
+            self.library[f"{self.name}_observer_update"](self.model, ctypes.byref(state), *given, torque)
+            return np.array(torque, dtype=float)
+
+        return update
+
+    def _state(self, kind: str, setting: float, dt: float) -> Any:
+        """A started observer or differentiator."""
+        numbers = [(name, self.real) for name in NUMBERS[kind]]
+        vectors = [(name, self.real * self.coordinates) for name in VECTORS[kind]]
+        state = type(kind, (ctypes.Structure,), {"_fields_": [*numbers, ("started", ctypes.c_int), *vectors]})()
+        wrong = self.library[f"{self.name}_{kind}_init"](ctypes.byref(state), self.real(setting), self.real(dt))
+        if wrong:
+            raise CodeSettingError(SETTINGS[kind], setting, f"a figure above zero that a step of {dt:g} s can meet")
+        return state
+
+
+def prototypes(header: str, name: str) -> dict[str, Prototype]:
+    """The functions whose arguments are the model and arrays, from the text of a header."""
+    found = {}
+    for kind, function, arguments in re.findall(rf"^(void|int) {name}_(\w+)\(([^)]*)\);", header, re.MULTILINE):
+        parts = [" ".join(part.split()) for part in arguments.split(",")]
+        arrays = [re.fullmatch(rf"(const )?{name}_real (\w+)\[(\d+)\]", part) for part in parts]
+        model = parts[0] == f"const {name}_model *model"
+        sized = [a for a in arrays if a]
+        if len(sized) + model == len(parts):
+            inputs = {a[2]: int(a[3]) for a in sized if a[1]}
+            outputs = {a[2]: int(a[3]) for a in sized if not a[1]}
+            found[function] = Prototype(model, inputs, outputs, kind == "int")
+    return found
+
+
+def _header(folder: Path) -> Path:
+    """The header of the folder's one model."""
+    found = [path for path in sorted(folder.glob("*.h")) if path.with_suffix(".c").is_file()]
+    if len(found) != 1:
+        raise NoCodeError(folder, [path.name for path in found])
+    return found[0]
+
+
+def _figure(text: str, pattern: str) -> int:
+    found = re.search(pattern, text)
+    assert found is not None  # the header is haptid's own
+    return int(found[1])
+
+
+def _built(header: Path) -> ctypes.CDLL:
+    """The source beside a header, compiled and loaded."""
+    command = os.environ.get("CC", "cc")
+    if shutil.which(command) is None:
+        raise NoCompilerError(command)
+    with tempfile.TemporaryDirectory() as scratch:
+        out = Path(scratch) / "model.so"
+        source = header.with_suffix(".c").resolve()
+        done = subprocess.run(
+            [command, *FLAGS, str(source), "-lm", "-o", str(out)], capture_output=True, text=True, check=False
+        )
+        if done.returncode:
+            raise CompileError(source, done.stderr)
+        return ctypes.CDLL(str(out))

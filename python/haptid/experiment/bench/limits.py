@@ -1,0 +1,126 @@
+"""What a planned motion must respect, checked before anything moves."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from haptid._internal.arrays import Array
+from haptid.experiment.bench.trajectories import Trajectory
+from haptid.device import Device, NewtonClosure, poses
+from haptid.device.loops.newton import openness
+from haptid.dynamics.inverse import inverse_dynamics
+from haptid.errors import FlatLoopError, TrajectoryLimitError
+
+# Least distance of a loop from flat: about four degrees of a parallelogram's angle.
+FLAT = 0.05
+# Loops and torques are looked at this often, s.
+LOOK = 5e-3
+
+
+def check_trajectory(device: Device, trajectory: Trajectory, chi: Array, saturation: Array | None = None) -> None:
+    """Check a planned motion against the limits of joints, loops and motors.
+
+    Args:
+        device: what moves.
+        trajectory: how.
+        chi: its free standard parameters, (p,), SI.
+        saturation: greatest torque of each drive's coordinate, (active,), N m or N; None for none.
+
+    Raises:
+        TrajectoryLimitError: a joint (passive ones too) leaves its range, is too fast, or a motor too weak.
+        FlatLoopError: a loop comes close to flat.
+    """
+    q, qd, _ = device.tree(trajectory.q.T, trajectory.qd.T, trajectory.qdd.T)
+    for joint, position, velocity in zip(device.joints, q, qd, strict=True):
+        unit = "m" if joint.prismatic else "rad"
+        if joint.position_limits is not None:
+            for side, limit in zip((-1, 1), joint.position_limits, strict=True):
+                less = "Move the centre, or lower the amplitude."
+                _within(
+                    "the position", f"joint {joint.name}", trajectory, side * position, side * limit, unit, less, side
+                )
+        if joint.velocity_limit is not None:
+            less = "Lower the amplitude or the frequencies."
+            limit = joint.velocity_limit
+            _within("the speed", f"joint {joint.name}", trajectory, np.abs(velocity), limit, f"{unit}/s", less)
+    _check_loops(device, trajectory, q)
+    _check_torques(device, trajectory, chi, saturation)
+
+
+def _within(
+    what: str, name: str, trajectory: Trajectory, values: Array, limit: float, unit: str, instead: str, side: int = 1
+) -> None:
+    worst = int(np.argmax(values))
+    if values[worst] > limit:
+        step = trajectory.dt * len(trajectory) / len(values)
+        raise TrajectoryLimitError(what, name, worst * step, side * float(values[worst]), side * limit, unit, instead)
+
+
+def _check_loops(device: Device, trajectory: Trajectory, q: Array) -> None:
+    every = max(1, round(LOOK / trajectory.dt))
+    open_by = loop_openness(device, q[:, ::every].T)
+    worst = int(np.argmin(open_by))
+    if open_by[worst] < FLAT:
+        passive = [joint.name for j, joint in enumerate(device.joints) if j not in device.active]
+        raise FlatLoopError(worst * every * trajectory.dt, float(open_by[worst]), FLAT, passive)
+
+
+def loop_openness(device: Device, q: Array) -> Array:
+    """How far the loops are from flat, (samples,): 0 where passive joints are not determined, 1 at best.
+
+    The least singular value of the Jacobian of the pins (where loops are not linear, of the cuts) with respect to the
+    passive joints, its columns of unit length.
+
+    Args:
+        device: the mechanism.
+        q: positions of all joints, (samples, joints).
+    """
+    cuts = [cut for cut in device.closure.cuts if not cut.prismatic]
+    passive = [j for j in range(len(device.joints)) if j not in device.active]
+    if isinstance(device.closure, NewtonClosure):
+        return device.closure.openness(q)
+    if not cuts or not passive:
+        return np.ones(len(q))
+    at = poses(device, q)
+    J = np.zeros((len(q), 3 * len(cuts), len(passive)))
+    for k, cut in enumerate(cuts):
+        for frame, sign in ((cut.frame, 1.0), (cut.twin, -1.0)):
+            point = np.broadcast_to(frame.translation, (len(q), 3))
+            if frame.link >= 0:
+                point = at[:, frame.link, :3, :3] @ frame.translation + at[:, frame.link, :3, 3]
+            link = frame.link
+            while link >= 0:
+                if link in passive:
+                    axis = at[:, link, :3, 2]
+                    turning = axis if device.joints[link].prismatic else np.cross(axis, point - at[:, link, :3, 3])
+                    J[:, 3 * k : 3 * k + 3, passive.index(link)] += sign * turning
+                link = device.joints[link].parent
+    lengths = np.linalg.norm(J, axis=1, keepdims=True)
+    return np.asarray(np.linalg.svd(J / np.maximum(lengths, 1e-12), compute_uv=False)[:, -1])
+
+
+def settled_by_pins(closure: NewtonClosure) -> bool:
+    """Whether the passive joints are held where only the origins of the cut frames meet: so in a plane."""
+    rows = 6 * np.arange(len(closure.cuts))[:, None] + np.arange(3)
+    A = closure.chain.residual(closure.start[None])[1][:, rows.ravel()][:, :, list(closure.unknown)]
+    return bool(A.shape[1] >= A.shape[2] and openness(A)[0] > FLAT)
+
+
+def _check_torques(device: Device, trajectory: Trajectory, chi: Array, saturation: Array | None) -> None:
+    """Torques of the drives that the motion takes, against the amplifiers' and the joints' limits."""
+    every = max(1, round(LOOK / trajectory.dt))
+    q, qd, qdd = (np.ascontiguousarray(x[::every].T) for x in (trajectory.q, trajectory.qd, trajectory.qdd))
+    tau = inverse_dynamics(device, device.base.of(chi), q, qd, qdd)
+    joints = device.frame.T @ tau
+    less = "Lower the amplitude or the frequencies, or raise the limit."
+    for j, torque in zip(device.active, joints, strict=True):
+        joint = device.joints[j]
+        if joint.torque_limit is not None:
+            unit = "N" if joint.prismatic else "N m"
+            _within("the torque", f"joint {joint.name}", trajectory, np.abs(torque), joint.torque_limit, unit, less)
+    if saturation is not None:
+        drives = np.linalg.solve(device.coupling.T, joints)
+        for drive, torque, limit in zip(device.drives, drives, saturation, strict=True):
+            first = device.joints[device.active[int(np.argmax(drive.row != 0))]]
+            unit = "N" if first.prismatic else "N m"
+            _within("the torque", f"motor {drive.name}", trajectory, np.abs(torque), float(limit), unit, less)

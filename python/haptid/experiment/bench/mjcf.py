@@ -1,0 +1,323 @@
+"""A device and its true parameters as MJCF, the format of MuJoCo: a text that its viewer opens, and moves as the bench.
+
+Settings: stiff pins (`solref` by the step), RK4, and Coulomb friction as near to a step as the solver can have it, see
+docs/bench.md. Source: MuJoCo documentation, "Computation", sections "Constraint model" and "Numerical integration".
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from xml.etree.ElementTree import Element, SubElement, indent, tostring
+
+import numpy as np
+
+from haptid._internal.arrays import Array, expect
+from haptid.experiment.bench.bodies import Body, Effect, bodies, effects
+from haptid.experiment.bench.limits import settled_by_pins
+from haptid.device import Closure, Cut, Device, Frame, NewtonClosure
+from haptid.errors import NoHandleError, UnsimulatedLoopError
+
+# MuJoCo refuses moving bodies lighter than 1e-15 (kg, kg m^2): what a massless link gets.
+LEAST = 2e-15
+# Stiffest constraint that MuJoCo accepts.
+STIFF = "0.9999 0.9999 0.001 0.5 2"
+# Distance of the two pins of a hinge as a share of the mechanism's size.
+HINGE = 0.1
+# Radius of a link's capsule as a share of the mechanism's size.
+THIN = 0.02
+HANDLE, PAYLOAD = "handle", "payload"
+
+
+@dataclass(frozen=True)
+class Physics:
+    """How the simulator steps.
+
+    Attributes:
+        step: s.
+        tolerance, iterations: of its Newton solver.
+    """
+
+    step: float = 1e-4
+    tolerance: float = 1e-10
+    iterations: int = 50
+
+
+@dataclass(frozen=True)
+class Payload:
+    """A point mass fixed to the handle.
+
+    Attributes:
+        mass: kg.
+        com: where, in the handle's frame, (3,), m.
+    """
+
+    mass: float
+    com: tuple[float, float, float] = (0.0, 0.0, 0.0)
+
+
+def mjcf(device: Device, chi: Array, physics: Physics | None = None, payload: Payload | None = None) -> str:
+    """The device as MJCF.
+
+    Joints, bodies and sites have the device's names; the actuator `motor <name>` takes the torque on that motor's
+    coordinate, at the joint side, N m or N; the actuators `offset <joint>` are constant forces and take nothing.
+
+    Args:
+        device: the mechanism.
+        chi: its true free standard parameters, (p,), SI.
+        physics: how the simulator steps; the default where None.
+        payload: a mass at the handle, if any.
+
+    Raises:
+        UnphysicalBodyError, WeightlessLinkError, UnsimulatedTermError: what cannot be simulated.
+        NoHandleError: a payload on a device without handle.
+    """
+    physics = physics or Physics()
+    chi = np.asarray(chi, dtype=float)
+    expect("chi", chi.shape, (len(device.parameters),))
+    if payload is not None and device.handle is None:
+        raise NoHandleError("payload", device.name)
+    made = bodies(device, chi)
+    acts = effects(device, chi, made)
+    root = Element("mujoco", model=device.name)
+    _settings(root, device, physics)
+    world = SubElement(root, "worldbody")
+    SubElement(world, "light", pos="0 0 3", dir="0 0 -1", directional="true")
+    _tree(world, device, made, acts, physics, payload)
+    _coordinates(root, device, acts, physics)
+    _loops(root, device, physics)
+    _actuators(root, device, acts)
+    indent(root)
+    return tostring(root, encoding="unicode") + "\n"
+
+
+def numbers(values: Iterable[float]) -> str:
+    """Numbers with all their digits."""
+    return " ".join(repr(float(value)) for value in values)
+
+
+def cut_sites(device: Device) -> tuple[tuple[str, str], ...]:
+    """Names of the two sites of every pin that closes a loop; none where loops are kept by their relations.
+
+    A loop of a plane needs one pin at each cut, a loop in space two along the cut's axis: a hinge.
+    """
+    return tuple((name, twin) for name, twin, _ in _pins(device))
+
+
+def _pins(device: Device) -> list[tuple[str, str, Cut]]:
+    """Names of both sites of every pin, and its cut, moved along its axis for the second pin of a hinge."""
+    cuts = device.closure.cuts
+    if any(cut.prismatic for cut in cuts):
+        if isinstance(device.closure, NewtonClosure):
+            raise UnsimulatedLoopError(device.name)
+        return []
+    hinges = isinstance(device.closure, NewtonClosure) and not settled_by_pins(device.closure)
+    found = [(f"cut {k + 1}", f"twin {k + 1}", cut) for k, cut in enumerate(cuts)]
+    arm = HINGE * size(device)
+    found += [(f"{name} b", f"{twin} b", _along_axis(cut, arm)) for name, twin, cut in found if hinges]
+    return found
+
+
+def _along_axis(cut: Cut, arm: float) -> Cut:
+    """The same joint, its frames moved along their z axes."""
+    one, other = (Frame(f.link, f.rotation, f.translation + arm * f.rotation[:, 2]) for f in (cut.frame, cut.twin))
+    return Cut(cut.prismatic, one, other)
+
+
+def _settings(root: Element, device: Device, physics: Physics) -> None:
+    free = {"angle": "radian", "autolimits": "true", "boundmass": "0", "boundinertia": "0", "balanceinertia": "false"}
+    SubElement(root, "compiler", free)
+    option = {
+        "timestep": repr(physics.step),
+        "integrator": "RK4",
+        "solver": "Newton",
+        "tolerance": repr(physics.tolerance),
+        "iterations": str(physics.iterations),
+        "gravity": numbers(device.gravity),
+    }
+    SubElement(SubElement(root, "option", option), "flag", contact="disable", autoreset="disable", island="disable")
+    SubElement(SubElement(root, "default"), "geom", contype="0", conaffinity="0", rgba="0.45 0.55 0.7 1")
+
+
+def _tree(
+    world: Element,
+    device: Device,
+    made: Sequence[Body],
+    acts: Sequence[Effect],
+    physics: Physics,
+    payload: Payload | None,
+) -> None:
+    """Bodies, joints, sites and capsules."""
+    elements: list[Element] = []
+    radius = THIN * size(device)
+    for j, (joint, body) in enumerate(zip(device.joints, made, strict=True)):
+        above = world if joint.parent < 0 else elements[joint.parent]
+        element = SubElement(above, "body", {"name": joint.name, **_placed(joint.rotation, joint.translation)})
+        elements.append(element)
+        kind = {"name": joint.name, "type": "slide" if joint.prismatic else "hinge", "axis": "0 0 1"}
+        SubElement(element, "joint", kind | _effect(acts[j], physics))
+        SubElement(element, "inertial", _inertial(body))
+        for name, frame in _frames(device):
+            if frame.link == j:
+                SubElement(
+                    element, "site", {"name": name, "size": repr(radius), **_placed(frame.rotation, frame.translation)}
+                )
+        _capsules(element, device, j, radius)
+    for name, frame in _frames(device):
+        if frame.link < 0:
+            SubElement(
+                world, "site", {"name": name, "size": repr(radius), **_placed(frame.rotation, frame.translation)}
+            )
+    if payload is not None and device.handle is not None:
+        at = device.handle
+        held = world if at.link < 0 else elements[at.link]
+        element = SubElement(held, "body", {"name": PAYLOAD, **_placed(at.rotation, at.translation)})
+        mass = {"mass": repr(payload.mass), "pos": numbers(payload.com), "diaginertia": "0 0 0"}
+        SubElement(element, "inertial", mass)
+        SubElement(element, "geom", type="sphere", size=repr(2 * radius), pos=numbers(payload.com), mass="0")
+
+
+def _frames(device: Device) -> list[tuple[str, Frame]]:
+    """Named frames that become sites: the cuts' and the handle's."""
+    found: list[tuple[str, Frame]] = []
+    for name, twin, cut in _pins(device):
+        found += [(name, cut.frame), (twin, cut.twin)]
+    if device.handle is not None:
+        found.append((HANDLE, device.handle))
+    return found
+
+
+def _placed(rotation: Array, translation: Array) -> dict[str, str]:
+    return {"pos": numbers(translation), "xyaxes": numbers([*rotation[:, 0], *rotation[:, 1]])}
+
+
+def _inertial(body: Body) -> dict[str, str]:
+    if body.weightless:
+        return {"mass": repr(LEAST), "pos": "0 0 0", "diaginertia": numbers([LEAST] * 3)}
+    J = body.inertia
+    full = (J[0, 0], J[1, 1], J[2, 2], J[0, 1], J[0, 2], J[1, 2])
+    return {"mass": repr(body.mass), "pos": numbers(body.com), "fullinertia": numbers(full)}
+
+
+def _effect(effect: Effect, physics: Physics, rest: str = "springref") -> dict[str, str]:
+    """Attributes of a joint, or of a tendon, for what terms do there."""
+    given: dict[str, str] = {}
+    if effect.armature:
+        given["armature"] = repr(effect.armature)
+    if effect.viscous:
+        given["damping"] = repr(effect.viscous)
+    if effect.stiffness:
+        given |= {"stiffness": repr(effect.stiffness), rest: repr(effect.rest)}
+    if effect.coulomb:
+        given["frictionloss"] = repr(effect.coulomb)
+        given |= {"solreffriction": f"0 {-1 / physics.step!r}", "solimpfriction": STIFF}
+    return given
+
+
+def _capsules(element: Element, device: Device, j: int, radius: float) -> None:
+    """Bars from a link's origin to what it carries: only to be seen."""
+    ends = [joint.translation for joint in device.joints if joint.parent == j]
+    ends += [np.asarray(frame.translation) for _, frame in _frames(device) if frame.link == j]
+    drawn = [end for end in ends if np.linalg.norm(end) > 2 * radius]
+    for end in drawn:
+        line = numbers([0, 0, 0, *end])
+        SubElement(element, "geom", type="capsule", size=repr(radius), fromto=line, mass="0")
+    if not drawn:
+        SubElement(element, "geom", type="sphere", size=repr(1.5 * radius), mass="0")
+
+
+def size(device: Device) -> float:
+    """Rough extent of the mechanism, m: the longest way along the tree; 0.1 where nothing has a length."""
+    reach = np.zeros(len(device.joints))
+    for j, joint in enumerate(device.joints):
+        reach[j] = np.linalg.norm(joint.translation) + (reach[joint.parent] if joint.parent >= 0 else 0.0)
+    handle = 0.0 if device.handle is None else float(np.linalg.norm(device.handle.translation))
+    return float(reach.max() + handle) or 0.1
+
+
+def _coordinates(root: Element, device: Device, acts: Sequence[Effect], physics: Physics) -> None:
+    """Tendons: motors and cut joints that several joints move, and passive joints that only a relation ties."""
+    tendons = SubElement(root, "tendon")
+    for name, shares in _combined(device):
+        act = next((a for a in acts if a.name == name), Effect(name, shares))
+        _fixed(tendons, device, name, shares, _effect(act, physics, "springlength"))
+    for act in acts:
+        if act.name.startswith("cut "):
+            _fixed(tendons, device, act.name, act.joints, _effect(act, physics, "springlength"))
+    if isinstance(device.closure, Closure) and not cut_sites(device):
+        for j in _passive(device):
+            shares = -device.closure.G[j] @ np.eye(len(device.joints))[list(device.active)]
+            shares[j] += 1.0
+            _fixed(tendons, device, f"relation {device.joints[j].name}", shares, {})
+
+
+def _fixed(tendons: Element, device: Device, name: str, shares: Array, settings: dict[str, str]) -> None:
+    tendon = SubElement(tendons, "fixed", {"name": name, **settings})
+    for k in np.flatnonzero(shares):
+        SubElement(tendon, "joint", joint=device.joints[k].name, coef=repr(float(shares[k])))
+
+
+def _combined(device: Device) -> list[tuple[str, Array]]:
+    """Motors that move several joints: name, and share of every joint."""
+    found = []
+    for drive in device.drives:
+        if np.count_nonzero(drive.row) > 1:
+            shares = np.zeros(len(device.joints))
+            shares[list(device.active)] = drive.row
+            found.append((f"motor {drive.name}", shares))
+    return found
+
+
+def _passive(device: Device) -> list[int]:
+    return [j for j in range(len(device.joints)) if j not in device.active]
+
+
+def _loops(root: Element, device: Device, physics: Physics) -> None:
+    """A pin for each cut joint; where there are none, or one slides, the relations of the passive joints."""
+    equality = SubElement(root, "equality")
+    h = physics.step
+    stiff = {"solref": f"{-1 / h**2!r} {-2 / h!r}", "solimp": STIFF}
+    for one, other in cut_sites(device):
+        SubElement(equality, "connect", {"site1": one, "site2": other, **stiff})
+    if not cut_sites(device):
+        for j in _passive(device):
+            constant = numbers([device.closure.offset[j], 0, 0, 0, 0])
+            name = f"relation {device.joints[j].name}"
+            SubElement(equality, "tendon", {"tendon1": name, "polycoef": constant, **stiff})
+
+
+def _actuators(root: Element, device: Device, acts: Sequence[Effect]) -> None:
+    """The motors, in the device's order, then constant forces."""
+    actuators = SubElement(root, "actuator")
+    for drive in device.motors:
+        name = f"motor {drive.name}"
+        used = np.flatnonzero(drive.row)
+        if len(used) == 1:
+            joint = device.joints[device.active[int(used[0])]].name
+            SubElement(actuators, "motor", name=name, joint=joint, gear=repr(float(drive.row[used[0]])))
+        else:
+            SubElement(actuators, "motor", name=name, tendon=name)
+    for act in acts:
+        if act.offset:
+            on = {"joint": act.name} if np.count_nonzero(act.joints) == 1 else {"tendon": act.name}
+            constant = {"gainprm": "0", "biastype": "affine", "biasprm": f"{-act.offset!r} 0 0"}
+            SubElement(actuators, "general", {"name": f"offset {act.name}", **on, **constant})
+
+
+def closed(device: Device, qa: Array) -> Array:
+    """Positions of all joints in MuJoCo's order, which is the tree's depth first, (joints,)."""
+    return device.closure.positions(qa[:, None])[list(depth_first(device)), 0]
+
+
+def depth_first(device: Device) -> tuple[int, ...]:
+    """The device's joints in the order in which MuJoCo numbers them."""
+    children: dict[int, list[int]] = {}
+    for j, joint in enumerate(device.joints):
+        children.setdefault(joint.parent, []).append(j)
+    order: list[int] = []
+    waiting = list(reversed(children.get(-1, [])))
+    while waiting:
+        j = waiting.pop()
+        order.append(j)
+        waiting.extend(reversed(children.get(j, [])))
+    return tuple(order)

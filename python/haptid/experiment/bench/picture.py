@@ -1,0 +1,124 @@
+"""Pictures of a device in motion: stick figures from its poses, or MuJoCo's own rendering where that works."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
+
+from haptid._internal.arrays import Array, expect
+from haptid.experiment.bench.mjcf import mjcf, size
+from haptid.experiment.bench.simulation import load_mujoco
+from haptid.device import Device, Frame, poses
+from haptid.errors import PictureError
+
+# Colours that colour-blind readers tell apart (Okabe and Ito 2008).
+BAR, HANDLE_MARK, TRAIL = "#0072B2", "#D55E00", "0.6"
+# Height of one picture, inches, and pixels.
+INCHES, PIXELS = 3.0, 360
+
+
+def draw_strip(device: Device, qa: Array, times: Sequence[float] | Array, path: str | Path, pictures: int = 5) -> None:
+    """Stick figures side by side, seen along the axis that the device extends least along, and the way of its handle.
+
+    Args:
+        device: the mechanism.
+        qa: positions of the active joints all along the motion, (samples, active), rad or m.
+        times: of the samples, (samples,), s.
+        path: of the picture, PNG, PDF or SVG.
+        pictures: how many instants are drawn, evenly spread over the motion.
+
+    Raises:
+        PictureError: there is no sample, or no picture was asked for, or it cannot be written.
+    """
+    expect("qa", qa.shape, (len(times), len(device.active)))
+    if len(times) == 0 or pictures < 1:
+        raise PictureError(path, "no instant was given; give one at least")
+    drawn = np.unique(np.linspace(0, len(times) - 1, pictures).round().astype(int))
+    lines, handle = stick_figure(device, qa)
+    across = _view(lines)
+    figure = Figure(figsize=(INCHES * len(drawn), INCHES), layout="constrained")
+    FigureCanvasAgg(figure)
+    panels = np.atleast_1d(figure.subplots(1, len(drawn), sharex=True, sharey=True))
+    for k, panel in zip(drawn, panels, strict=True):
+        for ends in lines[k]:
+            panel.plot(*ends[:, across].T, color=BAR, linewidth=2.5, solid_capstyle="round", marker="o", markersize=3)
+        if handle is not None:
+            panel.plot(*handle[: k + 1, across].T, color=TRAIL, linewidth=1)
+            panel.plot(*handle[k, across], color=HANDLE_MARK, marker="o", markersize=6)
+        panel.set_title(f"{times[k]:.2f} s")
+        panel.set_aspect("equal", adjustable="box")
+    panels[0].set_xlabel(f"{'xyz'[across[0]]}, m")
+    panels[0].set_ylabel(f"{'xyz'[across[1]]}, m")
+    try:
+        figure.savefig(path, dpi=120, bbox_inches="tight")
+    except (OSError, ValueError) as error:
+        raise PictureError(path, f"{error}. Choose a folder that can be written to, and .png, .pdf or .svg") from error
+
+
+def stick_figure(device: Device, qa: Array) -> tuple[Array, Array | None]:
+    """Bars of the mechanism, (samples, bars, 2, 3), and the handle, (samples, 3) or None, in the base frame, m.
+
+    A bar leads from each link's origin to its children's, to its pins and to the handle.
+    """
+    q = device.closure.positions(qa.T).T
+    at = poses(device, q)
+    frames = [frame for cut in device.closure.cuts for frame in (cut.frame, cut.twin)]
+    frames += [] if device.handle is None else [device.handle]
+    ends = [(joint.parent, at[:, j, :3, 3]) for j, joint in enumerate(device.joints)]
+    ends += [(frame.link, _point(at, frame)) for frame in frames]
+    ground = np.zeros((len(q), 3))
+    bars = [np.stack([ground if link < 0 else at[:, link, :3, 3], end], axis=1) for link, end in ends]
+    handle = None if device.handle is None else _point(at, device.handle)
+    return np.stack(bars, axis=1), handle
+
+
+def _point(at: Array, frame: Frame) -> Array:
+    """A frame's origin in the base frame, (samples, 3)."""
+    if frame.link < 0:
+        return np.broadcast_to(frame.translation, (len(at), 3))
+    return np.asarray(at[:, frame.link, :3, :3] @ frame.translation + at[:, frame.link, :3, 3])
+
+
+def _view(lines: Array) -> list[int]:
+    """The two axes along which the device extends most, the horizontal one first."""
+    extent = np.ptp(lines.reshape(-1, 3), axis=0)
+    least = int(np.argmin(extent))
+    return sorted({0, 1, 2} - {least}, reverse=least == 0)
+
+
+def render_strip(device: Device, chi: Array, qa: Array, path: Path) -> None:
+    """The same by MuJoCo's off-screen renderer, for machines that have OpenGL (or EGL: MUJOCO_GL=egl).
+
+    Args:
+        device: the mechanism.
+        chi: its free standard parameters, (p,), SI.
+        qa: positions of the active joints, (pictures, active), rad or m.
+        path: of the PNG picture.
+
+    Raises:
+        PictureError: there is no off-screen rendering on this machine.
+    """
+    from matplotlib.image import imsave
+
+    from haptid.experiment.bench.mjcf import closed
+
+    expect("qa", qa.shape, (None, len(device.active)))
+    mujoco = load_mujoco()
+    model = mujoco.MjModel.from_xml_string(mjcf(device, chi))
+    data, camera = mujoco.MjData(model), mujoco.MjvCamera()
+    camera.distance, camera.elevation = 2.5 * size(device), -20
+    try:
+        with mujoco.Renderer(model, PIXELS, PIXELS) as renderer:
+            shots = []
+            for position in qa:
+                data.qpos[:] = closed(device, position)
+                mujoco.mj_forward(model, data)
+                renderer.update_scene(data, camera)
+                shots.append(renderer.render())
+    except Exception as error:  # whatever the graphics stack raises where it does not work
+        raise PictureError(path, f"{error or type(error).__name__}. Draw stick figures: `draw_strip`") from error
+    imsave(path, np.concatenate(shots, axis=1))

@@ -1,0 +1,229 @@
+"""What an exciting motion must respect, as figures that a search can lower: how far each limit is exceeded."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from functools import cached_property
+from typing import TypeVar
+
+import numpy as np
+
+from haptid._internal.arrays import Array, expect, read_only
+from haptid.experiment.bench.limits import FLAT, loop_openness
+from haptid.experiment.bench.trajectories import Figures, Trajectory, spread
+from haptid.dynamics.regressor import CoreChannels
+from haptid.device import Device, Joint
+from haptid.dynamics.inverse import inverse_dynamics, raw_parameters
+from haptid.errors import NoRangeError
+
+T = TypeVar("T")
+# A motion is planned to stay this much further from flat loops than the bench insists on.
+MARGIN = 1.2
+
+
+@dataclass(frozen=True)
+class Coupling:
+    """A range of a combination of active joints, such as the angle between two bars.
+
+    Attributes:
+        weights: of each active joint.
+        low, high: rad or m.
+    """
+
+    weights: Figures
+    low: float
+    high: float
+
+
+@dataclass(frozen=True)
+class Limits:
+    """What a motion must stay within; what is left out is taken from the device file.
+
+    Attributes:
+        position: lowest and highest of each active joint, rad or m.
+        speed: greatest of each active joint, rad/s or m/s; one for all or one for each.
+        acceleration: greatest of each active joint, rad/s^2 or m/s^2; none where left out.
+        torque: greatest of each torque row, N m or N; needs base parameters to be checked with.
+        couplings: ranges of combinations of active joints.
+        openness: least distance of a loop from flat: see `bench.loop_openness`.
+    """
+
+    position: tuple[tuple[float, float], ...] | None = None
+    speed: Figures | None = None
+    acceleration: Figures | None = None
+    torque: Figures | None = None
+    couplings: tuple[Coupling, ...] = ()
+    openness: float = MARGIN * FLAT
+
+
+@dataclass(frozen=True, eq=False)
+class Bounds:
+    """Limits of one device as arrays.
+
+    Attributes:
+        device: the mechanism.
+        position: lowest and highest of each active joint, (active, 2), rad or m.
+        speed: greatest, (active,).
+        acceleration: greatest, (active,); infinite where there is no limit.
+        torque: greatest of each row, (rows,); infinite where there is no limit.
+        limits: the others.
+        beta: base parameters that torques are made of, (p,), SI.
+    """
+
+    device: Device
+    position: Array
+    speed: Array
+    acceleration: Array
+    torque: Array
+    limits: Limits
+    beta: Array
+
+    def __post_init__(self) -> None:
+        for name in ("position", "speed", "acceleration", "torque", "beta"):
+            object.__setattr__(self, name, read_only(getattr(self, name)))
+        expect("position", self.position.shape, (len(self.device.active), 2))
+        expect("beta", self.beta.shape, (len(self.device.base),))
+
+    @property
+    def names(self) -> list[str]:
+        """Of the active joints."""
+        return [self.device.joints[j].name for j in self.device.active]
+
+    @staticmethod
+    def of(device: Device, limits: Limits, beta: Array) -> Bounds:
+        """Limits as given, and the device's where they are not.
+
+        Raises:
+            NoRangeError: a joint has no range of positions or no greatest speed in either.
+            FigureCountError: not one figure for all joints or one for each.
+        """
+        joints = [device.joints[j] for j in device.active]
+        names = [joint.name for joint in joints]
+        position, speed = limits.position, limits.speed
+        if position is None:
+            position = tuple(_given("range of positions", j.name, j.position_limits) for j in joints)
+        if speed is None:
+            speed = tuple(_given("greatest speed", j.name, j.velocity_limit) for j in joints)
+        torque = limits.torque or (np.inf,)
+        return Bounds(
+            device,
+            np.array(position, dtype=float),
+            spread("speed", speed, names),
+            spread("acceleration", limits.acceleration or (np.inf,), names),
+            spread("torque", torque, list(device.row_names)),
+            limits,
+            beta,
+        )
+
+    def excesses(self, trajectory: Trajectory) -> list[tuple[float, str]]:
+        """By how much of its size a motion exceeds each limit, at most 0 where it does not, and of what it is."""
+        states = np.array([trajectory.q.T, trajectory.qd.T, trajectory.qdd.T])
+        every = [*self.by_sample(states), (self.flatness(states[0]), "the distance of a loop from flat")]
+        return [(float(excess.max()), what) for excess, what in every]
+
+    def by_sample(self, states: Array) -> Iterator[tuple[Array, str]]:
+        """The same at every sample, (n,) each, but for flat loops.
+
+        Args:
+            states: positions, velocities and accelerations of the active joints, (3, active, n).
+        """
+        for name, (low, high), x in zip(self.names, self.position, states[0], strict=True):
+            yield _beyond(x, low, high), f"the position of joint {name}"
+        for what, limits, values in (("speed", self.speed, states[1]), ("acceleration", self.acceleration, states[2])):
+            for name, most, x in zip(self.names, limits, values, strict=True):
+                if np.isfinite(most):
+                    yield np.abs(x) / most - 1, f"the {what} of joint {name}"
+        for c in self.limits.couplings:
+            yield _beyond(np.array(c.weights) @ states[0], c.low, c.high), f"the coupling {c.weights}"
+        yield from self._passive(states)
+        if np.isfinite(self.torque).any():
+            tau = inverse_dynamics(self.device, self.beta, *(np.ascontiguousarray(x) for x in states))
+            for label, most, x in zip(self.device.row_labels, self.torque, tau, strict=True):
+                yield np.abs(x) / most - 1, f"the torque of {label}"
+
+    def slopes(self, states: Array, weights: Array) -> Array:
+        """Slopes by states, (3, active, n), of the sum of `by_sample`, every excess at every sample with its weight.
+
+        Args:
+            states: as for `by_sample`.
+            weights: (limits, n).
+        """
+        made, rest = np.zeros_like(states), iter(weights)
+        for j, (low, high) in enumerate(self.position):
+            made[0, j] += next(rest) * _outwards(states[0, j], low, high)
+        for s, limits in ((1, self.speed), (2, self.acceleration)):
+            for j in np.flatnonzero(np.isfinite(limits)).tolist():
+                made[s, j] += next(rest) * np.sign(states[s, j]) / limits[j]
+        for c in self.limits.couplings:
+            made[0] += np.outer(c.weights, next(rest) * _outwards(np.array(c.weights) @ states[0], c.low, c.high))
+        self._passive_slopes(states, rest, made)
+        if np.isfinite(self.torque).any():
+            made += self._torque_slopes(states, np.array(list(rest)))
+        return made
+
+    def _passive_slopes(self, states: Array, rest: Iterator[Array], made: Array) -> None:
+        """The same of joints that only follow, added; a rate changes by a coordinate as it does along the motion."""
+        if not self._followers:
+            return
+        followed = self.device.closure.follow(states[0], states[1])
+        qd = followed.velocity(states[1])
+        shape = (states.shape[2], *followed.G.shape[-2:])
+        G, Gd = (np.broadcast_to(x, shape).transpose(1, 2, 0) for x in (followed.G, followed.Gd))
+        for k, joint in self._followers:
+            if joint.position_limits is not None:
+                made[0] += G[k] * (next(rest) * _outwards(followed.q[k], *joint.position_limits))
+            if joint.velocity_limit is not None:
+                outwards = next(rest) * np.sign(qd[k]) / joint.velocity_limit
+                made[0] += Gd[k] * outwards
+                made[1] += G[k] * outwards
+
+    def _torque_slopes(self, states: Array, weights: Array) -> Array:
+        """The same of torques."""
+        device = self.device
+        by = self.channels(states).torque_slopes(raw_parameters(device, self.beta))
+        tau = inverse_dynamics(device, self.beta, *(np.ascontiguousarray(x) for x in states))
+        by_motion = np.einsum("rn,rscn->scn", weights * np.sign(tau) / self.torque[:, None], by)
+        return np.asarray(device.frame.T @ by_motion)
+
+    def channels(self, states: Array) -> CoreChannels:
+        """What the core makes rows of, from states of the active joints, (3, active, n)."""
+        return CoreChannels.of(self.device, self.device.frame @ states)
+
+    @cached_property
+    def _followers(self) -> list[tuple[int, Joint]]:
+        """The joints that only follow and have limits, with their numbers."""
+        passive = [(k, joint) for k, joint in enumerate(self.device.joints) if k not in self.device.active]
+        return [(k, j) for k, j in passive if j.position_limits is not None or j.velocity_limit is not None]
+
+    def _passive(self, states: Array) -> Iterator[tuple[Array, str]]:
+        """Limits of the joints that only follow."""
+        if not self._followers:
+            return
+        followed = self.device.closure.follow(states[0], states[1])
+        q, qd = followed.q, followed.velocity(states[1])
+        for k, joint in self._followers:
+            if joint.position_limits is not None:
+                yield _beyond(q[k], *joint.position_limits), f"the position of joint {joint.name}"
+            if joint.velocity_limit is not None:
+                yield np.abs(qd[k]) / joint.velocity_limit - 1, f"the speed of joint {joint.name}"
+
+    def flatness(self, q: Array) -> Array:
+        """By how much loops are too flat at every sample, (n,), from positions of the active joints, (active, n)."""
+        return np.asarray(1 - loop_openness(self.device, self.device.closure.positions(q).T) / self.limits.openness)
+
+
+def _given(what: str, joint: str, value: T | None) -> T:
+    if value is None:
+        raise NoRangeError(what, joint)
+    return value
+
+
+def _beyond(x: Array, low: float, high: float) -> Array:
+    """How far values leave a range, of its width."""
+    return np.asarray(np.maximum(low - x, x - high) / (high - low))
+
+
+def _outwards(x: Array, low: float, high: float) -> Array:
+    """Slope of `_beyond` by x."""
+    return np.asarray(np.where(x - high > low - x, 1.0, -1.0) / (high - low))

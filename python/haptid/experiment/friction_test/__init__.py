@@ -1,0 +1,1 @@
+"""Friction tests at constant velocities."""

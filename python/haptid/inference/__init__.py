@@ -1,0 +1,1 @@
+"""What an estimate says: targets, comparisons, drift, drive gains, payloads and diagnosis."""

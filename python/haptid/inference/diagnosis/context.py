@@ -1,0 +1,56 @@
+"""What columns that a model lacks are made of: the motion, and the estimate's own torque along it, sample by sample."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from haptid._internal.arrays import Array, freeze
+from haptid.device import Device
+from haptid.dynamics.inverse import core_torque
+from haptid.observation.observation import Plan
+from haptid.motion.channels import external
+
+
+@dataclass(frozen=True, eq=False)
+class Sight:
+    """The samples under some rows of a motion.
+
+    Attributes:
+        plan: of the rows.
+        chi: the estimate's parameters of the core's columns, (r,), SI.
+        low, high: first sample, and one past the last.
+    """
+
+    plan: Plan
+    chi: Array
+    low: int
+    high: int
+
+    @property
+    def device(self) -> Device:
+        """The mechanism as the estimate knows it."""
+        return self.plan.device
+
+    @cached_property
+    def motion(self) -> tuple[Array, Array, Array | None]:
+        """Position, velocity, and acceleration where rows have one, each (coordinates, samples), SI."""
+        c, cd, cdd, _ = self.plan.signals(self.low, self.high)
+        return c, cd, cdd
+
+    @cached_property
+    def model(self) -> Array:
+        """Torque of the estimate, (coordinates, samples), N m or N."""
+        return freeze(self.torque(self.chi))
+
+    def torque(self, chi: Array) -> Array:
+        """Torque of these parameters of the core's columns, (coordinates, samples), N m or N; at rest without cdd."""
+        c, cd, cdd = self.motion
+        return torque_of(self.device, chi, c, cd, np.zeros_like(c) if cdd is None else cdd)
+
+
+def torque_of(device: Device, chi: Array, c: Array, cd: Array, cdd: Array) -> Array:
+    """Torque of the core's columns, those that Python computes among them, (coordinates, samples), N m or N."""
+    return core_torque(device, chi, c, cd, cdd, external(device, c, cd, cdd))

@@ -1,0 +1,134 @@
+"""What the motion shows: how much torque each parameter carries, and which combinations stay in the dark."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from haptid._internal.arrays import Array, read_only
+from haptid.inference.diagnosis.finding import Finding, Status, listed
+from haptid.estimation import Estimate
+from haptid.estimation.estimate import WELL_CONDITIONED
+from haptid.observation.observation import triangle
+
+# Condition indices above which a dependency is strong, and shares of variance that belong to it (Belsley, Kuh and
+# Welsch 1980, Regression Diagnostics, sections 3.2 and 3.4).
+STRONG, SHARED = 30.0, 0.5
+# Parameters with at least this part in a direction of unit length are named.
+NAMED = 0.3
+# What shows a parameter, by kind; {} is the joint or motor.
+MOTION = {
+    "XX XY XZ YY YZ ZZ": "accelerate {} hard both ways, in several poses of the others",
+    "MX MY MZ M": "move {} slowly through its whole range, so that gravity changes on it",
+    "IA": "accelerate {} hard both ways",
+    "FV": "move {} at low and at high speed",
+    "FC FS OFF": "move {} both ways at steady low speed",
+}
+
+
+@dataclass(frozen=True, eq=False)
+class Dependencies:
+    """Belsley's table.
+
+    Attributes:
+        index: condition indices, the largest last, (p,).
+        directions: the scaled parameters' directions, a row each, (p, p).
+        proportions: share of each parameter's variance that each direction brings, (directions, p).
+    """
+
+    index: Array
+    directions: Array
+    proportions: Array
+
+    def __post_init__(self) -> None:
+        for name in ("index", "directions", "proportions"):
+            object.__setattr__(self, name, read_only(getattr(self, name)))
+
+
+def dependencies(R: Array) -> Dependencies:
+    """Condition indices and variance-decomposition proportions of a triangle, (p, p), columns scaled to unit length.
+
+    Source: Belsley, Kuh and Welsch (1980), section 3.2, eqs 3.20 to 3.22.
+    """
+    _, singular, directions = np.linalg.svd(R / np.linalg.norm(R, axis=0))
+    parts = (directions / singular[:, None]) ** 2
+    return Dependencies(singular[0] / singular, directions, parts / parts.sum(axis=0))
+
+
+def shares(made: Estimate) -> Array:
+    """Torque of each base parameter over the motor's own, norm by norm, where it is largest, (p,)."""
+    found = np.zeros(len(made.beta))
+    for motor in made.observation.motors:
+        if motor.norm > 0:
+            carried = np.linalg.norm(motor.whole[:, :-1], axis=0) * np.abs(made.beta[motor.columns]) / motor.norm
+            np.maximum.at(found, motor.columns, carried)
+    return found
+
+
+def advice(made: Estimate, k: int) -> str:
+    """The motion that would show a base parameter."""
+    parameters = made.device.parameters
+    own = made.base.kept[k]
+    kind, link = parameters.kinds[own], parameters.links[own]
+    on = f"{'joint' if link >= 0 else 'motor'} {parameters.names[own].removeprefix(kind)}"
+    words = [text for kinds, text in MOTION.items() if kind in kinds.split()]
+    return (words[0] if words else "move {} through its whole range and speed").format(on)
+
+
+def _table(made: Estimate) -> tuple[Dependencies, tuple[str, ...]]:
+    """Belsley's table of the parameters that were not left out, and their names."""
+    kept = list(made.kept)
+    R = triangle(made.observation.stack(made.weights)[:-1, kept])
+    return dependencies(R), tuple(made.base.names[k] for k in kept)
+
+
+def excitation(made: Estimate) -> Finding:
+    """Which parameters the log does not tell from zero, and what motion would show them."""
+    carried, half = shares(made), np.diff(made.interval95, axis=1)[:, 0] / 2
+    dark = [int(k) for k in np.argsort(carried) if k in made.kept and not half[k] < abs(made.beta[k])]
+    table, names = _table(made)
+    weakest = table.directions[-1]
+    parts = [f"{weakest[k]:+.2f} {names[k]}" for k in np.argsort(-np.abs(weakest)) if abs(weakest[k]) > NAMED]
+    figures = {f"share {name}": share for name, share in zip(made.base.names, carried, strict=True)}
+    figures |= {"dark": len(dark), "weakest": 1.0 / table.index[-1]}
+    least = f"{1 / table.index[-1]:.1e} of the best"
+    direction = f"the direction it tells least about is {' '.join(parts)} (scaled), {least}"
+    if not dark:
+        return Finding("excitation", "ok", figures, f"The log tells every parameter from zero; {direction}.")
+    hopeless = [k for k in dark if np.isinf(half[k]) or _beyond_prior(made, k, float(half[k]))]
+    status: Status = "bad" if hopeless or 2 * len(dark) > len(names) else "doubt"
+    shown = listed([made.base.names[k] for k in dark])
+    advised = "; ".join(dict.fromkeys(advice(made, k) for k in dark[:3]))
+    text = (
+        f"The log does not tell {shown} from zero ({len(dark)} of {len(names)} parameters, 95 % intervals); "
+        f"{direction}. To see more: {advised}."
+    )
+    return Finding("excitation", status, figures, text)
+
+
+def _beyond_prior(made: Estimate, k: int, half: float) -> bool:
+    """Whether the interval is wider than the parameter is said to be large."""
+    prior = made.device.base_prior[k]
+    return prior is not None and prior[0] != 0 and half > abs(prior[0])
+
+
+def collinearity(made: Estimate) -> Finding:
+    """Which parameters the log cannot tell from one another."""
+    table, every = _table(made)
+    strong = table.index > STRONG
+    together = table.proportions[strong].sum(axis=0)
+    involved = np.flatnonzero(together > SHARED)
+    largest = float(table.index[-1])
+    figures = {"largest_index": largest, "strong": int(strong.sum()), "involved": len(involved)}
+    if len(involved) < 2:
+        text = f"Every parameter can be told from the others (largest condition index {largest:.3g}, limit {STRONG:g})."
+        return Finding("collinearity", "ok", figures, text)
+    status: Status = "bad" if largest > WELL_CONDITIONED else "doubt"
+    names = listed([every[k] for k in involved[np.argsort(-table.proportions[-1, involved])]])
+    text = (
+        f"{names} are hard to tell from one another ({int(strong.sum())} condition indices above {STRONG:g}, the "
+        f"largest {largest:.3g}; above {WELL_CONDITIONED:g} none is to be trusted by itself): trust their torque "
+        f"together, or record motion that makes them differ: {advice(made, made.kept[int(involved[0])])}."
+    )
+    return Finding("collinearity", status, figures, text)

@@ -1,0 +1,118 @@
+"""What was added to a link: a tool, a sensor or a weight, from an estimate before and one after."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from scipy import stats
+
+from haptid._internal.arrays import Array, expect, freeze, read_only
+from haptid.inference.comparison import compare
+from haptid.device import INERTIAL
+from haptid.errors import DifferentModelError, UnknownLinkError
+from haptid.estimation import Estimate
+from haptid.inference.targets import free_fit
+
+# A direction of the added parameters that shows less than this, beside the one that shows most, is not known.
+SHOWN = 1e-9
+
+
+@dataclass(frozen=True, eq=False)
+class Addition:
+    """The standard parameters of what was added to a link, in the link frame.
+
+    Attributes:
+        link: its joint's name.
+        names, units: of the link's free standard parameters, (k,).
+        value: of each that the torques tell, NaN of the others, (k,), SI.
+        covariance: of these, (k, k), zero where there is no value.
+        freedom: degrees of freedom of the intervals: the least of any base parameter's difference.
+    """
+
+    link: str
+    names: tuple[str, ...]
+    units: tuple[str, ...]
+    value: Array
+    covariance: Array
+    freedom: float
+
+    def __post_init__(self) -> None:
+        for name in ("value", "covariance"):
+            object.__setattr__(self, name, read_only(getattr(self, name)))
+        expect("value", self.value.shape, (len(self.names),))
+        expect("covariance", self.covariance.shape, (len(self.names), len(self.names)))
+
+    @cached_property
+    def sd(self) -> Array:
+        """Deviations, (k,), NaN where there is no value."""
+        return freeze(np.where(np.isnan(self.value), np.nan, np.sqrt(np.diag(self.covariance))))
+
+    @cached_property
+    def interval95(self) -> Array:
+        """95 % intervals, (k, 2)."""
+        half = stats.t.ppf(0.975, self.freedom) * self.sd
+        return freeze(np.column_stack([self.value - half, self.value + half]))
+
+    def summary(self) -> str:
+        """A line for each parameter."""
+        lines = [f"Added to link {self.link}:"]
+        for k, name in enumerate(self.names):
+            if np.isnan(self.value[k]):
+                lines.append(f"  {name}: the torques do not tell it")
+            else:
+                low, high = self.interval95[k]
+                lines.append(f"  {name}: {self.value[k]:.5g} {self.units[k]}, 95 % interval {low:.5g} .. {high:.5g}")
+        return "\n".join(lines)
+
+
+def addition(before: Estimate, after: Estimate, link: str) -> Addition:
+    """What was added to one link between two estimates of one device.
+
+    The difference of the base parameters is a combination of the ten parameters of what was added, by the columns of
+    the regrouping; those are found by least squares, weighted by the covariance of the difference. Friction may be
+    another one: its differences are left out.
+
+    Args:
+        before, after: of the same device, from logs without common rows.
+        link: name of the joint whose link carries it.
+
+    Raises:
+        DifferentModelError: the estimates are of two devices.
+        UnknownLinkError: there is no such link, or it has no free parameters.
+        DependentEstimatesError: both were made from the same rows.
+    """
+    device = before.device
+    if after.device is not device:
+        raise DifferentModelError(device.name, after.device.name)
+    place = device.joint_names.index(link) if link in device.joint_names else -1
+    own = [k for k, of in enumerate(device.parameters.links) if of == place and device.parameters.kinds[k] in INERTIAL]
+    if place < 0 or not own:
+        raise UnknownLinkError(link, device.joint_names)
+    changed, kinds = compare(before, after), device.parameters.kinds
+    bodies = [k for k, kept in enumerate(device.base.kept) if kinds[kept] in INERTIAL]
+    root = np.linalg.cholesky(changed.covariance[np.ix_(bodies, bodies)])
+    columns = np.linalg.solve(root, device.base.regrouping[np.ix_(bodies, own)])
+    shift = np.linalg.solve(root, (free_fit(after) - free_fit(before))[bodies])
+    value, covariance = _least_squares(columns, shift)
+    return Addition(
+        link=link,
+        names=tuple(device.parameters.names[k] for k in own),
+        units=tuple(device.parameters.units[k] for k in own),
+        value=value,
+        covariance=covariance,
+        freedom=float(changed.freedom[bodies].min()),
+    )
+
+
+def _least_squares(columns: Array, shift: Array) -> tuple[Array, Array]:
+    """Values, NaN where the columns do not tell them, and their covariance; columns and shift have unit noise."""
+    lengths = np.linalg.norm(columns, axis=0)
+    scale = np.where(lengths > 0, lengths, 1.0)
+    u, s, vt = np.linalg.svd(columns / scale, full_matrices=False)
+    kept = s > SHOWN * s[0]
+    inverse = (vt[kept].T / s[kept]) @ u[:, kept].T
+    told = (np.linalg.norm(vt[kept], axis=0) > 1 - 1e-6) & (lengths > 0)
+    covariance = (inverse @ inverse.T) / np.outer(scale, scale)
+    return np.where(told, inverse @ shift / scale, np.nan), np.where(np.outer(told, told), covariance, 0.0)

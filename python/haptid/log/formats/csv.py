@@ -1,0 +1,196 @@
+"""Text logs: one header line, then rows of numbers, separated by commas, semicolons or tabs."""
+
+from __future__ import annotations
+
+import csv
+import re
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import pyarrow as pa
+from pyarrow import csv as arrow
+
+from haptid.errors import (
+    CorruptLogError,
+    EmptyLogError,
+    LogError,
+    NoHeaderError,
+    RaggedRowError,
+    RepeatedNameError,
+    TextCellError,
+)
+from haptid.log.formats.content import Column, opened, require
+
+KIND = "CSV"
+SEPARATORS = (";", "\t", ",")
+HEAD_BYTES = 2**20
+# Longer than any row, and short: the reader holds about forty blocks.
+BLOCK_BYTES = 2**19
+COMMENT = re.compile(r"\s*[#%]")
+NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?|[+-]?(nan|inf|infinity)", re.IGNORECASE)
+DECIMAL_COMMA = re.compile(r"[+-]?\d*,\d+([eE][+-]?\d+)?")
+MISSING = frozenset(arrow.ConvertOptions().null_values)
+
+
+@dataclass(frozen=True)
+class Dialect:
+    """How a text log is written.
+
+    Attributes:
+        separator: between cells.
+        decimal: point or comma.
+        names: of the columns, as the header has them, without blanks around.
+        lines: number of lines before the first row.
+        start: byte at which the rows start.
+    """
+
+    separator: str
+    decimal: str
+    names: tuple[str, ...]
+    lines: int
+    start: int
+
+
+def names(path: Path) -> list[str]:
+    """Names of the columns."""
+    with opened(path, KIND):
+        return list(dict.fromkeys(_dialect(path).names))
+
+
+def columns(path: Path, wanted: Sequence[str]) -> dict[str, Column]:
+    """Those wanted columns that the file has, each (n,) float64; a missing cell is NaN.
+
+    Raises:
+        NoHeaderError: the first line is not one of names.
+        RaggedRowError: a line with more or fewer cells than the header.
+        TextCellError: a cell of a wanted column is not a number.
+    """
+    with opened(path, KIND):
+        dialect = _dialect(path)
+    indices = {name: dialect.names.index(name) for name in wanted if name in dialect.names}
+    for name in indices:
+        if dialect.names.count(name) > 1:
+            raise RepeatedNameError(path, name)
+    if not indices:
+        return {}
+    bound = _row_bound(path, dialect)
+    out = dict(zip(indices, np.empty((len(indices), bound)), strict=True))
+    row = 0
+    try:
+        for batch in _batches(path, dialect, [str(k) for k in indices.values()]):
+            for k, column in enumerate(out.values()):
+                column[row : row + batch.num_rows] = batch.column(k).to_numpy(zero_copy_only=False)
+            row += batch.num_rows
+    except (pa.ArrowInvalid, ValueError) as error:
+        raise _fault(path, dialect, indices) or CorruptLogError(path, KIND, str(error)) from error
+    return {name: column[:row] for name, column in out.items()}
+
+
+def _batches(path: Path, dialect: Dialect, include: list[str]) -> Iterator[pa.RecordBatch]:
+    """The wanted columns block by block; columns go by number, so that odd names cannot matter."""
+    with path.open("rb") as file:
+        file.seek(dialect.start)
+        yield from arrow.open_csv(
+            file,
+            read_options=arrow.ReadOptions(
+                column_names=[str(k) for k in range(len(dialect.names))],
+                block_size=BLOCK_BYTES,
+                use_threads=False,
+            ),
+            parse_options=arrow.ParseOptions(delimiter=dialect.separator),
+            convert_options=arrow.ConvertOptions(
+                column_types=dict.fromkeys(include, pa.float64()),
+                include_columns=include,
+                decimal_point=dialect.decimal,
+                check_utf8=False,
+            ),
+        )
+
+
+def _dialect(path: Path) -> Dialect:
+    """Find the header, the separator and the decimal mark."""
+    require(path, KIND, "text")
+    with path.open("rb") as file:
+        raw = file.read(HEAD_BYTES)
+        whole = not file.read(1)
+    lines = raw.removeprefix(b"\xef\xbb\xbf").splitlines(keepends=True)
+    offset = len(raw) - sum(map(len, lines))
+    texts = [line.decode("utf-8", errors="replace").rstrip("\r\n") for line in lines]
+    if not whole and len(texts) > 1:
+        del texts[-1]
+    k = next((k for k, text in enumerate(texts) if text.strip() and not COMMENT.match(text)), None)
+    commented = next((k for k in reversed(range(len(texts) if k is None else k)) if texts[k].strip()), None)
+    if k is not None:
+        body = [text for text in texts[k + 1 :] if text.strip()][:200]
+        separator, header = _separate(texts[k], body)
+        if not all(NUMBER.fullmatch(cell.replace(",", ".")) for cell in header):
+            return _found(header, separator, body, k + 1, offset + sum(map(len, lines[: k + 1])))
+        if commented is not None:
+            separator, header = _separate(COMMENT.sub("", texts[commented], count=1), [texts[k], *body])
+            if len(header) == len(_cells(texts[k], separator)):
+                return _found(header, separator, [texts[k], *body], k, offset + sum(map(len, lines[:k])))
+        raise NoHeaderError(path, texts[k])
+    raise EmptyLogError(path, "no header and no rows")
+
+
+def _found(header: list[str], separator: str, body: list[str], lines: int, start: int) -> Dialect:
+    cells = [cell for text in body for cell in _cells(text, separator)]
+    comma = separator != "," and any(DECIMAL_COMMA.fullmatch(cell) for cell in cells)
+    named = tuple(cell or f"column {k}" for k, cell in enumerate(header, 1))
+    return Dialect(separator, "," if comma else ".", named, lines, start)
+
+
+def _separate(header: str, body: list[str]) -> tuple[str, list[str]]:
+    """The separator that splits header and first rows into equally many cells, and the header's cells."""
+
+    def quality(separator: str) -> tuple[bool, int, int]:
+        count = len(_cells(header, separator))
+        return count > 1, sum(len(_cells(text, separator)) == count for text in body), count
+
+    separator = max(reversed(SEPARATORS), key=quality)
+    return separator, _cells(header, separator)
+
+
+def _cells(text: str, separator: str) -> list[str]:
+    return [cell.strip() for cell in next(csv.reader([text], delimiter=separator), [])]
+
+
+def _row_bound(path: Path, dialect: Dialect) -> int:
+    """The number of rows, and of blank lines between them.
+
+    Raises:
+        EmptyLogError: a header without rows.
+    """
+    newlines, returns, blank, last = 0, 0, True, b""
+    with path.open("rb") as file:
+        file.seek(dialect.start)
+        while block := file.read(BLOCK_BYTES):
+            newlines += block.count(b"\n")
+            returns += block.count(b"\r") if not newlines else 0
+            blank = blank and not block.strip()
+            last = block[-1:]
+    if blank:
+        raise EmptyLogError(path, "a header and no rows")
+    return max(newlines, returns) + (last not in b"\r\n")
+
+
+def _fault(path: Path, dialect: Dialect, indices: dict[str, int]) -> LogError | None:
+    """The first line that is not what the header promises: a slow search, for when there is one."""
+    width = len(dialect.names)
+    with path.open(encoding="utf-8", errors="replace") as file:
+        rows = csv.reader(file, delimiter=dialect.separator)
+        for row in rows:
+            line = rows.line_num
+            if line <= dialect.lines or not row:
+                continue
+            if len(row) != width:
+                last = next((False for later in rows if later), True)
+                return RaggedRowError(path, line, len(row), width, last)
+            for name, k in indices.items():
+                cell = row[k].strip()
+                number = cell if dialect.decimal == "." else cell.replace(",", ".")
+                if cell not in MISSING and not NUMBER.fullmatch(number):
+                    return TextCellError(path, line, name, cell)
+    return None

@@ -1,0 +1,93 @@
+"""HDF5 logs, and MAT 7.3 which is HDF5: groups and structs joined by points, datasets of numbers."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from typing import Any
+
+import h5py
+import numpy as np
+
+from haptid.errors import ForeignDataError, NotNumericError
+from haptid.log.formats.content import Address, Column, addresses, collect, guard, numeric, opened, require
+
+KIND = "HDF5"
+# Classes of MATLAB that are stored as integers and are not numbers.
+MATLAB_OTHER = frozenset({b"char", b"cell", b"logical", b"function_handle", b"struct"})
+
+
+def names(path: Path) -> list[str]:
+    """Names of the channels of all datasets of numbers."""
+    require(path, KIND, "HDF5", "MAT 7.3")
+    with opened(path, KIND), h5py.File(path, "r", locking=False) as file:
+        return [name for dataset in _datasets(file) for name in _channels(dataset)]
+
+
+def columns(path: Path, wanted: Sequence[str]) -> dict[str, Column]:
+    """Those wanted channels that the file has, each (n,), read one after the other.
+
+    MATLAB writes its arrays transposed; since channels run along the shorter side of an array, their names
+    are the same as in a MAT 5 file.
+
+    Raises:
+        NotNumericError: a wanted dataset holds texts, objects or records.
+        ForeignDataError: a wanted dataset is a view of another file.
+        OversizedLogError: a dataset declares far more than is stored of it.
+    """
+    require(path, KIND, "HDF5", "MAT 7.3")
+    with opened(path, KIND), h5py.File(path, "r", locking=False) as file:
+        return collect(wanted, _columns(path, file, wanted))
+
+
+def rows(path: Path, wanted: Sequence[str], start: int, stop: int) -> list[Column]:
+    """Rows start..stop of channels that the file has, each (stop - start,)."""
+    with opened(path, KIND), h5py.File(path, "r", locking=False) as file:
+        places = {name: (dataset, at) for dataset in _datasets(file) for name, at in _channels(dataset).items()}
+        return [np.asarray(dataset[_only(at, start, stop)]) for dataset, at in (places[name] for name in wanted)]
+
+
+def _only(at: Address, start: int, stop: int) -> Address:
+    """The address of some of a channel's rows."""
+    return tuple(slice(start, stop) if isinstance(part, slice) else part for part in at)
+
+
+def _columns(path: Path, file: h5py.File, wanted: Sequence[str]) -> Iterator[tuple[str, Column]]:
+    for dataset in _datasets(file):
+        name, found = _flat(dataset), _channels(dataset)
+        asked = [w for w in wanted if w in found or w == name]
+        if not asked:
+            continue
+        if not _numbers(dataset):
+            raise NotNumericError(path, name, f"values of type {dataset.dtype}")
+        if dataset.external or dataset.is_virtual:
+            raise ForeignDataError(path, name)
+        guard(path, f"dataset {name!r}", dataset.size * dataset.dtype.itemsize, dataset.id.get_storage_size())
+        yield from ((w, np.asarray(dataset[found[w]])) for w in asked if w in found)
+
+
+def _datasets(file: h5py.File) -> list[Any]:
+    """Every dataset of the file itself; links to other files are not followed."""
+    found: list[Any] = []
+
+    def visit(name: str, item: object) -> None:
+        if isinstance(item, h5py.Dataset) and not name.startswith("#"):
+            found.append(item)
+
+    file.visititems(visit)
+    return found
+
+
+def _flat(dataset: Any) -> str:
+    return str(dataset.name).strip("/").replace("/", ".")
+
+
+def _numbers(dataset: Any) -> bool:
+    matlab = dataset.attrs.get("MATLAB_class")
+    return numeric(dataset.dtype) and (matlab is None or bytes(matlab) not in MATLAB_OTHER)
+
+
+def _channels(dataset: Any) -> dict[str, Address]:
+    if not _numbers(dataset) or dataset.shape is None or "MATLAB_empty" in dataset.attrs:
+        return {}
+    return addresses(_flat(dataset), dataset.shape)

@@ -1,0 +1,99 @@
+"""NumPy archives: one array of numbers for each channel or set of channels; pickles are refused."""
+
+from __future__ import annotations
+
+import zipfile
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from typing import IO, Any
+
+import numpy as np
+from numpy.lib import format as npy
+
+from haptid.errors import CorruptLogError, NotNumericError, PickledLogError, RepeatedNameError
+from haptid.log.formats.content import Column, addresses, collect, guard, numeric, opened, require
+
+KIND = "NPZ"
+
+
+def names(path: Path) -> list[str]:
+    """Names of the channels of all arrays of numbers.
+
+    Raises:
+        PickledLogError: nothing but arrays of Python objects.
+    """
+    require(path, KIND, "a ZIP archive")
+    found: list[str] = []
+    pickled: list[str] = []
+    with opened(path, KIND), zipfile.ZipFile(path) as archive:
+        for name, info in _members(path, archive).items():
+            with archive.open(info) as member:
+                shape, dtype, _ = _header(member)
+            if dtype.hasobject:
+                pickled.append(name)
+            elif numeric(dtype):
+                found.extend(addresses(name, shape))
+    if pickled and not found:
+        raise PickledLogError(path, pickled[0])
+    return found
+
+
+def columns(path: Path, wanted: Sequence[str]) -> dict[str, Column]:
+    """Those wanted channels that the file has, each (n,); only the arrays that hold them are read.
+
+    Raises:
+        PickledLogError: a wanted array holds Python objects.
+        NotNumericError: a wanted array holds texts, booleans or records.
+        OversizedLogError: an array declares far more than is stored of it.
+    """
+    require(path, KIND, "a ZIP archive")
+    with opened(path, KIND), zipfile.ZipFile(path) as archive:
+        return collect(wanted, _columns(path, archive, wanted))
+
+
+def _columns(path: Path, archive: zipfile.ZipFile, wanted: Sequence[str]) -> Iterator[tuple[str, Column]]:
+    for name, info in _members(path, archive).items():
+        asked = [w for w in wanted if w == name or w.startswith(f"{name}[")]
+        if asked:
+            array = _array(path, archive, name, info)
+            found = addresses(name, array.shape)
+            yield from ((w, array[found[w]]) for w in asked if w in found)
+
+
+def _members(path: Path, archive: zipfile.ZipFile) -> dict[str, zipfile.ZipInfo]:
+    def arrays() -> Iterator[tuple[str, zipfile.ZipInfo]]:
+        for info in archive.infolist():
+            if info.filename.endswith(".npy"):
+                yield info.filename.removesuffix(".npy").replace("/", "."), info
+
+    members: dict[str, zipfile.ZipInfo] = {}
+    for name, info in arrays():
+        if name in members:
+            raise RepeatedNameError(path, name)
+        members[name] = info
+    return members
+
+
+def _header(member: IO[bytes]) -> tuple[tuple[int, ...], np.dtype[Any], int]:
+    """Shape, type and size in bytes of the header."""
+    version = npy.read_magic(member)
+    read = npy.read_array_header_1_0 if version == (1, 0) else npy.read_array_header_2_0
+    shape, _, dtype = read(member)
+    return shape, dtype, member.tell()
+
+
+def _array(path: Path, archive: zipfile.ZipFile, name: str, info: zipfile.ZipInfo) -> Column:
+    guard(path, f"array {name!r}", info.file_size, info.compress_size)
+    with archive.open(info) as member:
+        shape, dtype, offset = _header(member)
+    if dtype.hasobject:
+        raise PickledLogError(path, name)
+    if not numeric(dtype):
+        raise NotNumericError(path, name, f"values of type {dtype}")
+    declared = dtype.itemsize * int(np.prod(shape, dtype=object)) if shape else dtype.itemsize
+    if declared != info.file_size - offset:
+        raise CorruptLogError(path, KIND, f"{name} should have {declared} bytes and has {info.file_size - offset}")
+    with archive.open(info) as member:
+        array = npy.read_array(member, allow_pickle=False)
+        member.read()  # to the end, where the archive compares its check sum
+    return np.asarray(array)

@@ -1,0 +1,100 @@
+"""Parquet logs: one column of numbers for each channel."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from functools import lru_cache
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pyarrow as pa
+from pyarrow import parquet, types
+
+from haptid._internal.arrays import Array
+from haptid.errors import NotNumericError, RepeatedNameError
+from haptid.log.formats.content import Column, collect, guard, opened, require
+
+KIND = "Parquet"
+BATCH_ROWS = 2**16
+# How files are opened: bytes are read as they are needed.
+SPARING: dict[str, Any] = {"pre_buffer": False, "buffer_size": 2**20}
+# Row groups that are held ready: those at a stretch's two ends, of positions and of torques.
+GROUPS_HELD = 4
+
+
+def names(path: Path) -> list[str]:
+    """Names of the columns of numbers."""
+    require(path, KIND, "Parquet")
+    with opened(path, KIND), parquet.ParquetFile(path) as file:
+        return [field.name for field in file.schema_arrow if _numeric(field.type)]
+
+
+def columns(path: Path, wanted: Sequence[str]) -> dict[str, Column]:
+    """Those wanted columns that the file has, each (n,), read one after the other; a null is NaN.
+
+    Raises:
+        NotNumericError: a wanted column holds texts, dates or lists.
+        OversizedLogError: a column declares far more rows than its bytes can be taken to hold.
+    """
+    require(path, KIND, "Parquet")
+    with opened(path, KIND), parquet.ParquetFile(path, **SPARING) as file:
+        return collect(wanted, _columns(path, file, wanted))
+
+
+def rows(path: Path, wanted: Sequence[str], start: int, stop: int) -> list[Column]:
+    """Rows start..stop of columns that the file has, each (stop - start,); their row groups are held ready."""
+    with opened(path, KIND), parquet.ParquetFile(path) as file:
+        counts = [file.metadata.row_group(k).num_rows for k in range(file.metadata.num_row_groups)]
+    edges, parts = np.cumsum([0, *counts]), []
+    for k, begin in enumerate(edges[:-1]):
+        if begin < stop and edges[k + 1] > start:
+            columns = _group(path, path.stat().st_mtime_ns, k, tuple(wanted))
+            parts.append([column[max(start - begin, 0) : stop - begin] for column in columns])
+    return [np.concatenate(pieces) for pieces in zip(*parts, strict=True)]
+
+
+@lru_cache(maxsize=GROUPS_HELD)
+def _group(path: Path, _written: int, k: int, wanted: tuple[str, ...]) -> list[Column]:
+    """Columns of one row group of the file as it was written at some time, ns."""
+    with opened(path, KIND), parquet.ParquetFile(path, **SPARING) as file:
+        table = file.read_row_group(k, columns=list(wanted), use_threads=False)
+    kinds = (table.schema.field(name).type for name in wanted)
+    columns = [
+        table[name].cast(pa.float64()) if types.is_decimal(kind) else table[name]
+        for name, kind in zip(wanted, kinds, strict=True)
+    ]
+    return [column.to_numpy() for column in columns]
+
+
+def _columns(path: Path, file: parquet.ParquetFile, wanted: Sequence[str]) -> Iterator[tuple[str, Column]]:
+    # The size of one column is not asked for: over a damaged footer pyarrow aborts the process there.
+    schema, stored, count = file.schema_arrow, path.stat().st_size, file.metadata.num_rows
+    there = [name for name in dict.fromkeys(wanted) if name in schema.names]
+    room: Array | None = None
+    for k, name in enumerate(there):
+        if schema.names.count(name) > 1:
+            raise RepeatedNameError(path, name)
+        if not _numeric(schema.field(name).type):
+            raise NotNumericError(path, name, str(schema.field(name).type))
+        guard(path, f"column {name!r}", 8 * count, stored)
+        room = np.empty((len(there), count)) if room is None else room
+        yield name, _column(file, name, schema.field(name).type, room[k])
+
+
+def _numeric(kind: pa.DataType) -> bool:
+    return bool(types.is_integer(kind) or types.is_floating(kind) or types.is_decimal(kind))
+
+
+def _column(file: parquet.ParquetFile, name: str, kind: pa.DataType, room: Array) -> Column:
+    """One column, batch by batch, in its place among the others, (n,); integers stay apart, and integers unless one of
+    them is missing."""
+    column: Column = np.empty(room.size, np.int64) if types.is_integer(kind) else room
+    row = 0
+    for batch in file.iter_batches(batch_size=BATCH_ROWS, columns=[name], use_threads=False):
+        values = batch.column(0).cast(pa.float64()) if types.is_decimal(kind) else batch.column(0)
+        if values.null_count and column.dtype != np.float64:
+            column = column.astype(np.float64)
+        column[row : row + len(values)] = values.to_numpy(zero_copy_only=False)
+        row += len(values)
+    return column[:row]

@@ -1,0 +1,263 @@
+"""From a file to a log: find the channels, check what they hold, put it on a uniform grid in SI."""
+
+from __future__ import annotations
+
+import hashlib
+import os
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from importlib import import_module
+from pathlib import Path
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from haptid._internal.arrays import Array, freeze
+from haptid.errors import (
+    EmptyLogError,
+    LogAccessError,
+    LogFolderError,
+    LogFormatError,
+    LogNotFoundError,
+    MissingChannelError,
+)
+from haptid.log import checks, time, units
+from haptid.log.formats.content import Column, block_of
+from haptid.log.formats.guess import guess
+from haptid.log.log import Channels, Log, Signal
+
+Kind = Literal["position", "torque"]
+
+
+@dataclass(frozen=True)
+class Format:
+    """A kind of file: its name, its suffixes, and the module that reads it, loaded when needed.
+
+    Attributes:
+        by_rows: whether some rows can be read without the others.
+    """
+
+    name: str
+    suffixes: tuple[str, ...]
+    module: str
+    by_rows: bool = False
+
+    def names(self, path: Path) -> list[str]:
+        """Every channel of the file."""
+        found: list[str] = import_module(f"haptid.log.formats.{self.module}").names(path)
+        return found
+
+    def columns(self, path: Path, wanted: Sequence[str]) -> dict[str, Column]:
+        """Those wanted channels that the file has, each (n,)."""
+        found: dict[str, Column] = import_module(f"haptid.log.formats.{self.module}").columns(path, wanted)
+        return found
+
+    def rows(self, path: Path, wanted: Sequence[str], start: int, stop: int) -> list[Column]:
+        """Rows start..stop of channels that the file has, each (stop - start,); where `by_rows`."""
+        found: list[Column] = import_module(f"haptid.log.formats.{self.module}").rows(path, wanted, start, stop)
+        return found
+
+
+FORMATS = (
+    Format("CSV", (".csv", ".tsv", ".txt"), "csv"),
+    Format("Parquet", (".parquet", ".pq"), "parquet", by_rows=True),
+    Format("MATLAB", (".mat",), "mat"),
+    Format("NumPy", (".npz",), "npz"),
+    Format("HDF5", (".h5", ".hdf5"), "hdf5", by_rows=True),
+)
+
+
+def read_log(
+    path: str | os.PathLike[str],
+    channels: Channels | None = None,
+    stretch: tuple[float, float] | None = None,
+) -> Log:
+    """Read, check and bring to a uniform grid what was recorded.
+
+    Channels of structs and groups are named with points, `rec.q`; those of a matrix with numbers from 1 along
+    its shorter side, `q[1]`. What is done to the samples (repeated ones dropped, short gaps filled, irregular
+    ones resampled, turns put back) is in the log's notes; what cannot be mended is an error.
+
+    Args:
+        path: CSV, Parquet, MAT, NPZ or HDF5.
+        channels: which channels are what; None takes t, q1..qn in rad and tau1..taun in N m at the joints.
+        stretch: the part to keep, (from, to) in s from the file's first sample; None keeps all.
+
+    Raises:
+        LogError: one class for each cause; see `haptid.errors`.
+    """
+    path = Path(path)
+    kind, sha256 = format_of(path), sha256_of(path)
+    notes: list[str] = []
+    if channels is None:
+        channels, sentence = guess(path, kind.names(path))
+        notes.append(sentence)
+    columns = kind.columns(path, channels.sources)
+    for name in channels.sources:
+        if name not in columns:
+            raise MissingChannelError(path, name, kind.names(path))
+    count = checks.lengths(path, columns)
+    if count == 0:
+        raise EmptyLogError(path, "channels and no rows")
+    stamps = None if channels.time is None else columns.pop(channels.time)
+    base, rows, seconds = time_base(path, channels, stamps, count, stretch, notes)
+    del stamps
+    columns = {name: column[rows] for name, column in columns.items()}
+    _check_raw(path, columns, seconds, base.repeated)
+    del seconds
+    inspection = Inspection(path, base, notes)
+    position = _block(inspection, columns, channels.position, "position")
+    torque = _block(inspection, columns, channels.torque, "torque")
+    return Log(path, sha256, base.t, position.T, torque.T, channels, tuple(notes))
+
+
+def format_of(path: Path) -> Format:
+    """The format of the suffix, for a file that is there and can be read."""
+    try:
+        if path.is_dir():
+            raise LogFolderError(path)
+        if not path.exists():
+            raise LogNotFoundError(path)
+        if not path.is_file():
+            raise LogAccessError(path, "it is not a regular file")
+        with path.open("rb") as file:
+            first = file.read(1)
+    except (OSError, ValueError) as error:
+        raise LogAccessError(path, str(error)) from error
+    if not first:
+        raise EmptyLogError(path, "0 bytes")
+    for kind in FORMATS:
+        if path.suffix.lower() in kind.suffixes:
+            return kind
+    raise LogFormatError(path, path.suffix, [f"{kind.name} ({', '.join(kind.suffixes)})" for kind in FORMATS])
+
+
+def sha256_of(path: Path) -> str:
+    """Of the file's bytes."""
+    with path.open("rb") as file:
+        return hashlib.file_digest(file, "sha256").hexdigest()
+
+
+def time_base(
+    path: Path,
+    channels: Channels,
+    raw: Column | None,
+    count: int,
+    stretch: tuple[float, float] | None,
+    notes: list[str],
+) -> tuple[time.TimeBase, slice, Array]:
+    """The time base, the rows of the stretch and their stamps.
+
+    Args:
+        path: the file.
+        channels: which of them is time.
+        raw: that channel, (count,); overwritten. None where there is none.
+        count: rows of the file.
+        stretch: the part to keep, s.
+        notes: grows.
+    """
+    if channels.time is None or raw is None:
+        rate = float(channels.rate_hz or 0.0)
+        rows = time.part(path, np.arange(count) / rate, stretch)
+        base = time.from_rate(path, rows, rate)
+        seconds = base.stamps
+    else:
+        scale = units.scale(channels.time_unit, "time")[1]
+        first, fineness = raw[0] * scale, time.resolution(raw) * scale
+        seconds = time.since_first(path, channels.time, raw, scale)
+        rows = time.part(path, seconds, stretch)
+        seconds = seconds[rows]
+        base = time.from_stamps(path, channels.time, seconds, fineness)
+        if first != 0:
+            notes.append(f"times count from the file's first stamp, {first:.9g} s")
+    if stretch is not None:
+        kept_count = rows.stop - rows.start
+        notes.append(f"kept from {stretch[0]:g} to {stretch[1]:g} s: {kept_count} of {count} samples")
+    notes.extend(base.notes)
+    return base, rows, seconds
+
+
+def _check_raw(path: Path, columns: Mapping[str, Column], seconds: Array, repeated: NDArray[np.intp]) -> None:
+    """What is wrong with the samples as they are in the file."""
+    for name, column in columns.items():
+        checks.finite(path, name, column, seconds)
+    if repeated.size:
+        checks.repeats(path, columns, seconds, repeated)
+    checks.identical(path, columns)
+
+
+class Inspection:
+    """Raw columns as they come: each is checked, and its turns are put back.
+
+    Attributes:
+        path: the file.
+        base: where the samples go.
+        notes: grows.
+        moving: where each position differs from the sample before, as bits; complete after the positions.
+    """
+
+    def __init__(self, path: Path, base: time.TimeBase, notes: list[str]) -> None:
+        self.path, self.base, self.notes = path, base, notes
+        self.moving: list[NDArray[np.uint8]] = []
+
+    def column(self, name: str, raw: Column, signal: Signal, kind: Kind, si: float) -> Array:
+        """A channel of a signal at the stamps, (m,), in the file's unit; positions come before torques.
+
+        Args:
+            name, raw: of the channel; raw as it is in the file, repeated samples too.
+            signal, kind: what it belongs to.
+            si: SI in one of its unit.
+        """
+        if self.base.repeated.size:
+            raw = np.delete(raw, self.base.repeated)
+        column = raw.astype(np.float64, copy=False)
+        self._note(checks.constant(self.path, name, column, kind, signal.constant_ok))
+        if kind == "position":
+            return self._position(name, column, signal, si)
+        self._torque(name, column, signal)
+        return column
+
+    def _position(self, name: str, column: Array, signal: Signal, si: float) -> Array:
+        """The column with its turns put back where that is asked for, and checked for jumps."""
+        self.moving.append(np.packbits(column[1:] != column[:-1]))
+        if signal.unwrap:
+            column, count = checks.unwrapped(column, signal)
+            self._note(f"position channel {name!r} unwrapped at {count} jumps" if count else None)
+        checks.jumps(self.path, name, column, self.base.stamps, signal, si)
+        return column
+
+    def _torque(self, name: str, column: Array, signal: Signal) -> None:
+        """Check for saturation: as many torques as positions are pairs, otherwise any motion counts."""
+        paired = len(self.moving) == len(signal.channels)
+        bits = self.moving[signal.channels.index(name)] if paired else np.bitwise_or.reduce(self.moving)
+        self._note(checks.saturated(self.path, name, column, bits, signal))
+
+    def _note(self, sentence: str | None) -> None:
+        if sentence:
+            self.notes.append(sentence)
+
+
+def _block(inspection: Inspection, columns: dict[str, Column], signal: Signal, kind: Kind) -> Array:
+    """The channels of a signal on the grid, (channels, n), SI; each column is let go once it is there."""
+    base, scale = inspection.base, units.scale(signal.unit, kind)[1]
+    block, in_place = _room(base, columns, signal)
+    for name, gain, offset, out in zip(signal.channels, signal.gain, signal.offset, block, strict=True):
+        column = inspection.column(name, columns.pop(name), signal, kind, scale * gain)
+        if not base.regular:
+            time.interpolate(base, column.copy() if in_place else column, kind, out)
+        elif not np.may_share_memory(out, column):
+            out[:] = column
+        if (scale * gain, offset) != (1.0, 0.0):
+            out *= scale * gain
+            out += offset
+    return freeze(block)
+
+
+def _room(base: time.TimeBase, columns: Mapping[str, Column], signal: Signal) -> tuple[Array, bool]:
+    """Where the signal goes, (channels, n), and whether its raw columns are there already."""
+    n, count = base.t.size, len(signal.channels)
+    block = block_of([columns[name] for name in signal.channels], 2 * count + 1)
+    if block is None or block.shape[1] != n:
+        return np.empty((count, n)), False
+    return block, True

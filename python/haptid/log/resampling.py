@@ -1,0 +1,286 @@
+"""Time base: from stamps, or a rate, to the uniform grid that a log is on."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.interpolate import CubicSpline, PchipInterpolator
+
+from haptid._internal.arrays import Array, freeze
+from haptid.errors import (
+    GapError,
+    LogTooShortError,
+    MissingSamplesError,
+    NonFiniteError,
+    RepeatedStampError,
+    SlowClockError,
+    StretchError,
+    TimeBackwardsError,
+)
+from haptid.log.formats.content import Column, all_usable, usable
+
+FEWEST_SAMPLES = 50
+# Stamps this close to a uniform grid, in steps, are on it: what that moves a position by is below any encoder.
+UNIFORM = 1e-4
+# A step longer than this many ordinary ones is a gap; one longer than LONGEST_GAP is not filled.
+GAP = 1.5
+LONGEST_GAP = 10.0
+# Samples further apart tell no motion: their times are in another unit, s.
+SLOWEST = 0.5
+MISSING_LIMIT = 0.01
+REPEATED_LIMIT = 0.01
+# From that many steps on, every other one, or third, ... tells the median.
+SAMPLED = 2**18
+# Interpolation goes piece by piece; a cubic spline forgets what is k samples away as (2 - sqrt(3))^k.
+PIECE = 2**16
+MARGIN = 40
+
+
+@dataclass(frozen=True, eq=False)
+class TimeBase:
+    """When the samples were taken and the grid they go to.
+
+    Attributes:
+        repeated: samples whose stamp equals the one before, to be dropped, (repeats,).
+        stamps: times of the other samples, (m,), s.
+        t: uniform grid, (n,), s.
+        regular: the samples are on the grid as they are.
+        notes: what was found.
+    """
+
+    repeated: NDArray[np.intp]
+    stamps: Array
+    t: Array
+    regular: bool
+    notes: tuple[str, ...]
+
+
+def since_first(path: Path, name: str, raw: Column, scale: float) -> Array:
+    """Stamps counted from the first one, (n,), s; whole stamps are subtracted as such, so none is rounded.
+
+    Stamps in float64 are overwritten.
+
+    Raises:
+        NonFiniteError: the first stamp is missing.
+    """
+    seconds: Array
+    if raw.dtype.kind in "iu":
+        whole = raw.astype(np.int64)
+        seconds = np.subtract(whole, whole[0], out=whole).astype(np.float64)
+    elif usable(raw[:1]).all():
+        with np.errstate(invalid="ignore"):
+            own = raw.dtype == np.float64 and raw.flags.writeable
+            seconds = np.subtract(raw, raw[0], out=raw if own else None, dtype=np.float64)
+    else:
+        raise NonFiniteError(path, name, int(np.count_nonzero(~usable(raw))), 0, None)
+    seconds *= scale
+    return seconds
+
+
+def part(path: Path, seconds: Array, stretch: tuple[float, float] | None) -> slice:
+    """The rows from the first to the last stamp inside the stretch.
+
+    Raises:
+        StretchError: there are none.
+    """
+    if stretch is None:
+        return slice(0, seconds.size)
+    inside = np.flatnonzero((seconds >= stretch[0]) & (seconds <= stretch[1]))
+    if inside.size == 0:
+        raise StretchError(path, stretch, float(np.nanmax(seconds)))
+    return slice(int(inside[0]), int(inside[-1]) + 1)
+
+
+def resolution(raw: Column) -> float:
+    """How finely stamps are written, in their own unit: a decimal place, or what their type resolves."""
+    if raw.dtype.kind in "iu":
+        return 1.0
+    if not all_usable(raw):
+        return 0.0
+    largest = max(abs(float(raw.min())), abs(float(raw.max())))
+    pieces = [raw[start : start + PIECE] for start in range(0, raw.size, PIECE)]
+    single = all(np.array_equal(piece, piece.astype(np.float32)) for piece in pieces)
+    finest = float(np.spacing(np.float32(largest))) if single else float(np.spacing(largest))
+    for place in range(10):
+        if all(_has_places(piece, place, largest) for piece in pieces):
+            return max(finest, 10.0**-place)
+    return finest
+
+
+def _has_places(raw: Column, place: int, largest: float) -> bool:
+    shifted = raw * 10.0**place
+    error = np.abs(shifted - np.rint(shifted)).max()
+    return bool(error <= 4 * np.spacing(largest * 10.0**place))
+
+
+def check_length(path: Path, samples: int) -> None:
+    """Refuse fewer than `FEWEST_SAMPLES`."""
+    if samples < FEWEST_SAMPLES:
+        raise LogTooShortError(path, samples, FEWEST_SAMPLES)
+
+
+def from_rate(path: Path, rows: slice, rate_hz: float) -> TimeBase:
+    """The grid of samples that are regular by declaration."""
+    check_length(path, rows.stop - rows.start)
+    t = np.arange(rows.start, rows.stop) / rate_hz
+    return TimeBase(np.empty(0, np.intp), freeze(t), t, True, ())
+
+
+def from_stamps(path: Path, name: str, seconds: Array, fineness: float) -> TimeBase:
+    """The grid of stamped samples.
+
+    Args:
+        path, name: of the file and of the time channel.
+        seconds: stamps, (m,), s.
+        fineness: how finely they are written, s.
+
+    Raises:
+        NonFiniteError: a stamp is missing.
+        TimeBackwardsError: a stamp is earlier than the one before.
+        RepeatedStampError: too many stamps equal the one before.
+        GapError: a hole of more than `LONGEST_GAP` steps.
+        MissingSamplesError: too many short holes.
+        LogTooShortError: fewer than `FEWEST_SAMPLES`.
+        SlowClockError: the stamps are further apart than `SLOWEST`.
+    """
+    check_length(path, seconds.size)
+    _check_order(path, name, seconds)
+    step = float(np.median(np.diff(seconds[:PIECE])))
+    if step > SLOWEST:
+        raise SlowClockError(path, name, step, SLOWEST)
+    repeated = np.flatnonzero(seconds[1:] == seconds[:-1]) + 1
+    notes: list[str] = []
+    if repeated.size:
+        if repeated.size > REPEATED_LIMIT * seconds.size:
+            first = int(repeated[0])
+            raise RepeatedStampError(path, repeated.size, seconds.size, first, float(seconds[first]), None)
+        notes.append(
+            f"{repeated.size} samples repeat the one before, first at t = {seconds[repeated[0]]:.6g} s: dropped"
+        )
+        seconds = np.delete(seconds, repeated)
+        check_length(path, seconds.size)
+    stamps, t, regular, more = _grid(path, seconds, fineness)
+    return TimeBase(repeated, freeze(stamps), freeze(t), regular, (*notes, *more))
+
+
+def _check_order(path: Path, name: str, seconds: Array) -> None:
+    if not all_usable(seconds):
+        bad = ~usable(seconds)
+        raise NonFiniteError(path, name, int(np.count_nonzero(bad)), int(np.argmax(bad)), None)
+    back = np.flatnonzero(seconds[1:] < seconds[:-1])
+    if back.size:
+        k = int(back[0])
+        raise TimeBackwardsError(path, k + 1, float(seconds[k]), float(seconds[k + 1]), back.size)
+
+
+def _grid(path: Path, seconds: Array, fineness: float) -> tuple[Array, Array, bool, list[str]]:
+    """Stamps as they count, the uniform grid, whether the samples are on it, and what was found."""
+    steps = np.diff(seconds)
+    median = float(np.median(steps[:: max(1, steps.size // SAMPLED)]))
+    gaps = np.flatnonzero(steps > GAP * median + min(fineness, 0.25 * median))
+    ordinary = (seconds[-1] - seconds[0] - steps[gaps].sum()) / (steps.size - gaps.size)
+    missing = _missing(path, seconds, steps, gaps, ordinary)
+    n = seconds.size + missing
+    step = (seconds[-1] - seconds[0]) / (n - 1)
+    slots, off = _slots(seconds, step)
+    distinct = missing == 0 or bool((np.diff(slots) > 0).all())
+    rounded = off < 0.5 and off * step <= fineness * (1 + UNIFORM)
+    notes: list[str] = []
+    if missing:
+        longest = gaps[np.argmax(steps[gaps])]
+        notes.append(
+            f"{gaps.size} short gaps, the longest {steps[longest]:.4g} s at t = {seconds[longest]:.6g} s: "
+            f"{missing} missing samples ({100 * missing / n:.2g} %) filled by interpolation"
+        )
+    if distinct and (off <= UNIFORM or rounded):
+        if off > UNIFORM:
+            notes.append(
+                f"stamps are regular within the {fineness:.2g} s that they are written to; "
+                f"samples taken as regular at {1 / step:.6g} Hz"
+            )
+        del steps
+        t = _uniform(float(seconds[0]), step, n)
+        return (t[slots] if missing else t), t, missing == 0, notes
+    del slots
+    relative = np.delete(steps, gaps) if gaps.size else steps
+    relative /= ordinary
+    relative -= 1.0
+    worst = max(abs(float(relative.min())), abs(float(relative.max())))
+    notes.append(
+        f"sample times are irregular: steps deviate by up to {100 * worst:.2g} % (standard deviation "
+        f"{100 * relative.std():.2g} %); resampled at {1 / step:.6g} Hz, positions by a cubic spline, "
+        f"torques by a monotone cubic"
+    )
+    del relative, steps
+    return seconds, _uniform(float(seconds[0]), step, n), False, notes
+
+
+def _uniform(first: float, step: float, n: int) -> Array:
+    t = np.arange(n, dtype=np.float64)
+    t *= step
+    t += first
+    return t
+
+
+def _slots(seconds: Array, step: float) -> tuple[NDArray[np.int32], float]:
+    """The place on the grid nearest to each stamp, and the largest distance to it in steps."""
+    slots, off = np.empty(seconds.size, np.int32), 0.0
+    for start in range(0, seconds.size, PIECE):
+        places = (seconds[start : start + PIECE] - seconds[0]) / step
+        nearest = np.rint(places)
+        off = max(off, float(np.abs(places - nearest).max()))
+        slots[start : start + PIECE] = nearest
+    return slots, off
+
+
+def _missing(path: Path, seconds: Array, steps: Array, gaps: NDArray[np.intp], ordinary: float) -> int:
+    """Number of samples that are missing in the gaps."""
+    if gaps.size == 0:
+        return 0
+    long = gaps[steps[gaps] > LONGEST_GAP * ordinary]
+    if long.size:
+        k = long[0]
+        raise GapError(path, float(seconds[k]), float(steps[k]), ordinary, long.size, LONGEST_GAP)
+    missing = int(np.maximum(np.rint(steps[gaps] / ordinary) - 1, 1).sum())
+    samples = seconds.size + missing
+    if missing > MISSING_LIMIT * samples:
+        raise MissingSamplesError(path, missing, samples, gaps.size, MISSING_LIMIT)
+    return missing
+
+
+def interpolate(base: TimeBase, values: Array, kind: Literal["position", "torque"], out: Array) -> None:
+    """Samples at the stamps to samples on the grid.
+
+    A position is smooth, so it takes the cubic spline; a torque has edges (dry friction, limits), so it takes
+    the monotone cubic of Fritsch and Butland (1984), SIAM J. Scientific and Statistical Computing 5(2), which
+    never overshoots.
+
+    Args:
+        base: stamps (m,) and grid (n,).
+        values: (m,).
+        kind: what they are.
+        out: (n,), written.
+    """
+    for start in range(0, base.t.size, PIECE):
+        stop = min(start + PIECE, base.t.size)
+        low, high = around(base, start, stop)
+        out[start:stop] = curve(base, values[low:high], low, kind)(base.t[start:stop])
+
+
+def around(base: TimeBase, start: int, stop: int) -> tuple[int, int]:
+    """First and one past the last of the stamps that places start..stop of the grid are interpolated from."""
+    low = max(int(np.searchsorted(base.stamps, base.t[start])) - MARGIN, 0)
+    high = int(np.searchsorted(base.stamps, base.t[stop - 1])) + MARGIN
+    return low, min(high, base.stamps.size)
+
+
+def curve(base: TimeBase, values: Array, low: int, kind: Literal["position", "torque"]) -> Callable[[Array], Array]:
+    """Through the samples at the stamps from `low` on, each channel along the last axis."""
+    kinds = {"position": CubicSpline, "torque": PchipInterpolator}
+    made: Callable[[Array], Array] = kinds[kind](base.stamps[low : low + values.shape[-1]], values, axis=-1)
+    return made

@@ -1,0 +1,1 @@
+"""How a log becomes a motion: filters, delays and joint-side channels."""

@@ -1,0 +1,165 @@
+"""What a motion's channels mean to a device: joint-side coordinates and torques, whichever side was measured."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+
+from haptid._internal.arrays import Array
+from haptid.device import Device
+from haptid.device.expressions import Column
+from haptid.device.terms.term import Load
+from haptid.errors import AccelerationColumnError, ChannelCountError, CommandUnitError
+from haptid.log import Log, check_against
+from haptid.motion.treatment import Motion
+
+
+def check_log(device: Device, log: Log) -> tuple[str, ...]:
+    """Compare a log with the joints it is said to be of; returns a sentence for each doubt.
+
+    Raises:
+        ChannelCountError: more or fewer channels than the device has coordinates or motors.
+        LooksLikeDegreesError, LooksLikeRadiansError, SwappedChannelsError: positions that do not fit the joints.
+    """
+    for kind, count, names in (
+        ("position", log.position.shape[1], position_channels(device, log.channels.position.side)),
+        ("torque", log.torque.shape[1], torque_channels(device, log.channels.torque.side)),
+    ):
+        if count != len(names):
+            raise ChannelCountError(kind, count, names)
+    joints = [device.joints[k] for k in device.active]
+    ranges = [joint.position_limits for joint in joints]
+    return check_against(log, ranges, [joint.prismatic for joint in joints], [joint.name for joint in joints])
+
+
+def position_channels(device: Device, side: str) -> list[str]:
+    """What each position channel is of: active joints, or motors' shafts."""
+    if side == "joint":
+        return [device.joints[k].name for k in device.active]
+    return [drive.name for drive in device.drives]
+
+
+def torque_channels(device: Device, side: str) -> list[str]:
+    """What each torque channel is of: measured joints, or motors."""
+    if side == "motor":
+        return [drive.name for drive in device.motors]
+    return [device.joints[j].name for k, j in enumerate(device.active) if _joint_measured(device)[k]]
+
+
+def _joint_measured(device: Device) -> np.ndarray:
+    """Whether each active joint's torque is known: all drives that load it have a motor."""
+    blind = np.array([not drive.motorised for drive in device.drives])
+    return np.asarray(~(device.coupling[blind] != 0).any(axis=0))
+
+
+def coordinates(device: Device, motion: Motion, start: int, stop: int) -> tuple[Array, Array, Array]:
+    """Position, velocity and acceleration of the device's coordinates, each (coordinates, stop - start).
+
+    Raises:
+        ChannelCountError: the motion has more or fewer position channels than the device has coordinates.
+        NoAccelerationError: velocity is by a causal differentiator.
+    """
+    q, qd, qdd = motion.kinematics(start, stop)
+    change = position_map(device, motion)
+    return change(q), change(qd), change(qdd)
+
+
+def state(device: Device, motion: Motion, start: int, stop: int) -> tuple[Array, Array]:
+    """Position and velocity of the device's coordinates, each (coordinates, stop - start).
+
+    Raises:
+        ChannelCountError: the motion has more or fewer position channels than the device has coordinates.
+    """
+    q, qd = motion.state(start, stop)
+    change = position_map(device, motion)
+    return change(q), change(qd)
+
+
+def position_map(device: Device, motion: Motion) -> Callable[[Array], Array]:
+    """From position channels, or their rates, to the coordinates', both (channels, samples)."""
+    side = motion.log.channels.position.side if motion.log else "joint"
+    names = position_channels(device, side)
+    if motion.q.shape[1] != len(names):
+        raise ChannelCountError("position", motion.q.shape[1], names)
+    change = np.asarray(device.frame)
+    if side == "motor":
+        shafts = np.diag([1.0 / drive.gear for drive in device.drives])
+        change = change @ np.linalg.solve(device.coupling, shafts)
+    if (change == np.eye(len(names))).all():
+        return lambda x: x
+    return lambda x: np.asarray(change @ x)
+
+
+def coordinate_torque(device: Device, motion: Motion, start: int, stop: int) -> Array:
+    """Torque of every coordinate, at the joint side, (coordinates, stop - start), N m or N; zero where not measured.
+
+    A motion without a log has the coordinates' torques; a log has the motors' commands, or joint torques.
+
+    Raises:
+        ChannelCountError: the motion has more or fewer torque channels than the device has motors.
+        CommandUnitError: the log's unit of torque is not the unit of the device's command.
+    """
+    known = [name for name, measured in zip(device.row_names, device.measured, strict=True) if measured]
+    names = torque_channels(device, motion.log.channels.torque.side) if motion.log else known
+    if motion.tau.shape[1] != len(names):
+        raise ChannelCountError("torque", motion.tau.shape[1], names)
+    measured = np.ascontiguousarray(motion.tau[start:stop].T)
+    if motion.log is None:
+        tau = np.zeros((len(device.drives), stop - start))
+        tau[list(device.measured)] = measured
+        return tau
+    return np.ascontiguousarray(torque_map(device, motion.log) @ measured)
+
+
+def torque_map(device: Device, log: Log) -> Array:
+    """Matrix from torque channels to the coordinates' torques, (coordinates, channels)."""
+    unit = log.channels.torque_unit
+    if log.channels.torque.side == "motor":
+        for drive in device.motors:
+            if unit != drive.unit:
+                raise CommandUnitError(drive.name, unit, drive.unit, "motor")
+        moved = device.drive_rates[[drive.motorised for drive in device.drives]]
+        return np.asarray(moved.T * [drive.gear * drive.gain for drive in device.motors])
+    for k, j in enumerate(device.active):
+        wanted = "N" if device.joints[j].prismatic else "N m"
+        if _joint_measured(device)[k] and unit != wanted:
+            raise CommandUnitError(device.joints[j].name, unit, wanted, "joint")
+    return np.asarray(np.linalg.inv(device.frame).T[:, _joint_measured(device)])
+
+
+def external(device: Device, c: Array, cd: Array, cdd: Array | None) -> Array:
+    """Columns that the device computes itself (counterbalances, a user's own), (columns, samples).
+
+    Raises:
+        AccelerationColumnError: a column is made of accelerations, and there are none.
+    """
+    if not device.externals:
+        return np.zeros((0, c.shape[1]))
+    if cdd is None:
+        cdd = np.zeros_like(c)  # which no column reads
+        check_linear(device)
+    to_joints = np.linalg.inv(device.frame)
+    return np.ascontiguousarray(device.external(to_joints @ c, to_joints @ cd, to_joints @ cdd))
+
+
+def check_columns(device: Device) -> None:
+    """Raise AccelerationColumnError if a column that the device file writes out reads accelerations."""
+    for term in device.externals:
+        if isinstance(term.shape, Column) and term.shape.reads({f"a_{name}" for name in device.joint_names}):
+            raise AccelerationColumnError(term.name)
+
+
+def check_linear(device: Device) -> None:
+    """The same, or if it has friction by load: torque is then not linear in accelerations."""
+    for term in device.externals:
+        if isinstance(term.shape, Load):
+            raise AccelerationColumnError(term.name)
+    check_columns(device)
+
+
+def rows(device: Device, c: Array, cd: Array, cdd: Array) -> Array:
+    """All of the core's columns of every coordinate's torque, (coordinates, columns, samples)."""
+    mechanism = device.mechanism
+    columns = list(range(mechanism.columns))
+    return np.asarray(mechanism.regressor(c, cd, cdd, external(device, c, cd, cdd), columns, device.loops(c, cd)))

@@ -1,0 +1,1 @@
+"""How a motion becomes rows of the observation matrix."""

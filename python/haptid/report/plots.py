@@ -1,0 +1,101 @@
+"""Measured against predicted torque, drawn."""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Iterable
+from dataclasses import dataclass
+from itertools import pairwise
+from pathlib import Path
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
+
+from haptid._internal.arrays import Array
+from haptid.validation.prediction import Prediction
+
+# Colours that colour-blind readers tell apart (Okabe and Ito 2008).
+MEASURED, PREDICTED, RESIDUAL = "#000000", "#0072B2", "#D55E00"
+# Rows that do not count are shaded.
+DROPPED = "0.85"
+# Of PNG: a tenth larger than the usual, in a third of the time.
+FAST = 1
+# More stretches than this cannot be told apart: below it every row is drawn, above it the extremes of each stretch.
+PIXELS = 2000
+
+
+def plot_torque(parts: Iterable[Prediction], rows: int, title: str, path: Path) -> None:
+    """One panel for each motor: measured and predicted torque, and the residual, against time.
+
+    Args:
+        parts: stretches of one prediction, in order.
+        rows: of all of them together, which decides how finely each is drawn.
+        title, path: of the picture.
+    """
+    drawn = [outline(part, rows) for part in parts]
+    motors, units = drawn[0].motors, drawn[0].units
+    height = 1.4 + 1.9 * len(motors)
+    figure = Figure(figsize=(10, height))
+    FigureCanvasAgg(figure)
+    figure.suptitle(title, parse_math=False, y=1 - 0.12 / height, va="top")
+    # Margins as they are: to look for them a layout would draw everything twice.
+    edges = {"left": 0.12, "right": 0.985, "bottom": 0.5 / height, "top": 1 - 0.65 / height}
+    panels = np.atleast_1d(figure.subplots(len(motors), 1, sharex=True, gridspec_kw={"hspace": 0.1, **edges}))
+    for k, panel in enumerate(panels):
+        draw_motor(panel, drawn, k)
+        panel.set_ylabel(f"{motors[k]}\n{units[k]}", parse_math=False)
+    panels[-1].set_xlabel("time, s")
+    # Above the panel, where it hides nothing.
+    panels[0].legend(loc="lower right", bbox_to_anchor=(1, 1), ncols=4, fontsize="small", frameon=False)
+    with warnings.catch_warnings():
+        warnings.filterwarnings("ignore", "Glyph .* missing")  # a name in letters that the font lacks
+        figure.savefig(path, dpi=120, pil_kwargs={"compress_level": FAST})
+
+
+@dataclass(frozen=True, eq=False)
+class Outline:
+    """What can be seen of a stretch: for each motor and curve, times and values; and where rows do not count."""
+
+    motors: tuple[str, ...]
+    units: tuple[str, ...]
+    curves: tuple[tuple[tuple[Array, Array], ...], ...]
+    dropped: tuple[tuple[Array, np.ndarray], ...]
+
+
+def outline(part: Prediction, rows: int) -> Outline:
+    """A stretch of a prediction of so many rows, thinned to what can be seen."""
+    bins = max(1, round(PIXELS * len(part.t) / max(rows, 1))) if rows > 2 * PIXELS else len(part.t)
+    curves = [
+        tuple(thinned(part.t, y, bins) for y in (measured, predicted, measured - predicted))
+        for measured, predicted in zip(part.measured, part.predicted, strict=True)
+    ]
+    every = slice(None, None, max(1, len(part.t) // (2 * bins)))
+    dropped = tuple((part.t[every], ~used[every]) for used in part.used)
+    return Outline(part.motors, part.units, tuple(curves), dropped)
+
+
+def draw_motor(panel: Axes, drawn: list[Outline], k: int) -> None:
+    """Measured, predicted, residual of one motor; stretches that do not count are shaded."""
+    styles = ((MEASURED, "measured", 2.2), (PREDICTED, "predicted", 0.9), (RESIDUAL, "residual", 0.7))
+    for curve, (colour, name, width) in enumerate(styles):
+        t, y = (np.concatenate([part.curves[k][curve][axis] for part in drawn]) for axis in (0, 1))
+        panel.plot(t, y, color=colour, label=name, linewidth=width)
+    t, dropped = (np.concatenate([part.dropped[k][axis] for part in drawn]) for axis in (0, 1))
+    if dropped.any():
+        low, high = panel.get_ylim()
+        panel.fill_between(t, low, high, where=dropped, color=DROPPED, linewidth=0, zorder=0, label="left out")
+        panel.set_ylim(low, high)
+    panel.margins(x=0)
+    panel.grid(alpha=0.3)
+
+
+def thinned(t: Array, y: Array, bins: int) -> tuple[Array, Array]:
+    """The least and greatest of each bin, in order of time, where there are more points than that."""
+    if len(y) <= 2 * bins:
+        return t, y
+    edges = np.linspace(0, len(y), bins + 1).astype(int)
+    picks = [np.sort([a + np.argmin(y[a:b]), a + np.argmax(y[a:b])]) for a, b in pairwise(edges)]
+    chosen = np.concatenate(picks)
+    return t[chosen], y[chosen]

@@ -1,0 +1,1 @@
+"""The result folder: what an identification writes, and reads back."""

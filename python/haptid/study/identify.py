@@ -1,0 +1,198 @@
+"""Walking a study: from its logs to an estimate and what it predicts of rows it has not seen."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from functools import reduce
+from operator import add
+from pathlib import Path
+
+from haptid.device import Device, read_device
+from haptid.estimation import Estimate, estimate
+from haptid.validation.cross_validation import alternate, each_log
+from haptid.observation.known_payload import log_without_load
+from haptid.log import Log, is_long, open_log, read_log
+from haptid.observation.observation import Observation
+from haptid.estimation.nonlinear import Projection
+from haptid.treatment_choice.propose import Proposal, propose
+from haptid.observation.batch import Kept, observe_all
+from haptid.estimation.nonlinear.linearise import settled, unsettled
+from haptid.study import LogEntry, Study
+from haptid.motion.treatment import Motion, Treatment, treat
+from haptid.validation.validation import Validation, direct, pooled, validate
+from haptid._internal.workers import Workers
+
+Progress = Callable[[str, float], None]
+
+
+@dataclass(frozen=True)
+class Run:
+    """One log of a study, observed, and what was predicted of it.
+
+    Attributes:
+        entry: the study's entry.
+        observation: its rows.
+        direct: errors of the final estimate, where the fit saw the log.
+        unseen: errors of fits that had not seen the rows: of the final estimate for a validation log, of the fold's
+            own fit where rows were held out.
+    """
+
+    entry: LogEntry
+    observation: Observation
+    direct: Validation | None
+    unseen: tuple[Validation, ...]
+
+    @property
+    def motion(self) -> Motion:
+        return self.observation.motions[0]
+
+
+@dataclass(frozen=True)
+class Identification:
+    """A study walked to its end.
+
+    Attributes:
+        study, device: what was asked, of what.
+        proposal: how the logs were treated, and why so.
+        estimate: from all logs with role "identify".
+        runs: log by log.
+        projection: the device's searched constants as found, None where it has none; `device` has these values.
+    """
+
+    study: Study
+    device: Device
+    proposal: Proposal
+    estimate: Estimate
+    runs: tuple[Run, ...]
+    projection: Projection | None = None
+
+    @property
+    def unseen(self) -> tuple[Validation, ...]:
+        """Every validation on rows that its fit had not seen."""
+        return tuple(v for run in self.runs for v in run.unseen)
+
+    @property
+    def meets_criteria(self) -> bool | None:
+        """Whether every unseen prediction is within the study's limit; None where it sets none."""
+        limit = self.study.largest_error
+        if limit is None:
+            return None
+        return bool(self.unseen) and all(v.relative <= limit for v in self.unseen)
+
+
+def identify(
+    study: Study,
+    data: str | Path | None = None,
+    progress: Progress | None = None,
+    workers: Workers | None = None,
+    kept: Kept | None = None,
+) -> Identification:
+    """Read, treat, observe, estimate and validate.
+
+    Args:
+        study: what to do.
+        data: where the study's relative log paths start; the study's own folder where None.
+        progress: called with what is being done and the share of it done; what follows a colon says how it goes.
+        workers: who reduces the logs to triangles; this process where None.
+        kept: where triangles of long logs are kept for the case of an interruption; nowhere where None.
+
+    Raises:
+        HaptidError: one of the errors of the rooms it walks through.
+    """
+    tell = progress or _silent
+    as_filed = read_device(study.device)
+    logs = [_read(entry, Path(data or study.path.parent), tell) for entry in study.logs]
+    tell("choosing a treatment", 0.0)
+    proposal = propose(as_filed, *_fit_to_propose(logs, study), **study.treatment)
+    tell("choosing a treatment", 1.0)
+    logs = [_unloaded(as_filed, log, proposal.treatment, entry) for log, entry in zip(logs, study.logs, strict=True)]
+    motions = [_treat(log, proposal.treatment, tell) for log in logs]
+    fitting = [motion for motion, entry in zip(motions, study.logs, strict=True) if entry.role == "identify"]
+    device, projection = settled(as_filed, fitting, study.method, study.intervals, tell)
+    intervals = projection.intervals if projection else study.intervals
+    observations = observe_all(device, motions, workers, kept, _pace(tell))
+    fitted = [o for o, entry in zip(observations, study.logs, strict=True) if entry.role == "identify"]
+    tell("estimating", 0.0)
+    final = estimate(reduce(add, fitted), study.method, intervals)
+    runs = []
+    for entry, observation in zip(study.logs, observations, strict=True):
+        if entry.role == "validate":
+            runs.append(Run(entry, observation, None, (validate(final, observation),)))
+        else:
+            others = [o for o in fitted if o is not observation]
+            unseen = held_out(study, as_filed, observation, others)
+            runs.append(Run(entry, observation, direct(final, observation), unseen))
+    tell("estimating", 1.0)
+    return Identification(study, device, proposal, final, tuple(runs), projection)
+
+
+def _silent(_what: str, _share: float) -> None:
+    """Progress that nobody wants to see."""
+
+
+def _read(entry: LogEntry, data: Path, tell: Progress) -> Log:
+    name = Path(entry.path).name
+    tell(f"reading {name}", 0.0)
+    path = data / entry.path
+    log = (open_log if is_long(path) else read_log)(path, entry.channels, stretch=entry.stretch)
+    tell(f"reading {name}", 1.0)
+    return log
+
+
+def _fit_to_propose(logs: Sequence[Log], study: Study) -> list[Log]:
+    """Logs of the fit without a load where there are some: with loads taken off they would need a treatment first."""
+    fitting = [(log, entry) for log, entry in zip(logs, study.logs, strict=True) if entry.role == "identify"]
+    bare = [log for log, entry in fitting if entry.load is None]
+    return bare or [log for log, _ in fitting]
+
+
+def _unloaded(device: Device, log: Log, treatment: Treatment, entry: LogEntry) -> Log:
+    return log if entry.load is None else log_without_load(device, log, treatment, entry.load)
+
+
+def _treat(log: Log, treatment: Treatment, tell: Progress) -> Motion:
+    tell(f"treating {log.path.name}", 0.0)
+    motion = treat(log, treatment)
+    tell(f"treating {log.path.name}", 1.0)
+    return motion
+
+
+def _pace(tell: Progress) -> Callable[[Motion, float], None]:
+    """Progress of observing, with the samples of a second."""
+    begin, done = time.perf_counter(), dict[Motion, float]()
+
+    def observing(motion: Motion, share: float) -> None:
+        done[motion] = share * len(motion)
+        rate = sum(done.values()) / max(time.perf_counter() - begin, 1e-9)
+        assert motion.log is not None  # a study's motions all come from logs
+        tell(f"observing {motion.log.path.name}: {rate:.2g} samples/s", share)
+
+    return observing
+
+
+def held_out(
+    study: Study, device: Device, observation: Observation, others: list[Observation]
+) -> tuple[Validation, ...]:
+    """Predictions of a log's rows by fits that have not seen them, as the study's holdout says.
+
+    Args:
+        study: with the method of these fits.
+        device: as its file has it; what is not settled there is settled anew by every fit.
+        observation: of the log.
+        others: of the other logs with the role "identify", all of one device.
+    """
+    if study.holdout and unsettled(device):
+        predict = {"each-log": each_log, "alternate": alternate}[study.holdout]
+        rest = [motion for other in others for motion in other.motions]
+        return (predict(device, observation.motions[0], rest, study.method),)
+    if study.holdout == "each-log":
+        return (validate(estimate(reduce(add, others), study.method), observation),)
+    if study.holdout == "alternate":
+        halves = observation.alternate()
+        folds = (
+            validate(estimate(reduce(add, others, fit), study.method), unseen) for fit, unseen in (halves, halves[::-1])
+        )
+        return (pooled(*folds),)
+    return ()

@@ -1,0 +1,159 @@
+"""From a study file to a study."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from haptid._internal.toml_tables import read_checked
+from haptid.motion.causal import Causal, HighPass
+from haptid.device.priors import Body, tensor
+from haptid.errors import ControllerError, LogError, StudyFileError, StudyLogsError
+from haptid.observation.known_payload import Load
+from haptid.log import Channels, Signal
+from haptid.motion.shapes import SHAPES
+from haptid.simulation import PID
+from haptid.study.method import INTERVALS, method_of
+from haptid.study.study import LogEntry, Study
+from haptid.study.schema import (
+    ChannelsTable,
+    ControllerTable,
+    HoldoutTable,
+    LoadTable,
+    LogTable,
+    SignalTable,
+    StudyTable,
+    TreatmentTable,
+)
+from haptid.motion.treatment import Treatment
+
+
+def read_study(path: str | Path) -> Study:
+    """Read a study file.
+
+    Raises:
+        StudyFileError: the file cannot be read, or a key in it is missing, unknown or wrong; says which.
+        StudyLogsError: the logs cannot serve the study: none to identify from, or one named twice.
+        StudyControllerError: the method needs the controller that moved the device, and there is none.
+    """
+    path = Path(path)
+    table = read_checked(path, StudyTable, StudyFileError, "a study")
+    logs = tuple(_log(path, k, log, table.channels) for k, log in enumerate(table.logs))
+    _check_logs(path, logs, table.holdout)
+    controller = _controller(path, table.controller) if table.controller else None
+    return Study(
+        name=table.name,
+        path=path,
+        device=_device(path, table.device),
+        logs=logs,
+        treatment=_treatment(path, table.treatment),
+        method=method_of(path, table.estimate, controller),
+        holdout=table.holdout.pattern if table.holdout else None,
+        largest_error=table.criteria.relative_error_percent,
+        intervals=INTERVALS[table.estimate.intervals](),
+        controller=controller,
+    )
+
+
+def _treatment(study: Path, table: TreatmentTable) -> dict[str, Any]:
+    """Settings of `Treatment` that the study gives."""
+    given: dict[str, Any] = table.model_dump(exclude_none=True)
+    shape, order = given.pop("parallel_shape", None), given.pop("parallel_order", None)
+    if order is not None and shape != "causal":
+        raise StudyFileError(study, "treatment.parallel_order", "only the shape 'causal' has an order")
+    if shape is not None:
+        given["parallel_shape"] = Causal(order or 1) if shape == "causal" else SHAPES[shape]
+    if "velocity_cutoff_hz" in given:
+        given |= {"velocity": HighPass(given.pop("velocity_cutoff_hz")), "cutoff_hz": given.get("cutoff_hz")}
+    settings: dict[str, Any] = {key: None if value == "none" else value for key, value in given.items()}
+    Treatment(**settings)  # a setting that means nothing is an error before any log is read
+    return settings
+
+
+def _controller(study: Path, table: ControllerTable) -> PID:
+    given: dict[str, Any] = {
+        key: tuple(value) if isinstance(value, list) else value
+        for key, value in table.model_dump(exclude={"reference"}, exclude_none=True).items()
+    }
+    if table.reference is not None:
+        signal = SignalTable.model_validate(table.reference.model_dump() | {"constant_ok": True})
+        given["reference"] = _signal(study, "controller.reference", signal)
+    try:
+        return PID(**given)
+    except ControllerError as error:
+        raise StudyFileError(study, "controller", str(error).rstrip(".")) from error
+
+
+def _device(study: Path, text: str) -> str | Path:
+    """A path where the study means one, else the name of a shipped device."""
+    return study.parent / text if text.endswith(".toml") or "/" in text or "\\" in text else text
+
+
+def _log(study: Path, index: int, log: LogTable, common: ChannelsTable | None) -> LogEntry:
+    table = log.channels or common
+    stretch = (log.stretch[0], log.stretch[1]) if log.stretch else None
+    if stretch and stretch[0] >= stretch[1]:
+        raise StudyFileError(study, f"logs.{index}.stretch", f"ends at {stretch[1]} before it begins at {stretch[0]}")
+    channels = None
+    if table:
+        where = f"logs.{index}.channels" if log.channels else "channels"
+        if (table.time is None) == (table.rate_hz is None):
+            raise StudyFileError(study, where, "give `time` (a channel) or `rate_hz`, one of the two")
+        try:
+            channels = Channels(
+                position=_signal(study, f"{where}.position", table.position),
+                torque=_signal(study, f"{where}.torque", table.torque),
+                time=table.time,
+                time_unit=table.time_unit,
+                rate_hz=table.rate_hz,
+            )
+        except LogError as error:
+            raise StudyFileError(study, where, str(error).rstrip(".")) from error
+    return LogEntry(log.path, log.role, stretch, channels, _load(log.load) if log.load else None)
+
+
+def _load(table: LoadTable) -> Load:
+    inertia = None if table.inertia is None else tensor(np.array(table.inertia))
+    return Load(table.link, Body(table.mass, np.array(table.com), inertia))
+
+
+def _signal(study: Path, where: str, table: SignalTable) -> Signal:
+    def spread(name: str, value: float | list[float]) -> tuple[float, ...]:
+        values = tuple(value) if isinstance(value, list) else (value,) * len(table.channels)
+        if len(values) != len(table.channels):
+            raise StudyFileError(study, f"{where}.{name}", f"{len(values)} figures for {len(table.channels)} channels")
+        return values
+
+    return Signal(
+        channels=tuple(table.channels),
+        unit=table.unit,
+        side=table.side,
+        gain=spread("gain", table.gain),
+        offset=spread("offset", table.offset),
+        unwrap=table.unwrap,
+        period=table.period,
+        constant_ok=table.constant_ok,
+        allow_saturation=table.allow_saturation,
+    )
+
+
+def _check_logs(study: Path, logs: tuple[LogEntry, ...], holdout: HoldoutTable | None) -> None:
+    fitted = [log for log in logs if log.role == "identify"]
+    if not fitted:
+        raise StudyLogsError(study, "no log has role 'identify', so there is nothing to fit")
+    seen: dict[str, list[LogEntry]] = {}
+    for log in logs:
+        earlier = seen.setdefault(log.path, [])
+        if any(_overlap(log.stretch, other.stretch) for other in earlier):
+            raise StudyLogsError(
+                study, f"{log.path!r} is named twice; give the two entries stretches that do not overlap"
+            )
+        earlier.append(log)
+    if holdout and holdout.pattern == "each-log" and len(fitted) < 2:
+        raise StudyLogsError(study, "holdout pattern 'each-log' needs at least two logs with role 'identify'")
+
+
+def _overlap(a: tuple[float, float] | None, b: tuple[float, float] | None) -> bool:
+    return a is None or b is None or (a[0] < b[1] and b[0] < a[1])

@@ -1,0 +1,1 @@
+"""The proposed treatment of a log, and the delay of its torque."""

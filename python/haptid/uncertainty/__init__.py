@@ -1,0 +1,1 @@
+"""Numbers with uncertainty, and tests of several of them."""
