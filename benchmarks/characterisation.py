@@ -18,10 +18,10 @@ import numpy as np
 
 import haptid
 from haptid import _core
-from haptid.end_effector.characterisation import GivenModel, felt_mass
-from haptid.end_effector.characterisation.apparent_mass import core_arguments
 from haptid.dynamics.inverse import mass_matrix
 from haptid.dynamics.kinematics import handle_motion
+from haptid.end_effector.characterisation import GivenModel, felt_mass
+from haptid.end_effector.characterisation.apparent_mass import core_arguments
 
 POSES = 1_000_000
 DEVICES = {

@@ -13,13 +13,13 @@ import numpy as np
 import haptid
 from arm import Arm
 from beside import alone, beside
-from haptid.experiment.bench.trajectories import Trajectory
+from haptid.dynamics.forward import ForwardDynamics, sets_of
 from haptid.end_effector.characterisation import GivenModel, felt_mass
+from haptid.experiment.bench.trajectories import Trajectory
 from haptid.experiment.excitation import Limits, RawCondition, observed
-from haptid.experiment.excitation.limits import Bounds
 from haptid.experiment.excitation.gradients import Slopes
+from haptid.experiment.excitation.limits import Bounds
 from haptid.observation.observation import condition
-from haptid.simulation import DirectModel, sets_of
 from stopwatch import Work
 
 # As `peers/common.py` has them.
@@ -38,7 +38,7 @@ def works(arm: Arm) -> dict[str, Work]:
     """Ours."""
     device, beta = arm.device, arm.beta
     q, qd, qdd, tau = (np.ascontiguousarray(x[:, :MANY]) for x in (arm.q, arm.qd, arm.qdd, arm.tau))
-    direct, model = DirectModel(device, sets_of(device, beta)), GivenModel(device, beta)
+    direct, model = ForwardDynamics(device, sets_of(device, beta)), GivenModel(device, beta)
 
     def simulated() -> tuple[np.ndarray, np.ndarray]:
         c, cd = q, qd

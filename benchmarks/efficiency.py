@@ -17,8 +17,8 @@ import numpy as np
 import haptid
 from haptid.estimation import GLS, IRLS, SUR, Huber, StudentT, Tukey
 from haptid.estimation.intervals.autoregression import Autoregression
-from haptid.estimation.methods.gls import Whitening
 from haptid.estimation.least_squares import solve
+from haptid.estimation.methods.gls import Whitening
 from haptid.observation.rows import Rows
 
 sys.path.insert(0, str(Path(__file__).resolve().parent))

@@ -17,7 +17,6 @@ import numpy as np
 
 import haptid
 from bench_identification import CASES, ENDS, device_of, log_of, record, truth_of
-from haptid import estimation
 from haptid.experiment import bench
 from haptid.simulation import PID
 

@@ -23,12 +23,12 @@ from pathlib import Path
 import numpy as np
 
 import haptid
-from haptid.end_effector.definiteness import definiteness
 from haptid.demos import read_demo
 from haptid.demos.mountings.fits import Accuracy, Fit, accuracy, fitted
 from haptid.demos.mountings.hand import feel
 from haptid.demos.mountings.plan import Mountings
 from haptid.demos.recordings import Recorded, Take, read_recorded, record
+from haptid.end_effector.definiteness import definiteness
 from haptid.estimation import Consistent, possible
 
 NAME, SEEDS, STEP = "phantom", range(1, 21), 5e-4

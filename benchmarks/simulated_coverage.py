@@ -17,7 +17,6 @@ from scipy import stats
 
 import bench_identification  # finds the tests' devices
 import haptid
-from haptid import estimation
 from haptid.experiment import bench
 from small_study import FRICTION, driven, log_of, two_links
 from true_parameters import true_parameters

@@ -7,8 +7,8 @@ from scipy.spatial.transform import Rotation
 
 import haptid
 from haptid.device import Handle
-from haptid.device.loops.linear import Closure
 from haptid.device.device import Joint, Motor
+from haptid.device.loops.linear import Closure
 from haptid.device.parameters import standard_parameters
 from haptid.device.terms.term import UNITS, TermColumn
 from mechanisms import Random

@@ -2,18 +2,19 @@
 
 from haptid import errors
 from haptid._core import __version__
-from haptid.inference.payload_estimate import Addition, addition
+from haptid._internal.workers import Cluster, Here, Processes, Workers
+from haptid.device import Device, device_schema, read_device, shipped_devices
 from haptid.dynamics.base_parameters import BaseParameters, base_parameters
-from haptid.motion.causal import Causal, HighPass
+from haptid.dynamics.inverse import bias_torque, gravity_torque, inverse_dynamics, mass_matrix
+from haptid.dynamics.kinematics import HandleMotion, handle_motion, link_poses
+from haptid.dynamics.symbolic import Regroupings, loop_regroupings, regroupings
+from haptid.dynamics.workspace import Box, Workspace, workspace
 from haptid.end_effector.characterisation import Characterisation, FeltMass, GivenModel, characterise, felt_mass
-from haptid.inference.comparison import Comparison, compare
 from haptid.end_effector.compensation import Compensation, stable_share
 from haptid.end_effector.definiteness import Definiteness, definiteness
-from haptid.treatment_choice.delay_estimate import Delay, find_delay
-from haptid.device import Device, device_schema, read_device, shipped_devices
-from haptid.inference.diagnosis import Diagnosis, Finding, Verdict, diagnose
+from haptid.end_effector.force import HandleForce, estimate_force
+from haptid.end_effector.momentum_observer import MomentumObserver, Watched, observe_force
 from haptid.end_effector.torque_decomposition import Dissection, dissect
-from haptid.dynamics.inverse import bias_torque, gravity_torque, inverse_dynamics, mass_matrix
 from haptid.estimation import (
     CLIE,
     CLOE,
@@ -61,8 +62,10 @@ from haptid.estimation import (
     pseudo_inertia,
 )
 from haptid.estimation.methods.entropic import Entropic
-from haptid.inference.elimination import AtMost, Essential, Reduction, TimesSmallest, essential, essential_by_motor
-from haptid.dynamics.symbolic import Regroupings, loop_regroupings, regroupings
+from haptid.estimation.nonlinear import Projection, variable_projection
+from haptid.estimation.nonlinear.load_friction import settled_loads
+from haptid.experiment.friction_test.choice import FrictionChoice, choose_friction
+from haptid.experiment.friction_test.curve import ByModel, ByPairs, Constant, FrictionCurve, friction_curve
 from haptid.export import (
     CCode,
     CExport,
@@ -75,34 +78,31 @@ from haptid.export import (
     export_rust,
     export_urdf,
 )
-from haptid.end_effector.force import HandleForce, estimate_force
-from haptid.experiment.friction_test.curve import ByModel, ByPairs, Constant, FrictionCurve, friction_curve
-from haptid.experiment.friction_test.choice import FrictionChoice, choose_friction
-from haptid.inference.drive_gains import DriveGains, drive_gains
-from haptid.study.identify import Identification, Run, identify
-from haptid.dynamics.kinematics import HandleMotion, handle_motion, link_poses
-from haptid.estimation.nonlinear.load_friction import settled_loads
-from haptid.observation.known_payload import Load, load_shift, log_without_load, without_load
-from haptid.log import Channels, Log, Signal, open_log, read_log
-from haptid.observation.observation import Block, MotorRows, Observation, observe
-from haptid.end_effector.momentum_observer import MomentumObserver, Watched, observe_force
+from haptid.inference.comparison import Comparison, compare
+from haptid.inference.diagnosis import Diagnosis, Finding, Verdict, diagnose
 from haptid.inference.drift import Drift, drift
-from haptid.validation.prediction import Prediction, predict
-from haptid.estimation.nonlinear import Projection, variable_projection
-from haptid.treatment_choice.propose import Proposal, propose
-from haptid.dynamics.workspace import Box, Workspace, workspace
-from haptid.results.read import Recorded, RecordedLog, read_result
-from haptid.observation.batch import Kept, observe_all
-from haptid.report import Hand, Report, make_report, read_report, write_comparison
-from haptid.results.write import result, write_result
+from haptid.inference.drive_gains import DriveGains, drive_gains
+from haptid.inference.elimination import AtMost, Essential, Reduction, TimesSmallest, essential, essential_by_motor
+from haptid.inference.payload_estimate import Addition, addition
 from haptid.inference.several import Series, compare_all
+from haptid.inference.targets import Targets, side_by_side, target_map, targets
+from haptid.log import Channels, Log, Signal, open_log, read_log
+from haptid.motion.causal import Causal, HighPass
 from haptid.motion.shapes import Bell, Sharp
+from haptid.motion.treatment import Motion, Treatment, treat
+from haptid.observation.batch import Kept, observe_all
+from haptid.observation.known_payload import Load, load_shift, log_without_load, without_load
+from haptid.observation.observation import Block, MotorRows, Observation, observe
+from haptid.report import Hand, Report, make_report, read_report, write_comparison
+from haptid.results.read import Recorded, RecordedLog, read_result
+from haptid.results.write import result, write_result
 from haptid.simulation import PID
 from haptid.study import Study, read_study, study_schema
-from haptid.inference.targets import Targets, side_by_side, target_map, targets
-from haptid.motion.treatment import Motion, Treatment, treat
+from haptid.study.identify import Identification, Run, identify
+from haptid.treatment_choice.delay_estimate import Delay, find_delay
+from haptid.treatment_choice.propose import Proposal, propose
+from haptid.validation.prediction import Prediction, predict
 from haptid.validation.validation import MotorError, Validation, direct, validate
-from haptid._internal.workers import Cluster, Here, Processes, Workers
 
 __all__ = [
     "CLIE",

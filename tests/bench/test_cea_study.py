@@ -5,8 +5,8 @@ import pytest
 from typer.testing import CliRunner
 
 import haptid
-from haptid.experiment import bench
 from haptid.cli import app
+from haptid.experiment import bench
 
 pytest.importorskip("mujoco", reason="MuJoCo has no wheel for this platform")
 

@@ -7,12 +7,12 @@ import pytest
 
 import haptid
 from haptid import errors
-from haptid.experiment import bench
+from haptid.dynamics.inverse import mass_matrix
+from haptid.dynamics.kinematics import handle_motion
 from haptid.end_effector.characterisation import GivenModel, characterise, felt_mass
 from haptid.end_effector.characterisation.velocity_forces import drift
 from haptid.end_effector.compensation import Compensation, stable_share
-from haptid.dynamics.inverse import mass_matrix
-from haptid.dynamics.kinematics import handle_motion
+from haptid.experiment import bench
 from true_parameters import true_parameters
 
 pytest.importorskip("mujoco", reason="MuJoCo has no wheel for this platform")

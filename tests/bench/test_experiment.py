@@ -11,8 +11,8 @@ from typer.testing import CliRunner
 
 import haptid
 from haptid import errors
-from haptid.experiment import bench
 from haptid.cli import app
+from haptid.experiment import bench
 
 EXAMPLES = Path(__file__).resolve().parents[2] / "examples"
 DEVICES = {"phantom": "phantom_premium_15", "cea": "cea_medical_branch"}

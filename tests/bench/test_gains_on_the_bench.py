@@ -7,8 +7,8 @@ import pytest
 
 import haptid
 from bench_identification import CASES, ENDS, truth_of
-from haptid.experiment import bench
 from haptid.device.priors import Body
+from haptid.experiment import bench
 
 pytest.importorskip("mujoco")
 CASE, SECONDS, WEIGHT = CASES["open arm, 3 joints"], 12.0, 1.0

@@ -7,11 +7,11 @@ import pytest
 from scipy import signal
 
 import haptid
-from haptid.experiment import bench
 from haptid.dynamics.inverse import core_torque, raw_parameters
-from haptid.end_effector.force import estimate_force
 from haptid.dynamics.kinematics import handle_motion
+from haptid.end_effector.force import estimate_force
 from haptid.end_effector.momentum_observer import MomentumObserver, observe_force
+from haptid.experiment import bench
 from haptid.observation.reversals import softened
 from motions import motion
 from true_parameters import true_parameters

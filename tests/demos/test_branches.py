@@ -6,13 +6,13 @@ import numpy as np
 import pytest
 
 import haptid
-from haptid.experiment.bench import read_experiment
-from haptid.end_effector.characterisation import GivenModel
 from haptid.demos import kind_of, read_demo
 from haptid.demos.branches.compensated import bound, smooth
 from haptid.demos.recordings import Take, record
 from haptid.demos.report import write_report
+from haptid.end_effector.characterisation import GivenModel
 from haptid.estimation import possible
+from haptid.experiment.bench import read_experiment
 
 TABLES = {"upper": "table1.csv", "lower": "table2.csv"}
 

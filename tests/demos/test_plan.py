@@ -6,7 +6,6 @@ from typer.testing import CliRunner
 
 import haptid
 from haptid import errors
-from haptid.experiment.bench import read_experiment
 from haptid.cli import app
 from haptid.demos import demo_names, read_demo
 from haptid.demos.mountings.frictionless import without_terms
@@ -14,6 +13,7 @@ from haptid.demos.mountings.judged import published
 from haptid.demos.recordings import as_in_file
 from haptid.demos.tables import layout, markdown
 from haptid.dynamics.inverse import inverse_dynamics
+from haptid.experiment.bench import read_experiment
 from haptid.inference.targets import target_map, targets
 from motions import motion, multisine, truth
 

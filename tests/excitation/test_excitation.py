@@ -8,6 +8,7 @@ import pytest
 
 import haptid
 from haptid import errors
+from haptid.dynamics.regressor import rows
 from haptid.experiment import bench
 from haptid.experiment.excitation import (
     Coupling,
@@ -24,7 +25,6 @@ from haptid.experiment.excitation import (
     quality,
     write_experiment,
 )
-from haptid.motion.channels import rows
 from motions import truth
 from true_parameters import true_parameters
 

@@ -7,8 +7,8 @@ from typer.testing import CliRunner
 
 import haptid
 from haptid.cli import app
-from haptid.inference.diagnosis import diagnose
 from haptid.export import FORMATS, CCode, export
+from haptid.inference.diagnosis import diagnose
 from haptid.report import source
 from small_study import write_study
 

@@ -9,12 +9,12 @@ import pytest
 
 import haptid
 from compiled import NAME, STRICT, Library, compiler, relative, run
-from haptid.motion.causal import HighPass
+from haptid.end_effector.momentum_observer import MomentumObserver
 from haptid.export import CCode, export_c
 from haptid.export.functions import code_of
 from haptid.export.golden import Golden
 from haptid.export.moments import moments_of
-from haptid.end_effector.momentum_observer import MomentumObserver
+from haptid.motion.causal import HighPass
 from true_parameters import true_parameters
 
 SPEED = 0.01

@@ -8,8 +8,8 @@ from scipy import signal
 
 import haptid
 from haptid.experiment import bench
-from haptid.inference.elimination import essential
 from haptid.experiment.excitation import observed
+from haptid.inference.elimination import essential
 
 EXAMPLES = Path(__file__).resolve().parents[2] / "examples" / "cea"
 DEVICE = haptid.read_device("cea_medical_branch")

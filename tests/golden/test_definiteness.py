@@ -5,9 +5,9 @@ import pytest
 from scipy import optimize
 
 import haptid
-from haptid.end_effector.definiteness import definiteness
 from haptid.dynamics.inverse import mass_matrix
 from haptid.dynamics.workspace import Box, workspace
+from haptid.end_effector.definiteness import definiteness
 
 # Table I of Tahmasebi et al. (2005), pi_1 to pi_6, in command units: 2.73 times SI. Installations by column.
 INSTALLATIONS = ("cavusoglu", "normal", "gc", "fs", "usd", "usd+gc")

@@ -7,11 +7,11 @@ import numpy as np
 import pytest
 
 import haptid
-from haptid.end_effector.characterisation import GivenModel, characterise, felt_mass
-from haptid.end_effector.characterisation.velocity_forces import drift
 from haptid.demos import read_demo
 from haptid.dynamics.inverse import core_torque, mass_matrix
 from haptid.dynamics.kinematics import handle_motion
+from haptid.end_effector.characterisation import GivenModel, characterise, felt_mass
+from haptid.end_effector.characterisation.velocity_forces import drift
 
 DEMO = read_demo("medical")
 DEVICE = haptid.read_device(DEMO.device)

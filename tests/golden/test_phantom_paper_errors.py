@@ -5,11 +5,11 @@ import pytest
 from scipy import signal
 
 import haptid
-from haptid.end_effector.definiteness import definiteness
 from haptid.demos import read_demo
 from haptid.dynamics.inverse import mass_matrix
-from haptid.end_effector.force import estimate_force
 from haptid.dynamics.kinematics import handle_motion
+from haptid.end_effector.definiteness import definiteness
+from haptid.end_effector.force import estimate_force
 from haptid.inference.targets import target_map
 from motions import motion, multisine
 

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 import haptid
-from haptid.end_effector.characterisation import GivenModel, characterise, felt_mass, sweep
 from haptid.dynamics.inverse import mass_matrix
+from haptid.end_effector.characterisation import GivenModel, characterise, felt_mass, sweep
 
 D3, D4 = 0.225, 0.275
 # Janot et al. (2007), tables 1 and 2, identified values, SI.

@@ -7,11 +7,11 @@ from hypothesis import strategies as st
 
 import haptid
 from haptid import _core
+from haptid.dynamics.inverse import bias_torque, mass_matrix
+from haptid.dynamics.kinematics import handle_motion
 from haptid.end_effector.characterisation import GivenModel, characterise, felt_mass
 from haptid.end_effector.characterisation.apparent_mass import core_arguments
 from haptid.end_effector.characterisation.velocity_forces import drift
-from haptid.dynamics.inverse import bias_torque, mass_matrix
-from haptid.dynamics.kinematics import handle_motion
 from mechanisms import draw, mechanisms
 from random_devices import as_device, parameters
 from true_parameters import true_parameters

@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 
 import haptid
-from haptid.treatment_choice import propose as proposal
-from haptid.motion.causal import Causal, HighPass
-from haptid.end_effector.torque_decomposition import dissect
 from haptid.end_effector.force import estimate_force
+from haptid.end_effector.torque_decomposition import dissect
+from haptid.motion.causal import Causal, HighPass
+from haptid.treatment_choice import propose as proposal
 from motions import motion, multisine, truth
 
 DT = 1e-3

@@ -8,8 +8,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import haptid
-from haptid.observation import observation
 from haptid.motion.causal import Causal, HighPass
+from haptid.observation import observation
 from haptid.validation.prediction import predict
 from mechanisms import mechanisms
 from motions import motion, multisine, truth

@@ -11,11 +11,19 @@ from hypothesis import strategies as st
 import haptid
 from closed_devices import NAMES, bodies, path, poses
 from haptid import _core
-from haptid.device import mechanism_arguments
-from haptid.device.loops.assembly_mode import newton_closure
 from haptid.device.loops.assembly import Chain
-from haptid.dynamics.inverse import bias_torque, core_momentum, core_torque, gravity_torque, mass_matrix, raw_parameters, rigid
+from haptid.device.loops.assembly_mode import newton_closure
+from haptid.dynamics.inverse import (
+    bias_torque,
+    core_momentum,
+    core_torque,
+    gravity_torque,
+    mass_matrix,
+    raw_parameters,
+    rigid,
+)
 from haptid.dynamics.kinematics import handle_motion, link_poses
+from haptid.dynamics.mechanism import mechanism_arguments
 
 
 @pytest.fixture(scope="module", params=NAMES)

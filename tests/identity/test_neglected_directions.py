@@ -6,9 +6,9 @@ from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
 import haptid
+from haptid.demos import read_demo
 from haptid.end_effector.characterisation import GivenModel, characterise
 from haptid.end_effector.characterisation.velocity_forces import unit_directions
-from haptid.demos import read_demo
 from mechanisms import draw
 from random_devices import as_device, parameters
 from true_parameters import true_parameters

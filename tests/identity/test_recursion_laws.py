@@ -8,9 +8,9 @@ from hypothesis import strategies as st
 import haptid
 from closed_devices import NAMES, bodies, poses
 from haptid import _core, errors
+from haptid.dynamics.forward import ForwardDynamics
 from haptid.dynamics.inverse import core_mass, core_momentum, core_torque
-from haptid.motion.channels import rows
-from haptid.simulation import DirectModel
+from haptid.dynamics.regressor import rows
 from mechanisms import Random, mechanisms, states
 
 EXAMPLES = settings(max_examples=40, deadline=None)
@@ -150,7 +150,7 @@ def test_loops_whose_rates_vary(name):
     for a, unit in enumerate(np.eye(len(c))):
         column = core_torque(device, chi, c, still, still + unit[:, None]) - core_torque(device, chi, c, still, still)
         np.testing.assert_allclose(core_mass(device, chi, c)[:, :, a].T, column, rtol=0, atol=1e-12 * scale)
-    np.testing.assert_allclose(DirectModel(device, chi).acceleration(c, cd, tau), cdd, rtol=1e-7, atol=1e-7)
+    np.testing.assert_allclose(ForwardDynamics(device, chi).acceleration(c, cd, tau), cdd, rtol=1e-7, atol=1e-7)
 
 
 def test_a_set_without_inertia_is_an_error_that_names_the_row():
@@ -160,9 +160,9 @@ def test_a_set_without_inertia_is_an_error_that_names_the_row():
         for j in range(3):
             set_[10 * j : 10 * j + 10] = size * np.array([0.3, 0, 0, 0.3, 0, 0.3, 0.1, 0, 0, 1.0])
     still = np.zeros((3, 6))
-    assert np.isfinite(DirectModel(device, chi[:1]).acceleration(still, still, still)).all()
+    assert np.isfinite(ForwardDynamics(device, chi[:1]).acceleration(still, still, still)).all()
     with pytest.raises(errors.MasslessError, match="no inertia"):
-        DirectModel(device, chi).acceleration(still, still, still)
+        ForwardDynamics(device, chi).acceleration(still, still, still)
 
 
 def test_sets_that_do_not_fit_are_refused():

@@ -8,6 +8,8 @@ from scipy import stats
 
 import haptid
 from haptid import errors
+from haptid.dynamics.regressor import rows
+from haptid.estimation.methods.zeroed import Without
 from haptid.inference.elimination import (
     AtMost,
     Essential,
@@ -17,8 +19,6 @@ from haptid.inference.elimination import (
     objection,
     without,
 )
-from haptid.estimation.methods.zeroed import Without
-from haptid.motion.channels import rows
 from motions import motion, truth
 
 ZERO = ("FV1", "FV2", "FC3")

@@ -8,11 +8,11 @@ import pytest
 
 import haptid
 from bench_identification import CASES, device_of, log_of, record, truth_of
-from haptid import errors, estimation
+from haptid import errors
+from haptid.estimation.least_squares import solve
 from haptid.estimation.methods.iv import second_stage
 from haptid.estimation.methods.kalman import Belief, gained
 from haptid.estimation.methods.simulating import along
-from haptid.estimation.least_squares import solve
 from haptid.observation.rows import Rows
 from haptid.simulation import PID
 

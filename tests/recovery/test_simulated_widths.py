@@ -7,9 +7,10 @@ import pytest
 
 import haptid
 from haptid import estimation
+from haptid.dynamics.forward import ForwardDynamics, sets_of
+from haptid.dynamics.parametric import ParametricForwardDynamics
 from haptid.experiment import bench
-from haptid.simulation import DirectModel, Stretches, measured_state, open_loop, sets_of, smooth
-from haptid.dynamics.parametric import ParametricModel
+from haptid.simulation import Stretches, measured_state, open_loop, smooth
 from small_study import FRICTION, driven, log_of, two_links
 from true_parameters import true_parameters
 
@@ -42,12 +43,12 @@ def test_only_where_friction_turns_over_steps_are_cut(monkeypatch):
     rows = observed(3)
     device, motion = rows.device, rows.motions[0]
     beta = device.base.of(true_parameters(device, **FRICTION))
-    model = DirectModel(smooth(device, [motion], 1e-3), sets_of(device, beta))
+    model = ForwardDynamics(smooth(device, [motion], 1e-3), sets_of(device, beta))
     stretches = Stretches.of(len(motion), 25, 0)
     treated, cd = measured_state(device, motion)
     start = treated[:, stretches.sample[0]], cd[:, stretches.sample[0]]
     some = open_loop(model, motion, motion.tau.T, start, stretches)
-    monkeypatch.setattr(DirectModel, "turning", lambda *args: np.ones(args[1].shape[1], dtype=bool))
+    monkeypatch.setattr(ForwardDynamics, "turning", lambda *args: np.ones(args[1].shape[1], dtype=bool))
     every = open_loop(model, motion, motion.tau.T, start, stretches)
     np.testing.assert_allclose(some.c, every.c, atol=1e-6)
 
@@ -57,6 +58,6 @@ def test_steps_of_the_filter_are_cut_where_friction_turns_over(monkeypatch):
     rows = observed(3)
     beta = rows.device.base.of(true_parameters(rows.device, **FRICTION))
     cut = haptid.estimate(rows, estimation.EKF())
-    monkeypatch.setattr(ParametricModel, "turning", lambda *_: False)
+    monkeypatch.setattr(ParametricForwardDynamics, "turning", lambda *_: False)
     whole = haptid.estimate(rows, estimation.EKF())
     assert np.sum(((cut.beta - beta) / cut.sd) ** 2) < np.sum(((whole.beta - beta) / whole.sd) ** 2)

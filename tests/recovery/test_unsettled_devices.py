@@ -11,12 +11,12 @@ import haptid
 from haptid import errors
 from haptid import estimation as e
 from haptid.advice.eliminate import with_reduced
-from haptid.inference.elimination import without
-from haptid.validation.cross_validation import alternate, each_log
+from haptid.estimation.nonlinear.linearise import settled
 from haptid.estimation.nonlinear.load_friction import settled_loads
+from haptid.inference.elimination import without
 from haptid.results.read import read_result
 from haptid.results.write import write_result
-from haptid.estimation.nonlinear.linearise import settled
+from haptid.validation.cross_validation import alternate, each_log
 from motions import motion
 from small_study import DEVICE, HEAD
 from true_parameters import true_parameters

@@ -12,10 +12,12 @@ from scipy import linalg
 import haptid
 from bench_identification import CASES, device_of, log_of, record, truth_of
 from haptid import errors
+from haptid.dynamics.forward import ForwardDynamics, sets_of
+from haptid.dynamics.parametric import ParametricForwardDynamics
+from haptid.dynamics.regressor import columns
 from haptid.experiment import bench
-from haptid.simulation import PID, DirectModel, Stretches, closed_loop, columns, open_loop, sensitivity, sets_of, smooth
+from haptid.simulation import PID, Stretches, closed_loop, open_loop, sensitivity, smooth
 from haptid.simulation.control import recorded
-from haptid.dynamics.parametric import ParametricModel
 from mechanisms import mechanisms, states
 from random_devices import as_device, parameters
 
@@ -35,7 +37,7 @@ def test_accelerations_undo_the_inverse_model(mechanism, seed):
     raw = device.parameters.S @ chi
     c, cd, cdd = states(mechanism, 5, seed)
     beta = device.base.of(chi)
-    model = DirectModel(device, raw)
+    model = ForwardDynamics(device, raw)
     M, _ = model.parts(c, cd)
     if np.linalg.cond(M).max() > 1e6:  # coordinates that hardly move anything
         return
@@ -48,7 +50,7 @@ def test_slopes_are_those_of_differences(name):
     device, rng, step = haptid.read_device(name), np.random.default_rng(1), 1e-5
     c = device.frame @ (device.closure.draw(rng, 9) if name == "five_bar" else rng.uniform(-0.3, 0.3, (3, 9)))
     cd, cdd = rng.normal(size=(2, *c.shape))
-    model = DirectModel(device, np.abs(rng.normal(size=device.mechanism.columns)))
+    model = ForwardDynamics(device, np.abs(rng.normal(size=device.mechanism.columns)))
     found = model.slopes(c, cd, cdd)
     for k, move in enumerate(step * np.eye(len(c))[:, :, None]):
         by_c = model.inverse(c + move, cd, cdd) - model.inverse(c - move, cd, cdd)
@@ -69,10 +71,10 @@ def test_loops_too_and_every_set_for_itself(name):
             raw[k, 10 * j : 10 * j + 10] = [0.02 + k, 0, 0, 0.02 + k, 0, 0.03 + k, 0.01, 0, 0, 1.0]
         raw[k, 10 * len(device.joints) :] = 0.01
     tau = rng.normal(size=c.shape)
-    both = DirectModel(device, raw).acceleration(np.tile(c, 2), np.tile(cd, 2), np.tile(tau, 2))
-    each = [DirectModel(device, one).acceleration(c, cd, tau) for one in raw]
+    both = ForwardDynamics(device, raw).acceleration(np.tile(c, 2), np.tile(cd, 2), np.tile(tau, 2))
+    each = [ForwardDynamics(device, one).acceleration(c, cd, tau) for one in raw]
     np.testing.assert_allclose(both, np.concatenate(each, axis=1), rtol=1e-12)
-    M, h = DirectModel(device, raw[0]).parts(c, cd)
+    M, h = ForwardDynamics(device, raw[0]).parts(c, cd)
     np.testing.assert_allclose(np.einsum("sij,js->is", M, each[0]) + h.T, tau, atol=1e-9 * np.abs(h).max())
 
 
@@ -109,7 +111,7 @@ def test_closed_loop_of_a_mass_is_the_exponential(tmp_path):
     law = PID(400.0, 40.0, 100.0, reference=(target,))
     beta = np.array([{"M1": mass, "FV1": viscous}[name] for name in device.base.names])
     motion = haptid.Motion(dt, target, np.zeros_like(target), haptid.Treatment(cutoff_hz=None))
-    steps = closed_loop(DirectModel(device, sets_of(device, beta)), law, motion, 0, Stretches.of(1500, 1500, 0))
+    steps = closed_loop(ForwardDynamics(device, sets_of(device, beta)), law, motion, 0, Stretches.of(1500, 1500, 0))
     A = np.zeros((3, 3))
     A[0, 1], A[1, 1], A[1, 2] = 1.0, -viscous / mass, 1.0 / mass
     step = linalg.expm(A * dt)
@@ -130,7 +132,7 @@ def test_the_open_loop_of_a_mass_falls_as_it_should(tmp_path):
     motion = haptid.Motion(dt, np.zeros((100, 1)), np.ones((100, 1)), haptid.Treatment(cutoff_hz=None))
     start = np.zeros((1, 1)), np.ones((1, 1))
     steps = open_loop(
-        DirectModel(device, sets_of(device, beta)), motion, np.ones((1, 100)), start, Stretches.of(100, 100, 0)
+        ForwardDynamics(device, sets_of(device, beta)), motion, np.ones((1, 100)), start, Stretches.of(100, 100, 0)
     )
     t = dt * np.arange(100)
     np.testing.assert_allclose(steps.course(motion).c[0], t + t**2 / 4, atol=1e-12)
@@ -149,7 +151,7 @@ def simulated(name, share, stretch=400, settle=300, seconds=3.2):
     log = haptid.Log("bench", "", made.t, made.position, made.command, log_of(case, made).channels)
     motion = haptid.treat(log, haptid.Treatment(cutoff_hz=60))
     law = PID(case.kp, case.kd, reference=(made.target,), velocity_cutoff_hz=100)
-    model = DirectModel(smooth(device, [motion], share), sets_of(device, device.base.of(truth_of(case))))
+    model = ForwardDynamics(smooth(device, [motion], share), sets_of(device, device.base.of(truth_of(case))))
     stretches = Stretches.of(len(motion), stretch, settle)
     return made, motion, law, model, closed_loop(model, law, motion, 0, stretches)
 
@@ -181,7 +183,9 @@ def test_sensitivities_are_differences_of_simulations():
     for k in (0, 4, 13, 17, 20):  # inertia, gravity, rotor, viscous, Coulomb
         h = 1e-5 * max(abs(beta[k]), 1e-3)
         sets = beta + h * np.array([[1.0], [-1.0]]) * np.eye(len(beta))[k]
-        both = closed_loop(DirectModel(device, sets_of(device_of(CASES[ARM]), sets)), law, motion, 0, steps.stretches)
+        both = closed_loop(
+            ForwardDynamics(device, sets_of(device_of(CASES[ARM]), sets)), law, motion, 0, steps.stretches
+        )
         count = steps.stretches.count
         for exact, found in ((both.c, made.c[:, :, k]), (both.tau, made.tau[:, :, k])):
             slope = (exact[:, :, :count] - exact[:, :, count:]) / (2 * h)
@@ -193,17 +197,17 @@ def test_parameters_of_their_own_at_every_state():
     rng = np.random.default_rng(0)
     beta = device.base.of(truth_of(CASES[ARM])) * rng.uniform(0.9, 1.1, (4, len(device.base)))
     c, cd, tau = rng.uniform(-1, 1, (3, 3, 4))
-    found = ParametricModel(device, base_of(device)).acceleration(c, cd, tau, beta)
+    found = ParametricForwardDynamics(device, base_of(device)).acceleration(c, cd, tau, beta)
     each = [
-        DirectModel(device, sets_of(device, b)).acceleration(c[:, [k]], cd[:, [k]], tau[:, [k]])
+        ForwardDynamics(device, sets_of(device, b)).acceleration(c[:, [k]], cd[:, [k]], tau[:, [k]])
         for k, b in enumerate(beta)
     ]
     np.testing.assert_allclose(found, np.concatenate(each, axis=1), rtol=1e-9)
-    cdd, by_state, by_beta, inverse = ParametricModel(device, base_of(device)).linearised(
+    cdd, by_state, by_beta, inverse = ParametricForwardDynamics(device, base_of(device)).linearised(
         c[:, 0], cd[:, 0], tau[:, 0], beta[0]
     )
     np.testing.assert_allclose(cdd, found[:, 0], rtol=1e-9)
-    M, _ = DirectModel(device, sets_of(device, beta[0])).parts(c[:, :1], cd[:, :1])
+    M, _ = ForwardDynamics(device, sets_of(device, beta[0])).parts(c[:, :1], cd[:, :1])
     np.testing.assert_allclose(inverse @ M[0], np.eye(3), atol=1e-9)
     Y = columns(device, c[:, :1].copy(), cd[:, :1].copy(), np.ascontiguousarray(cdd[:, None]), base_of(device))[:, :, 0]
     np.testing.assert_allclose(by_beta, -inverse @ Y, rtol=1e-8, atol=1e-8)
@@ -232,7 +236,7 @@ def test_what_is_wrong_with_a_controller_is_said():
     with pytest.raises(errors.SimulationLostError, match="runs away"):
         loop(kp=-3000.0, reference=(made.target,))
     with pytest.raises(errors.MasslessError, match="no inertia"):
-        closed_loop(DirectModel(model.device, 0 * model.chi), PID(1.0, 1.0), motion, 0, stretches)
+        closed_loop(ForwardDynamics(model.device, 0 * model.chi), PID(1.0, 1.0), motion, 0, stretches)
 
 
 def test_a_limit_holds_the_torque():

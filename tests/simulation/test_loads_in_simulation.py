@@ -7,9 +7,10 @@ import pytest
 from scipy import integrate
 
 import haptid
-from haptid import errors, estimation
+from haptid import errors
+from haptid.dynamics.forward import ForwardDynamics, sets_of
 from haptid.estimation.nonlinear.load_friction import settled_loads
-from haptid.simulation import PID, DirectModel, Stretches, closed_loop, open_loop, sets_of, smooth
+from haptid.simulation import PID, Stretches, closed_loop, open_loop, smooth
 from motions import multisine
 from small_study import DEVICE
 from true_parameters import true_parameters
@@ -46,7 +47,7 @@ def device(request, tmp_path_factory):
 
 def test_slopes_of_the_inverse_model_are_those_of_differences(device):
     _, (c, cd, cdd) = states_of(device, 20)
-    model, step = DirectModel(device, sets_of(device, truth(device))), 1e-6
+    model, step = ForwardDynamics(device, sets_of(device, truth(device))), 1e-6
     found = model.slopes(c, cd, cdd)
     for k, move in enumerate(step * np.eye(2)[:, :, None]):
         by_c = model.inverse(c + move, cd, cdd) - model.inverse(c - move, cd, cdd)
@@ -67,7 +68,7 @@ def test_accelerations_undo_the_inverse_model(device):
     qa, (c, cd, cdd) = states_of(device)
     torques = [haptid.inverse_dynamics(device, b, *qa) for b in (beta, twice)]
     assert np.abs(torques[0] - torques[1]).max() > 0.1
-    model = DirectModel(device, sets_of(device, np.array([beta, twice])))
+    model = ForwardDynamics(device, sets_of(device, np.array([beta, twice])))
     found = model.acceleration(np.tile(c, 2), np.tile(cd, 2), np.concatenate(torques, axis=1))
     np.testing.assert_allclose(found, np.tile(cdd, 2), rtol=1e-9, atol=1e-9)
 
@@ -75,7 +76,7 @@ def test_accelerations_undo_the_inverse_model(device):
 def test_inertia_is_the_slope_of_the_inverse_model(device):
     beta, step = truth(device), 1e-6
     _, (c, cd, cdd) = states_of(device, 20)
-    found = DirectModel(device, sets_of(device, beta)).inertia(c, cd, cdd)
+    found = ForwardDynamics(device, sets_of(device, beta)).inertia(c, cd, cdd)
     back = np.linalg.inv(device.frame)
     for k in range(2):
         ahead, behind = (
@@ -101,7 +102,7 @@ def test_it_falls_as_a_solver_says(device):
     wanted = integrate.solve_ivp(slope, (0, 0.3), start, rtol=1e-7, atol=1e-9, t_eval=dt * np.arange(150)).y
     still = np.zeros((150, 2))
     motion = haptid.Motion(dt, still, still, haptid.Treatment(cutoff_hz=None))
-    model = DirectModel(device, sets_of(device, beta))
+    model = ForwardDynamics(device, sets_of(device, beta))
     begin = start[:2, None], start[2:, None]
     steps = open_loop(model, motion, np.full((2, 150), 0.5), begin, Stretches.of(150, 150, 0))
     np.testing.assert_allclose(steps.course(motion).c, wanted[:2], atol=1e-5)
@@ -114,7 +115,7 @@ def test_estimators_that_simulate_find_it_again(tmp_path, kind):
     target = multisine(2, 4.0, dt, 1)[0].T
     law = PID(60.0, 6.0, reference=(target,))
     planned = haptid.Motion(dt, target, np.zeros_like(target), haptid.Treatment(cutoff_hz=None))
-    model = DirectModel(device, sets_of(device, beta))
+    model = ForwardDynamics(device, sets_of(device, beta))
     course = closed_loop(model, law, planned, 0, Stretches.of(len(planned), len(planned), 0)).course(planned)
     noisy = course.tau.T + 0.01 * np.random.default_rng(0).normal(size=target.shape)
     moved = haptid.Motion(dt, course.c.T, noisy, haptid.Treatment(cutoff_hz=60))

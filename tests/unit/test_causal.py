@@ -7,7 +7,6 @@ from hypothesis import strategies as st
 from scipy import signal
 
 import haptid
-from haptid.motion.causal import Causal, HighPass
 from haptid.errors import (
     AccelerationColumnError,
     CutoffError,
@@ -15,6 +14,7 @@ from haptid.errors import (
     NoAccelerationError,
     TreatmentValueError,
 )
+from haptid.motion.causal import Causal, HighPass
 from haptid.motion.shapes import Bell, Sharp
 
 MOMENTUM = {"accelerations": "momentum"}

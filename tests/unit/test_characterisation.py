@@ -7,9 +7,9 @@ import pytest
 
 import haptid
 from haptid import errors
+from haptid.dynamics.workspace import workspace
 from haptid.end_effector.characterisation import GivenModel, characterise, felt_mass, line, sweep
 from haptid.end_effector.characterisation.plots import Sweep, plot_map, plot_sweeps
-from haptid.dynamics.workspace import workspace
 from mechanisms import draw
 from motions import motion
 from random_devices import as_device, parameters

@@ -9,8 +9,8 @@ from typer.testing import CliRunner
 
 import haptid
 from haptid.cli import app
-from haptid.results.write import treatment
 from haptid.report.tables import short_percent, with_digits
+from haptid.results.write import treatment
 
 
 def call(*arguments):

@@ -9,12 +9,12 @@ import pytest
 from typer.testing import CliRunner
 
 import haptid
-from haptid.end_effector.characterisation import characterise
 from haptid.cli import app
-from haptid.study.identify import identify
+from haptid.end_effector.characterisation import characterise
 from haptid.results.read import read_result
 from haptid.results.write import write_result
 from haptid.study import read_study
+from haptid.study.identify import identify
 
 
 def call(*arguments):

@@ -10,8 +10,8 @@ import pytest
 from typer.testing import CliRunner
 
 import haptid
-from haptid.experiment import bench
 from haptid.cli import app
+from haptid.experiment import bench
 from motions import truth
 
 DEVICE = "phantom_premium_15"

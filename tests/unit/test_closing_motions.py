@@ -10,8 +10,8 @@ import pytest
 import haptid
 from closed_devices import NAMES, bodies, path
 from haptid import errors
+from haptid.dynamics.forward import ForwardDynamics
 from haptid.dynamics.inverse import core_mass, core_torque, rigid
-from haptid.simulation import DirectModel
 
 
 @pytest.mark.parametrize("name", NAMES)
@@ -81,5 +81,5 @@ def test_masses_are_the_torques_of_unit_accelerations(rotor: str, tmp_path: Path
     tau = [core_torque(device, chi, c, still, still + cdd) for cdd in (1.0, 0.0)]
     M = core_mass(device, chi, c)
     np.testing.assert_allclose(M[:, 0, 0], (tau[0] - tau[1])[0], rtol=1e-12)
-    cdd = DirectModel(device, chi).acceleration(c, still, tau[0])
+    cdd = ForwardDynamics(device, chi).acceleration(c, still, tau[0])
     np.testing.assert_allclose(cdd, 1.0, rtol=1e-10)

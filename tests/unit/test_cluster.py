@@ -14,8 +14,8 @@ import pytest
 
 import haptid
 from haptid import errors
-from haptid.observation.batch import observe_all
 from haptid._internal.workers import Cluster
+from haptid.observation.batch import observe_all
 from motions import motion, truth
 
 distributed = pytest.importorskip("distributed")

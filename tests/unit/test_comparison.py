@@ -10,8 +10,8 @@ from scipy import stats
 
 import haptid
 from haptid import errors
-from haptid.inference.comparison import Comparison, compare
 from haptid.estimation.methods.consistent import Consistent
+from haptid.inference.comparison import Comparison, compare
 from haptid.inference.targets import targets
 from motions import motion, truth
 

@@ -10,8 +10,8 @@ import haptid
 from haptid.errors import MetricError, NoBodyError, ParameterValueError, ShapeError, UnsolvedError
 from haptid.estimation import Consistent, possible, programme, project, pseudo_inertia
 from haptid.estimation.feasibility.cone import PSEUDO, UPPER, cone, never_negative
-from haptid.results.write import finite, parameter
 from haptid.report.tables import parameter_cells
+from haptid.results.write import finite, parameter
 from mechanisms import mechanisms
 from motions import motion, truth
 from random_devices import as_device, parameters

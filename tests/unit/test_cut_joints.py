@@ -11,11 +11,11 @@ from hypothesis import strategies as st
 
 import haptid
 from changed_devices import SET_B, changed
+from haptid.device import Device, Frame, poses, read_device
+from haptid.errors import DuplicateNameError, NoDyadError, UnknownNameError
 from haptid.experiment.bench import mjcf
 from haptid.experiment.bench.bodies import bodies, effects
 from haptid.experiment.bench.mjcf import closed, depth_first
-from haptid.device import Device, Frame, poses, read_device
-from haptid.errors import DuplicateNameError, NoDyadError, UnknownNameError
 
 # Two cranks of one length, joined by a bar that was cut off the second one.
 BARS = """

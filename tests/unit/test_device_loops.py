@@ -199,8 +199,8 @@ cut = { on = "rocker", frame = { d = 0.2 }, with = "base", twin = { xyz = [0.5, 
 
 
 def test_jacobian_of_the_gap_is_its_derivative() -> None:
-    from haptid.device.loops.assembly import Chain
     from haptid.device.device import Cut, Frame
+    from haptid.device.loops.assembly import Chain
 
     device = read_device("sr400")
     rng = np.random.default_rng(5)

@@ -10,8 +10,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from haptid.device import INERTIAL, Counterbalance, Device, read_device
-from haptid.device.geometry import placed
 from haptid.device.device import Joint
+from haptid.device.geometry import placed
 from haptid.device.parameters import Symmetry, standard_parameters
 from haptid.device.priors import Body, body_prior, inertial_parameters
 from haptid.errors import ColumnValueError

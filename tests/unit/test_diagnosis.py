@@ -8,18 +8,18 @@ import pytest
 
 import haptid
 from diagnosed import estimated, log, phantom
+from haptid.estimation.methods.zeroed import Without
 from haptid.inference.diagnosis import diagnose
+from haptid.inference.diagnosis.added_variable import Extra, widen
+from haptid.inference.diagnosis.delay_test import rates
 from haptid.inference.diagnosis.excitation import advice
 from haptid.inference.diagnosis.exogeneity import instrument
 from haptid.inference.diagnosis.finding import LEVEL
-from haptid.inference.diagnosis.delay_test import rates
 from haptid.inference.diagnosis.lack_of_fit import SHAPES
 from haptid.inference.diagnosis.places import places
-from haptid.inference.diagnosis.residual import residuals
 from haptid.inference.diagnosis.plausibility import cause
-from haptid.inference.diagnosis.added_variable import Extra, widen
+from haptid.inference.diagnosis.residual import residuals
 from haptid.inference.elimination import untold
-from haptid.estimation.methods.zeroed import Without
 from motions import motion, truth
 
 LOOKS = {

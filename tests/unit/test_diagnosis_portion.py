@@ -10,8 +10,8 @@ from hypothesis import strategies as st
 import haptid
 from diagnosed import log, phantom
 from haptid.inference.diagnosis import diagnose, portion
-from haptid.inference.diagnosis.subsample import FEWEST_BLOCKS, MOST_SAMPLES, named, numbered, runs, spread_blocks
 from haptid.inference.diagnosis.residual import residuals
+from haptid.inference.diagnosis.subsample import FEWEST_BLOCKS, MOST_SAMPLES, named, numbered, runs, spread_blocks
 from haptid.observation.observation import Plan
 
 TREATMENT = haptid.Treatment(cutoff_hz=40, decimation=5, block=0.5)

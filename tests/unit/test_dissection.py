@@ -5,8 +5,8 @@ import pytest
 from hypothesis import given, settings
 
 import haptid
-from haptid.end_effector.torque_decomposition import dissect
 from haptid.dynamics.inverse import bias_torque, gravity_torque, mass_matrix
+from haptid.end_effector.torque_decomposition import dissect
 from mechanisms import mechanisms
 from motions import motion, multisine, truth
 from random_devices import as_device, parameters

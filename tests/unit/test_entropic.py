@@ -6,8 +6,8 @@ import pytest
 import haptid
 from haptid import errors
 from haptid.estimation import Consistent, Profile
-from haptid.estimation.methods.entropic import Entropic, Pull, prior_links
 from haptid.estimation.feasibility.feasible import roomy
+from haptid.estimation.methods.entropic import Entropic, Pull, prior_links
 from motions import motion
 
 BODY = """

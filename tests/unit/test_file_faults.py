@@ -10,10 +10,10 @@ from pydantic import ValidationError
 
 import haptid
 from haptid import errors
-from haptid.experiment import bench
 from haptid._internal.toml_tables import LARGEST_FILE, Fault
-from haptid.experiment.bench.schema import ExperimentTable
 from haptid.device.toml.schema import ModifiedDHDevice
+from haptid.experiment import bench
+from haptid.experiment.bench.schema import ExperimentTable
 from haptid.study.schema import StudyTable
 from small_study import DEVICE, STUDY
 

@@ -10,8 +10,8 @@ from hypothesis import strategies as st
 
 import haptid
 from haptid import errors
-from haptid.end_effector.force import estimate_force
 from haptid.dynamics.kinematics import handle_motion
+from haptid.end_effector.force import estimate_force
 from haptid.observation.reversals import doubt, softened
 from mechanisms import draw
 from motions import motion, multisine, truth

@@ -19,9 +19,9 @@ import pytest
 from numpy.testing import assert_allclose
 from pyarrow import parquet
 
-from haptid.study.identify import identify
 from haptid.observation.batch import LEAST_KEPT
 from haptid.study import read_study
+from haptid.study.identify import identify
 from small_study import DEVICE, STUDY, columns
 
 psutil = pytest.importorskip("psutil")

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 import haptid
-from haptid.observation.observation import Plan
 from haptid.observation.batch import Kept, fingerprint, observe_all
+from haptid.observation.observation import Plan
 from small_study import DEVICE, write_study
 
 TERMS = """

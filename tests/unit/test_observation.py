@@ -7,6 +7,7 @@ import pytest
 from scipy import stats
 
 import haptid
+from haptid.dynamics.regressor import rows
 from haptid.errors import (
     ChannelCountError,
     DifferentModelError,
@@ -21,7 +22,6 @@ from haptid.errors import (
     UnexcitedError,
 )
 from haptid.estimation import BlockJackknife
-from haptid.motion.channels import rows
 from motions import motion, truth
 
 

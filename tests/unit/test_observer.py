@@ -6,10 +6,10 @@ from hypothesis import given, settings
 
 import haptid
 from haptid import errors
-from haptid.motion.causal import HighPass
-from haptid.end_effector.force import estimate_force
 from haptid.dynamics.kinematics import handle_motion
+from haptid.end_effector.force import estimate_force
 from haptid.end_effector.momentum_observer import MomentumObserver, observe_force
+from haptid.motion.causal import HighPass
 from mechanisms import mechanisms
 from motions import motion, multisine, truth
 from random_devices import as_device, parameters

@@ -8,14 +8,14 @@ import numpy as np
 import pytest
 
 import haptid
-from haptid.end_effector.characterisation.model import freedom, trusted
 from haptid.device.toml.reader import device_of
 from haptid.device.toml.tables import checked
+from haptid.end_effector.characterisation.model import freedom, trusted
 from haptid.errors import ResultDeviceError, ResultFileError
-from haptid.study.identify import identify
 from haptid.results.read import read_result
 from haptid.results.write import device_file, finite, result, write_result
 from haptid.study import read_study
+from haptid.study.identify import identify
 
 
 @pytest.fixture(scope="module")

@@ -10,8 +10,8 @@ from typer.testing import CliRunner
 
 import haptid
 from haptid.cli import app
-from haptid.validation.cross_validation import alternate, each_log
 from haptid.estimation.nonlinear import EveryOther, variable_projection
+from haptid.validation.cross_validation import alternate, each_log
 from motions import motion
 from small_study import DEVICE, HEAD
 

@@ -14,8 +14,8 @@ from numpy.testing import assert_allclose
 from pyarrow import parquet
 
 import haptid
-from haptid.estimation import Bootstrap
 from haptid._internal.workers import Cluster, Here, Processes, Workers
+from haptid.estimation import Bootstrap
 from motions import motion, truth
 from small_study import two_links
 

@@ -13,9 +13,9 @@ import haptid
 from haptid import estimation as e
 from haptid.device.priors import Body
 from haptid.errors import StudyFileError, UnknownLinkError
+from haptid.observation.batch import Kept, fingerprint
 from haptid.observation.known_payload import Load, log_without_load
 from haptid.observation.observation import Plan
-from haptid.observation.batch import Kept, fingerprint
 from haptid.results.write import result
 from motions import multisine, truth
 from small_study import columns, two_links, write_study

@@ -9,8 +9,8 @@ from hypothesis import strategies as st
 
 import haptid
 from haptid import errors
-from haptid.device.expressions import combination
 from haptid.device.device import Combination
+from haptid.device.expressions import combination
 from haptid.device.toml.place import Place
 from haptid.estimation.methods.consistent import Consistent
 from haptid.inference.targets import side_by_side, target_map, targets

@@ -25,11 +25,11 @@ from haptid.estimation import (
     Tukey,
 )
 from haptid.estimation.intervals.autoregression import Autoregression, burg
+from haptid.estimation.least_squares import solve
 from haptid.estimation.methods.gls import models
 from haptid.estimation.methods.heteroscedastic import variances
 from haptid.estimation.methods.irls import judged
 from haptid.estimation.methods.ridge import STRENGTHS, prediction_error, strengthened
-from haptid.estimation.least_squares import solve
 from haptid.estimation.methods.sur import covariance, nearest_correlation
 from haptid.estimation.methods.tls import least_noise
 from haptid.observation.rows import Rows

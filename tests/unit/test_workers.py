@@ -13,8 +13,8 @@ import pytest
 
 import haptid
 from haptid import errors
-from haptid.observation.batch import Kept, observe_all
 from haptid._internal.workers import Cluster, Here, Processes
+from haptid.observation.batch import Kept, observe_all
 from motions import motion, truth
 
 

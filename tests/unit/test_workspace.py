@@ -6,10 +6,10 @@ from hypothesis import given, settings
 
 import haptid
 from haptid import errors
-from haptid.end_effector.definiteness import definiteness
 from haptid.dynamics.inverse import mass_matrix
 from haptid.dynamics.kinematics import handle_motion
 from haptid.dynamics.workspace import Box, Workspace, workspace
+from haptid.end_effector.definiteness import definiteness
 from mechanisms import draw, mechanisms
 from motions import motion, truth
 from random_devices import as_device, parameters

@@ -4,11 +4,10 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from haptid.device import Device
-from haptid.device.toml.reader import device_of
+from haptid.dynamics.model import DynamicModel
 from haptid.estimation import Estimate
-from haptid.study.identify import Identification, Run, held_out
 from haptid.study import Study
+from haptid.study.identify import Identification, Run, held_out
 from haptid.validation.validation import direct, validate
 
 
@@ -26,12 +25,12 @@ def with_reduced(found: Identification, reduced: Estimate) -> Identification:
         return found
     study = replace(found.study, method=reduced.method)
     fitted = [run for run in found.runs if run.entry.role == "identify"]
-    filed = device_of(found.device.tables, str(found.study.device)).with_gravity(found.device.gravity)
+    filed = DynamicModel(found.model.device)
     runs = tuple(_run(study, filed, run, fitted, reduced) for run in found.runs)
     return replace(found, study=study, estimate=reduced, runs=runs)
 
 
-def _run(study: Study, filed: Device, run: Run, fitted: list[Run], reduced: Estimate) -> Run:
+def _run(study: Study, filed: DynamicModel, run: Run, fitted: list[Run], reduced: Estimate) -> Run:
     """A log as the reduced estimate predicts it."""
     if run.entry.role == "validate":
         return replace(run, unseen=(validate(reduced, run.observation),))

@@ -51,22 +51,22 @@ def characterise(
     out_folder: Annotated[Path, typer.Option("--out", help="folder for the figures")] = Path("haptid-handle"),
     quiet: Annotated[bool, typer.Option("--quiet", "-q", help="no progress, no summary")] = False,
 ) -> None:
+    from haptid._internal.atomic_folder import check_writable, publishing
+    from haptid.cli.handle import asked, chosen, draw, show
     from haptid.end_effector.characterisation.characterise import characterise as feel
     from haptid.end_effector.characterisation.table import columns, write_columns
-    from haptid.cli.handle import asked, chosen, draw, show
     from haptid.end_effector.force import WORST_CONDITION
-    from haptid._internal.atomic_folder import check_writable, publishing
     from haptid.results.read import read_result
 
     with errors_shown():
         check_writable(out_folder)
         read = read_result(result)
-        poses = chosen(read.device, at or (), sweep, grid, limit or ())
-        wanted = asked(read.device, along, speed, stiffness, torque or ())
+        poses = chosen(read.model, at or (), sweep, grid, limit or ())
+        wanted = asked(read.model.device, along, speed, stiffness, torque or ())
         with progress_bars(quiet) as progress, publishing(out_folder) as folder:
             tell = teller(progress)
             tell("figures", 0.0)
-            found = feel(read.model, poses.qa, worst_condition=WORST_CONDITION if worst is None else worst)
+            found = feel(read.identified, poses.qa, worst_condition=WORST_CONDITION if worst is None else worst)
             made = columns(found, wanted)
             write_columns(found, made, folder / "figures.csv")
             tell("figures", 1.0)

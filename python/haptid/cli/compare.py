@@ -42,10 +42,10 @@ def compare(
     as_json: Annotated[bool, typer.Option("--json", help="print JSON in place of tables")] = False,
 ) -> None:
     from haptid.inference.drift import drift
-    from haptid.results.read import read_result
-    from haptid.report.compared import names_of
-    from haptid.results.write import finite
     from haptid.inference.several import compare_all
+    from haptid.report.compared import names_of
+    from haptid.results.read import read_result
+    from haptid.results.write import finite
 
     with errors_shown():
         when = None if times is None else [_time(part) for part in times.split(",")]

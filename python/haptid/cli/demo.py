@@ -39,8 +39,8 @@ def demo(
     out_folder: Annotated[Path, typer.Option("--out", help="folder for the results")] = Path("haptid-demo"),
     quiet: Annotated[bool, typer.Option("--quiet", "-q", help="no progress, no summary")] = False,
 ) -> None:
-    from haptid.demos import demo_names, kind_of, read_demo, run_demo
     from haptid._internal.atomic_folder import check_writable, publishing
+    from haptid.demos import demo_names, kind_of, read_demo, run_demo
 
     if name is None:
         for known in demo_names():

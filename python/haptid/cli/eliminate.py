@@ -46,14 +46,14 @@ def essential(
     out_folder: Annotated[Path, typer.Option("--out", help="folder for the results")] = Path("haptid-essential"),
     quiet: Annotated[bool, typer.Option("--quiet", "-q", help="no progress, no tables")] = False,
 ) -> None:
-    from haptid.inference.diagnosis import diagnose
+    from haptid._internal.atomic_folder import check_writable, publishing
     from haptid.advice.eliminate import with_reduced
+    from haptid.inference.diagnosis import diagnose
     from haptid.inference.elimination import AtMost, Essential, TimesSmallest, essential_by_motor
     from haptid.inference.elimination import essential as reduce
-    from haptid.study.identify import identify
-    from haptid._internal.atomic_folder import check_writable, publishing
     from haptid.results.write import write_result
     from haptid.study import read_study
+    from haptid.study.identify import identify
 
     with errors_shown():
         check_writable(out_folder)

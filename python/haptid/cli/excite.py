@@ -55,24 +55,25 @@ def excite(
     rate_hz: Annotated[float, typer.Option(min=1.0, help="of the samples in the CSV")] = 1000.0,
     quiet: Annotated[bool, typer.Option("--quiet", "-q", help="no progress, no summary")] = False,
 ) -> None:
-    from haptid.experiment.bench import read_experiment
     from haptid.device import read_device
+    from haptid.dynamics.model import DynamicModel
     from haptid.errors import OptionError
+    from haptid.experiment.bench import read_experiment
     from haptid.experiment.excitation import Search, design, write_experiment
     from haptid.experiment.excitation.default_experiment import plain_experiment, write_samples
 
     with errors_shown():
         if out_file.suffix != ".toml":
             raise OptionError("--out", str(out_file), "a file whose name ends in .toml")
-        read = read_device(device)
+        model = DynamicModel(read_device(device))
         other = None if like is None else read_experiment(like)
-        beta = None if other is None else read.base.of(other.setup(read).chi)
-        within, family = _limits(read, centre, stroke, speed, acceleration), _family(triangles, seconds)
+        beta = None if other is None else model.base.of(other.setup(model).chi)
+        within, family = _limits(model.device, centre, stroke, speed, acceleration), _family(triangles, seconds)
         columns = tuple(keep) if keep else None
         with progress_bars(quiet) as progress:
             task = progress.add_task("searching", total=1.0)
             found = design(
-                read,
+                model,
                 family,
                 within,
                 columns=columns,
@@ -123,7 +124,9 @@ def _family(triangles: bool, seconds: float | None) -> Family:
 
 def _show(found: Excitation, path: Path) -> None:
     """Conditions before and after, and where the files are."""
-    out.print(f"{found.device.name}: {len(found.after.names)} parameters, {found.tried} motions tried", style="bold")
+    out.print(
+        f"{found.model.device.name}: {len(found.after.names)} parameters, {found.tried} motions tried", style="bold"
+    )
     for when, one in (("first motion within the limits", found.before), ("motion found", found.after)):
         out.print(f"  {when}: condition {one.raw:.4g} raw, {one.scaled:.4g} with unit columns", highlight=False)
     weak = [name for name, sd in found.predicted.items() if sd > 50]

@@ -12,7 +12,7 @@ import typer
 from haptid.cli.common import app, errors_shown, out, progress_bars, teller
 
 if TYPE_CHECKING:
-    from haptid.device import Device
+    from haptid.dynamics.model import DynamicModel
     from haptid.motion.treatment import Motion
 
 HELP = """\
@@ -47,10 +47,10 @@ def friction(
     out_folder: Annotated[Path, typer.Option("--out", help="folder for the results")] = Path("haptid-friction"),
     quiet: Annotated[bool, typer.Option("--quiet", "-q", help="no progress, no summary")] = False,
 ) -> None:
-    from haptid.experiment.friction_test.curve import Constant, friction_curve
-    from haptid.experiment.friction_test.choice import choose_friction
-    from haptid.experiment.friction_test.files import choice_values, plot_friction, write_points
     from haptid._internal.atomic_folder import check_writable, publishing
+    from haptid.experiment.friction_test.choice import choose_friction
+    from haptid.experiment.friction_test.curve import Constant, friction_curve
+    from haptid.experiment.friction_test.files import choice_values, plot_friction, write_points
 
     with errors_shown():
         check_writable(out_folder)
@@ -58,14 +58,14 @@ def friction(
         constant = Constant(**{name: value for name, value in settings.items() if value is not None})
         with progress_bars(quiet) as progress, publishing(out_folder) as folder:
             tell = teller(progress)
-            device, motion = _test(what, log, data, tell)
+            model, motion = _test(what, log, data, tell)
             tell("friction by velocity", 0.0)
-            curve = friction_curve(device, motion, constant=constant)
+            curve = friction_curve(model, motion, constant=constant)
             choice = choose_friction(curve)
             write_points(curve, folder / "friction.csv")
             text = json.dumps(choice_values(choice), indent=1, allow_nan=False)
             (folder / "friction.json").write_text(text + "\n", encoding="utf-8")
-            plot_friction(curve, choice, f"{device.name}: friction test", folder / "friction.png")
+            plot_friction(curve, choice, f"{model.device.name}: friction test", folder / "friction.png")
             tell("friction by velocity", 1.0)
     if not quiet:
         for sentence in (*choice.summary().splitlines(), *curve.notes):
@@ -73,21 +73,24 @@ def friction(
         out.print(f"Figures in {out_folder}")
 
 
-def _test(what: str, log: Path | None, data: Path | None, tell: Callable[[str, float], None]) -> tuple[Device, Motion]:
+def _test(
+    what: str, log: Path | None, data: Path | None, tell: Callable[[str, float], None]
+) -> tuple[DynamicModel, Motion]:
     """The device and the motion of the test, as a study says or as they are given."""
     from haptid.device import read_device
+    from haptid.dynamics.model import DynamicModel
     from haptid.log import read_log
-    from haptid.treatment_choice.propose import propose
-    from haptid.study import read_study
     from haptid.motion.treatment import treat
+    from haptid.study import read_study
+    from haptid.treatment_choice.propose import propose
 
     tell("reading the log", 0.0)
     if log is not None:
-        device, read, asked = read_device(what), read_log(log), {}
+        model, read, asked = DynamicModel(read_device(what)), read_log(log), {}
     else:
         study = read_study(what)
         entry = next(one for one in study.logs if one.role == "identify")
-        device, asked = read_device(study.device), dict(study.treatment)
+        model, asked = DynamicModel(read_device(study.device)), dict(study.treatment)
         read = read_log(Path(data or study.path.parent) / entry.path, entry.channels, stretch=entry.stretch)
     tell("reading the log", 1.0)
-    return device, treat(read, propose(device, read, **asked).treatment)
+    return model, treat(read, propose(model, read, **asked).treatment)

@@ -11,15 +11,16 @@ from rich.console import Console
 from rich.table import Table
 
 from haptid._internal.arrays import Array
-from haptid.end_effector.characterisation import Characterisation, felt_mass, line
-from haptid.end_effector.characterisation.characterise import POSES
-from haptid.end_effector.characterisation.table import Asked, Column
-from haptid.end_effector.characterisation.plots import Sweep, plot_map, plot_sweeps
-from haptid.end_effector.characterisation.summary import notes
 from haptid.cli.figures import named, numbers, ranges, spread
 from haptid.device import Device
-from haptid.errors import OptionError
+from haptid.dynamics.model import DynamicModel
 from haptid.dynamics.workspace import Workspace, workspace
+from haptid.end_effector.characterisation import Characterisation, felt_mass, line
+from haptid.end_effector.characterisation.characterise import POSES
+from haptid.end_effector.characterisation.plots import Sweep, plot_map, plot_sweeps
+from haptid.end_effector.characterisation.summary import notes
+from haptid.end_effector.characterisation.table import Asked, Column
+from haptid.errors import OptionError
 
 # Poses of a sweep, and of each side of a map.
 SWEEP, SIDE = 201, 120
@@ -41,7 +42,7 @@ class Poses:
 
 
 def chosen(
-    device: Device, at: Sequence[str], sweep: tuple[str, str] | None, grid: int | None, limit: Sequence[str]
+    model: DynamicModel, at: Sequence[str], sweep: tuple[str, str] | None, grid: int | None, limit: Sequence[str]
 ) -> Poses:
     """The poses that the options ask for.
 
@@ -51,14 +52,14 @@ def chosen(
     """
     if sum((bool(at), sweep is not None, grid is not None)) > 1:
         raise OptionError("the choice of poses", "several of --at, --sweep and --grid", "one of them")
-    names = ", ".join(device.joint_names[j] for j in device.active)
-    what, count = f"positions of joints {names}", len(device.active)
+    names = ", ".join(model.device.joint_names[j] for j in model.device.active)
+    what, count = f"positions of joints {names}", len(model.device.active)
     if at:
         return Poses(np.array([numbers("--at", text, what, count) for text in at]).T)
     if sweep is not None:
         start, end = (numbers("--sweep", text, what, count) for text in sweep)
         return Poses(line(start, end, SWEEP), path=np.linspace(0.0, 1.0, SWEEP))
-    where = workspace(device, ranges("--limit", limit))
+    where = workspace(model, ranges("--limit", limit))
     return Poses(where.grid(grid or POSES), where=where)
 
 
@@ -91,7 +92,9 @@ def draw(poses: Poses, found: Characterisation, path: Path, tell: Callable[[str,
     tell("drawing", 0.0)
     if poses.path is not None:
         label = "from the first pose (0) to the second (1)"
-        plot_sweeps([Sweep(label, poses.path, {found.device.name: found.apparent_mass})], "apparent mass, kg", path)
+        plot_sweeps(
+            [Sweep(label, poses.path, {found.model.device.name: found.apparent_mass})], "apparent mass, kg", path
+        )
     elif poses.where is not None:
         _draw_map(poses.where, found, path)
     tell("drawing", 1.0)
@@ -106,8 +109,8 @@ def _draw_map(where: Workspace, found: Characterisation, path: Path) -> None:
     qa[-2:] = across.ravel(), up.ravel()
     mass = np.full(SIDE * SIDE, np.nan)
     inside = where.holds(qa)
-    mass[inside] = felt_mass(found.model, qa[:, inside], worst_condition=found.grasp.worst).mass.value[:, 0]
-    joints = [found.device.joints[j] for j in found.device.active[-2:]]
+    mass[inside] = felt_mass(found.identified, qa[:, inside], worst_condition=found.grasp.worst).mass.value[:, 0]
+    joints = [found.model.device.joints[j] for j in found.model.device.active[-2:]]
     across_label, up_label = (f"{joint.name}, {'m' if joint.prismatic else 'rad'}" for joint in joints)
     labels = (across_label, up_label, "largest apparent mass, kg")
     plot_map(first, second, mass.reshape(SIDE, SIDE), labels, path)
@@ -116,7 +119,9 @@ def _draw_map(where: Workspace, found: Characterisation, path: Path) -> None:
 def show(console: Console, found: Characterisation, made: Sequence[Column]) -> None:
     """A table of the figures: of one pose with intervals, of several their median and range; what is not known."""
     grasp = found.grasp
-    console.print(f"{found.device.name} at the handle: {int(grasp.usable.sum())} of {len(grasp)} poses", style="bold")
+    console.print(
+        f"{found.model.device.name} at the handle: {int(grasp.usable.sum())} of {len(grasp)} poses", style="bold"
+    )
     single = len(grasp) == 1
     table = Table(box=None, pad_edge=False)
     table.add_column("")

@@ -55,16 +55,15 @@ def identify(
     ] = None,
     fresh: Annotated[bool, typer.Option("--fresh", help="do not go on from an interrupted run")] = False,
 ) -> None:
-    from haptid.report import tables
-    from haptid.cli.work import interruptible, resumed, workers
-    from haptid.study.identify import identify as walk
-    from haptid.observation.observation import Plan
     from haptid._internal.atomic_folder import check_writable, publishing
+    from haptid.cli.work import interruptible, resumed, workers
+    from haptid.observation.observation import Plan
+    from haptid.report import Source, report_of, sparklines, tables
     from haptid.report.plots import plot_torque
-    from haptid.validation.prediction import predictions
-    from haptid.report import Source, report_of, sparklines
     from haptid.results.write import finite, result, write_result
     from haptid.study import read_study
+    from haptid.study.identify import identify as walk
+    from haptid.validation.prediction import predictions
 
     with errors_shown():
         check_writable(out_folder)
@@ -88,7 +87,7 @@ def identify(
                 kind = "rows of the fit" if run.direct else "unseen"
                 title = f"{plan.name}: {run.entry.path} ({kind})"
                 parts = predictions(found.estimate, run.motion)
-                plot_torque(parts, Plan.of(found.device, run.motion).rows, title, folder / name)
+                plot_torque(parts, Plan.of(found.model, run.motion).rows, title, folder / name)
                 tell(f"drawing {name}", 1.0)
         kept.forget()
     if as_json:

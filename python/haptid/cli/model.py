@@ -12,7 +12,7 @@ import typer
 from haptid.cli.common import app, err, errors_shown, out
 
 if TYPE_CHECKING:
-    from haptid.device import Device
+    from haptid.dynamics.model import DynamicModel
 
 
 @app.command()
@@ -27,12 +27,13 @@ def model(
     as_json: Annotated[bool, typer.Option("--json", help="the same as JSON")] = False,
 ) -> None:
     """Print a device's tree, loops, motors, base parameters and how the others regroup into them."""
-    from haptid.report import tables
     from haptid.device import read_device
     from haptid.device.toml.reader import keeping
+    from haptid.dynamics.model import DynamicModel
+    from haptid.report import tables
 
     with errors_shown():
-        read = keeping(read_device(device), keep) if keep else read_device(device)
+        read = DynamicModel(keeping(read_device(device), keep) if keep else read_device(device))
         for sentence in _in_vain(read) if keep else ():
             err.print(sentence, soft_wrap=True)
         if latex:
@@ -43,11 +44,11 @@ def model(
             tables.show_model(out, read)
 
 
-def _in_vain(device: Device) -> Iterator[str]:
+def _in_vain(model: DynamicModel) -> Iterator[str]:
     """Parameters that were to be kept and are not, with the reason."""
-    base = device.base
+    base = model.base
     kept = {base.standard[k] for k in base.kept}
-    for name in device.keep:
+    for name in model.device.keep:
         if name in base.no_effect:
             yield f"{name} cannot be kept: no motion shows it, it has no effect on the torque."
         elif name not in kept:

@@ -8,9 +8,9 @@ from pathlib import Path
 
 import typer
 
+from haptid._internal.workers import Cluster, Here, Processes, Workers
 from haptid.cli.common import EXIT_INTERRUPTED, complain, err
 from haptid.observation.batch import Kept
-from haptid._internal.workers import Cluster, Here, Processes, Workers
 
 
 def workers(count: int, scheduler: str | None) -> Workers:

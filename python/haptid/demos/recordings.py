@@ -12,17 +12,18 @@ import numpy as np
 from pyarrow import parquet
 
 from haptid._internal.arrays import Array, expect, read_only
+from haptid._internal.workers import Processes
+from haptid.device import read_device
+from haptid.dynamics.inverse import inverse_dynamics
+from haptid.dynamics.model import DynamicModel
+from haptid.errors import MountingError
 from haptid.experiment.bench.experiment import read_experiment
 from haptid.experiment.bench.logs import truth_paths, write_log, write_truth
 from haptid.experiment.bench.run import perform
 from haptid.experiment.bench.setup import Encoders
-from haptid.device import Device, read_device
-from haptid.dynamics.inverse import inverse_dynamics
-from haptid.errors import MountingError
-from haptid.motion.time_shift import lost
 from haptid.log import Channels, Log, Signal, read_log
+from haptid.motion.time_shift import lost
 from haptid.motion.treatment import Motion, Treatment, treat
-from haptid._internal.workers import Processes
 
 # What of a mounting's torque the device's own base parameters may leave, as a share: rounding.
 LEFT = 1e-9
@@ -35,7 +36,7 @@ class Take:
     """A log to be recorded.
 
     Attributes:
-        device: name of a shipped device.
+        model: name of a shipped device.
         experiment: path of an experiment file.
         out: path of the log.
         exact: whether sensors are exact, in place of the experiment's encoders.
@@ -55,8 +56,8 @@ class Take:
 
 def record(take: Take) -> Path:
     """Simulate, and write the log with the truth beside it; returns its path."""
-    experiment, device = read_experiment(take.experiment), read_device(take.device)
-    setup = experiment.setup(device)
+    experiment, model = read_experiment(take.experiment), DynamicModel(read_device(take.device))
+    setup = experiment.setup(model)
     if take.exact:
         setup = replace(setup, encoders=Encoders())
     if take.quiet:
@@ -81,7 +82,7 @@ class Recorded:
     """A log of the bench and what is true of it.
 
     Attributes:
-        device: as in its file: how it was mounted is not told.
+        model: as in its file: how it was mounted is not told.
         path: of the log.
         beta: true base parameters of the device as in its file, (p,), SI.
         t: of all samples, (n,), s.
@@ -90,7 +91,7 @@ class Recorded:
         sensor: the same as a force sensor gives it, in the handle's frame, (n, 3), N; NaN without one.
     """
 
-    device: Device
+    model: DynamicModel
     path: Path
     beta: Array
     t: Array
@@ -103,9 +104,9 @@ class Recorded:
     def __post_init__(self) -> None:
         for name in ("beta", "t", "q", "qd", "qdd", "hand", "sensor"):
             object.__setattr__(self, name, read_only(getattr(self, name)))
-        expect("beta", self.beta.shape, (len(self.device.base),))
+        expect("beta", self.beta.shape, (len(self.model.base),))
         for name in ("q", "qd", "qdd"):
-            expect(name, getattr(self, name).shape, (len(self.device.active), len(self.t)))
+            expect(name, getattr(self, name).shape, (len(self.model.device.active), len(self.t)))
 
     @property
     def dt(self) -> float:
@@ -114,10 +115,10 @@ class Recorded:
 
     def log(self, stretch: tuple[float, float]) -> Log:
         """What the controller has of a stretch of the log, s: positions and commands."""
-        unit = self.device.motors[0].unit
+        unit = self.model.device.motors[0].unit
         channels = Channels(
-            Signal(tuple(f"q{k + 1}" for k in range(len(self.device.active))), "rad"),
-            Signal(tuple(f"command{k + 1}" for k in range(len(self.device.motors))), unit, side="motor"),
+            Signal(tuple(f"q{k + 1}" for k in range(len(self.model.device.active))), "rad"),
+            Signal(tuple(f"command{k + 1}" for k in range(len(self.model.device.motors))), unit, side="motor"),
             time="t",
         )
         return read_log(self.path, channels, stretch=stretch)
@@ -144,11 +145,11 @@ class Recorded:
         return np.asarray((self.t >= stretch[0]) & (self.t <= stretch[1]))
 
 
-def read_recorded(device: Device, experiment: Path, path: Path) -> Recorded:
+def read_recorded(model: DynamicModel, experiment: Path, path: Path) -> Recorded:
     """A log that `record` wrote, and its truth.
 
     Args:
-        device: as in its file.
+        model: as in its file.
         experiment: what was recorded.
         path: of the log.
 
@@ -156,15 +157,15 @@ def read_recorded(device: Device, experiment: Path, path: Path) -> Recorded:
         MountingError: the mounting's torques are none that the device's own base parameters can make.
     """
     parameters, states = truth_paths(path)
-    mounted = read_experiment(experiment).setup(device).device
+    mounted = read_experiment(experiment).setup(model).model
     named = json.loads(parameters.read_text(encoding="utf-8"))["base"]
     truth, table = np.array([named[name] for name in mounted.base.names]), parquet.read_table(states)
-    names = [device.joint_names[j] for j in device.active]
+    names = [model.device.joint_names[j] for j in model.device.active]
     q, qd, qdd = (_columns(table, [f"{kind}_{name}" for name in names]) for kind in ("q", "qd", "qdd"))
     return Recorded(
-        device=device,
+        model=model,
         path=path,
-        beta=as_in_file(device, mounted, truth),
+        beta=as_in_file(model, mounted, truth),
         t=_columns(table, ["t"])[0],
         q=q,
         qd=qd,
@@ -174,25 +175,25 @@ def read_recorded(device: Device, experiment: Path, path: Path) -> Recorded:
     )
 
 
-def as_in_file(device: Device, mounted: Device, beta: Array) -> Array:
+def as_in_file(model: DynamicModel, mounted: DynamicModel, beta: Array) -> Array:
     """Base parameters with which a device as in its file has the torques of a mounted one, (p,), SI.
 
     Args:
-        device: with the gravity of its file.
+        model: with the gravity of its file.
         mounted: the same with another gravity.
         beta: base parameters of the mounted one, (p,), SI.
 
     Raises:
         MountingError: there are none.
     """
-    p, rng = len(device.base), np.random.default_rng(0)
-    q, qd, qdd = rng.uniform(-1, 1, (3, len(device.active), STATES * p))
+    p, rng = len(model.base), np.random.default_rng(0)
+    q, qd, qdd = rng.uniform(-1, 1, (3, len(model.device.active), STATES * p))
     wanted = inverse_dynamics(mounted, beta, q, qd, qdd).ravel()
-    columns = np.array([inverse_dynamics(device, unit, q, qd, qdd).ravel() for unit in np.eye(p)]).T
+    columns = np.array([inverse_dynamics(model, unit, q, qd, qdd).ravel() for unit in np.eye(p)]).T
     found, *_ = np.linalg.lstsq(columns, wanted, rcond=None)
     left = float(np.linalg.norm(columns @ found - wanted) / np.linalg.norm(wanted))
     if left > LEFT:
-        raise MountingError(device.name, left, LEFT)
+        raise MountingError(model.device.name, left, LEFT)
     return np.asarray(found)
 
 

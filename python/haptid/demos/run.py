@@ -7,12 +7,12 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from haptid.experiment.bench.simulation import load_mujoco
 from haptid.demos.kind import Tell
 from haptid.demos.known import kind_of
 from haptid.demos.plan import Demo
 from haptid.demos.recordings import Take, record_all
 from haptid.demos.report import write_report
+from haptid.experiment.bench.simulation import load_mujoco
 
 
 def run_demo(demo: Demo, folder: Path, tell: Tell, processes: int | None = None) -> Any:

@@ -6,9 +6,9 @@ from collections.abc import Mapping
 
 import numpy as np
 
+from haptid.device.device import Combination
 from haptid.device.expressions import combination
 from haptid.device.geometry import Reader
-from haptid.device.device import Combination
 from haptid.device.parameters import StandardParameters
 from haptid.device.toml.place import Place
 from haptid.device.toml.schema import AnyDevice, TargetTable

@@ -2,32 +2,26 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from haptid._internal.arrays import Array, expect, freeze, read_only
 from haptid.device.parameters import StandardParameters, Symmetry
-from haptid.device.terms.term import DRY, Load, Searched, TermColumn, external_columns
+from haptid.device.terms.term import Searched, TermColumn
 
 if TYPE_CHECKING:
-    from haptid.dynamics.base_parameters import BaseParameters
-    from haptid.device.loops.linear import Closure, Followed
     from haptid.device.loops.cut_joint import CutJoint
+    from haptid.device.loops.linear import Closure
     from haptid.device.loops.newton import NewtonClosure
     from haptid.device.toml.schema import AnyDevice
-    from haptid.dynamics.symbolic import Regroupings
 
 Convention = Literal["modified-dh", "dh", "placement"]
 TorqueRows = Literal["motor", "joint"]
-
-
-# Ten parameters of a link, where no estimate has told any: what friction by load is made of until then.
-LIKE_ONE_ANOTHER = [0.3, 0.0, 0.0, 0.3, 0.0, 0.3, 0.3, 0.2, 0.1, 1.0]
 
 
 @dataclass(frozen=True, eq=False)
@@ -218,10 +212,6 @@ class Device:
         expect("drives", (len(self.drives),), (len(self.active),))
         object.__setattr__(self, "gravity", read_only(self.gravity))
 
-    def __getstate__(self) -> dict[str, Any]:
-        """What goes to another process: all but the compiled mechanism, which is made there anew."""
-        return {name: value for name, value in self.__dict__.items() if name != "mechanism"}
-
     def with_gravity(self, gravity: ArrayLike) -> Device:
         """The same mechanism, mounted so that gravity has another direction or size in its base frame.
 
@@ -239,13 +229,6 @@ class Device:
     def searched(self) -> tuple[tuple[int, Searched], ...]:
         """Constants of terms that are not known, each with the index of its term."""
         return tuple((k, constant) for k, term in enumerate(self.terms) for constant in term.searched)
-
-    def with_constants(self, values: Sequence[float]) -> Device:
-        """The same device with other values of its searched constants, in their order, SI."""
-        terms = list(self.terms)
-        for (k, constant), value in zip(self.searched, values, strict=True):
-            terms[k] = terms[k].with_constant(constant.name, float(value))
-        return replace(self, terms=tuple(terms))
 
     @cached_property
     def joint_names(self) -> tuple[str, ...]:
@@ -318,152 +301,6 @@ class Device:
         return tuple("N" if unit == "m" else "N m" for unit in self.coordinate_units)
 
     @cached_property
-    def externals(self) -> tuple[TermColumn, ...]:
-        """The terms whose columns Python computes."""
-        return tuple(term for term in self.terms if term.kind == "external")
-
-    def tree(self, qa: Array, qda: Array, qdda: Array) -> tuple[Array, Array, Array]:
-        """Position, velocity and acceleration of all joints, each (joints, samples), from the active ones'.
-
-        Args:
-            qa: positions of the active joints, (active, samples), rad or m.
-            qda: their velocities.
-            qdda: their accelerations.
-
-        Raises:
-            LoopUnreachableError, SingularLoopError: loops that are not linear do not close at a pose, or not clearly.
-        """
-        for name, array in (("qa", qa), ("qda", qda), ("qdda", qdda)):
-            expect(name, array.shape, (len(self.active), qa.shape[1]))
-        followed = self.closure.follow(qa, qda)
-        return followed.q, followed.velocity(qda), followed.acceleration(qda, qdda)
-
-    def follow(self, c: Array, cd: Array) -> Followed:
-        """Positions of all joints and their rates by the coordinates that torque rows belong to.
-
-        Args:
-            c: positions of these coordinates, (active, samples), rad or m.
-            cd: their velocities.
-
-        Raises:
-            LoopUnreachableError, SingularLoopError: as for `tree`.
-        """
-        to_joints = np.linalg.inv(self.frame)
-        return self.closure.follow(to_joints @ c, to_joints @ cd).by(self.frame)
-
-    def loops(self, c: Array, cd: Array) -> Array | None:
-        """What the core needs with every sample where rates vary, (channels, samples); None where none does.
-
-        For each joint with such rates its position, those rates by the coordinates, and their rates of change.
-
-        Args:
-            c: positions of the coordinates that torque rows belong to, (active, samples), rad or m.
-            cd: their velocities.
-
-        Raises:
-            LoopUnreachableError, SingularLoopError: as for `tree`.
-        """
-        return self.given(self.follow(c, cd)) if self.varying.any() else None
-
-    def given(self, followed: Followed) -> Array | None:
-        """The same from what is known of all joints, by the coordinates that torque rows belong to."""
-        parts = []
-        for j in np.flatnonzero(self.varying.any(axis=1)):
-            rates = (x[:, j, self.varying[j]].T for x in (followed.G, followed.Gd))
-            parts += [followed.q[j : j + 1], *rates]
-        return np.ascontiguousarray(np.concatenate(parts)) if parts else None
-
-    def external(self, qa: Array, qda: Array, qdda: Array) -> Array:
-        """Columns that Python computes (counterbalances, a user's own), (externals, samples).
-
-        Args:
-            qa: positions of the active joints, (active, samples), rad or m.
-            qda: their velocities.
-            qdda: their accelerations.
-        """
-        loads = self._loads(*(np.ascontiguousarray(self.frame @ x) for x in (qa, qda, qdda)))
-        return external_columns(self.externals, self.joint_names, self.tree(qa, qda, qdda), loads)
-
-    def _loads(self, c: Array, cd: Array, cdd: Array) -> dict[str, Array]:
-        """Columns of friction by load, by name, each (samples,), from the coordinates' motion."""
-        made = {}
-        for term in self.externals:
-            if isinstance(term.shape, Load):
-                bare, chi = self.bodies
-                own, loops = np.zeros((0, c.shape[1])), bare.loops(c, cd)
-                made[term.name] = term.shape.values(bare.mechanism.torque(c, cd, cdd, own, chi, loops), cd)
-        return made
-
-    @cached_property
-    def bodies(self) -> tuple[Device, Array]:
-        """Links and rotors alone, and their parameters as friction by load has them, (r,), SI."""
-        rotors = tuple(term for term in self.terms if term.kind == "rotor")
-        alike = np.array(LIKE_ONE_ANOTHER * len(self.joints) + [0.0] * len(rotors))
-        return replace(self, terms=rotors), freeze(alike) if self.load is None else self.load
-
-    @property
-    def has_loads(self) -> bool:
-        """Whether it has friction by load, whose columns depend on the bodies' parameters."""
-        return any(isinstance(term.shape, Load) for term in self.terms)
-
-    @property
-    def load(self) -> Array | None:
-        """What friction by load is made of: parameters of links, then of rotors, (r,), SI; None where nothing is."""
-        return next((term.shape.bodies for term in self.terms if isinstance(term.shape, Load)), None)
-
-    def loaded(self, beta: Array) -> Device:
-        """The same device with friction by load as these base parameters' bodies have it, (p,), SI."""
-        raw = self.parameters.S[:, list(self.base.kept)] @ beta
-        links = 10 * len(self.joints)
-        rotors = [links + k for k, term in enumerate(self.terms) if term.kind == "rotor"]
-        return self.with_load(np.concatenate([raw[:links], raw[rotors]]))
-
-    def with_load(self, bodies: ArrayLike) -> Device:
-        """The same device with friction by load made of bodies, as `load` has them.
-
-        Raises:
-            ShapeError: they are not the parameters of its links and rotors.
-        """
-        rotors = sum(term.kind == "rotor" for term in self.terms)
-        bodies = read_only(bodies)
-        expect("bodies", bodies.shape, (10 * len(self.joints) + rotors,))
-        return replace(
-            self,
-            terms=tuple(
-                replace(term, shape=replace(term.shape, bodies=bodies)) if isinstance(term.shape, Load) else term
-                for term in self.terms
-            ),
-        )
-
-    def coulomb_terms(self, row: int) -> tuple[TermColumn, ...]:
-        """Terms on whose sign of velocity a torque row depends, one for each velocity."""
-        found: list[TermColumn] = []
-        for term in self.terms:
-            felt = term.kind in DRY and self.feels(row, term)
-            if felt and not any(term.moves_as(known) for known in found):
-                found.append(term)
-        return tuple(found)
-
-    def feels(self, row: int, term: TermColumn) -> bool:
-        """Whether a term's torque acts on a torque row."""
-        return bool(term.weights[row] != 0 or (term.joint is not None and self.varying[term.joint, row]))
-
-    def speed(self, term: TermColumn, c: Array, cd: Array) -> Array:
-        """Velocity of what a term acts on, (samples,); arguments as in `shares`."""
-        return np.asarray((self.shares(term, c, cd) * cd).sum(axis=0))
-
-    def shares(self, term: TermColumn, c: Array, cd: Array) -> Array:
-        """Rates of what a term acts on by the coordinates, (active, samples), or (active, 1) where they are constant.
-
-        Args:
-            term: one of the device's.
-            c, cd: position and velocity of the coordinates that torque rows belong to, (active, samples).
-        """
-        if term.joint is None:
-            return np.asarray(term.weights)[:, None]
-        return np.asarray(self.follow(c, cd).G[:, term.joint].T)
-
-    @cached_property
     def chi_prior(self) -> Array:
         """Prior value of every free standard parameter, NaN where unknown, (p,), SI.
 
@@ -471,42 +308,3 @@ class Device:
         """
         known = [[self.prior[n].value for n in names if n in self.prior] for names in self.parameters.members]
         return freeze(np.array([np.mean(values) if values else np.nan for values in known], dtype=float))
-
-    @cached_property
-    def mechanism(self) -> Any:
-        """The compiled mechanism, `haptid._core.Mechanism`."""
-        from haptid.dynamics.mechanism import mechanism
-
-        return mechanism(self)
-
-    @cached_property
-    def base(self) -> BaseParameters:
-        """Base parameters."""
-        from haptid.dynamics.base_parameters import base_parameters
-
-        return base_parameters(self)
-
-    @cached_property
-    def needed(self) -> tuple[tuple[int, ...], Array]:
-        """The core's columns that the base parameters need, and the combinations (columns, p) that make them of these.
-
-        In the parameters' order: where each is one column, the combinations are the identity.
-        """
-        made = self.parameters.S[:, list(self.base.kept)]
-        columns = np.flatnonzero(made.any(axis=1))
-        columns = columns[np.argsort(made[columns].argmax(axis=1), kind="stable")]
-        return tuple(columns.tolist()), freeze(made[columns])
-
-    @cached_property
-    def regroupings(self) -> Regroupings:
-        """Base parameters with the lengths as symbols; see `haptid.regroupings` for what it may raise."""
-        from haptid.dynamics.symbolic import regroupings
-
-        return regroupings(self)
-
-    @cached_property
-    def base_prior(self) -> tuple[tuple[float, float | None] | None, ...]:
-        """Value and deviation of every base parameter known beforehand, None where a member is not known."""
-        from haptid.device.priors import base_prior
-
-        return base_prior(self)

@@ -8,8 +8,8 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from haptid._internal.arrays import Array, expect
-from haptid.device.expressions import number
 from haptid.device.device import Device, Frame, Joint
+from haptid.device.expressions import number
 from haptid.device.toml.place import Place
 from haptid.device.toml.schema import (
     AnyJoint,

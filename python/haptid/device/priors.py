@@ -79,11 +79,6 @@ def body_prior(body: Body, joint: Joint, sd_percent: float | None) -> dict[str, 
     }
 
 
-def base_prior(device: Device) -> tuple[tuple[float, float | None] | None, ...]:
-    """Value and deviation of every base parameter, None where one of its members has no prior."""
-    return combined_prior(device, device.base.regrouping)
-
-
 def combined_prior(device: Device, rows: Array) -> tuple[tuple[float, float | None] | None, ...]:
     """Value and deviation of combinations of the free standard parameters, (k, p); None where one is not known."""
     parameters = device.parameters

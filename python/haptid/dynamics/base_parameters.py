@@ -6,6 +6,7 @@ set kept is the one the books keep.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import TYPE_CHECKING
@@ -13,11 +14,12 @@ from typing import TYPE_CHECKING
 import numpy as np
 from scipy import linalg
 
-from haptid._internal.arrays import Array, read_only
-from haptid.motion.channels import rows
+from haptid._internal.arrays import Array, freeze, read_only
+from haptid.dynamics.regressor import rows
+from haptid.errors import UnidentifiableTargetError
 
 if TYPE_CHECKING:
-    from haptid.device import Device
+    from haptid.dynamics.model import DynamicModel
 
 # A column this small beside the largest has no effect. Tested before columns are scaled to unit length: scaled
 # rounding noise would otherwise count as rank.
@@ -26,6 +28,10 @@ NO_EFFECT = 1e-12
 ROUNDING = 1e-9
 # Between the least independent column kept and the most independent one dropped there should be such a gulf.
 CLEAR_GAP = 1e3
+# What is left of a combination beyond base parameters, as a share of what cancelled: below this it is rounding.
+CANCELLED = 1e-7
+# Groupings that an error names, within which a combination appears.
+MOST_GROUPS = 3
 # Within a link, the parameters that the books keep come first.
 PREFERENCE = ("ZZ", "XX", "XY", "XZ", "YZ", "MX", "MY", "IA", "YY", "MZ", "M")
 
@@ -87,7 +93,7 @@ def formula(coefficients: Array, names: tuple[str, ...], first: int) -> str:
     return text
 
 
-def base_parameters(device: Device, seed: int = 0) -> BaseParameters:
+def base_parameters(model: DynamicModel, seed: int = 0) -> BaseParameters:
     """Base parameters of a device, from the regressor at random states.
 
     Columns are taken in order of preference and kept when they are independent of those kept before: the user's own
@@ -95,15 +101,15 @@ def base_parameters(device: Device, seed: int = 0) -> BaseParameters:
     active joints before those of passive joints.
 
     Args:
-        device: the mechanism.
+        model: the dynamic model.
         seed: of the random states; the result does not depend on it.
     """
-    parameters = device.parameters
-    W = random_regressor(device, seed)
+    parameters = model.device.parameters
+    W = random_regressor(model, seed)
     lengths = np.linalg.norm(W, axis=0)
     effective = lengths > NO_EFFECT * lengths.max(initial=0.0)
-    order = [k for k in preference(device) if effective[k]]
-    kept, Q, gap = eliminate(W / np.where(effective, lengths, 1.0), order, device.base_tolerance)
+    order = [k for k in preference(model) if effective[k]]
+    kept, Q, gap = eliminate(W / np.where(effective, lengths, 1.0), order, model.device.base_tolerance)
     kept = sorted(kept)  # shown in the parameters' own order
     regrouping = regroup(W, Q, kept, effective)
     names = tuple(
@@ -117,12 +123,12 @@ def base_parameters(device: Device, seed: int = 0) -> BaseParameters:
         regrouping=regrouping,
         standard=tuple(parameters.names),
         no_effect=tuple(parameters.names[k] for k in np.flatnonzero(~effective)),
-        tolerance=device.base_tolerance,
+        tolerance=model.device.base_tolerance,
         gap=gap,
     )
 
 
-def random_regressor(device: Device, seed: int) -> Array:
+def random_regressor(model: DynamicModel, seed: int) -> Array:
     """The regressor of the standard parameters at random states, (rows, standard parameters).
 
     Only torques that are measured have rows: what acts on an axis without motor alone cannot be known. Positions
@@ -130,18 +136,18 @@ def random_regressor(device: Device, seed: int) -> Array:
     are not linear close at some poses only, positions are of these, inside the limits.
     """
     rng = np.random.default_rng(seed)
-    S = device.parameters.S
-    states = 4 + -(-4 * S.shape[1] // max(sum(device.measured), 1))
-    c = device.frame @ device.closure.draw(rng, states)
+    S = model.device.parameters.S
+    states = 4 + -(-4 * S.shape[1] // max(sum(model.device.measured), 1))
+    c = model.device.frame @ model.device.closure.draw(rng, states)
     cd, cdd = rng.uniform(-2, 2, (2, *c.shape))
-    Y = rows(device, c, cd, cdd)[list(device.measured)]
+    Y = rows(model, c, cd, cdd)[list(model.device.measured)]
     return np.asarray(Y.transpose(0, 2, 1).reshape(-1, Y.shape[1]) @ S)
 
 
-def preference(device: Device) -> list[int]:
+def preference(model: DynamicModel) -> list[int]:
     """Indices of the standard parameters, in the order in which they would rather be kept."""
-    parameters = device.parameters
-    first = {name: k for k, name in enumerate(device.keep)}
+    parameters = model.device.parameters
+    first = {name: k for k, name in enumerate(model.device.keep)}
     rank = {kind: k for k, kind in enumerate(PREFERENCE)}
 
     def key(k: int) -> tuple[int, int, int, int]:
@@ -149,8 +155,8 @@ def preference(device: Device) -> list[int]:
         chosen = first.get(parameters.names[k], len(first))
         if kind in rank:
             return (chosen, link, rank[kind], k)
-        passive = link >= 0 and link not in device.active
-        return (chosen, len(device.joints), passive, k)
+        passive = link >= 0 and link not in model.device.active
+        return (chosen, len(model.device.joints), passive, k)
 
     return sorted(range(len(parameters.names)), key=key)
 
@@ -188,3 +194,29 @@ def regroup(W: Array, Q: Array, kept: list[int], effective: np.ndarray) -> Array
     coefficients[share < ROUNDING] = 0.0
     coefficients[:, kept] = np.eye(len(kept))
     return coefficients
+
+
+def base_combinations(model: DynamicModel, names: Sequence[str], rows: Array) -> Array:
+    """Combinations of standard parameters, (k, n), as combinations of base parameters, (k, p).
+
+    They are where their factors of those that base parameters are named after give back all their other factors.
+
+    Raises:
+        UnidentifiableTargetError: one is not, given by its name.
+    """
+    base = model.base
+    C = rows[:, list(base.kept)]
+    shown = C @ base.regrouping
+    cancelled = np.abs(rows) + np.abs(C) @ np.abs(base.regrouping)
+    hidden = np.where(np.abs(rows - shown) > CANCELLED * cancelled, rows - shown, 0.0)
+    for k in np.flatnonzero(hidden.any(axis=1)).tolist():
+        raise _unidentifiable(model, names[k], hidden[k], shown[k])
+    return freeze(np.ascontiguousarray(C))
+
+
+def _unidentifiable(model: DynamicModel, target: str, hidden: Array, shown: Array) -> UnidentifiableTargetError:
+    base = model.base
+    holding = np.flatnonzero((base.regrouping[:, hidden != 0] != 0).any(axis=1) & (not shown.any()))
+    groups = [f"{base.names[k]} = {base.groupings[k]}" for k in holding[:MOST_GROUPS]]
+    texts = [formula(row, base.standard, int(np.argmax(row != 0))) if row.any() else "" for row in (hidden, shown)]
+    return UnidentifiableTargetError(target, texts[0], texts[1], groups)

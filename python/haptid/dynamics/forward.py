@@ -2,19 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
 from haptid._internal.arrays import Array, expect, freeze, read_only
-from haptid.dynamics.regressor import CoreChannels
-from haptid.device import Device
 from haptid.dynamics.inverse import core_mass, core_torque
+from haptid.dynamics.load_friction import Carried, carried, pressed
+from haptid.dynamics.model import DynamicModel
+from haptid.dynamics.regressor import CoreChannels, check_columns, external
 from haptid.errors import MasslessError
-from haptid.motion.channels import check_columns, external, state
-from haptid.simulation.load_friction import Carried, carried, pressed
-from haptid.motion.treatment import Motion
 
 # Of the mass matrix, least eigenvalue over the largest of its scaled form that can still be inverted.
 INVERTIBLE = 1e-12
@@ -22,12 +19,10 @@ INVERTIBLE = 1e-12
 TURNED = 6.0
 # Passes in which the signs of what joints carry are found: two or three where friction takes less than all of it.
 PASSES = 8
-# Least width of smooth dry friction, rad/s or m/s.
-LEAST = 1e-6
 
 
 @dataclass(frozen=True, eq=False)
-class DirectModel:
+class ForwardDynamics:
     """M(c) cdd = tau - h(c, cd), friction, springs and a user's own columns in h.
 
     The core makes M from composite bodies and h by the inverse model without acceleration, and solves, for all states
@@ -36,20 +31,20 @@ class DirectModel:
     cdd.
 
     Attributes:
-        device: the mechanism, its dry friction smooth: see `smooth`.
+        model: the dynamic model, its dry friction smooth: see `smooth`.
         chi: sets of parameters of the core's columns, (sets, r), SI.
 
     Raises:
         AccelerationColumnError: a user's own column is made of accelerations.
     """
 
-    device: Device
+    model: DynamicModel
     chi: Array
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "chi", read_only(np.atleast_2d(self.chi)))
-        expect("chi", self.chi.shape, (None, self.device.mechanism.columns))
-        check_columns(self.device)
+        expect("chi", self.chi.shape, (None, self.model.mechanism.columns))
+        check_columns(self.model)
 
     def parts(self, c: Array, cd: Array) -> tuple[Array, Array]:
         """M, (states, n, n), and h, (states, n); states are those of the first set, then of the second, ...
@@ -61,11 +56,11 @@ class DirectModel:
 
     def mass(self, c: Array) -> Array:
         """M, (states, n, n), at positions (n, states); sets as in `parts`."""
-        return core_mass(self.device, self.chi, c)
+        return core_mass(self.model, self.chi, c)
 
     def inverse(self, c: Array, cd: Array, cdd: Array) -> Array:
         """Torque of every row, (n, states), from the coordinates' motion, each (n, states); sets as in `parts`."""
-        return core_torque(self.device, self.chi, c, cd, cdd, external(self.device, c, cd, cdd))
+        return core_torque(self.model, self.chi, c, cd, cdd, external(self.model, c, cd, cdd))
 
     def acceleration(self, c: Array, cd: Array, tau: Array) -> Array:
         """cdd, (n, states), rad/s^2 or m/s^2.
@@ -78,11 +73,11 @@ class DirectModel:
             MasslessError: a mass matrix is not positive definite.
         """
         c, cd, tau = np.ascontiguousarray(c), np.ascontiguousarray(cd), np.ascontiguousarray(tau)
-        own, loops = external(self.device, c, cd, np.zeros_like(c)), self.device.loops(c, cd)
-        cdd, failed = self.device.mechanism.acceleration(c, cd, tau, own, self.chi, loops)
+        own, loops = external(self.model, c, cd, np.zeros_like(c)), self.model.loops(c, cd)
+        cdd, failed = self.model.mechanism.acceleration(c, cd, tau, own, self.chi, loops)
         if failed is not None:
             of = failed * len(self.chi) // c.shape[1]
-            raise self.massless(core_mass(self.device, self.chi[of], c[:, [failed]]))
+            raise self.massless(core_mass(self.model, self.chi[of], c[:, [failed]]))
         loads = self._loads(c, cd)
         return self._loaded(loads, self.mass(c), cdd.T) if loads else np.asarray(cdd)
 
@@ -110,9 +105,9 @@ class DirectModel:
 
     def _loads(self, c: Array, cd: Array) -> list[Carried]:
         """Friction by load of all sets."""
-        if not self.device.has_loads:
+        if not self.model.has_loads:
             return []
-        return carried(self.device, np.repeat(self.chi, c.shape[1] // len(self.chi), axis=0), c, cd)
+        return carried(self.model, np.repeat(self.chi, c.shape[1] // len(self.chi), axis=0), c, cd)
 
     def _solved(self, M: Array, force: Array) -> Array:
         """M^-1 force, (states, n).
@@ -131,7 +126,7 @@ class DirectModel:
         ratio = values[:, 0] / np.maximum(values[:, -1], np.finfo(float).tiny)
         worst = int(np.argmin(ratio))
         row = int(np.argmax(np.abs(vectors[worst, :, 0])))
-        return MasslessError(self.device.row_labels[row], float(ratio[worst]), INVERTIBLE)
+        return MasslessError(self.model.device.row_labels[row], float(ratio[worst]), INVERTIBLE)
 
     def check(self, c: Array) -> None:
         """Raise MasslessError unless the mass matrix is positive definite at these positions, (n, states)."""
@@ -144,7 +139,7 @@ class DirectModel:
 
         Column k is the derivative by coordinate k.
         """
-        made = CoreChannels.of(self.device, np.array([c, cd, cdd])).torque_slopes(self.chi[0])
+        made = CoreChannels.of(self.model, np.array([c, cd, cdd])).torque_slopes(self.chi[0])
         by_c, by_cd, _ = np.moveaxis(made, (1, 3), (0, 1))
         return by_c, by_cd
 
@@ -154,18 +149,18 @@ class DirectModel:
         Of the first set: the largest eigenvalue of M^-1 dh/dcd, where smooth dry friction is steepest.
         """
         still = np.zeros_like(c)
-        M = core_mass(self.device, self.chi[0], c)
+        M = core_mass(self.model, self.chi[0], c)
         _, damping = self.slopes(c, still, still)
         try:
             return float(np.abs(np.linalg.eigvals(np.linalg.solve(M, damping))).max(initial=0.0))
         except np.linalg.LinAlgError:
             raise self.massless(M) from None
 
-    def without_dry(self) -> DirectModel:
+    def without_dry(self) -> ForwardDynamics:
         """The same model without dry friction."""
-        chi, first = np.array(self.chi), 10 * len(self.device.joints)
-        chi[:, [first + k for k, term in enumerate(self.device.terms) if term.dry]] = 0.0
-        return DirectModel(self.device, chi)
+        chi, first = np.array(self.chi), 10 * len(self.model.device.joints)
+        chi[:, [first + k for k, term in enumerate(self.model.terms) if term.dry]] = 0.0
+        return ForwardDynamics(self.model, chi)
 
     def turning(self, c: Array, cd: Array, cdd: Array, period: float) -> np.ndarray:
         """Of which stretches dry friction may turn over within a period, in one of the sets, (states,).
@@ -174,42 +169,22 @@ class DirectModel:
             c, cd, cdd: of the coordinates, (n, states).
             period: s.
         """
-        found = turning(self.device, c, cd, cdd, period)
+        found = turning(self.model, c, cd, cdd, period)
         return np.tile(found.reshape(len(self.chi), -1).any(axis=0), len(self.chi))
 
 
-def turning(device: Device, c: Array, cd: Array, cdd: Array, period: float) -> np.ndarray:
+def turning(model: DynamicModel, c: Array, cd: Array, cdd: Array, period: float) -> np.ndarray:
     """Where dry friction may turn over within a period, s, from positions and rates (n, states): (states,)."""
-    dry = [term for term in device.terms if term.dry]
+    dry = [term for term in model.terms if term.dry]
     if not dry:
         return np.zeros(c.shape[1], dtype=bool)
-    shares = np.array([np.broadcast_to(device.shares(term, c, cd), c.shape) for term in dry])
+    shares = np.array([np.broadcast_to(model.shares(term, c, cd), c.shape) for term in dry])
     speed, change = (np.abs((shares * x).sum(axis=1)) for x in (cd, cdd))
     widths = np.array([[term.constant("width")] for term in dry])
     return np.asarray((speed < TURNED * widths + period * change).any(axis=0))
 
 
-def smooth(device: Device, motions: Sequence[Motion], share: float) -> Device:
-    """The device with tanh(v / width) in place of sgn(v) wherever its dry friction has no width of its own.
-
-    A joint that sticks then creeps; a solver needs no events.
-
-    Args:
-        device: the mechanism.
-        motions: what it does; the width is a share of each term's root mean square speed there.
-        share: of that speed.
-    """
-    states = [state(device, motion, *motion.usable) for motion in motions]
-    terms = []
-    for term in device.terms:
-        if term.dry and term.constant("width") == 0:
-            power = np.concatenate([device.speed(term, c, cd) ** 2 for c, cd in states])
-            term = term.with_constant("width", max(share * float(np.sqrt(power.mean())), LEAST))
-        terms.append(term)
-    return replace(device, terms=tuple(terms))
-
-
-def sets_of(device: Device, beta: Array) -> Array:
+def sets_of(model: DynamicModel, beta: Array) -> Array:
     """Parameters of the core's columns, (sets, r), from sets of base parameters, (sets, p)."""
-    S = device.parameters.S[:, list(device.base.kept)]
+    S = model.device.parameters.S[:, list(model.base.kept)]
     return freeze(np.atleast_2d(beta) @ S.T)

@@ -9,7 +9,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from haptid._internal.arrays import Array, expect, freeze, read_only
-from haptid.device import Device, Handle, poses
+from haptid.device import Handle, poses
+from haptid.dynamics.model import DynamicModel
 from haptid.errors import HandleMissingError
 
 
@@ -21,14 +22,14 @@ class HandleMotion:
     its frame. Its transpose takes a wrench at the handle's origin to torques of the active joints.
 
     Attributes:
-        device: the mechanism.
+        model: the dynamic model.
         qa: positions of the active joints, (active, samples), rad or m.
         position: of the handle's origin in the base frame, (samples, 3), m.
         rotation: of its frame in the base frame, (samples, 3, 3).
         jacobian: in the base frame, (samples, 6, active), m/rad or 1, and rad/rad or rad/m.
     """
 
-    device: Device
+    model: DynamicModel
     qa: Array
     position: Array
     rotation: Array
@@ -37,7 +38,7 @@ class HandleMotion:
     def __post_init__(self) -> None:
         for name in ("qa", "position", "rotation", "jacobian"):
             object.__setattr__(self, name, read_only(getattr(self, name)))
-        samples, active = self.qa.shape[1], len(self.device.active)
+        samples, active = self.qa.shape[1], len(self.model.device.active)
         expect("position", self.position.shape, (samples, 3))
         expect("rotation", self.rotation.shape, (samples, 3, 3))
         expect("jacobian", self.jacobian.shape, (samples, 6, active))
@@ -53,68 +54,68 @@ class HandleMotion:
 
         Its transpose takes a wrench to the torque rows; the same as `jacobian` where rows are the active joints'.
         """
-        return freeze(self.jacobian @ np.linalg.inv(self.device.frame))
+        return freeze(self.jacobian @ np.linalg.inv(self.model.device.frame))
 
 
-def link_poses(device: Device, qa: ArrayLike) -> Array:
+def link_poses(model: DynamicModel, qa: ArrayLike) -> Array:
     """Poses of all links' frames (normal form, z along the joint axis) in the base frame, (samples, joints, 4, 4), m.
 
     Args:
-        device: the mechanism.
+        model: the dynamic model.
         qa: positions of the active joints, (active, samples), rad or m.
 
     Raises:
         ShapeError: the array does not fit the device.
     """
-    return freeze(poses(device, tree_positions(device, qa).T))
+    return freeze(poses(model.device, tree_positions(model, qa).T))
 
 
-def handle_motion(device: Device, qa: ArrayLike) -> HandleMotion:
+def handle_motion(model: DynamicModel, qa: ArrayLike) -> HandleMotion:
     """Pose and Jacobian of the handle.
 
     Column j of a tree's Jacobian is z x (p - o), z for a turning joint and z, 0 for a sliding one (Siciliano et al.
     2009, eq. 3.30), where joint j carries the handle; loops then project it: J = J_tree G.
 
     Args:
-        device: the mechanism.
+        model: the dynamic model.
         qa: positions of the active joints, (active, samples), rad or m.
 
     Raises:
         HandleMissingError: the device has no handle.
         ShapeError: the array does not fit the device.
     """
-    qa, handle = np.asarray(qa, dtype=float), handle_of(device)
-    expect("qa", qa.shape, (len(device.active), None))
-    followed = device.closure.follow(qa)
-    at = poses(device, followed.q.T)
+    qa, handle = np.asarray(qa, dtype=float), handle_of(model)
+    expect("qa", qa.shape, (len(model.device.active), None))
+    followed = model.device.closure.follow(qa)
+    at = poses(model.device, followed.q.T)
     held = np.broadcast_to(np.eye(4), (qa.shape[1], 4, 4)) if handle.link < 0 else at[:, handle.link]
     position = held[:, :3, :3] @ handle.translation + held[:, :3, 3]
-    tree = np.zeros((qa.shape[1], 6, len(device.joints)))
+    tree = np.zeros((qa.shape[1], 6, len(model.device.joints)))
     link = handle.link
     while link >= 0:
-        axis, joint = at[:, link, :3, 2], device.joints[link]
+        axis, joint = at[:, link, :3, 2], model.device.joints[link]
         if joint.prismatic:
             tree[:, :3, link] = axis
         else:
             tree[:, :3, link] = np.cross(axis, position - at[:, link, :3, 3])
             tree[:, 3:, link] = axis
         link = joint.parent
-    return HandleMotion(device, qa, position, held[:, :3, :3] @ handle.rotation, tree @ followed.G)
+    return HandleMotion(model, qa, position, held[:, :3, :3] @ handle.rotation, tree @ followed.G)
 
 
-def handle_of(device: Device) -> Handle:
+def handle_of(model: DynamicModel) -> Handle:
     """The device's handle.
 
     Raises:
         HandleMissingError: it has none.
     """
-    if device.handle is None:
-        raise HandleMissingError(device.name)
-    return device.handle
+    if model.device.handle is None:
+        raise HandleMissingError(model.device.name)
+    return model.device.handle
 
 
-def tree_positions(device: Device, qa: ArrayLike) -> Array:
+def tree_positions(model: DynamicModel, qa: ArrayLike) -> Array:
     """Positions of all joints, (joints, samples), from the active ones', (active, samples), rad or m."""
     qa = np.asarray(qa, dtype=float)
-    expect("qa", qa.shape, (len(device.active), None))
-    return device.closure.positions(qa)
+    expect("qa", qa.shape, (len(model.device.active), None))
+    return model.device.closure.positions(qa)

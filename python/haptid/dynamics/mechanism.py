@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-import importlib
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
 from haptid._internal.arrays import Array
-from haptid.device.device import Device
+from haptid.dynamics.model import DynamicModel
 
 
 class MechanismArguments(NamedTuple):
@@ -40,24 +39,19 @@ class MechanismArguments(NamedTuple):
     on: list[int | None]
 
 
-def mechanism_arguments(device: Device) -> MechanismArguments:
-    """What the core needs to know of a device."""
-    joints = device.joints
+def mechanism_arguments(model: DynamicModel) -> MechanismArguments:
+    """The arguments that compile a dynamic model in the core."""
+    joints = model.device.joints
     return MechanismArguments(
         parent=[joint.parent for joint in joints],
         rotation=np.array([joint.rotation for joint in joints]),
         translation=np.array([joint.translation for joint in joints]),
         prismatic=[joint.prismatic for joint in joints],
-        gravity=[float(g) for g in device.gravity],
-        rates=np.ascontiguousarray(device.rates),
-        offset=np.ascontiguousarray(device.closure.offset),
-        terms=[term.for_core for term in device.terms],
+        gravity=[float(g) for g in model.device.gravity],
+        rates=np.ascontiguousarray(model.device.rates),
+        offset=np.ascontiguousarray(model.device.closure.offset),
+        terms=[term.for_core for term in model.terms],
         backend=None,
-        given=device.varying if device.varying.any() else None,
-        on=[term.joint for term in device.terms],
+        given=model.device.varying if model.device.varying.any() else None,
+        on=[term.joint for term in model.terms],
     )
-
-
-def mechanism(device: Device) -> Any:
-    """The compiled mechanism, ready for the kernels."""
-    return importlib.import_module("haptid._core").Mechanism(*mechanism_arguments(device))

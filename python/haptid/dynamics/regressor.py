@@ -3,12 +3,17 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from haptid._internal.arrays import Array
-from haptid.device import Device
-from haptid.motion.channels import external
+from haptid.device.expressions import Column
+from haptid.device.terms.term import Load
+from haptid.errors import AccelerationColumnError
+
+if TYPE_CHECKING:
+    from haptid.dynamics.model import DynamicModel
 
 # Steps of the differences by position, velocity and acceleration.
 STEPS = (1e-6, 1e-5, 1e-4)
@@ -19,29 +24,29 @@ class CoreChannels:
     """Channels of a motion, (channels, n) each.
 
     Attributes:
-        device: the mechanism.
+        model: the dynamic model.
         motion: positions, velocities and accelerations of the coordinates that torque rows belong to, (3, rows, n).
         own: the columns that Python computes, (externals, n).
         loops: of loops whose rates vary; no channels where there are none.
     """
 
-    device: Device
+    model: DynamicModel
     motion: Array
     own: Array
     loops: Array
 
     @staticmethod
-    def of(device: Device, motion: Array) -> CoreChannels:
+    def of(model: DynamicModel, motion: Array) -> CoreChannels:
         """Of a device in a motion of its coordinates, (3, rows, n)."""
         c, cd, cdd = motion = np.ascontiguousarray(motion)
-        loops = device.loops(c, cd)
+        loops = model.loops(c, cd)
         loops = np.zeros((0, motion.shape[2])) if loops is None else loops
-        return CoreChannels(device, motion, external(device, c, cd, cdd), loops)
+        return CoreChannels(model, motion, external(model, c, cd, cdd), loops)
 
     def torque_slopes(self, chi: Array) -> Array:
         """Slopes of every row's torque by the motion, (rows, 3, rows, n), of parameters of the core's columns, (r,)."""
         columns = np.flatnonzero(chi)
-        made = self.device.mechanism.torque_slopes(
+        made = self.model.mechanism.torque_slopes(
             *self.motion, self.own, columns.tolist(), chi[columns].tolist(), self.loops
         )
         return self.by_motion(made)
@@ -61,7 +66,7 @@ class CoreChannels:
 
     def _python_made(self, s: int, j: int, step: float) -> Array:
         """The channels that Python makes, (own, n), where one position, velocity or acceleration is another."""
-        there = CoreChannels.of(self.device, moved(self.motion, s, j, step))
+        there = CoreChannels.of(self.model, moved(self.motion, s, j, step))
         return np.concatenate([there.own, there.loops])
 
 
@@ -70,3 +75,49 @@ def moved(motion: Array, s: int, j: int, step: float) -> Array:
     made = motion.copy()
     made[s, j] += step
     return made
+
+
+def external(model: DynamicModel, c: Array, cd: Array, cdd: Array | None) -> Array:
+    """Columns that the device computes itself (counterbalances, a user's own), (columns, samples).
+
+    Raises:
+        AccelerationColumnError: a column is made of accelerations, and there are none.
+    """
+    if not model.externals:
+        return np.zeros((0, c.shape[1]))
+    if cdd is None:
+        cdd = np.zeros_like(c)  # which no column reads
+        check_linear(model)
+    to_joints = np.linalg.inv(model.device.frame)
+    return np.ascontiguousarray(model.external(to_joints @ c, to_joints @ cd, to_joints @ cdd))
+
+
+def check_columns(model: DynamicModel) -> None:
+    """Raise AccelerationColumnError if a column that the device file writes out reads accelerations."""
+    for term in model.externals:
+        if isinstance(term.shape, Column) and term.shape.reads({f"a_{name}" for name in model.device.joint_names}):
+            raise AccelerationColumnError(term.name)
+
+
+def check_linear(model: DynamicModel) -> None:
+    """The same, or if it has friction by load: torque is then not linear in accelerations."""
+    for term in model.externals:
+        if isinstance(term.shape, Load):
+            raise AccelerationColumnError(term.name)
+    check_columns(model)
+
+
+def rows(model: DynamicModel, c: Array, cd: Array, cdd: Array) -> Array:
+    """All of the core's columns of every coordinate's torque, (coordinates, columns, samples)."""
+    mechanism = model.mechanism
+    columns = list(range(mechanism.columns))
+    return np.asarray(mechanism.regressor(c, cd, cdd, external(model, c, cd, cdd), columns, model.loops(c, cd)))
+
+
+def columns(model: DynamicModel, c: Array, cd: Array, cdd: Array, base: Array) -> Array:
+    """Columns of the inverse model by base parameters, (n, p, samples)."""
+    used = [int(k) for k in np.flatnonzero(base.any(axis=1))]
+    c, cd, cdd = (np.ascontiguousarray(x) for x in (c, cd, cdd))
+    own, loops = external(model, c, cd, cdd), model.loops(c, cd)
+    raw = model.mechanism.regressor(c, cd, cdd, own, used, loops)
+    return np.asarray(base[used].T @ raw)

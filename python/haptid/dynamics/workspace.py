@@ -10,9 +10,9 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from haptid._internal.arrays import Array, expect, freeze, read_only
-from haptid.device import Device
-from haptid.errors import EmptyWorkspaceError, UnboundedWorkspaceError, WorkspaceLimitError
 from haptid.dynamics.kinematics import handle_motion, handle_of, tree_positions
+from haptid.dynamics.model import DynamicModel
+from haptid.errors import EmptyWorkspaceError, UnboundedWorkspaceError, WorkspaceLimitError
 
 Range = tuple[float, float]
 # Poses of a grid over the joints' limits, those outside other limits counted.
@@ -43,14 +43,14 @@ class Workspace:
     """Poses of a device inside all of its limits; see `workspace`.
 
     Attributes:
-        device: the mechanism.
+        model: the dynamic model.
         limits: of every active joint, (active, 2), rad or m.
         coupled: indices of the passive joints that have limits.
         ranges: of their positions, (couplings, 2), rad or m.
         box: of the handle's origin, None for no limit.
     """
 
-    device: Device
+    model: DynamicModel
     limits: Array
     coupled: tuple[int, ...]
     ranges: Array
@@ -59,15 +59,15 @@ class Workspace:
     def __post_init__(self) -> None:
         for name in ("limits", "ranges"):
             object.__setattr__(self, name, read_only(getattr(self, name)))
-        expect("limits", self.limits.shape, (len(self.device.active), 2))
+        expect("limits", self.limits.shape, (len(self.model.device.active), 2))
         expect("ranges", self.ranges.shape, (len(self.coupled), 2))
         if self.box is not None:
-            handle_of(self.device)
+            handle_of(self.model)
 
     @property
     def couplings(self) -> tuple[str, ...]:
         """Names of the passive joints that have limits."""
-        return tuple(self.device.joint_names[j] for j in self.coupled)
+        return tuple(self.model.device.joint_names[j] for j in self.coupled)
 
     def slack(self, qa: ArrayLike) -> Array:
         """How far every pose is inside each limit, negative outside, (limits, samples), rad or m.
@@ -78,12 +78,12 @@ class Workspace:
             qa: positions of the active joints, (active, samples), rad or m.
         """
         qa = np.asarray(qa, dtype=float)
-        expect("qa", qa.shape, (len(self.device.active), None))
-        closed = self.device.closure.closes(qa)
+        expect("qa", qa.shape, (len(self.model.device.active), None))
+        closed = self.model.device.closure.closes(qa)
         here = qa[:, closed]
-        pairs = [(here, self.limits), (tree_positions(self.device, here)[list(self.coupled)], self.ranges)]
+        pairs = [(here, self.limits), (tree_positions(self.model, here)[list(self.coupled)], self.ranges)]
         if self.box is not None:
-            at = handle_motion(self.device, here).position.T
+            at = handle_motion(self.model, here).position.T
             pairs.append((at, np.column_stack([self.box.low, self.box.high])))
         slack = np.full((2 * sum(len(x) for x, _ in pairs), qa.shape[1]), -np.inf)
         slack[:, closed] = np.concatenate([side for x, r in pairs for side in (x - r[:, :1], r[:, 1:] - x)])
@@ -113,12 +113,12 @@ class Workspace:
 
 
 def workspace(
-    device: Device, limits: Mapping[str, Sequence[float] | None] | None = None, box: Box | None = None
+    model: DynamicModel, limits: Mapping[str, Sequence[float] | None] | None = None, box: Box | None = None
 ) -> Workspace:
     """The workspace of a device: its file's limits, some of them replaced.
 
     Args:
-        device: the mechanism.
+        model: the dynamic model.
         limits: of joints by name, active or passive, rad or m; instead of the file's, None for no limit. A passive
             joint's are limits of a combination of active ones, such as a parallelogram's coupling.
         box: of the handle's origin, if any.
@@ -128,24 +128,28 @@ def workspace(
         UnboundedWorkspaceError: an active joint slides without limits; a turning one has a whole turn.
         HandleMissingError: a box for a device without handle.
     """
-    known = _limits(device, limits or {})
-    for j in device.active:
-        if known[device.joint_names[j]] is None and device.joints[j].prismatic:
-            raise UnboundedWorkspaceError(device.joint_names[j])
-    active = [known[device.joint_names[j]] or (-np.pi, np.pi) for j in device.active]
-    passive = [j for j, joint in enumerate(device.joints) if j not in device.active and known[joint.name] is not None]
+    known = _limits(model, limits or {})
+    for j in model.device.active:
+        if known[model.device.joint_names[j]] is None and model.device.joints[j].prismatic:
+            raise UnboundedWorkspaceError(model.device.joint_names[j])
+    active = [known[model.device.joint_names[j]] or (-np.pi, np.pi) for j in model.device.active]
+    passive = [
+        j
+        for j, joint in enumerate(model.device.joints)
+        if j not in model.device.active and known[joint.name] is not None
+    ]
     return Workspace(
-        device=device,
+        model=model,
         limits=np.array(active, dtype=float),
         coupled=tuple(passive),
-        ranges=np.array([known[device.joints[j].name] for j in passive], dtype=float).reshape(-1, 2),
+        ranges=np.array([known[model.device.joints[j].name] for j in passive], dtype=float).reshape(-1, 2),
         box=box,
     )
 
 
-def _limits(device: Device, given: Mapping[str, Sequence[float] | None]) -> dict[str, Range | None]:
+def _limits(model: DynamicModel, given: Mapping[str, Sequence[float] | None]) -> dict[str, Range | None]:
     """Of every joint by name: those given, else the file's."""
-    known = {joint.name: joint.position_limits for joint in device.joints}
+    known = {joint.name: joint.position_limits for joint in model.device.joints}
     for name, pair in given.items():
         if name not in known:
             raise WorkspaceLimitError(name, pair, f"limits of one of the joints {', '.join(known)}")

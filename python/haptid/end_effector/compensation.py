@@ -39,14 +39,14 @@ import numpy as np
 from scipy import linalg
 
 from haptid._internal.arrays import Array, expect, freeze, positive
-from haptid.end_effector.characterisation.apparent_mass import felt_mass
-from haptid.end_effector.characterisation.model import GivenModel, Model
 from haptid.device.terms.term import Load
 from haptid.dynamics.inverse import core_momentum, core_torque, inverse_dynamics, raw_parameters, rigid
-from haptid.errors import CompensationSettingError
 from haptid.dynamics.kinematics import handle_of
+from haptid.dynamics.regressor import external
+from haptid.end_effector.characterisation.apparent_mass import felt_mass
+from haptid.end_effector.characterisation.model import GivenModel, IdentifiedModel
+from haptid.errors import CompensationSettingError
 from haptid.observation.reversals import softened
-from haptid.motion.channels import external
 
 # From the time since the start, s, and measured positions of the active joints, (active,), to torques of the motors'
 # coordinates, (motors,), N m or N.
@@ -58,7 +58,7 @@ class Compensation:
     """Compensation of mass, weight and friction from a model.
 
     Attributes:
-        model: an estimate, or given parameters.
+        identified: an estimate, or given parameters.
         share: of the mass that is taken off, 0 to below 1; the most of it where `towards` is given.
         weight: share of gravity, springs and offsets that motors carry, 0 to 1.
         friction: share of friction that motors overcome, 0 to 1; stay below what is surely there.
@@ -69,7 +69,7 @@ class Compensation:
         towards: largest principal mass that is to be left at every pose, kg; None for the same share everywhere.
     """
 
-    model: Model
+    identified: IdentifiedModel
     share: float = 0.5
     weight: float = 1.0
     friction: float = 0.0
@@ -85,12 +85,12 @@ class Compensation:
         for name in ("slow", "velocity_cutoff_hz", "momentum_cutoff_hz"):
             if not positive(getattr(self, name)):
                 raise CompensationSettingError(name, getattr(self, name), "a finite number above 0")
-        for term in self.model.device.terms if self.friction else ():
+        for term in self.identified.model.terms if self.friction else ():
             if isinstance(term.shape, Load):
                 wanted = f"0: term {term.name} needs accelerations, which a law does not have"
                 raise CompensationSettingError("friction", self.friction, wanted)
         if self.towards is not None:
-            handle_of(self.model.device)
+            handle_of(self.identified.model)
             if not positive(self.towards):
                 raise CompensationSettingError("towards", self.towards, "a mass above 0 kg, or None")
 
@@ -104,7 +104,7 @@ class Compensation:
         """
         if self.towards is None:
             return freeze(np.full(qa.shape[1], self.share))
-        mass = felt_mass(GivenModel(self.model.device, self.model.beta), qa).mass.value[:, 0]
+        mass = felt_mass(GivenModel(self.identified.model, self.identified.beta), qa).mass.value[:, 0]
         wanted = 1 - self.towards / np.where(np.isfinite(mass), mass, np.inf)
         return freeze(np.clip(wanted, 0.0, self.share))
 
@@ -175,28 +175,28 @@ class _Law:
     """The law at work: what it remembers from one period to the next."""
 
     def __init__(self, settings: Compensation, dt: float) -> None:
-        device = settings.model.device
-        self.settings, self.device, self.dt = settings, device, dt
+        model = settings.identified.model
+        self.settings, self.model, self.dt = settings, model, dt
         self.keep_velocity, self.keep_momentum = settings.keeps(dt)
-        raw = raw_parameters(device, settings.model.beta)
-        self.bodies = rigid(device, raw)
-        resists = [False] * (10 * len(device.joints)) + [term.resists for term in device.terms]
+        raw = raw_parameters(model, settings.identified.beta)
+        self.bodies = rigid(model, raw)
+        resists = [False] * (10 * len(model.device.joints)) + [term.resists for term in model.terms]
         self.rubbing = np.where(resists, raw, 0.0)
-        self.soft = softened(device, settings.slow)
-        self.to_joints = np.linalg.inv(device.frame)
-        self.to_motors = np.linalg.inv(device.drive_rates).T[[drive.motorised for drive in device.drives]]
+        self.soft = softened(model, settings.slow)
+        self.to_joints = np.linalg.inv(model.device.frame)
+        self.to_motors = np.linalg.inv(model.device.drive_rates).T[[drive.motorised for drive in model.device.drives]]
         self.last: Array | None = None
-        self.velocity = np.zeros((len(device.active), 1))
-        self.late = np.zeros((len(device.active), 1))
+        self.velocity = np.zeros((len(model.device.active), 1))
+        self.late = np.zeros((len(model.device.active), 1))
 
     def step(self, _t: float, qa: Array) -> Array:
         """Torque of the motors' coordinates, (motors,), N m or N."""
-        settings, c = self.settings, self.device.frame @ np.asarray(qa, dtype=float)[:, None]
+        settings, c = self.settings, self.model.device.frame @ np.asarray(qa, dtype=float)[:, None]
         if self.last is not None:
             difference = (c - self.last) / self.dt
             self.velocity = self.keep_velocity * self.velocity + (1 - self.keep_velocity) * difference
         self.last = c
-        p, _ = core_momentum(self.device, self.bodies, c, self.velocity)
+        p, _ = core_momentum(self.model, self.bodies, c, self.velocity)
         change = (1 - self.keep_momentum) / self.dt * (p - self.late)
         self.late = self.late + self.dt * change
         share = settings.share_at(self.to_joints @ c)
@@ -207,7 +207,7 @@ class _Law:
         """Torque that holds the device still, (active, 1): gravity, springs, offsets."""
         qa = self.to_joints @ c
         still = np.zeros_like(qa)
-        return inverse_dynamics(self.device, self.settings.model.beta, qa, still, still)
+        return inverse_dynamics(self.model, self.settings.identified.beta, qa, still, still)
 
     def _rubbing(self, c: Array) -> Array:
         """Friction of this velocity, (active, 1), none of it dry at rest."""

@@ -10,10 +10,10 @@ from scipy import optimize
 
 from haptid._internal.arrays import Array, expect, read_only
 from haptid.dynamics.inverse import mass_matrix
+from haptid.dynamics.workspace import Workspace
 from haptid.errors import DifferentModelError
 from haptid.estimation import Estimate
 from haptid.estimation.feasibility.feasible import checked
-from haptid.dynamics.workspace import Workspace
 
 # The smallest eigenvalue is refined from so many of the grid's lowest poses.
 STARTS = 20
@@ -54,7 +54,7 @@ class Definiteness:
     def __post_init__(self) -> None:
         for name in ("at", "direction"):
             object.__setattr__(self, name, read_only(getattr(self, name)))
-            expect(name, getattr(self, name).shape, (len(self.workspace.device.active),))
+            expect(name, getattr(self, name).shape, (len(self.workspace.model.device.active),))
 
     @property
     def positive(self) -> bool:
@@ -63,8 +63,8 @@ class Definiteness:
 
     def summary(self) -> str:
         """What was found, in sentences."""
-        device = self.workspace.device
-        joints = [device.joints[j] for j in device.active]
+        model = self.workspace.model
+        joints = [model.device.joints[j] for j in model.device.active]
         pose = ", ".join(
             f"{joint.name} {x:.4g} m" if joint.prismatic else f"{joint.name} {np.degrees(x):.4g} deg"
             for joint, x in zip(joints, self.at, strict=True)
@@ -82,7 +82,7 @@ class Definiteness:
         return " ".join([text, *self._caveats()])
 
     def _failing(self) -> str:
-        labels = self.workspace.device.row_labels
+        labels = self.workspace.model.device.row_labels
         worst = int(np.argmax(np.abs(self.direction)))
         if abs(self.direction[worst]) >= ALONE:
             return labels[worst]
@@ -90,20 +90,22 @@ class Definiteness:
         return " ".join(f"{x:+.2g} {label}" for x, label in parts if abs(x) > 1 - ALONE)
 
     def _caveats(self) -> list[str]:
-        device, made = self.workspace.device, []
-        if len(set(device.coordinate_units)) > 1:
+        model, made = self.workspace.model, []
+        if len(set(model.device.coordinate_units)) > 1:
             made.append("Some coordinates turn, others slide: the eigenvalue's sign has a meaning, its size has not.")
-        blind = [label for label, known in zip(device.row_labels, device.measured, strict=True) if not known]
+        blind = [
+            label for label, known in zip(model.device.row_labels, model.device.measured, strict=True) if not known
+        ]
         if blind:
             made.append(f"Torque is not measured on {', '.join(blind)}: the matrix is of the other coordinates.")
         return made
 
 
-def definiteness(model: Estimate | ArrayLike, workspace: Workspace) -> Definiteness:
+def definiteness(identified: Estimate | ArrayLike, workspace: Workspace) -> Definiteness:
     """The smallest eigenvalue of M over a workspace: on a grid, then refined from the grid's lowest poses.
 
     Args:
-        model: an estimate, or base parameters in SI of the workspace's device, (p,).
+        identified: an estimate, or base parameters in SI of the workspace's device, (p,).
         workspace: the poses.
 
     Raises:
@@ -112,11 +114,11 @@ def definiteness(model: Estimate | ArrayLike, workspace: Workspace) -> Definiten
         ShapeError: the parameters do not fit the device.
         ParameterValueError: one of them is not a finite number.
     """
-    device = workspace.device
-    estimate = model if isinstance(model, Estimate) else None
-    if estimate is not None and estimate.device is not device:
-        raise DifferentModelError(estimate.device.name, device.name)
-    form = _Form(workspace, model.beta if isinstance(model, Estimate) else checked(device, model))
+    model = workspace.model
+    estimate = identified if isinstance(identified, Estimate) else None
+    if estimate is not None and not estimate.model.is_same_as(model):
+        raise DifferentModelError(estimate.model.device.name, model.device.name)
+    form = _Form(workspace, identified.beta if isinstance(identified, Estimate) else checked(model, identified))
     poses = workspace.grid()
     values, _ = form.lowest(poses)
     starts = poses[:, _lowest_apart(poses, values, workspace.limits)]
@@ -124,9 +126,9 @@ def definiteness(model: Estimate | ArrayLike, workspace: Workspace) -> Definiten
     ends = ends[:, (workspace.slack(ends) >= -AT_LIMIT).all(axis=0)]
     found, vectors = form.lowest(ends)
     best = int(np.argmin(found))
-    at, direction = ends[:, best], np.zeros(len(device.active))
+    at, direction = ends[:, best], np.zeros(len(model.device.active))
     direction[form.known] = vectors[best]
-    units = {unit for unit, known in zip(device.coordinate_units, device.measured, strict=True) if known}
+    units = {unit for unit, known in zip(model.device.coordinate_units, model.device.measured, strict=True) if known}
     return Definiteness(
         workspace=workspace,
         smallest=float(found[best]),
@@ -149,10 +151,10 @@ class _Form:
     @property
     def known(self) -> list[int]:
         """Coordinates whose torque is measured: the others' own entries of M are not identified."""
-        return [k for k, measured in enumerate(self.workspace.device.measured) if measured]
+        return [k for k, measured in enumerate(self.workspace.model.device.measured) if measured]
 
     def matrices(self, qa: Array) -> Array:
-        return mass_matrix(self.workspace.device, self.beta, qa)[:, self.known][:, :, self.known]
+        return mass_matrix(self.workspace.model, self.beta, qa)[:, self.known][:, :, self.known]
 
     def lowest(self, qa: Array) -> tuple[Array, Array]:
         """Smallest eigenvalues (samples,) and their vectors (samples, known)."""
@@ -205,6 +207,6 @@ def _deviation(estimate: Estimate, at: Array, direction: Array) -> float:
     """Of the eigenvalue: v' M v is linear in the parameters, and the eigenvalue's slope is that of v' M v."""
     if estimate.lonely:
         return float("inf")
-    device, p = estimate.device, len(estimate.beta)
-    slope = [direction @ mass_matrix(device, unit, at[:, None])[0] @ direction for unit in np.eye(p)]
+    model, p = estimate.model, len(estimate.beta)
+    slope = [direction @ mass_matrix(model, unit, at[:, None])[0] @ direction for unit in np.eye(p)]
     return float(np.sqrt(slope @ estimate.covariance @ slope))

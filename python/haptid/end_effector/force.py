@@ -14,16 +14,16 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from haptid._internal.arrays import Array, expect, freeze, positive, read_only
-from haptid.device import Device
 from haptid.dynamics.inverse import raw_parameters
+from haptid.dynamics.kinematics import handle_motion, handle_of
+from haptid.dynamics.model import DynamicModel
+from haptid.dynamics.wrench import Lever, lever
 from haptid.errors import ForceSettingError
 from haptid.estimation import Estimate
-from haptid.dynamics.kinematics import handle_motion, handle_of
-from haptid.observation.reversals import doubt, softened
-from haptid.observation.chunks import stretches
 from haptid.motion.treatment import Motion
+from haptid.observation.chunks import stretches
+from haptid.observation.reversals import doubt, softened
 from haptid.validation.validation import Validation, direct
-from haptid.dynamics.wrench import Lever, lever
 
 # Below this speed the sign of a velocity is smoothed, rad/s or m/s.
 REVERSAL_SPEED = 0.01
@@ -41,7 +41,7 @@ class HandleForce:
     on the device. What the device exerts on the hand is its opposite: `on_hand`.
 
     Attributes:
-        device: the mechanism.
+        model: the dynamic model.
         t: (rows,), s.
         wrench: force, N, and moment, N m, of the hand on the device, (rows, 6); NaN at poses that are not usable.
         bare: the same without the dynamic model, as if motors balanced the hand alone, (rows, 6).
@@ -54,7 +54,7 @@ class HandleForce:
         notes: sentences a user should read.
     """
 
-    device: Device
+    model: DynamicModel
     t: Array
     wrench: Array
     bare: Array
@@ -96,7 +96,7 @@ class HandleForce:
     def summary(self) -> str:
         """Size of the force, its deviation, the poses, and what cannot be known, as text."""
         used = self.usable
-        lines = [f"Force of the hand on {self.device.name}: {used.sum()} of {len(used)} rows"]
+        lines = [f"Force of the hand on {self.model.device.name}: {used.sum()} of {len(used)} rows"]
         if used.any():
             rms, bare, sd = (np.sqrt((x[used, :3] ** 2).mean(axis=0)) for x in (self.wrench, self.bare, self.sd))
             for k, axis in enumerate("xyz"):
@@ -136,8 +136,8 @@ def estimate_force(
         ChannelCountError, MotionTooShortError: as for `predict`.
         ShapeError: the moment does not fit the motion, or the validation the device.
     """
-    device = estimate.device
-    handle_of(device)
+    model = estimate.model
+    handle_of(model)
     check_settings(reversal_speed, worst_condition)
     if moment is not None:
         moment = np.asarray(moment, dtype=float)
@@ -187,7 +187,7 @@ def check_finite(name: str, array: ArrayLike) -> None:
 def noise_of(estimate: Estimate, validation: Validation | None) -> Array:
     """Residual of each measured torque row, (rows,), N m or N."""
     errors = (validation or direct(estimate)).motors
-    expect("validation.motors", (len(errors),), (sum(estimate.device.measured),))
+    expect("validation.motors", (len(errors),), (sum(estimate.model.device.measured),))
     return np.array([error.rmse for error in errors])
 
 
@@ -241,19 +241,19 @@ class Torques:
 
 def _pieces(estimate: Estimate, motion: Motion, moment: Array | None, speed: float) -> Iterator[Torques]:
     """Torques of the motion's rows, stretch by stretch."""
-    device = estimate.device
-    soft, chi = softened(device, speed), raw_parameters(device, estimate.beta)
-    to_joints = np.linalg.inv(device.frame)
-    for hard in stretches(device, motion):
-        s = replace(hard, device=soft)
+    model = estimate.model
+    soft, chi = softened(model, speed), raw_parameters(model, estimate.beta)
+    to_joints = np.linalg.inv(model.device.frame)
+    for hard in stretches(model, motion):
+        s = replace(hard, model=soft)
         motors, shown = s.measured(), np.zeros((0, s.stop - s.start))
         if moment is not None:
             low, high = s.plan.window(s.start, s.stop)
-            handle = handle_motion(device, to_joints @ s.c)
+            handle = handle_motion(model, to_joints @ s.c)
             turned = np.einsum("nij,nj->ni", handle.rotation, moment[low:high])
             motors = motors + s.treated(np.einsum("nij,ni->jn", handle.row_jacobian[:, 3:], turned))
             shown = s.filtered(np.ascontiguousarray(turned.T))
-        parts = (s.torque(raw_parameters(device, column)) for column in spread_columns(estimate).T)
+        parts = (s.torque(raw_parameters(model, column)) for column in spread_columns(estimate).T)
         yield Torques(
             t=s.t,
             qa=to_joints @ s.centres(s.c),
@@ -280,8 +280,8 @@ def spread(parts: Iterable[Array], doubts: Array) -> Array:
 
 def lever_of(estimate: Estimate, qa: Array, noise: Array, given: bool, worst: float) -> Lever:
     """From torques to wrenches at these poses; whether the moment is given decides how much is unknown."""
-    rows = [k for k, known in enumerate(estimate.device.measured) if known]
-    return lever(handle_motion(estimate.device, qa), rows, noise, 6 if len(rows) >= 6 and not given else 3, worst)
+    rows = [k for k, known in enumerate(estimate.model.device.measured) if known]
+    return lever(handle_motion(estimate.model, qa), rows, noise, 6 if len(rows) >= 6 and not given else 3, worst)
 
 
 def handle_force(estimate: Estimate, found: Lever, told: Told, notes: tuple[str, ...]) -> HandleForce:
@@ -296,7 +296,7 @@ def handle_force(estimate: Estimate, found: Lever, told: Told, notes: tuple[str,
         for halves in ((told.wrench, rest), (told.bare, rest), (deviation, lacking))
     )
     notes = (*notes, *_doubts(estimate, found, told.usable, moment))
-    return HandleForce(estimate.device, told.t, wrench, bare, sd, told.external, found, told.usable, moment, notes)
+    return HandleForce(estimate.model, told.t, wrench, bare, sd, told.external, found, told.usable, moment, notes)
 
 
 def _doubts(estimate: Estimate, found: Lever, usable: np.ndarray, moment: str) -> Iterator[str]:
@@ -307,7 +307,7 @@ def _doubts(estimate: Estimate, found: Lever, usable: np.ndarray, moment: str) -
             f"{found.condition.min():.3g} at best). Move elsewhere, or raise `worst_condition`."
         )
         return
-    rows = sum(estimate.device.measured)
+    rows = sum(estimate.model.device.measured)
     if moment == "taken as zero":
         known = [name for name, told in zip(COMPONENTS, found.determined, strict=True) if told]
         yield (
@@ -329,7 +329,7 @@ def _doubts(estimate: Estimate, found: Lever, usable: np.ndarray, moment: str) -
     if estimate.lonely:
         names = ", ".join(estimate.base.names[k] for k in estimate.lonely)
         yield f"The estimate cannot say how far to trust {names}, so the force's interval is infinite."
-    if len(set(estimate.device.coordinate_units)) > 1:
+    if len(set(estimate.model.device.coordinate_units)) > 1:
         yield "Some coordinates turn and others slide: condition numbers depend on the units."
 
 

@@ -12,11 +12,11 @@ from numpy.typing import ArrayLike
 from scipy import signal
 
 from haptid._internal.arrays import Array, expect, positive, read_only
-from haptid.device import Device
 from haptid.dynamics.inverse import core_torque, momentum, raw_parameters, rigid
-from haptid.errors import ForceSettingError
-from haptid.estimation import Estimate
-from haptid.estimation.feasibility.feasible import checked
+from haptid.dynamics.kinematics import handle_of
+from haptid.dynamics.model import DynamicModel
+from haptid.dynamics.regressor import external
+from haptid.dynamics.wrench import Lever
 from haptid.end_effector.force import (
     REVERSAL_SPEED,
     WORST_CONDITION,
@@ -30,12 +30,13 @@ from haptid.end_effector.force import (
     noted,
     spread_columns,
 )
-from haptid.dynamics.kinematics import handle_of
-from haptid.observation.reversals import doubt, softened
-from haptid.motion.channels import coordinate_torque, external, state
+from haptid.errors import ForceSettingError
+from haptid.estimation import Estimate
+from haptid.estimation.feasibility.feasible import checked
+from haptid.motion.channels import coordinate_torque, state
 from haptid.motion.treatment import Motion
+from haptid.observation.reversals import doubt, softened
 from haptid.validation.validation import Validation
-from haptid.dynamics.wrench import Lever
 
 # After so many times 1 / gain what a pose near a singular one left in the low-pass is forgotten: 0.7 %.
 FORGOTTEN = 5.0
@@ -97,7 +98,7 @@ class MomentumObserver:
 
     def follow(
         self,
-        device: Device,
+        model: DynamicModel,
         beta: ArrayLike,
         dt: float,
         qa: ArrayLike,
@@ -108,7 +109,7 @@ class MomentumObserver:
         """Watch some more samples, one or many.
 
         Args:
-            device: the mechanism.
+            model: the dynamic model.
             beta: its base parameters, (p,), SI.
             dt: step, s.
             qa: positions of the active joints, (active, samples), rad or m.
@@ -124,14 +125,14 @@ class MomentumObserver:
         """
         if not positive(dt):
             raise ForceSettingError("dt", dt, "a finite time above zero, s")
-        shape = (len(device.active), np.shape(qa)[-1] if np.ndim(qa) else 0)
+        shape = (len(model.device.active), np.shape(qa)[-1] if np.ndim(qa) else 0)
         for name, array in (("qa", qa), ("qda", qda), ("tau", tau)):
             expect(name, np.shape(array), shape)
             check_finite(name, array)
         if not shape[1]:
             raise ForceSettingError("number of samples", 0, "one sample or more")
-        c, cd = (device.frame @ np.asarray(x, dtype=float) for x in (qa, qda))
-        p, pushed = self._balance(device, raw_parameters(device, checked(device, beta)), c, cd)
+        c, cd = (model.device.frame @ np.asarray(x, dtype=float) for x in (qa, qda))
+        p, pushed = self._balance(model, raw_parameters(model, checked(model, beta)), c, cd)
         pushed = pushed + np.asarray(tau, dtype=float)
         rest = np.zeros((len(c), 1))
         last = before or Watched(rest, rest, p[:, 0], -pushed[:, 0])  # no step leads to the first sample
@@ -158,13 +159,13 @@ class MomentumObserver:
         keep = self._keep(dt)
         return [1 - keep], [1, -keep]
 
-    def _balance(self, device: Device, chi: Array, c: Array, cd: Array) -> tuple[Array, Array]:
+    def _balance(self, model: DynamicModel, chi: Array, c: Array, cd: Array) -> tuple[Array, Array]:
         """Momentum, and all that moves it beside motors and hand, each (rows, samples)."""
-        soft, bodies, pieces = softened(device, self.reversal_speed), rigid(device, chi), []
+        soft, bodies, pieces = softened(model, self.reversal_speed), rigid(model, chi), []
         for low in range(0, c.shape[1], STRETCH):
             here, rates = c[:, low : low + STRETCH], cd[:, low : low + STRETCH]
-            p, rest = momentum(device, bodies, here, rates)
-            own = external(device, here, rates, None)
+            p, rest = momentum(model, bodies, here, rates)
+            own = external(model, here, rates, None)
             terms = core_torque(soft, chi - bodies, here, rates, np.zeros_like(here), own)
             pieces.append((p, -rest - terms))
         p, moved = (np.concatenate(each, axis=1) for each in zip(*pieces, strict=True))
@@ -201,7 +202,7 @@ def observe_force(
         AccelerationColumnError: a column of the device is made of accelerations.
     """
     observer = observer or MomentumObserver()
-    handle_of(estimate.device)
+    handle_of(estimate.model)
     check_settings(observer.reversal_speed, worst_condition)
     path = _Path.of(estimate, motion)
     found = lever_of(estimate, path.middles, noise_of(estimate, validation), False, worst_condition)
@@ -231,9 +232,9 @@ class _Path:
     @staticmethod
     def of(estimate: Estimate, motion: Motion) -> _Path:
         """All samples that have rates."""
-        device, (low, high) = estimate.device, motion.usable
-        c, cd = state(device, motion, low, high)
-        to_joints, tau = np.linalg.inv(device.frame), coordinate_torque(device, motion, low, high)
+        model, (low, high) = estimate.model, motion.usable
+        c, cd = state(model.device, motion, low, high)
+        to_joints, tau = np.linalg.inv(model.device.frame), coordinate_torque(model.device, motion, low, high)
         t = np.asarray(motion.t0 + motion.dt * np.arange(low, high), dtype=np.float64)
         return _Path(estimate, motion.dt, t, to_joints @ c, to_joints @ cd, tau)
 
@@ -244,14 +245,14 @@ class _Path:
 
     def told(self, observer: MomentumObserver, found: Lever, noise: Array) -> Told:
         """The wrench at every step, then through the observer's low-pass, which does not turn with the device."""
-        estimate, device, dt = self.estimate, self.estimate.device, self.dt
-        rows, none = [k for k, known in enumerate(device.measured) if known], np.zeros_like(self.tau)
+        estimate, model, dt = self.estimate, self.estimate.model, self.dt
+        rows, none = [k for k, known in enumerate(model.device.measured) if known], np.zeros_like(self.tau)
 
         def smooth(wrench: Array) -> Array:
             return observer.smooth(np.where(found.usable, wrench, 0.0), dt)
 
         def seen(beta: Array, torque: Array) -> Array:
-            return smooth(found.wrench(observer.follow(device, beta, dt, self.qa, self.qda, torque).mean[rows]))
+            return smooth(found.wrench(observer.follow(model, beta, dt, self.qa, self.qda, torque).mean[rows]))
 
         variance = noise.copy()
         for column in spread_columns(estimate).T:  # the observer is linear in parameters and torques together
@@ -262,7 +263,7 @@ class _Path:
         long = min(len(self.t), 1 + round(FORGOTTEN * observer.delay / dt))
         return Told(
             t=self.t,
-            external=observer.follow(device, estimate.beta, dt, self.qa, self.qda, self.tau).torque[rows],
+            external=observer.follow(model, estimate.beta, dt, self.qa, self.qda, self.tau).torque[rows],
             wrench=seen(estimate.beta, self.tau),
             bare=seen(np.zeros_like(estimate.beta), self.tau),
             variance=variance,
@@ -272,6 +273,6 @@ class _Path:
 
     def _doubts(self, observer: MomentumObserver) -> Array:
         """What dry friction may be off by, (active, samples), N m or N."""
-        device = self.estimate.device
-        c, cd = device.frame @ self.qa, device.frame @ self.qda
-        return doubt(device, raw_parameters(device, self.estimate.beta), c, cd, observer.reversal_speed)
+        model = self.estimate.model
+        c, cd = model.device.frame @ self.qa, model.device.frame @ self.qda
+        return doubt(model, raw_parameters(model, self.estimate.beta), c, cd, observer.reversal_speed)

@@ -11,13 +11,13 @@ from functools import cached_property
 import numpy as np
 
 from haptid._internal.arrays import Array, expect, freeze, read_only
-from haptid.device import Device
 from haptid.device.terms.term import Counterbalance, Load, TermColumn
 from haptid.dynamics.inverse import core_torque, raw_parameters, rigid
+from haptid.dynamics.model import DynamicModel
 from haptid.estimation import Estimate
-from haptid.observation.observation import Plan
-from haptid.observation.chunks import Stretch, gathered, stretches
 from haptid.motion.treatment import Motion
+from haptid.observation.chunks import Stretch, gathered, stretches
+from haptid.observation.observation import Plan
 
 RIGID = ("inertia", "Coriolis and centrifugal", "gravity")
 FRICTION = ("viscous", "Coulomb", "Stribeck")
@@ -67,7 +67,7 @@ class Dissection:
         return np.asarray(self.torque[self.parts.index(part)])
 
     @cached_property
-    def model(self) -> Array:
+    def total(self) -> Array:
         """Torque of the whole model, (motors, rows)."""
         return freeze(self.torque.sum(axis=0))
 
@@ -87,7 +87,7 @@ class Dissection:
 
         Parts may oppose each other, so shares need not add to one.
         """
-        whole = np.sqrt((self.model**2).mean(axis=1))
+        whole = np.sqrt((self.total**2).mean(axis=1))
         return freeze(self.rms / np.where(whole > 0, whole, np.nan))
 
     def summary(self) -> str:
@@ -112,15 +112,15 @@ def dissect(estimate: Estimate, motion: Motion) -> Dissection:
         ChannelCountError: the motion has more or fewer channels than the device has coordinates or motors.
         MotionTooShortError: not one row fits between the filters' ends.
     """
-    device = estimate.device
-    chi = raw_parameters(device, estimate.beta)
-    terms = {name: _only(device, chi, name) for name in dict.fromkeys(_part(t) for t in device.terms) if name}
-    pieces = ((s.t, _torques(s, rigid(device, chi), terms), s.measured()) for s in stretches(device, motion))
-    t, torque, measured = gathered(pieces, Plan.of(device, motion).rows)
-    rows = [k for k, known in enumerate(device.measured) if known]
+    model = estimate.model
+    chi = raw_parameters(model, estimate.beta)
+    terms = {name: _only(model, chi, name) for name in dict.fromkeys(_part(t) for t in model.terms) if name}
+    pieces = ((s.t, _torques(s, rigid(model, chi), terms), s.measured()) for s in stretches(model, motion))
+    t, torque, measured = gathered(pieces, Plan.of(model, motion).rows)
+    rows = [k for k, known in enumerate(model.device.measured) if known]
     return Dissection(
-        motors=tuple(device.row_labels[k] for k in rows),
-        units=tuple(device.torque_units[k] for k in rows),
+        motors=tuple(model.device.row_labels[k] for k in rows),
+        units=tuple(model.device.torque_units[k] for k in rows),
         t=freeze(t),
         parts=(*RIGID, *terms),
         torque=freeze(torque),
@@ -138,10 +138,10 @@ def _part(term: TermColumn) -> str:
     return PARTS[term.nature]
 
 
-def _only(device: Device, chi: Array, part: str) -> Array:
+def _only(model: DynamicModel, chi: Array, part: str) -> Array:
     """The parameters of one part's terms, the others zero, (r,)."""
-    links = 10 * len(device.joints)
-    kept = [False] * links + [_part(term) == part for term in device.terms]
+    links = 10 * len(model.device.joints)
+    kept = [False] * links + [_part(term) == part for term in model.terms]
     return np.where(kept, chi, 0.0)
 
 
@@ -151,9 +151,9 @@ def _torques(stretch: Stretch, bodies: Array, terms: dict[str, Array]) -> Array:
     The bodies' torque is linear in acceleration and, apart from it, quadratic in velocity: the velocity torques are
     what velocity adds to the torque at rest, and inertia is the rest of the bodies' torque.
     """
-    device, still = stretch.device, np.zeros_like(stretch.c)
-    weight = core_torque(device, bodies, stretch.c, still, still)
-    velocity = stretch.treated(core_torque(device, bodies, stretch.c, stretch.cd, still) - weight)
+    model, still = stretch.model, np.zeros_like(stretch.c)
+    weight = core_torque(model, bodies, stretch.c, still, still)
+    velocity = stretch.treated(core_torque(model, bodies, stretch.c, stretch.cd, still) - weight)
     gravity = stretch.treated(weight)
     inertia = stretch.torque(bodies) - velocity - gravity
     return np.array([inertia, velocity, gravity, *(stretch.torque(chi) for chi in terms.values())])

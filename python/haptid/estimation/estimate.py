@@ -12,15 +12,15 @@ from scipy import stats
 
 from haptid._internal.arrays import Array, read_only
 from haptid.dynamics.base_parameters import BaseParameters
-from haptid.device import Device
-from haptid.estimation.methods.bounded import Within
-from haptid.estimation.intervals.cluster_robust import Clustered
-from haptid.estimation.methods.consistent import Held
-from haptid.estimation.fit import Fit
-from haptid.estimation.method import Fitting, Knowing, Method, Reduced, rows_of
+from haptid.dynamics.model import DynamicModel
 from haptid.estimation.feasibility.feasible import Possible
-from haptid.estimation.least_squares import Solution, solve
+from haptid.estimation.fit import Fit
+from haptid.estimation.intervals.cluster_robust import Clustered
 from haptid.estimation.intervals.spread import Intervals, Limiting, Spread, correlations
+from haptid.estimation.least_squares import Solution, solve
+from haptid.estimation.method import Fitting, Knowing, Method, Reduced, rows_of
+from haptid.estimation.methods.bounded import Within
+from haptid.estimation.methods.consistent import Held
 from haptid.estimation.methods.wls import WLS
 from haptid.observation.observation import Observation
 
@@ -115,8 +115,8 @@ class Estimate:
             object.__setattr__(self, name, read_only(getattr(self, name)))
 
     @property
-    def device(self) -> Device:
-        return self.observation.device
+    def model(self) -> DynamicModel:
+        return self.observation.model
 
     @property
     def base(self) -> BaseParameters:
@@ -170,7 +170,7 @@ class Estimate:
                 sd=float(self.sd[k]),
                 textbook_sd=float(textbook[k]),
                 interval=(float(self.interval95[k, 0]), float(self.interval95[k, 1])),
-                prior=self.device.base_prior[k],
+                prior=self.model.base_prior[k],
                 free=float(free[k]),
                 strained=name in strained,
             )
@@ -267,7 +267,7 @@ def deviations(covariance: Array, lonely: Sequence[int] | np.ndarray) -> Array:
 
 def observation_notes(observation: Observation) -> tuple[str, ...]:
     """What the values this observation came from have to say, each sentence once."""
-    sentences = list(observation.device.notes)
+    sentences = list(observation.model.device.notes)
     for motion in observation.motions:
         sentences += motion.log.notes if motion.log else ()
     sentences += observation.notes

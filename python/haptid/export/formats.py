@@ -7,39 +7,39 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Protocol
 
+from haptid._internal.atomic_folder import publishing
 from haptid.errors import ExportFormatError
 from haptid.export.folder import Export
 from haptid.export.latex import export_latex
 from haptid.export.matlab import export_matlab
 from haptid.export.mjcf import export_mjcf
 from haptid.export.model_json import export_json
-from haptid.export.provenance import Model
+from haptid.export.provenance import IdentifiedModel
 from haptid.export.rust import export_rust
 from haptid.export.settings import CCode
 from haptid.export.urdf import export_urdf
 from haptid.export.writing import export_c
-from haptid._internal.atomic_folder import publishing
 
 
 class Exporter(Protocol):
     """Writes a model into a folder."""
 
-    def __call__(self, model: Model, folder: Path, *, anyway: bool = False) -> Export: ...
+    def __call__(self, identified: IdentifiedModel, folder: Path, *, anyway: bool = False) -> Export: ...
 
 
 class Coder(Protocol):
     """Writes a model as code into a folder."""
 
-    def __call__(self, model: Model, folder: Path, code: CCode, *, anyway: bool = False) -> Export: ...
+    def __call__(self, identified: IdentifiedModel, folder: Path, code: CCode, *, anyway: bool = False) -> Export: ...
 
 
-def _double(model: Model, folder: Path, code: CCode, *, anyway: bool = False) -> Export:
-    made = export_c(model, folder, replace(code, precision="double"), anyway=anyway)
+def _double(identified: IdentifiedModel, folder: Path, code: CCode, *, anyway: bool = False) -> Export:
+    made = export_c(identified, folder, replace(code, precision="double"), anyway=anyway)
     return Export(made.folder, made.files, made.verdict)
 
 
-def _single(model: Model, folder: Path, code: CCode, *, anyway: bool = False) -> Export:
-    made = export_c(model, folder, replace(code, precision="single"), anyway=anyway)
+def _single(identified: IdentifiedModel, folder: Path, code: CCode, *, anyway: bool = False) -> Export:
+    made = export_c(identified, folder, replace(code, precision="single"), anyway=anyway)
     return Export(made.folder, made.files, made.verdict)
 
 
@@ -54,12 +54,17 @@ FORMATS = (*CODE, *OTHERS)
 
 
 def export(
-    model: Model, folder: str | Path, formats: Sequence[str], code: CCode | None = None, *, anyway: bool = False
+    identified: IdentifiedModel,
+    folder: str | Path,
+    formats: Sequence[str],
+    code: CCode | None = None,
+    *,
+    anyway: bool = False,
 ) -> dict[str, Export]:
     """Write a model in several formats, each into a folder of its name; all of them, or nothing.
 
     Args:
-        model: as in `export_c`.
+        identified: as in `export_c`.
         folder: where these folders go.
         formats: some of `FORMATS`.
         code: names and smoothing of the formats that are code; their precision is the format's.
@@ -78,8 +83,8 @@ def export(
     with publishing(folder) as scratch:
         for name in formats:
             if name in CODE:
-                written = CODE[name](model, scratch / name, code, anyway=anyway)
+                written = CODE[name](identified, scratch / name, code, anyway=anyway)
             else:
-                written = OTHERS[name](model, scratch / name, anyway=anyway)
+                written = OTHERS[name](identified, scratch / name, anyway=anyway)
             made[name] = Export(folder / name, written.files, written.verdict)
     return made

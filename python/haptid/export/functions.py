@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from haptid.device import Device
+from haptid.dynamics.model import DynamicModel
 from haptid.errors import VaryingLoopError
 from haptid.export.composite import mass_matrix
 from haptid.export.factoring import shortest
@@ -57,13 +57,13 @@ class Code:
     """The functions of one mechanism; see `code_of`.
 
     Attributes:
-        device: the mechanism.
+        model: the dynamic model.
         graph: where their expressions are.
         functions: in the order of the file.
         speed: below it the sign of a velocity is smoothed, rad/s or m/s.
     """
 
-    device: Device
+    model: DynamicModel
     graph: Graph
     functions: tuple[Function, ...]
     speed: float
@@ -80,11 +80,11 @@ class Code:
         return {function.name: operations(self.graph, function.all) for function in self.functions}
 
 
-def code_of(device: Device, speed: float, zero: Collection[int] = ()) -> Code:
+def code_of(model: DynamicModel, speed: float, zero: Collection[int] = ()) -> Code:
     """All functions of a device, with its base parameters as symbols.
 
     Args:
-        device: the mechanism.
+        model: the dynamic model.
         speed: below it the sign of a velocity is smoothed, rad/s or m/s.
         zero: indices of base parameters that the code takes as zero, whatever it is given.
 
@@ -92,18 +92,18 @@ def code_of(device: Device, speed: float, zero: Collection[int] = ()) -> Code:
         UnexportableTermError: a term that code cannot compute.
         VaryingLoopError: loops that are not linear.
     """
-    varying = device.varying.any(axis=1)
+    varying = model.device.varying.any(axis=1)
     if varying.any():
-        raise VaryingLoopError(device.name, [device.joint_names[j] for j in np.flatnonzero(varying)])
-    graph, tree = Graph(), tree_of(device)
+        raise VaryingLoopError(model.device.name, [model.device.joint_names[j] for j in np.flatnonzero(varying)])
+    graph, tree = Graph(), tree_of(model)
     none = graph.number(0.0)
-    parameters = [none if k in zero else graph.name(f"p[{k}]", PARAMETER) for k in range(len(device.base))]
-    bodies = Bodies.of(moments_of(device), parameters, tree.length)
-    made = _Functions(device, graph, tree, bodies, parameters, speed)
+    parameters = [none if k in zero else graph.name(f"p[{k}]", PARAMETER) for k in range(len(model.base))]
+    bodies = Bodies.of(moments_of(model), parameters, tree.length)
+    made = _Functions(model, graph, tree, bodies, parameters, speed)
     functions = [*made.torques(), *made.rigid(), made.momentum()]
-    if device.handle is not None:
-        functions += made.at_handle(handle_expressions(tree, device.handle, made.q))
-    return Code(device, graph, tuple(functions), speed)
+    if model.device.handle is not None:
+        functions += made.at_handle(handle_expressions(tree, model.device.handle, made.q))
+    return Code(model, graph, tuple(functions), speed)
 
 
 def cheapest_form(graph: Graph, outputs: Sequence[Expr], trials: int = TRIALS) -> list[Expr]:
@@ -117,7 +117,7 @@ def cheapest_form(graph: Graph, outputs: Sequence[Expr], trials: int = TRIALS) -
 class _Functions:
     """What the functions are made of."""
 
-    device: Device
+    model: DynamicModel
     graph: Graph
     tree: Tree
     bodies: Bodies
@@ -147,8 +147,8 @@ class _Functions:
         """Torque of bodies and terms."""
         inverse = cheapest_form(self.graph, self.newton(self.qd, self.qdd), MORE * TRIALS)
         gravity = cheapest_form(self.graph, self.newton(self.none, self.none))
-        terms = term_torque(self.device, self.parameters, self.q, self.qd, self.speed, friction_only=False)
-        friction = term_torque(self.device, self.parameters, self.q, self.qd, self.speed, friction_only=True)
+        terms = term_torque(self.model, self.parameters, self.q, self.qd, self.speed, friction_only=False)
+        friction = term_torque(self.model, self.parameters, self.q, self.qd, self.speed, friction_only=True)
         return [
             Function(
                 "inverse_dynamics",
@@ -259,7 +259,7 @@ class _Functions:
                 parameters=False,
             ),
         ]
-        wanted = [self._mobility] + [self._force] * all(self.device.measured)
+        wanted = [self._mobility] + [self._force] * all(self.model.device.measured)
         for function in wanted:
             with suppress(ZeroDivisionError):  # no pose has one
                 made.append(function(J))

@@ -9,12 +9,12 @@ from functools import cached_property
 import numpy as np
 
 from haptid._internal.arrays import Array
-from haptid.device import Device
 from haptid.device.terms.term import TermColumn
 from haptid.dynamics.inverse import core_torque, mass_matrix, momentum, raw_parameters, rigid
 from haptid.dynamics.kinematics import HandleMotion, handle_motion
+from haptid.dynamics.model import DynamicModel
+from haptid.dynamics.regressor import external
 from haptid.observation.reversals import softened
-from haptid.motion.channels import external
 
 # Least eigenvalue of a mass matrix, relative to the largest, at which it can be inverted to some digits.
 WORST = 1e-6
@@ -25,13 +25,13 @@ class Golden:
     """The Python model at some states.
 
     Attributes:
-        device: the mechanism.
+        model: the dynamic model.
         beta: its base parameters, (p,), SI.
         speed: below it the sign of a velocity is smoothed, rad/s or m/s.
         q, qd, qdd, tau: coordinates of the torque rows, their rates and torques, each (active, samples).
     """
 
-    device: Device
+    model: DynamicModel
     beta: Array
     speed: float
     q: Array
@@ -40,13 +40,13 @@ class Golden:
     tau: Array
 
     @staticmethod
-    def at_random(device: Device, beta: Array, speed: float, samples: int, seed: int = 0) -> Golden:
+    def at_random(model: DynamicModel, beta: Array, speed: float, samples: int, seed: int = 0) -> Golden:
         """States over the whole circle, with rates to 2 and torques to 1."""
         rng = np.random.default_rng(seed)
-        n = len(device.drives)
+        n = len(model.device.drives)
         q = rng.uniform(-np.pi, np.pi, (n, samples))
         qd, qdd = rng.uniform(-2, 2, (2, n, samples))
-        return Golden(device, beta, speed, q, qd, qdd, rng.uniform(-1, 1, (n, samples)))
+        return Golden(model, beta, speed, q, qd, qdd, rng.uniform(-1, 1, (n, samples)))
 
     @property
     def functions(self) -> Mapping[str, Callable[[], dict[str, Array]]]:
@@ -82,19 +82,19 @@ class Golden:
 
     @cached_property
     def _chi(self) -> Array:
-        return raw_parameters(self.device, self.beta)
+        return raw_parameters(self.model, self.beta)
 
     @cached_property
     def _qa(self) -> Array:
-        return np.asarray(np.linalg.solve(self.device.frame, self.q))
+        return np.asarray(np.linalg.solve(self.model.device.frame, self.q))
 
     @cached_property
     def _M(self) -> Array:
-        return mass_matrix(self.device, self.beta, self._qa)
+        return mass_matrix(self.model, self.beta, self._qa)
 
     @cached_property
     def _handle(self) -> HandleMotion:
-        return handle_motion(self.device, self._qa)
+        return handle_motion(self.model, self._qa)
 
     @property
     def _J(self) -> Array:
@@ -109,18 +109,18 @@ class Golden:
         return matrices.reshape(len(matrices), -1)
 
     def _bodies(self, qd: Array, qdd: Array) -> Array:
-        return core_torque(self.device, rigid(self.device, self._chi), self.q, qd, qdd)
+        return core_torque(self.model, rigid(self.model, self._chi), self.q, qd, qdd)
 
     def _terms(self, wanted: Callable[[TermColumn], bool]) -> Array:
-        links = 10 * len(self.device.joints)
-        kept = [False] * links + [wanted(term) for term in self.device.terms]
+        links = 10 * len(self.model.device.joints)
+        kept = [False] * links + [wanted(term) for term in self.model.terms]
         chi = np.where(kept, self._chi, 0.0)
-        own = external(self.device, self.q, self.qd, self._none)
-        return core_torque(softened(self.device, self.speed), chi, self.q, self.qd, self._none, own)
+        own = external(self.model, self.q, self.qd, self._none)
+        return core_torque(softened(self.model, self.speed), chi, self.q, self.qd, self._none, own)
 
     def _solved(self, torque: Array) -> Array:
         return np.asarray(np.linalg.solve(self._M, torque.T[:, :, None])[:, :, 0])
 
     def _momentum(self) -> dict[str, Array]:
-        p, rest = momentum(self.device, self._chi, self.q, self.qd)
+        p, rest = momentum(self.model, self._chi, self.q, self.qd)
         return {"p": p.T, "rest": rest.T}

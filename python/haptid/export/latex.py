@@ -6,12 +6,12 @@ import math
 import re
 from pathlib import Path
 
-from haptid.device import Device
-from haptid.errors import RegroupingError
+from haptid.dynamics.model import DynamicModel
 from haptid.dynamics.symbolic.formulas import subscript
+from haptid.errors import RegroupingError
 from haptid.export.folder import Export, write
 from haptid.export.names import default_name
-from haptid.export.provenance import Model, Provenance, about, provenance
+from haptid.export.provenance import IdentifiedModel, Provenance, about, provenance
 from haptid.validation.validation import Validation
 
 # Digits of a figure that stands without its deviation.
@@ -31,7 +31,7 @@ DOCUMENT = r"""\documentclass{article}
 
 
 def export_latex(
-    model: Model,
+    identified: IdentifiedModel,
     folder: str | Path,
     *,
     validation: Validation | None = None,
@@ -44,21 +44,21 @@ def export_latex(
     known exactly, else as numbers.
 
     Args:
-        model, validation, largest_error, anyway: as in `export_c`.
+        identified, validation, largest_error, anyway: as in `export_c`.
         folder: where NAME.tex, NAME_parameters.tex and NAME_groupings.tex go.
 
     Raises:
         FailedValidationError, UnvalidatedError: the model may not pass.
         OutputError: the folder cannot be written.
     """
-    source = provenance(model, validation, largest_error, anyway)
-    name = default_name(source.device.name)
+    source = provenance(identified, validation, largest_error, anyway)
+    name = default_name(source.model.device.name)
     head = "\n".join(f"% {line}".rstrip() for line in about(source))
-    document = DOCUMENT.replace("@title", escaped(source.device.name)).replace("@name", name)
+    document = DOCUMENT.replace("@title", escaped(source.model.device.name)).replace("@name", name)
     texts = {
         f"{name}.tex": document.replace("@verdict", "\n\n".join(map(escaped, (source.verdict, *source.fitness)))),
         f"{name}_parameters.tex": f"{head}\n{_parameters(source)}",
-        f"{name}_groupings.tex": f"{head}\n{_groupings(source.device)}",
+        f"{name}_groupings.tex": f"{head}\n{_groupings(source.model)}",
     }
     return write(folder, texts, source.verdict)
 
@@ -66,19 +66,19 @@ def export_latex(
 def _parameters(source: Provenance) -> str:
     """One line for each base parameter."""
     lines = []
-    for k, (name, unit) in enumerate(zip(source.device.base.names, source.device.base.units, strict=True)):
+    for k, (name, unit) in enumerate(zip(source.model.base.names, source.model.base.units, strict=True)):
         within = ("", "") if source.intervals is None else tuple(map(number, source.intervals[k]))
         lines.append(" & ".join((f"${subscript(name)}$", number(source.beta[k]), *within, unit_text(unit))))
     head = r"parameter & value & \multicolumn{2}{c}{95\,\% interval} & unit"
     return _table("lrrrl", head, lines)
 
 
-def _groupings(device: Device) -> str:
+def _groupings(model: DynamicModel) -> str:
     """One line for each base parameter: inline formulas, which break where they are long."""
     try:
-        formulas = device.regroupings.latex
+        formulas = model.regroupings.latex
     except RegroupingError:
-        rows = zip(device.base.names, device.base.groupings, strict=True)
+        rows = zip(model.base.names, model.base.groupings, strict=True)
         formulas = tuple(f"{subscript(name)} = {_numeric(grouping)}" for name, grouping in rows)
     return _table(r"p{0.95\linewidth}", "groupings", [f"${formula}$" for formula in formulas])
 

@@ -10,14 +10,14 @@ from haptid.export.emit import straight
 from haptid.export.folder import Export, write
 from haptid.export.functions import Code, Function, code_of
 from haptid.export.names import default_name
-from haptid.export.provenance import Model, Provenance, about, provenance
+from haptid.export.provenance import IdentifiedModel, Provenance, about, provenance
 from haptid.export.settings import CCode
 from haptid.export.text import coordinate_lines
 from haptid.validation.validation import Validation
 
 
 def export_matlab(
-    model: Model,
+    identified: IdentifiedModel,
     folder: str | Path,
     code: CCode | None = None,
     *,
@@ -31,7 +31,7 @@ def export_matlab(
     left out. The sign of a velocity is smoothed as in the C code.
 
     Args:
-        model, validation, largest_error, anyway: as in `export_c`.
+        identified, validation, largest_error, anyway: as in `export_c`.
         code: names and where the sign of a velocity is smoothed; MATLAB has double precision alone.
         folder: where NAME_parameters.m, NAME_inverse_dynamics.m and so on go.
 
@@ -41,9 +41,12 @@ def export_matlab(
         VaryingLoopError: loops that are not linear.
         OutputError: the folder cannot be written.
     """
-    source = provenance(model, validation, largest_error, anyway)
+    source = provenance(identified, validation, largest_error, anyway)
     code = code or CCode()
-    made, name = code_of(source.device, code.reversal_speed, source.zero), code.name or default_name(source.device.name)
+    made, name = (
+        code_of(source.model, code.reversal_speed, source.zero),
+        code.name or default_name(source.model.device.name),
+    )
     texts = {f"{name}_parameters.m": _parameters(source, name)}
     texts |= {f"{name}_{function.name}.m": _function(made, function, name) for function in made.functions}
     return write(folder, texts, source.verdict)
@@ -51,9 +54,9 @@ def export_matlab(
 
 def _parameters(source: Provenance, name: str) -> str:
     """The base parameters, with what is known of the model."""
-    device, base = source.device, source.device.base
+    model, base = source.model, source.model.base
     lines = [f"function beta = {name}_parameters()", *(f"% {line}".rstrip() for line in about(source)), "%"]
-    lines += ["% Coordinates:", *(f"% {_one_based(line)}" for line in coordinate_lines(device)), "beta = ["]
+    lines += ["% Coordinates:", *(f"% {_one_based(line)}" for line in coordinate_lines(model)), "beta = ["]
     rows = zip(base.names, base.units, source.beta, strict=True)
     lines += [f"    {float(value)!r}  % {parameter}, {unit}" for parameter, unit, value in rows]
     return "\n".join([*lines, "];", "end", ""])
@@ -68,7 +71,7 @@ def _function(code: Code, function: Function, name: str) -> str:
     lines += [f"% {line}" for line in function.about]
     if function.parameters:
         lines.append(f"if nargin < {len(arguments)}, beta = {name}_parameters(); end")
-    body = straight(code, function, Matlab(len(code.device.drives)))
+    body = straight(code, function, Matlab(len(code.model.device.drives)))
     return "\n".join([*lines, *body, "end", ""])
 
 

@@ -5,17 +5,17 @@ from __future__ import annotations
 from pathlib import Path
 from xml.etree.ElementTree import Element, fromstring, indent, tostring
 
+from haptid.dynamics.model import DynamicModel
 from haptid.experiment.bench.mjcf import mjcf, numbers
-from haptid.device import Device
 from haptid.export.folder import Export, write
 from haptid.export.names import default_name
-from haptid.export.provenance import Model, about, provenance
+from haptid.export.provenance import IdentifiedModel, about, provenance
 from haptid.export.standard import departure, standard_parameters
 from haptid.validation.validation import Validation
 
 
 def export_mjcf(
-    model: Model,
+    identified: IdentifiedModel,
     folder: str | Path,
     *,
     validation: Validation | None = None,
@@ -28,7 +28,7 @@ def export_mjcf(
     the limits of the device file. Actuators are as in `haptid.experiment.bench.mjcf`.
 
     Args:
-        model, validation, largest_error, anyway: as in `export_c`.
+        identified, validation, largest_error, anyway: as in `export_c`.
         folder: where NAME.xml goes.
 
     Raises:
@@ -37,19 +37,19 @@ def export_mjcf(
         UnsimulatedTermError, UnsimulatedLoopError: what MuJoCo has no counterpart for.
         OutputError: the folder cannot be written.
     """
-    source = provenance(model, validation, largest_error, anyway)
-    device = source.device
-    chi = standard_parameters(device, source.beta)
-    root = fromstring(mjcf(device, chi))
-    _limit(root, device)
+    source = provenance(identified, validation, largest_error, anyway)
+    model = source.model
+    chi = standard_parameters(model, source.beta)
+    root = fromstring(mjcf(model, chi))
+    _limit(root, model)
     indent(root)
     lines = [
         *about(source),
         "Of all bodies with the identified base parameters, those nearest to the prior, or to a ball without one.",
-        f"They have the base parameters to {departure(device, source.beta, chi):.0e} of their size.",
+        f"They have the base parameters to {departure(model, source.beta, chi):.0e} of their size.",
     ]
     text = f"{xml_comment(lines)}\n{tostring(root, encoding='unicode')}\n"
-    return write(folder, {f"{default_name(device.name)}.xml": text}, source.verdict)
+    return write(folder, {f"{default_name(model.device.name)}.xml": text}, source.verdict)
 
 
 def xml_comment(lines: list[str]) -> str:
@@ -58,9 +58,9 @@ def xml_comment(lines: list[str]) -> str:
     return f"<!--\n{text}\n-->"
 
 
-def _limit(root: Element, device: Device) -> None:
+def _limit(root: Element, model: DynamicModel) -> None:
     """Ranges of joints, and the greatest torque on them."""
-    joints = {joint.name: joint for joint in device.joints}
+    joints = {joint.name: joint for joint in model.device.joints}
     for element in root.findall("./worldbody//body/joint"):
         joint = joints[element.attrib["name"]]
         if joint.position_limits is not None:

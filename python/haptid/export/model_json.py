@@ -11,11 +11,11 @@ import numpy as np
 
 from haptid._core import __version__
 from haptid._internal.arrays import Array
-from haptid.device import Device
+from haptid.dynamics.model import DynamicModel
 from haptid.estimation.feasibility.feasible import possible
 from haptid.export.folder import Export, write
 from haptid.export.names import default_name
-from haptid.export.provenance import Model, Provenance, provenance
+from haptid.export.provenance import IdentifiedModel, Provenance, provenance
 from haptid.results.write import device_file, finite
 from haptid.validation.validation import Validation
 
@@ -25,7 +25,7 @@ NOTE = "Of all bodies that have the parameters, those nearest to the prior; null
 
 
 def export_json(
-    model: Model,
+    identified: IdentifiedModel,
     folder: str | Path,
     *,
     validation: Validation | None = None,
@@ -35,43 +35,43 @@ def export_json(
     """Write a model as JSON: device file, coordinates, base parameters, regroupings, covariance.
 
     Args:
-        model, validation, largest_error, anyway: as in `export_c`.
+        identified, validation, largest_error, anyway: as in `export_c`.
         folder: where NAME.json goes.
 
     Raises:
         FailedValidationError, UnvalidatedError: the model may not pass.
         OutputError: the folder cannot be written.
     """
-    source = provenance(model, validation, largest_error, anyway)
+    source = provenance(identified, validation, largest_error, anyway)
     text = json.dumps(finite(model_values(source)), indent=1, ensure_ascii=False, allow_nan=False)
-    return write(folder, {f"{default_name(source.device.name)}.json": text + "\n"}, source.verdict)
+    return write(folder, {f"{default_name(source.model.device.name)}.json": text + "\n"}, source.verdict)
 
 
 def model_values(source: Provenance) -> dict[str, Any]:
     """The model as plain values, SI."""
-    device, found = source.device, possible(source.device, source.beta)
-    standard = dict(zip(device.parameters.names, found.chi.tolist(), strict=True)) if found.ok else None
+    model, found = source.model, possible(source.model, source.beta)
+    standard = dict(zip(model.device.parameters.names, found.chi.tolist(), strict=True)) if found.ok else None
     return {
         "schema": SCHEMA,
         "haptid": __version__,
-        "device": device.name,
+        "device": model.device.name,
         "verdict": source.verdict,
         "uses": [asdict(said) for said in source.uses],
         "data_sha256": list(source.hashes),
-        "gravity": device.gravity.tolist(),
-        "coordinates": _coordinates(device),
-        "joints": _joints(device),
+        "gravity": model.device.gravity.tolist(),
+        "coordinates": _coordinates(model),
+        "joints": _joints(model),
         "parameters": _parameters(source),
         "covariance": None if source.covariance is None else source.covariance.tolist(),
-        "no_effect": list(device.base.no_effect),
+        "no_effect": list(model.base.no_effect),
         "standard": standard,
         "standard_note": NOTE,
-        "device_file": device_file(device),
+        "device_file": device_file(model),
     }
 
 
 def _parameters(source: Provenance) -> list[dict[str, Any]]:
-    base = source.device.base
+    base = source.model.base
     return [
         {
             "name": name,
@@ -89,27 +89,31 @@ def _nonzero(row: Array, names: tuple[str, ...]) -> dict[str, float]:
     return {names[k]: float(row[k]) for k in np.flatnonzero(row)}
 
 
-def _coordinates(device: Device) -> list[dict[str, Any]]:
+def _coordinates(model: DynamicModel) -> list[dict[str, Any]]:
     """What torque rows belong to, as combinations of the active joints' positions."""
-    active = tuple(device.joints[j].name for j in device.active)
+    active = tuple(model.device.joints[j].name for j in model.device.active)
     return [
         {"label": label, "unit": unit, "torque_unit": torque, "joints": _nonzero(row, active)}
         for label, unit, torque, row in zip(
-            device.row_labels, device.coordinate_units, device.torque_units, device.frame, strict=True
+            model.device.row_labels,
+            model.device.coordinate_units,
+            model.device.torque_units,
+            model.device.frame,
+            strict=True,
         )
     ]
 
 
-def _joints(device: Device) -> list[dict[str, Any]]:
+def _joints(model: DynamicModel) -> list[dict[str, Any]]:
     """The tree: pose of a link = pose of its parent * (rotation, translation) * Rz(q) or Tz(q)."""
     return [
         {
             "name": joint.name,
-            "parent": "base" if joint.parent < 0 else device.joints[joint.parent].name,
+            "parent": "base" if joint.parent < 0 else model.device.joints[joint.parent].name,
             "prismatic": joint.prismatic,
-            "active": j in device.active,
+            "active": j in model.device.active,
             "rotation": joint.rotation.tolist(),
             "translation": joint.translation.tolist(),
         }
-        for j, joint in enumerate(device.joints)
+        for j, joint in enumerate(model.device.joints)
     ]

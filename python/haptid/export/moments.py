@@ -13,9 +13,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from haptid._internal.arrays import Array, freeze
-from haptid.dynamics.base_parameters import NO_EFFECT, eliminate, regroup
-from haptid.device import Device
 from haptid.device.parameters import INERTIAL
+from haptid.dynamics.base_parameters import NO_EFFECT, eliminate, regroup
+from haptid.dynamics.model import DynamicModel
 from haptid.export.graph import Expr
 from haptid.export.vectors import combined
 
@@ -56,35 +56,35 @@ class Moments:
         return [combined(row, parameters) for row in self.factors]
 
 
-def moments_of(device: Device, seed: int = 0) -> Moments:
+def moments_of(model: DynamicModel, seed: int = 0) -> Moments:
     """The second moments that determine the torque of all rows, chosen in the order of PREFERENCE.
 
     Args:
-        device: the mechanism.
+        model: the dynamic model.
         seed: of the random states; the result does not depend on it.
     """
-    rotors = [k for k, term in enumerate(device.terms) if term.kind == "rotor"]
-    raw = [*range(10 * len(device.joints)), *(10 * len(device.joints) + k for k in rotors)]
-    change, inverse = _changes(len(device.joints), len(rotors))
-    W = _regressor(device, raw, seed) @ inverse
-    S = change @ device.parameters.S[raw]
-    kinds = [*(INERTIAL * len(device.joints)), *(["rotor"] * len(rotors))]
+    rotors = [k for k, term in enumerate(model.terms) if term.kind == "rotor"]
+    raw = [*range(10 * len(model.device.joints)), *(10 * len(model.device.joints) + k for k in rotors)]
+    change, inverse = _changes(len(model.device.joints), len(rotors))
+    W = _regressor(model, raw, seed) @ inverse
+    S = change @ model.device.parameters.S[raw]
+    kinds = [*(INERTIAL * len(model.device.joints)), *(["rotor"] * len(rotors))]
     lengths = np.linalg.norm(W, axis=0)
     effective = (lengths > NO_EFFECT * lengths.max(initial=0.0)) & (S != 0).any(axis=1)
     order = sorted(np.flatnonzero(effective).tolist(), key=lambda k: _rank(kinds[k], k))
-    kept, Q, _ = eliminate(W / np.where(effective, lengths, 1.0), order, device.base_tolerance)
+    kept, Q, _ = eliminate(W / np.where(effective, lengths, 1.0), order, model.device.base_tolerance)
     kept = sorted(kept)
-    factors = regroup(W, Q, kept, effective) @ np.where(effective[:, None], S, 0.0)[:, list(device.base.kept)]
+    factors = regroup(W, Q, kept, effective) @ np.where(effective[:, None], S, 0.0)[:, list(model.base.kept)]
     largest = np.abs(factors).max(axis=1, initial=0.0, keepdims=True)
     factors[np.abs(factors) < ROUNDING * largest] = 0.0
-    bodies: list[dict[str, int]] = [{} for _ in device.joints]
+    bodies: list[dict[str, int]] = [{} for _ in model.device.joints]
     for row, k in enumerate(kept):
-        if k < 10 * len(device.joints):
+        if k < 10 * len(model.device.joints):
             bodies[k // 10][kinds[k]] = row
     turned = tuple(
-        (device.terms[rotors[k - 10 * len(device.joints)]].weights, row)
+        (model.terms[rotors[k - 10 * len(model.device.joints)]].weights, row)
         for row, k in enumerate(kept)
-        if k >= 10 * len(device.joints)
+        if k >= 10 * len(model.device.joints)
     )
     return Moments(tuple(bodies), turned, freeze(factors))
 
@@ -103,13 +103,13 @@ def _changes(links: int, rotors: int) -> tuple[Array, Array]:
     return change, np.asarray(np.linalg.inv(change), dtype=np.float64)
 
 
-def _regressor(device: Device, columns: Sequence[int], seed: int) -> Array:
+def _regressor(model: DynamicModel, columns: Sequence[int], seed: int) -> Array:
     """Bodies' and rotors' columns at random states, all rows: measured or not, the code gives them."""
     rng = np.random.default_rng(seed)
-    n = len(device.drives)
+    n = len(model.device.drives)
     states = 4 + -(-4 * len(columns) // n)
     c = rng.uniform(-np.pi, np.pi, (n, states))
     cd, cdd = rng.uniform(-2, 2, (2, n, states))
-    own = np.zeros((len(device.externals), states))
-    Y = np.asarray(device.mechanism.regressor(c, cd, cdd, own, list(columns)))
+    own = np.zeros((len(model.externals), states))
+    Y = np.asarray(model.mechanism.regressor(c, cd, cdd, own, list(columns)))
     return np.ascontiguousarray(Y.transpose(0, 2, 1).reshape(-1, len(columns)))

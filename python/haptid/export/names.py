@@ -16,8 +16,8 @@ def check_name(name: str) -> None:
         raise CodeNameError(name, LONGEST_NAME)
 
 
-def default_name(device: str) -> str:
+def default_name(model: str) -> str:
     """The device's name, as far as C allows."""
-    plain = re.sub(r"[^a-z0-9]+", "_", device.lower()).strip("_")
+    plain = re.sub(r"[^a-z0-9]+", "_", model.lower()).strip("_")
     plain = plain if plain[:1].isalpha() else f"device_{plain}"
     return plain[:LONGEST_NAME].rstrip("_")

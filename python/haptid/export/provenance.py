@@ -10,16 +10,16 @@ from numpy.typing import ArrayLike
 
 from haptid._core import __version__
 from haptid._internal.arrays import Array, expect, read_only
-from haptid.device import Device
+from haptid.dynamics.model import DynamicModel
 from haptid.errors import FailedValidationError, UnvalidatedError
 from haptid.estimation import Estimate
-from haptid.study.identify import Identification
 from haptid.results.read import Recorded, RecordedUse
+from haptid.study.identify import Identification
 from haptid.validation.validation import Validation
 
 # What can be exported: an identification by a study, the same read back from its result folder, an estimate, or a
 # device with base parameters from elsewhere.
-Model = Identification | Recorded | Estimate | tuple[Device, ArrayLike]
+IdentifiedModel = Identification | Recorded | Estimate | tuple[DynamicModel, ArrayLike]
 # Widest of the first lines of a file, characters.
 WIDTH = 112
 
@@ -29,7 +29,7 @@ class Provenance:
     """A model to write out.
 
     Attributes:
-        device: the mechanism.
+        model: the dynamic model.
         beta: its base parameters, (p,), SI.
         intervals: 95 % intervals of them, (p, 2), or None where nothing is known.
         covariance: of them, (p, p), or None where nothing is known.
@@ -39,7 +39,7 @@ class Provenance:
         uses: what the model is good for; empty where it was not diagnosed.
     """
 
-    device: Device
+    model: DynamicModel
     beta: Array
     intervals: Array | None
     covariance: Array | None
@@ -57,11 +57,13 @@ class Provenance:
         return [f"WARNING: {said.sentence}" if said.grade == "bad" else said.sentence for said in self.uses]
 
 
-def provenance(model: Model, validation: Validation | None, largest_error: float | None, anyway: bool) -> Provenance:
+def provenance(
+    identified: IdentifiedModel, validation: Validation | None, largest_error: float | None, anyway: bool
+) -> Provenance:
     """The model, if its validation lets it pass.
 
     Args:
-        model: what to export.
+        identified: what to export.
         validation: of an estimate; an identification and a result have their own.
         largest_error: criterion, per cent; an identification has that of its study where this is None.
         anyway: write a model that fails its criterion, and say so.
@@ -72,25 +74,27 @@ def provenance(model: Model, validation: Validation | None, largest_error: float
         ShapeError: the base parameters are not as many as the device has.
     """
     validations: tuple[Validation, ...] = () if validation is None else (validation,)
-    if isinstance(model, Identification):
-        validations = validations or tuple(model.unseen)
-        largest_error = model.study.largest_error if largest_error is None else largest_error
-        model = model.estimate
-    if isinstance(model, Recorded):
-        validations = validations or model.unseen
-        largest_error = model.largest_error if largest_error is None else largest_error
+    if isinstance(identified, Identification):
+        validations = validations or tuple(identified.unseen)
+        largest_error = identified.study.largest_error if largest_error is None else largest_error
+        identified = identified.estimate
+    if isinstance(identified, Recorded):
+        validations = validations or identified.unseen
+        largest_error = identified.largest_error if largest_error is None else largest_error
     verdict = _verdict(validations, largest_error, anyway)
-    if isinstance(model, Recorded):
-        used = dict.fromkeys(log.sha256 for log in model.logs if log.role == "identify")
-        known = (model.interval95, model.covariance)
-        return Provenance(model.device, model.beta, *known, tuple(used), verdict, model.zero, model.verdict)
-    if isinstance(model, Estimate):
-        hashes = dict.fromkeys(motion.log.sha256 for motion in model.observation.motions if motion.log)
-        known = (model.interval95, model.covariance)
-        return Provenance(model.device, model.beta, *known, tuple(hashes), verdict, model.zero)
-    device, beta = model
-    expect("beta", np.shape(beta), (len(device.base),))
-    return Provenance(device, np.asarray(beta, dtype=float), None, None, (), verdict)
+    if isinstance(identified, Recorded):
+        used = dict.fromkeys(log.sha256 for log in identified.logs if log.role == "identify")
+        known = (identified.interval95, identified.covariance)
+        return Provenance(
+            identified.model, identified.beta, *known, tuple(used), verdict, identified.zero, identified.verdict
+        )
+    if isinstance(identified, Estimate):
+        hashes = dict.fromkeys(motion.log.sha256 for motion in identified.observation.motions if motion.log)
+        known = (identified.interval95, identified.covariance)
+        return Provenance(identified.model, identified.beta, *known, tuple(hashes), verdict, identified.zero)
+    model, beta = identified
+    expect("beta", np.shape(beta), (len(model.base),))
+    return Provenance(model, np.asarray(beta, dtype=float), None, None, (), verdict)
 
 
 def _verdict(validations: tuple[Validation, ...], limit: float | None, anyway: bool) -> str:
@@ -114,10 +118,10 @@ def _verdict(validations: tuple[Validation, ...], limit: float | None, anyway: b
 
 def about(source: Provenance) -> list[str]:
     """The first lines of every file: the device, the verdict, the data."""
-    device = source.device
+    model = source.model
     said = [
-        f"{device.name}: dynamic model, written by haptid {__version__}.",
-        *([device.description] if device.description else []),
+        f"{model.device.name}: dynamic model, written by haptid {__version__}.",
+        *([model.device.description] if model.device.description else []),
         "",
         source.verdict,
         *source.fitness,

@@ -10,7 +10,7 @@ from haptid.export.emit import Emitted, emitted
 from haptid.export.folder import Export, write
 from haptid.export.functions import Code, Function, code_of
 from haptid.export.names import default_name
-from haptid.export.provenance import Model, Provenance, about, provenance
+from haptid.export.provenance import IdentifiedModel, Provenance, about, provenance
 from haptid.export.settings import CCode
 from haptid.export.text import coordinate_lines
 from haptid.validation.validation import Validation
@@ -54,7 +54,7 @@ impl Model {{
 
 
 def export_rust(
-    model: Model,
+    identified: IdentifiedModel,
     folder: str | Path,
     code: CCode | None = None,
     *,
@@ -68,7 +68,7 @@ def export_rust(
     differentiator are in the C code alone.
 
     Args:
-        model, validation, largest_error, anyway: as in `export_c`.
+        identified, validation, largest_error, anyway: as in `export_c`.
         code: names and where the sign of a velocity is smoothed; the crate has double precision alone.
         folder: where Cargo.toml and src/lib.rs go.
 
@@ -78,11 +78,11 @@ def export_rust(
         VaryingLoopError: loops that are not linear.
         OutputError: the folder cannot be written.
     """
-    source = provenance(model, validation, largest_error, anyway)
+    source = provenance(identified, validation, largest_error, anyway)
     code = code or CCode()
-    made = code_of(source.device, code.reversal_speed, source.zero)
+    made = code_of(source.model, code.reversal_speed, source.zero)
     texts = {
-        "Cargo.toml": CARGO.format(name=code.name or default_name(source.device.name)),
+        "Cargo.toml": CARGO.format(name=code.name or default_name(source.model.device.name)),
         "src/lib.rs": _library(source, made, emitted(made, Rust(), Rust())),
     }
     return write(folder, texts, source.verdict)
@@ -94,18 +94,18 @@ def _library(source: Provenance, code: Code, generated: Emitted) -> str:
         "",
         "Numbers are SI. Matrices are stored row by row. Coordinates:",
         "",
-        *coordinate_lines(source.device),
+        *coordinate_lines(source.model),
     ]
     documentation = "\n".join(f"//! {line}".rstrip() for line in heading)
-    model = MODEL.format(
-        n=len(source.device.drives),
+    written = MODEL.format(
+        n=len(source.model.device.drives),
         p=len(source.beta),
         beta="\n".join(f"    {float(value)!r}," for value in source.beta),
         k=generated.constants,
         init=textwrap.indent("\n".join(generated.init), " " * 8),
     )
     functions = "".join(_function(function, generated.bodies[function.name]) for function in code.functions)
-    return f"{documentation}\n#![no_std]\n#![allow(clippy::all)]\n{model}{functions}"
+    return f"{documentation}\n#![no_std]\n#![allow(clippy::all)]\n{written}{functions}"
 
 
 def _function(function: Function, lines: tuple[str, ...]) -> str:

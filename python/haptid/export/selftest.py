@@ -7,12 +7,12 @@ from collections.abc import Sequence
 import numpy as np
 
 from haptid._internal.arrays import Array
-from haptid.motion.causal import HighPass
+from haptid.end_effector.momentum_observer import MomentumObserver
 from haptid.export.dialects import DOUBLE, C
 from haptid.export.functions import Function
 from haptid.export.golden import Golden
 from haptid.export.text import CUTOFF_HZ, GAIN, STEP, Files
-from haptid.end_effector.momentum_observer import MomentumObserver
+from haptid.motion.causal import HighPass
 
 SAMPLES = 12
 # States of which the best are taken.
@@ -36,7 +36,7 @@ def selftest(files: Files) -> str:
         wanted = golden.functions[function.name]()
         parts += [table(f"{function.name}_{name}", values, DOUBLE) for name, values in wanted.items()]
         calls += _calls(files, function, wanted)
-    q, qd, tau = path(len(files.device.drives))
+    q, qd, tau = path(len(files.model.device.drives))
     observed, differentiated = watched(files, q, qd, tau)
     for name, values in (("q", q), ("qd", qd), ("tau", tau)):
         parts.append(table(f"path_{name}", values.T, files.dialect, inputs=True))
@@ -55,7 +55,7 @@ def selftest(files: Files) -> str:
 
 def states(files: Files) -> Golden:
     """Random states, at most of which every function has something to give."""
-    golden = Golden.at_random(files.device, files.source.beta, files.code.speed, POOL)
+    golden = Golden.at_random(files.model, files.source.beta, files.code.speed, POOL)
     unsound = np.sum([~golden.sound(function.name) for function in files.code.functions], axis=0)
     return golden.at(np.argsort(unsound, kind="stable")[:SAMPLES])
 
@@ -70,10 +70,10 @@ def path(active: int) -> tuple[Array, Array, Array]:
 
 def watched(files: Files, q: Array, qd: Array, tau: Array) -> tuple[Array, Array]:
     """What observer and differentiator make of a motion, each (samples, active)."""
-    device = files.device
-    to_joints = np.linalg.inv(device.frame)
+    model = files.model
+    to_joints = np.linalg.inv(model.device.frame)
     observer = MomentumObserver(GAIN, files.code.speed)
-    seen = observer.follow(device, files.source.beta, STEP, to_joints @ q, to_joints @ qd, tau)
+    seen = observer.follow(model, files.source.beta, STEP, to_joints @ q, to_joints @ qd, tau)
     return seen.torque.T, HighPass(CUTOFF_HZ).velocity(q, STEP).T
 
 

@@ -6,9 +6,9 @@ from dataclasses import dataclass
 from typing import Literal, get_args
 
 from haptid._internal.arrays import positive
+from haptid.end_effector.force import REVERSAL_SPEED
 from haptid.errors import CodeSettingError
 from haptid.export.names import check_name
-from haptid.end_effector.force import REVERSAL_SPEED
 
 Precision = Literal["double", "single"]
 

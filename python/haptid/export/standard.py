@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from haptid._internal.arrays import Array
-from haptid.device import Device
+from haptid.dynamics.model import DynamicModel
 from haptid.errors import ImpossibleModelError
 from haptid.estimation.feasibility.cone import Cone
 from haptid.estimation.feasibility.feasible import possible, roomy
@@ -15,23 +15,23 @@ from haptid.estimation.feasibility.feasible import possible, roomy
 INSIDE = 1e-9
 
 
-def standard_parameters(device: Device, beta: Array) -> Array:
+def standard_parameters(model: DynamicModel, beta: Array) -> Array:
     """Free standard parameters that real bodies and passive terms can have, with these base parameters, (n,), SI.
 
     Of all that have them, those of `Possible`: nearest to the prior, or to a ball for every link without one. The base
     parameters come out to rounding; where a body lies on the border of what is possible, to 1e-9 of its size.
 
     Args:
-        device: the mechanism.
+        model: the dynamic model.
         beta: its base parameters, (p,), SI.
 
     Raises:
         ImpossibleModelError: no bodies have these base parameters.
     """
-    found = possible(device, beta)
+    found = possible(model, beta)
     if not found.ok:
         raise ImpossibleModelError(found.failing)
-    conditions = roomy(device, beta)
+    conditions = roomy(model, beta)
     return conditions.scale * inward(conditions, found.chi / conditions.scale)
 
 
@@ -46,14 +46,14 @@ def inward(conditions: Cone, x: Array) -> Array:
     return moved
 
 
-def departure(device: Device, beta: Array, chi: Array) -> float:
+def departure(model: DynamicModel, beta: Array, chi: Array) -> float:
     """Largest difference of base parameters from those of standard parameters, beside what they are sums of.
 
     Args:
-        device: the mechanism.
+        model: the dynamic model.
         beta: its base parameters, (p,), SI.
         chi: its free standard parameters, (n,), SI.
     """
-    sizes = np.abs(device.base.regrouping) @ np.abs(chi)
-    gaps = np.abs(device.base.of(chi) - beta)
+    sizes = np.abs(model.base.regrouping) @ np.abs(chi)
+    gaps = np.abs(model.base.of(chi) - beta)
     return float((gaps / np.where(sizes > 0, sizes, 1.0)).max(initial=0.0))

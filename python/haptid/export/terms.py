@@ -8,9 +8,9 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from haptid._internal.arrays import Array
-from haptid.device import Device
 from haptid.device.expressions import Column
 from haptid.device.terms.term import DRY, Counterbalance, Load, TermColumn
+from haptid.dynamics.model import DynamicModel
 from haptid.errors import UnexportableTermError
 from haptid.export.graph import Expr, Graph
 from haptid.export.vectors import combined
@@ -19,31 +19,31 @@ from haptid.export.vectors import combined
 
 
 def term_torque(
-    device: Device, parameters: Sequence[Expr], q: list[Expr], qd: list[Expr], speed: float, friction_only: bool
+    model: DynamicModel, parameters: Sequence[Expr], q: list[Expr], qd: list[Expr], speed: float, friction_only: bool
 ) -> list[Expr]:
     """Torque of the terms on the coordinates, (active), rotors left out.
 
     Args:
-        device: the mechanism.
+        model: the dynamic model.
         parameters: the device's base parameters.
         q, qd: the coordinates and their rates.
         speed: below it the sign of a velocity is smoothed, rad/s or m/s.
         friction_only: leave out what does not resist motion.
     """
-    S = device.parameters.S[10 * len(device.joints) :, list(device.base.kept)]
+    S = model.device.parameters.S[10 * len(model.device.joints) :, list(model.base.kept)]
     graph = q[0].graph
     tau = [graph.number(0.0)] * len(q)
-    for term, row in zip(device.terms, S, strict=True):
+    for term, row in zip(model.terms, S, strict=True):
         wanted = term.resists if friction_only else term.kind != "rotor"
         if not wanted or not row.any():
             continue
         parameter = combined(row, parameters)
-        felt = parameter * _column(device, term, graph, q, qd, speed)
+        felt = parameter * _column(model, term, graph, q, qd, speed)
         tau = [t + float(w) * felt for t, w in zip(tau, term.weights, strict=True)]
     return tau
 
 
-def _column(device: Device, term: TermColumn, graph: Graph, q: list[Expr], qd: list[Expr], speed: float) -> Expr:
+def _column(model: DynamicModel, term: TermColumn, graph: Graph, q: list[Expr], qd: list[Expr], speed: float) -> Expr:
     """The column, as the core has it, with the sign of a velocity smoothed."""
     x, v = combined(term.weights, q) + term.offset, combined(term.weights, qd)
     if term.kind == "viscous":
@@ -54,13 +54,16 @@ def _column(device: Device, term: TermColumn, graph: Graph, q: list[Expr], qd: l
         return x - term.settings[0]
     if term.kind in DRY:
         return _dry(term, graph, v, speed)
-    joints = [combined(row, q) + float(offset) for row, offset in zip(device.rates, device.closure.offset, strict=True)]
+    joints = [
+        combined(row, q) + float(offset)
+        for row, offset in zip(model.device.rates, model.device.closure.offset, strict=True)
+    ]
     if isinstance(term.shape, Counterbalance):
         return _strut(term.shape, graph, joints[term.shape.joint])
     if isinstance(term.shape, Load):
         raise UnexportableTermError(term.name, "friction by load has accelerations in it")
     assert isinstance(term.shape, Column)  # the last kind
-    return _written(device, term, term.shape, graph, joints, qd)
+    return _written(model, term, term.shape, graph, joints, qd)
 
 
 def _dry(term: TermColumn, graph: Graph, v: Expr, speed: float) -> Expr:
@@ -90,14 +93,16 @@ def _strut(strut: Counterbalance, graph: Graph, q: Expr) -> Expr:
 
 
 def _written(
-    device: Device, term: TermColumn, column: Column, graph: Graph, joints: list[Expr], qd: list[Expr]
+    model: DynamicModel, term: TermColumn, column: Column, graph: Graph, joints: list[Expr], qd: list[Expr]
 ) -> Expr:
     """A column that the device file writes out."""
-    if column.reads({f"a_{name}" for name in device.joint_names}):
+    if column.reads({f"a_{name}" for name in model.device.joint_names}):
         raise UnexportableTermError(term.name, f"its expression {column.text} reads accelerations")
     values: dict[str, Expr] = {name: graph.number(value) for name, value in column.constants.items()}
     values["pi"] = graph.number(np.pi)
-    for name, position, rate in zip(device.joint_names, joints, _joint_rates(device.rates, qd), strict=True):
+    for name, position, rate in zip(
+        model.device.joint_names, joints, _joint_rates(model.device.rates, qd), strict=True
+    ):
         values[f"q_{name}"], values[f"v_{name}"] = position, rate
     return _expression(graph, column.tree, values)
 

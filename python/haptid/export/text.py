@@ -12,7 +12,8 @@ from importlib import resources
 
 import numpy as np
 
-from haptid.device import Device, Motor
+from haptid.device import Motor
+from haptid.dynamics.model import DynamicModel
 from haptid.export.dialects import C
 from haptid.export.emit import Emitted, emitted
 from haptid.export.functions import Code, Function
@@ -49,8 +50,8 @@ class Files:
     name: str
 
     @property
-    def device(self) -> Device:
-        return self.source.device
+    def model(self) -> DynamicModel:
+        return self.source.model
 
     @cached_property
     def generated(self) -> Emitted:
@@ -65,10 +66,10 @@ class Files:
         return {
             "name": self.name,
             "NAME": self.name.upper(),
-            "title": comment(self.device.name),
+            "title": comment(self.model.device.name),
             "real": self.dialect.real,
             "f": self.dialect.suffix,
-            "n": len(self.device.drives),
+            "n": len(self.model.device.drives),
             "p": max(len(self.source.beta), 1),
             "k": self.generated.constants,
             "speed": f"{self.code.speed:g}",
@@ -88,7 +89,7 @@ class Files:
         return self.filled(
             "model.h",
             about=self._about(),
-            coordinates="\n".join(f" *   {line}" for line in coordinate_lines(self.device)),
+            coordinates="\n".join(f" *   {line}" for line in coordinate_lines(self.model)),
             parameters="\n".join(f" *   {line}" for line in self._parameter_lines()),
             prototypes=prototypes,
             handle=handle,
@@ -132,7 +133,7 @@ class Files:
         return "\n".join(f" * {comment(line)}".rstrip() for line in about(self.source))
 
     def _parameter_lines(self) -> list[str]:
-        base, lines = self.device.base, []
+        base, lines = self.model.base, []
         for k, (name, unit, value) in enumerate(zip(base.names, base.units, self.source.beta, strict=True)):
             known = self.source.intervals
             within = "" if known is None else f", 95 % within {known[k, 0]:.6g} and {known[k, 1]:.6g}"
@@ -143,13 +144,13 @@ class Files:
         return lines
 
 
-def coordinate_lines(device: Device) -> list[str]:
+def coordinate_lines(model: DynamicModel) -> list[str]:
     """What each coordinate is: its label, units, limits, and the command of its motor."""
     lines = []
-    for k, (row, label) in enumerate(zip(device.frame, device.row_labels, strict=True)):
-        unit, torque = device.coordinate_units[k], device.torque_units[k]
+    for k, (row, label) in enumerate(zip(model.device.frame, model.device.row_labels, strict=True)):
+        unit, torque = model.device.coordinate_units[k], model.device.torque_units[k]
         parts = [f"{label}, {unit}, {torque}"]
-        moved = [(float(w), device.joints[j]) for w, j in zip(row, device.active, strict=True) if w]
+        moved = [(float(w), model.device.joints[j]) for w, j in zip(row, model.device.active, strict=True) if w]
         if len(moved) == 1 and moved[0][0] == 1.0:
             joint = moved[0][1]
             if joint.position_limits:
@@ -160,10 +161,10 @@ def coordinate_lines(device: Device) -> list[str]:
                 parts.append(f"at most {joint.torque_limit:.6g} {torque}")
         else:
             parts.append(" ".join(f"{weight:+.6g} joint {joint.name}" for weight, joint in moved))
-        drive = device.drives[k]
-        if device.torque_rows == "motor" and drive.motorised:
+        drive = model.device.drives[k]
+        if model.device.torque_rows == "motor" and drive.motorised:
             parts.append(_command(drive, torque))
-        if not device.measured[k]:
+        if not model.device.measured[k]:
             parts.append("no motor: known as far as other rows tell")
         lines += textwrap.wrap(_plain(f"q[{k}] {'; '.join(parts)}"), WIDTH - 4, subsequent_indent="     ")
     return lines

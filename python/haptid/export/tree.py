@@ -10,7 +10,7 @@ from functools import cached_property
 import numpy as np
 
 from haptid._internal.arrays import Array, freeze
-from haptid.device import Device
+from haptid.dynamics.model import DynamicModel
 from haptid.export.graph import Expr
 from haptid.export.vectors import NEAR, Turn, Vector, back, combined, constant, forth, plus, rotated, snapped
 
@@ -125,11 +125,11 @@ class Tree:
         return made
 
 
-def tree_of(device: Device) -> Tree:
+def tree_of(model: DynamicModel) -> Tree:
     """The device's tree in the coordinates of its torque rows."""
     links: list[Link] = []
-    for i, joint in enumerate(device.joints):
-        rate, offset = snapped(device.rates[i]), float(device.closure.offset[i])
+    for i, joint in enumerate(model.device.joints):
+        rate, offset = snapped(model.device.rates[i]), float(model.device.closure.offset[i])
         rotation, group, turn, angle = snapped(joint.rotation), i, rate, offset
         above = links[joint.parent] if joint.parent >= 0 else None
         if joint.prismatic:
@@ -151,7 +151,7 @@ def tree_of(device: Device) -> Tree:
                 offset=angle,
             )
         )
-    return Tree(tuple(links), len(device.drives), device.gravity)
+    return Tree(tuple(links), len(model.device.drives), model.device.gravity)
 
 
 def sine_cosine(weights: Array, offset: float, q: list[Expr]) -> Turn:

@@ -15,13 +15,14 @@ from xml.etree.ElementTree import Element, SubElement, indent, tostring
 import numpy as np
 
 from haptid._internal.arrays import Array
+from haptid.device import Cut, Joint
+from haptid.dynamics.model import DynamicModel
 from haptid.experiment.bench.bodies import Body, Effect, bodies, effects
 from haptid.experiment.bench.mjcf import numbers
-from haptid.device import Cut, Device, Joint
 from haptid.export.folder import Export, write
 from haptid.export.mjcf import xml_comment
 from haptid.export.names import default_name
-from haptid.export.provenance import Model, about, provenance
+from haptid.export.provenance import IdentifiedModel, about, provenance
 from haptid.export.standard import departure, standard_parameters
 from haptid.validation.validation import Validation
 
@@ -33,7 +34,7 @@ LEVEL = 1e-9
 
 
 def export_urdf(
-    model: Model,
+    identified: IdentifiedModel,
     folder: str | Path,
     *,
     validation: Validation | None = None,
@@ -43,7 +44,7 @@ def export_urdf(
     """Write a model as URDF: bodies that have the identified base parameters, damping, dry friction, rotors.
 
     Args:
-        model, validation, largest_error, anyway: as in `export_c`.
+        identified, validation, largest_error, anyway: as in `export_c`.
         folder: where NAME.urdf goes.
 
     Raises:
@@ -52,46 +53,46 @@ def export_urdf(
         UnsimulatedTermError: a term that no simulator of rigid bodies has.
         OutputError: the folder cannot be written.
     """
-    source = provenance(model, validation, largest_error, anyway)
-    device = source.device
-    chi = standard_parameters(device, source.beta)
-    made = bodies(device, chi)
-    acts = effects(device, chi, made)
+    source = provenance(identified, validation, largest_error, anyway)
+    model = source.model
+    chi = standard_parameters(model, source.beta)
+    made = bodies(model, chi)
+    acts = effects(model, chi, made)
     lines = [
         *about(source),
         "Of all bodies with the identified base parameters, those nearest to the prior, or to a ball without one.",
-        f"They have the base parameters to {departure(device, source.beta, chi):.0e} of their size.",
-        *_unsaid(device, acts),
+        f"They have the base parameters to {departure(model, source.beta, chi):.0e} of their size.",
+        *_unsaid(model, acts),
     ]
-    root = _robot(device, made, acts)
+    root = _robot(model, made, acts)
     indent(root)
     text = f'<?xml version="1.0"?>\n{xml_comment(lines)}\n{tostring(root, encoding="unicode")}\n'
-    return write(folder, {f"{default_name(device.name)}.urdf": text}, source.verdict)
+    return write(folder, {f"{default_name(model.device.name)}.urdf": text}, source.verdict)
 
 
-def _robot(device: Device, made: tuple[Body, ...], acts: tuple[Effect, ...]) -> Element:
-    root = Element("robot", {"name": default_name(device.name), "xmlns:drake": DRAKE})
-    _base(root, device)
-    for j, (joint, body) in enumerate(zip(device.joints, made, strict=True)):
+def _robot(model: DynamicModel, made: tuple[Body, ...], acts: tuple[Effect, ...]) -> Element:
+    root = Element("robot", {"name": default_name(model.device.name), "xmlns:drake": DRAKE})
+    _base(root, model)
+    for j, (joint, body) in enumerate(zip(model.device.joints, made, strict=True)):
         _link(root, joint, body)
-        _joint(root, device, j, acts[j])
-    if device.handle is not None:
+        _joint(root, model, j, acts[j])
+    if model.device.handle is not None:
         SubElement(root, "link", name="handle")
-        above = _link_name(device, device.handle.link)
-        _fixed(root, "handle mount", above, "handle", device.handle.rotation, device.handle.translation)
-    for act in acts[: len(device.joints)]:
+        above = _link_name(model, model.device.handle.link)
+        _fixed(root, "handle mount", above, "handle", model.device.handle.rotation, model.device.handle.translation)
+    for act in acts[: len(model.device.joints)]:
         if act.armature:
             _rotor(root, act)
-    for k, cut in enumerate(device.closure.cuts):
-        _cut(root, device, f"cut {k + 1}", cut)
+    for k, cut in enumerate(model.device.closure.cuts):
+        _cut(root, model, f"cut {k + 1}", cut)
     return root
 
 
-def _base(root: Element, device: Device) -> None:
+def _base(root: Element, model: DynamicModel) -> None:
     """A world in which things fall along -z, as simulators have it, and the device's base in it."""
     SubElement(root, "link", name="world")
     SubElement(root, "link", name="base")
-    _fixed(root, "base mount", "world", "base", upright(device.gravity), np.zeros(3))
+    _fixed(root, "base mount", "world", "base", upright(model.device.gravity), np.zeros(3))
 
 
 def _link(root: Element, joint: Joint, body: Body) -> None:
@@ -105,19 +106,19 @@ def _link(root: Element, joint: Joint, body: Body) -> None:
     SubElement(inertial, "inertia", {name: repr(float(body.inertia[at])) for name, at in entries.items()})
 
 
-def _joint(root: Element, device: Device, j: int, act: Effect) -> None:
-    joint = device.joints[j]
+def _joint(root: Element, model: DynamicModel, j: int, act: Effect) -> None:
+    joint = model.device.joints[j]
     limits = joint.position_limits
     turning = "continuous" if limits is None else "revolute"
     element = SubElement(root, "joint", name=joint.name, type="prismatic" if joint.prismatic else turning)
-    SubElement(element, "parent", link=_link_name(device, joint.parent))
+    SubElement(element, "parent", link=_link_name(model, joint.parent))
     SubElement(element, "child", link=f"link {joint.name}")
     SubElement(element, "origin", xyz=numbers(joint.translation), rpy=numbers(angles(joint.rotation)))
     SubElement(element, "axis", xyz="0 0 1")
     _limit(element, joint)
     if act.viscous or act.coulomb:
         SubElement(element, "dynamics", damping=repr(act.viscous), friction=repr(act.coulomb))
-    _mimic(element, device, j)
+    _mimic(element, model, j)
 
 
 def _limit(element: Element, joint: Joint) -> None:
@@ -128,15 +129,15 @@ def _limit(element: Element, joint: Joint) -> None:
     SubElement(element, "limit", {name: repr(float(value)) for name, value in bounds.items()})
 
 
-def _mimic(element: Element, device: Device, j: int) -> None:
+def _mimic(element: Element, model: DynamicModel, j: int) -> None:
     """A passive joint that follows one active joint, where no joint closes the loop."""
-    if j in device.active or device.closure.cuts:
+    if j in model.device.active or model.device.closure.cuts:
         return
-    row = device.closure.constant[j]
+    row = model.device.closure.constant[j]
     followed = np.flatnonzero(row)
     if len(followed) == 1:
-        other = device.joints[device.active[int(followed[0])]].name
-        share, offset = float(row[followed[0]]), float(device.closure.offset[j])
+        other = model.device.joints[model.device.active[int(followed[0])]].name
+        share, offset = float(row[followed[0]]), float(model.device.closure.offset[j])
         SubElement(element, "mimic", joint=other, multiplier=repr(share), offset=repr(offset))
 
 
@@ -157,26 +158,26 @@ def _fixed(root: Element, name: str, parent: str, child: str, rotation: Array, t
     SubElement(joint, "origin", xyz=numbers(translation), rpy=numbers(angles(rotation)))
 
 
-def _cut(root: Element, device: Device, name: str, cut: Cut) -> None:
+def _cut(root: Element, model: DynamicModel, name: str, cut: Cut) -> None:
     """The joint that closes a loop, as SDF."""
     joint = SubElement(
         SubElement(root, "gazebo"), "joint", name=name, type="prismatic" if cut.prismatic else "revolute"
     )
-    SubElement(joint, "parent").text = _link_name(device, cut.frame.link)
-    SubElement(joint, "child").text = _link_name(device, cut.twin.link)
+    SubElement(joint, "parent").text = _link_name(model, cut.frame.link)
+    SubElement(joint, "child").text = _link_name(model, cut.twin.link)
     SubElement(joint, "pose").text = numbers((*cut.twin.translation, *angles(cut.twin.rotation)))
     SubElement(SubElement(joint, "axis"), "xyz").text = "0 0 1"
 
 
-def _unsaid(device: Device, acts: tuple[Effect, ...]) -> list[str]:
+def _unsaid(model: DynamicModel, acts: tuple[Effect, ...]) -> list[str]:
     """What URDF has no place for, in sentences."""
     made = [
-        f"Gravity in the base frame is {numbers(device.gravity)} m/s^2; a simulator's own acts along -z of the world."
+        f"Gravity in the base frame is {numbers(model.device.gravity)} m/s^2; a simulator's own acts along -z of the world."
     ]
-    if device.closure.cuts:
+    if model.device.closure.cuts:
         made.append("URDF has no loops: joints that close them are in <gazebo> elements, as SDF; others see a tree.")
-    elif device.closure.relations:
-        made.append(f"Passive joints follow active ones: {'; '.join(device.closure.relations)}.")
+    elif model.device.closure.relations:
+        made.append(f"Passive joints follow active ones: {'; '.join(model.device.closure.relations)}.")
     for act in acts:
         single = np.count_nonzero(act.joints) == 1
         lost = {"a spring, N m/rad or N/m": act.stiffness, "an offset, N m or N": act.offset}
@@ -208,5 +209,5 @@ def upright(gravity: Array) -> Array:
     return np.asarray(np.eye(3) + skew + skew @ skew / (1 - down[2]))
 
 
-def _link_name(device: Device, j: int) -> str:
-    return "base" if j < 0 else f"link {device.joints[j].name}"
+def _link_name(model: DynamicModel, j: int) -> str:
+    return "base" if j < 0 else f"link {model.device.joints[j].name}"

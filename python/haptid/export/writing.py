@@ -10,7 +10,7 @@ from haptid.export.folder import write
 from haptid.export.functions import Code, code_of
 from haptid.export.graph import Operations
 from haptid.export.names import default_name
-from haptid.export.provenance import Model, provenance
+from haptid.export.provenance import IdentifiedModel, provenance
 from haptid.export.selftest import selftest
 from haptid.export.settings import CCode
 from haptid.export.text import Files
@@ -35,7 +35,7 @@ class CExport:
 
 
 def export_c(
-    model: Model,
+    identified: IdentifiedModel,
     folder: str | Path,
     code: CCode | None = None,
     *,
@@ -51,7 +51,7 @@ def export_c(
     left out: forward dynamics of a coordinate without inertia, the force at a handle that does not move.
 
     Args:
-        model: an identification, an estimate, or a device and its base parameters.
+        identified: an identification, an estimate, or a device and its base parameters.
         folder: where; files that are there already are replaced, and only if all goes well.
         code: names and precision.
         validation: of an estimate, on unseen motion; an identification has its own.
@@ -66,9 +66,9 @@ def export_c(
         OutputError: the folder cannot be written.
     """
     code, folder = code or CCode(), Path(folder)
-    source = provenance(model, validation, largest_error, anyway)
-    made = code_of(source.device, code.reversal_speed, source.zero)
-    name = code.name or default_name(source.device.name)
+    source = provenance(identified, validation, largest_error, anyway)
+    made = code_of(source.model, code.reversal_speed, source.zero)
+    name = code.name or default_name(source.model.device.name)
     files = Files(source, made, SINGLE if code.precision == "single" else DOUBLE, name)
     written = write(folder, _texts(files), source.verdict)
     return CExport(folder, written.files, made.operations, source.verdict)

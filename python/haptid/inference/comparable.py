@@ -10,9 +10,9 @@ from haptid._internal.arrays import Array
 from haptid.dynamics.base_parameters import BaseParameters
 from haptid.errors import DependentEstimatesError
 from haptid.estimation import Estimate
+from haptid.inference.targets import Targets, free_fit
 from haptid.observation.observation import Block
 from haptid.results.read import Recorded
-from haptid.inference.targets import Targets, free_fit
 
 # Regrouping coefficients that differ by a larger share make two base parameters of one name two things.
 SAME_MEANING = 1e-6

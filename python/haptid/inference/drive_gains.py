@@ -9,8 +9,8 @@ import numpy as np
 from scipy import linalg, stats
 
 from haptid._internal.arrays import Array, freeze, read_only
-from haptid.device import Device
 from haptid.device.priors import Body
+from haptid.dynamics.model import DynamicModel
 from haptid.errors import DifferentModelError, GainSettlingError
 from haptid.estimation.intervals.cluster_robust import clustered
 from haptid.estimation.least_squares import Solution, check_excited
@@ -26,7 +26,7 @@ class DriveGains:
     """True gain of each motor over that of the device file.
 
     Attributes:
-        device: with the gains of its file.
+        model: with the gains of its file.
         labels: "motor 1", (motors,).
         factor: (motors,).
         covariance: honest, (motors, motors).
@@ -34,7 +34,7 @@ class DriveGains:
         beta: base parameters of the device without load, in true units, (p,), SI.
     """
 
-    device: Device
+    model: DynamicModel
     labels: tuple[str, ...]
     factor: Array
     covariance: Array
@@ -81,16 +81,16 @@ def drive_gains(bare: Observation, loaded: Observation, link: str, body: Body) -
         UnexcitedError: the logs leave a direction of the parameters in the dark, or a motor does not feel the load.
         GainSettlingError: the search did not come to rest.
     """
-    device = bare.device
-    if loaded.device is not device:
-        raise DifferentModelError(device.name, loaded.device.name)
-    both, shift = bare + loaded, load_shift(device, link, body)
+    model = bare.model
+    if not loaded.model.is_same_as(model):
+        raise DifferentModelError(model.device.name, loaded.model.device.name)
+    both, shift = bare + loaded, load_shift(model, link, body)
     carrying = np.arange(len(both.blocks)) >= len(bare.blocks)
-    p, many = len(device.base), len(both.motors)
+    p, many = len(model.base), len(both.motors)
     scale, beta, weights = np.ones(many), np.zeros(p), np.ones(many)
     for _ in range(MOST_STEPS):
         rows = [_linearised(m, p + k, scale[k], beta, shift, carrying) for k, m in enumerate(both.motors)]
-        solution = _solved(device, rows, weights)
+        solution = _solved(model, rows, weights)
         beta, moved = solution.beta[:p], solution.beta[p:]
         scale = scale + moved
         weights = np.array([np.sqrt(m.rows.sum()) / m.residual(solution.beta) for m in rows])
@@ -103,7 +103,7 @@ def drive_gains(bare: Observation, loaded: Observation, link: str, body: Body) -
     factor = 1.0 / scale
     change = np.diag(factor**2)
     labels = tuple(motor.label for motor in both.motors)
-    return DriveGains(device, labels, factor, change @ made.covariance @ change, made.freedom, beta)
+    return DriveGains(model, labels, factor, change @ made.covariance @ change, made.freedom, beta)
 
 
 def _linearised(motor: MotorRows, own: int, scale: float, beta: Array, shift: Array, carrying: np.ndarray) -> MotorRows:
@@ -119,9 +119,9 @@ def _linearised(motor: MotorRows, own: int, scale: float, beta: Array, shift: Ar
     return replace(motor, columns=np.append(motor.columns, own), triangles=squares)
 
 
-def _solved(device: Device, rows: list[MotorRows], weights: Array) -> Solution:
+def _solved(model: DynamicModel, rows: list[MotorRows], weights: Array) -> Solution:
     """Least squares of all motors' rows; base parameters first, then one scale for each motor."""
-    size = len(device.base) + len(rows)
+    size = len(model.base) + len(rows)
     parts = []
     for motor, weight in zip(rows, weights, strict=True):
         wide = np.zeros((len(motor.whole), size + 1))
@@ -129,7 +129,7 @@ def _solved(device: Device, rows: list[MotorRows], weights: Array) -> Solution:
         parts.append(wide)
     whole = triangle(np.concatenate(parts))
     R, z = whole[:-1, :-1], whole[:-1, -1]
-    check_excited([*device.base.names, *(f"the gain of {motor.label}" for motor in rows)], R)
+    check_excited([*model.base.names, *(f"the gain of {motor.label}" for motor in rows)], R)
     root = linalg.solve_triangular(R, np.eye(size))
     freedom = int(sum(motor.rows.sum() for motor in rows)) - size
     return Solution(root @ z, R, root, abs(float(whole[-1, -1])), freedom)

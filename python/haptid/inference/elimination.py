@@ -24,10 +24,10 @@ from scipy import linalg, stats
 from haptid._internal.arrays import Array, positive
 from haptid.errors import MethodSettingError
 from haptid.estimation.estimate import Estimate, Restricted, estimate
-from haptid.estimation.methods.zeroed import Without
 from haptid.estimation.least_squares import EXCITED
-from haptid.observation.observation import Observation, observe
+from haptid.estimation.methods.zeroed import Without
 from haptid.motion.treatment import Motion
+from haptid.observation.observation import Observation, observe
 from haptid.validation.validation import Validation, direct, validate
 
 # An F-test objects below this probability.
@@ -222,7 +222,7 @@ def essential(full: Estimate, how: Essential | None = None, unseen: Motion | Obs
         raise MethodSettingError("essential", "the method", full.method.name, "the estimate by OLS() or WLS()")
     how = how or Essential()
     if isinstance(unseen, Motion):
-        unseen = observe(full.device, unseen)
+        unseen = observe(full.model, unseen)
     now, refused = full, None
     drops: list[Drop] = []
     while (name := largest(now)) is not None and not within(now, how.rule):
@@ -250,7 +250,7 @@ def essential_by_motor(
         unseen: rows that the fit has not seen.
     """
     if isinstance(unseen, Motion):
-        unseen = observe(full.device, unseen)
+        unseen = observe(full.model, unseen)
     found = []
     for motor in full.observation.motors:
         rows = full.observation.only(motor.name)

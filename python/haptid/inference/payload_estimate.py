@@ -9,10 +9,10 @@ import numpy as np
 from scipy import stats
 
 from haptid._internal.arrays import Array, expect, freeze, read_only
-from haptid.inference.comparison import compare
 from haptid.device import INERTIAL
 from haptid.errors import DifferentModelError, UnknownLinkError
 from haptid.estimation import Estimate
+from haptid.inference.comparison import compare
 from haptid.inference.targets import free_fit
 
 # A direction of the added parameters that shows less than this, beside the one that shows most, is not known.
@@ -83,23 +83,27 @@ def addition(before: Estimate, after: Estimate, link: str) -> Addition:
         UnknownLinkError: there is no such link, or it has no free parameters.
         DependentEstimatesError: both were made from the same rows.
     """
-    device = before.device
-    if after.device is not device:
-        raise DifferentModelError(device.name, after.device.name)
-    place = device.joint_names.index(link) if link in device.joint_names else -1
-    own = [k for k, of in enumerate(device.parameters.links) if of == place and device.parameters.kinds[k] in INERTIAL]
+    model = before.model
+    if not after.model.is_same_as(model):
+        raise DifferentModelError(model.device.name, after.model.device.name)
+    place = model.device.joint_names.index(link) if link in model.device.joint_names else -1
+    own = [
+        k
+        for k, of in enumerate(model.device.parameters.links)
+        if of == place and model.device.parameters.kinds[k] in INERTIAL
+    ]
     if place < 0 or not own:
-        raise UnknownLinkError(link, device.joint_names)
-    changed, kinds = compare(before, after), device.parameters.kinds
-    bodies = [k for k, kept in enumerate(device.base.kept) if kinds[kept] in INERTIAL]
+        raise UnknownLinkError(link, model.device.joint_names)
+    changed, kinds = compare(before, after), model.device.parameters.kinds
+    bodies = [k for k, kept in enumerate(model.base.kept) if kinds[kept] in INERTIAL]
     root = np.linalg.cholesky(changed.covariance[np.ix_(bodies, bodies)])
-    columns = np.linalg.solve(root, device.base.regrouping[np.ix_(bodies, own)])
+    columns = np.linalg.solve(root, model.base.regrouping[np.ix_(bodies, own)])
     shift = np.linalg.solve(root, (free_fit(after) - free_fit(before))[bodies])
     value, covariance = _least_squares(columns, shift)
     return Addition(
         link=link,
-        names=tuple(device.parameters.names[k] for k in own),
-        units=tuple(device.parameters.units[k] for k in own),
+        names=tuple(model.device.parameters.names[k] for k in own),
+        units=tuple(model.device.parameters.units[k] for k in own),
         value=value,
         covariance=covariance,
         freedom=float(changed.freedom[bodies].min()),

@@ -9,9 +9,9 @@ from functools import cached_property
 import numpy as np
 
 from haptid._internal.arrays import Array, expect, freeze, read_only
-from haptid.inference.comparison import Comparison
 from haptid.errors import ConfidenceError, DifferentParametersError, FewEstimatesError, LabelCountError
 from haptid.inference.comparable import Compared, Side
+from haptid.inference.comparison import Comparison
 from haptid.inference.targets import aligned
 from haptid.uncertainty.multiple_testing import deviations_to_weigh, misfit, together
 

@@ -10,17 +10,15 @@ import numpy as np
 from scipy import stats
 
 from haptid._internal.arrays import Array, expect, freeze, read_only
-from haptid.dynamics.base_parameters import formula
-from haptid.device import Device
 from haptid.device.priors import combined_prior
-from haptid.errors import NoTargetsError, UnidentifiableTargetError
+from haptid.dynamics.base_parameters import base_combinations
+from haptid.dynamics.model import DynamicModel
+from haptid.errors import NoTargetsError
 from haptid.estimation import Estimate, Parameter
 from haptid.estimation.intervals.spread import correlations
 
-# What of a target is left beside base parameters, as a share of what cancelled: below this it is rounding.
+# Relative size below which a rate counts as rounding.
 ROUNDING = 1e-7
-# Base parameters that an error names, within which a target's parameters are seen.
-MOST_GROUPS = 3
 
 
 @dataclass(frozen=True, eq=False)
@@ -158,10 +156,10 @@ def targets(estimate: Estimate) -> Targets:
         NoTargetsError: it has none.
         UnidentifiableTargetError: a target is not a combination of base parameters.
     """
-    device = estimate.device
-    C = target_map(device)
+    model = estimate.model
+    C = target_map(model)
     spread = estimate.spread(C)
-    wanted = device.targets
+    wanted = model.device.targets
     alone = tuple(int(k) for k in spread.alone)
     names = ", ".join(wanted[k].name for k in alone)
     sentence = f"One stretch of the log alone tells {names}: the interval is infinite."
@@ -177,7 +175,7 @@ def targets(estimate: Estimate) -> Targets:
         textbook_covariance=C @ estimate.textbook_covariance @ C.T,
         freedom=spread.freedom,
         lonely=alone,
-        prior=combined_prior(device, np.array([target.row for target in wanted])),
+        prior=combined_prior(model.device, np.array([target.row for target in wanted])),
         notes=(sentence,) if alone else (),
     )
 
@@ -187,43 +185,17 @@ def free_fit(estimate: Estimate) -> Array:
     return estimate.held.free if estimate.held else estimate.beta
 
 
-def target_map(device: Device) -> Array:
+def target_map(model: DynamicModel) -> Array:
     """C in target = C beta, (targets, base parameters).
 
     Raises:
         NoTargetsError: the device has no targets.
         UnidentifiableTargetError: a target is not such a combination.
     """
-    if not device.targets:
-        raise NoTargetsError(device.name)
-    rows = np.array([target.row for target in device.targets])
-    return base_combinations(device, [target.name for target in device.targets], rows)
-
-
-def base_combinations(device: Device, names: Sequence[str], rows: Array) -> Array:
-    """Combinations of standard parameters, (k, n), as combinations of base parameters, (k, p).
-
-    They are where their factors of those that base parameters are named after give back all their other factors.
-
-    Raises:
-        UnidentifiableTargetError: one is not, given by its name.
-    """
-    base = device.base
-    C = rows[:, list(base.kept)]
-    shown = C @ base.regrouping
-    cancelled = np.abs(rows) + np.abs(C) @ np.abs(base.regrouping)
-    hidden = np.where(np.abs(rows - shown) > ROUNDING * cancelled, rows - shown, 0.0)
-    for k in np.flatnonzero(hidden.any(axis=1)).tolist():
-        raise _unidentifiable(device, names[k], hidden[k], shown[k])
-    return freeze(np.ascontiguousarray(C))
-
-
-def _unidentifiable(device: Device, target: str, hidden: Array, shown: Array) -> UnidentifiableTargetError:
-    base = device.base
-    holding = np.flatnonzero((base.regrouping[:, hidden != 0] != 0).any(axis=1) & (not shown.any()))
-    groups = [f"{base.names[k]} = {base.groupings[k]}" for k in holding[:MOST_GROUPS]]
-    texts = [formula(row, base.standard, int(np.argmax(row != 0))) if row.any() else "" for row in (hidden, shown)]
-    return UnidentifiableTargetError(target, texts[0], texts[1], groups)
+    if not model.device.targets:
+        raise NoTargetsError(model.device.name)
+    rows = np.array([target.row for target in model.device.targets])
+    return base_combinations(model, [target.name for target in model.device.targets], rows)
 
 
 def side_by_side(columns: Mapping[str, Targets], decimals: int = 4) -> str:
@@ -257,16 +229,16 @@ def aligned(rows: Sequence[Sequence[str]]) -> list[str]:
 
 def _command(estimate: Estimate, row: Array) -> tuple[float, str, str] | None:
     """Command per torque, the command's unit and the torque's, of a combination (p,); None where motors differ."""
-    device, found = estimate.device, set()
+    model, found = estimate.model, set()
     for motor in estimate.observation.motors:
         if not row[motor.columns].any():
             continue
-        k = device.row_names.index(motor.name)
-        rates = device.drive_rates[:, k]
+        k = model.device.row_names.index(motor.name)
+        rates = model.device.drive_rates[:, k]
         loads = np.flatnonzero(np.abs(rates) > ROUNDING * np.abs(rates).max())
         if len(loads) != 1:
             return None
-        drive = device.drives[loads[0]]
+        drive = model.device.drives[loads[0]]
         torque = float(rates[loads[0]]) * drive.gear * drive.gain
         found.add((1.0 / torque, drive.unit, motor.unit))
     return found.pop() if len(found) == 1 else None

@@ -8,9 +8,7 @@ import numpy as np
 
 from haptid._internal.arrays import Array
 from haptid.device import Device
-from haptid.device.expressions import Column
-from haptid.device.terms.term import Load
-from haptid.errors import AccelerationColumnError, ChannelCountError, CommandUnitError
+from haptid.errors import ChannelCountError, CommandUnitError
 from haptid.log import Log, check_against
 from haptid.motion.treatment import Motion
 
@@ -126,40 +124,3 @@ def torque_map(device: Device, log: Log) -> Array:
         if _joint_measured(device)[k] and unit != wanted:
             raise CommandUnitError(device.joints[j].name, unit, wanted, "joint")
     return np.asarray(np.linalg.inv(device.frame).T[:, _joint_measured(device)])
-
-
-def external(device: Device, c: Array, cd: Array, cdd: Array | None) -> Array:
-    """Columns that the device computes itself (counterbalances, a user's own), (columns, samples).
-
-    Raises:
-        AccelerationColumnError: a column is made of accelerations, and there are none.
-    """
-    if not device.externals:
-        return np.zeros((0, c.shape[1]))
-    if cdd is None:
-        cdd = np.zeros_like(c)  # which no column reads
-        check_linear(device)
-    to_joints = np.linalg.inv(device.frame)
-    return np.ascontiguousarray(device.external(to_joints @ c, to_joints @ cd, to_joints @ cdd))
-
-
-def check_columns(device: Device) -> None:
-    """Raise AccelerationColumnError if a column that the device file writes out reads accelerations."""
-    for term in device.externals:
-        if isinstance(term.shape, Column) and term.shape.reads({f"a_{name}" for name in device.joint_names}):
-            raise AccelerationColumnError(term.name)
-
-
-def check_linear(device: Device) -> None:
-    """The same, or if it has friction by load: torque is then not linear in accelerations."""
-    for term in device.externals:
-        if isinstance(term.shape, Load):
-            raise AccelerationColumnError(term.name)
-    check_columns(device)
-
-
-def rows(device: Device, c: Array, cd: Array, cdd: Array) -> Array:
-    """All of the core's columns of every coordinate's torque, (coordinates, columns, samples)."""
-    mechanism = device.mechanism
-    columns = list(range(mechanism.columns))
-    return np.asarray(mechanism.regressor(c, cd, cdd, external(device, c, cd, cdd), columns, device.loops(c, cd)))

@@ -12,8 +12,8 @@ import numpy as np
 from scipy import signal
 
 from haptid._internal.arrays import Array, freeze
-from haptid.motion.time_shift import delayed, lost
 from haptid.log.on_disk import OnDisk, as_array
+from haptid.motion.time_shift import delayed, lost
 
 # What is left of a filter's start after the samples around a chunk, as a share.
 FORGOTTEN = 1e-18

@@ -18,13 +18,13 @@ import numpy as np
 from scipy import ndimage, signal
 
 from haptid._internal.arrays import Array, expect, freeze, positive, read_only, whole
-from haptid.motion.causal import Causal, HighPass
 from haptid.errors import CutoffError, MotionTooShortError, NoAccelerationError, TreatmentValueError
-from haptid.motion.time_shift import delayed, lost
 from haptid.log import Log, OnDisk, as_array
-from haptid.motion.streaming import Late, filtered
+from haptid.motion.causal import Causal, HighPass
 from haptid.motion.parallel_filter import DIFFERENCES, SECOND_DIFFERENCES, ParallelFilter, centred
 from haptid.motion.shapes import Bell, Shape
+from haptid.motion.streaming import Late, filtered
+from haptid.motion.time_shift import delayed, lost
 
 # The impulse response of a filter is taken to have died out where what is left of it weighs less than this.
 SETTLED = 1e-3

@@ -17,11 +17,11 @@ import numpy as np
 
 from haptid._core import __version__
 from haptid._internal.arrays import Array
-from haptid.device import Device
-from haptid.observation.observation import Observation, Plan, Reduced, assemble
+from haptid._internal.workers import Here, Workers
+from haptid.dynamics.model import DynamicModel
 from haptid.motion.channels import check_log
 from haptid.motion.treatment import Motion
-from haptid._internal.workers import Here, Workers
+from haptid.observation.observation import Observation, Plan, Reduced, assemble
 
 # Motions of fewer samples are reduced anew sooner than their triangles are read.
 LEAST_KEPT = 2**19
@@ -105,16 +105,16 @@ def fingerprint(plan: Plan) -> str:
     The device is what its file says, with its terms as they are at present: constants are searched, loads are settled.
     Some positions and torques too: something may have been taken off a motion's that its log knows nothing of.
     """
-    device, motion = plan.device, plan.motion
+    model, motion = plan.model, plan.motion
     assert motion.log is not None
     said = (
         __version__,
-        device.tables.model_dump_json(by_alias=True),
-        device.gravity.tolist(),
-        device.base.names,
-        [term.settings for term in device.terms],
-        None if device.load is None else device.load.tolist(),
-        [device.terms[k].constant(constant.name) for k, constant in device.searched],
+        model.device.tables.model_dump_json(by_alias=True),
+        model.device.gravity.tolist(),
+        model.base.names,
+        [term.settings for term in model.terms],
+        None if model.load is None else model.load.tolist(),
+        [model.terms[k].constant(constant.name) for k, constant in model.device.searched],
         motion.log.sha256,
         repr(motion.log.channels),
         motion.log.notes,
@@ -135,7 +135,7 @@ Progress = Callable[[Motion, float], None]
 
 
 def observe_all(
-    device: Device,
+    model: DynamicModel,
     motions: Sequence[Motion],
     workers: Workers | None = None,
     kept: Kept | None = None,
@@ -144,7 +144,7 @@ def observe_all(
     """The observation of each motion, as `observe` makes it.
 
     Args:
-        device: the mechanism.
+        model: the dynamic model.
         motions: treated signals.
         workers: who does it, stretch by stretch; this process where None.
         kept: where triangles of long motions are kept, and taken from; nowhere where None.
@@ -156,8 +156,8 @@ def observe_all(
     """
     for motion in motions:
         if motion.log:
-            check_log(device, motion.log)
-    plans = tuple(Plan.of(device, motion) for motion in motions)
+            check_log(model.device, motion.log)
+    plans = tuple(Plan.of(model, motion) for motion in motions)
     parts = [Part(k, start, stop) for k, plan in enumerate(plans) for start, stop in plan.segments()]
     rows, done = [0] * len(plans), {}
     for k, made in _reduced(plans, parts, workers or Here(), kept):

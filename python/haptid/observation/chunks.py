@@ -8,11 +8,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from haptid._internal.arrays import Array
-from haptid.device import Device
-from haptid.observation.observation import Plan
-from haptid.validation.prediction import decimate, treated_torque
+from haptid.dynamics.model import DynamicModel
 from haptid.motion.channels import coordinate_torque
 from haptid.motion.treatment import Motion
+from haptid.observation.observation import Plan
+from haptid.validation.prediction import decimate, treated_torque
 
 
 @dataclass(frozen=True, eq=False)
@@ -20,7 +20,7 @@ class Stretch:
     """Signals under a number of rows that fit in memory together.
 
     Attributes:
-        device: the mechanism.
+        model: the dynamic model.
         plan: which rows the motion gives.
         start, stop: rows.
         c, cd, cdd: coordinates that torque rows belong to, and their rates, each (active, samples), SI; no acceleration
@@ -28,7 +28,7 @@ class Stretch:
         own: columns that Python computes, (externals, samples).
     """
 
-    device: Device
+    model: DynamicModel
     plan: Plan
     start: int
     stop: int
@@ -40,12 +40,12 @@ class Stretch:
     @staticmethod
     def of(plan: Plan, start: int, stop: int) -> Stretch:
         """Rows start..stop of a plan."""
-        return Stretch(plan.device, plan, start, stop, *plan.signals(*plan.window(start, stop)))
+        return Stretch(plan.model, plan, start, stop, *plan.signals(*plan.window(start, stop)))
 
     @property
     def rows(self) -> list[int]:
         """Indices of the coordinates whose torque is measured."""
-        return [k for k, known in enumerate(self.device.measured) if known]
+        return [k for k, known in enumerate(self.model.device.measured) if known]
 
     @property
     def t(self) -> Array:
@@ -60,12 +60,14 @@ class Stretch:
 
     def measured(self) -> Array:
         """Measured torque, treated, (measured, rows), N m or N."""
-        return self.treated(coordinate_torque(self.device, self.plan.motion, *self.plan.window(self.start, self.stop)))
+        return self.treated(
+            coordinate_torque(self.model.device, self.plan.motion, *self.plan.window(self.start, self.stop))
+        )
 
     def torque(self, chi: Array) -> Array:
         """Torque of these parameters of the core's columns, treated, (measured, rows), N m or N."""
         signals = (self.c, self.cd, self.cdd, self.own)
-        return treated_torque(self.plan, self.device, chi, signals)[self.rows]
+        return treated_torque(self.plan, self.model, chi, signals)[self.rows]
 
     def treated(self, signals: Array) -> Array:
         """Through the filter and decimation of the measured torque, (active, samples) to (measured, rows)."""
@@ -85,7 +87,7 @@ class Stretch:
         return signals[:, self.plan.filter.before :: self.plan.motion.treatment.decimation][:, : self.stop - self.start]
 
 
-def stretches(device: Device, motion: Motion) -> Iterator[Stretch]:
+def stretches(model: DynamicModel, motion: Motion) -> Iterator[Stretch]:
     """All rows of a motion.
 
     Raises:
@@ -93,7 +95,7 @@ def stretches(device: Device, motion: Motion) -> Iterator[Stretch]:
         CommandUnitError: the log's unit of torque is not the unit of the device's command.
         MotionTooShortError: not one row fits between the filters' ends.
     """
-    plan = Plan.of(device, motion)
+    plan = Plan.of(model, motion)
     for start, stop in plan.segments():
         yield Stretch.of(plan, start, stop)
 

@@ -7,13 +7,14 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from haptid._internal.arrays import Array, freeze
-from haptid.device import INERTIAL, Device
+from haptid.device import INERTIAL
 from haptid.device.priors import Body, inertial_parameters
 from haptid.dynamics.inverse import core_torque, raw_parameters
+from haptid.dynamics.model import DynamicModel
 from haptid.errors import LoadSymmetryError, UnknownLinkError
-from haptid.motion.time_shift import delayed, lost
 from haptid.log import Log, OnDisk, as_array
 from haptid.motion.channels import coordinates, torque_map
+from haptid.motion.time_shift import delayed, lost
 from haptid.motion.treatment import Motion, Treatment, treat
 
 
@@ -30,11 +31,11 @@ class Load:
     body: Body
 
 
-def load_shift(device: Device, link: str, body: Body) -> Array:
+def load_shift(model: DynamicModel, link: str, body: Body) -> Array:
     """What a body fixed to a link adds to the base parameters, (p,), SI.
 
     Args:
-        device: the mechanism.
+        model: the dynamic model.
         link: name of its joint.
         body: in the link frame of the device file's convention; its inertia is taken as a point's where None.
 
@@ -43,9 +44,9 @@ def load_shift(device: Device, link: str, body: Body) -> Array:
         LoadSymmetryError: the device file says that a parameter is zero, or the same as another's, which the load's
             is not.
     """
-    if link not in device.joint_names:
-        raise UnknownLinkError(link, device.joint_names)
-    joint, free = device.joints[device.joint_names.index(link)], device.parameters
+    if link not in model.device.joint_names:
+        raise UnknownLinkError(link, model.device.joint_names)
+    joint, free = model.device.joints[model.device.joint_names.index(link)], model.device.parameters
     solid = body if body.inertia is not None else replace(body, inertia=np.zeros((3, 3)))
     values = dict(zip((kind + link for kind in INERTIAL), inertial_parameters(solid, joint), strict=True))
     size = max(abs(value) for value in values.values())
@@ -56,17 +57,17 @@ def load_shift(device: Device, link: str, body: Body) -> Array:
     chi = np.zeros(len(free.names))
     for name, value in given.items():
         chi[free.index[name]] = value
-    return freeze(device.base.of(chi))
+    return freeze(model.base.of(chi))
 
 
-def without_load(device: Device, motion: Motion, link: str, body: Body) -> Motion:
+def without_load(model: DynamicModel, motion: Motion, link: str, body: Body) -> Motion:
     """The motion as it would have been without a load that was fixed to a link while it was recorded.
 
     The load's torque along the motion is taken off the motion's, so that logs with known loads and logs without serve
     one estimate: their observations add.
 
     Args:
-        device: the mechanism.
+        model: the dynamic model.
         motion: recorded with the load.
         link, body: as for `load_shift`.
 
@@ -74,21 +75,21 @@ def without_load(device: Device, motion: Motion, link: str, body: Body) -> Motio
         UnknownLinkError, LoadSymmetryError: as `load_shift`.
         NoAccelerationError: velocity is by a causal differentiator.
     """
-    chi = raw_parameters(device, load_shift(device, link, body))
-    channels = np.eye(len(device.measured))[list(device.measured)]
+    chi = raw_parameters(model, load_shift(model, link, body))
+    channels = np.eye(len(model.device.measured))[list(model.device.measured)]
     if motion.log is not None:
-        channels = np.asarray(np.linalg.pinv(torque_map(device, motion.log)), dtype=np.float64)
-    return replace(motion, tau=Unloaded(device, motion, chi, channels, motion.tau, 0.0).samples())
+        channels = np.asarray(np.linalg.pinv(torque_map(model.device, motion.log)), dtype=np.float64)
+    return replace(motion, tau=Unloaded(model, motion, chi, channels, motion.tau, 0.0).samples())
 
 
-def log_without_load(device: Device, log: Log, treatment: Treatment, load: Load) -> Log:
+def log_without_load(model: DynamicModel, log: Log, treatment: Treatment, load: Load) -> Log:
     """The log as it would have been without a load that was fixed to a link while it was recorded.
 
     The load's torque is made of the positions as they are treated, and comes as late as the torque of the treatment
     does. Where the treatment's filters settle, at the ends, the torque stays as it is: no row is made there.
 
     Args:
-        device: the mechanism.
+        model: the dynamic model.
         log: recorded with the load.
         treatment: of the positions, and how late the torque is.
         load: what was fixed to which link.
@@ -97,10 +98,10 @@ def log_without_load(device: Device, log: Log, treatment: Treatment, load: Load)
         UnknownLinkError, LoadSymmetryError: as `load_shift`.
         NoAccelerationError: velocity is by a causal differentiator.
     """
-    chi = raw_parameters(device, load_shift(device, load.link, load.body))
-    channels = np.asarray(np.linalg.pinv(torque_map(device, log)), dtype=np.float64)
+    chi = raw_parameters(model, load_shift(model, load.link, load.body))
+    channels = np.asarray(np.linalg.pinv(torque_map(model.device, log)), dtype=np.float64)
     motion = treat(log, treatment)
-    torque = Unloaded(device, motion, chi, channels, log.torque, treatment.torque_delay / motion.dt).samples()
+    torque = Unloaded(model, motion, chi, channels, log.torque, treatment.torque_delay / motion.dt).samples()
     said = f"A load of {load.body.mass:g} kg on link {load.link} is taken off the torque: {_figures(load.body)}."
     return replace(log, torque=torque, notes=(*log.notes, said))
 
@@ -116,7 +117,7 @@ class Unloaded(OnDisk):
     """Torque channels without a load, (n, channels), in their own unit.
 
     Attributes:
-        device: the mechanism.
+        model: the dynamic model.
         motion: what the load went along.
         chi: raw parameters of the load.
         channels: matrix from the coordinates' torques to the channels', (channels, coordinates).
@@ -124,7 +125,7 @@ class Unloaded(OnDisk):
         late: samples that these are ahead of what acts.
     """
 
-    device: Device
+    model: DynamicModel
     motion: Motion
     chi: Array
     channels: Array
@@ -152,6 +153,6 @@ class Unloaded(OnDisk):
         low, high = (int(np.clip(edge, start, stop)) for edge in self.motion.usable)
         made = np.zeros((self.shape[1], stop - start))
         if low < high:
-            torque = core_torque(self.device, self.chi, *coordinates(self.device, self.motion, low, high))
+            torque = core_torque(self.model, self.chi, *coordinates(self.model.device, self.motion, low, high))
             made[:, low - start : high - start] = self.channels @ torque
         return made

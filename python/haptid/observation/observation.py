@@ -17,7 +17,8 @@ import numpy as np
 from haptid import _core
 from haptid._internal.arrays import Array, expect, freeze, read_only
 from haptid.dynamics.base_parameters import BaseParameters
-from haptid.device import Device
+from haptid.dynamics.model import DynamicModel
+from haptid.dynamics.regressor import external
 from haptid.errors import (
     DifferentModelError,
     MotionTooShortError,
@@ -26,8 +27,8 @@ from haptid.errors import (
     SameRowsError,
     TreatmentValueError,
 )
+from haptid.motion.channels import check_log, coordinate_torque, coordinates, state
 from haptid.motion.parallel_filter import ParallelFilter
-from haptid.motion.channels import check_log, coordinate_torque, coordinates, external, state
 from haptid.motion.treatment import Motion
 
 if TYPE_CHECKING:
@@ -121,7 +122,7 @@ class Observation:
     """All motors' rows of one or several motions, in one device's base parameters.
 
     Attributes:
-        device: the mechanism.
+        model: the dynamic model.
         motors: rows by motor.
         blocks: where and when each block's rows are from, (blocks,).
         motions: what they were made from.
@@ -129,7 +130,7 @@ class Observation:
         change: what was done to the motions' rows before they were folded, where a method weighs or whitens them.
     """
 
-    device: Device
+    model: DynamicModel
     motors: tuple[MotorRows, ...]
     blocks: tuple[Block, ...]
     motions: tuple[Motion, ...]
@@ -139,7 +140,7 @@ class Observation:
     @property
     def base(self) -> BaseParameters:
         """The parameters that the columns stand for."""
-        return self.device.base
+        return self.model.base
 
     @property
     def rows(self) -> int:
@@ -148,8 +149,8 @@ class Observation:
 
     def __add__(self, other: Observation) -> Observation:
         """Both together: observations of one device add."""
-        if other.device is not self.device:
-            raise DifferentModelError(self.device.name, other.device.name)
+        if not other.model.is_same_as(self.model):
+            raise DifferentModelError(self.model.device.name, other.model.device.name)
         shared = self.shares_rows_with(other)
         if shared is not None:
             raise SameRowsError(shared.log, shared.start, shared.stop)
@@ -163,7 +164,7 @@ class Observation:
             for a, b in pairs
         )
         return Observation(
-            self.device,
+            self.model,
             motors,
             self.blocks + other.blocks,
             self.motions + other.motions,
@@ -236,11 +237,11 @@ def scaled_condition(W: Array) -> float:
     return condition(W / np.where(lengths > 0, lengths, 1.0))
 
 
-def observe(device: Device, motion: Motion, progress: Callable[[float], None] | None = None) -> Observation:
+def observe(model: DynamicModel, motion: Motion, progress: Callable[[float], None] | None = None) -> Observation:
     """Reduce a motion to triangles in the device's base parameters.
 
     Args:
-        device: the mechanism.
+        model: the dynamic model.
         motion: treated signals; its channels are the device's joints or motors, in order.
         progress: called with the share of the work done, 0 to 1.
 
@@ -251,8 +252,8 @@ def observe(device: Device, motion: Motion, progress: Callable[[float], None] | 
         NoRowsError: every row of a motor was dropped as too slow, and no joint is locked.
     """
     if motion.log:
-        check_log(device, motion.log)
-    plan = Plan.of(device, motion)
+        check_log(model.device, motion.log)
+    plan = Plan.of(model, motion)
     parts = []
     for start, stop in plan.segments():
         parts.append(plan.reduce(start, stop))
@@ -271,21 +272,28 @@ def assemble(plan: Plan, parts: Sequence[Reduced]) -> Observation:
     Raises:
         NoRowsError: every row of a motor was dropped as too slow, and no joint is locked.
     """
-    device, motion = plan.device, plan.motion
+    model, motion = plan.model, plan.motion
     rows = np.concatenate([many for _, many in parts], axis=1)
     told = rows.any(axis=1)
     if not told.any() or not (told.all() or locked(motion)):
-        raise NoRowsError(device.row_names[int(np.argmin(told))], motion.treatment.low_speed)
+        raise NoRowsError(model.device.row_names[int(np.argmin(told))], motion.treatment.low_speed)
     motors = []
-    for k in np.flatnonzero(device.measured):
+    for k in np.flatnonzero(model.device.measured):
         columns = parts[0][0][k][0]
         triangles = freeze(np.concatenate([stack[k][1] for stack, _ in parts]))
         motors.append(
-            MotorRows(device.row_names[k], device.row_labels[k], device.torque_units[k], columns, triangles, rows[k])
+            MotorRows(
+                model.device.row_names[k],
+                model.device.row_labels[k],
+                model.device.torque_units[k],
+                columns,
+                triangles,
+                rows[k],
+            )
         )
     name = motion.log.sha256 if motion.log else f"motion {id(motion):x}"
-    doubts = check_log(device, motion.log) if motion.log else ()
-    return Observation(device, tuple(motors), plan.blocks(name), (motion,), doubts)
+    doubts = check_log(model.device, motion.log) if motion.log else ()
+    return Observation(model, tuple(motors), plan.blocks(name), (motion,), doubts)
 
 
 def locked(motion: Motion) -> bool:
@@ -329,7 +337,7 @@ class Plan:
         columns: the core's columns that the base parameters need, and `selection` that makes them so.
     """
 
-    device: Device
+    model: DynamicModel
     motion: Motion
     filter: ParallelFilter
     first: int
@@ -340,12 +348,12 @@ class Plan:
     selection: Array
 
     @staticmethod
-    def of(device: Device, motion: Motion) -> Plan:
+    def of(model: DynamicModel, motion: Motion) -> Plan:
         """Fit the rows between the ends that the filters leave."""
         treatment, (low, high) = motion.treatment, motion.usable
         speeds = np.atleast_1d(treatment.low_speed)
-        if len(speeds) not in (1, len(device.row_names)):
-            wanted = f"one figure, or {len(device.row_names)}: one for each row of torque"
+        if len(speeds) not in (1, len(model.device.row_names)):
+            wanted = f"one figure, or {len(model.device.row_names)}: one for each row of torque"
             raise TreatmentValueError("low_speed", treatment.low_speed, wanted)
         shared = shared_filter(motion)
         rows = (high - low - len(shared)) // treatment.decimation + 1
@@ -356,7 +364,7 @@ class Plan:
         if treatment.guard is not None:
             guard = (round(min(treatment.guard / motion.dt, len(motion))),) * 2
         first = low + shared.before
-        return Plan(device, motion, shared, first, rows, block, guard, *device.needed)
+        return Plan(model, motion, shared, first, rows, block, guard, *model.needed)
 
     @property
     def taps(self) -> Array:
@@ -377,10 +385,10 @@ class Plan:
     def signals(self, low: int, high: int) -> Signals:
         """Position, velocity, acceleration where rows have one, and external columns of samples low..high."""
         if self.motion.treatment.momentum:
-            c, cd = state(self.device, self.motion, low, high)
-            return c, cd, None, external(self.device, c, cd, None)
-        c, cd, cdd = coordinates(self.device, self.motion, low, high)
-        return c, cd, cdd, external(self.device, c, cd, cdd)
+            c, cd = state(self.model.device, self.motion, low, high)
+            return c, cd, None, external(self.model, c, cd, None)
+        c, cd, cdd = coordinates(self.model.device, self.motion, low, high)
+        return c, cd, cdd, external(self.model, c, cd, cdd)
 
     def blocks(self, log: str) -> tuple[Block, ...]:
         """When each block's rows are from."""
@@ -394,12 +402,12 @@ class Plan:
         low, high = self.window(start, stop)
         weights = self.weights(start, stop)
         c, cd, cdd, own = self.signals(low, high)
-        made = self.device.mechanism.reduce(
+        made = self.model.mechanism.reduce(
             c,
             cd,
             cdd,
             own,
-            coordinate_torque(self.device, self.motion, low, high),
+            coordinate_torque(self.model.device, self.motion, low, high),
             list(self.columns),
             self.filter.taps,
             self.motion.treatment.decimation,
@@ -408,7 +416,7 @@ class Plan:
             self.block,
             weights,
             self.filter.slope,
-            self.device.loops(c, cd),
+            self.model.loops(c, cd),
         )
         blocks = np.arange(0, stop - start, self.block)
         return [self.selected(np.array(a), T) for a, T in made], np.add.reduceat(weights > 0, blocks, axis=1, dtype=int)
@@ -432,20 +440,20 @@ class Plan:
 
     def weights(self, start: int, stop: int) -> Array:
         """One for a row that counts, zero for one too near slow motion for sgn to be known, (coordinates, rows)."""
-        device, treatment = self.device, self.motion.treatment
-        weights = np.ones((len(device.row_names), stop - start))
+        model, treatment = self.model, self.motion.treatment
+        weights = np.ones((len(model.device.row_names), stop - start))
         if not np.any(treatment.low_speed):
             return weights
-        speeds = np.broadcast_to(np.asarray(treatment.low_speed, dtype=float), (len(device.row_names),))
+        speeds = np.broadcast_to(np.asarray(treatment.low_speed, dtype=float), (len(model.device.row_names),))
         centres = self.first + treatment.decimation * np.arange(start, stop)
         low, high = self.motion.usable
         back, ahead = self.guard
         low, high = max(low, int(centres[0]) - back), min(high, int(centres[-1]) + ahead + 1)
-        c, cd = state(device, self.motion, low, high)
+        c, cd = state(model.device, self.motion, low, high)
         after = np.minimum(centres + ahead + 1, high) - low
         before = np.maximum(centres - back, low) - low
         for row, speed in enumerate(speeds):
-            for term in device.coulomb_terms(row) if speed > 0 else ():
-                slow = np.concatenate([[0], np.cumsum(np.abs(device.speed(term, c, cd)) < speed)])
+            for term in model.coulomb_terms(row) if speed > 0 else ():
+                slow = np.concatenate([[0], np.cumsum(np.abs(model.speed(term, c, cd)) < speed)])
                 weights[row, slow[after] > slow[before]] = 0.0
         return weights

@@ -8,22 +8,22 @@ from functools import lru_cache
 import numpy as np
 
 from haptid._internal.arrays import Array
-from haptid.device import Device
 from haptid.device.terms.term import DRY, TermColumn
+from haptid.dynamics.model import DynamicModel
 
 # Devices whose softened twin is kept: a stream asks for it at every sample.
 KEPT = 8
 
 
 @lru_cache(maxsize=KEPT)
-def softened(device: Device, speed: float) -> Device:
+def softened(model: DynamicModel, speed: float) -> DynamicModel:
     """The same device, with tanh(v / speed) for the sign of a velocity wherever its file has a sharper one.
 
     Args:
-        device: the mechanism.
+        model: the dynamic model.
         speed: rad/s or m/s; 0 leaves the device as it is.
     """
-    return replace(device, terms=tuple(_softer(term, speed) for term in device.terms)) if speed else device
+    return replace(model, terms=tuple(_softer(term, speed) for term in model.terms)) if speed else model
 
 
 def _softer(term: TermColumn, speed: float) -> TermColumn:
@@ -32,23 +32,23 @@ def _softer(term: TermColumn, speed: float) -> TermColumn:
     return term.with_constant("width", max(term.constant("width"), speed))
 
 
-def doubt(device: Device, chi: Array, c: Array, cd: Array, speed: float) -> Array:
+def doubt(model: DynamicModel, chi: Array, c: Array, cd: Array, speed: float) -> Array:
     """Torque that dry friction may be off by, (rows, samples), N m or N: all of it at rest, none at speed.
 
     Where the smoothed sign is s, the friction is FC s give or take FC sqrt(1 - s^2): a joint at rest may be held by
     anything between -FC and FC.
 
     Args:
-        device: the mechanism.
+        model: the dynamic model.
         chi: parameters of the core's columns, (r,), SI.
         c: positions of the coordinates that torque rows belong to, (active, samples).
         cd: their rates.
         speed: of the smoothed sign, rad/s or m/s; 0 for no doubt.
     """
     squared = np.zeros_like(cd)
-    for k, term in enumerate(device.terms) if speed else ():
+    for k, term in enumerate(model.terms) if speed else ():
         if term.kind in DRY:
-            shares = device.shares(term, c, cd)
+            shares = model.shares(term, c, cd)
             s = np.tanh((shares * cd).sum(axis=0) / max(term.constant("width"), speed))
-            squared += np.square(shares) * chi[10 * len(device.joints) + k] ** 2 * (1 - s**2)
+            squared += np.square(shares) * chi[10 * len(model.device.joints) + k] ** 2 * (1 - s**2)
     return np.asarray(np.sqrt(squared))

@@ -14,8 +14,8 @@ import numpy as np
 from scipy import signal
 
 from haptid._internal.arrays import Array, freeze
-from haptid.observation.observation import Block, MotorRows, Observation, Plan, triangle
 from haptid.motion.channels import coordinate_torque
+from haptid.observation.observation import Block, MotorRows, Observation, Plan, triangle
 
 # Numbers of rows that are kept from one pass to the next; more are made again, pass by pass.
 KEPT = 1 << 26
@@ -101,7 +101,7 @@ def stretches_of(observation: Observation) -> Iterator[RowStretch]:
     """All rows of an observation, changed as its own were, stretch after stretch."""
     index = {block: k for k, block in enumerate(observation.blocks)}
     for motion in observation.motions:
-        plan = Plan.of(observation.device, motion)
+        plan = Plan.of(observation.model, motion)
         name = motion.log.sha256 if motion.log else f"motion {id(motion):x}"
         for numbers, start, stop in _runs(plan, plan.blocks(name), index):
             made = _made(observation, plan, numbers, start, stop)
@@ -129,13 +129,15 @@ def _length(plan: Plan, blocks: int, end: int) -> int:
 
 
 def _made(observation: Observation, plan: Plan, numbers: list[int], start: int, stop: int) -> RowStretch:
-    device = observation.device
-    own = [device.row_names.index(motor.name) for motor in observation.motors]
+    model = observation.model
+    own = [model.device.row_names.index(motor.name) for motor in observation.motors]
     low, high = plan.window(start, stop)
     signals = plan.signals(low, high)
     used = plan.weights(start, stop)[own] > 0
     W = treated_columns(plan, signals)[own] * used[:, :, None]
-    torque = decimated(coordinate_torque(device, plan.motion, low, high), plan.taps, plan.motion.treatment.decimation)
+    torque = decimated(
+        coordinate_torque(model.device, plan.motion, low, high), plan.taps, plan.motion.treatment.decimation
+    )
     centres = signals[1][:, plan.filter.before :: plan.motion.treatment.decimation][:, : stop - start]
     edges = np.append(np.arange(0, stop - start, plan.block), stop - start)
     return RowStretch(tuple(numbers), edges, W, torque[own] * used, used, centres[own])
@@ -144,8 +146,8 @@ def _made(observation: Observation, plan: Plan, numbers: list[int], start: int, 
 def treated_columns(plan: Plan, signals: tuple[Array, Array, Array | None, Array]) -> Array:
     """Base parameters' columns of every coordinate's rows, filtered and decimated, (coordinates, rows, p)."""
     c, cd, cdd, own = signals
-    device, shared, d = plan.device, plan.filter, plan.motion.treatment.decimation
-    mechanism, loops = device.mechanism, device.loops(c, cd)
+    model, shared, d = plan.model, plan.filter, plan.motion.treatment.decimation
+    mechanism, loops = model.mechanism, model.loops(c, cd)
     if cdd is not None:
         made = decimated(mechanism.regressor(c, cd, cdd, own, list(plan.columns), loops), shared.taps, d)
     else:

@@ -25,11 +25,11 @@ def entries() -> dict[str, str]:
 
 def _used(source: Source) -> Iterator[str]:
     """Keys of what was used."""
-    made, device = source.estimate, source.estimate.device
-    if device.convention == "modified-dh":
+    made, model = source.estimate, source.estimate.model
+    if model.device.convention == "modified-dh":
         yield "khalil1986"
     yield "gautier1991"
-    if device.closure.cuts:
+    if model.device.closure.cuts:
         yield "khalil1995"
     yield "gautier2013"
     yield from () if isinstance(weighting(made.method), OLS) else ("gautier2001",)
@@ -39,5 +39,5 @@ def _used(source: Source) -> Iterator[str]:
     yield "belsley1980"
     if any(source.dissections):
         yield "tahmasebi2005"
-    if device.handle is not None:
+    if model.device.handle is not None:
         yield "janot2007"

@@ -6,9 +6,9 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from haptid._core import __version__
-from haptid.results.read import read_result
 from haptid.report.page import page, write_text
 from haptid.report.sections.comparison import ComparisonSection
+from haptid.results.read import read_result
 
 
 def write_comparison(folders: Sequence[str | Path], path: str | Path) -> ComparisonSection:
@@ -26,7 +26,7 @@ def write_comparison(folders: Sequence[str | Path], path: str | Path) -> Compari
     found = [read_result(folder) for folder in folders]
     made = ComparisonSection.between(found, names_of([Path(folder) for folder in folders]))
     title = f"Comparison of {len(found)} results"
-    about = f"{', '.join(dict.fromkeys(r.device.name for r in found))}, haptid {__version__}"
+    about = f"{', '.join(dict.fromkeys(r.model.device.name for r in found))}, haptid {__version__}"
     write_text(Path(path), page(title, about, (made,)))
     return made
 

@@ -12,12 +12,12 @@ from types import MappingProxyType
 
 from haptid._core import __version__
 from haptid.errors import ReportDataError
-from haptid.study.identify import Identification
 from haptid.report.page import page, write_text
 from haptid.report.section import Section
 from haptid.report.sections import SECTIONS
 from haptid.report.source import Hand, Source
 from haptid.results.write import finite
+from haptid.study.identify import Identification
 
 SCHEMA = 2
 # Of the file that keeps a report in a folder of results, and of the page.
@@ -32,14 +32,14 @@ class Report:
 
     Attributes:
         name: of the study.
-        device: its name.
+        model: its name.
         made: when, as a date and time in UTC.
         haptid: version that made it.
         sections: by key, in the order of the page.
     """
 
     name: str
-    device: str
+    model: str
     made: str
     haptid: str
     sections: Mapping[str, Section]
@@ -49,7 +49,7 @@ class Report:
 
     def html(self) -> str:
         """The page, whole in itself."""
-        return page(self.name, f"{self.device}, {self.made}, haptid {self.haptid}", tuple(self.sections.values()))
+        return page(self.name, f"{self.model}, {self.made}, haptid {self.haptid}", tuple(self.sections.values()))
 
     def write_page(self, path: Path) -> None:
         """Write the page.
@@ -63,7 +63,7 @@ class Report:
         """Write the page, and the data that it can be made from again, into a folder."""
         self.write_page(folder / PAGE)
         plain = {key: section.plain() for key, section in self.sections.items()}
-        head = {"schema": SCHEMA, "haptid": self.haptid, "name": self.name, "device": self.device, "made": self.made}
+        head = {"schema": SCHEMA, "haptid": self.haptid, "name": self.name, "device": self.model, "made": self.made}
         text = json.dumps(finite({**head, "sections": plain}), allow_nan=False, separators=(",", ":"))
         (folder / DATA).write_bytes(gzip.compress(text.encode("utf-8"), mtime=0))
 
@@ -88,7 +88,7 @@ def report_of(source: Source, made: datetime | None = None) -> Report:
     moment = (made or datetime.now(UTC)).astimezone(UTC)
     return Report(
         name=source.identification.study.name,
-        device=source.identification.device.name,
+        model=source.identification.model.device.name,
         made=f"{moment:%Y-%m-%d %H:%M} UTC",
         haptid=__version__,
         sections={section.key: section for section in found if section is not None},

@@ -8,16 +8,16 @@ from functools import cached_property
 import numpy as np
 
 from haptid._internal.arrays import Array, expect, read_only
-from haptid.end_effector.characterisation.model import GivenModel
-from haptid.inference.diagnosis import Diagnosis, diagnose
-from haptid.end_effector.torque_decomposition import Dissection, dissect
 from haptid.dynamics.inverse import raw_parameters
+from haptid.end_effector.characterisation.model import GivenModel
+from haptid.end_effector.force import HandleForce
+from haptid.end_effector.torque_decomposition import Dissection, dissect
 from haptid.errors import NoAccelerationError
 from haptid.estimation import Estimate
-from haptid.end_effector.force import HandleForce
-from haptid.study.identify import Identification, Run
-from haptid.observation.observation import Plan
+from haptid.inference.diagnosis import Diagnosis, diagnose
 from haptid.observation.chunks import gathered, stretches
+from haptid.observation.observation import Plan
+from haptid.study.identify import Identification, Run
 from haptid.validation.validation import Validation
 
 # A log with more rows is not taken apart: its parts would not fit in memory beside the rest.
@@ -163,7 +163,7 @@ class Source:
     @cached_property
     def model(self) -> GivenModel:
         """The estimate's parameters without their covariance: maps are made of them."""
-        return GivenModel(self.estimate.device, self.estimate.beta)
+        return GivenModel(self.estimate.model, self.estimate.beta)
 
     def _dissected(self, run: Run, rows: int) -> Dissection | None:
         if rows > LARGEST_DISSECTION:
@@ -176,25 +176,25 @@ class Source:
 
 def track(estimate: Estimate, run: Run) -> Track:
     """The treated rows of one log."""
-    device, motion = estimate.device, run.motion
-    chi, rows = raw_parameters(device, estimate.beta), [k for k, known in enumerate(device.measured) if known]
+    model, motion = estimate.model, run.motion
+    chi, rows = raw_parameters(model, estimate.beta), [k for k, known in enumerate(model.device.measured) if known]
     parts = (
         (s.t, s.measured(), s.torque(chi), s.used, s.centres(s.c), s.centres(s.cd)[rows])
-        for s in stretches(device, motion)
+        for s in stretches(model, motion)
     )
-    t, measured, predicted, used, c, velocity = gathered(parts, Plan.of(device, motion).rows)
+    t, measured, predicted, used, c, velocity = gathered(parts, Plan.of(model, motion).rows)
     return Track(
         name=run.entry.path,
         seen=run.direct is not None,
         t0=float(t[0]),
         step=motion.treatment.decimation * motion.dt,
-        labels=tuple(device.row_labels[k] for k in rows),
-        units=tuple(device.torque_units[k] for k in rows),
+        labels=tuple(model.device.row_labels[k] for k in rows),
+        units=tuple(model.device.torque_units[k] for k in rows),
         measured=measured,
         predicted=predicted,
         used=used,
         position=c[rows],
         velocity=velocity,
-        coordinate_units=tuple(device.coordinate_units[k] for k in rows),
+        coordinate_units=tuple(model.device.coordinate_units[k] for k in rows),
         trail=c[:, :: max(1, c.shape[1] // TRAIL)],
     )

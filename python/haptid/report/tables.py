@@ -9,14 +9,14 @@ from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
-from haptid.device import Device
 from haptid.device.toml.summary import summary_lines
+from haptid.dynamics.model import DynamicModel
+from haptid.dynamics.symbolic import Regroupings
 from haptid.errors import RegroupingError
 from haptid.estimation import Parameter
-from haptid.dynamics.symbolic import Regroupings
-from haptid.study.identify import Identification, Run
 from haptid.estimation.nonlinear import Projection
 from haptid.inference.targets import targets
+from haptid.study.identify import Identification, Run
 from haptid.validation.validation import Validation
 
 
@@ -24,15 +24,15 @@ def show_identification(console: Console, found: Identification) -> None:
     """Parameters, errors, notes."""
     observation = found.estimate.observation
     raw, scaled = observation.condition
-    console.print(f"\n{found.study.name}: {found.device.name}", style="bold")
+    console.print(f"\n{found.study.name}: {found.model.device.name}", style="bold")
     console.print(
         f"{observation.rows} rows, {len(observation.base)} base parameters of "
-        f"{len(found.device.parameters.names)}, condition {raw:.4g} raw, {scaled:.4g} with unit columns, "
+        f"{len(found.model.device.parameters.names)}, condition {raw:.4g} raw, {scaled:.4g} with unit columns, "
         f"{found.estimate.method.name}\n",
         highlight=False,
     )
     console.print(parameter_table("Base parameters", found.estimate.parameters))
-    if found.device.targets:
+    if found.model.device.targets:
         console.print(parameter_table("Targets", targets(found.estimate).parameters))
     if found.projection:
         console.print(searched_table(found.projection))
@@ -40,7 +40,7 @@ def show_identification(console: Console, found: Identification) -> None:
         "Rows in grey: the deviation is over half the value. Groupings: result.json, or `haptid model`.",
         style="dim",
     )
-    console.print(error_table(found.runs, found.device.torque_rows))
+    console.print(error_table(found.runs, found.model.device.torque_rows))
     searched = found.projection.notes if found.projection else ()
     for note in (*found.proposal.reasons, *found.estimate.notes, *searched):
         console.print(f"- {note}")
@@ -133,11 +133,11 @@ def verdict(found: Identification) -> str:
     return f"{text} The study allows {limit:g} %: {'met' if found.meets_criteria else 'not met'}."
 
 
-def show_model(console: Console, device: Device) -> None:
+def show_model(console: Console, model: DynamicModel) -> None:
     """Tree, loops, motors, terms, base parameters and regroupings."""
-    for line in summary_lines(device):
+    for line in summary_lines(model.device):
         console.print(line, highlight=False, markup=False)
-    base, exact = device.base, exact_regroupings(device)
+    base, exact = model.base, exact_regroupings(model)
     table = Table(
         title=f"\n{len(base)} base parameters of {len(base.standard)}",
         title_justify="left",
@@ -164,17 +164,17 @@ def show_model(console: Console, device: Device) -> None:
     )
 
 
-def exact_regroupings(device: Device) -> Regroupings | str:
+def exact_regroupings(model: DynamicModel) -> Regroupings | str:
     """Regroupings with the lengths as symbols, or the sentence that says why there are none."""
     try:
-        return device.regroupings
+        return model.regroupings
     except RegroupingError as error:
         return str(error)
 
 
-def model_values(device: Device) -> dict[str, Any]:
+def model_values(model: DynamicModel) -> dict[str, Any]:
     """What `haptid model --json` prints."""
-    base, exact = device.base, exact_regroupings(device)
+    base, exact = model.base, exact_regroupings(model)
     rows = [
         {"name": name, "unit": unit, "grouping": dict(zip(base.standard, row.tolist(), strict=True))}
         for name, unit, row in zip(base.names, base.units, base.regrouping, strict=True)
@@ -183,9 +183,9 @@ def model_values(device: Device) -> dict[str, Any]:
         for row, formula, latex, exactly in zip(rows, exact.formulas, exact.latex, exact.texts, strict=True):
             row |= {"formula": formula, "latex": latex, "exact": dict(exactly)}
     return {
-        "device": device.name,
-        "relations": list(device.closure.relations),
-        "closure_error": device.closure.error,
+        "device": model.device.name,
+        "relations": list(model.device.closure.relations),
+        "closure_error": model.device.closure.error,
         "base_parameters": rows,
         "symbols": {} if isinstance(exact, str) else {symbol.name: symbol.value for symbol in exact.symbols},
         "notes": [exact] if isinstance(exact, str) else [],

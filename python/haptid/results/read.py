@@ -13,11 +13,11 @@ import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from haptid._internal.arrays import Array, expect, read_only
-from haptid.dynamics.base_parameters import BaseParameters
-from haptid.end_effector.characterisation.model import GivenModel
-from haptid.device import Device
 from haptid.device.toml.reader import device_of
 from haptid.device.toml.tables import checked
+from haptid.dynamics.base_parameters import BaseParameters
+from haptid.dynamics.model import DynamicModel
+from haptid.end_effector.characterisation.model import GivenModel
 from haptid.errors import ResultDeviceError, ResultFileError, ShapeError
 from haptid.estimation.intervals.spread import correlations
 from haptid.observation.observation import Block
@@ -140,7 +140,7 @@ class Recorded:
 
     Attributes:
         folder: that it was read from.
-        device: the mechanism, as its device file had it.
+        model: the dynamic model, as its device file had it.
         study: name of the study.
         version: of the haptid that made it.
         logs: what it was made from.
@@ -164,7 +164,7 @@ class Recorded:
     """
 
     folder: Path
-    device: Device
+    model: DynamicModel
     study: str
     version: str
     logs: tuple[RecordedLog, ...]
@@ -196,7 +196,7 @@ class Recorded:
     @property
     def base(self) -> BaseParameters:
         """Names, units and groupings of the parameters."""
-        return self.device.base
+        return self.model.base
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -225,13 +225,13 @@ class Recorded:
         return sd
 
     @property
-    def model(self) -> GivenModel:
+    def identified(self) -> GivenModel:
         """The parameters as `characterise`, `felt_mass` and the like take them.
 
         Intervals of what is made from it have the degrees of freedom of the parameter that has fewest: how evenly the
         log tells a combination of parameters is not in the folder.
         """
-        return GivenModel(self.device, self.beta, self.covariance, float(self.freedom.min(initial=np.inf)), self.lonely)
+        return GivenModel(self.model, self.beta, self.covariance, float(self.freedom.min(initial=np.inf)), self.lonely)
 
 
 def read_result(folder: str | Path) -> Recorded:
@@ -249,17 +249,17 @@ def read_result(folder: str | Path) -> Recorded:
     path = path / "result.json" if path.is_dir() else path
     values = _values(path)
     table = _checked(path, values)
-    device = device_of(*checked(table.device_file, f"{path}, device_file"))
-    device = device.with_constants([constant.value for constant in table.estimate.searched])
-    if device.has_loads:
-        device = _loaded(path, device, table.estimate.loads)
+    model = DynamicModel(device_of(*checked(table.device_file, f"{path}, device_file")))
+    model = model.at_constants([constant.value for constant in table.estimate.searched])
+    if model.has_loads:
+        model = _loaded(path, model, table.estimate.loads)
     stored = [p.name for p in table.estimate.parameters]
-    if tuple(stored) != device.base.names:
-        raise ResultDeviceError(path, stored, device.base.names, table.haptid)
+    if tuple(stored) != model.base.names:
+        raise ResultDeviceError(path, stored, model.base.names, table.haptid)
     found = table.estimate
     return Recorded(
         folder=path.parent,
-        device=device,
+        model=model,
         study=table.study,
         version=table.haptid,
         logs=tuple(_log(log) for log in table.logs),
@@ -273,8 +273,8 @@ def read_result(folder: str | Path) -> Recorded:
         freedom=np.array([np.inf if f is None else f for f in found.freedom]),
         interval95=np.array([_interval(p) for p in found.parameters]).reshape(-1, 2),
         zero=tuple(k for k, p in enumerate(found.parameters) if p.essential is False),
-        direct=_validations(table.validation, device, seen=True),
-        unseen=_validations(table.validation, device, seen=False),
+        direct=_validations(table.validation, model, seen=True),
+        unseen=_validations(table.validation, model, seen=False),
         largest_error=table.criteria.relative_error_percent,
         meets_criteria=table.criteria.met,
         verdict=tuple(RecordedUse(said.use, said.grade, said.sentence) for said in table.verdict),
@@ -307,12 +307,12 @@ def _checked(path: Path, values: dict[str, Any]) -> _File:
         raise ResultFileError(path, f"key `{where}` {what}") from error
 
 
-def _loaded(path: Path, device: Device, bodies: list[float] | None) -> Device:
+def _loaded(path: Path, model: DynamicModel, bodies: list[float] | None) -> DynamicModel:
     """With friction by load made of the bodies that it was estimated with."""
     if bodies is None:
         raise ResultFileError(path, "key `estimate.loads` is missing, of which the friction by load is made")
     try:
-        return device.with_load(bodies)
+        return model.with_load(bodies)
     except ShapeError as error:
         raise ResultFileError(path, f"key `estimate.loads` is wrong ({error})") from error
 
@@ -326,9 +326,9 @@ def _interval(p: _Parameter) -> tuple[float, float]:
     return (-np.inf if low is None else low, np.inf if high is None else high)
 
 
-def _validations(errors: list[_Error], device: Device, *, seen: bool) -> tuple[Validation, ...]:
+def _validations(errors: list[_Error], model: DynamicModel, *, seen: bool) -> tuple[Validation, ...]:
     """Errors motor by motor are one validation; each ends with the entry of all motors."""
-    labels = dict(zip(device.row_names, device.row_labels, strict=True))
+    labels = dict(zip(model.device.row_names, model.device.row_labels, strict=True))
     made: list[Validation] = []
     motors: list[MotorError] = []
     for e in errors:

@@ -11,14 +11,14 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from haptid._core import __version__
-from haptid.motion.causal import Causal
-from haptid.device import Device
+from haptid.dynamics.model import DynamicModel
 from haptid.estimation import Consistent, Estimate, Held, Method, Parameter, Reduced, Within
-from haptid.study.identify import Identification, Run
-from haptid.observation.known_payload import Load
 from haptid.estimation.nonlinear import Projection
 from haptid.inference.targets import targets
+from haptid.motion.causal import Causal
 from haptid.motion.treatment import Treatment
+from haptid.observation.known_payload import Load
+from haptid.study.identify import Identification, Run
 from haptid.validation.validation import Validation
 
 if TYPE_CHECKING:
@@ -42,14 +42,14 @@ def result(identification: Identification, verdict: Verdict | None = None) -> di
     return {
         "schema": SCHEMA,
         "haptid": __version__,
-        "device": identification.device.name,
+        "device": identification.model.device.name,
         "study": study.name,
         "logs": [log(run) for run in identification.runs],
         "treatment": treatment(identification.proposal.treatment),
         "treatment_reasons": list(identification.proposal.reasons),
         "observation": {
             "rows": estimate.observation.rows,
-            "parameters": len(estimate.device.parameters.names),
+            "parameters": len(estimate.model.device.parameters.names),
             "rank": len(estimate.base),
             "condition": {"raw": raw, "scaled": scaled},
             "no_effect": list(estimate.base.no_effect),
@@ -61,9 +61,9 @@ def result(identification: Identification, verdict: Verdict | None = None) -> di
             "status": estimate.status,
             "interval": interval(estimate),
             "parameters": [parameter(p) | {"essential": e} for p, e in zip(estimate.parameters, kept, strict=True)],
-            "targets": [parameter(p) for p in targets(estimate).parameters] if estimate.device.targets else [],
+            "targets": [parameter(p) for p in targets(estimate).parameters] if estimate.model.device.targets else [],
             "searched": searched(identification.projection),
-            "loads": None if identification.device.load is None else identification.device.load.tolist(),
+            "loads": None if identification.model.load is None else identification.model.load.tolist(),
             "held": held(estimate.held),
             "freedom": estimate.freedom.tolist(),
             "covariance": estimate.covariance.tolist(),
@@ -75,7 +75,7 @@ def result(identification: Identification, verdict: Verdict | None = None) -> di
         },
         "verdict": uses(verdict),
         "notes": [*notes(estimate), *(identification.projection.notes if identification.projection else ())],
-        "device_file": device_file(identification.device),
+        "device_file": device_file(identification.model),
     }
 
 
@@ -118,10 +118,10 @@ def interval(estimate: Estimate) -> str:
     return f"{estimate.intervals.name}, {HELD_INTERVAL if isinstance(estimate.held, Held) else WITHIN_INTERVAL}"
 
 
-def device_file(device: Device) -> dict[str, Any]:
+def device_file(model: DynamicModel) -> dict[str, Any]:
     """What the device file says, by which the device can be made again; gravity as it is mounted."""
-    said: dict[str, Any] = device.tables.model_dump(mode="json", by_alias=True, exclude_unset=True)
-    return {**said, "gravity": device.gravity.tolist()}
+    said: dict[str, Any] = model.device.tables.model_dump(mode="json", by_alias=True, exclude_unset=True)
+    return {**said, "gravity": model.device.gravity.tolist()}
 
 
 def weighting(method: Method) -> Method:
@@ -169,7 +169,7 @@ def held(found: Held | Within | None) -> dict[str, Any] | None:
         return None
     if isinstance(found, Within):
         return {"active": list(found.active)}
-    inside, names = found.possible, found.possible.device.parameters.names
+    inside, names = found.possible, found.possible.model.device.parameters.names
     return {
         "margin": inside.margin,
         "active": list(found.active),

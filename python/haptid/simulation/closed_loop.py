@@ -12,12 +12,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from haptid._internal.arrays import Array, freeze
-from haptid.device import Device
+from haptid.dynamics.forward import ForwardDynamics
+from haptid.dynamics.model import DynamicModel
 from haptid.errors import SimulationLostError
 from haptid.motion.channels import position_map
-from haptid.simulation.control import PID, Running, Start, reference
-from haptid.dynamics.forward import DirectModel
 from haptid.motion.treatment import Motion
+from haptid.simulation.control import PID, Running, Start, reference
 
 # A coordinate faster than this has run away, rad/s or m/s.
 FASTEST = 1e3
@@ -111,9 +111,9 @@ class Steps:
 Drive = Callable[[int, Array, Array], tuple[Array, np.ndarray]]
 
 
-def measured_state(device: Device, motion: Motion) -> tuple[Array, Array]:
+def measured_state(model: DynamicModel, motion: Motion) -> tuple[Array, Array]:
     """Treated positions and velocities of the coordinates at every sample, each (n, samples); ends are repeated."""
-    change = position_map(device, motion)
+    change = position_map(model.device, motion)
     return change(np.ascontiguousarray(motion.q.T)), change(np.ascontiguousarray(motion.qd.T))
 
 
@@ -127,11 +127,11 @@ def between(values: Array, stretches: Stretches, per: int) -> Array:
     return np.ascontiguousarray(np.moveaxis(made.reshape(len(values), -1, stretches.count), 0, 1))
 
 
-def closed_loop(model: DirectModel, law: PID, motion: Motion, place: int, stretches: Stretches) -> Steps:
+def closed_loop(forward: ForwardDynamics, law: PID, motion: Motion, place: int, stretches: Stretches) -> Steps:
     """The model under its controller.
 
     Args:
-        model: with one set of parameters, or several.
+        forward: with one set of parameters, or several.
         law: the controller.
         motion: along which; stretches begin at its states.
         place: of the motion among the observation's.
@@ -142,27 +142,27 @@ def closed_loop(model: DirectModel, law: PID, motion: Motion, place: int, stretc
         MasslessError: a mass matrix cannot be inverted.
         ControllerError: the controller does not fit the device or the motion.
     """
-    device, sets, per = model.device, len(model.chi), law.periods(motion.dt)
-    target = reference(law, device, motion, place)
+    model, sets, per = forward.model, len(forward.chi), law.periods(motion.dt)
+    target = reference(law, model, motion, place)
     speed = np.gradient(target, motion.dt, axis=1)
     wanted, rate = (np.tile(between(x, stretches, per), sets) for x in (target, speed))
-    c, cd = (np.tile(x[:, stretches.sample[0]], sets) for x in measured_state(device, motion))
-    held = model.inverse(c, cd, np.zeros_like(c))
-    running = Running(law, device, motion.dt / per, Start(c, cd, wanted[0], rate[0], held))
+    c, cd = (np.tile(x[:, stretches.sample[0]], sets) for x in measured_state(model, motion))
+    held = forward.inverse(c, cd, np.zeros_like(c))
+    running = Running(law, model, motion.dt / per, Start(c, cd, wanted[0], rate[0], held))
 
     def drive(k: int, c: Array, cd: Array) -> tuple[Array, np.ndarray]:
         return running.torque(c, cd, wanted[k], rate[k])
 
-    return _run(model, motion, stretches, per, (c, cd), drive)
+    return _run(forward, motion, stretches, per, (c, cd), drive)
 
 
 def open_loop(
-    model: DirectModel, motion: Motion, torque: Array, start: tuple[Array, Array], stretches: Stretches
+    forward: ForwardDynamics, motion: Motion, torque: Array, start: tuple[Array, Array], stretches: Stretches
 ) -> Steps:
     """The model under the torque that was measured.
 
     Args:
-        model: with one set of parameters, or several.
+        forward: with one set of parameters, or several.
         motion: along which.
         torque: of the rows from each sample to the next, (n, samples), N m or N.
         start: positions and velocities at the first step of every stretch, each (n, stretches).
@@ -171,67 +171,69 @@ def open_loop(
     Raises:
         SimulationLostError, MasslessError: as for `closed_loop`.
     """
-    sets = len(model.chi)
+    sets = len(forward.chi)
     held = np.tile(np.ascontiguousarray(np.moveaxis(torque[:, stretches.sample], 0, 1)), sets)
-    free = np.ones((len(model.device.motors), held.shape[2]), dtype=bool)
+    free = np.ones((len(forward.model.device.motors), held.shape[2]), dtype=bool)
     c, cd = (np.tile(x, sets) for x in start)
-    return _run(model, motion, stretches, 1, (c, cd), lambda k, _c, _cd: (held[k], free))
+    return _run(forward, motion, stretches, 1, (c, cd), lambda k, _c, _cd: (held[k], free))
 
 
 def _run(
-    model: DirectModel, motion: Motion, stretches: Stretches, per: int, start: tuple[Array, Array], drive: Drive
+    forward: ForwardDynamics, motion: Motion, stretches: Stretches, per: int, start: tuple[Array, Array], drive: Drive
 ) -> Steps:
     """All steps, torque held from one control period to the next."""
     c, cd = start
-    model.check(c[:, : stretches.count])
+    forward.check(c[:, : stretches.count])
     period, steps = motion.dt / per, len(stretches.sample) * per
     begin = c[:, : stretches.count]
     calm, rough = (
-        max(1, int(np.ceil(period * each.stiffness(begin) / STABLE))) for each in (model.without_dry(), model)
+        max(1, int(np.ceil(period * each.stiffness(begin) / STABLE))) for each in (forward.without_dry(), forward)
     )
     made = np.empty((4, steps, *c.shape))
-    free = np.empty((steps, len(model.device.motors), c.shape[1]), dtype=bool)
+    free = np.empty((steps, len(forward.model.device.motors), c.shape[1]), dtype=bool)
     for k in range(steps):
         tau, free[k] = drive(k, c, cd)
-        cdd = model.acceleration(c, cd, tau)
+        cdd = forward.acceleration(c, cd, tau)
         made[:, k] = c, cd, cdd, tau
-        turning = model.turning(c, cd, cdd, period)
+        turning = forward.turning(c, cd, cdd, period)
         after_c, after_cd = np.empty_like(c), np.empty_like(cd)
         for which, parts in ((turning, rough), (~turning, calm)):
             state = c[:, which], cd[:, which], cdd[:, which], tau[:, which]
-            after_c[:, which], after_cd[:, which] = _ahead(model, state, period, parts)
+            after_c[:, which], after_cd[:, which] = _ahead(forward, state, period, parts)
         c, cd = after_c, after_cd
         if not np.abs(cd).max() < FASTEST:
-            raise _lost(model.device, motion, stretches, k // per, cd)
+            raise _lost(forward.model, motion, stretches, k // per, cd)
     return Steps(stretches, per, made[0], made[1], made[2], made[3], free)
 
 
 def _ahead(
-    model: DirectModel, state: tuple[Array, Array, Array, Array], period: float, parts: int
+    forward: ForwardDynamics, state: tuple[Array, Array, Array, Array], period: float, parts: int
 ) -> tuple[Array, Array]:
     """One control period in so many parts, from positions, velocities, accelerations and torques; torque held."""
     c, cd, cdd, tau = (np.ascontiguousarray(x) for x in state)
     if not c.size:
         return c, cd
     for part in range(parts):
-        c, cd = _step(model, c, cd, tau, cdd if part == 0 else None, period / parts)
+        c, cd = _step(forward, c, cd, tau, cdd if part == 0 else None, period / parts)
     return c, cd
 
 
-def _step(model: DirectModel, c: Array, cd: Array, tau: Array, cdd: Array | None, h: float) -> tuple[Array, Array]:
+def _step(
+    forward: ForwardDynamics, c: Array, cd: Array, tau: Array, cdd: Array | None, h: float
+) -> tuple[Array, Array]:
     """One step of Runge and Kutta's method of order four, torque held."""
-    a1 = model.acceleration(c, cd, tau) if cdd is None else cdd
+    a1 = forward.acceleration(c, cd, tau) if cdd is None else cdd
     v2 = cd + 0.5 * h * a1
-    a2 = model.acceleration(c + 0.5 * h * cd, v2, tau)
+    a2 = forward.acceleration(c + 0.5 * h * cd, v2, tau)
     v3 = cd + 0.5 * h * a2
-    a3 = model.acceleration(c + 0.5 * h * v2, v3, tau)
+    a3 = forward.acceleration(c + 0.5 * h * v2, v3, tau)
     v4 = cd + h * a3
-    a4 = model.acceleration(c + h * v3, v4, tau)
+    a4 = forward.acceleration(c + h * v3, v4, tau)
     return c + h / 6 * (cd + 2 * v2 + 2 * v3 + v4), cd + h / 6 * (a1 + 2 * a2 + 2 * a3 + a4)
 
 
-def _lost(device: Device, motion: Motion, stretches: Stretches, step: int, cd: Array) -> SimulationLostError:
+def _lost(model: DynamicModel, motion: Motion, stretches: Stretches, step: int, cd: Array) -> SimulationLostError:
     """What to raise of a model that runs away at this step."""
     row, column = np.unravel_index(int(np.argmax(np.nan_to_num(np.abs(cd), nan=np.inf))), cd.shape)
     time = motion.t0 + motion.dt * int(stretches.sample[step, int(column) % stretches.count])
-    return SimulationLostError(time, device.row_labels[int(row)], float(abs(cd[row, column])), FASTEST)
+    return SimulationLostError(time, model.device.row_labels[int(row)], float(abs(cd[row, column])), FASTEST)

@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from haptid._internal.arrays import Array, expect, positive
-from haptid.device import Device
+from haptid.dynamics.model import DynamicModel
 from haptid.errors import ControllerError
 from haptid.log import Log, Signal, read_log
 from haptid.motion.channels import position_map
@@ -47,15 +47,15 @@ class PID:
             if value is not None and not positive(value):
                 raise ControllerError(name, value, "a finite number above zero, or leave it out")
 
-    def figures(self, name: str, device: Device) -> Array:
+    def figures(self, name: str, model: DynamicModel) -> Array:
         """A setting as one figure for each motor, (motors,).
 
         Raises:
             ControllerError: there are neither one nor as many as motors, or one is not a number.
         """
-        values, motors = np.atleast_1d(np.asarray(getattr(self, name), dtype=float)), len(device.motors)
+        values, motors = np.atleast_1d(np.asarray(getattr(self, name), dtype=float)), len(model.device.motors)
         if values.shape not in ((1,), (motors,)) or not np.isfinite(values).all():
-            wanted = f"one finite figure, or one for each of {', '.join(m.name for m in device.motors)}"
+            wanted = f"one finite figure, or one for each of {', '.join(m.name for m in model.device.motors)}"
             raise ControllerError(name, values.tolist(), wanted)
         return np.ascontiguousarray(np.broadcast_to(values, (motors,)))
 
@@ -71,12 +71,12 @@ class PID:
         return round(ratio)
 
 
-def reference(law: PID, device: Device, motion: Motion, place: int) -> Array:
+def reference(law: PID, model: DynamicModel, motion: Motion, place: int) -> Array:
     """Planned positions of the coordinates that torque rows belong to, (n, samples), rad or m.
 
     Args:
         law: the controller.
-        device: the mechanism.
+        model: the dynamic model.
         motion: whose samples they are for.
         place: of the motion among the observation's.
 
@@ -86,16 +86,16 @@ def reference(law: PID, device: Device, motion: Motion, place: int) -> Array:
     """
     if law.reference is None:
         q = motion.q.T
-        return position_map(device, motion)(q)
+        return position_map(model.device, motion)(q)
     if isinstance(law.reference, Signal):
         if motion.log is None or not motion.log.sha256:
             raise ControllerError("reference", "channels of a log", "arrays: this motion comes from no file")
-        return np.asarray(device.frame @ recorded(motion.log, law.reference))
+        return np.asarray(model.device.frame @ recorded(motion.log, law.reference))
     if place >= len(law.reference):
         raise ControllerError("reference", f"{len(law.reference)} arrays", "one for each motion of the observation")
     given = np.asarray(law.reference[place], dtype=float)
-    expect("reference", given.shape, (len(motion), len(device.active)))
-    return np.asarray(device.frame @ given.T)
+    expect("reference", given.shape, (len(motion), len(model.device.active)))
+    return np.asarray(model.device.frame @ given.T)
 
 
 def recorded(log: Log, wanted: Signal) -> Array:
@@ -127,11 +127,11 @@ class Running:
     Linear but for its limit, so that it carries sensitivities as well as states.
     """
 
-    def __init__(self, law: PID, device: Device, period: float, start: Start) -> None:
+    def __init__(self, law: PID, model: DynamicModel, period: float, start: Start) -> None:
         """Start as if it had long been at work."""
-        self.rates = np.asarray(device.drive_rates[[drive.motorised for drive in device.drives]])
-        self.kp, self.kd, self.ki = (law.figures(name, device) for name in ("kp", "kd", "ki"))
-        self.limit = None if law.saturation is None else law.figures("saturation", device)
+        self.rates = np.asarray(model.device.drive_rates[[drive.motorised for drive in model.device.drives]])
+        self.kp, self.kd, self.ki = (law.figures(name, model) for name in ("kp", "kd", "ki"))
+        self.limit = None if law.saturation is None else law.figures("saturation", model)
         self.keep = None
         if law.velocity_cutoff_hz is not None:
             self.keep = float(np.exp(-2 * np.pi * law.velocity_cutoff_hz * period))

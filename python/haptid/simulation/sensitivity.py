@@ -12,12 +12,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from haptid._internal.arrays import Array
-from haptid.device import Device
-from haptid.motion.channels import external
-from haptid.simulation.control import PID, Running, Start
-from haptid.simulation.closed_loop import Steps
-from haptid.dynamics.forward import DirectModel
+from haptid.dynamics.forward import ForwardDynamics
+from haptid.dynamics.regressor import columns
 from haptid.motion.treatment import Motion
+from haptid.simulation.closed_loop import Steps
+from haptid.simulation.control import PID, Running, Start
 
 # Steps that are linearised at a time: enough for the core, little memory.
 CHUNK = 64
@@ -51,11 +50,11 @@ class _Linear:
     g: Array
 
 
-def sensitivity(model: DirectModel, law: PID | None, motion: Motion, steps: Steps, base: Array) -> Sensitivity:
+def sensitivity(forward: ForwardDynamics, law: PID | None, motion: Motion, steps: Steps, base: Array) -> Sensitivity:
     """Of the first set of parameters, by base parameters.
 
     Args:
-        model: what was simulated.
+        forward: what was simulated.
         law: its controller; None in an open loop, where the first states are varied too.
         motion: along which.
         steps: the simulation.
@@ -70,14 +69,14 @@ def sensitivity(model: DirectModel, law: PID | None, motion: Motion, steps: Step
         x[:, :, p:] = np.eye(2 * n)
     else:
         c, cd = steps.c[0, :, :count], steps.cd[0, :, :count]
-        held = columns(model.device, c, cd, np.zeros_like(c), base).transpose(0, 2, 1)  # as `closed_loop` begins
+        held = columns(forward.model, c, cd, np.zeros_like(c), base).transpose(0, 2, 1)  # as `closed_loop` begins
         none = np.zeros((n, count, varied))
-        running = Running(law, model.device, period, Start(none, none, none, none, held))
+        running = Running(law, forward.model, period, Start(none, none, none, none, held))
     made_c = np.empty((len(steps.stretches.sample), n, varied, count))
     made_tau = None if running is None else np.empty_like(made_c)
     for first in range(0, len(steps.c), CHUNK):
         part = slice(first, min(first + CHUNK + 1, len(steps.c)))
-        linear = _linearised(model, steps, part, base)
+        linear = _linearised(forward, steps, part, base)
         ahead = np.asarray(np.linalg.inv(np.eye(2 * n) - 0.5 * period * linear.F))
         for k in range(first, min(first + CHUNK, len(steps.c))):
             s, sd = (np.ascontiguousarray(half.transpose(1, 0, 2)) for half in (x[:, :n], x[:, n:]))
@@ -103,28 +102,19 @@ def _ahead(linear: _Linear, ahead: Array, k: int, x: Array, tau: Array | None, h
     return np.asarray(ahead[k + 1] @ right)
 
 
-def _linearised(model: DirectModel, steps: Steps, part: slice, base: Array) -> _Linear:
+def _linearised(forward: ForwardDynamics, steps: Steps, part: slice, base: Array) -> _Linear:
     """The varied equations at some steps of the first set of parameters."""
     n, count = steps.c.shape[1], steps.stretches.count
     c, cd, cdd = (_flat(x[part, :, :count]) for x in (steps.c, steps.cd, steps.cdd))
-    inverse = np.linalg.inv(DirectModel(model.device, model.chi[:1]).inertia(c, cd, cdd))
-    by_c, by_cd = model.slopes(c, cd, cdd)
+    inverse = np.linalg.inv(ForwardDynamics(forward.model, forward.chi[:1]).inertia(c, cd, cdd))
+    by_c, by_cd = forward.slopes(c, cd, cdd)
     states = len(inverse)
     F = np.zeros((states, 2 * n, 2 * n))
     F[:, :n, n:] = np.eye(n)
     F[:, n:, :n], F[:, n:, n:] = -inverse @ by_c, -inverse @ by_cd
-    b = -inverse @ columns(model.device, c, cd, cdd, base).transpose(2, 0, 1)
+    b = -inverse @ columns(forward.model, c, cd, cdd, base).transpose(2, 0, 1)
     F, b, inverse = (np.asarray(x.reshape(-1, count, *x.shape[1:]), dtype=np.float64) for x in (F, b, inverse))
     return _Linear(F, b, inverse)
-
-
-def columns(device: Device, c: Array, cd: Array, cdd: Array, base: Array) -> Array:
-    """Columns of the inverse model by base parameters, (n, p, samples)."""
-    used = [int(k) for k in np.flatnonzero(base.any(axis=1))]
-    c, cd, cdd = (np.ascontiguousarray(x) for x in (c, cd, cdd))
-    own, loops = external(device, c, cd, cdd), device.loops(c, cd)
-    raw = device.mechanism.regressor(c, cd, cdd, own, used, loops)
-    return np.asarray(base[used].T @ raw)
 
 
 def _flat(x: Array) -> Array:

@@ -1,7 +1,7 @@
 """A study: the corridor from device and logs to a validated estimate, written down as TOML."""
 
-from haptid.study.study import LogEntry, Study
 from haptid.study.read import read_study
 from haptid.study.schema import Role, study_schema
+from haptid.study.study import LogEntry, Study
 
 __all__ = ["LogEntry", "Role", "Study", "read_study", "study_schema"]

@@ -9,20 +9,21 @@ from functools import reduce
 from operator import add
 from pathlib import Path
 
-from haptid.device import Device, read_device
-from haptid.estimation import Estimate, estimate
-from haptid.validation.cross_validation import alternate, each_log
-from haptid.observation.known_payload import log_without_load
-from haptid.log import Log, is_long, open_log, read_log
-from haptid.observation.observation import Observation
-from haptid.estimation.nonlinear import Projection
-from haptid.treatment_choice.propose import Proposal, propose
-from haptid.observation.batch import Kept, observe_all
-from haptid.estimation.nonlinear.linearise import settled, unsettled
-from haptid.study import LogEntry, Study
-from haptid.motion.treatment import Motion, Treatment, treat
-from haptid.validation.validation import Validation, direct, pooled, validate
 from haptid._internal.workers import Workers
+from haptid.device import read_device
+from haptid.dynamics.model import DynamicModel
+from haptid.estimation import Estimate, estimate
+from haptid.estimation.nonlinear import Projection
+from haptid.estimation.nonlinear.linearise import settled, unsettled
+from haptid.log import Log, is_long, open_log, read_log
+from haptid.motion.treatment import Motion, Treatment, treat
+from haptid.observation.batch import Kept, observe_all
+from haptid.observation.known_payload import log_without_load
+from haptid.observation.observation import Observation
+from haptid.study import LogEntry, Study
+from haptid.treatment_choice.propose import Proposal, propose
+from haptid.validation.cross_validation import alternate, each_log
+from haptid.validation.validation import Validation, direct, pooled, validate
 
 Progress = Callable[[str, float], None]
 
@@ -54,7 +55,7 @@ class Identification:
     """A study walked to its end.
 
     Attributes:
-        study, device: what was asked, of what.
+        study, model: what was asked, of what.
         proposal: how the logs were treated, and why so.
         estimate: from all logs with role "identify".
         runs: log by log.
@@ -62,7 +63,7 @@ class Identification:
     """
 
     study: Study
-    device: Device
+    model: DynamicModel
     proposal: Proposal
     estimate: Estimate
     runs: tuple[Run, ...]
@@ -102,7 +103,7 @@ def identify(
         HaptidError: one of the errors of the rooms it walks through.
     """
     tell = progress or _silent
-    as_filed = read_device(study.device)
+    as_filed = DynamicModel(read_device(study.device))
     logs = [_read(entry, Path(data or study.path.parent), tell) for entry in study.logs]
     tell("choosing a treatment", 0.0)
     proposal = propose(as_filed, *_fit_to_propose(logs, study), **study.treatment)
@@ -110,9 +111,9 @@ def identify(
     logs = [_unloaded(as_filed, log, proposal.treatment, entry) for log, entry in zip(logs, study.logs, strict=True)]
     motions = [_treat(log, proposal.treatment, tell) for log in logs]
     fitting = [motion for motion, entry in zip(motions, study.logs, strict=True) if entry.role == "identify"]
-    device, projection = settled(as_filed, fitting, study.method, study.intervals, tell)
+    model, projection = settled(as_filed, fitting, study.method, study.intervals, tell)
     intervals = projection.intervals if projection else study.intervals
-    observations = observe_all(device, motions, workers, kept, _pace(tell))
+    observations = observe_all(model, motions, workers, kept, _pace(tell))
     fitted = [o for o, entry in zip(observations, study.logs, strict=True) if entry.role == "identify"]
     tell("estimating", 0.0)
     final = estimate(reduce(add, fitted), study.method, intervals)
@@ -125,7 +126,7 @@ def identify(
             unseen = held_out(study, as_filed, observation, others)
             runs.append(Run(entry, observation, direct(final, observation), unseen))
     tell("estimating", 1.0)
-    return Identification(study, device, proposal, final, tuple(runs), projection)
+    return Identification(study, model, proposal, final, tuple(runs), projection)
 
 
 def _silent(_what: str, _share: float) -> None:
@@ -148,8 +149,8 @@ def _fit_to_propose(logs: Sequence[Log], study: Study) -> list[Log]:
     return bare or [log for log, _ in fitting]
 
 
-def _unloaded(device: Device, log: Log, treatment: Treatment, entry: LogEntry) -> Log:
-    return log if entry.load is None else log_without_load(device, log, treatment, entry.load)
+def _unloaded(model: DynamicModel, log: Log, treatment: Treatment, entry: LogEntry) -> Log:
+    return log if entry.load is None else log_without_load(model, log, treatment, entry.load)
 
 
 def _treat(log: Log, treatment: Treatment, tell: Progress) -> Motion:
@@ -173,20 +174,20 @@ def _pace(tell: Progress) -> Callable[[Motion, float], None]:
 
 
 def held_out(
-    study: Study, device: Device, observation: Observation, others: list[Observation]
+    study: Study, model: DynamicModel, observation: Observation, others: list[Observation]
 ) -> tuple[Validation, ...]:
     """Predictions of a log's rows by fits that have not seen them, as the study's holdout says.
 
     Args:
         study: with the method of these fits.
-        device: as its file has it; what is not settled there is settled anew by every fit.
+        model: as its file has it; what is not settled there is settled anew by every fit.
         observation: of the log.
         others: of the other logs with the role "identify", all of one device.
     """
-    if study.holdout and unsettled(device):
+    if study.holdout and unsettled(model):
         predict = {"each-log": each_log, "alternate": alternate}[study.holdout]
         rest = [motion for other in others for motion in other.motions]
-        return (predict(device, observation.motions[0], rest, study.method),)
+        return (predict(model, observation.motions[0], rest, study.method),)
     if study.holdout == "each-log":
         return (validate(estimate(reduce(add, others), study.method), observation),)
     if study.holdout == "alternate":

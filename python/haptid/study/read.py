@@ -8,15 +8,15 @@ from typing import Any
 import numpy as np
 
 from haptid._internal.toml_tables import read_checked
-from haptid.motion.causal import Causal, HighPass
 from haptid.device.priors import Body, tensor
 from haptid.errors import ControllerError, LogError, StudyFileError, StudyLogsError
-from haptid.observation.known_payload import Load
 from haptid.log import Channels, Signal
+from haptid.motion.causal import Causal, HighPass
 from haptid.motion.shapes import SHAPES
+from haptid.motion.treatment import Treatment
+from haptid.observation.known_payload import Load
 from haptid.simulation import PID
 from haptid.study.method import INTERVALS, method_of
-from haptid.study.study import LogEntry, Study
 from haptid.study.schema import (
     ChannelsTable,
     ControllerTable,
@@ -27,7 +27,7 @@ from haptid.study.schema import (
     StudyTable,
     TreatmentTable,
 )
-from haptid.motion.treatment import Treatment
+from haptid.study.study import LogEntry, Study
 
 
 def read_study(path: str | Path) -> Study:

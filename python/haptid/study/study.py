@@ -8,8 +8,8 @@ from pathlib import Path
 from typing import Any, Literal
 
 from haptid.estimation import Clustered, Intervals, Method
-from haptid.observation.known_payload import Load
 from haptid.log import Channels
+from haptid.observation.known_payload import Load
 from haptid.simulation import PID
 from haptid.study.schema import Role
 

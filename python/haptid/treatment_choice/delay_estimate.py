@@ -15,11 +15,11 @@ from operator import add
 import numpy as np
 
 from haptid._internal.arrays import Array
-from haptid.device import Device
+from haptid.dynamics.model import DynamicModel
 from haptid.estimation import WLS
 from haptid.log import Log
-from haptid.observation.observation import Observation, observe
 from haptid.motion.treatment import Motion, Treatment, treat, with_delay
+from haptid.observation.observation import Observation, observe
 
 # Times the parabola is laid anew around the last minimum, and the distance of its points then, samples.
 STEPS = (1.0, 0.5, 0.25)
@@ -42,11 +42,11 @@ class Delay:
     sd: float
 
 
-def find_delay(device: Device, logs: Sequence[Log], treatment: Treatment) -> Delay | None:
+def find_delay(model: DynamicModel, logs: Sequence[Log], treatment: Treatment) -> Delay | None:
     """The delay that leaves the least residual; None where the logs do not tell it.
 
     Args:
-        device: the mechanism.
+        model: the dynamic model.
         logs: recorded by one instrument, at one rate.
         treatment: how; its own `torque_delay` is left aside.
 
@@ -58,7 +58,7 @@ def find_delay(device: Device, logs: Sequence[Log], treatment: Treatment) -> Del
     trio: list[Observation] = []
     for step in STEPS:
         late = [(guess + k * step) * dt for k in (-1, 0, 1)]
-        trio = [_observed(device, motions, seconds) for seconds in late]
+        trio = [_observed(model, motions, seconds) for seconds in late]
         weights = WLS().weights(trio[1])
         lowest = _lowest(trio, weights)
         if lowest is None or abs(guess + step * lowest) > LONGEST:
@@ -73,8 +73,8 @@ def find_delay(device: Device, logs: Sequence[Log], treatment: Treatment) -> Del
     return Delay(float(guess * dt), float(spread * dt))
 
 
-def _observed(device: Device, motions: Sequence[Motion], delay: float) -> Observation:
-    return reduce(add, (observe(device, with_delay(motion, delay)) for motion in motions))
+def _observed(model: DynamicModel, motions: Sequence[Motion], delay: float) -> Observation:
+    return reduce(add, (observe(model, with_delay(motion, delay)) for motion in motions))
 
 
 def _lowest(trio: Sequence[Observation], weights: Array) -> float | None:

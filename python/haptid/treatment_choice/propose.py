@@ -15,13 +15,13 @@ import numpy as np
 from scipy import signal
 
 from haptid._internal.arrays import Array
-from haptid.treatment_choice.delay_estimate import find_delay
-from haptid.device import Device
+from haptid.dynamics.model import DynamicModel
 from haptid.errors import MotionTooShortError, NoRowsError, TooFewRowsError, TreatmentValueError, UnexcitedError
 from haptid.log import Log
-from haptid.observation.observation import Plan
 from haptid.motion.channels import check_log, state
 from haptid.motion.treatment import Treatment, treat
+from haptid.observation.observation import Plan
+from haptid.treatment_choice.delay_estimate import find_delay
 
 # Share of the velocity's power that counts as motion.
 MOTION = 0.98
@@ -66,11 +66,11 @@ class Proposal:
     reasons: tuple[str, ...]
 
 
-def propose(device: Device, *logs: Log, **asked: Any) -> Proposal:
+def propose(model: DynamicModel, *logs: Log, **asked: Any) -> Proposal:
     """A treatment for logs of one device and one instrument.
 
     Args:
-        device: the mechanism.
+        model: the dynamic model.
         logs: what was recorded; the two minutes of each that move most are looked at.
         asked: settings of `Treatment` that are to be as given.
 
@@ -87,12 +87,12 @@ def propose(device: Device, *logs: Log, **asked: Any) -> Proposal:
         raise TreatmentValueError("setting" if unknown else "logs", ", ".join(sorted(unknown)), wanted)
     Treatment(**asked)  # impossible settings are an error before any work
     for log in logs:
-        check_log(device, log)
+        check_log(model.device, log)
     logs = tuple(log.busiest(ENOUGH) for log in logs)
     filters, why = _filters(logs, asked)
-    slow, why_slow = _slow(device, logs, filters, asked)
-    kept, why_kept = _wide_enough(device, logs, slow, asked)
-    timed, why_timed = _timed(device, logs, kept, asked)
+    slow, why_slow = _slow(model, logs, filters, asked)
+    kept, why_kept = _wide_enough(model, logs, slow, asked)
+    timed, why_timed = _timed(model, logs, kept, asked)
     noise = () if kept.cutoff_hz is None else (_noise_sentence(logs, kept),)
     return Proposal(timed, (*why, *noise, *why_slow, *why_kept, *why_timed))
 
@@ -193,40 +193,40 @@ def _noise_sentence(logs: Sequence[Log], treatment: Treatment) -> str:
     return sentence + ("." if worst < NOISY else ": record faster motion, or read the positions finer.")
 
 
-def _slow(device: Device, logs: Sequence[Log], treatment: Treatment, asked: Mapping[str, Any]) -> Step:
+def _slow(model: DynamicModel, logs: Sequence[Log], treatment: Treatment, asked: Mapping[str, Any]) -> Step:
     """Below which speed a motor's dry friction is not to be trusted."""
-    rows = len(device.row_names)
-    if "low_speed" in asked or not any(device.coulomb_terms(row) for row in range(rows)):
+    rows = len(model.device.row_names)
+    if "low_speed" in asked or not any(model.coulomb_terms(row) for row in range(rows)):
         return treatment, ()
     speeds = np.full(rows, np.inf)
-    states = [_states(device, log, treatment) for log in logs]
+    states = [_states(model, log, treatment) for log in logs]
     samples = sum(cd.shape[1] for _, cd in states)
     for row in range(rows):
-        for term in device.coulomb_terms(row):
-            power = sum(float(np.sum(device.speed(term, c, cd) ** 2)) for c, cd in states) / samples
+        for term in model.coulomb_terms(row):
+            power = sum(float(np.sum(model.speed(term, c, cd) ** 2)) for c, cd in states) / samples
             speeds[row] = min(speeds[row], SLOW * float(np.sqrt(power)))
     low = tuple(float(f"{v:.2g}") if np.isfinite(v) else 0.0 for v in speeds)
     return replace(treatment, low_speed=low), ()
 
 
-def _states(device: Device, log: Log, treatment: Treatment) -> tuple[Array, Array]:
+def _states(model: DynamicModel, log: Log, treatment: Treatment) -> tuple[Array, Array]:
     """The coordinates' positions and velocities, each (coordinates, samples)."""
     motion = treat(log, treatment)
-    return state(device, motion, *motion.usable)
+    return state(model.device, motion, *motion.usable)
 
 
-def _wide_enough(device: Device, logs: Sequence[Log], treatment: Treatment, asked: Mapping[str, Any]) -> Step:
+def _wide_enough(model: DynamicModel, logs: Sequence[Log], treatment: Treatment, asked: Mapping[str, Any]) -> Step:
     """A filter short enough for each motor to keep a share of its rows between reversals."""
     if not np.any(treatment.low_speed):
         return treatment, ()
     narrow, dt = treatment, max(float(log.dt) for log in logs)
-    before = shares = _shares(device, logs, treatment)
+    before = shares = _shares(model, logs, treatment)
     for _ in range(0 if "parallel_cutoff_hz" in asked else WIDENINGS):
         wider = WIDER * (treatment.parallel_cutoff_hz or 0.0)
         if min(shares) >= KEPT or wider > _ceiling(dt, asked):
             break
         treatment = _with_parallel(wider, dt, {**asked, "low_speed": treatment.low_speed})
-        shares = _shares(device, logs, treatment)
+        shares = _shares(model, logs, treatment)
     reasons = []
     if min(shares) < KEPT:  # it did not help, and costs noise
         treatment, shares = narrow, before
@@ -248,21 +248,21 @@ def _wide_enough(device: Device, logs: Sequence[Log], treatment: Treatment, aske
     return treatment, tuple(reasons)
 
 
-def _shares(device: Device, logs: Sequence[Log], treatment: Treatment) -> list[float]:
+def _shares(model: DynamicModel, logs: Sequence[Log], treatment: Treatment) -> list[float]:
     """Of each motor whose torque is known, the share of rows that are kept."""
-    kept, many = np.zeros(len(device.row_names)), 0
+    kept, many = np.zeros(len(model.device.row_names)), 0
     for log in logs:
         try:
-            plan = Plan.of(device, treat(log, treatment))
+            plan = Plan.of(model, treat(log, treatment))
         except MotionTooShortError:  # not one row: a wider filter may find some
             continue
         for start, stop in plan.segments():
             kept += plan.weights(start, stop).sum(axis=1)
         many += plan.rows
-    return [float(share) for share in kept[list(device.measured)] / max(many, 1)]
+    return [float(share) for share in kept[list(model.device.measured)] / max(many, 1)]
 
 
-def _timed(device: Device, logs: Sequence[Log], treatment: Treatment, asked: Mapping[str, Any]) -> Step:
+def _timed(model: DynamicModel, logs: Sequence[Log], treatment: Treatment, asked: Mapping[str, Any]) -> Step:
     """With the torque's delay."""
     if "torque_delay" in asked:
         return treatment, ()
@@ -276,7 +276,7 @@ def _timed(device: Device, logs: Sequence[Log], treatment: Treatment, asked: Map
         cutoff = ABOVE_PARALLEL * min(treatment.parallel_cutoff_hz or np.inf, _ceiling(dt, {}))
         plain = replace(treatment, velocity=None, cutoff_hz=cutoff)
     try:
-        delay = find_delay(device, logs, plain)
+        delay = find_delay(model, logs, plain)
     except (NoRowsError, TooFewRowsError, UnexcitedError, MotionTooShortError):
         delay = None
     if delay is None or delay.sd > KNOWN * dt:

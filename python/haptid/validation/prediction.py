@@ -8,12 +8,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from haptid._internal.arrays import Array, freeze, read_only
-from haptid.device import Device
 from haptid.dynamics.inverse import core_momentum, core_torque, raw_parameters
+from haptid.dynamics.model import DynamicModel
 from haptid.estimation import Estimate
-from haptid.observation.observation import Plan, Signals
 from haptid.motion.channels import coordinate_torque
 from haptid.motion.treatment import Motion
+from haptid.observation.observation import Plan, Signals
 
 
 @dataclass(frozen=True, eq=False)
@@ -56,40 +56,40 @@ def predict(estimate: Estimate, motion: Motion) -> Prediction:
 
 def predictions(estimate: Estimate, motion: Motion) -> Iterator[Prediction]:
     """The same, stretch after stretch: for motions whose rows would not fit in memory together."""
-    device = estimate.device
-    plan = Plan.of(device, motion)
-    chi = raw_parameters(device, estimate.beta)
+    model = estimate.model
+    plan = Plan.of(model, motion)
+    chi = raw_parameters(model, estimate.beta)
     d = motion.treatment.decimation
-    rows = [k for k, known in enumerate(device.measured) if known]
-    names, units = (tuple(every[k] for k in rows) for every in (device.row_labels, device.torque_units))
+    rows = [k for k, known in enumerate(model.device.measured) if known]
+    names, units = (tuple(every[k] for k in rows) for every in (model.device.row_labels, model.device.torque_units))
     for start, stop in plan.segments():
         low, high = plan.window(start, stop)
-        measured = coordinate_torque(device, motion, low, high)
+        measured = coordinate_torque(model.device, motion, low, high)
         yield Prediction(
             motors=names,
             units=units,
             t=np.asarray(motion.t0 + motion.dt * (plan.first + d * np.arange(start, stop)), dtype=np.float64),
             measured=decimate(measured, plan.filter.taps, d)[rows],
-            predicted=treated_torque(plan, device, chi, plan.signals(low, high))[rows],
+            predicted=treated_torque(plan, model, chi, plan.signals(low, high))[rows],
             used=plan.weights(start, stop)[rows] > 0,
         )
 
 
-def treated_torque(plan: Plan, device: Device, chi: Array, signals: Signals) -> Array:
+def treated_torque(plan: Plan, model: DynamicModel, chi: Array, signals: Signals) -> Array:
     """Torque of the core's columns under some rows, filtered and decimated as these are, (coordinates, rows), N m or N.
 
     Args:
         plan: which rows.
-        device: the plan's, or one that differs in its terms' settings.
+        model: the plan's, or one that differs in its terms' settings.
         chi: parameters of the core's columns, (r,), SI.
         signals: what `plan.signals` gives of the samples under the rows.
     """
     c, cd, cdd, own = signals
     shared, d = plan.filter, plan.motion.treatment.decimation
     if cdd is not None:
-        return decimate(core_torque(device, chi, c, cd, cdd, own), shared.taps, d)
+        return decimate(core_torque(model, chi, c, cd, cdd, own), shared.taps, d)
     assert shared.slope is not None  # without accelerations the filter differentiates
-    momentum, rest = core_momentum(device, chi, c, cd, own)
+    momentum, rest = core_momentum(model, chi, c, cd, own)
     return decimate(rest, shared.taps, d) + decimate(momentum, shared.slope, d)
 
 

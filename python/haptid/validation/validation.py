@@ -8,8 +8,8 @@ import numpy as np
 
 from haptid.errors import DifferentModelError, SeenRowsError
 from haptid.estimation import Estimate
-from haptid.observation.observation import Observation, observe
 from haptid.motion.treatment import Motion
+from haptid.observation.observation import Observation, observe
 
 
 @dataclass(frozen=True)
@@ -83,7 +83,7 @@ def validate(estimate: Estimate, unseen: Motion | Observation) -> Validation:
         DifferentModelError: the observation is of another device.
     """
     if isinstance(unseen, Motion):
-        unseen = observe(estimate.device, unseen)
+        unseen = observe(estimate.model, unseen)
     shared = unseen.shares_rows_with(estimate.observation)
     if shared is not None:
         raise SeenRowsError(shared.log, shared.start, shared.stop)
@@ -97,8 +97,8 @@ def direct(estimate: Estimate, observation: Observation | None = None) -> Valida
 
 def compare(estimate: Estimate, observation: Observation, seen: bool) -> Validation:
     """Errors by motor, from the triangles alone."""
-    if observation.device is not estimate.device:
-        raise DifferentModelError(estimate.device.name, observation.device.name)
+    if not observation.model.is_same_as(estimate.model):
+        raise DifferentModelError(estimate.model.device.name, observation.model.device.name)
     errors = tuple(
         MotorError(
             motor.name, motor.label, motor.unit, motor.residual(estimate.beta), motor.norm, int(motor.rows.sum())

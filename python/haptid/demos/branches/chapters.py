@@ -33,7 +33,7 @@ def _head(found: Results) -> Iterator[str]:
     yield f"Source: {demo.source}."
     yield ""
     yield (
-        f"{found.device.name}, on the virtual bench with encoders and noise. Of each branch there are three logs: a "
+        f"{found.model.device.name}, on the virtual bench with encoders and noise. Of each branch there are three logs: a "
         f"friction test, the motion that identifies, and another that it is compared on. The experiments are beside "
         f"the logs; each can be run by itself with `haptid bench`. What is true there are the published identified "
         f"values, and zero where the paper reports none. What is published was measured on a real device, whose true "
@@ -202,7 +202,7 @@ def _compensated(found: Results) -> Iterator[str]:
     )
     yield ""
     cells = [["angle", "model", "felt, weight carried", "felt, with the law", "promised", "felt, towards one mass"]]
-    felt = (made.model, made.before, made.after, made.promised, made.even)
+    felt = (made.estimated, made.before, made.after, made.promised, made.even)
     for angle, *masses in zip(made.degrees, *felt, strict=True):
         cells.append([f"{angle:g}", *(f"{mass:.3f}" for mass in masses)])
     yield from (*markdown(cells), "")

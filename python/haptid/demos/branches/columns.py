@@ -7,9 +7,9 @@ from collections.abc import Iterator
 import numpy as np
 
 from haptid._internal.arrays import Array
-from haptid.end_effector.characterisation import Figure
 from haptid.demos.branches.finding import Handle, Results
 from haptid.demos.branches.fits import Identified, coulomb_of
+from haptid.end_effector.characterisation import Figure
 from haptid.inference.targets import aligned
 
 PARAMETERS = ["", "unit", "CAD", "published", "±, %", "found", "±, %", "95 % interval", "true"]
@@ -35,7 +35,7 @@ def friction(found: Results) -> list[list[str]]:
     for key, test in found.friction.items():
         one = found.found[key]
         for joint in test.choice.joints:
-            name = coulomb_of(found.device, joint.label)
+            name = coulomb_of(found.model, joint.label)
             value, (low, high) = test.coulomb(joint.label)
             published = one.table.figures[name, "cad"]
             row = [f"{published:g}", f"{value:.4f}", f"{low:.4f} .. {high:.4f}", f"{one.true(name):.4f}"]
@@ -93,7 +93,7 @@ def at_posture(found: Results, handle: Handle) -> Iterator[tuple[tuple[str, str]
             yield (f"back-drive force along {way}{axis}", "N"), told(c.backdrive_force(sign * d))
     for speed in plan.speeds:
         yield (f"force neglected at {speed:g} m/s", "N"), told(c.neglected_force(speed))
-    stiffness = [plan.stiffness[drive.name] for drive in found.device.motors]
+    stiffness = [plan.stiffness[drive.name] for drive in found.model.device.motors]
     values, _ = c.stiffness(stiffness)
     for k in range(3):
         yield (f"stiffness {k + 1}", "N/m"), f"{values[0, k]:.0f}"

@@ -8,17 +8,17 @@ from pathlib import Path
 import numpy as np
 
 from haptid._internal.arrays import Array, freeze
+from haptid.demos.branches.plan import Compensating, Sweep
+from haptid.dynamics.inverse import mass_matrix
+from haptid.dynamics.kinematics import handle_motion
+from haptid.end_effector.characterisation import felt_mass
+from haptid.end_effector.characterisation.velocity_forces import drift
+from haptid.end_effector.compensation import Compensation, stable_share
+from haptid.estimation import Estimate
 from haptid.experiment.bench.experiment import read_experiment
 from haptid.experiment.bench.setup import Controller, Push, Setup
 from haptid.experiment.bench.simulation import simulate
 from haptid.experiment.bench.trajectories import Trajectory
-from haptid.end_effector.characterisation import felt_mass
-from haptid.end_effector.characterisation.velocity_forces import drift
-from haptid.end_effector.compensation import Compensation, stable_share
-from haptid.demos.branches.plan import Compensating, Sweep
-from haptid.dynamics.inverse import mass_matrix
-from haptid.estimation import Estimate
-from haptid.dynamics.kinematics import handle_motion
 
 # Motors do nothing but what the law asks for; the device is free to go where the hand moves it.
 OFF = Controller((0.0,), (0.0,), tracking_limit=1.0)
@@ -43,7 +43,7 @@ class Compensated:
     """
 
     degrees: Array
-    model: Array
+    estimated: Array
     before: Array
     after: Array
     promised: Array
@@ -53,14 +53,16 @@ class Compensated:
     lag: float
 
 
-def compensated(settings: Compensating, sweep: Sweep, model: Estimate, folder: Path, experiment: str) -> Compensated:
+def compensated(
+    settings: Compensating, sweep: Sweep, estimated: Estimate, folder: Path, experiment: str
+) -> Compensated:
     """Shake the handle at every pose, without the law, with it, and with a share that depends on the pose."""
-    device, made = model.device, smooth(read_experiment(folder / experiment).setup(model.device))
-    qa = replace_poses(sweep, settings.degrees).along(device)
-    felt = felt_mass(model, qa)
+    model, made = estimated.model, smooth(read_experiment(folder / experiment).setup(estimated.model))
+    qa = replace_poses(sweep, settings.degrees).along(model)
+    felt = felt_mass(estimated, qa)
     target = (1 - settings.share) * float(felt.mass.value.max())
-    laws = [Compensation(model, share) for share in (0.0, settings.share)]
-    laws.append(Compensation(model, settings.share, towards=target))
+    laws = [Compensation(estimated, share) for share in (0.0, settings.share)]
+    laws.append(Compensation(estimated, settings.share, towards=target))
     shaken_masses = np.array(
         [
             [shaken(settings, made, pose, direction, law) for law in laws]
@@ -71,13 +73,13 @@ def compensated(settings: Compensating, sweep: Sweep, model: Estimate, folder: P
     lag = laws[1].lag(made.dt)
     return Compensated(
         degrees=np.array(settings.degrees),
-        model=felt.mass.value[:, 0],
+        estimated=felt.mass.value[:, 0],
         before=freeze(shaken_masses[:, 0].copy()),
         after=freeze(shaken_masses[:, 1].copy()),
         promised=freeze(left * felt.mass.value[:, 0]),
         target=target,
         even=freeze(shaken_masses[:, 2].copy()),
-        bound=min(bound(settings, model, pose, lag) for pose in qa.T),
+        bound=min(bound(settings, estimated, pose, lag) for pose in qa.T),
         lag=lag,
     )
 
@@ -89,9 +91,9 @@ def replace_poses(sweep: Sweep, degrees: tuple[float, ...]) -> Sweep:
 
 def smooth(setup: Setup) -> Setup:
     """The same without friction, and with motors that do nothing but what a law asks for."""
-    device = setup.device
-    rubbing = {term.name for term in device.terms if term.resists}
-    chi = np.where([name in rubbing for name in device.parameters.names], 0.0, setup.chi)
+    model = setup.model
+    rubbing = {term.name for term in model.terms if term.resists}
+    chi = np.where([name in rubbing for name in model.device.parameters.names], 0.0, setup.chi)
     return replace(setup, chi=chi, controller=replace(OFF, rate_hz=setup.controller.rate_hz))
 
 
@@ -100,23 +102,23 @@ def shaken(settings: Compensating, made: Setup, pose: Array, direction: Array, l
 
     The hand's force is a cosine: it moves the handle to and fro about where it is.
     """
-    device = made.device
+    model = made.model
     x, y, z = settings.newtons * direction
     push = Push((x, y, z), settings.shaken_hz, start=-0.25 / settings.shaken_hz)
     setup = replace(made, hand=(push,), law=law)
     q = np.tile(pose, (round(settings.seconds / setup.dt), 1))
     found = simulate(setup, Trajectory(setup.dt, q, 0 * q, 0 * q), np.random.default_rng(0))
     late = round(settings.settled / setup.dt)
-    qa, qda, qdda = (x[late:, list(device.active)].T for x in (found.q, found.qd, found.qdd))
-    J = handle_motion(device, qa).jacobian[:, LINEAR]
+    qa, qda, qdda = (x[late:, list(model.device.active)].T for x in (found.q, found.qd, found.qdd))
+    J = handle_motion(model, qa).jacobian[:, LINEAR]
     speed = np.einsum("pij,jp->pi", J, qda) @ direction
-    acceleration = (np.einsum("pij,jp->pi", J, qdda) + drift(device, qa, qda)[:, LINEAR]) @ direction
+    acceleration = (np.einsum("pij,jp->pi", J, qdda) + drift(model, qa, qda)[:, LINEAR]) @ direction
     columns = np.column_stack([acceleration, speed, np.ones_like(speed)])
     return float(np.linalg.lstsq(columns, found.hand[late:] @ direction, rcond=None)[0][0])
 
 
-def bound(settings: Compensating, model: Estimate, pose: Array, lag: float) -> float:
+def bound(settings: Compensating, estimated: Estimate, pose: Array, lag: float) -> float:
     """Share below which the loop is stable while a hand holds the handle."""
-    J = handle_motion(model.device, pose[:, None]).jacobian[0, LINEAR]
-    inertia = mass_matrix(model.device, model.beta, pose[:, None])[0]
+    J = handle_motion(estimated.model, pose[:, None]).jacobian[0, LINEAR]
+    inertia = mass_matrix(estimated.model, estimated.beta, pose[:, None])[0]
     return stable_share(inertia, settings.hand_damping * J.T @ J, settings.hand_stiffness * J.T @ J, lag)

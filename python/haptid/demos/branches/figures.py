@@ -69,7 +69,7 @@ def draw_torque(found: Results, drawn: Drawn, path: Path) -> None:
     """Measured and predicted torque of one motor, and the error below."""
     one = found.found[drawn.branch]
     made = predict(one.reduced, one.unseen if drawn.unseen else one.fit)
-    row, shown = one.device.row_names.index(drawn.motor), made.t < made.t[0] + drawn.seconds
+    row, shown = one.model.device.row_names.index(drawn.motor), made.t < made.t[0] + drawn.seconds
     t, measured, predicted = made.t[shown], made.measured[row, shown], made.predicted[row, shown]
     figure = picture(drawn.title, (10, 5.2))
     upper, lower = figure.subplots(2, 1, sharex=True, height_ratios=(2.5, 1))

@@ -6,13 +6,14 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
-from haptid.end_effector.characterisation import Characterisation, FeltMass, characterise, felt_mass
 from haptid.demos.branches.compensated import Compensated, compensated
 from haptid.demos.branches.fits import FrictionTest, Identified, friction_test, identified
 from haptid.demos.branches.plan import Branch, Branches
 from haptid.demos.kind import Tell
 from haptid.demos.recordings import Recorded, Take, read_recorded
-from haptid.device import Device, read_device
+from haptid.device import read_device
+from haptid.dynamics.model import DynamicModel
+from haptid.end_effector.characterisation import Characterisation, FeltMass, characterise, felt_mass
 
 
 @dataclass(frozen=True, eq=False)
@@ -35,13 +36,13 @@ class Results:
 
     Attributes:
         demo: what was asked.
-        device: as in its file.
+        model: as in its file.
         friction, found, handles: by branch.
         compensated: on the bench.
     """
 
     demo: Branches
-    device: Device
+    model: DynamicModel
     friction: Mapping[str, FrictionTest]
     found: Mapping[str, Identified]
     handles: Mapping[str, Handle]
@@ -64,10 +65,10 @@ def log_of(logs: Path, experiment: str) -> Path:
 
 def find(demo: Branches, logs: Path, tell: Tell) -> Results:
     """Everything from the logs; compensation is tried on the bench here, as it needs a model."""
-    device = read_device(demo.device)
+    model = DynamicModel(read_device(demo.device))
 
     def recorded(name: str) -> Recorded:
-        return read_recorded(device, demo.folder / name, log_of(logs, name))
+        return read_recorded(model, demo.folder / name, log_of(logs, name))
 
     friction, found, handles = dict[str, FrictionTest](), dict[str, Identified](), dict[str, Handle]()
     for k, branch in enumerate(demo.branches):
@@ -87,7 +88,7 @@ def find(demo: Branches, logs: Path, tell: Tell) -> Results:
         demo.branch(asked.branch).experiment,
     )
     tell("compensating", 1.0)
-    return Results(demo, device, friction, found, handles, compensation)
+    return Results(demo, model, friction, found, handles, compensation)
 
 
 def _identified(demo: Branches, branch: Branch, recorded: Recorded, unseen: Recorded) -> Identified:
@@ -96,9 +97,9 @@ def _identified(demo: Branches, branch: Branch, recorded: Recorded, unseen: Reco
 
 def handle(demo: Branches, found: Identified) -> Handle:
     """What the hand feels along the sweeps and at the posture."""
-    device, at = found.device, demo.posture.at(found.device)
+    model, at = found.model, demo.posture.at(found.model)
     return Handle(
-        sweeps={sweep.key: felt_mass(found.reduced, sweep.along(device)) for sweep in demo.sweeps},
+        sweeps={sweep.key: felt_mass(found.reduced, sweep.along(model)) for sweep in demo.sweeps},
         essential=characterise(found.reduced, at),
         full=characterise(found.full, at),
     )

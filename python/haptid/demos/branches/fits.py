@@ -11,14 +11,14 @@ from haptid._internal.arrays import Array
 from haptid.demos.branches.plan import Branch, Stretch
 from haptid.demos.recordings import Recorded
 from haptid.demos.tables import Table
-from haptid.device import Device
+from haptid.dynamics.model import DynamicModel
 from haptid.estimation import WLS, Estimate, estimate
-from haptid.inference.elimination import Reduction, essential, essential_by_motor
-from haptid.experiment.friction_test.curve import FrictionCurve, friction_curve
 from haptid.experiment.friction_test.choice import FrictionChoice, choose_friction
+from haptid.experiment.friction_test.curve import FrictionCurve, friction_curve
+from haptid.inference.elimination import Reduction, essential, essential_by_motor
+from haptid.motion.treatment import Motion, Treatment
 from haptid.observation.observation import Observation, observe
 from haptid.treatment_choice.propose import Proposal, propose
-from haptid.motion.treatment import Motion, Treatment
 from haptid.validation.validation import Validation
 
 
@@ -45,9 +45,9 @@ class Identified:
     reduction: Reduction
 
     @property
-    def device(self) -> Device:
+    def model(self) -> DynamicModel:
         """As in its file."""
-        return self.full.device
+        return self.full.model
 
     @property
     def full(self) -> Estimate:
@@ -94,7 +94,7 @@ class Identified:
 
     def true(self, name: str) -> float:
         """True value of a base parameter, SI."""
-        return float(self.beta[self.device.base.names.index(name)])
+        return float(self.beta[self.model.base.names.index(name)])
 
     def inside(self, name: str) -> bool:
         """Whether the essential estimate's interval of a parameter holds the truth."""
@@ -104,14 +104,14 @@ class Identified:
 
 def identified(branch: Branch, table: Table, stretch: Stretch, recorded: Recorded, unseen: Recorded) -> Identified:
     """All base parameters from one log, and the essential ones, compared on another."""
-    device = recorded.device
-    proposal = propose(device, recorded.log(stretch.identify), decimation=stretch.decimation)
+    model = recorded.model
+    proposal = propose(model, recorded.log(stretch.identify), decimation=stretch.decimation)
     fit, other = (
         recorded.motion(stretch.identify, proposal.treatment),
         unseen.motion(stretch.unseen, proposal.treatment),
     )
-    full = estimate(observe(device, fit), WLS())
-    every = observe(device, replace(fit, treatment=replace(fit.treatment, low_speed=0.0)))
+    full = estimate(observe(model, fit), WLS())
+    every = observe(model, replace(fit, treatment=replace(fit.treatment, low_speed=0.0)))
     reduction = essential(full, unseen=other)
     return Identified(branch, table, recorded.beta, proposal, fit, other, every, reduction)
 
@@ -138,13 +138,13 @@ def friction_test(stretch: Stretch, recorded: Recorded) -> FrictionTest:
     """Friction of each motor from a log in which the joints move in turn."""
     ends = stretch.friction_edge, float(recorded.t[-1]) - stretch.friction_edge
     treatment = Treatment(cutoff_hz=stretch.friction_cutoff_hz, torque_delay=recorded.dt / 2)
-    curve = friction_curve(recorded.device, recorded.motion(ends, treatment))
+    curve = friction_curve(recorded.model, recorded.motion(ends, treatment))
     return FrictionTest(curve, choose_friction(curve))
 
 
-def coulomb_of(device: Device, label: str) -> str:
+def coulomb_of(model: DynamicModel, label: str) -> str:
     """Name of the base parameter that is a motor's own Coulomb friction."""
-    motor = device.row_names[device.row_labels.index(label)]
-    (term,) = [name for name in device.parameters.names if name == f"FC{motor}"]
-    column = device.base.regrouping[:, device.parameters.index[term]]
-    return device.base.names[int(np.argmax(np.abs(column)))]
+    motor = model.device.row_names[model.device.row_labels.index(label)]
+    (term,) = [name for name in model.device.parameters.names if name == f"FC{motor}"]
+    column = model.base.regrouping[:, model.device.parameters.index[term]]
+    return model.base.names[int(np.argmax(np.abs(column)))]

@@ -9,10 +9,10 @@ import numpy as np
 from pydantic import Field
 
 from haptid._internal.arrays import Array
-from haptid.end_effector.characterisation import sweep
 from haptid.demos.plan import Demo, Part
 from haptid.demos.tables import Table, read_table
-from haptid.device import Device
+from haptid.dynamics.model import DynamicModel
+from haptid.end_effector.characterisation import sweep
 
 Pair = tuple[float, float]
 
@@ -67,9 +67,9 @@ class Sweep(Part):
         """Angles of the axis, (poses,), degrees."""
         return np.linspace(*self.degrees, self.poses)
 
-    def along(self, device: Device) -> Array:
+    def along(self, model: DynamicModel) -> Array:
         """Poses, (active, poses), rad."""
-        names = [device.joint_names[j] for j in device.active]
+        names = [model.device.joint_names[j] for j in model.device.active]
         start = [np.radians(self.pose.get(name, 0.0)) for name in names]
         return sweep(start, names.index(self.joint), np.radians(self.plotted + self.turned))
 
@@ -90,9 +90,9 @@ class Posture(Part):
     stiffness: dict[str, float] = Field(description="of the motors' joints, assumed, N m/rad")
     limits: dict[str, float] = Field(description="torque of the motors, assumed, N m")
 
-    def at(self, device: Device) -> Array:
+    def at(self, model: DynamicModel) -> Array:
         """(active, 1), rad."""
-        names = [device.joint_names[j] for j in device.active]
+        names = [model.device.joint_names[j] for j in model.device.active]
         return np.radians([[self.degrees[name]] for name in names])
 
 

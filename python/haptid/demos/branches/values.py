@@ -20,7 +20,7 @@ def values(found: Results) -> dict[str, Any]:
         "branches": {key: _branch(found, key) for key in found.found},
         "compensation": {
             "degrees": made.degrees.tolist(),
-            "mass": made.model.tolist(),
+            "mass": made.estimated.tolist(),
             "mass_before": made.before.tolist(),
             "mass_after": made.after.tolist(),
             "mass_promised": made.promised.tolist(),
@@ -36,7 +36,7 @@ def _branch(found: Results, key: str) -> dict[str, Any]:
     one, handle = found.found[key], found.handles[key]
     return {
         "friction_test": {
-            joint.label: {"model": joint.chosen.model, "enough": joint.enough, "values": joint.chosen.values}
+            joint.label: {"model": joint.chosen.friction_model, "enough": joint.enough, "values": joint.chosen.values}
             for joint in found.friction[key].choice.joints
         },
         "reasons": one.proposal.reasons,

@@ -32,7 +32,7 @@ def _head(found: Results) -> Iterator[str]:
     yield f"Source: {demo.source}."
     yield ""
     yield (
-        f"{found.device.name} on the virtual bench, {len(found.fits)} mountings, one log of each with encoders and one "
+        f"{found.model.device.name} on the virtual bench, {len(found.fits)} mountings, one log of each with encoders and one "
         f"with exact sensors. {stretch.start:g} s to {stretch.middle:g} s identify, {stretch.middle:g} s to "
         f"{stretch.stop:g} s validate. The experiments are beside the logs; each can be run by itself with "
         f"`haptid bench`. What is published was measured on a real device, whose true parameters nobody "
@@ -40,7 +40,7 @@ def _head(found: Results) -> Iterator[str]:
         f"devices."
     )
     yield ""
-    gains = ", ".join(f"{scale:g}" for scale in dict.fromkeys(per_command(found.device).round(6).tolist()))
+    gains = ", ".join(f"{scale:g}" for scale in dict.fromkeys(per_command(found.model).round(6).tolist()))
     yield f"One N m at the joint is {gains} units of command. Tables are in units of command, as published."
     yield ""
 
@@ -172,7 +172,7 @@ def _models(found: Results) -> Iterator[str]:
     yield from (f"- {place.name}: {place.title}" for place in demo.workspaces)
     yield ""
     cells = [["parameters", *(place.name for place in demo.workspaces), "real bodies can have them"]]
-    scale = float(per_command(found.device).max())
+    scale = float(per_command(found.model).max())
     for name, judged in found.published.items():
         title = demo.bodies if name == demo.parameters.columns[0] else f"published, {demo.mounting(name).title}"
         cells.append([title, *_judged(judged, scale)])
@@ -213,7 +213,7 @@ def _torques(found: Results) -> Iterator[str]:
     cells = [["mounting", "motor", "inertia", "Coriolis and centrifugal", "gravity", "friction"]]
     for key, fits in found.fits.items():
         made = dissect(fits["exact"].estimate, fits["exact"].unseen)
-        whole = np.sqrt((made.model**2).mean(axis=1))
+        whole = np.sqrt((made.total**2).mean(axis=1))
         parts = [*(made[part] for part in RIGID), made.friction]
         for k, motor in enumerate(made.motors):
             shares = [f"{100 * np.sqrt((part[k] ** 2).mean()) / whole[k]:.0f}" for part in parts]

@@ -15,11 +15,11 @@ from haptid.demos.kind import Tell
 from haptid.demos.mountings.finding import Results
 from haptid.demos.mountings.fits import Fit, Fits
 from haptid.demos.mountings.hand import Felt
-from haptid.device import Device
+from haptid.dynamics.model import DynamicModel
 from haptid.end_effector.torque_decomposition import dissect
-from haptid.validation.prediction import predict
-from haptid.observation.chunks import stretches
 from haptid.motion.treatment import Motion
+from haptid.observation.chunks import stretches
+from haptid.validation.prediction import predict
 
 # Seconds that are drawn, from the beginning of the half that validates.
 TORQUES, PARTS = 9.0, 10.0
@@ -46,9 +46,9 @@ def draw_all(found: Results, folder: Path, tell: Tell) -> None:
     tell("drawing", 1.0)
 
 
-def per_command(device: Device) -> Array:
+def per_command(model: DynamicModel) -> Array:
     """Command per torque of each motor, (motors,)."""
-    return np.array([1.0 / (drive.gear * drive.gain) for drive in device.motors])
+    return np.array([1.0 / (drive.gear * drive.gain) for drive in model.device.motors])
 
 
 def beginning(motion: Motion, seconds: float) -> Motion:
@@ -62,37 +62,37 @@ def beginning(motion: Motion, seconds: float) -> Motion:
 def torques(fit: Fit, seconds: float, beta: Array | None = None) -> tuple[Array, Array, Array]:
     """Times (rows,), measured and predicted command (motors, rows) of the first seconds of the unseen half."""
     model = fit.estimate if beta is None else replace(fit.estimate, beta=beta)
-    made, scale = predict(model, beginning(fit.unseen, seconds)), per_command(fit.estimate.device)[:, None]
+    made, scale = predict(model, beginning(fit.unseen, seconds)), per_command(fit.estimate.model)[:, None]
     return made.t, scale * made.measured, scale * made.predicted
 
 
 def draw_constants(fits: Fits, path: Path) -> None:
     """Measured torque, and predicted without friction: by a fit and by the constants of measured bodies."""
     fit = fits["frictionless"]
-    device = fit.estimate.device
+    model = fit.estimate.model
     t, measured, predicted = torques(fit, TORQUES)
-    constants = torques(fit, TORQUES, device.base.of(np.nan_to_num(device.chi_prior)))[2]
+    constants = torques(fit, TORQUES, model.base.of(np.nan_to_num(model.device.chi_prior)))[2]
     curves = [
         Curve("measured", measured, BLACK, 2.0),
         Curve("fit of 8 parameters", predicted, BLUE),
         Curve("constants of [1]", constants, ORANGE, style="--"),
     ]
-    panels("Fig. 3: filtered torque without a friction model", t, curves, _labels(device), path)
+    panels("Fig. 3: filtered torque without a friction model", t, curves, _labels(model), path)
 
 
 def draw_friction_fit(fits: Fits, path: Path) -> None:
     """The same with friction: the fit follows."""
     t, measured, predicted = torques(fits["exact"], TORQUES)
     curves = [Curve("measured", measured, BLACK, 2.0), Curve("fit of 14 parameters", predicted, BLUE)]
-    panels("Fig. 5: filtered torque with friction in the model", t, curves, _labels(fits.device), path)
+    panels("Fig. 5: filtered torque with friction in the model", t, curves, _labels(fits.model), path)
 
 
 def draw_clusters(fits: Fits, path: Path) -> None:
     """The error of the fit without friction against velocity: two clusters, by the sign of the velocity."""
     fit = fits["frictionless"]
-    device, scale = fit.estimate.device, per_command(fit.estimate.device)[:, None]
+    model, scale = fit.estimate.model, per_command(fit.estimate.model)[:, None]
     made = predict(fit.estimate, fit.unseen)
-    speed = np.concatenate([s.filtered(s.cd) for s in stretches(device, fit.unseen)], axis=1)
+    speed = np.concatenate([s.filtered(s.cd) for s in stretches(model, fit.unseen)], axis=1)
     error = scale * (made.measured - made.predicted)
     figure = picture("Fig. 4: what 8 parameters do not predict, against velocity", (10, 3.6))
     for k, panel in enumerate(figure.subplots(1, len(error))):
@@ -100,7 +100,7 @@ def draw_clusters(fits: Fits, path: Path) -> None:
         panel.axhline(0, color=BLACK, linewidth=0.6)
         panel.axvline(0, color=BLACK, linewidth=0.6)
         panel.set_xlabel(f"velocity of joint {k + 1}, rad/s")
-        panel.set_title(device.row_labels[k], fontsize="medium")
+        panel.set_title(model.device.row_labels[k], fontsize="medium")
         panel.grid(alpha=0.3)
         if k == 0:
             panel.set_ylabel("measured less predicted,\nN m of command")
@@ -116,7 +116,7 @@ def draw_friction(fits: Fits, path: Path) -> None:
         Curve("Coulomb", parts["Coulomb"], BLUE),
         Curve("viscous", parts["viscous"], ORANGE),
     ]
-    panels("Fig. 6: friction", t, curves, _labels(fits.device), path)
+    panels("Fig. 6: friction", t, curves, _labels(fits.model), path)
 
 
 def draw_parts(fits: Fits, number: int, path: Path) -> None:
@@ -131,7 +131,7 @@ def draw_parts(fits: Fits, number: int, path: Path) -> None:
     }
     curves = [Curve(name, parts[part], colour, width) for part, (name, colour, width) in names.items()]
     title = f"Fig. {number}: what the torque is made of, mounting {fits.mounting.title}"
-    panels(title, t, curves, _labels(fits.device), path)
+    panels(title, t, curves, _labels(fits.model), path)
 
 
 def draw_hand(found: Results, number: int, path: Path) -> None:
@@ -164,10 +164,10 @@ def _along(felt: Felt, axis: int, styles: Mapping[str, tuple[str, float]]) -> li
 
 def _parts(fit: Fit, seconds: float) -> tuple[Array, dict[str, Array]]:
     """Times, and the parts of the command by name, measured and friction among them, each (motors, rows)."""
-    made, scale = dissect(fit.estimate, beginning(fit.unseen, seconds)), per_command(fit.estimate.device)[:, None]
+    made, scale = dissect(fit.estimate, beginning(fit.unseen, seconds)), per_command(fit.estimate.model)[:, None]
     parts = {part: scale * made[part] for part in made.parts}
     return made.t, parts | {"friction": scale * made.friction, "measured": scale * made.measured}
 
 
-def _labels(device: Device) -> list[str]:
-    return [f"{label},\nN m of command" for label in device.row_labels]
+def _labels(model: DynamicModel) -> list[str]:
+    return [f"{label},\nN m of command" for label in model.device.row_labels]

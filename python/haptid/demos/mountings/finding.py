@@ -6,16 +6,17 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
-from haptid.inference.payload_estimate import Addition, addition
-from haptid.experiment.bench.experiment import read_experiment
-from haptid.inference.comparison import Comparison, compare
 from haptid.demos.kind import Tell
 from haptid.demos.mountings.fits import Fits, fit_all, fitted
 from haptid.demos.mountings.hand import Felt, feel
 from haptid.demos.mountings.judged import Judged, judge, published
 from haptid.demos.mountings.plan import Mountings, Pair
 from haptid.demos.recordings import Recorded, Take, read_recorded
-from haptid.device import Device, read_device
+from haptid.device import read_device
+from haptid.dynamics.model import DynamicModel
+from haptid.experiment.bench.experiment import read_experiment
+from haptid.inference.comparison import Comparison, compare
+from haptid.inference.payload_estimate import Addition, addition
 
 # Fits whose mass matrix and bodies are judged.
 JUDGED = ("encoders", "held")
@@ -28,7 +29,7 @@ class Results:
 
     Attributes:
         demo: what was asked.
-        device: as in its file.
+        model: as in its file.
         fits: by mounting.
         published, judged: what becomes of the published parameters by column, and of ours by mounting and fit.
         comparisons: of mountings, with the pair that was asked for.
@@ -38,7 +39,7 @@ class Results:
     """
 
     demo: Mountings
-    device: Device
+    model: DynamicModel
     fits: Mapping[str, Fits]
     published: Mapping[str, Judged]
     judged: Mapping[tuple[str, str], Judged]
@@ -64,21 +65,21 @@ def takes(demo: Mountings, logs: Path) -> list[Take]:
 
 def find(demo: Mountings, logs: Path, tell: Tell) -> Results:
     """Everything from the logs."""
-    device = read_device(demo.device)
+    model = DynamicModel(read_device(demo.device))
     fits = {}
     for k, mounting in enumerate(demo.mountings):
         tell("identifying", k / len(demo.mountings))
         exact, encoders = (
-            read_recorded(device, demo.folder / mounting.experiment, logs / f"{mounting.key}{ending}.parquet")
+            read_recorded(model, demo.folder / mounting.experiment, logs / f"{mounting.key}{ending}.parquet")
             for ending in (EXACT, "")
         )
         fits[mounting.key] = fit_all(demo, mounting, exact, encoders)
     tell("identifying", 1.0)
-    columns, ours = _judged(demo, device, fits, tell)
-    pushed = _beside(demo, device, demo.hand.experiment, logs)
+    columns, ours = _judged(demo, model, fits, tell)
+    pushed = _beside(demo, model, demo.hand.experiment, logs)
     return Results(
         demo=demo,
-        device=device,
+        model=model,
         fits=fits,
         published=columns,
         judged=ours,
@@ -87,40 +88,40 @@ def find(demo: Mountings, logs: Path, tell: Tell) -> Results:
             for pair in demo.comparisons
         ),
         felt=feel(demo.hand, fits[demo.hand.mounting]["encoders"], pushed),
-        tool=tool_found(demo, fits[demo.tool.mounting], _beside(demo, device, demo.tool.experiment, logs)),
-        tool_truth=tool_truth(demo, device),
+        tool=tool_found(demo, fits[demo.tool.mounting], _beside(demo, model, demo.tool.experiment, logs)),
+        tool_truth=tool_truth(demo, model),
     )
 
 
 def tool_found(demo: Mountings, without: Fits, recorded: Recorded) -> Addition:
     """What the tool adds to the handle's link, from the mounting without it and a log with it."""
-    device, treatment = without.device, without.proposal.treatment
-    assert device.handle is not None
+    model, treatment = without.model, without.proposal.treatment
+    assert model.device.handle is not None
     first, second = (recorded.motion(half, treatment) for half in (demo.stretch.fit, demo.stretch.unseen))
-    fit = fitted("with the tool", device, first, second)
-    return addition(without["encoders"].estimate, fit.estimate, device.joint_names[device.handle.link])
+    fit = fitted("with the tool", model, first, second)
+    return addition(without["encoders"].estimate, fit.estimate, model.device.joint_names[model.device.handle.link])
 
 
-def tool_truth(demo: Mountings, device: Device) -> dict[str, float]:
+def tool_truth(demo: Mountings, model: DynamicModel) -> dict[str, float]:
     """Mass and first moments of the tool in the frame of the handle's link, by name, kg and kg m."""
-    payload = read_experiment(demo.folder / demo.tool.experiment).setup(device).payload
+    payload = read_experiment(demo.folder / demo.tool.experiment).setup(model).payload
     assert payload is not None
-    assert device.handle is not None
-    joint = device.joints[device.handle.link]
-    com = device.handle.translation + device.handle.rotation @ payload.com
+    assert model.device.handle is not None
+    joint = model.device.joints[model.device.handle.link]
+    com = model.device.handle.translation + model.device.handle.rotation @ payload.com
     x, y, z = payload.mass * joint.frame_rotation.T @ (com - joint.frame_translation)
     return {f"M{joint.name}": payload.mass} | {
         f"{kind}{joint.name}": float(moment) for kind, moment in zip(("MX", "MY", "MZ"), (x, y, z), strict=True)
     }
 
 
-def _beside(demo: Mountings, device: Device, experiment: str, logs: Path) -> Recorded:
+def _beside(demo: Mountings, model: DynamicModel, experiment: str, logs: Path) -> Recorded:
     """The log of an experiment that is no mounting of its own."""
-    return read_recorded(device, demo.folder / experiment, logs / Path(experiment).with_suffix(".parquet").name)
+    return read_recorded(model, demo.folder / experiment, logs / Path(experiment).with_suffix(".parquet").name)
 
 
 def _judged(
-    demo: Mountings, device: Device, fits: Mapping[str, Fits], tell: Tell
+    demo: Mountings, model: DynamicModel, fits: Mapping[str, Fits], tell: Tell
 ) -> tuple[dict[str, Judged], dict[tuple[str, str], Judged]]:
     """What becomes of published parameters and of ours."""
     like = next(iter(fits.values()))["encoders"].targets
@@ -129,10 +130,10 @@ def _judged(
     columns, ours = dict[str, Judged](), dict[tuple[str, str], Judged]()
     for name in named:
         tell("judging", len(columns) / many)
-        columns[name] = judge(name, published(demo, like, name), device, demo.workspaces)
+        columns[name] = judge(name, published(demo, like, name), model, demo.workspaces)
     for key, made in fits.items():
         for fit in JUDGED:
             tell("judging", (len(columns) + len(ours)) / many)
-            ours[key, fit] = judge(made.mounting.title, made[fit].estimate, device, demo.workspaces)
+            ours[key, fit] = judge(made.mounting.title, made[fit].estimate, model, demo.workspaces)
     tell("judging", 1.0)
     return columns, ours

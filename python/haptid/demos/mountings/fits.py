@@ -12,13 +12,13 @@ from haptid._internal.arrays import Array, expect, read_only
 from haptid.demos.mountings.frictionless import without_terms
 from haptid.demos.mountings.plan import Mounting, Mountings
 from haptid.demos.recordings import Recorded
-from haptid.device import Device
 from haptid.dynamics.inverse import inverse_dynamics
+from haptid.dynamics.model import DynamicModel
 from haptid.estimation import WLS, Consistent, Estimate, Method, estimate
-from haptid.observation.observation import observe
-from haptid.treatment_choice.propose import Proposal, propose
 from haptid.inference.targets import Targets, target_map, targets
 from haptid.motion.treatment import Motion
+from haptid.observation.observation import observe
+from haptid.treatment_choice.propose import Proposal, propose
 from haptid.validation.validation import Validation, validate
 
 # A joint slower than this may stick, rad/s or m/s: its dry friction is then anything up to the Coulomb one.
@@ -88,34 +88,34 @@ class Fits:
         return self.by[key]
 
     @property
-    def device(self) -> Device:
+    def model(self) -> DynamicModel:
         """As in its file."""
-        return self.encoders.device
+        return self.encoders.model
 
 
 def fit_all(demo: Mountings, mounting: Mounting, exact: Recorded, encoders: Recorded) -> Fits:
     """Every identification of one mounting."""
-    device, halves = encoders.device, demo.stretch
-    proposal = propose(device, encoders.log(halves.fit))
+    model, halves = encoders.model, demo.stretch
+    proposal = propose(model, encoders.log(halves.fit))
     paper = demo.published.treatment(exact.dt)
     known = exact.exact(halves.fit, paper), exact.exact(halves.unseen, paper)
     read = encoders.motion(halves.fit, proposal.treatment), encoders.motion(halves.unseen, proposal.treatment)
     made = {
-        "frictionless": fitted("8 parameters, exact velocity", without_terms(device), *known),
-        "exact": fitted("exact velocity, causal filter", device, *known),
-        "encoders": fitted("encoders, proposed treatment", device, *read),
-        "held": fitted("the same, held to what is possible", device, *read, Consistent()),
+        "frictionless": fitted("8 parameters, exact velocity", without_terms(model), *known),
+        "exact": fitted("exact velocity, causal filter", model, *known),
+        "encoders": fitted("encoders, proposed treatment", model, *read),
+        "held": fitted("the same, held to what is possible", model, *read, Consistent()),
     }
     for lag in demo.published.lags:
         late = demo.published.treatment(encoders.dt, lag)
         both = encoders.motion(halves.fit, late), encoders.motion(halves.unseen, late)
-        made[f"late {1e3 * lag:g} ms"] = fitted(f"encoders, velocity {1e3 * lag:g} ms late", device, *both)
+        made[f"late {1e3 * lag:g} ms"] = fitted(f"encoders, velocity {1e3 * lag:g} ms late", model, *both)
     return Fits(mounting, exact, encoders, proposal, made)
 
 
-def fitted(title: str, device: Device, first: Motion, second: Motion, method: Method | None = None) -> Fit:
+def fitted(title: str, model: DynamicModel, first: Motion, second: Motion, method: Method | None = None) -> Fit:
     """A fit to the first motion, validated on the second."""
-    found = estimate(observe(device, first), method or WLS())
+    found = estimate(observe(model, first), method or WLS())
     everywhere = replace(second, treatment=replace(second.treatment, low_speed=0.0))
     return Fit(title, found, validate(found, second), validate(found, everywhere), second)
 
@@ -156,14 +156,14 @@ class Accuracy:
 
 def accuracy(found: Targets, recorded: Recorded, stretch: tuple[float, float]) -> Accuracy:
     """An estimate's targets against the truth; torques are compared on a stretch of the recording, s."""
-    device = recorded.device
-    C, moving = target_map(device), (np.abs(recorded.qd) > STICKS).all(axis=0) & recorded.during(stretch)
+    model = recorded.model
+    C, moving = target_map(model), (np.abs(recorded.qd) > STICKS).all(axis=0) & recorded.during(stretch)
     states = tuple(x[:, moving] for x in (recorded.q, recorded.qd, recorded.qdd))
-    truth, whole = C @ recorded.beta, inverse_dynamics(device, recorded.beta, *states)
-    missed = inverse_dynamics(device, found.estimate.beta, *states) - whole
+    truth, whole = C @ recorded.beta, inverse_dynamics(model, recorded.beta, *states)
+    missed = inverse_dynamics(model, found.estimate.beta, *states) - whole
     sizes = np.linalg.norm(whole, axis=1)
     parts = np.linalg.solve(C, np.diag(truth)).T
-    shares = [np.linalg.norm(inverse_dynamics(device, part, *states), axis=1) / sizes for part in parts]
+    shares = [np.linalg.norm(inverse_dynamics(model, part, *states), axis=1) / sizes for part in parts]
     low, high = found.interval95.T
     return Accuracy(
         names=found.names,
@@ -171,12 +171,12 @@ def accuracy(found: Targets, recorded: Recorded, stretch: tuple[float, float]) -
         errors=100 * (found.value - truth) / np.abs(truth),
         inside=(low <= truth) & (truth <= high),
         carried=np.max(shares, axis=1),
-        kinds=np.array([_kind(device, row) for row in C]),
+        kinds=np.array([_kind(model, row) for row in C]),
         torque=100 * np.linalg.norm(missed, axis=1) / sizes,
     )
 
 
-def _kind(device: Device, row: Array) -> str:
+def _kind(model: DynamicModel, row: Array) -> str:
     """What a target is: friction of one sort, or bodies."""
-    kinds = {device.parameters.kinds[device.base.kept[k]][:2] for k in np.flatnonzero(row)}
+    kinds = {model.device.parameters.kinds[model.base.kept[k]][:2] for k in np.flatnonzero(row)}
     return {"FV": "viscous", "FC": "Coulomb"}.get(kinds.pop(), "body") if len(kinds) == 1 else "body"

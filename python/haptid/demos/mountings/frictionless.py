@@ -4,35 +4,36 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from haptid.device import Device
 from haptid.device.parameters import Symmetry, standard_parameters
+from haptid.dynamics.model import DynamicModel
 
 
-def without_terms(device: Device) -> Device:
+def without_terms(model: DynamicModel) -> DynamicModel:
     """The same links, loops and motors, without friction or any other term.
 
     Targets that need a term are left out, the others keep their factors.
     """
-    joints = device.joints
-    inertial = device.parameters.raw[: 10 * len(joints)]
-    rules = tuple(_only(rule, inertial) for rule in device.symmetry)
+    joints = model.device.joints
+    inertial = model.device.parameters.raw[: 10 * len(joints)]
+    rules = tuple(_only(rule, inertial) for rule in model.device.symmetry)
     links = standard_parameters([j.name for j in joints], [j.body for j in joints], (), rules)
-    where = [device.parameters.index[name] for name in links.names]
+    where = [model.device.parameters.index[name] for name in links.names]
     kept = set(where)
     targets = tuple(
         replace(target, row=target.row[where])
-        for target in device.targets
+        for target in model.device.targets
         if not any(target.row[k] for k in range(len(target.row)) if k not in kept)
     )
-    return replace(
-        device,
+    bare = replace(
+        model.device,
         terms=(),
         parameters=links,
         symmetry=rules,
-        prior={name: value for name, value in device.prior.items() if name in links.raw},
-        keep=tuple(name for name in device.keep if name in links.raw),
+        prior={name: value for name, value in model.device.prior.items() if name in links.raw},
+        keep=tuple(name for name in model.device.keep if name in links.raw),
         targets=targets,
     )
+    return DynamicModel(bare)
 
 
 def _only(rule: Symmetry, names: tuple[str, ...]) -> Symmetry:

@@ -11,10 +11,10 @@ from haptid._internal.arrays import Array, expect, read_only
 from haptid.demos.mountings.fits import Fit
 from haptid.demos.mountings.plan import Hand
 from haptid.demos.recordings import Recorded
-from haptid.estimation import Estimate
-from haptid.end_effector.force import estimate_force
 from haptid.dynamics.kinematics import handle_motion
+from haptid.end_effector.force import estimate_force
 from haptid.end_effector.momentum_observer import MomentumObserver, observe_force
+from haptid.estimation import Estimate
 from haptid.motion.treatment import Motion, treat
 from haptid.validation.validation import Validation, validate
 
@@ -95,7 +95,7 @@ def feel(plan: Hand, fit: Fit, recorded: Recorded) -> Felt:
 
 def sensed(recorded: Recorded) -> Array:
     """Force of the hand by the sensor, turned from the handle's frame to the base's, (n, 3), N."""
-    turned = handle_motion(recorded.device, recorded.q).rotation
+    turned = handle_motion(recorded.model, recorded.q).rotation
     return np.asarray(np.einsum("nij,nj->ni", turned, recorded.sensor))
 
 

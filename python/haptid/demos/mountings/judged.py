@@ -8,9 +8,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from haptid._internal.arrays import Array
-from haptid.end_effector.definiteness import Definiteness, definiteness
 from haptid.demos.mountings.plan import Mountings, Place
-from haptid.device import Device
+from haptid.dynamics.model import DynamicModel
+from haptid.end_effector.definiteness import Definiteness, definiteness
 from haptid.estimation import Estimate, Possible, possible
 from haptid.inference.targets import Targets, target_map
 
@@ -34,11 +34,11 @@ class Judged:
         return tuple(found.smallest * per_command for found in self.definite)
 
 
-def judge(title: str, model: Estimate | Array, device: Device, places: Sequence[Place]) -> Judged:
+def judge(title: str, parameters: Estimate | Array, model: DynamicModel, places: Sequence[Place]) -> Judged:
     """A set of base parameters over all workspaces."""
-    beta = model.beta if isinstance(model, Estimate) else model
-    found = tuple(definiteness(model, place.of(device)) for place in places)
-    return Judged(title, found, possible(device, beta))
+    beta = parameters.beta if isinstance(parameters, Estimate) else parameters
+    found = tuple(definiteness(parameters, place.of(model)) for place in places)
+    return Judged(title, found, possible(model, beta))
 
 
 def published(demo: Mountings, like: Targets, column: str) -> Array:
@@ -51,4 +51,4 @@ def published(demo: Mountings, like: Targets, column: str) -> Array:
     """
     per_command = np.linalg.norm(like.in_command().C, axis=1) / np.linalg.norm(like.C, axis=1)
     values = np.nan_to_num(demo.parameters.column(column)) / per_command
-    return np.asarray(np.linalg.solve(target_map(like.estimate.device), values))
+    return np.asarray(np.linalg.solve(target_map(like.estimate.model), values))

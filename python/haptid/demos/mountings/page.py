@@ -6,11 +6,11 @@ from pathlib import Path
 
 from haptid.demos.mountings.finding import Results
 from haptid.demos.mountings.fits import Fit
-from haptid.study.identify import Identification, Run
 from haptid.observation.observation import observe
-from haptid.treatment_choice.propose import Proposal
 from haptid.report import Hand, make_report
 from haptid.study import LogEntry, Study
+from haptid.study.identify import Identification, Run
+from haptid.treatment_choice.propose import Proposal
 from haptid.validation.validation import direct
 
 
@@ -34,12 +34,12 @@ def identification(title: str, log: str, fit: Fit, proposal: Proposal) -> Identi
         fit: of its first half.
         proposal: the treatment of both halves, and why so.
     """
-    made, device = fit.estimate, fit.estimate.device
+    made, model = fit.estimate, fit.estimate.model
     first = LogEntry(f"{log}, first half", "identify", None, None)
     second = LogEntry(f"{log}, second half", "validate", None, None)
-    study = Study(title, Path(), device.name, (first, second), {}, made.method, None, None)
+    study = Study(title, Path(), model.device.name, (first, second), {}, made.method, None, None)
     runs = (
         Run(first, made.observation, direct(made), ()),
-        Run(second, observe(device, fit.unseen), None, (fit.validation,)),
+        Run(second, observe(model, fit.unseen), None, (fit.validation,)),
     )
-    return Identification(study, device, proposal, made, runs)
+    return Identification(study, model, proposal, made, runs)

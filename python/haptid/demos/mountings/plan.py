@@ -8,11 +8,11 @@ from typing import Annotated, Literal
 import numpy as np
 from pydantic import Field
 
-from haptid.motion.causal import Causal, HighPass
 from haptid.demos.plan import Demo, Part
 from haptid.demos.tables import Table, read_table
-from haptid.device import Device
+from haptid.dynamics.model import DynamicModel
 from haptid.dynamics.workspace import Box, Workspace, workspace
+from haptid.motion.causal import Causal, HighPass
 from haptid.motion.treatment import Treatment
 
 Triple = Annotated[tuple[float, float, float], Field()]
@@ -94,10 +94,10 @@ class Place(Part):
     degrees: dict[str, tuple[float, float]] = Field(default_factory=dict)
     box: Limits | None = None
 
-    def of(self, device: Device) -> Workspace:
+    def of(self, model: DynamicModel) -> Workspace:
         """The workspace of a device."""
         limits = {joint: np.radians(pair).tolist() for joint, pair in self.degrees.items()}
-        return workspace(device, limits, None if self.box is None else Box(self.box.low, self.box.high))
+        return workspace(model, limits, None if self.box is None else Box(self.box.low, self.box.high))
 
 
 class Hand(Part):

@@ -9,10 +9,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from haptid._internal.arrays import Array, read_only
-from haptid.device.loops.linear import Closure
+from haptid.device.device import Cut, Frame, Joint
 from haptid.device.geometry import joint_poses
 from haptid.device.loops.from_toml import nearest, relation_text
-from haptid.device.device import Cut, Frame, Joint
+from haptid.device.loops.linear import Closure
 from haptid.device.loops.newton import NewtonClosure
 from haptid.device.toml.place import Place
 from haptid.errors import CutRateError

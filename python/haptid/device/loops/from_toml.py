@@ -9,12 +9,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from haptid._internal.arrays import Array
-from haptid.device.loops.assembly_mode import newton_closure
-from haptid.device.loops.assembly import Branch, Chain, find_branches
-from haptid.device.loops.linear import Closure
+from haptid.device.device import Cut, Joint
 from haptid.device.expressions import Linear, relation
 from haptid.device.geometry import Reader, frame_on
-from haptid.device.device import Cut, Joint
+from haptid.device.loops.assembly import Branch, Chain, find_branches
+from haptid.device.loops.assembly_mode import newton_closure
+from haptid.device.loops.linear import Closure
 from haptid.device.loops.newton import NewtonClosure
 from haptid.device.toml.place import Place
 from haptid.device.toml.schema import CutTable, LoopTable

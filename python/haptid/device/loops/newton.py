@@ -11,9 +11,9 @@ from typing import Any
 import numpy as np
 
 from haptid._internal.arrays import Array, expect, read_only
+from haptid.device.device import Cut
 from haptid.device.loops.assembly import STEPS, Chain, compiled, solve
 from haptid.device.loops.linear import Followed
-from haptid.device.device import Cut
 from haptid.errors import LoopFarError, LoopUnreachableError, SingularLoopError
 
 # A loop is closed where its gap stays below this share of the mechanism's size.

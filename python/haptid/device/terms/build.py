@@ -9,12 +9,13 @@ from typing import Any
 import numpy as np
 
 from haptid._internal.arrays import Array
-from haptid.device.loops.linear import Closure
-from haptid.device.loops.cut_joint import CutJoint
+from haptid.device.device import Joint, Motor
 from haptid.device.expressions import RESERVED, Column, column
 from haptid.device.geometry import Reader
-from haptid.device.device import Joint, Motor
+from haptid.device.loops.cut_joint import CutJoint
+from haptid.device.loops.linear import Closure
 from haptid.device.loops.newton import NewtonClosure
+from haptid.device.terms.term import PLACES, UNITS, Counterbalance, Load, Searched, TermColumn
 from haptid.device.toml.place import Place
 from haptid.device.toml.schema import (
     AnyTerm,
@@ -28,7 +29,6 @@ from haptid.device.toml.schema import (
     StribeckTerm,
     TermTable,
 )
-from haptid.device.terms.term import PLACES, UNITS, Counterbalance, Load, Searched, TermColumn
 from haptid.errors import DeviceKeyError, DeviceValueError, DuplicateNameError, UnknownNameError
 
 # Stem of the parameter's name, by kind.

@@ -8,13 +8,12 @@ from pathlib import Path
 import numpy as np
 
 from haptid._internal.arrays import Array
-from haptid.device.terms.build import Targets, read_terms
 from haptid.device.combinations import read_combinations
-from haptid.device.loops.cut_joint import cut_joints
+from haptid.device.device import Device, Handle, Joint, Prior
 from haptid.device.expressions import RESERVED
 from haptid.device.geometry import Reader, frame_on
+from haptid.device.loops.cut_joint import cut_joints
 from haptid.device.loops.from_toml import active_joints, close, read_loops
-from haptid.device.device import Device, Handle, Joint, Prior
 from haptid.device.parameters import (
     INERTIAL,
     INERTIAL_UNITS,
@@ -23,11 +22,12 @@ from haptid.device.parameters import (
     raw_names,
     standard_parameters,
 )
-from haptid.device.toml.place import Place
 from haptid.device.priors import Body, body_prior, tensor
+from haptid.device.terms.build import Targets, read_terms
+from haptid.device.terms.term import TermColumn
+from haptid.device.toml.place import Place
 from haptid.device.toml.schema import AnyDevice, AnyJoint, PriorBodyTable, PriorTable, SymmetryTable
 from haptid.device.toml.tables import read_tables
-from haptid.device.terms.term import TermColumn
 from haptid.device.toml.transmission import read_drives
 from haptid.errors import (
     CycleError,

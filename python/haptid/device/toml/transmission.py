@@ -8,8 +8,8 @@ from collections.abc import Sequence
 import numpy as np
 
 from haptid._internal.arrays import Array
-from haptid.device.geometry import Reader
 from haptid.device.device import Joint, Motor
+from haptid.device.geometry import Reader
 from haptid.device.toml.place import Place
 from haptid.device.toml.schema import MotorTable
 from haptid.errors import DeviceValueError, DuplicateNameError, IdleMotorError, TransmissionError

@@ -12,7 +12,6 @@ import numpy as np
 from haptid._internal.arrays import Array
 from haptid.device import Closure, Device
 from haptid.device.toml.schema import AnyDevice
-from haptid.errors import ManyAnglesError
 from haptid.dynamics.symbolic.laurent import Laurent, powers
 from haptid.dynamics.symbolic.motion import LinearMotion, Motion
 from haptid.dynamics.symbolic.placements import Placement, Shift
@@ -20,6 +19,7 @@ from haptid.dynamics.symbolic.reading import GeometryReader, placements
 from haptid.dynamics.symbolic.symbols import GRAVITY, Symbol, Symbols, ratio
 from haptid.dynamics.symbolic.terms import ExactColumn, exact_columns
 from haptid.dynamics.symbolic.tree import ExactCut, ExactFrame, ExactJoint
+from haptid.errors import ManyAnglesError
 
 # Coefficients are polynomials in the cosines and sines of angles that are no quarter turns: of more angles than these
 # they have too many terms to be found, or to be read.

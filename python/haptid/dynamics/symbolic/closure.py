@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 
-from haptid.errors import SymbolicClosureError
 from haptid.dynamics.symbolic.chain import ExactChain
 from haptid.dynamics.symbolic.residues import PRIMES, Field, Residues
 from haptid.dynamics.symbolic.symbols import LENGTH, draw
 from haptid.dynamics.symbolic.tree import all_placed, frame_pose, poses
+from haptid.errors import SymbolicClosureError
 
 # States at which closure is tested: one that closes by chance has odds of a few in a billion.
 STATES = 3

@@ -5,6 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from haptid.device.toml.tables import read_tables
+from haptid.dynamics.model import DynamicModel
 from haptid.dynamics.symbolic.opening import dyad_chain, opened
 from haptid.dynamics.symbolic.regrouping import Regroupings, chain_regroupings
 
@@ -28,4 +29,4 @@ def loop_regroupings(path: str | Path, seed: int = 0) -> Regroupings:
     """
     tables, file = read_tables(path)
     tree = opened(tables, file)
-    return chain_regroupings(tree, dyad_chain(tree, tables, file, seed), seed)
+    return chain_regroupings(DynamicModel(tree), dyad_chain(tree, tables, file, seed), seed)

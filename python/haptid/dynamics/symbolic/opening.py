@@ -7,12 +7,12 @@ from fractions import Fraction
 from haptid.device import Device
 from haptid.device.toml.reader import device_of
 from haptid.device.toml.schema import AnyDevice
-from haptid.errors import NoDyadError
 from haptid.dynamics.symbolic.chain import ExactChain, Rows, assembled
 from haptid.dynamics.symbolic.dyad import DyadMotion, dyads
 from haptid.dynamics.symbolic.motion import Motion
 from haptid.dynamics.symbolic.symbols import Symbols
 from haptid.dynamics.symbolic.tree import ExactCut, ExactJoint
+from haptid.errors import NoDyadError
 
 
 def opened(tables: AnyDevice, file: str) -> Device:

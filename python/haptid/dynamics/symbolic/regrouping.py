@@ -19,9 +19,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from haptid._internal.arrays import Array, freeze
-from haptid.dynamics.base_parameters import preference
 from haptid.device import NewtonClosure
-from haptid.errors import RegroupingCheckError, RegroupingFormError
+from haptid.dynamics.base_parameters import preference
 from haptid.dynamics.symbolic import formulas
 from haptid.dynamics.symbolic.chain import ExactChain, exact_chain
 from haptid.dynamics.symbolic.closure import check_closure
@@ -32,9 +31,10 @@ from haptid.dynamics.symbolic.laurent import ONE, Coefficient, Laurent
 from haptid.dynamics.symbolic.opening import dyad_chain, opened
 from haptid.dynamics.symbolic.residues import PRIMES, Field, Residues, UnluckyDrawError, rational
 from haptid.dynamics.symbolic.symbols import GRADES, PURE, Grade, Symbol, draw
+from haptid.errors import RegroupingCheckError, RegroupingFormError
 
 if TYPE_CHECKING:
-    from haptid.device import Device
+    from haptid.dynamics.model import DynamicModel
 
 # Sets of lengths from which coefficients are interpolated, and how often each length is then moved on its own: few
 # first, more for what does not fit.
@@ -112,7 +112,7 @@ class Regroupings:
         return tuple(zip(self.coefficients, self.kept, strict=True))
 
 
-def regroupings(device: Device, seed: int = 0) -> Regroupings:
+def regroupings(model: DynamicModel, seed: int = 0) -> Regroupings:
     """Base parameters of a device with its lengths as symbols, compared with those of its numbers.
 
     Columns are taken in the same order of preference as by `base_parameters`. That those kept are independent is
@@ -120,7 +120,7 @@ def regroupings(device: Device, seed: int = 0) -> Regroupings:
     of less than one in a billion (Schwartz 1980, J. ACM 27(4)).
 
     Args:
-        device: the mechanism.
+        model: the dynamic model.
         seed: of what is drawn at random; the result does not depend on it.
 
     Raises:
@@ -131,17 +131,17 @@ def regroupings(device: Device, seed: int = 0) -> Regroupings:
         AccelerationRegroupingError: a column of accelerations depends on other parameters.
         RoadsDisagreeError: base parameters at the device's own lengths differ, so that its geometry is a special one.
     """
-    if isinstance(device.closure, NewtonClosure):
-        tree = opened(device.tables, device.name).with_gravity(device.gravity)
-        chain = dyad_chain(tree, device.tables, device.name, seed)
+    if isinstance(model.device.closure, NewtonClosure):
+        tree = opened(model.device.tables, model.device.name).with_gravity(model.device.gravity)
+        chain = dyad_chain(tree, model.device.tables, model.device.name, seed)
     else:
-        chain = exact_chain(device)
-    made = chain_regroupings(device, chain, seed)
-    check_agreement(made, device)
+        chain = exact_chain(model.device)
+    made = chain_regroupings(model, chain, seed)
+    check_agreement(made, model)
     return made
 
 
-def chain_regroupings(device: Device, chain: ExactChain, seed: int) -> Regroupings:
+def chain_regroupings(model: DynamicModel, chain: ExactChain, seed: int) -> Regroupings:
     """Base parameters of a mechanism whose standard parameters are those of a device.
 
     Raises:
@@ -150,15 +150,15 @@ def chain_regroupings(device: Device, chain: ExactChain, seed: int) -> Regroupin
     """
     for attempt in range(DRAWS):
         try:
-            return _regroupings(device, chain, seed + 1000 * attempt)
+            return _regroupings(model, chain, seed + 1000 * attempt)
         except UnluckyDrawError:
             continue
     raise RegroupingCheckError(f"{DRAWS} draws in a row met a zero that should not be there")
 
 
-def _regroupings(device: Device, chain: ExactChain, seed: int) -> Regroupings:
-    check_closure(chain, device.joint_names, seed)
-    parameters, order = device.parameters, preference(device)
+def _regroupings(model: DynamicModel, chain: ExactChain, seed: int) -> Regroupings:
+    check_closure(chain, model.device.joint_names, seed)
+    parameters, order = model.device.parameters, preference(model)
     members = tuple(tuple(np.flatnonzero(parameters.S[:, k]).tolist()) for k in order)
     columns = Columns(chain, members)
     grades = [GRADES.get(parameters.units[k]) for k in order]

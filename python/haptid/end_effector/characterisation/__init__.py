@@ -1,9 +1,9 @@
 """What the hand feels of a device: masses, friction, weight and forces at the handle, with their intervals."""
 
+from haptid.end_effector.characterisation.apparent_mass import FeltMass, felt_mass
 from haptid.end_effector.characterisation.characterise import Characterisation, characterise, line, sweep
 from haptid.end_effector.characterisation.jacobian import Grasp
-from haptid.end_effector.characterisation.apparent_mass import FeltMass, felt_mass
-from haptid.end_effector.characterisation.model import Figure, GivenModel, Model
+from haptid.end_effector.characterisation.model import Figure, GivenModel, IdentifiedModel
 
 __all__ = [
     "Characterisation",
@@ -11,7 +11,7 @@ __all__ = [
     "Figure",
     "GivenModel",
     "Grasp",
-    "Model",
+    "IdentifiedModel",
     "characterise",
     "felt_mass",
     "line",

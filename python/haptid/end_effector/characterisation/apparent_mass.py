@@ -10,11 +10,11 @@ from numpy.typing import ArrayLike
 
 from haptid import _core
 from haptid._internal.arrays import Array, expect, freeze, read_only
-from haptid.end_effector.characterisation.jacobian import LINEAR, check_settings, moving_coordinates
-from haptid.end_effector.characterisation.model import Figure, Model, freedom, spread, trusted
 from haptid.dynamics.inverse import mass_matrix, raw_parameters
-from haptid.end_effector.force import WORST_CONDITION
 from haptid.dynamics.kinematics import handle_motion, handle_of
+from haptid.end_effector.characterisation.jacobian import LINEAR, check_settings, moving_coordinates
+from haptid.end_effector.characterisation.model import Figure, IdentifiedModel, freedom, spread, trusted
+from haptid.end_effector.force import WORST_CONDITION
 
 # Degrees of freedom are looked at in so many poses.
 LOOKED_AT = 6
@@ -58,14 +58,14 @@ class FeltMass:
 
 
 def felt_mass(
-    model: Model, qa: ArrayLike, rows: tuple[int, ...] = LINEAR, worst_condition: float = WORST_CONDITION
+    identified: IdentifiedModel, qa: ArrayLike, rows: tuple[int, ...] = LINEAR, worst_condition: float = WORST_CONDITION
 ) -> FeltMass:
     """Masses that a hand feels, with deviations: exact in the first order, since masses change as kinetic energy does.
 
     The order of masses that are nearly equal may change within their deviations.
 
     Args:
-        model: an estimate, or given parameters.
+        identified: an estimate, or given parameters.
         qa: positions of the active joints, (active, poses), rad or m.
         rows: of the handle's velocity in the base frame: 0 to 2 linear, 3 to 5 angular.
         worst_condition: of the Jacobian, beyond which a pose is left out.
@@ -75,12 +75,12 @@ def felt_mass(
         CharacterisationSettingError: a setting that means nothing.
         ShapeError: the poses do not fit the device.
     """
-    device, qa = model.device, np.asarray(qa, dtype=float)
-    check_settings(device, qa, rows, worst_condition)
-    moving, columns = moving_coordinates(device), spread(model)
-    none = np.zeros((len(model.beta), 0))
-    known = core_spread(model, none if columns is None else columns)
-    at = core_arguments(model, qa)
+    model, qa = identified.model, np.asarray(qa, dtype=float)
+    check_settings(model, qa, rows, worst_condition)
+    moving, columns = moving_coordinates(model), spread(identified)
+    none = np.zeros((len(identified.beta), 0))
+    known = core_spread(identified, none if columns is None else columns)
+    at = core_arguments(identified, qa)
     found = _core.felt_mass(*at, rows=rows, moving=moving, worst=worst_condition, spread=known)
     m, r = len(rows), min(len(rows), len(moving))
     condition, mass, directions, C = np.split(found, [1, 1 + r, 1 + r + r * m], axis=1)
@@ -88,9 +88,9 @@ def felt_mass(
     sd, doubt = None, None
     if columns is not None:
         first = [0, *np.cumsum(np.arange(r, 1, -1))]
-        sd = trusted(model, np.sqrt(C[:, first]))
-        doubt = trusted(model, _isotropy_sd(mass, C[:, 0], C[:, -1], C[:, r - 1]))
-    degrees = float("inf") if columns is None else _freedom(model, qa, rows, moving, mass, directions)
+        sd = trusted(identified, np.sqrt(C[:, first]))
+        doubt = trusted(identified, _isotropy_sd(mass, C[:, 0], C[:, -1], C[:, r - 1]))
+    degrees = float("inf") if columns is None else _freedom(identified, qa, rows, moving, mass, directions)
     linear = max(rows) < 3
     return FeltMass(
         mass=Figure(mass, sd, degrees, "kg" if linear else "kg m^2" if min(rows) > 2 else "in mixed units"),
@@ -101,16 +101,18 @@ def felt_mass(
     )
 
 
-def core_arguments(model: Model, qa: Array) -> tuple[Any, Array, Array, int, list[float], Array, Array, Array]:
+def core_arguments(
+    identified: IdentifiedModel, qa: Array
+) -> tuple[Any, Array, Array, int, list[float], Array, Array, Array]:
     """What the core needs of a model at these poses: mechanism, positions, rates, handle, bodies, rotors."""
-    device, handle = model.device, handle_of(model.device)
-    raw, links = raw_parameters(device, model.beta), 10 * len(device.joints)
-    rotors = [(links + k, term.weights) for k, term in enumerate(device.terms) if term.kind == "rotor"]
-    weights = np.array([w for _, w in rotors], dtype=float).reshape(-1, len(device.active))
-    followed = device.closure.follow(qa).by(device.frame)
+    model, handle = identified.model, handle_of(identified.model)
+    raw, links = raw_parameters(model, identified.beta), 10 * len(model.device.joints)
+    rotors = [(links + k, term.weights) for k, term in enumerate(model.terms) if term.kind == "rotor"]
+    weights = np.array([w for _, w in rotors], dtype=float).reshape(-1, len(model.device.active))
+    followed = model.device.closure.follow(qa).by(model.device.frame)
     rates = followed.G if followed.G.ndim == 2 else followed.G.reshape(qa.shape[1], -1).T
     return (
-        device.mechanism,
+        model.mechanism,
         np.ascontiguousarray(followed.q),
         np.ascontiguousarray(rates),
         handle.link,
@@ -121,11 +123,11 @@ def core_arguments(model: Model, qa: Array) -> tuple[Any, Array, Array, int, lis
     )
 
 
-def core_spread(model: Model, columns: Array) -> Array:
+def core_spread(identified: IdentifiedModel, columns: Array) -> Array:
     """Columns over base parameters, (p, s), as columns over link parameters and rotors, (r, s)."""
-    device, links = model.device, 10 * len(model.device.joints)
-    kept = [*range(links), *(links + k for k, term in enumerate(device.terms) if term.kind == "rotor")]
-    return np.ascontiguousarray(device.parameters.S[kept][:, list(device.base.kept)] @ columns)
+    model, links = identified.model, 10 * len(identified.model.device.joints)
+    kept = [*range(links), *(links + k for k, term in enumerate(model.terms) if term.kind == "rotor")]
+    return np.ascontiguousarray(model.device.parameters.S[kept][:, list(model.base.kept)] @ columns)
 
 
 def _isotropy_sd(mass: Array, largest: Array, smallest: Array, both: Array) -> Array:
@@ -135,7 +137,12 @@ def _isotropy_sd(mass: Array, largest: Array, smallest: Array, both: Array) -> A
 
 
 def _freedom(
-    model: Model, qa: Array, rows: tuple[int, ...], moving: tuple[int, ...], mass: Array, directions: Array
+    identified: IdentifiedModel,
+    qa: Array,
+    rows: tuple[int, ...],
+    moving: tuple[int, ...],
+    mass: Array,
+    directions: Array,
 ) -> float:
     """Least degrees of freedom of the masses at some poses."""
     known = np.flatnonzero(np.isfinite(mass[:, 0]))
@@ -143,10 +150,10 @@ def _freedom(
     inner = list(moving)
 
     def matrices(beta: Array) -> Array:
-        return mass_matrix(model.device, beta, qa[:, few])[:, inner][:, :, inner]
+        return mass_matrix(identified.model, beta, qa[:, few])[:, inner][:, :, inner]
 
-    J = handle_motion(model.device, qa[:, few]).row_jacobian[:, list(rows)][:, :, inner]
-    rates = np.linalg.solve(matrices(model.beta), J.mT @ directions[few].mT) * mass[few][:, None]
-    units = np.eye(len(model.beta))
+    J = handle_motion(identified.model, qa[:, few]).row_jacobian[:, list(rows)][:, :, inner]
+    rates = np.linalg.solve(matrices(identified.beta), J.mT @ directions[few].mT) * mass[few][:, None]
+    units = np.eye(len(identified.beta))
     gradients = np.array([np.einsum("pae,pab,pbe->pe", rates, matrices(u), rates).ravel() for u in units])
-    return freedom(model, gradients.T)
+    return freedom(identified, gradients.T)

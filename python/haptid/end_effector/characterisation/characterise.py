@@ -13,16 +13,16 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from haptid._internal.arrays import Array, expect, freeze
-from haptid.end_effector.characterisation import friction, neglected, strength
-from haptid.end_effector.characterisation.jacobian import LINEAR, Grasp, grasp
-from haptid.end_effector.characterisation.apparent_mass import FeltMass, felt_mass
-from haptid.end_effector.characterisation.model import Figure, Model, changing, linear
-from haptid.end_effector.characterisation.summary import summary
-from haptid.device import Device
 from haptid.dynamics.inverse import inverse_dynamics, mass_matrix
-from haptid.errors import CharacterisationSettingError, DifferentModelError
-from haptid.end_effector.force import WORST_CONDITION
+from haptid.dynamics.model import DynamicModel
 from haptid.dynamics.workspace import Workspace
+from haptid.end_effector.characterisation import force_capability, friction, velocity_forces
+from haptid.end_effector.characterisation.apparent_mass import FeltMass, felt_mass
+from haptid.end_effector.characterisation.jacobian import LINEAR, Grasp, grasp
+from haptid.end_effector.characterisation.model import Figure, IdentifiedModel, changing, linear
+from haptid.end_effector.characterisation.summary import summary
+from haptid.end_effector.force import WORST_CONDITION
+from haptid.errors import CharacterisationSettingError, DifferentModelError
 
 # Poses of a workspace's grid, unless another number is asked for.
 POSES = 8000
@@ -35,18 +35,18 @@ class Characterisation:
     Figures over poses have NaN at those that do not count: `grasp.usable` says which, `summary` how many and where.
 
     Attributes:
-        model: the parameters.
+        identified: the parameters.
         grasp: the poses, the handle's place and Jacobian at each.
         masses: principal masses that the hand feels.
     """
 
-    model: Model
+    identified: IdentifiedModel
     grasp: Grasp
     masses: FeltMass
 
     @property
-    def device(self) -> Device:
-        return self.model.device
+    def model(self) -> DynamicModel:
+        return self.identified.model
 
     @cached_property
     def inverse(self) -> Array:
@@ -69,15 +69,15 @@ class Characterisation:
         inner = list(self.grasp.moving)
 
         def of(beta: Array) -> Array:
-            A = mass_matrix(self.device, beta, self.grasp.qa)[:, inner][:, :, inner]
+            A = mass_matrix(self.model, beta, self.grasp.qa)[:, inner][:, :, inner]
             return np.asarray(np.einsum("pa,pab,pb->p", rates, A, rates))
 
-        return linear(self.model, of, "kg")
+        return linear(self.identified, of, "kg")
 
     @cached_property
     def viscous_friction(self) -> Figure:
         """Principal values of J^-T Fv J^-1, largest first, (poses, m), N s/m."""
-        D = self._viscous(self.model.beta)
+        D = self._viscous(self.identified.beta)
         values, vectors = np.linalg.eigh(np.nan_to_num(D))
         values, vectors = values[:, ::-1], vectors[:, :, ::-1]
 
@@ -85,12 +85,12 @@ class Characterisation:
             return np.asarray(np.einsum("pie,pij,pje->pe", vectors, self._viscous(change), vectors))
 
         values = np.where(self.grasp.usable[:, None], values, np.nan)
-        return changing(self.model, values, slope, "N s/m")
+        return changing(self.identified, values, slope, "N s/m")
 
     def viscous_along(self, direction: ArrayLike) -> Figure:
         """d' J^-T Fv J^-1 d, (poses,), N s/m."""
         d = self._unit(direction)
-        return linear(self.model, lambda beta: np.einsum("i,pij,j->p", d, self._viscous(beta), d), "N s/m")
+        return linear(self.identified, lambda beta: np.einsum("i,pij,j->p", d, self._viscous(beta), d), "N s/m")
 
     def coulomb_friction(self, direction: ArrayLike) -> Figure:
         """Force at the handle, all components, for slow motion along d: J^-T Fc sign(J^-1 d), (poses, m), N.
@@ -98,22 +98,22 @@ class Characterisation:
         Its component along d is what the hand loses to dry friction: `backdrive_force` has it with the weight.
         """
         rates = self.grasp.all_rates(self._rates(self._unit(direction)))
-        return linear(self.model, lambda beta: self._felt(friction.dry_torque(self.device, beta, rates)), "N")
+        return linear(self.identified, lambda beta: self._felt(friction.dry_torque(self.model, beta, rates)), "N")
 
     @cached_property
     def coulomb_by_axis(self) -> Figure:
         """J^-T Fc as printed in eq. (18), (poses, m), N: right where signs of the handle's and joints' rates agree."""
 
         def of(beta: Array) -> Array:
-            level = friction.coulomb_level(self.device, beta)
+            level = friction.coulomb_level(self.model, beta)
             return self._felt(np.repeat(level[:, None], len(self.grasp), axis=1))
 
-        return linear(self.model, of, "N")
+        return linear(self.identified, of, "N")
 
     @cached_property
     def weight(self) -> Figure:
         """Force of the hand that holds the device still, without friction, (poses, m), N."""
-        return linear(self.model, lambda beta: self._felt(self._static(beta)), "N")
+        return linear(self.identified, lambda beta: self._felt(self._static(beta)), "N")
 
     def backdrive_force(self, direction: ArrayLike) -> Figure:
         """Force along d that moves the device slowly that way, motors off: friction and weight, (poses,), N."""
@@ -121,9 +121,9 @@ class Characterisation:
         rates = self.grasp.all_rates(self._rates(d))
 
         def of(beta: Array) -> Array:
-            return np.asarray(self._felt(self._static(beta) + friction.dry_torque(self.device, beta, rates)) @ d)
+            return np.asarray(self._felt(self._static(beta) + friction.dry_torque(self.model, beta, rates)) @ d)
 
-        return linear(self.model, of, "N")
+        return linear(self.identified, of, "N")
 
     def neglected_force(self, speed: float) -> Figure:
         """Largest |F_d| over directions of motion at a handle speed, (poses,), N; see `neglected_force_of`.
@@ -131,21 +131,21 @@ class Characterisation:
         F_d is weight and a part that grows with the square of speed, so at the largest speed of a range that part is
         largest too.
         """
-        worst = speed * neglected.worst_directions(self.grasp, self.inverse, self.model.beta, speed)
-        force = neglected.neglected_force(self.grasp, self.inverse, self.model.beta, worst)
+        worst = speed * velocity_forces.worst_directions(self.grasp, self.inverse, self.identified.beta, speed)
+        force = velocity_forces.neglected_force(self.grasp, self.inverse, self.identified.beta, worst)
         best = np.linalg.norm(force, axis=1)
         along = force / np.where(best > 0, best, 1.0)[:, None]
 
         def slope(change: Array) -> Array:
-            force = neglected.neglected_force(self.grasp, self.inverse, change, worst)
+            force = velocity_forces.neglected_force(self.grasp, self.inverse, change, worst)
             return np.asarray(np.einsum("pm,pm->p", along, force))
 
-        return changing(self.model, best, slope, "N")
+        return changing(self.identified, best, slope, "N")
 
     def neglected_force_of(self, velocity: ArrayLike) -> Figure:
         """F_d for a velocity of the handle, (m,) or (poses, m), m/s: what eq. (18) leaves out, (poses, m), N."""
         v = np.broadcast_to(np.asarray(velocity, dtype=float), (len(self.grasp), len(self.grasp.rows)))
-        return linear(self.model, lambda b: neglected.neglected_force(self.grasp, self.inverse, b, v), "N")
+        return linear(self.identified, lambda b: velocity_forces.neglected_force(self.grasp, self.inverse, b, v), "N")
 
     def stiffness(self, joint_stiffness: ArrayLike) -> tuple[Array, Array]:
         """Principal values of J^-T K J^-1, largest first, (poses, r), N/m, and their directions, (poses, r, m).
@@ -155,7 +155,7 @@ class Characterisation:
         """
         K = np.asarray(joint_stiffness, dtype=float)
         K = np.diag(K) if K.ndim == 1 else K
-        expect("joint_stiffness", K.shape, (len(self.device.active),) * 2)
+        expect("joint_stiffness", K.shape, (len(self.model.device.active),) * 2)
         inner = list(self.grasp.moving)
         values, vectors = np.linalg.eigh(np.nan_to_num(self.inverse.mT @ K[inner][:, inner] @ self.inverse))
         values = np.where(self.grasp.usable[:, None], values[:, ::-1], np.nan)
@@ -175,31 +175,33 @@ class Characterisation:
         Raises:
             TorqueLimitError: a motor without a limit.
         """
-        most, J = strength.torque_limits(self.device, limits), strength.motor_jacobian(self.grasp)
-        held = strength.motor_torque(self.device, self._static(self.model.beta))
-        force, direction, motor = strength.weakest(J, most, held)
+        most, J = force_capability.torque_limits(self.model, limits), force_capability.motor_jacobian(self.grasp)
+        held = force_capability.motor_torque(self.model, self._static(self.identified.beta))
+        force, direction, motor = force_capability.weakest(J, most, held)
         at = np.arange(len(force))
         sign, length = np.sign(held[motor, at]), np.linalg.norm(J[at, :, motor], axis=1)
 
         def slope(change: Array) -> Array:
-            return np.asarray(-sign * strength.motor_torque(self.device, self._static(change))[motor, at] / length)
+            return np.asarray(
+                -sign * force_capability.motor_torque(self.model, self._static(change))[motor, at] / length
+            )
 
-        return changing(self.model, force, slope, "N"), freeze(direction)
+        return changing(self.identified, force, slope, "N"), freeze(direction)
 
     def force_along(self, direction: ArrayLike, limits: Mapping[str, float] | None = None) -> Figure:
         """Greatest force of the motors on the hand along d, (poses,), N; arguments as for `greatest_force`."""
-        most, J = strength.torque_limits(self.device, limits), strength.motor_jacobian(self.grasp)
-        held = strength.motor_torque(self.device, self._static(self.model.beta))
-        force, load, motor = strength.along(J, most, held, self._unit(direction))
+        most, J = force_capability.torque_limits(self.model, limits), force_capability.motor_jacobian(self.grasp)
+        held = force_capability.motor_torque(self.model, self._static(self.identified.beta))
+        force, load, motor = force_capability.along(J, most, held, self._unit(direction))
         at = np.arange(len(force))
         # Where no motor feels d, or one has nothing left, a small change of the weight changes nothing.
         bound = np.isfinite(force) & (force > 0)
         slopes = np.where(bound, -1 / np.where(bound, load, 1.0), 0.0)
 
         def slope(change: Array) -> Array:
-            return np.asarray(slopes * strength.motor_torque(self.device, self._static(change))[motor, at])
+            return np.asarray(slopes * force_capability.motor_torque(self.model, self._static(change))[motor, at])
 
-        return changing(self.model, force, slope, "N")
+        return changing(self.identified, force, slope, "N")
 
     def summary(self) -> str:
         """Figures over the poses, and the poses that do not count, as text."""
@@ -219,7 +221,7 @@ class Characterisation:
 
     def _viscous(self, beta: Array) -> Array:
         inner = list(self.grasp.moving)
-        D = friction.viscous_matrix(self.device, beta)[inner][:, inner]
+        D = friction.viscous_matrix(self.model, beta)[inner][:, inner]
         return np.asarray(self.inverse.mT @ D @ self.inverse)
 
     def _felt(self, torque: Array) -> Array:
@@ -228,11 +230,11 @@ class Characterisation:
     def _static(self, beta: Array) -> Array:
         """Torque that holds the device still, (active, poses): gravity, springs, offsets."""
         still = np.zeros_like(self.grasp.qa)
-        return inverse_dynamics(self.device, beta, self.grasp.qa, still, still)
+        return inverse_dynamics(self.model, beta, self.grasp.qa, still, still)
 
 
 def characterise(
-    model: Model,
+    identified: IdentifiedModel,
     poses: Workspace | ArrayLike,
     rows: tuple[int, ...] = LINEAR,
     worst_condition: float = WORST_CONDITION,
@@ -240,7 +242,7 @@ def characterise(
     """What the hand feels of a device, at poses or over a workspace.
 
     Args:
-        model: an estimate, whose covariance gives deviations, or given parameters.
+        identified: an estimate, whose covariance gives deviations, or given parameters.
         poses: positions of the active joints, (active, poses), rad or m, or a workspace, of which a grid is taken.
         rows: components of the handle's velocity in the base frame, 0 to 2 linear, 3 to 5 angular.
         worst_condition: of the handle's Jacobian, beyond which a pose is left out.
@@ -253,12 +255,12 @@ def characterise(
         ShapeError: the poses do not fit the device.
     """
     if isinstance(poses, Workspace):
-        if poses.device is not model.device:
-            raise DifferentModelError(model.device.name, poses.device.name)
+        if not poses.model.is_same_as(identified.model):
+            raise DifferentModelError(identified.model.device.name, poses.model.device.name)
         poses = poses.grid(POSES)
     qa = np.asarray(poses, dtype=float)
-    held = grasp(model.device, qa, rows, worst_condition)
-    return Characterisation(model, held, felt_mass(model, qa, rows, worst_condition))
+    held = grasp(identified.model, qa, rows, worst_condition)
+    return Characterisation(identified, held, felt_mass(identified, qa, rows, worst_condition))
 
 
 def sweep(start: ArrayLike, joint: int, values: ArrayLike) -> Array:

@@ -7,47 +7,47 @@ from collections.abc import Mapping
 import numpy as np
 
 from haptid._internal.arrays import Array
+from haptid.dynamics.model import DynamicModel
 from haptid.end_effector.characterisation.jacobian import Grasp
-from haptid.device import Device
 from haptid.errors import TorqueLimitError
 
 
-def torque_limits(device: Device, given: Mapping[str, float] | None) -> Array:
+def torque_limits(model: DynamicModel, given: Mapping[str, float] | None) -> Array:
     """Greatest torque of each motor's coordinate, (motors,), N m or N: those given, else the joint's in the device.
 
     Raises:
         TorqueLimitError: a motor without a limit, or a limit that means nothing.
     """
     known = given or {}
-    made = [known.get(drive.name, _of_joint(device, drive.row)) for drive in device.motors]
-    for drive, limit in zip(device.motors, made, strict=True):
+    made = [known.get(drive.name, _of_joint(model, drive.row)) for drive in model.device.motors]
+    for drive, limit in zip(model.device.motors, made, strict=True):
         if limit is None or not (np.isfinite(limit) and limit > 0):
             raise TorqueLimitError(drive.name, limit)
     for name in known:
-        if name not in [drive.name for drive in device.motors]:
+        if name not in [drive.name for drive in model.device.motors]:
             raise TorqueLimitError(name, "of a motor that is not there")
     return np.array(made, dtype=float)
 
 
-def _of_joint(device: Device, row: Array) -> float | None:
+def _of_joint(model: DynamicModel, row: Array) -> float | None:
     """Limit of the one joint that a motor drives, seen by the motor; None where it drives several."""
     joints = np.flatnonzero(row)
-    limit = device.joints[device.active[joints[0]]].torque_limit if len(joints) == 1 else None
+    limit = model.device.joints[model.device.active[joints[0]]].torque_limit if len(joints) == 1 else None
     return None if limit is None else limit / abs(float(row[joints[0]]))
 
 
 def motor_jacobian(grasp: Grasp) -> Array:
     """Velocity of the handle by rates of the motors' coordinates, (poses, m, motors)."""
-    device, made = grasp.device, np.zeros((len(grasp), len(grasp.rows), len(grasp.device.active)))
+    model, made = grasp.model, np.zeros((len(grasp), len(grasp.rows), len(grasp.model.device.active)))
     made[:, :, list(grasp.moving)] = grasp.jacobian
-    driven = [k for k, drive in enumerate(device.drives) if drive.motorised]
-    return np.asarray((made @ np.linalg.inv(device.drive_rates))[:, :, driven])
+    driven = [k for k, drive in enumerate(model.device.drives) if drive.motorised]
+    return np.asarray((made @ np.linalg.inv(model.device.drive_rates))[:, :, driven])
 
 
-def motor_torque(device: Device, torque: Array) -> Array:
+def motor_torque(model: DynamicModel, torque: Array) -> Array:
     """Torques of the motors' coordinates, (motors, samples), from those of the torque rows, (active, samples)."""
-    driven = [k for k, drive in enumerate(device.drives) if drive.motorised]
-    return np.asarray(np.linalg.solve(device.drive_rates.T, torque)[driven])
+    driven = [k for k, drive in enumerate(model.device.drives) if drive.motorised]
+    return np.asarray(np.linalg.solve(model.device.drive_rates.T, torque)[driven])
 
 
 def weakest(jacobian: Array, limits: Array, weight: Array) -> tuple[Array, Array, np.ndarray]:

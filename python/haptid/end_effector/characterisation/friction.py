@@ -5,36 +5,36 @@ from __future__ import annotations
 import numpy as np
 
 from haptid._internal.arrays import Array
-from haptid.end_effector.characterisation.jacobian import Grasp
-from haptid.device import Device
 from haptid.device.terms.term import DRY, TermColumn
 from haptid.dynamics.inverse import raw_parameters
+from haptid.dynamics.model import DynamicModel
+from haptid.end_effector.characterisation.jacobian import Grasp
 
 # A joint stands still in a motion where its rate is below this share of the fastest one's.
 STILL = 1e-9
 
 
-def viscous_matrix(device: Device, beta: Array) -> Array:
+def viscous_matrix(model: DynamicModel, beta: Array) -> Array:
     """Viscous friction of the coordinates that torque rows belong to, (active, active), N m s/rad."""
-    made = np.zeros((len(device.active),) * 2)
-    for term, value in _terms(device, beta, ("viscous",)):
+    made = np.zeros((len(model.device.active),) * 2)
+    for term, value in _terms(model, beta, ("viscous",)):
         made += value * np.outer(term.weights, term.weights) / (2 if term.side else 1)
     return made
 
 
-def dry_torque(device: Device, beta: Array, rates: Array) -> Array:
+def dry_torque(model: DynamicModel, beta: Array, rates: Array) -> Array:
     """Dry friction of a motion in the limit of slow speed, (active, samples), N m or N: only signs of rates count.
 
     Friction at rest counts for Stribeck terms. What does not move has none here, though at rest it may have.
 
     Args:
-        device: the mechanism.
+        model: the dynamic model.
         beta: its base parameters, (p,), SI.
         rates: of the coordinates that torque rows belong to, (active, samples).
     """
     made = np.zeros_like(rates)
     fastest = np.abs(rates).max(axis=0, initial=0.0)
-    for term, value in _terms(device, beta, DRY):
+    for term, value in _terms(model, beta, DRY):
         rate = term.weights @ rates
         sign = np.where(np.abs(rate) > STILL * fastest, np.sign(rate), 0.0)
         if term.kind == "coulomb+":
@@ -45,18 +45,18 @@ def dry_torque(device: Device, beta: Array, rates: Array) -> Array:
     return made
 
 
-def coulomb_level(device: Device, beta: Array) -> Array:
+def coulomb_level(model: DynamicModel, beta: Array) -> Array:
     """Sum of the dry friction that loads each coordinate, (active,), N m or N: the paper's Fc."""
-    made = np.zeros(len(device.active))
-    for term, value in _terms(device, beta, DRY):
+    made = np.zeros(len(model.device.active))
+    for term, value in _terms(model, beta, DRY):
         made += value * np.abs(term.weights) / (2 if term.side else 1)
     return made
 
 
-def _terms(device: Device, beta: Array, kinds: tuple[str, ...]) -> list[tuple[TermColumn, float]]:
+def _terms(model: DynamicModel, beta: Array, kinds: tuple[str, ...]) -> list[tuple[TermColumn, float]]:
     """Terms of these kinds that have an effect, each with its parameter."""
-    values = raw_parameters(device, beta)[10 * len(device.joints) :]
-    pairs = zip(device.terms, values, strict=True)
+    values = raw_parameters(model, beta)[10 * len(model.device.joints) :]
+    pairs = zip(model.terms, values, strict=True)
     return [(term, float(value)) for term, value in pairs if term.nature in kinds and value]
 
 

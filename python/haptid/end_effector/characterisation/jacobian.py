@@ -7,9 +7,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from haptid._internal.arrays import Array, expect, freeze, positive, read_only
-from haptid.device import Device
-from haptid.errors import CharacterisationSettingError, SpareJointsError
 from haptid.dynamics.kinematics import handle_motion, handle_of
+from haptid.dynamics.model import DynamicModel
+from haptid.errors import CharacterisationSettingError, SpareJointsError
 
 LINEAR = (0, 1, 2)
 # Poses are described all at once for so many of them.
@@ -21,7 +21,7 @@ class Grasp:
     """Poses, and the handle's Jacobian by the coordinates whose torque is measured; the others are held still.
 
     Attributes:
-        device: the mechanism.
+        model: the dynamic model.
         qa: positions of the active joints, (active, poses), rad or m.
         rows: components of the handle's velocity in the base frame: 0 to 2 linear, 3 to 5 angular, (m,).
         moving: coordinates that move, (n,).
@@ -31,7 +31,7 @@ class Grasp:
         worst: condition number beyond which a pose is left out.
     """
 
-    device: Device
+    model: DynamicModel
     qa: Array
     rows: tuple[int, ...]
     moving: tuple[int, ...]
@@ -76,12 +76,12 @@ class Grasp:
 
     def all_rates(self, rates: Array) -> Array:
         """Rates of all coordinates, (coordinates, poses), from those of the moving ones, (poses, n)."""
-        made = np.zeros((len(self.device.active), len(self)))
+        made = np.zeros((len(self.model.device.active), len(self)))
         made[list(self.moving)] = rates.T
         return made
 
 
-def grasp(device: Device, qa: Array, rows: tuple[int, ...], worst: float) -> Grasp:
+def grasp(model: DynamicModel, qa: Array, rows: tuple[int, ...], worst: float) -> Grasp:
     """The handle at these poses.
 
     Raises:
@@ -89,23 +89,23 @@ def grasp(device: Device, qa: Array, rows: tuple[int, ...], worst: float) -> Gra
         CharacterisationSettingError: a setting that means nothing.
         ShapeError: the poses do not fit the device.
     """
-    check_settings(device, qa, rows, worst)
-    moving = moving_coordinates(device)
-    parts = [handle_motion(device, qa[:, k : k + CHUNK]) for k in range(0, max(qa.shape[1], 1), CHUNK)]
+    check_settings(model, qa, rows, worst)
+    moving = moving_coordinates(model)
+    parts = [handle_motion(model, qa[:, k : k + CHUNK]) for k in range(0, max(qa.shape[1], 1), CHUNK)]
     jacobian = np.concatenate([part.row_jacobian[:, list(rows)][:, :, list(moving)] for part in parts])
     singular = np.linalg.svd(jacobian, compute_uv=False)
     with np.errstate(divide="ignore", invalid="ignore"):
         condition = np.where(singular[:, -1] > 0, singular[:, 0] / singular[:, -1], np.inf)
     position = np.concatenate([part.position for part in parts])
-    return Grasp(device, qa, rows, moving, position, jacobian, condition, worst)
+    return Grasp(model, qa, rows, moving, position, jacobian, condition, worst)
 
 
-def moving_coordinates(device: Device) -> tuple[int, ...]:
+def moving_coordinates(model: DynamicModel) -> tuple[int, ...]:
     """Coordinates whose torque is measured: entries of the model in the others' rows are not identified."""
-    return tuple(k for k, known in enumerate(device.measured) if known)
+    return tuple(k for k, known in enumerate(model.device.measured) if known)
 
 
-def check_settings(device: Device, qa: Array, rows: tuple[int, ...], worst: float) -> None:
+def check_settings(model: DynamicModel, qa: Array, rows: tuple[int, ...], worst: float) -> None:
     """Refuse settings that mean nothing.
 
     Raises:
@@ -113,13 +113,13 @@ def check_settings(device: Device, qa: Array, rows: tuple[int, ...], worst: floa
         CharacterisationSettingError: a setting, or a position that is not finite.
         ShapeError: the poses do not fit the device.
     """
-    expect("qa", qa.shape, (len(device.active), None))
+    expect("qa", qa.shape, (len(model.device.active), None))
     if not np.isfinite(qa).all():
         raise CharacterisationSettingError("a position", float("nan"), "finite positions")
-    if handle_of(device).link < 0:
+    if handle_of(model).link < 0:
         raise CharacterisationSettingError("the handle's link", "the base", "a link that moves")
-    for term in device.terms:
-        if (term.kind == "rotor" or term.resists) and term.joint is not None and device.varying[term.joint].any():
+    for term in model.terms:
+        if (term.kind == "rotor" or term.resists) and term.joint is not None and model.device.varying[term.joint].any():
             wanted = "rotors and friction on motors or active joints: the rates of this joint vary with the pose"
             raise CharacterisationSettingError(f"term {term.name}", term.on, wanted)
     if not rows or len(set(rows)) < len(rows) or not set(rows) <= set(range(6)):

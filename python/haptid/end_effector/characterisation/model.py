@@ -10,7 +10,7 @@ import numpy as np
 from scipy import stats
 
 from haptid._internal.arrays import Array, expect, freeze, read_only
-from haptid.device import Device
+from haptid.dynamics.model import DynamicModel
 from haptid.errors import BaseNameError
 from haptid.estimation import Estimate
 
@@ -23,21 +23,21 @@ class GivenModel:
     """Base parameters that do not come from an estimate: published ones, or true ones.
 
     Attributes:
-        device: the mechanism.
+        model: the dynamic model.
         beta: its base parameters, (p,), SI.
         covariance: of them, (p, p); None where nothing is known of it.
         freedom: degrees of freedom of intervals that are made from the covariance.
         lonely: parameters, by index, whose deviation nothing tells: no figure made from them has an interval.
     """
 
-    device: Device
+    model: DynamicModel
     beta: Array
     covariance: Array | None = None
     freedom: float = float("inf")
     lonely: tuple[int, ...] = ()
 
     def __post_init__(self) -> None:
-        p = len(self.device.base)
+        p = len(self.model.base)
         object.__setattr__(self, "beta", read_only(self.beta))
         expect("beta", self.beta.shape, (p,))
         if self.covariance is not None:
@@ -45,27 +45,27 @@ class GivenModel:
             expect("covariance", self.covariance.shape, (p, p))
 
     @classmethod
-    def of(cls, device: Device, values: Mapping[str, float], sd: Mapping[str, float] | None = None) -> GivenModel:
+    def of(cls, model: DynamicModel, values: Mapping[str, float], sd: Mapping[str, float] | None = None) -> GivenModel:
         """From a table as papers print it; parameters that it does not have are zero.
 
         Args:
-            device: the mechanism.
+            model: the dynamic model.
             values: by name of the base parameter, SI.
             sd: deviations by name, taken as independent; None where nothing is known of them.
 
         Raises:
             BaseNameError: a name that is no base parameter of the device.
         """
-        names = device.base.names
+        names = model.base.names
         for name in (*values, *(sd or ())):
             if name not in names:
                 raise BaseNameError(name, names)
         beta = np.array([values.get(name, 0.0) for name in names])
         covariance = None if sd is None else np.diag([sd.get(name, 0.0) ** 2 for name in names])
-        return cls(device, beta, covariance)
+        return cls(model, beta, covariance)
 
 
-Model = Estimate | GivenModel
+IdentifiedModel = Estimate | GivenModel
 
 
 @dataclass(frozen=True, eq=False)
@@ -100,64 +100,64 @@ class Figure:
         return freeze(np.stack([self.value - half, self.value + half], axis=-1))
 
 
-def spread(model: Model) -> Array | None:
+def spread(identified: IdentifiedModel) -> Array | None:
     """Columns whose outer products sum to the covariance of the base parameters, (p, s); None without one.
 
     Of an estimate that is held to possible bodies it is that of its free fit, as its own deviations are.
     """
-    if model.covariance is None:
+    if identified.covariance is None:
         return None
-    values, vectors = np.linalg.eigh(model.covariance)
+    values, vectors = np.linalg.eigh(identified.covariance)
     kept = values > 0
     return np.asarray(vectors[:, kept] * np.sqrt(values[kept]))
 
 
-def trusted(model: Model, sd: Array) -> Array:
+def trusted(identified: IdentifiedModel, sd: Array) -> Array:
     """The deviations, infinite where the estimate cannot say how far to trust some parameter."""
-    return np.where(np.isnan(sd), np.nan, np.inf) if model.lonely else sd
+    return np.where(np.isnan(sd), np.nan, np.inf) if identified.lonely else sd
 
 
-def freedom(model: Model, combinations: Array) -> float:
+def freedom(identified: IdentifiedModel, combinations: Array) -> float:
     """Least degrees of freedom of these combinations of base parameters, (q, p), as the estimate's intervals have them.
 
     Of a given covariance they are given too.
     """
-    if not isinstance(model, Estimate):
-        return model.freedom
+    if not isinstance(identified, Estimate):
+        return identified.freedom
     known = combinations[np.isfinite(combinations).all(axis=1) & combinations.any(axis=1)]
     if not len(known):
         return float("inf")
     few = known[np.linspace(0, len(known) - 1, min(len(known), LOOKED_AT)).astype(int)]
-    return float(model.spread(few).freedom.min())
+    return float(identified.spread(few).freedom.min())
 
 
-def linear(model: Model, of: Callable[[Array], Array], unit: str) -> Figure:
+def linear(identified: IdentifiedModel, of: Callable[[Array], Array], unit: str) -> Figure:
     """A figure that is linear in the base parameters.
 
     Args:
-        model: the parameters.
+        identified: the parameters.
         of: the figure from base parameters, (p,).
         unit: of the figure.
     """
-    return changing(model, of(model.beta), of, unit)
+    return changing(identified, of(identified.beta), of, unit)
 
 
-def changing(model: Model, value: Array, slope: Callable[[Array], Array], unit: str) -> Figure:
+def changing(identified: IdentifiedModel, value: Array, slope: Callable[[Array], Array], unit: str) -> Figure:
     """A figure of this value, whose change with a change of the base parameters, (p,), is `slope` of it."""
-    columns = spread(model)
+    columns = spread(identified)
     if columns is None:
         return Figure(value, None, float("inf"), unit)
     variance = np.zeros_like(value)
     for column in columns.T:
         variance += slope(column) ** 2
-    sd = trusted(model, np.sqrt(variance))
-    return Figure(value, sd, _freedom_of(model, slope, value.size), unit)
+    sd = trusted(identified, np.sqrt(variance))
+    return Figure(value, sd, _freedom_of(identified, slope, value.size), unit)
 
 
-def _freedom_of(model: Model, slope: Callable[[Array], Array], size: int) -> float:
+def _freedom_of(identified: IdentifiedModel, slope: Callable[[Array], Array], size: int) -> float:
     """Degrees of freedom of a figure, from some of its places."""
-    if not isinstance(model, Estimate):
-        return model.freedom
+    if not isinstance(identified, Estimate):
+        return identified.freedom
     few = np.linspace(0, size - 1, min(size, LOOKED_AT)).astype(int)
-    gradients = np.array([slope(unit).ravel()[few] for unit in np.eye(len(model.beta))])
-    return freedom(model, gradients.T)
+    gradients = np.array([slope(unit).ravel()[few] for unit in np.eye(len(identified.beta))])
+    return freedom(identified, gradients.T)

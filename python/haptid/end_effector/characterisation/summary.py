@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 def summary(found: Characterisation) -> str:
     """Median and range of the figures over the poses that count, and what does not."""
     grasp = found.grasp
-    lines = [f"{found.device.name} at the handle: {int(grasp.usable.sum())} of {len(grasp)} poses"]
+    lines = [f"{found.model.device.name} at the handle: {int(grasp.usable.sum())} of {len(grasp)} poses"]
     for k in range(found.apparent_mass.value.shape[1]):
         lines.append(_line(f"apparent mass {k + 1}", found.apparent_mass, k))
     lines.append(_line("isotropy", found.isotropy))
@@ -62,7 +62,11 @@ def notes(found: Characterisation) -> Iterator[str]:
         )
     if len(grasp.moving) < len(grasp.rows):
         yield f"The handle moves in {len(grasp.moving)} directions at a pose: figures are of that motion."
-    held = [label for label, known in zip(found.device.row_labels, found.device.measured, strict=True) if not known]
+    held = [
+        label
+        for label, known in zip(found.model.device.row_labels, found.model.device.measured, strict=True)
+        if not known
+    ]
     if held:
         yield f"Torque is not measured on {', '.join(held)}: those coordinates are taken to stand still."
     if min(grasp.rows) < 3 <= max(grasp.rows):
@@ -73,9 +77,9 @@ def notes(found: Characterisation) -> Iterator[str]:
 
 def _where(found: Characterisation, poses: np.ndarray) -> str:
     """Range of each active joint over these poses."""
-    device, parts = found.device, []
-    for j, row in zip(device.active, found.grasp.qa[:, poses], strict=True):
-        joint = device.joints[j]
+    model, parts = found.model, []
+    for j, row in zip(model.device.active, found.grasp.qa[:, poses], strict=True):
+        joint = model.device.joints[j]
         low, high = (row.min(), row.max()) if joint.prismatic else np.degrees([row.min(), row.max()])
         parts.append(f"{joint.name} {low:.3g} .. {high:.3g} {'m' if joint.prismatic else 'deg'}")
     return f" ({', '.join(parts)})"

@@ -118,8 +118,8 @@ def _named(name: str, figure: Figure, names: Sequence[str]) -> Iterator[Column]:
 
 def write_columns(found: Characterisation, made: Sequence[Column], path: Path) -> None:
     """Write a CSV: a row for each pose; positions of joints and handle, condition number, figures with intervals."""
-    device, grasp = found.device, found.grasp
-    joints = [device.joints[j] for j in device.active]
+    model, grasp = found.model, found.grasp
+    joints = [model.device.joints[j] for j in model.device.active]
     heads = [f"{joint.name} [{'m' if joint.prismatic else 'rad'}]" for joint in joints]
     heads += [*(f"handle {axis} [m]" for axis in "xyz"), "condition"]
     values = [*grasp.qa, *grasp.position.T, grasp.condition]

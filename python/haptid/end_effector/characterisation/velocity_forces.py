@@ -7,41 +7,41 @@ import itertools
 import numpy as np
 
 from haptid._internal.arrays import Array
-from haptid.end_effector.characterisation.friction import felt
-from haptid.end_effector.characterisation.jacobian import Grasp
-from haptid.device import Device
 from haptid.dynamics.inverse import core_torque, raw_parameters, rigid
 from haptid.dynamics.kinematics import handle_of, link_poses
+from haptid.dynamics.model import DynamicModel
+from haptid.end_effector.characterisation.friction import felt
+from haptid.end_effector.characterisation.jacobian import Grasp
 
 # Directions that a largest force is first looked for in, and steps from the best of them. At the most they are within
 # 0.1 % of the largest of thousands.
 DIRECTIONS, STEPS = 256, 20
 
 
-def drift(device: Device, qa: Array, qda: Array) -> Array:
+def drift(model: DynamicModel, qa: Array, qda: Array) -> Array:
     """Jdot qd: acceleration of the handle, linear and angular, without acceleration of joints, (samples, 6).
 
     Forward recursion in the base frame (Siciliano et al. 2009, section 7.5.1, with all joint accelerations zero).
 
     Args:
-        device: the mechanism.
+        model: the dynamic model.
         qa: positions of the active joints, (active, samples), rad or m.
         qda: their velocities.
     """
-    handle, at = handle_of(device), link_poses(device, qa)
-    rates = device.tree(qa, qda, np.zeros_like(qda))[1]
-    accelerations = device.tree(qa, qda, np.zeros_like(qda))[2]
+    handle, at = handle_of(model), link_poses(model, qa)
+    rates = model.tree(qa, qda, np.zeros_like(qda))[1]
+    accelerations = model.tree(qa, qda, np.zeros_like(qda))[2]
     chain, link = list[int](), handle.link
     while link >= 0:
         chain.append(link)
-        link = device.joints[link].parent
+        link = model.device.joints[link].parent
     w, wd, a, origin = list[Array](np.zeros((4, qa.shape[1], 3)))
     for i in reversed(chain):
         here, z = at[:, i, :3, 3], at[:, i, :3, 2]
         rate, change = rates[i][:, None], accelerations[i][:, None]
         arm = here - origin
         a = a + np.cross(wd, arm) + np.cross(w, np.cross(w, arm))
-        if device.joints[i].prismatic:
+        if model.device.joints[i].prismatic:
             a = a + 2 * np.cross(w, z * rate) + z * change
         else:
             wd = wd + np.cross(w, z * rate) + z * change
@@ -63,14 +63,14 @@ def neglected_force(grasp: Grasp, inverse: Array, beta: Array, velocity: Array) 
         beta: base parameters, (p,), SI.
         velocity: of the handle, (poses, m).
     """
-    device, to_joints = grasp.device, np.linalg.inv(grasp.device.frame)
+    model, to_joints = grasp.model, np.linalg.inv(grasp.model.device.frame)
     cd = grasp.all_rates(np.einsum("pnm,pm->pn", inverse, velocity))
     usable = grasp.usable
     cd = np.where(usable, cd, 0.0)
-    slowing = drift(device, grasp.qa, to_joints @ cd)[:, list(grasp.rows)]
+    slowing = drift(model, grasp.qa, to_joints @ cd)[:, list(grasp.rows)]
     cdd = -grasp.all_rates(np.einsum("pnm,pm->pn", np.where(usable[:, None, None], inverse, 0.0), slowing))
-    chi = rigid(device, raw_parameters(device, beta))
-    return felt(grasp, inverse, core_torque(device, chi, device.frame @ grasp.qa, cd, cdd))
+    chi = rigid(model, raw_parameters(model, beta))
+    return felt(grasp, inverse, core_torque(model, chi, model.device.frame @ grasp.qa, cd, cdd))
 
 
 def worst_directions(grasp: Grasp, inverse: Array, beta: Array, speed: float) -> Array:

@@ -10,8 +10,9 @@ from scipy import linalg
 from scipy.sparse.csgraph import connected_components
 
 from haptid._internal.arrays import Array, expect, freeze
-from haptid.device import INERTIAL, Device
+from haptid.device import INERTIAL
 from haptid.device.priors import TENSOR
+from haptid.dynamics.model import DynamicModel
 from haptid.estimation.feasibility.scaling import Scale
 
 # What a term's parameter is called, for the kinds that no passive thing can have below zero.
@@ -165,27 +166,27 @@ class Cone:
         return x + max(0.0, -self.margin(x)) / self.margin(self.ball) * self.ball
 
 
-def cone(device: Device, beta: Array) -> Cone:
+def cone(model: DynamicModel, beta: Array) -> Cone:
     """The conditions of a device, scaled for base parameters of about this size.
 
     Args:
-        device: the mechanism.
+        model: the dynamic model.
         beta: its base parameters, (p,), SI.
     """
-    size = Scale.of(device, beta)
-    A = device.base.regrouping * size.chi
-    blocks = (*link_blocks(device, size), *term_blocks(device, size))
-    ball = device.parameters.S.T @ size.ball / np.maximum(device.parameters.S.sum(axis=0), 1)
-    known = np.isfinite(device.chi_prior)
-    centre = np.where(known, np.where(known, device.chi_prior, 0.0), ball)
+    size = Scale.of(model, beta)
+    A = model.base.regrouping * size.chi
+    blocks = (*link_blocks(model, size), *term_blocks(model, size))
+    ball = model.device.parameters.S.T @ size.ball / np.maximum(model.device.parameters.S.sum(axis=0), 1)
+    known = np.isfinite(model.device.chi_prior)
+    centre = np.where(known, np.where(known, model.device.chi_prior, 0.0), ball)
     return Cone(size.chi, A, ball / size.chi, centre / size.chi, parts(A, blocks))
 
 
-def link_blocks(device: Device, size: Scale) -> list[Block]:
+def link_blocks(model: DynamicModel, size: Scale) -> list[Block]:
     """The pseudo-inertia of every link that has inertia, in its own mass and length."""
     made = []
-    for j, joint in enumerate(device.joints):
-        raw = device.parameters.S[10 * j : 10 * j + 10] * size.chi
+    for j, joint in enumerate(model.device.joints):
+        raw = model.device.parameters.S[10 * j : 10 * j + 10] * size.chi
         root = np.array([size.length[j]] * 3 + [1.0]) * np.sqrt(size.mass[j])
         G = PSEUDO @ raw / np.array([root[i] * root[k] for i, k in UPPER])[:, None]
         if joint.body and G.any():
@@ -193,20 +194,20 @@ def link_blocks(device: Device, size: Scale) -> list[Block]:
     return made
 
 
-def term_blocks(device: Device, size: Scale) -> list[Block]:
+def term_blocks(model: DynamicModel, size: Scale) -> list[Block]:
     """Terms that are never negative: each by itself, and Stribeck friction together with what it adds to.
 
     sgn(v) (FC + FS exp(..)) resists at every speed where FC >= 0 and FC + FS >= 0.
     """
-    rows = device.parameters.S[10 * len(device.joints) :]
+    rows = model.device.parameters.S[10 * len(model.device.joints) :]
     dry: dict[str, list[Array]] = {}
     made = []
-    for term, row in zip(device.terms, rows, strict=True):
+    for term, row in zip(model.terms, rows, strict=True):
         if term.nature in NEVER_NEGATIVE and row.any():
             made.append(Block(f"{NEVER_NEGATIVE[term.nature]} of {term.on}", False, unit_row(row * size.chi)))
         if term.kind.startswith("coulomb"):
             dry.setdefault(term.on, []).append(row)
-    for term, row in zip(device.terms, rows, strict=True):
+    for term, row in zip(model.terms, rows, strict=True):
         if term.kind == "stribeck" and row.any():
             for other in dry.get(term.on, [np.zeros_like(row)]):
                 made.append(Block(f"friction at rest of {term.on}", False, unit_row((row + other) * size.chi)))
@@ -238,11 +239,11 @@ def parts(A: Array, blocks: tuple[Block, ...]) -> tuple[Part, ...]:
     return tuple(made)
 
 
-def never_negative(device: Device) -> np.ndarray:
+def never_negative(model: DynamicModel) -> np.ndarray:
     """Base parameters that are sums of quantities which are never negative, (p,), bool."""
-    raw = [kind in POSITIVE for _ in device.joints for kind in INERTIAL]
-    raw += [term.nature in NEVER_NEGATIVE for term in device.terms]
-    S = device.parameters.S
+    raw = [kind in POSITIVE for _ in model.device.joints for kind in INERTIAL]
+    raw += [term.nature in NEVER_NEGATIVE for term in model.terms]
+    S = model.device.parameters.S
     positive = S[np.array(raw)].sum(axis=0) == S.sum(axis=0)
-    rows = device.base.regrouping
+    rows = model.base.regrouping
     return np.asarray(((rows >= 0) & ((rows == 0) | positive)).all(axis=1))

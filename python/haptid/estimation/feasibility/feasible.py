@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from haptid._internal.arrays import Array, expect, read_only
-from haptid.device import Device
+from haptid.dynamics.model import DynamicModel
 from haptid.errors import MetricError, NoBodyError, ParameterValueError
 from haptid.estimation.feasibility.cone import Block, Cone, Part, cone, parts, pseudo_inertia
 from haptid.estimation.feasibility.nearest import BORDER, interior, nearest
@@ -36,7 +36,7 @@ class Possible:
     any mass will do, up to some thousands of times what its moments suggest: nobody builds the bodies beyond.
 
     Attributes:
-        device: the mechanism.
+        model: the dynamic model.
         beta: base parameters, (p,), SI.
         chi: standard parameters with these base parameters, (n,), SI: of all that are inside, those of least log-det
             divergence from the prior, or from a homogeneous ball for a link without one. Torque tells only their base
@@ -46,7 +46,7 @@ class Possible:
         failing: a sentence for every contradiction, none where `ok`.
     """
 
-    device: Device
+    model: DynamicModel
     beta: Array
     chi: Array
     margin: float
@@ -64,8 +64,8 @@ class Possible:
     @property
     def pseudo_inertias(self) -> Array:
         """Of every link, (joints, 4, 4), SI."""
-        raw = self.device.parameters.S @ self.chi
-        return np.array([pseudo_inertia(raw[10 * j : 10 * j + 10]) for j in range(len(self.device.joints))])
+        raw = self.model.device.parameters.S @ self.chi
+        return np.array([pseudo_inertia(raw[10 * j : 10 * j + 10]) for j in range(len(self.model.device.joints))])
 
     def summary(self) -> str:
         """The verdict as text."""
@@ -74,11 +74,11 @@ class Possible:
         return "\n".join([f"No real bodies have these parameters: margin {self.margin:.2g}.", *self.failing])
 
 
-def possible(device: Device, beta: Array) -> Possible:
+def possible(model: DynamicModel, beta: Array) -> Possible:
     """Whether real bodies and passive terms can have these base parameters, identified or published.
 
     Args:
-        device: the mechanism.
+        model: the dynamic model.
         beta: its base parameters, in its order, (p,), SI.
 
     Raises:
@@ -86,12 +86,12 @@ def possible(device: Device, beta: Array) -> Possible:
         NoBodyError: the symmetries declared for the device leave no body.
         UnsolvedError: the solver stopped before it had an answer.
     """
-    beta = checked(device, beta)
-    conditions = roomy(device, beta)
-    return inside(device, conditions, beta, conditions.start(beta))
+    beta = checked(model, beta)
+    conditions = roomy(model, beta)
+    return inside(model, conditions, beta, conditions.start(beta))
 
 
-def inside(device: Device, conditions: Cone, beta: Array, x: Array, settled: Sequence[Part] = ()) -> Possible:
+def inside(model: DynamicModel, conditions: Cone, beta: Array, x: Array, settled: Sequence[Part] = ()) -> Possible:
     """The most interior standard parameters behind base parameters, from any scaled ones x, (n,), that have them."""
     found = interior(conditions, x, settled)
     failing = tuple(
@@ -99,16 +99,16 @@ def inside(device: Device, conditions: Cone, beta: Array, x: Array, settled: Seq
         for part, margin, shares in zip(conditions.parts, found.margins, found.multipliers, strict=True)
         if margin < -ROUNDING
     )
-    return Possible(device, beta, conditions.scale * found.x, float(found.margins.min(initial=1.0)), failing)
+    return Possible(model, beta, conditions.scale * found.x, float(found.margins.min(initial=1.0)), failing)
 
 
-def project(device: Device, beta: Array, R: Array) -> Possible:
+def project(model: DynamicModel, beta: Array, R: Array) -> Possible:
     """The nearest base parameters that real bodies can have: |R (b - beta)| least.
 
     With the triangle of an observation, `observation.stack(weights)[:-1, :-1]`, nearest is: torque changes least.
 
     Args:
-        device: the mechanism.
+        model: the dynamic model.
         beta: its base parameters, (p,), SI.
         R: of the metric, (p, p): a triangle, or any other root of its square.
 
@@ -118,15 +118,15 @@ def project(device: Device, beta: Array, R: Array) -> Possible:
         NoBodyError: the symmetries declared for the device leave no body.
         UnsolvedError: the solver stopped before it had an answer.
     """
-    beta = checked(device, beta)
-    check_metric(device, R)
-    found = possible(device, beta)
-    return found if found.ok else hold(device, beta, triangle(R))[0]
+    beta = checked(model, beta)
+    check_metric(model, R)
+    found = possible(model, beta)
+    return found if found.ok else hold(model, beta, triangle(R))[0]
 
 
-def hold(device: Device, beta: Array, R: Array) -> tuple[Possible, tuple[Block, ...]]:
+def hold(model: DynamicModel, beta: Array, R: Array) -> tuple[Possible, tuple[Block, ...]]:
     """The nearest that is possible to what is not, and the conditions that hold it."""
-    conditions = roomy(device, beta)
+    conditions = roomy(model, beta)
     x, strength = nearest(conditions, R, beta)
     least = NEGLIGIBLE * strength.max(initial=0.0)
     held = tuple(block for block, z in zip(conditions.blocks, strength, strict=True) if z > least)
@@ -134,39 +134,39 @@ def hold(device: Device, beta: Array, R: Array) -> tuple[Possible, tuple[Block, 
         if not block.is_link and np.count_nonzero(block.G) == 1:
             x[np.flatnonzero(block.G[0])] = 0.0  # not 1e-13 of its size
     settled = [part for part in conditions.parts if any(block in held for block in part.blocks)]
-    return inside(device, conditions, conditions.A @ x, x, settled), held
+    return inside(model, conditions, conditions.A @ x, x, settled), held
 
 
-def checked(device: Device, beta: ArrayLike) -> Array:
+def checked(model: DynamicModel, beta: ArrayLike) -> Array:
     """Base parameters of the device as floats, after a look at their shape and at each."""
     beta = np.asarray(beta, dtype=float)
-    expect("beta", beta.shape, (len(device.base),))
-    for name, value in zip(device.base.names, beta, strict=True):
+    expect("beta", beta.shape, (len(model.base),))
+    for name, value in zip(model.base.names, beta, strict=True):
         if not np.isfinite(value):
             raise ParameterValueError(name, float(value))
     return beta
 
 
-def check_metric(device: Device, R: Array) -> None:
+def check_metric(model: DynamicModel, R: Array) -> None:
     """Raise MetricError, naming the parameter it says least about, where R is as good as singular."""
-    p = len(device.base)
+    p = len(model.base)
     expect("R", np.shape(R), (p, p))
     sizes = np.linalg.norm(R, axis=0)
     if not sizes.all():
-        raise MetricError(device.base.names[int(np.argmin(sizes))], 0.0, WEIGHED)
+        raise MetricError(model.base.names[int(np.argmin(sizes))], 0.0, WEIGHED)
     _, singular, directions = np.linalg.svd(R / sizes)
     ratio = float(singular[-1] / singular[0])
     if ratio < WEIGHED:
-        raise MetricError(device.base.names[int(np.argmax(np.abs(directions[-1])))], ratio, WEIGHED)
+        raise MetricError(model.base.names[int(np.argmax(np.abs(directions[-1])))], ratio, WEIGHED)
 
 
-def roomy(device: Device, beta: Array) -> Cone:
+def roomy(model: DynamicModel, beta: Array) -> Cone:
     """The conditions, scaled for base parameters of about this size.
 
     Raises:
         NoBodyError: no standard parameters at all are well inside: the symmetries leave no body.
     """
-    made = cone(device, beta)
+    made = cone(model, beta)
     if made.margin(made.ball) > BORDER:
         return made
     nothing = np.zeros((0, len(made.scale)))

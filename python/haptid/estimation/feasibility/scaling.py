@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from haptid._internal.arrays import Array
-from haptid.device import Device
+from haptid.dynamics.model import DynamicModel
 
 # Power of a length in the unit of each of a link's ten parameters.
 POWER = np.array([2] * 6 + [1] * 3 + [0])
@@ -31,19 +31,19 @@ class Scale:
     ball: Array
 
     @staticmethod
-    def of(device: Device, beta: Array) -> Scale:
+    def of(model: DynamicModel, beta: Array) -> Scale:
         """Lengths from the geometry; masses and terms from what base parameters of this size can hold.
 
         The sizes only set the units in which margins are told and numbers are computed, not what is possible.
         """
-        length = lengths(device)
-        S, room = device.parameters.S, largest(device.base.regrouping, beta)
+        length = lengths(model)
+        S, room = model.device.parameters.S, largest(model.base.regrouping, beta)
         free = np.argmax(S, axis=1)
         raw = np.where(S.any(axis=1), room[free], np.nan)
         links = raw[: 10 * len(length)].reshape(-1, 10) / length[:, None] ** POWER
         mass = filled(np.array([large(row) for row in links]))
-        sizes = np.concatenate([(mass[:, None] * length[:, None] ** POWER).ravel(), term_sizes(device, raw)])
-        ball = sizes * np.concatenate([np.tile(BALL, len(length)), np.ones(len(device.terms))])
+        sizes = np.concatenate([(mass[:, None] * length[:, None] ** POWER).ravel(), term_sizes(model, raw)])
+        ball = sizes * np.concatenate([np.tile(BALL, len(length)), np.ones(len(model.terms))])
         return Scale(mass, length, sizes[np.argmax(S, axis=0)], ball)
 
 
@@ -68,21 +68,21 @@ def filled(values: Array) -> Array:
     return np.where(values > 0, values, np.median(known) if len(known := values[values > 0]) else 1.0)
 
 
-def term_sizes(device: Device, raw: Array) -> Array:
+def term_sizes(model: DynamicModel, raw: Array) -> Array:
     """The largest of every kind and unit, (terms,), SI."""
-    own = np.nan_to_num(raw[10 * len(device.joints) :])
-    kinds = [(term.kind, term.unit) for term in device.terms]
+    own = np.nan_to_num(raw[10 * len(model.device.joints) :])
+    kinds = [(term.kind, term.unit) for term in model.terms]
     most = {kind: max(v for v, k in zip(own, kinds, strict=True) if k == kind) for kind in kinds}
     return np.array([most[kind] or 1.0 for kind in kinds])
 
 
-def lengths(device: Device) -> Array:
+def lengths(model: DynamicModel) -> Array:
     """How far every link reaches: to its children's joints, the loops' cuts, the handle, (joints,), m."""
-    reach = np.zeros(len(device.joints))
-    ends = [(joint.parent, joint.translation) for joint in device.joints]
-    ends += [(f.link, f.translation) for cut in device.closure.cuts for f in (cut.frame, cut.twin)]
-    if device.handle is not None:
-        ends.append((device.handle.link, device.handle.translation))
+    reach = np.zeros(len(model.device.joints))
+    ends = [(joint.parent, joint.translation) for joint in model.device.joints]
+    ends += [(f.link, f.translation) for cut in model.device.closure.cuts for f in (cut.frame, cut.twin)]
+    if model.device.handle is not None:
+        ends.append((model.device.handle.link, model.device.handle.translation))
     for link, end in ends:
         if link >= 0:
             reach[link] = max(reach[link], float(np.linalg.norm(end)))

@@ -13,8 +13,8 @@ import numpy as np
 
 from haptid._internal.arrays import Array
 from haptid.estimation.fit import ALONE, Fit, Moments, together
-from haptid.estimation.least_squares import Solution
 from haptid.estimation.intervals.spread import Spread, believing
+from haptid.estimation.least_squares import Solution
 from haptid.observation.observation import Observation
 
 # With fewer effective blocks than this an interval means nothing; Student's t is held here.

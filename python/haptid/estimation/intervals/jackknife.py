@@ -11,8 +11,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from haptid._internal.arrays import Array
-from haptid.estimation.intervals.cluster_robust import LEAST_FREEDOM
 from haptid.estimation.fit import Fit, Moments
+from haptid.estimation.intervals.cluster_robust import LEAST_FREEDOM
 from haptid.estimation.intervals.spread import Spread, believing
 
 

@@ -12,13 +12,13 @@ from scipy import sparse
 
 from haptid._internal.arrays import Array
 from haptid.errors import MethodSettingError, PulledProfileError, UnsolvedError
-from haptid.estimation.methods.bounded import Within, conditions
-from haptid.estimation.intervals.cluster_robust import Clustered
-from haptid.estimation.methods.consistent import Held
-from haptid.estimation.fit import Fit
-from haptid.estimation.feasibility.feasible import roomy
 from haptid.estimation.feasibility.conic_program import ENOUGH, SOLVED, TIGHT, Condition, settings
+from haptid.estimation.feasibility.feasible import roomy
+from haptid.estimation.fit import Fit
+from haptid.estimation.intervals.cluster_robust import Clustered
 from haptid.estimation.intervals.spread import Intervals, Spread
+from haptid.estimation.methods.bounded import Within, conditions
+from haptid.estimation.methods.consistent import Held
 
 # Weight of the pull along directions that no torque shows, in units in which the end that is looked for is one.
 PULL = 1e-6
@@ -150,7 +150,7 @@ def within(fit: Fit, held: Within) -> Room:
 
 def possible(fit: Fit, held: Held) -> Room:
     """What bodies and passive terms can have; y moves what no base parameter shows."""
-    cone = roomy(held.possible.device, held.beta)
+    cone = roomy(held.possible.model, held.beta)
     x = held.possible.chi / cone.scale + cone.inverse @ (held.free - held.beta)
     move = np.column_stack([cone.inverse @ fit.solution.root, cone.null])
     made = tuple(Condition(block.G @ move, block.G @ x, block.is_link) for block in cone.blocks)

@@ -9,8 +9,8 @@ from scipy import fft
 
 from haptid._internal.arrays import Array, whole
 from haptid.errors import MethodSettingError
-from haptid.estimation.intervals.autoregression import Autoregression, burg, unbroken
 from haptid.estimation.fit import Fit
+from haptid.estimation.intervals.autoregression import Autoregression, burg, unbroken
 from haptid.estimation.intervals.spread import Spread
 from haptid.observation.rows import Rows
 
@@ -68,9 +68,11 @@ def middles(rows: Rows, fit: Fit, models: list[Autoregression]) -> Array:
         once[0] = 1.0
         if length % 2 == 0:
             once[-1] = 1.0
-        for W, weight, model, motor in zip(stretch.W, fit.weights, models, rows.observation.motors, strict=True):
+        for W, weight, autoregression, motor in zip(
+            stretch.W, fit.weights, models, rows.observation.motors, strict=True
+        ):
             taken = motor.rows.sum() / max(1, motor.rows.sum() - len(motor.columns))
             X = fft.rfft(weight**2 * (W @ fit.solution.root), length, axis=0)
-            power = taken * model.spectrum(length) * once / length
+            power = taken * autoregression.spectrum(length) * once / length
             made += ((X.conj().T * power) @ X).real
     return made

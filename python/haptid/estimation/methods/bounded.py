@@ -9,11 +9,11 @@ import numpy as np
 
 from haptid._internal.arrays import Array, read_only
 from haptid.errors import MethodSettingError
-from haptid.estimation.method import Around, Method, expect_weighting
 from haptid.estimation.feasibility.conic_program import Condition, minimise
-from haptid.estimation.methods.zeroed import indices
 from haptid.estimation.least_squares import Solution
+from haptid.estimation.method import Around, Method, expect_weighting
 from haptid.estimation.methods.wls import WLS
+from haptid.estimation.methods.zeroed import indices
 from haptid.observation.observation import Observation
 
 # A parameter this near a limit, as a share of its deviation in the fit, is held by it.

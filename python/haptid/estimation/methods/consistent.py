@@ -9,9 +9,9 @@ import numpy as np
 
 from haptid._internal.arrays import Array, read_only
 from haptid.estimation.feasibility.cone import never_negative
-from haptid.estimation.method import Around, Method, expect_weighting
 from haptid.estimation.feasibility.feasible import Possible, hold, possible
 from haptid.estimation.least_squares import Solution
+from haptid.estimation.method import Around, Method, expect_weighting
 from haptid.estimation.methods.wls import WLS
 from haptid.observation.observation import MotorRows, Observation
 
@@ -57,10 +57,10 @@ class Consistent(Around):
             NoBodyError: the symmetries declared for the device leave no body.
             UnsolvedError: the solver stopped before it had an answer.
         """
-        found = possible(observation.device, free.beta)
+        found = possible(observation.model, free.beta)
         if found.ok:
             return Held(found, free.beta, (), costs(observation.motors, free.beta, free.beta))
-        nearest, blocks = hold(observation.device, free.beta, free.R)
+        nearest, blocks = hold(observation.model, free.beta, free.R)
         active = tuple(dict.fromkeys(reason(block.label, block.is_link) for block in blocks))
         return Held(nearest, free.beta, active, costs(observation.motors, free.beta, nearest.beta))
 
@@ -128,7 +128,7 @@ class Held:
             half: half-widths of the free interval, (p,).
         """
         low, high = self.free - half, self.free + half
-        bounded = never_negative(self.possible.device)
+        bounded = never_negative(self.possible.model)
         high = np.where(bounded & (high < 0), half, high)
         low = np.where(bounded, np.maximum(low, 0.0), low)
         beta = self.possible.beta
@@ -137,7 +137,7 @@ class Held:
     def strained(self, half: Array) -> tuple[str, ...]:
         """Names of the parameters held outside of their free interval, whose half-widths are given, (p,)."""
         moved = np.abs(self.possible.beta - self.free) > half
-        return tuple(name for name, far in zip(self.possible.device.base.names, moved, strict=True) if far)
+        return tuple(name for name, far in zip(self.possible.model.base.names, moved, strict=True) if far)
 
     def notes(self, half: Array) -> tuple[str, ...]:
         """Sentences a user should read: what holds the estimate, what that costs, whether it is too much."""

@@ -7,13 +7,14 @@ from dataclasses import dataclass
 import numpy as np
 
 from haptid._internal.arrays import Array
-from haptid.device import Device
+from haptid.dynamics.model import DynamicModel
+from haptid.dynamics.regressor import columns
 from haptid.estimation.methods.linearised import Linearised, gathered
 from haptid.estimation.methods.simulating import ClosedLoop
+from haptid.motion.channels import coordinate_torque
 from haptid.motion.time_shift import delayed
 from haptid.observation.observation import Observation
-from haptid.motion.channels import coordinate_torque
-from haptid.simulation import Course, columns
+from haptid.simulation import Course
 
 
 @dataclass(frozen=True)
@@ -27,23 +28,23 @@ class DIDIM(ClosedLoop):
     Source: Gautier, Janot and Vandanjon (2013), IEEE Trans. Control Systems Technology 21(2), section III.
     """
 
-    def restate(self, observation: Observation, smoothed: Device, beta: Array) -> Observation:
+    def restate(self, observation: Observation, smoothed: DynamicModel, beta: Array) -> Observation:
         """Rows of torque on columns of the simulated motion."""
-        base, parts = base_columns(observation.device), []
+        base, parts = base_columns(observation.model), []
         for course in self.courses(observation, smoothed, beta):
             slope = columns(smoothed, course.c, course.cd, course.cdd, base)
-            parts.append(Linearised(course.motion, torque_error(observation.device, course), slope))
+            parts.append(Linearised(course.motion, torque_error(observation.model, course), slope))
         return gathered(observation, beta, parts, [motor.unit for motor in observation.motors])
 
 
-def base_columns(device: Device) -> Array:
+def base_columns(model: DynamicModel) -> Array:
     """The core's columns from base parameters, (r, p)."""
-    return np.asarray(device.parameters.S[:, list(device.base.kept)])
+    return np.asarray(model.device.parameters.S[:, list(model.base.kept)])
 
 
-def torque_error(device: Device, course: Course) -> Array:
+def torque_error(model: DynamicModel, course: Course) -> Array:
     """Measured less simulated torque, treated alike, (n, samples), N m or N."""
     motion = course.motion
     late = motion.treatment.torque_delay / motion.dt if motion.log else 0.0
     simulated = delayed(course.tau.T, late).T if late else course.tau
-    return coordinate_torque(device, motion, 0, len(motion)) - simulated
+    return coordinate_torque(model.device, motion, 0, len(motion)) - simulated

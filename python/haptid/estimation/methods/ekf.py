@@ -8,8 +8,8 @@ import numpy as np
 from scipy import linalg
 
 from haptid._internal.arrays import Array
+from haptid.dynamics.parametric import ParametricForwardDynamics
 from haptid.estimation.methods.kalman import PARTS, Belief, Filtering, Track, lower
-from haptid.dynamics.parametric import ParametricModel
 
 
 @dataclass(frozen=True)
@@ -21,15 +21,15 @@ class EKF(Filtering):
     eq. 2.38.
     """
 
-    def ahead(self, model: ParametricModel, belief: Belief, track: Track, k: int) -> Belief:
+    def ahead(self, forward: ParametricForwardDynamics, belief: Belief, track: Track, k: int) -> Belief:
         """From sample k to the next, without measurement."""
         n, x, dt = len(track.c), belief.x.copy(), track.motion.dt
-        linear = model.linearised(x[:n], x[n : 2 * n], track.tau[:, k], x[2 * n :])
-        parts = PARTS if model.turning(x[:n], x[n : 2 * n], linear[0], dt) else 1
+        linear = forward.linearised(x[:n], x[n : 2 * n], track.tau[:, k], x[2 * n :])
+        parts = PARTS if forward.turning(x[:n], x[n : 2 * n], linear[0], dt) else 1
         by_start, by_beta, shaken = np.eye(2 * n), np.zeros((2 * n, len(x) - 2 * n)), np.zeros((2 * n, n))
         for part in range(parts):
             if part > 0:
-                linear = model.linearised(x[:n], x[n : 2 * n], track.tau[:, k], x[2 * n :])
+                linear = forward.linearised(x[:n], x[n : 2 * n], track.tau[:, k], x[2 * n :])
             cdd, by_state, slope, inverse = linear
             F, forced = exponential(by_state, dt / parts)
             x[: 2 * n] += forced @ np.concatenate([x[n : 2 * n], cdd])

@@ -8,13 +8,14 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from haptid._internal.arrays import Array, positive
-from haptid.device import INERTIAL, Device
+from haptid.device import INERTIAL
+from haptid.dynamics.model import DynamicModel
 from haptid.errors import MethodSettingError, NoPriorError, UnsolvedError
 from haptid.estimation.feasibility.cone import Block, Cone
-from haptid.estimation.methods.consistent import Held, costs
-from haptid.estimation.method import Around, Method, expect_weighting
 from haptid.estimation.feasibility.feasible import Possible, roomy
 from haptid.estimation.least_squares import Solution
+from haptid.estimation.method import Around, Method, expect_weighting
+from haptid.estimation.methods.consistent import Held, costs
 from haptid.estimation.methods.wls import WLS
 from haptid.observation.observation import Observation
 
@@ -73,23 +74,23 @@ class Entropic(Around):
             NoBodyError: the symmetries declared for the device leave no body.
             UnsolvedError: Newton's method stopped before it had an answer.
         """
-        device = observation.device
-        pulled = [f"link {name}" for name in prior_links(device)]
+        model = observation.model
+        pulled = [f"link {name}" for name in prior_links(model)]
         if not pulled:
-            raise NoPriorError(device.name)
-        conditions = roomy(device, free.beta)
+            raise NoPriorError(model.device.name)
+        conditions = roomy(model, free.beta)
         scale = 1.0 if self.unit_residual else free.rest / np.sqrt(free.freedom)
         pull = Pull(conditions, tuple(block.label in pulled for block in conditions.blocks))
         strength = self.strength or best(observation, self.weights(observation) / scale, pull)
         x = pull.least(free.R / scale, free.beta, strength)
         beta = conditions.A @ x
-        bodies = Possible(device, beta, conditions.scale * x, min(1.0, conditions.margin(x)), ())
+        bodies = Possible(model, beta, conditions.scale * x, min(1.0, conditions.margin(x)), ())
         return Held(bodies, free.beta, (), costs(observation.motors, free.beta, beta), pulled=True)
 
 
-def prior_links(device: Device) -> list[str]:
+def prior_links(model: DynamicModel) -> list[str]:
     """Names of the links all of whose ten parameters are known beforehand."""
-    return [name for name in device.joint_names if all(kind + name in device.prior for kind in INERTIAL)]
+    return [name for name in model.device.joint_names if all(kind + name in model.device.prior for kind in INERTIAL)]
 
 
 @dataclass(frozen=True, eq=False)

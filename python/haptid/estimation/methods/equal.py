@@ -8,9 +8,10 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from haptid._internal.arrays import Array
-from haptid.device import Device
 from haptid.device.expressions import combination
 from haptid.device.toml.place import Place
+from haptid.dynamics.base_parameters import base_combinations
+from haptid.dynamics.model import DynamicModel
 from haptid.errors import ContradictionError
 from haptid.estimation.knowledge import Knowledge
 from haptid.estimation.method import Around, Method, expect_weighting
@@ -54,7 +55,7 @@ class Equal(Around):
             UnidentifiableTargetError: it is none of base parameters, so that no torque could tell.
             ContradictionError: they cannot hold together.
         """
-        A, b = self._rows(observation.device), np.array(list(self.relations.values()), dtype=float)
+        A, b = self._rows(observation.model), np.array(list(self.relations.values()), dtype=float)
         sizes = np.linalg.norm(A, axis=1)
         met = np.linalg.lstsq(A / sizes[:, None], b / sizes, rcond=None)[0]
         off = np.abs(A @ met - b) / (np.abs(A) @ np.abs(met) + np.abs(b) + np.finfo(float).tiny)
@@ -66,11 +67,9 @@ class Equal(Around):
             A, b = vt[:rank], (u[:, :rank].T @ (b / sizes)) / values[:rank]
         return Knowledge(A, b, np.zeros(len(b)))
 
-    def _rows(self, device: Device) -> Array:
+    def _rows(self, model: DynamicModel) -> Array:
         """Each relation as a combination of base parameters, (relations, p)."""
-        from haptid.inference.targets import base_combinations
-
-        base, parameters, made = device.base, device.parameters, []
+        base, parameters, made = model.base, model.device.parameters, []
         for text in self.relations:
             row = np.zeros(len(parameters))
             symbols = {*base.names, *parameters.raw}
@@ -80,4 +79,4 @@ class Equal(Around):
                 elif name in parameters.index:
                     row[parameters.index[name]] += factor
             made.append(row)
-        return base_combinations(device, list(self.relations), np.array(made).reshape(len(made), -1))
+        return base_combinations(model, list(self.relations), np.array(made).reshape(len(made), -1))

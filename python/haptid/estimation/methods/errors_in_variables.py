@@ -13,9 +13,9 @@ from haptid.errors import MethodSettingError, NoResolutionError
 from haptid.estimation.fit import Fit
 from haptid.estimation.methods.tls import corrected, exact
 from haptid.estimation.methods.wls import WLS
+from haptid.motion.treatment import Motion, treat
 from haptid.observation.observation import Observation
 from haptid.observation.rows import Rows, stretches_of
-from haptid.motion.treatment import Motion, treat
 
 
 @dataclass(frozen=True)

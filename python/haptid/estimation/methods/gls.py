@@ -10,10 +10,10 @@ from scipy import stats
 
 from haptid._internal.arrays import Array, whole
 from haptid.errors import MethodSettingError, NoTorqueError
-from haptid.estimation.intervals.autoregression import Autoregression, burg, unbroken
 from haptid.estimation.fit import Moments, moments
-from haptid.estimation.method import UnitRows
+from haptid.estimation.intervals.autoregression import Autoregression, burg, unbroken
 from haptid.estimation.least_squares import solve
+from haptid.estimation.method import UnitRows
 from haptid.estimation.methods.wls import WLS
 from haptid.observation.observation import Observation
 from haptid.observation.rows import Rows, RowStretch
@@ -111,11 +111,11 @@ class Whitening:
 
     def __call__(self, stretch: RowStretch) -> RowStretch:
         W, y = np.zeros_like(stretch.W), np.zeros_like(stretch.y)
-        for k, model in enumerate(self.models):
+        for k, autoregression in enumerate(self.models):
             reached = np.flatnonzero(stretch.W[k].any(axis=0))
             for run in unbroken(stretch.used[k]):
-                W[k, run, reached] = model.whitened(stretch.W[k, run][:, reached]).T
-                y[k, run] = model.whitened(stretch.y[k, run])
+                W[k, run, reached] = autoregression.whitened(stretch.W[k, run][:, reached]).T
+                y[k, run] = autoregression.whitened(stretch.y[k, run])
         return replace(stretch, W=W, y=y)
 
 

@@ -8,8 +8,8 @@ import numpy as np
 
 from haptid._internal.arrays import Array, whole
 from haptid.errors import MethodSettingError, NoTorqueError
-from haptid.estimation.method import UnitRows
 from haptid.estimation.least_squares import solve
+from haptid.estimation.method import UnitRows
 from haptid.estimation.methods.wls import WLS
 from haptid.observation.observation import MotorRows, Observation
 from haptid.observation.rows import Rows, RowStretch

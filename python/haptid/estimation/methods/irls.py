@@ -8,9 +8,9 @@ import numpy as np
 
 from haptid._internal.arrays import Array, whole
 from haptid.errors import MethodSettingError, NoTorqueError
+from haptid.estimation.least_squares import solve
 from haptid.estimation.method import UnitRows
 from haptid.estimation.methods.robust import Huber, Loss, Tukey
-from haptid.estimation.least_squares import solve
 from haptid.observation.observation import MotorRows, Observation
 from haptid.observation.rows import Rows, RowStretch
 

@@ -7,10 +7,10 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from haptid._internal.arrays import Array
-from haptid.device import Device
+from haptid.dynamics.model import DynamicModel
 from haptid.errors import UnexcitedError
-from haptid.estimation.methods.simulating import ClosedLoop, along, treated_as
 from haptid.estimation.least_squares import EXCITED
+from haptid.estimation.methods.simulating import ClosedLoop, along, treated_as
 from haptid.observation.observation import Observation, triangle
 from haptid.observation.rows import Rows, RowStretch
 
@@ -32,10 +32,10 @@ class IV(ClosedLoop):
 
     friction: float = field(default=0.01, kw_only=True)
 
-    def restate(self, observation: Observation, smoothed: Device, beta: Array) -> Observation:
+    def restate(self, observation: Observation, smoothed: DynamicModel, beta: Array) -> Observation:
         """Rows of the second stage."""
         courses = self.courses(observation, smoothed, beta)
-        simulated = along(observation, [treated_as(observation.device, course) for course in courses])
+        simulated = along(observation, [treated_as(observation.model, course) for course in courses])
         weights = self.weighting.weights(observation)
         return second_stage(observation, simulated, weights)
 

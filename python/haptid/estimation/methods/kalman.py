@@ -18,21 +18,21 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from haptid._internal.arrays import Array, positive
-from haptid.device import Device
 from haptid.dynamics.inverse import inverse_dynamics
+from haptid.dynamics.model import DynamicModel
+from haptid.dynamics.parametric import ParametricForwardDynamics
 from haptid.errors import MethodSettingError, SimulationLostError
-from haptid.estimation.methods.didim import base_columns
 from haptid.estimation.estimate import Estimate, estimate
-from haptid.estimation.methods.linearised import by_block
 from haptid.estimation.method import Method
+from haptid.estimation.methods.didim import base_columns
+from haptid.estimation.methods.linearised import by_block
 from haptid.estimation.methods.open_loop import held_torque, position_noise, recorded_positions
 from haptid.estimation.methods.wls import WLS
-from haptid.observation.observation import Observation
 from haptid.motion.channels import coordinate_torque, coordinates
+from haptid.motion.treatment import Motion
+from haptid.observation.observation import Observation
 from haptid.simulation import measured_state, smooth
 from haptid.simulation.closed_loop import FASTEST
-from haptid.dynamics.parametric import ParametricModel
-from haptid.motion.treatment import Motion
 
 Figures = tuple[float, ...]
 
@@ -136,9 +136,9 @@ class Filtering(ABC):
             SimulationLostError: the filter runs away.
             MasslessError: a mass matrix cannot be inverted.
         """
-        device, first = observation.device, estimate(observation, self.start)
-        smoothed = smooth(device, observation.motions, self.friction)
-        model = ParametricModel(smoothed, base_columns(device))
+        model, first = observation.model, estimate(observation, self.start)
+        smoothed = smooth(model, observation.motions, self.friction)
+        forward = ParametricForwardDynamics(smoothed, base_columns(model))
         p, size = len(observation.base), len(observation.blocks)
         triangles, counts = np.zeros((size, p + 1, p + 1)), np.zeros(size, dtype=int)
         beta, root = first.beta, np.diag(self.widen * first.sd)
@@ -149,8 +149,8 @@ class Filtering(ABC):
                 for block, start, stop in blocks:
                     before = belief.information(p)
                     for k in range(start, stop):
-                        belief = self.ahead(model, belief, track, k)
-                        check(device, motion, k, belief)
+                        belief = self.ahead(forward, belief, track, k)
+                        check(model, motion, k, belief)
                         belief = belief.measured(track.c[:, k + 1], track.noise[0])
                     triangles[block] = gained(before, belief.information(p))
                     counts[block] = (stop - start) * len(track.c)
@@ -158,22 +158,22 @@ class Filtering(ABC):
         return by_block(observation, self.name, triangles, counts)
 
     @abstractmethod
-    def ahead(self, model: ParametricModel, belief: Belief, track: Track, k: int) -> Belief:
+    def ahead(self, forward: ParametricForwardDynamics, belief: Belief, track: Track, k: int) -> Belief:
         """From sample k to the next, without measurement; every filter has its own."""
 
     def _track(self, first: Estimate, motion: Motion) -> Track:
-        device, (low, high) = first.device, motion.usable
-        raw, treated = recorded_positions(device, motion), measured_state(device, motion)
+        model, (low, high) = first.model, motion.usable
+        raw, treated = recorded_positions(model, motion), measured_state(model, motion)
         positions = np.asarray(self.position_noise or position_noise(raw, treated[0], motion), dtype=float)
         torques = np.asarray(self.torque_noise, dtype=float)
         if not torques.size:
-            qa = (np.linalg.inv(device.frame) @ x for x in coordinates(device, motion, low, high))
-            left = coordinate_torque(device, motion, low, high) - inverse_dynamics(device, first.beta, *qa)
+            qa = (np.linalg.inv(model.device.frame) @ x for x in coordinates(model.device, motion, low, high))
+            left = coordinate_torque(model.device, motion, low, high) - inverse_dynamics(model, first.beta, *qa)
             torques = left.std(axis=1)
         for name, figures in (("position_noise", positions), ("torque_noise", torques)):
             if figures.shape != (len(raw),):
                 raise MethodSettingError(self.name, name, figures.tolist(), f"{len(raw)} figures, one for each row")
-        return Track(motion, raw, held_torque(device, motion), treated, (positions, torques))
+        return Track(motion, raw, held_torque(model, motion), treated, (positions, torques))
 
 
 def lower(root: Array) -> Array:
@@ -190,13 +190,13 @@ def begin(track: Track, k: int, beta: Array, root: Array) -> Belief:
     return Belief(np.concatenate([track.treated[0][:, k], track.treated[1][:, k], beta]), S)
 
 
-def check(device: Device, motion: Motion, k: int, belief: Belief) -> None:
+def check(model: DynamicModel, motion: Motion, k: int, belief: Belief) -> None:
     """Raise SimulationLostError where the filter has run away."""
-    n = len(device.row_names)
+    n = len(model.device.row_names)
     speeds = np.abs(belief.x[n : 2 * n])
     if not speeds.max() < FASTEST:
         row = int(np.argmax(np.nan_to_num(speeds, nan=np.inf)))
-        raise SimulationLostError(motion.t0 + k * motion.dt, device.row_labels[row], float(speeds[row]), FASTEST)
+        raise SimulationLostError(motion.t0 + k * motion.dt, model.device.row_labels[row], float(speeds[row]), FASTEST)
 
 
 def gained(before: tuple[Array, Array], after: tuple[Array, Array]) -> Array:

@@ -10,9 +10,9 @@ import numpy as np
 
 from haptid._internal.arrays import Array, freeze
 from haptid.errors import RowsByBlockError
+from haptid.motion.treatment import Motion
 from haptid.observation.observation import MotorRows, Observation, Plan
 from haptid.observation.rows import Rows, RowStretch, decimated
-from haptid.motion.treatment import Motion
 
 
 @dataclass(frozen=True, eq=False)
@@ -54,8 +54,8 @@ def gathered(observation: Observation, beta: Array, parts: Sequence[Linearised],
 
 def _rows(observation: Observation, part: Linearised) -> Iterator[tuple[int, tuple[Array, Array]]]:
     """Of every block of one motion that the observation has: its index, J (motors, rows, p), and errors."""
-    own = [observation.device.row_names.index(motor.name) for motor in observation.motors]
-    plan, d = Plan.of(observation.device, part.motion), part.motion.treatment.decimation
+    own = [observation.model.device.row_names.index(motor.name) for motor in observation.motors]
+    plan, d = Plan.of(observation.model, part.motion), part.motion.treatment.decimation
     for block, (start, stop) in _blocks(observation, part.motion, plan):
         low, high = plan.window(start, stop)
         J = decimated(part.slope[own, :, low:high], plan.taps, d)

@@ -7,14 +7,15 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from haptid._internal.arrays import Array
-from haptid.device import Device
+from haptid.dynamics.forward import ForwardDynamics, sets_of
+from haptid.dynamics.model import DynamicModel
 from haptid.estimation.methods.didim import base_columns
 from haptid.estimation.methods.linearised import by_block
 from haptid.estimation.methods.simulating import Simulating
-from haptid.observation.observation import Observation, triangle
 from haptid.motion.channels import coordinate_torque, position_map
-from haptid.simulation import DirectModel, Stretches, measured_state, open_loop, sensitivity, sets_of
 from haptid.motion.treatment import Motion
+from haptid.observation.observation import Observation, triangle
+from haptid.simulation import Stretches, measured_state, open_loop, sensitivity
 
 # Noise of positions is taken to be at least this share of their own deviation.
 LEAST_NOISE = 1e-7
@@ -39,13 +40,13 @@ class OutputError(Simulating):
     stretch: float = 0.1
     most: int = field(default=20, kw_only=True)
 
-    def restate(self, observation: Observation, smoothed: Device, beta: Array) -> Observation:
+    def restate(self, observation: Observation, smoothed: DynamicModel, beta: Array) -> Observation:
         """Rows of position, each coordinate's in units of its noise."""
         p, size = len(observation.base), len(observation.blocks)
         triangles, counts = np.zeros((size, p + 1, p + 1)), np.zeros(size, dtype=int)
         for motion in observation.motions:
             stretches = Stretches.of(len(motion), max(2, round(self.stretch / motion.dt)), 0)
-            J, error = shot(observation.device, smoothed, motion, beta, stretches)
+            J, error = shot(observation.model, smoothed, motion, beta, stretches)
             for k, block in enumerate(homes(observation, motion, stretches)):
                 if block is not None:
                     rows = np.column_stack([J[..., k].reshape(-1, J.shape[2]), error[..., k].ravel()])
@@ -56,35 +57,37 @@ class OutputError(Simulating):
         return by_block(observation, self.name, triangles, counts)
 
 
-def shot(device: Device, smoothed: Device, motion: Motion, beta: Array, stretches: Stretches) -> tuple[Array, Array]:
+def shot(
+    model: DynamicModel, smoothed: DynamicModel, motion: Motion, beta: Array, stretches: Stretches
+) -> tuple[Array, Array]:
     """Of every stretch, derivatives of positions (steps, n, p + 2n, stretches), and errors (steps, n, stretches).
 
     In units of each coordinate's noise; zero where a step is past the end.
     """
-    model = DirectModel(smoothed, sets_of(device, beta))
-    treated, cd = measured_state(device, motion)
+    forward = ForwardDynamics(smoothed, sets_of(model, beta))
+    treated, cd = measured_state(model, motion)
     start = (treated[:, stretches.sample[0]], cd[:, stretches.sample[0]])
-    steps = open_loop(model, motion, held_torque(device, motion), start, stretches)
-    made = sensitivity(model, None, motion, steps, base_columns(device))
-    raw = recorded_positions(device, motion)
+    steps = open_loop(forward, motion, held_torque(model, motion), start, stretches)
+    made = sensitivity(forward, None, motion, steps, base_columns(model))
+    raw = recorded_positions(model, motion)
     scale = 1.0 / position_noise(raw, treated, motion)
     own = stretches.own & (stretches.sample >= motion.usable[0]) & (stretches.sample < motion.usable[1])
     error = (np.moveaxis(raw[:, stretches.sample], 0, 1) - steps.c) * scale[None, :, None] * own[:, None]
     return made.c * scale[None, :, None, None] * own[:, None, None], error
 
 
-def held_torque(device: Device, motion: Motion) -> Array:
+def held_torque(model: DynamicModel, motion: Motion) -> Array:
     """Torque of the rows that acts from each sample to the next, (n, samples), N m or N."""
     if motion.log is not None:  # a command is held
-        return coordinate_torque(device, replace(motion, tau=motion.log.torque), 0, len(motion))
-    tau = coordinate_torque(device, motion, 0, len(motion))
+        return coordinate_torque(model.device, replace(motion, tau=motion.log.torque), 0, len(motion))
+    tau = coordinate_torque(model.device, motion, 0, len(motion))
     return 0.5 * (tau + np.column_stack([tau[:, 1:], tau[:, -1]]))
 
 
-def recorded_positions(device: Device, motion: Motion) -> Array:
+def recorded_positions(model: DynamicModel, motion: Motion) -> Array:
     """Positions of the coordinates before treatment, (n, samples), rad or m."""
     q = motion.q if motion.log is None else motion.log.position
-    return position_map(device, motion)(np.ascontiguousarray(q.T))
+    return position_map(model.device, motion)(np.ascontiguousarray(q.T))
 
 
 def position_noise(raw: Array, treated: Array, motion: Motion) -> Array:

@@ -7,14 +7,15 @@ from dataclasses import dataclass
 import numpy as np
 
 from haptid._internal.arrays import Array
-from haptid.device import Device
+from haptid.dynamics.forward import ForwardDynamics, sets_of
+from haptid.dynamics.model import DynamicModel
 from haptid.estimation.methods.didim import base_columns, torque_error
 from haptid.estimation.methods.linearised import Linearised, gathered
 from haptid.estimation.methods.simulating import ClosedLoop, treated_as
-from haptid.observation.observation import Observation
 from haptid.motion.channels import state
-from haptid.simulation import DirectModel, Sensitivity, Steps, closed_loop, sensitivity, sets_of
 from haptid.motion.treatment import Motion
+from haptid.observation.observation import Observation
+from haptid.simulation import Sensitivity, Steps, closed_loop, sensitivity
 
 
 @dataclass(frozen=True)
@@ -26,26 +27,26 @@ class CLIE(ClosedLoop):
     Source: Brunot, Janot, Young and Carrillo (2018), Control Engineering Practice 74, section 3.
     """
 
-    def restate(self, observation: Observation, smoothed: Device, beta: Array) -> Observation:
+    def restate(self, observation: Observation, smoothed: DynamicModel, beta: Array) -> Observation:
         """Rows of torque."""
         parts = []
         for motion, steps, made in self.varied(observation, smoothed, beta):
             assert made.tau is not None  # a closed loop
-            error = torque_error(observation.device, steps.course(motion))
+            error = torque_error(observation.model, steps.course(motion))
             parts.append(Linearised(motion, error, steps.stretches.joined(made.tau)))
         return gathered(observation, beta, parts, [motor.unit for motor in observation.motors])
 
     def varied(
-        self, observation: Observation, smoothed: Device, beta: Array
+        self, observation: Observation, smoothed: DynamicModel, beta: Array
     ) -> list[tuple[Motion, Steps, Sensitivity]]:
         """Every motion, what the model does along it, and how that depends on the base parameters."""
-        device = observation.device
-        model = DirectModel(smoothed, sets_of(device, beta))
-        base = base_columns(device)
+        model = observation.model
+        forward = ForwardDynamics(smoothed, sets_of(model, beta))
+        base = base_columns(model)
         made = []
         for place, motion in enumerate(observation.motions):
-            steps = closed_loop(model, self.law, motion, place, self.stretches(motion))
-            made.append((motion, steps, sensitivity(model, self.law, motion, steps, base)))
+            steps = closed_loop(forward, self.law, motion, place, self.stretches(motion))
+            made.append((motion, steps, sensitivity(forward, self.law, motion, steps, base)))
         return made
 
 
@@ -59,15 +60,15 @@ class CLOE(CLIE):
     Source: Gautier, Janot and Vandanjon (2013), IEEE Trans. Control Systems Technology 21(2), section II.C.
     """
 
-    def restate(self, observation: Observation, smoothed: Device, beta: Array) -> Observation:
+    def restate(self, observation: Observation, smoothed: DynamicModel, beta: Array) -> Observation:
         """Rows of position."""
-        device = observation.device
+        model = observation.model
         parts = []
         for motion, steps, made in self.varied(observation, smoothed, beta):
-            again = treated_as(device, steps.course(motion))
+            again = treated_as(model, steps.course(motion))
             low, high = motion.usable
-            error = np.zeros((len(device.row_names), len(motion)))
-            error[:, low:high] = state(device, motion, low, high)[0] - state(device, again, low, high)[0]
+            error = np.zeros((len(model.device.row_names), len(motion)))
+            error[:, low:high] = state(model.device, motion, low, high)[0] - state(model.device, again, low, high)[0]
             parts.append(Linearised(motion, error, steps.stretches.joined(made.c)))
-        names = [device.row_names.index(motor.name) for motor in observation.motors]
-        return gathered(observation, beta, parts, [device.coordinate_units[k] for k in names])
+        names = [model.device.row_names.index(motor.name) for motor in observation.motors]
+        return gathered(observation, beta, parts, [model.device.coordinate_units[k] for k in names])

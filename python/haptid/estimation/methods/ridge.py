@@ -90,13 +90,13 @@ class Ridge:
         return weights
 
     def _prior(self, observation: Observation) -> Knowledge:
-        device = observation.device
-        known = [(k, p) for k, p in enumerate(device.base_prior) if p is not None and (p[1] or p[0])]
+        model = observation.model
+        known = [(k, p) for k, p in enumerate(model.base_prior) if p is not None and (p[1] or p[0])]
         if not known:
-            raise NoPriorError(device.name)
+            raise NoPriorError(model.device.name)
         values = np.array([value for _, (value, _) in known])
         sd = np.array([sd or self.share * abs(value) for _, (value, sd) in known])
-        return Knowledge(np.eye(len(device.base))[[k for k, _ in known]], values, sd)
+        return Knowledge(np.eye(len(model.base))[[k for k, _ in known]], values, sd)
 
 
 def strengthened(prior: Knowledge, strength: float) -> Knowledge:

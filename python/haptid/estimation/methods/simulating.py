@@ -8,7 +8,8 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from haptid._internal.arrays import Array, positive, whole
-from haptid.device import Device
+from haptid.dynamics.forward import ForwardDynamics, sets_of
+from haptid.dynamics.model import DynamicModel
 from haptid.errors import (
     MasslessError,
     MethodSettingError,
@@ -19,11 +20,11 @@ from haptid.errors import (
 from haptid.estimation.estimate import estimate
 from haptid.estimation.method import Around, Method, expect_weighting, rows_of
 from haptid.estimation.methods.wls import WLS
+from haptid.motion.channels import position_map
+from haptid.motion.treatment import Motion, treat
 from haptid.observation.observation import Observation
 from haptid.observation.rows import Rows
-from haptid.motion.channels import position_map
-from haptid.simulation import PID, Course, DirectModel, Stretches, closed_loop, sets_of, smooth
-from haptid.motion.treatment import Motion, treat
+from haptid.simulation import PID, Course, Stretches, closed_loop, smooth
 
 # After so many passes each goes half its way: some would otherwise go to and fro between two places.
 WHOLE = 5
@@ -75,7 +76,7 @@ class Simulating(Around, ABC):
         """
         self.check(observation)
         beta, found = None, estimate(observation, self.start)
-        smoothed = smooth(observation.device, observation.motions, self.friction)
+        smoothed = smooth(observation.model, observation.motions, self.friction)
         for number in range(self.most):
             goal = found.beta if beta is None or number < WHOLE else 0.5 * (beta + found.beta)
             beta, rows = self._next(observation, smoothed, beta, goal)
@@ -88,7 +89,7 @@ class Simulating(Around, ABC):
         raise UnsettledError(self.name, self.most, observation.base.names[worst], float(moved[worst]), self.tolerance)
 
     def _next(
-        self, observation: Observation, smoothed: Device, before: Array | None, found: Array
+        self, observation: Observation, smoothed: DynamicModel, before: Array | None, found: Array
     ) -> tuple[Array, Observation]:
         """Parameters to simulate with, and rows; where the model runs away, nearer to those before."""
         for _ in range(HALVINGS):
@@ -108,7 +109,7 @@ class Simulating(Around, ABC):
         return Stretches.of(len(motion), round(self.stretch / motion.dt), round(self.settle / motion.dt))
 
     @abstractmethod
-    def restate(self, observation: Observation, smoothed: Device, beta: Array) -> Observation:
+    def restate(self, observation: Observation, smoothed: DynamicModel, beta: Array) -> Observation:
         """Rows whose least squares are the next estimate; every method has its own."""
 
 
@@ -140,22 +141,22 @@ class ClosedLoop(Simulating):
             NoControllerError: there is no controller.
             ControllerError: it is one of another device.
         """
-        self.law.figures("kp", observation.device)
+        self.law.figures("kp", observation.model)
 
-    def courses(self, observation: Observation, smoothed: Device, beta: Array) -> list[Course]:
+    def courses(self, observation: Observation, smoothed: DynamicModel, beta: Array) -> list[Course]:
         """What the model does along every motion."""
-        model = DirectModel(smoothed, sets_of(observation.device, beta))
+        forward = ForwardDynamics(smoothed, sets_of(observation.model, beta))
         found = []
         for place, motion in enumerate(observation.motions):
-            steps = closed_loop(model, self.law, motion, place, self.stretches(motion))
+            steps = closed_loop(forward, self.law, motion, place, self.stretches(motion))
             found.append(steps.course(motion))
         return found
 
 
-def treated_as(device: Device, course: Course) -> Motion:
+def treated_as(model: DynamicModel, course: Course) -> Motion:
     """The simulated motion, treated as the measured one was; its torque is the measured one."""
     motion = course.motion
-    to_channels = np.linalg.inv(position_map(device, motion)(np.eye(motion.q.shape[1])))
+    to_channels = np.linalg.inv(position_map(model.device, motion)(np.eye(motion.q.shape[1])))
     q, qd, qdd = (np.ascontiguousarray((to_channels @ x).T) for x in (course.c, course.cd, course.cdd))
     if motion.log is not None:
         return treat(replace(motion.log, position=q), motion.treatment)

@@ -70,7 +70,7 @@ class TLS:
 
 def exact(observation: Observation, k: int) -> bool:
     """Whether the column of a base parameter is a sign or a constant, and nothing regroups into it."""
-    base, kinds = observation.base, observation.device.parameters.kinds
+    base, kinds = observation.base, observation.model.device.parameters.kinds
     return all(kinds[j].startswith(EXACT_KINDS) for j in np.flatnonzero(base.regrouping[k]))
 
 

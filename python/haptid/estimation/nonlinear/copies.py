@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, fields, replace
+from dataclasses import dataclass, replace
 from functools import cached_property, reduce
 from operator import add
 
@@ -11,12 +11,12 @@ import numpy as np
 from scipy import linalg
 
 from haptid._internal.arrays import Array
-from haptid.dynamics.base_parameters import BaseParameters
-from haptid.device import Device
 from haptid.device.parameters import standard_parameters
 from haptid.device.terms.term import TermColumn
-from haptid.observation.observation import Observation, observe, triangle
+from haptid.dynamics.base_parameters import BaseParameters
+from haptid.dynamics.model import DynamicModel
 from haptid.motion.treatment import Motion
+from haptid.observation.observation import Observation, observe, triangle
 
 
 @dataclass(frozen=True, eq=False)
@@ -54,13 +54,13 @@ class Copied:
     """Rows of a device with copies of some terms: its own columns first, then the copies'.
 
     Attributes:
-        device: the device itself.
+        model: the dynamic model itself.
         copies: what was added.
         observation: rows of the device with the copies.
         term: base parameter of each searched constant's own term, (constants,).
     """
 
-    device: Device
+    model: DynamicModel
     copies: tuple[Copy, ...]
     observation: Observation
     term: tuple[int, ...]
@@ -68,7 +68,7 @@ class Copied:
     @property
     def own(self) -> int:
         """How many columns are the device's own."""
-        return len(self.device.base)
+        return len(self.model.base)
 
     def left(self, weights: Array, instead: Mapping[int, int] | None = None, beside: Array | None = None) -> Left:
         """What columns leave of the torque: the device's own, some terms replaced by copies of them.
@@ -111,63 +111,62 @@ class Left:
         return float(self.residual @ self.residual)
 
 
-def copied(device: Device, motions: Sequence[Sought], copies: Sequence[Copy]) -> Copied:
+def copied(model: DynamicModel, motions: Sequence[Sought], copies: Sequence[Copy]) -> Copied:
     """Observe motions with copies of terms; every term with a searched constant is a base parameter of its own.
 
     Raises:
         HaptidError: as `observe`.
     """
-    wide = _Wide.of(device, [_copy(device, copy, f":{number}") for number, copy in enumerate(copies)])
-    names = [device.parameters.names[k] for k in device.base.kept]
+    wide = _Wide(model, [_copy(model, copy, f":{number}") for number, copy in enumerate(copies)])
+    names = [model.device.parameters.names[k] for k in model.base.kept]
     return Copied(
-        device=device,
+        model=model,
         copies=tuple(copies),
         observation=reduce(add, [observed(wide, motion) for motion in motions]),
-        term=tuple(names.index(device.terms[k].name) for k, _ in device.searched),
+        term=tuple(names.index(model.terms[k].name) for k, _ in model.device.searched),
     )
 
 
-def observed(device: Device, sought: Sought) -> Observation:
+def observed(model: DynamicModel, sought: Sought) -> Observation:
     """The rows of a motion, or of every other block of one."""
     if isinstance(sought, EveryOther):
-        return observe(device, sought.motion).alternate()[sought.parity]
-    return observe(device, sought)
+        return observe(model, sought.motion).alternate()[sought.parity]
+    return observe(model, sought)
 
 
-def _copy(device: Device, copy: Copy, suffix: str) -> TermColumn:
-    k, constant = device.searched[copy.constant]
-    changed = device.terms[k].with_constant(constant.name, copy.value)
+def _copy(model: DynamicModel, copy: Copy, suffix: str) -> TermColumn:
+    k, constant = model.device.searched[copy.constant]
+    changed = model.terms[k].with_constant(constant.name, copy.value)
     return replace(changed, name=f"{changed.name}{suffix}", searched=())
 
 
-@dataclass(frozen=True, eq=False)
-class _Wide(Device):
+@dataclass(frozen=True, eq=False, init=False)
+class _Wide(DynamicModel):
     """A device with more terms, every one of which is a base parameter, whatever the others are.
 
     Attributes:
         narrow: the device without them.
     """
 
-    narrow: Device = field(kw_only=True)
+    narrow: DynamicModel
 
-    @staticmethod
-    def of(device: Device, more: Sequence[TermColumn]) -> _Wide:
-        terms, joints = (*device.terms, *more), device.joints
-        bodies = [joint.body for joint in joints]
+    def __init__(self, narrow: DynamicModel, more: Sequence[TermColumn]) -> None:
+        terms, device = (*narrow.terms, *more), narrow.device
+        bodies = [joint.body for joint in device.joints]
         parameters = standard_parameters(device.joint_names, bodies, terms, device.symmetry)
-        shared = {entry.name: getattr(device, entry.name) for entry in fields(Device)}
-        return _Wide(**{**shared, "terms": terms, "parameters": parameters, "targets": ()}, narrow=device)
+        super().__init__(replace(device, terms=terms, parameters=parameters, targets=()))
+        object.__setattr__(self, "narrow", narrow)
 
     @cached_property
     def base(self) -> BaseParameters:
         """Those of the device without, then the terms added."""
-        own, old = self.narrow.base, len(self.narrow.parameters)
-        more = range(old, len(self.parameters))
+        own, old = self.narrow.base, len(self.narrow.device.parameters)
+        more = range(old, len(self.device.parameters))
         return replace(
             own,
-            names=(*own.names, *(self.parameters.names[k] for k in more)),
-            units=(*own.units, *(self.parameters.units[k] for k in more)),
+            names=(*own.names, *(self.device.parameters.names[k] for k in more)),
+            units=(*own.units, *(self.device.parameters.units[k] for k in more)),
             kept=(*own.kept, *more),
             regrouping=linalg.block_diag(own.regrouping, np.eye(len(more))),
-            standard=tuple(self.parameters.names),
+            standard=tuple(self.device.parameters.names),
         )

@@ -8,14 +8,14 @@ from operator import add
 
 import numpy as np
 
-from haptid.device import Device
 from haptid.device.terms.term import Load
+from haptid.dynamics.model import DynamicModel
 from haptid.errors import UnsettledError
 from haptid.estimation import WLS, Method, Without, estimate
-from haptid.estimation.methods.kalman import Filtering
 from haptid.estimation.method import only_weighs
-from haptid.observation.observation import Observation
+from haptid.estimation.methods.kalman import Filtering
 from haptid.estimation.nonlinear.copies import Sought, observed
+from haptid.observation.observation import Observation
 
 # Passes at most, and how far the last may move a parameter, in its deviations.
 MOST, SETTLED = 20, 0.01
@@ -23,7 +23,7 @@ MOST, SETTLED = 20, 0.01
 ROUNDING = 1e-9
 
 
-def settled_loads(device: Device, motions: Sequence[Sought], method: Method | None = None) -> Device:
+def settled_loads(model: DynamicModel, motions: Sequence[Sought], method: Method | None = None) -> DynamicModel:
     """The device with the load of its own bodies in its friction by load: a fixed point of fits in turn.
 
     The first fit is without that friction; every next one has its columns from the bodies of the one before. A pass
@@ -33,7 +33,7 @@ def settled_loads(device: Device, motions: Sequence[Sought], method: Method | No
     Source: Hamon, Gautier and Garrec (2010), Proc. IEEE/RSJ IROS, 6187-6193.
 
     Args:
-        device: with terms of the kind "load".
+        model: with terms of the kind "load".
         motions: treated, with accelerations; or every other block of one.
         method: of estimation. What it holds, knows or leaves out counts in the last fit alone: here it only weighs
             rows, and where it does not, `WLS()` does.
@@ -44,23 +44,23 @@ def settled_loads(device: Device, motions: Sequence[Sought], method: Method | No
         HaptidError: as `observe` and `estimate`.
     """
     weighting = _weighting(method)
-    names = {term.name for term in device.terms if isinstance(term.shape, Load)}
-    own = tuple(name for name in device.base.names if name in names)
-    beta = estimate(_rows(device, motions), Without(own, weighting)).beta
+    names = {term.name for term in model.terms if isinstance(term.shape, Load)}
+    own = tuple(name for name in model.base.names if name in names)
+    beta = estimate(_rows(model, motions), Without(own, weighting)).beta
     for _ in range(MOST):
-        here = device.loaded(beta)
+        here = model.loaded(beta)
         found = estimate(_rows(here, motions), weighting)
         moved = np.abs(found.beta - beta) / np.maximum(found.sd, ROUNDING * np.abs(found.beta).max())
         if moved.max() <= SETTLED:
             return here
         beta = found.beta
     worst = int(np.argmax(moved))
-    raise UnsettledError("friction by load", MOST, device.base.names[worst], float(moved[worst]), SETTLED)
+    raise UnsettledError("friction by load", MOST, model.base.names[worst], float(moved[worst]), SETTLED)
 
 
-def _rows(device: Device, motions: Sequence[Sought]) -> Observation:
+def _rows(model: DynamicModel, motions: Sequence[Sought]) -> Observation:
     """Of all motions."""
-    return reduce(add, [observed(device, motion) for motion in motions])
+    return reduce(add, [observed(model, motion) for motion in motions])
 
 
 def _weighting(method: Method | None) -> Method:

@@ -9,13 +9,13 @@ import numpy as np
 from scipy import stats
 
 from haptid._internal.arrays import Array
-from haptid.device import Device
+from haptid.dynamics.model import DynamicModel
 from haptid.errors import UnsearchableError
-from haptid.estimation.intervals.cluster_robust import Clustered
 from haptid.estimation.estimate import fitted
 from haptid.estimation.fit import Fit
-from haptid.estimation.method import Method, Reduced, expect_weighting
+from haptid.estimation.intervals.cluster_robust import Clustered
 from haptid.estimation.intervals.spread import Intervals, Spread
+from haptid.estimation.method import Method, Reduced, expect_weighting
 from haptid.estimation.methods.wls import WLS
 from haptid.estimation.nonlinear.copies import Copied, Copy, Sought, copied
 from haptid.estimation.nonlinear.search import Place, coordinate, scanned, search, slopes, standing, value_of
@@ -85,13 +85,13 @@ class Projection:
     """Searched constants, and the device that has them.
 
     Attributes:
-        device: linear in all other parameters.
+        model: linear in all other parameters.
         constants: in the order of the device's terms.
         intervals: to be handed to `estimate`.
         notes: sentences a user should read.
     """
 
-    device: Device
+    model: DynamicModel
     constants: tuple[Constant, ...]
     intervals: Joint
     notes: tuple[str, ...]
@@ -101,7 +101,7 @@ class Projection:
 
 
 def variable_projection(
-    device: Device,
+    model: DynamicModel,
     motions: Sequence[Sought],
     method: Method | None = None,
     intervals: Intervals | None = None,
@@ -110,7 +110,7 @@ def variable_projection(
     """Search the constants that a device file leaves open: Stribeck velocities, exponents, widths, a user's own.
 
     Args:
-        device: with searched constants.
+        model: with searched constants.
         motions: treated, or every other block of one.
         method: of estimation, `WLS()` where None; the search weighs motors as it does.
         intervals: `Clustered()` where None.
@@ -123,13 +123,13 @@ def variable_projection(
     """
     weighting = getattr(method, "weighting", method) or WLS()
     expect_weighting("variable projection", weighting)
-    _check(device)
+    _check(model)
     tell = progress or (lambda _: None)
-    start = [device.terms[k].constant(constant.name) for k, constant in device.searched]
-    weights = weighting.weights(standing(device, motions, np.ones(len(device.measured)), start).rows.observation)
-    values = scanned(device, motions, weights)
+    start = [model.terms[k].constant(constant.name) for k, constant in model.device.searched]
+    weights = weighting.weights(standing(model, motions, np.ones(len(model.device.measured)), start).rows.observation)
+    values = scanned(model, motions, weights)
     for many in range(SEARCHES):
-        place = search(device, motions, weights, values)
+        place = search(model, motions, weights, values)
         values, weights = place.values, weighting.weights(place.rows.observation)
         tell((many + 1) / (SEARCHES + 1))
     zero = method.zero(place.rows.observation) if isinstance(method, Reduced) else ()
@@ -138,15 +138,15 @@ def variable_projection(
     constants = tuple(_constant(place, motions, fit, inner, k) for k in range(len(start)))
     tell(1.0)
     made = Joint(inner, fit, _own(place.rows))
-    return Projection(place.rows.device, constants, made, tuple(_notes(constants)))
+    return Projection(place.rows.model, constants, made, tuple(_notes(constants)))
 
 
-def _check(device: Device) -> None:
-    if not device.searched:
-        raise UnsearchableError(device.name, "no term of it has a constant to be searched")
-    kept = [device.parameters.members[k] for k in device.base.kept]
-    for k, constant in device.searched:
-        name = device.terms[k].name
+def _check(model: DynamicModel) -> None:
+    if not model.device.searched:
+        raise UnsearchableError(model.device.name, "no term of it has a constant to be searched")
+    kept = [model.device.parameters.members[k] for k in model.base.kept]
+    for k, constant in model.device.searched:
+        name = model.terms[k].name
         members = next((names for names in kept if name in names), ())
         if len(members) != 1:
             why = (
@@ -154,7 +154,9 @@ def _check(device: Device) -> None:
                 if members
                 else "no torque shows it apart"
             )
-            raise UnsearchableError(device.name, f"{name}.{constant.name} belongs to no parameter of its own: {why}")
+            raise UnsearchableError(
+                model.device.name, f"{name}.{constant.name} belongs to no parameter of its own: {why}"
+            )
 
 
 def _own(rows: Copied) -> Array:
@@ -166,8 +168,8 @@ def _own(rows: Copied) -> Array:
 
 def _constant(place: Place, motions: Sequence[Sought], fit: Fit, intervals: Intervals, k: int) -> Constant:
     rows = place.rows
-    term, searched = rows.device.searched[k]
-    name, value = f"{rows.device.terms[term].name}.{searched.name}", place.values[k]
+    term, searched = rows.model.device.searched[k]
+    name, value = f"{rows.model.terms[term].name}.{searched.name}", place.values[k]
     ends = searched.low, searched.high
     beta = place.beta[rows.term[k]]
     if not beta:
@@ -189,12 +191,12 @@ def _profile(
     place: Place, motions: Sequence[Sought], weights: Array, k: int, sd: float, most: float
 ) -> tuple[float, float]:
     """Where the squared residual has grown by `most`, all else fitted anew, the other constants to first order."""
-    device = place.rows.device
-    constant = device.searched[k][1]
+    model = place.rows.model
+    constant = model.device.searched[k][1]
     x, ends = coordinate(constant, place.values[k]), [coordinate(constant, e) for e in (constant.low, constant.high)]
     grid = np.linspace(max(x - FAR * sd, ends[0]), min(x + FAR * sd, ends[1]), POINTS)
     tried = [Copy(k, value_of(constant, at)) for at in grid.tolist()]
-    rows = copied(device, motions, [*place.rows.copies, *tried])
+    rows = copied(model, motions, [*place.rows.copies, *tried])
     first = len(place.rows.copies)
     others = np.delete(slopes(rows, place.step, place.beta), k, axis=1)
     squares = [rows.left(weights, {k: first + number}, others).square for number in range(POINTS)]

@@ -14,8 +14,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from haptid._internal.arrays import Array
-from haptid.device import Device
 from haptid.device.terms.term import Searched
+from haptid.dynamics.model import DynamicModel
 from haptid.estimation.nonlinear.copies import Copied, Copy, Sought, copied
 
 # Values at which each constant is tried first.
@@ -40,9 +40,9 @@ def value_of(constant: Searched, x: float) -> float:
     return float(np.clip(value, constant.low, constant.high))
 
 
-def coordinates(device: Device, values: Sequence[float]) -> Array:
+def coordinates(model: DynamicModel, values: Sequence[float]) -> Array:
     """Of all searched constants, (constants,)."""
-    return np.array([coordinate(constant, x) for (_, constant), x in zip(device.searched, values, strict=True)])
+    return np.array([coordinate(constant, x) for (_, constant), x in zip(model.device.searched, values, strict=True)])
 
 
 @dataclass(frozen=True, eq=False)
@@ -79,10 +79,10 @@ def slopes(rows: Copied, step: Array, beta: Array) -> Array:
     return made
 
 
-def standing(device: Device, motions: Sequence[Sought], weights: Array, values: Sequence[float]) -> Place:
+def standing(model: DynamicModel, motions: Sequence[Sought], weights: Array, values: Sequence[float]) -> Place:
     """The rows at given values, and what they leave."""
-    here = device.with_constants(values)
-    constants = [constant for _, constant in here.searched]
+    here = model.at_constants(values)
+    constants = [constant for _, constant in here.device.searched]
     at = coordinates(here, values)
     away = [_neighbour(constant, x) for constant, x in zip(constants, at.tolist(), strict=True)]
     copies = [Copy(k, value_of(constant, x)) for k, (constant, x) in enumerate(zip(constants, away, strict=True))]
@@ -97,7 +97,7 @@ def _neighbour(constant: Searched, x: float) -> float:
 
 
 def search(
-    device: Device,
+    model: DynamicModel,
     motions: Sequence[Sought],
     weights: Array,
     values: Sequence[float],
@@ -105,24 +105,24 @@ def search(
     """The values that leave least of the torque.
 
     Args:
-        device: with searched constants.
+        model: with searched constants.
         motions: treated.
         weights: of each motor's rows, (motors,).
         values: where the search starts, SI.
     """
-    place = standing(device, motions, weights, values)
+    place = standing(model, motions, weights, values)
     damping = DAMPING
     for _ in range(MOST_STEPS):
         columns, torque = place.rows.taken_out(weights, slopes(place.rows, place.step, place.beta))
         while damping < HOPELESS:
             values = _moved(place, _damped(columns, torque, damping))
-            tried = standing(device, motions, weights, values)
+            tried = standing(model, motions, weights, values)
             if tried.square < place.square:
                 break
             damping *= 10
         else:
             break
-        moved = np.abs(coordinates(device, values) - coordinates(device, place.values)).max()
+        moved = np.abs(coordinates(model, values) - coordinates(model, place.values)).max()
         place, damping = tried, damping / 10
         if moved < SETTLED:
             break
@@ -139,20 +139,20 @@ def _damped(columns: Array, torque: Array, damping: float) -> Array:
 
 
 def _moved(place: Place, step: Array) -> tuple[float, ...]:
-    device = place.rows.device
-    x = (coordinates(device, place.values) + step).tolist()
-    return tuple(value_of(constant, at) for (_, constant), at in zip(device.searched, x, strict=True))
+    model = place.rows.model
+    x = (coordinates(model, place.values) + step).tolist()
+    return tuple(value_of(constant, at) for (_, constant), at in zip(model.device.searched, x, strict=True))
 
 
-def scanned(device: Device, motions: Sequence[Sought], weights: Array) -> tuple[float, ...]:
+def scanned(model: DynamicModel, motions: Sequence[Sought], weights: Array) -> tuple[float, ...]:
     """The best of some values of each constant, the others where they start: one pass over the motions."""
-    start = [device.terms[k].constant(constant.name) for k, constant in device.searched]
+    start = [model.terms[k].constant(constant.name) for k, constant in model.device.searched]
     copies = [
         Copy(k, value_of(constant, float(x)))
-        for k, (_, constant) in enumerate(device.searched)
+        for k, (_, constant) in enumerate(model.device.searched)
         for x in np.linspace(coordinate(constant, constant.low), coordinate(constant, constant.high), POINTS)
     ]
-    rows = copied(device, motions, copies)
+    rows = copied(model, motions, copies)
     best, found = dict.fromkeys(range(len(start)), rows.left(weights).square), list(start)
     for number, copy in enumerate(copies):
         square = rows.left(weights, {copy.constant: number}).square

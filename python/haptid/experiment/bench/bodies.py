@@ -7,10 +7,11 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from haptid._internal.arrays import Array, expect, read_only
-from haptid.device import Device, NewtonClosure, TermColumn
+from haptid.device import NewtonClosure, TermColumn
 from haptid.device.priors import TENSOR
+from haptid.dynamics.model import DynamicModel
+from haptid.dynamics.regressor import rows
 from haptid.errors import UnphysicalBodyError, UnsimulatedTermError, WeightlessLinkError
-from haptid.motion.channels import rows
 
 # A moment of inertia may exceed the sum of the other two by this share of it: rounding.
 TRIANGLE_SLACK = 1e-9
@@ -77,38 +78,38 @@ class Effect:
         self.rest = sum(k * r for k, r in self._springs) / self.stiffness
 
 
-def bodies(device: Device, chi: Array) -> tuple[Body, ...]:
+def bodies(model: DynamicModel, chi: Array) -> tuple[Body, ...]:
     """The bodies of all links.
 
     A link whose moment of inertia about its joint's axis is too large for a body holds a rotor's: where that makes no
     difference to the motion, the rotor gets it.
 
     Args:
-        device: the mechanism.
+        model: the dynamic model.
         chi: its free standard parameters, (p,), SI.
 
     Raises:
         UnphysicalBodyError: no rigid body has a link's parameters.
     """
-    raw = device.parameters.S @ chi
-    return tuple(_body(device, j, raw[10 * j : 10 * j + 10]) for j in range(len(device.joints)))
+    raw = model.device.parameters.S @ chi
+    return tuple(_body(model, j, raw[10 * j : 10 * j + 10]) for j in range(len(model.device.joints)))
 
 
-def effects(device: Device, chi: Array, made: tuple[Body, ...]) -> tuple[Effect, ...]:
+def effects(model: DynamicModel, chi: Array, made: tuple[Body, ...]) -> tuple[Effect, ...]:
     """What the terms do: one effect for each joint, then one for each motor or cut joint that goes with several.
 
     Raises:
         UnsimulatedTermError: a term that MuJoCo has no counterpart for is not zero.
         WeightlessLinkError: a joint moves neither mass nor rotor.
     """
-    raw = device.parameters.S @ chi
-    unit = np.eye(len(device.joints))
-    found = {joint.name: Effect(joint.name, unit[j]) for j, joint in enumerate(device.joints)}
+    raw = model.device.parameters.S @ chi
+    unit = np.eye(len(model.device.joints))
+    found = {joint.name: Effect(joint.name, unit[j]) for j, joint in enumerate(model.device.joints)}
     single = list(found.values())
     for effect, body in zip(single, made, strict=True):
         effect.armature += body.moved
-    for term, value in zip(device.terms, raw[10 * len(device.joints) :], strict=True):
-        shares = _shares(device, term)
+    for term, value in zip(model.terms, raw[10 * len(model.device.joints) :], strict=True):
+        shares = _shares(model, term)
         used = np.flatnonzero(shares)
         if value == 0 or not len(used):
             continue
@@ -116,19 +117,19 @@ def effects(device: Device, chi: Array, made: tuple[Body, ...]) -> tuple[Effect,
             _add(single[int(used[0])], term, float(value), float(shares[used[0]]))
         else:
             _add(found.setdefault(term.on, Effect(term.on, shares)), term, float(value), 1.0)
-    _steady(device, made, single)
-    _check_heavy(device, made, tuple(found.values()))
+    _steady(model, made, single)
+    _check_heavy(model, made, tuple(found.values()))
     return tuple(found.values())
 
 
-def _shares(device: Device, term: TermColumn) -> Array:
+def _shares(model: DynamicModel, term: TermColumn) -> Array:
     """The coordinate of a term as a combination of all joints, (joints,)."""
-    shares = np.zeros(len(device.joints))
+    shares = np.zeros(len(model.device.joints))
     what, _, name = term.on.partition(" ")
     if what == "joint":
-        shares[device.joint_names.index(name)] = 1.0
+        shares[model.device.joint_names.index(name)] = 1.0
     else:
-        shares[list(device.active)] = term.weights @ device.frame
+        shares[list(model.device.active)] = term.weights @ model.device.frame
     return shares
 
 
@@ -153,9 +154,9 @@ def _add(effect: Effect, term: TermColumn, value: float, share: float) -> None:
         raise UnsimulatedTermError(term.name, term.kind, value)
 
 
-def _body(device: Device, j: int, chi: Array) -> Body:
+def _body(model: DynamicModel, j: int, chi: Array) -> Body:
     """The body of one link from its ten standard parameters, (10,)."""
-    joint, mass = device.joints[j], float(chi[9])
+    joint, mass = model.device.joints[j], float(chi[9])
     J = np.zeros((3, 3))
     for value, (i, k) in zip(chi[:6], TENSOR, strict=True):
         J[i, k] = J[k, i] = value
@@ -163,12 +164,12 @@ def _body(device: Device, j: int, chi: Array) -> Body:
         return Body(0.0, np.zeros(3), J)
     if mass <= 0:
         alone = mass == 0 and J[2, 2] > 0 and not np.delete(chi, 5).any()
-        if alone and _is_rotor(device, j):
+        if alone and _is_rotor(model, j):
             return Body(0.0, np.zeros(3), np.zeros((3, 3)), float(J[2, 2]))
         raise UnphysicalBodyError(joint.name, f"its mass is {mass:g} kg beside other parameters", _INSTEAD)
     com = chi[6:9] / mass
     central = J - mass * (com @ com * np.eye(3) - np.outer(com, com))
-    central, moved = _physical(device, j, central)
+    central, moved = _physical(model, j, central)
     return Body(mass, com, central, moved)
 
 
@@ -177,7 +178,7 @@ _INSTEAD = (
 )
 
 
-def _physical(device: Device, j: int, central: Array) -> tuple[Array, float]:
+def _physical(model: DynamicModel, j: int, central: Array) -> tuple[Array, float]:
     """A tensor that obeys the triangle inequality, and what of it was moved to the rotor."""
     moments = np.linalg.eigvalsh(central)
     excess = moments[2] - moments[0] - moments[1]
@@ -186,54 +187,54 @@ def _physical(device: Device, j: int, central: Array) -> tuple[Array, float]:
     moved = (1 + 2 * MOVED_SPARE) * excess + MOVED_SPARE * (moments[0] + moments[1])
     less = central - np.diag([0.0, 0.0, moved])
     now = np.linalg.eigvalsh(less)
-    if moments[0] > 0 and now[0] > 0 and now[2] <= now[0] + now[1] and _is_rotor(device, j):
+    if moments[0] > 0 and now[0] > 0 and now[2] <= now[0] + now[1] and _is_rotor(model, j):
         return less, float(moved)
     shown = ", ".join(f"{moment:.3g}" for moment in moments)
     found = f"its principal moments of inertia about the centre of mass are {shown} kg m^2"
     rule = f"{'a moment that is not above 0' if moments[0] <= 0 else 'one above the sum of the other two'}"
-    raise UnphysicalBodyError(device.joints[j].name, f"{found}, with {rule}", _INSTEAD)
+    raise UnphysicalBodyError(model.device.joints[j].name, f"{found}, with {rule}", _INSTEAD)
 
 
-def _is_rotor(device: Device, j: int) -> bool:
+def _is_rotor(model: DynamicModel, j: int) -> bool:
     """Whether inertia about a turning joint's axis acts as its rotor's would: the same column of the regressor."""
-    if device.joints[j].prismatic:
+    if model.device.joints[j].prismatic:
         return False
     rng = np.random.default_rng(0)
-    c = np.ascontiguousarray(device.frame @ device.closure.draw(rng, 20))
+    c = np.ascontiguousarray(model.device.frame @ model.device.closure.draw(rng, 20))
     cd, cdd = rng.uniform(-2, 2, (2, *c.shape))
-    column = rows(device, c, cd, cdd)[:, 10 * j + 5]
-    followed = device.follow(c, cd)
-    G = np.broadcast_to(followed.G, (20, *device.rates.shape))[:, j].T
+    column = rows(model, c, cd, cdd)[:, 10 * j + 5]
+    followed = model.follow(c, cd)
+    G = np.broadcast_to(followed.G, (20, *model.device.rates.shape))[:, j].T
     rotor = G * followed.acceleration(cd, cdd)[j]
     return bool(np.abs(column - rotor).max() <= SAME_COLUMN * max(np.abs(rotor).max(), 1e-300))
 
 
-def _steady(device: Device, made: tuple[Body, ...], single: list[Effect]) -> None:
+def _steady(model: DynamicModel, made: tuple[Body, ...], single: list[Effect]) -> None:
     """Give weightless links that a loop holds at both ends a rotor that is too small to be felt.
 
     The simulator moves them as parts of a tree, where they would weigh nothing.
     """
-    if not isinstance(device.closure, NewtonClosure):
+    if not isinstance(model.device.closure, NewtonClosure):
         return
     masses = np.array([body.mass for body in made])
     turned = np.array([np.trace(body.inertia) + body.mass * body.com @ body.com for body in made])
-    heavy = _heavy(device, made, tuple(single))
-    for j in device.closure.unknown:
+    heavy = _heavy(model, made, tuple(single))
+    for j in model.device.closure.unknown:
         if not heavy[j]:
-            single[j].armature = LIGHT * float((masses if device.joints[j].prismatic else turned).max())
+            single[j].armature = LIGHT * float((masses if model.device.joints[j].prismatic else turned).max())
 
 
-def _check_heavy(device: Device, made: tuple[Body, ...], found: tuple[Effect, ...]) -> None:
+def _check_heavy(model: DynamicModel, made: tuple[Body, ...], found: tuple[Effect, ...]) -> None:
     """Raise WeightlessLinkError where a joint moves nothing."""
-    heavy = _heavy(device, made, found)
+    heavy = _heavy(model, made, found)
     if not all(heavy):
-        raise WeightlessLinkError(device.joints[heavy.index(False)].name)
+        raise WeightlessLinkError(model.device.joints[heavy.index(False)].name)
 
 
-def _heavy(device: Device, made: tuple[Body, ...], found: tuple[Effect, ...]) -> list[bool]:
+def _heavy(model: DynamicModel, made: tuple[Body, ...], found: tuple[Effect, ...]) -> list[bool]:
     """Whether each joint moves a mass or a rotor, its own or one that it carries."""
     heavy = [not body.weightless or any(e.armature > 0 and e.joints[j] for e in found) for j, body in enumerate(made)]
     for j in reversed(range(len(made))):
-        if heavy[j] and device.joints[j].parent >= 0:
-            heavy[device.joints[j].parent] = True
+        if heavy[j] and model.device.joints[j].parent >= 0:
+            heavy[model.device.joints[j].parent] = True
     return heavy

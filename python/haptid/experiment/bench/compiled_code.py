@@ -30,13 +30,13 @@ class Prototype:
     """A function of the code, as its header declares it.
 
     Attributes:
-        model: whether it reads the model.
+        constants_struct: whether it reads the model.
         inputs: sizes of the arrays it reads, by name.
         outputs: sizes of those it fills.
         checks: whether it says that it failed.
     """
 
-    model: bool
+    constants_struct: bool
     inputs: Mapping[str, int]
     outputs: Mapping[str, int]
     checks: bool
@@ -59,7 +59,7 @@ class Compiled:
     functions: Mapping[str, Prototype]
     real: Any
     library: ctypes.CDLL
-    model: Any = field(repr=False)
+    constants_struct: Any = field(repr=False)
 
     @staticmethod
     def of(folder: str | Path) -> Compiled:
@@ -81,9 +81,11 @@ class Compiled:
             _figure(text, pattern)
             for pattern in (rf"{name}_real k\[(\d+)\]", r"_COORDINATES (\d+)", r"_PARAMETERS (\d+)")
         )
-        library, model = _built(header), (real * constants)()
-        getattr(library, f"{name}_init")(model, (ctypes.c_double * parameters).in_dll(library, f"{name}_beta"))
-        return Compiled(name, coordinates, prototypes(text, name), real, library, model)
+        library, constants_struct = _built(header), (real * constants)()
+        getattr(library, f"{name}_init")(
+            constants_struct, (ctypes.c_double * parameters).in_dll(library, f"{name}_beta")
+        )
+        return Compiled(name, coordinates, prototypes(text, name), real, library, constants_struct)
 
     def __call__(self, function: str, *inputs: Array) -> dict[str, Array]:
         """What a function gives, by output; zeros where it says that it failed.
@@ -95,7 +97,9 @@ class Compiled:
         found = self.functions[function]
         given = [self.array(x) for x in inputs]
         made = {name: (self.real * size)() for name, size in found.outputs.items()}
-        self.library[f"{self.name}_{function}"](*([self.model] if found.model else []), *given, *made.values())
+        self.library[f"{self.name}_{function}"](
+            *([self.constants_struct] if found.constants_struct else []), *given, *made.values()
+        )
         return {name: np.array(values, dtype=float) for name, values in made.items()}
 
     def array(self, values: Array) -> Any:
@@ -105,7 +109,7 @@ class Compiled:
     def friction_compensation(self, qd: Array, share: float) -> Array:
         """A share of the friction, (coordinates,), N m or N."""
         tau = (self.real * self.coordinates)()
-        self.library[f"{self.name}_friction_compensation"](self.model, self.array(qd), self.real(share), tau)
+        self.library[f"{self.name}_friction_compensation"](self.constants_struct, self.array(qd), self.real(share), tau)
         return np.array(tau, dtype=float)
 
     def differentiator(self, cutoff_hz: float, dt: float) -> Callable[[Array], Array]:
@@ -126,7 +130,7 @@ class Compiled:
         def update(q: Array, qd: Array, tau: Array) -> Array:
             torque = (self.real * self.coordinates)()
             given = [self.array(x) for x in (q, qd, tau)]
-            self.library[f"{self.name}_observer_update"](self.model, ctypes.byref(state), *given, torque)
+            self.library[f"{self.name}_observer_update"](self.constants_struct, ctypes.byref(state), *given, torque)
             return np.array(torque, dtype=float)
 
         return update
@@ -148,12 +152,12 @@ def prototypes(header: str, name: str) -> dict[str, Prototype]:
     for kind, function, arguments in re.findall(rf"^(void|int) {name}_(\w+)\(([^)]*)\);", header, re.MULTILINE):
         parts = [" ".join(part.split()) for part in arguments.split(",")]
         arrays = [re.fullmatch(rf"(const )?{name}_real (\w+)\[(\d+)\]", part) for part in parts]
-        model = parts[0] == f"const {name}_model *model"
+        constants_struct = parts[0] == f"const {name}_model *model"
         sized = [a for a in arrays if a]
-        if len(sized) + model == len(parts):
+        if len(sized) + constants_struct == len(parts):
             inputs = {a[2]: int(a[3]) for a in sized if a[1]}
             outputs = {a[2]: int(a[3]) for a in sized if not a[1]}
-            found[function] = Prototype(model, inputs, outputs, kind == "int")
+            found[function] = Prototype(constants_struct, inputs, outputs, kind == "int")
     return found
 
 

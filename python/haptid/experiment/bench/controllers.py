@@ -8,9 +8,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from haptid._internal.arrays import Array
+from haptid.dynamics.model import DynamicModel
 from haptid.experiment.bench.compiled_code import Compiled
 from haptid.experiment.bench.trajectories import Figures, Trajectory, spread
-from haptid.device import Device
 
 # What a law tells of every period: the torque of the hand that its observer sees, (coordinates,), N m or N.
 Tell = Callable[[Array], None]
@@ -22,14 +22,14 @@ class Assistance:
     """Weight and friction taken off the hand.
 
     Attributes:
-        device: whose positions are measured.
+        model: whose positions are measured.
         code: of its model.
         weight: share of what holds the device still, gravity, springs and offsets, that the motors carry.
         friction: share of friction that they overcome.
         velocity_cutoff_hz: of the code's differentiator.
     """
 
-    device: Device
+    model: DynamicModel
     code: Compiled
     weight: float = 1.0
     friction: float = 0.9
@@ -38,7 +38,7 @@ class Assistance:
     def begin(self, dt: float) -> Step:
         """The law from rest."""
         velocity = self.code.differentiator(self.velocity_cutoff_hz, dt)
-        frame, to_motors = self.device.frame, motors_of(self.device)
+        frame, to_motors = self.model.device.frame, motors_of(self.model)
         still = np.zeros(len(frame))
 
         def step(_t: float, qa: Array) -> Array:
@@ -58,7 +58,7 @@ class Tracking:
     Introduction to Robotic Manipulation, ch. 4, section 5.3); with 0 it is the PD alone.
 
     Attributes:
-        device: whose positions are measured.
+        model: whose positions are measured.
         code: of its model.
         trajectory: the planned motion, at the control rate.
         kp, kd: gains on the motors' coordinates, N m/rad and N m s/rad; one for all or one for each.
@@ -68,7 +68,7 @@ class Tracking:
         tell: called every period with what the observer sees.
     """
 
-    device: Device
+    model: DynamicModel
     code: Compiled
     trajectory: Trajectory
     kp: Figures
@@ -80,8 +80,8 @@ class Tracking:
 
     def begin(self, dt: float) -> Step:
         """The law from rest."""
-        code, frame, to_motors = self.code, self.device.frame, motors_of(self.device)
-        names = [drive.name for drive in self.device.motors]
+        code, frame, to_motors = self.code, self.model.device.frame, motors_of(self.model)
+        names = [drive.name for drive in self.model.device.motors]
         kp, kd = spread("kp", self.kp, names), spread("kd", self.kd, names)
         to_coordinates = np.linalg.pinv(to_motors)
         driven = np.linalg.pinv(to_motors.T)  # rates of the motors' coordinates by those of the torque rows
@@ -94,8 +94,8 @@ class Tracking:
             q, k = frame @ qa, min(round(t / dt), len(self.trajectory) - 1)
             qd, (wanted, rate, acceleration) = velocity(q), (x[k] for x in planned)
             error, slow = driven @ (wanted - q), driven @ (planned_velocity(wanted) - qd)
-            model = code("inverse_dynamics", q, rate, acceleration)["tau"] + code("terms", q, rate)["tau"]
-            tau = kp * error + kd * slow + self.share * (to_motors @ model)
+            feedforward = code("inverse_dynamics", q, rate, acceleration)["tau"] + code("terms", q, rate)["tau"]
+            tau = kp * error + kd * slow + self.share * (to_motors @ feedforward)
             if self.tell is not None:
                 self.tell(observe(q, qd, to_coordinates @ tau))
             return np.asarray(tau)
@@ -103,6 +103,6 @@ class Tracking:
         return step
 
 
-def motors_of(device: Device) -> Array:
+def motors_of(model: DynamicModel) -> Array:
     """From torques of the torque rows to those of the motors' coordinates, (motors, coordinates)."""
-    return np.asarray(np.linalg.inv(device.drive_rates).T[[drive.motorised for drive in device.drives]])
+    return np.asarray(np.linalg.inv(model.device.drive_rates).T[[drive.motorised for drive in model.device.drives]])

@@ -9,15 +9,25 @@ from typing import Any
 
 import numpy as np
 
-from haptid._internal.toml_tables import read_checked
 from haptid._internal.arrays import Array, freeze
+from haptid._internal.toml_tables import read_checked
+from haptid.device import INERTIAL
+from haptid.device.priors import Body, inertial_parameters, tensor
+from haptid.dynamics.model import DynamicModel
+from haptid.errors import ExperimentFileError, LinkNameError, ParameterNameError
 from haptid.experiment.bench.mjcf import Payload, Physics
 from haptid.experiment.bench.schema import ExperimentTable, SinesTable, TrianglesTable
 from haptid.experiment.bench.setup import Amplifiers, Controller, Encoders, ForceSensor, Push, Setup
-from haptid.experiment.bench.trajectories import SPREAD, Fourier, Grid, Kind, Multisine, Sweep, Triangles, TrianglesAndSines
-from haptid.device import INERTIAL, Device
-from haptid.device.priors import Body, inertial_parameters, tensor
-from haptid.errors import ExperimentFileError, LinkNameError, ParameterNameError
+from haptid.experiment.bench.trajectories import (
+    SPREAD,
+    Fourier,
+    Grid,
+    Kind,
+    Multisine,
+    Sweep,
+    Triangles,
+    TrianglesAndSines,
+)
 
 KINDS: Mapping[str, type] = {"multisine": Multisine, "fourier": Fourier, "sweep": Sweep, "grid": Grid}
 
@@ -38,7 +48,7 @@ class Experiment:
     kind: Kind
     table: ExperimentTable
 
-    def setup(self, device: Device) -> Setup:
+    def setup(self, model: DynamicModel) -> Setup:
         """What is on the bench.
 
         Raises:
@@ -59,8 +69,8 @@ class Experiment:
         settings["hand"] = tuple(Push(**{**push, "force": tuple(push["force"])}) for push in pushes)
         controller = Controller(**_figures(table.controller.model_dump()))
         if table.gravity is not None:
-            device = device.with_gravity(table.gravity)
-        return Setup(device, true_parameters(device, table), controller, **settings)
+            model = model.with_gravity(table.gravity)
+        return Setup(model, true_parameters(model, table), controller, **settings)
 
 
 def read_experiment(path: str | Path) -> Experiment:
@@ -92,7 +102,7 @@ def _check(path: Path, table: ExperimentTable) -> None:
             raise ExperimentFileError(path, f"hand.{k}.stop", f"{push.stop:g} s is not after start, {push.start:g} s")
 
 
-def true_parameters(device: Device, table: ExperimentTable) -> Array:
+def true_parameters(model: DynamicModel, table: ExperimentTable) -> Array:
     """Free standard parameters, (p,), SI: the device's prior, then the experiment's bodies, parameters and weights.
 
     Bodies and parameters take the place of what was there, weights are added to it. What none of them says is zero.
@@ -101,10 +111,10 @@ def true_parameters(device: Device, table: ExperimentTable) -> Array:
         LinkNameError: a link that the device does not have.
         ParameterNameError: a name that the device does not have, or that its symmetries set to zero.
     """
-    chi, index = np.nan_to_num(device.chi_prior), device.parameters.index
+    chi, index = np.nan_to_num(model.device.chi_prior), model.device.parameters.index
     for table_of_body in table.bodies:
         body = Body(table_of_body.mass, np.array(table_of_body.com), tensor(np.array(table_of_body.inertia)))
-        for name, value in _body_values(device, "bodies", table_of_body.link, body).items():
+        for name, value in _body_values(model, "bodies", table_of_body.link, body).items():
             chi[index[name]] = value
     for name, value in table.parameters.items():
         if name not in index:
@@ -112,22 +122,22 @@ def true_parameters(device: Device, table: ExperimentTable) -> Array:
         chi[index[name]] = value
     for weight in table.weights:
         point = Body(weight.mass, np.array(weight.com), np.zeros((3, 3)))
-        for name, value in _body_values(device, "weights", weight.link, point).items():
+        for name, value in _body_values(model, "weights", weight.link, point).items():
             chi[index[name]] += value
     return freeze(chi)
 
 
-def _body_values(device: Device, table: str, link: str, body: Body) -> dict[str, float]:
+def _body_values(model: DynamicModel, table: str, link: str, body: Body) -> dict[str, float]:
     """The parameters of a link by name, without those that a symmetry sets to zero, as they are.
 
     Raises:
         LinkNameError: no such link.
         ParameterNameError: the body is not as symmetric as the device file says.
     """
-    index = device.parameters.index
-    if link not in device.joint_names:
-        raise LinkNameError(table, link, device.joint_names)
-    joint = device.joints[device.joint_names.index(link)]
+    index = model.device.parameters.index
+    if link not in model.device.joint_names:
+        raise LinkNameError(table, link, model.device.joint_names)
+    joint = model.device.joints[model.device.joint_names.index(link)]
     values = dict(zip((kind + link for kind in INERTIAL), inertial_parameters(body, joint), strict=True))
     for name, value in values.items():
         if name not in index and value != 0:

@@ -14,11 +14,11 @@ import numpy as np
 from scipy import signal
 
 from haptid._internal.arrays import Array
+from haptid.dynamics.kinematics import handle_motion
+from haptid.end_effector.characterisation.velocity_forces import drift
 from haptid.experiment.bench.setup import Setup, TorqueLaw
 from haptid.experiment.bench.simulation import simulate
 from haptid.experiment.bench.trajectories import Trajectory
-from haptid.end_effector.characterisation.velocity_forces import drift
-from haptid.dynamics.kinematics import handle_motion
 
 # Samples slower than this share of the greatest speed are left out: there friction is not its full size.
 FAST = 0.5
@@ -83,12 +83,12 @@ def feel(
     made = simulate(replace(setup, law=given), trajectory, np.random.default_rng(0))
     begin = round(1 / (stroke.frequency_hz * setup.dt))
     own = np.array(given.told) if given is not None else np.zeros_like(made.torque)
-    device, active = setup.device, list(setup.device.active)
+    model, active = setup.model, list(setup.model.device.active)
     qa, qda, qdda = (x[begin:, active].T for x in (made.q, made.qd, made.qdd))
-    moved, middle = handle_motion(device, qa), handle_motion(device, np.asarray(pose, dtype=float)[:, None])
+    moved, middle = handle_motion(model, qa), handle_motion(model, np.asarray(pose, dtype=float)[:, None])
     J = moved.jacobian[:, :3]
     v = np.einsum("nij,jn->ni", J, qda) @ direction
-    a = (np.einsum("nij,jn->ni", J, qdda) + drift(device, qa, qda)[:, :3]) @ direction
+    a = (np.einsum("nij,jn->ni", J, qdda) + drift(model, qa, qda)[:, :3]) @ direction
     way = (moved.position - middle.position) @ direction
     fast = np.abs(v) > FAST * np.abs(v).max()
     columns = np.column_stack([a, v, np.sign(v), np.ones(len(v)), way])[fast]
@@ -100,9 +100,9 @@ def feel(
 
 def _along(setup: Setup, J: Array, torque: Array, direction: Array) -> Array:
     """Force at the handle along a line that motors' torques make, (samples,), N."""
-    device = setup.device
-    driven = [k for k, drive in enumerate(device.drives) if drive.motorised]
-    force = np.linalg.pinv(J.mT) @ (torque @ device.coupling[driven])[:, :, None]
+    model = setup.model
+    driven = [k for k, drive in enumerate(model.device.drives) if drive.motorised]
+    force = np.linalg.pinv(J.mT) @ (torque @ model.device.coupling[driven])[:, :, None]
     return np.asarray(force[:, :, 0] @ direction)
 
 
@@ -115,7 +115,7 @@ def _line(setup: Setup, pose: Array, direction: Array, stroke: Stroke) -> Trajec
     """A sine of the handle along a line, from rest; the joints by the Jacobian in its middle."""
     t = setup.dt * np.arange(round(stroke.seconds / setup.dt))
     omega = 2 * np.pi * stroke.frequency_hz
-    J = handle_motion(setup.device, np.asarray(pose, dtype=float)[:, None]).jacobian[0, :3]
+    J = handle_motion(setup.model, np.asarray(pose, dtype=float)[:, None]).jacobian[0, :3]
     along = np.linalg.pinv(J) @ direction * stroke.amplitude
     # Grows from nothing in the first period: no jump at the start.
     rise = np.clip(omega * t / (2 * np.pi), 0.0, 1.0)

@@ -9,13 +9,13 @@ import numpy as np
 from scipy import signal
 
 from haptid._internal.arrays import Array
+from haptid.dynamics.kinematics import handle_motion
 from haptid.experiment.bench.compiled_code import Compiled
-from haptid.experiment.bench.hand import Felt, Stroke, feel
 from haptid.experiment.bench.controllers import Assistance, Tracking
+from haptid.experiment.bench.hand import Felt, Stroke, feel
 from haptid.experiment.bench.setup import Controller, Push, Recording, Setup
 from haptid.experiment.bench.simulation import simulate
 from haptid.experiment.bench.trajectories import Trajectory
-from haptid.dynamics.kinematics import handle_motion
 
 # Gain of the observer, rad/s, and after how long it has settled, s.
 GAIN, SETTLED = 40.0, 0.3
@@ -99,7 +99,7 @@ def rehearse(
     Raises:
         BenchError: one class for each cause.
     """
-    assistance = Assistance(setup.device, code, friction=friction)
+    assistance = Assistance(setup.model, code, friction=friction)
     lines = [(pose, axis) for pose in poses for axis in AXES]
     force_bare, force_model = _force_errors(setup, code, trajectory, push)
     return Rehearsal(
@@ -124,14 +124,14 @@ def _tracked(setup: Setup, trajectory: Trajectory, law: Tracking, hand: tuple[Pu
 
 
 def _law(setup: Setup, code: Compiled, trajectory: Trajectory, share: float) -> Tracking:
-    return Tracking(setup.device, code, trajectory, setup.controller.kp, setup.controller.kd, share, gain=GAIN)
+    return Tracking(setup.model, code, trajectory, setup.controller.kp, setup.controller.kd, share, gain=GAIN)
 
 
 def _tracking_error(setup: Setup, code: Compiled, trajectory: Trajectory, share: float) -> float:
     """Of the handle, rms, m."""
     made = _tracked(setup, trajectory, _law(setup, code, trajectory, share))
-    active = list(setup.device.active)
-    was, wanted = (handle_motion(setup.device, q.T).position for q in (made.q[:, active], trajectory.q))
+    active = list(setup.model.device.active)
+    was, wanted = (handle_motion(setup.model, q.T).position for q in (made.q[:, active], trajectory.q))
     return float(np.sqrt(((was - wanted) ** 2).sum(axis=1).mean()))
 
 
@@ -145,13 +145,13 @@ def _force_errors(
     law = replace(_law(setup, code, trajectory, 1.0), tell=seen.append)
     made = _tracked(setup, trajectory, law, hand)
     keep = np.exp(-GAIN * setup.dt)
-    device = setup.device
-    motors = made.command * np.array([drive.gear * drive.gain for drive in device.motors])
-    driven = [k for k, drive in enumerate(device.drives) if drive.motorised]
-    bare = signal.lfilter([1 - keep], [1, -keep], -motors @ device.drive_rates[driven], axis=0)
+    model = setup.model
+    motors = made.command * np.array([drive.gear * drive.gain for drive in model.device.motors])
+    driven = [k for k, drive in enumerate(model.device.drives) if drive.motorised]
+    bare = signal.lfilter([1 - keep], [1, -keep], -motors @ model.device.drive_rates[driven], axis=0)
     wanted = signal.lfilter([1 - keep], [1, -keep], made.hand, axis=0)
     during = (made.t > hand[0].start + SETTLED) & (made.t < hand[0].stop)
-    q = made.position @ device.frame.T
+    q = made.position @ model.device.frame.T
 
     def error(torque: Array) -> float:
         force = np.array([code("handle_force", *each)["force"] for each in zip(q[during], torque[during], strict=True)])
@@ -167,4 +167,4 @@ def _restless(setup: Setup, assistance: Assistance, pose: Array, tap: float) -> 
     hand = (Push((tap, tap, tap), stop=TAP),)
     released = replace(setup, controller=_released(setup, float("inf")), law=assistance, hand=hand)
     made = simulate(released, still, np.random.default_rng(0))
-    return float(np.abs(made.qd[-round(0.5 / setup.dt) :, list(setup.device.active)]).max())
+    return float(np.abs(made.qd[-round(0.5 / setup.dt) :, list(setup.model.device.active)]).max())

@@ -5,11 +5,12 @@ from __future__ import annotations
 import numpy as np
 
 from haptid._internal.arrays import Array
-from haptid.experiment.bench.trajectories import Trajectory
-from haptid.device import Device, NewtonClosure, poses
+from haptid.device import NewtonClosure, poses
 from haptid.device.loops.newton import openness
 from haptid.dynamics.inverse import inverse_dynamics
+from haptid.dynamics.model import DynamicModel
 from haptid.errors import FlatLoopError, TrajectoryLimitError
+from haptid.experiment.bench.trajectories import Trajectory
 
 # Least distance of a loop from flat: about four degrees of a parallelogram's angle.
 FLAT = 0.05
@@ -17,11 +18,11 @@ FLAT = 0.05
 LOOK = 5e-3
 
 
-def check_trajectory(device: Device, trajectory: Trajectory, chi: Array, saturation: Array | None = None) -> None:
+def check_trajectory(model: DynamicModel, trajectory: Trajectory, chi: Array, saturation: Array | None = None) -> None:
     """Check a planned motion against the limits of joints, loops and motors.
 
     Args:
-        device: what moves.
+        model: what moves.
         trajectory: how.
         chi: its free standard parameters, (p,), SI.
         saturation: greatest torque of each drive's coordinate, (active,), N m or N; None for none.
@@ -30,8 +31,8 @@ def check_trajectory(device: Device, trajectory: Trajectory, chi: Array, saturat
         TrajectoryLimitError: a joint (passive ones too) leaves its range, is too fast, or a motor too weak.
         FlatLoopError: a loop comes close to flat.
     """
-    q, qd, _ = device.tree(trajectory.q.T, trajectory.qd.T, trajectory.qdd.T)
-    for joint, position, velocity in zip(device.joints, q, qd, strict=True):
+    q, qd, _ = model.tree(trajectory.q.T, trajectory.qd.T, trajectory.qdd.T)
+    for joint, position, velocity in zip(model.device.joints, q, qd, strict=True):
         unit = "m" if joint.prismatic else "rad"
         if joint.position_limits is not None:
             for side, limit in zip((-1, 1), joint.position_limits, strict=True):
@@ -43,8 +44,8 @@ def check_trajectory(device: Device, trajectory: Trajectory, chi: Array, saturat
             less = "Lower the amplitude or the frequencies."
             limit = joint.velocity_limit
             _within("the speed", f"joint {joint.name}", trajectory, np.abs(velocity), limit, f"{unit}/s", less)
-    _check_loops(device, trajectory, q)
-    _check_torques(device, trajectory, chi, saturation)
+    _check_loops(model, trajectory, q)
+    _check_torques(model, trajectory, chi, saturation)
 
 
 def _within(
@@ -56,32 +57,32 @@ def _within(
         raise TrajectoryLimitError(what, name, worst * step, side * float(values[worst]), side * limit, unit, instead)
 
 
-def _check_loops(device: Device, trajectory: Trajectory, q: Array) -> None:
+def _check_loops(model: DynamicModel, trajectory: Trajectory, q: Array) -> None:
     every = max(1, round(LOOK / trajectory.dt))
-    open_by = loop_openness(device, q[:, ::every].T)
+    open_by = loop_openness(model, q[:, ::every].T)
     worst = int(np.argmin(open_by))
     if open_by[worst] < FLAT:
-        passive = [joint.name for j, joint in enumerate(device.joints) if j not in device.active]
+        passive = [joint.name for j, joint in enumerate(model.device.joints) if j not in model.device.active]
         raise FlatLoopError(worst * every * trajectory.dt, float(open_by[worst]), FLAT, passive)
 
 
-def loop_openness(device: Device, q: Array) -> Array:
+def loop_openness(model: DynamicModel, q: Array) -> Array:
     """How far the loops are from flat, (samples,): 0 where passive joints are not determined, 1 at best.
 
     The least singular value of the Jacobian of the pins (where loops are not linear, of the cuts) with respect to the
     passive joints, its columns of unit length.
 
     Args:
-        device: the mechanism.
+        model: the dynamic model.
         q: positions of all joints, (samples, joints).
     """
-    cuts = [cut for cut in device.closure.cuts if not cut.prismatic]
-    passive = [j for j in range(len(device.joints)) if j not in device.active]
-    if isinstance(device.closure, NewtonClosure):
-        return device.closure.openness(q)
+    cuts = [cut for cut in model.device.closure.cuts if not cut.prismatic]
+    passive = [j for j in range(len(model.device.joints)) if j not in model.device.active]
+    if isinstance(model.device.closure, NewtonClosure):
+        return model.device.closure.openness(q)
     if not cuts or not passive:
         return np.ones(len(q))
-    at = poses(device, q)
+    at = poses(model.device, q)
     J = np.zeros((len(q), 3 * len(cuts), len(passive)))
     for k, cut in enumerate(cuts):
         for frame, sign in ((cut.frame, 1.0), (cut.twin, -1.0)):
@@ -92,9 +93,11 @@ def loop_openness(device: Device, q: Array) -> Array:
             while link >= 0:
                 if link in passive:
                     axis = at[:, link, :3, 2]
-                    turning = axis if device.joints[link].prismatic else np.cross(axis, point - at[:, link, :3, 3])
+                    turning = (
+                        axis if model.device.joints[link].prismatic else np.cross(axis, point - at[:, link, :3, 3])
+                    )
                     J[:, 3 * k : 3 * k + 3, passive.index(link)] += sign * turning
-                link = device.joints[link].parent
+                link = model.device.joints[link].parent
     lengths = np.linalg.norm(J, axis=1, keepdims=True)
     return np.asarray(np.linalg.svd(J / np.maximum(lengths, 1e-12), compute_uv=False)[:, -1])
 
@@ -106,21 +109,21 @@ def settled_by_pins(closure: NewtonClosure) -> bool:
     return bool(A.shape[1] >= A.shape[2] and openness(A)[0] > FLAT)
 
 
-def _check_torques(device: Device, trajectory: Trajectory, chi: Array, saturation: Array | None) -> None:
+def _check_torques(model: DynamicModel, trajectory: Trajectory, chi: Array, saturation: Array | None) -> None:
     """Torques of the drives that the motion takes, against the amplifiers' and the joints' limits."""
     every = max(1, round(LOOK / trajectory.dt))
     q, qd, qdd = (np.ascontiguousarray(x[::every].T) for x in (trajectory.q, trajectory.qd, trajectory.qdd))
-    tau = inverse_dynamics(device, device.base.of(chi), q, qd, qdd)
-    joints = device.frame.T @ tau
+    tau = inverse_dynamics(model, model.base.of(chi), q, qd, qdd)
+    joints = model.device.frame.T @ tau
     less = "Lower the amplitude or the frequencies, or raise the limit."
-    for j, torque in zip(device.active, joints, strict=True):
-        joint = device.joints[j]
+    for j, torque in zip(model.device.active, joints, strict=True):
+        joint = model.device.joints[j]
         if joint.torque_limit is not None:
             unit = "N" if joint.prismatic else "N m"
             _within("the torque", f"joint {joint.name}", trajectory, np.abs(torque), joint.torque_limit, unit, less)
     if saturation is not None:
-        drives = np.linalg.solve(device.coupling.T, joints)
-        for drive, torque, limit in zip(device.drives, drives, saturation, strict=True):
-            first = device.joints[device.active[int(np.argmax(drive.row != 0))]]
+        drives = np.linalg.solve(model.device.coupling.T, joints)
+        for drive, torque, limit in zip(model.device.drives, drives, saturation, strict=True):
+            first = model.device.joints[model.device.active[int(np.argmax(drive.row != 0))]]
             unit = "N" if first.prismatic else "N m"
             _within("the torque", f"motor {drive.name}", trajectory, np.abs(torque), float(limit), unit, less)

@@ -13,10 +13,11 @@ from xml.etree.ElementTree import Element, SubElement, indent, tostring
 import numpy as np
 
 from haptid._internal.arrays import Array, expect
+from haptid.device import Closure, Cut, Frame, NewtonClosure
+from haptid.dynamics.model import DynamicModel
+from haptid.errors import NoHandleError, UnsimulatedLoopError
 from haptid.experiment.bench.bodies import Body, Effect, bodies, effects
 from haptid.experiment.bench.limits import settled_by_pins
-from haptid.device import Closure, Cut, Device, Frame, NewtonClosure
-from haptid.errors import NoHandleError, UnsimulatedLoopError
 
 # MuJoCo refuses moving bodies lighter than 1e-15 (kg, kg m^2): what a massless link gets.
 LEAST = 2e-15
@@ -56,14 +57,14 @@ class Payload:
     com: tuple[float, float, float] = (0.0, 0.0, 0.0)
 
 
-def mjcf(device: Device, chi: Array, physics: Physics | None = None, payload: Payload | None = None) -> str:
+def mjcf(model: DynamicModel, chi: Array, physics: Physics | None = None, payload: Payload | None = None) -> str:
     """The device as MJCF.
 
     Joints, bodies and sites have the device's names; the actuator `motor <name>` takes the torque on that motor's
     coordinate, at the joint side, N m or N; the actuators `offset <joint>` are constant forces and take nothing.
 
     Args:
-        device: the mechanism.
+        model: the dynamic model.
         chi: its true free standard parameters, (p,), SI.
         physics: how the simulator steps; the default where None.
         payload: a mass at the handle, if any.
@@ -74,19 +75,19 @@ def mjcf(device: Device, chi: Array, physics: Physics | None = None, payload: Pa
     """
     physics = physics or Physics()
     chi = np.asarray(chi, dtype=float)
-    expect("chi", chi.shape, (len(device.parameters),))
-    if payload is not None and device.handle is None:
-        raise NoHandleError("payload", device.name)
-    made = bodies(device, chi)
-    acts = effects(device, chi, made)
-    root = Element("mujoco", model=device.name)
-    _settings(root, device, physics)
+    expect("chi", chi.shape, (len(model.device.parameters),))
+    if payload is not None and model.device.handle is None:
+        raise NoHandleError("payload", model.device.name)
+    made = bodies(model, chi)
+    acts = effects(model, chi, made)
+    root = Element("mujoco", model=model.device.name)
+    _settings(root, model, physics)
     world = SubElement(root, "worldbody")
     SubElement(world, "light", pos="0 0 3", dir="0 0 -1", directional="true")
-    _tree(world, device, made, acts, physics, payload)
-    _coordinates(root, device, acts, physics)
-    _loops(root, device, physics)
-    _actuators(root, device, acts)
+    _tree(world, model, made, acts, physics, payload)
+    _coordinates(root, model, acts, physics)
+    _loops(root, model, physics)
+    _actuators(root, model, acts)
     indent(root)
     return tostring(root, encoding="unicode") + "\n"
 
@@ -96,24 +97,24 @@ def numbers(values: Iterable[float]) -> str:
     return " ".join(repr(float(value)) for value in values)
 
 
-def cut_sites(device: Device) -> tuple[tuple[str, str], ...]:
+def cut_sites(model: DynamicModel) -> tuple[tuple[str, str], ...]:
     """Names of the two sites of every pin that closes a loop; none where loops are kept by their relations.
 
     A loop of a plane needs one pin at each cut, a loop in space two along the cut's axis: a hinge.
     """
-    return tuple((name, twin) for name, twin, _ in _pins(device))
+    return tuple((name, twin) for name, twin, _ in _pins(model))
 
 
-def _pins(device: Device) -> list[tuple[str, str, Cut]]:
+def _pins(model: DynamicModel) -> list[tuple[str, str, Cut]]:
     """Names of both sites of every pin, and its cut, moved along its axis for the second pin of a hinge."""
-    cuts = device.closure.cuts
+    cuts = model.device.closure.cuts
     if any(cut.prismatic for cut in cuts):
-        if isinstance(device.closure, NewtonClosure):
-            raise UnsimulatedLoopError(device.name)
+        if isinstance(model.device.closure, NewtonClosure):
+            raise UnsimulatedLoopError(model.device.name)
         return []
-    hinges = isinstance(device.closure, NewtonClosure) and not settled_by_pins(device.closure)
+    hinges = isinstance(model.device.closure, NewtonClosure) and not settled_by_pins(model.device.closure)
     found = [(f"cut {k + 1}", f"twin {k + 1}", cut) for k, cut in enumerate(cuts)]
-    arm = HINGE * size(device)
+    arm = HINGE * size(model)
     found += [(f"{name} b", f"{twin} b", _along_axis(cut, arm)) for name, twin, cut in found if hinges]
     return found
 
@@ -124,7 +125,7 @@ def _along_axis(cut: Cut, arm: float) -> Cut:
     return Cut(cut.prismatic, one, other)
 
 
-def _settings(root: Element, device: Device, physics: Physics) -> None:
+def _settings(root: Element, model: DynamicModel, physics: Physics) -> None:
     free = {"angle": "radian", "autolimits": "true", "boundmass": "0", "boundinertia": "0", "balanceinertia": "false"}
     SubElement(root, "compiler", free)
     option = {
@@ -133,7 +134,7 @@ def _settings(root: Element, device: Device, physics: Physics) -> None:
         "solver": "Newton",
         "tolerance": repr(physics.tolerance),
         "iterations": str(physics.iterations),
-        "gravity": numbers(device.gravity),
+        "gravity": numbers(model.device.gravity),
     }
     SubElement(SubElement(root, "option", option), "flag", contact="disable", autoreset="disable", island="disable")
     SubElement(SubElement(root, "default"), "geom", contype="0", conaffinity="0", rgba="0.45 0.55 0.7 1")
@@ -141,7 +142,7 @@ def _settings(root: Element, device: Device, physics: Physics) -> None:
 
 def _tree(
     world: Element,
-    device: Device,
+    model: DynamicModel,
     made: Sequence[Body],
     acts: Sequence[Effect],
     physics: Physics,
@@ -149,27 +150,27 @@ def _tree(
 ) -> None:
     """Bodies, joints, sites and capsules."""
     elements: list[Element] = []
-    radius = THIN * size(device)
-    for j, (joint, body) in enumerate(zip(device.joints, made, strict=True)):
+    radius = THIN * size(model)
+    for j, (joint, body) in enumerate(zip(model.device.joints, made, strict=True)):
         above = world if joint.parent < 0 else elements[joint.parent]
         element = SubElement(above, "body", {"name": joint.name, **_placed(joint.rotation, joint.translation)})
         elements.append(element)
         kind = {"name": joint.name, "type": "slide" if joint.prismatic else "hinge", "axis": "0 0 1"}
         SubElement(element, "joint", kind | _effect(acts[j], physics))
         SubElement(element, "inertial", _inertial(body))
-        for name, frame in _frames(device):
+        for name, frame in _frames(model):
             if frame.link == j:
                 SubElement(
                     element, "site", {"name": name, "size": repr(radius), **_placed(frame.rotation, frame.translation)}
                 )
-        _capsules(element, device, j, radius)
-    for name, frame in _frames(device):
+        _capsules(element, model, j, radius)
+    for name, frame in _frames(model):
         if frame.link < 0:
             SubElement(
                 world, "site", {"name": name, "size": repr(radius), **_placed(frame.rotation, frame.translation)}
             )
-    if payload is not None and device.handle is not None:
-        at = device.handle
+    if payload is not None and model.device.handle is not None:
+        at = model.device.handle
         held = world if at.link < 0 else elements[at.link]
         element = SubElement(held, "body", {"name": PAYLOAD, **_placed(at.rotation, at.translation)})
         mass = {"mass": repr(payload.mass), "pos": numbers(payload.com), "diaginertia": "0 0 0"}
@@ -177,13 +178,13 @@ def _tree(
         SubElement(element, "geom", type="sphere", size=repr(2 * radius), pos=numbers(payload.com), mass="0")
 
 
-def _frames(device: Device) -> list[tuple[str, Frame]]:
+def _frames(model: DynamicModel) -> list[tuple[str, Frame]]:
     """Named frames that become sites: the cuts' and the handle's."""
     found: list[tuple[str, Frame]] = []
-    for name, twin, cut in _pins(device):
+    for name, twin, cut in _pins(model):
         found += [(name, cut.frame), (twin, cut.twin)]
-    if device.handle is not None:
-        found.append((HANDLE, device.handle))
+    if model.device.handle is not None:
+        found.append((HANDLE, model.device.handle))
     return found
 
 
@@ -214,10 +215,10 @@ def _effect(effect: Effect, physics: Physics, rest: str = "springref") -> dict[s
     return given
 
 
-def _capsules(element: Element, device: Device, j: int, radius: float) -> None:
+def _capsules(element: Element, model: DynamicModel, j: int, radius: float) -> None:
     """Bars from a link's origin to what it carries: only to be seen."""
-    ends = [joint.translation for joint in device.joints if joint.parent == j]
-    ends += [np.asarray(frame.translation) for _, frame in _frames(device) if frame.link == j]
+    ends = [joint.translation for joint in model.device.joints if joint.parent == j]
+    ends += [np.asarray(frame.translation) for _, frame in _frames(model) if frame.link == j]
     drawn = [end for end in ends if np.linalg.norm(end) > 2 * radius]
     for end in drawn:
         line = numbers([0, 0, 0, *end])
@@ -226,74 +227,74 @@ def _capsules(element: Element, device: Device, j: int, radius: float) -> None:
         SubElement(element, "geom", type="sphere", size=repr(1.5 * radius), mass="0")
 
 
-def size(device: Device) -> float:
+def size(model: DynamicModel) -> float:
     """Rough extent of the mechanism, m: the longest way along the tree; 0.1 where nothing has a length."""
-    reach = np.zeros(len(device.joints))
-    for j, joint in enumerate(device.joints):
+    reach = np.zeros(len(model.device.joints))
+    for j, joint in enumerate(model.device.joints):
         reach[j] = np.linalg.norm(joint.translation) + (reach[joint.parent] if joint.parent >= 0 else 0.0)
-    handle = 0.0 if device.handle is None else float(np.linalg.norm(device.handle.translation))
+    handle = 0.0 if model.device.handle is None else float(np.linalg.norm(model.device.handle.translation))
     return float(reach.max() + handle) or 0.1
 
 
-def _coordinates(root: Element, device: Device, acts: Sequence[Effect], physics: Physics) -> None:
+def _coordinates(root: Element, model: DynamicModel, acts: Sequence[Effect], physics: Physics) -> None:
     """Tendons: motors and cut joints that several joints move, and passive joints that only a relation ties."""
     tendons = SubElement(root, "tendon")
-    for name, shares in _combined(device):
+    for name, shares in _combined(model):
         act = next((a for a in acts if a.name == name), Effect(name, shares))
-        _fixed(tendons, device, name, shares, _effect(act, physics, "springlength"))
+        _fixed(tendons, model, name, shares, _effect(act, physics, "springlength"))
     for act in acts:
         if act.name.startswith("cut "):
-            _fixed(tendons, device, act.name, act.joints, _effect(act, physics, "springlength"))
-    if isinstance(device.closure, Closure) and not cut_sites(device):
-        for j in _passive(device):
-            shares = -device.closure.G[j] @ np.eye(len(device.joints))[list(device.active)]
+            _fixed(tendons, model, act.name, act.joints, _effect(act, physics, "springlength"))
+    if isinstance(model.device.closure, Closure) and not cut_sites(model):
+        for j in _passive(model):
+            shares = -model.device.closure.G[j] @ np.eye(len(model.device.joints))[list(model.device.active)]
             shares[j] += 1.0
-            _fixed(tendons, device, f"relation {device.joints[j].name}", shares, {})
+            _fixed(tendons, model, f"relation {model.device.joints[j].name}", shares, {})
 
 
-def _fixed(tendons: Element, device: Device, name: str, shares: Array, settings: dict[str, str]) -> None:
+def _fixed(tendons: Element, model: DynamicModel, name: str, shares: Array, settings: dict[str, str]) -> None:
     tendon = SubElement(tendons, "fixed", {"name": name, **settings})
     for k in np.flatnonzero(shares):
-        SubElement(tendon, "joint", joint=device.joints[k].name, coef=repr(float(shares[k])))
+        SubElement(tendon, "joint", joint=model.device.joints[k].name, coef=repr(float(shares[k])))
 
 
-def _combined(device: Device) -> list[tuple[str, Array]]:
+def _combined(model: DynamicModel) -> list[tuple[str, Array]]:
     """Motors that move several joints: name, and share of every joint."""
     found = []
-    for drive in device.drives:
+    for drive in model.device.drives:
         if np.count_nonzero(drive.row) > 1:
-            shares = np.zeros(len(device.joints))
-            shares[list(device.active)] = drive.row
+            shares = np.zeros(len(model.device.joints))
+            shares[list(model.device.active)] = drive.row
             found.append((f"motor {drive.name}", shares))
     return found
 
 
-def _passive(device: Device) -> list[int]:
-    return [j for j in range(len(device.joints)) if j not in device.active]
+def _passive(model: DynamicModel) -> list[int]:
+    return [j for j in range(len(model.device.joints)) if j not in model.device.active]
 
 
-def _loops(root: Element, device: Device, physics: Physics) -> None:
+def _loops(root: Element, model: DynamicModel, physics: Physics) -> None:
     """A pin for each cut joint; where there are none, or one slides, the relations of the passive joints."""
     equality = SubElement(root, "equality")
     h = physics.step
     stiff = {"solref": f"{-1 / h**2!r} {-2 / h!r}", "solimp": STIFF}
-    for one, other in cut_sites(device):
+    for one, other in cut_sites(model):
         SubElement(equality, "connect", {"site1": one, "site2": other, **stiff})
-    if not cut_sites(device):
-        for j in _passive(device):
-            constant = numbers([device.closure.offset[j], 0, 0, 0, 0])
-            name = f"relation {device.joints[j].name}"
+    if not cut_sites(model):
+        for j in _passive(model):
+            constant = numbers([model.device.closure.offset[j], 0, 0, 0, 0])
+            name = f"relation {model.device.joints[j].name}"
             SubElement(equality, "tendon", {"tendon1": name, "polycoef": constant, **stiff})
 
 
-def _actuators(root: Element, device: Device, acts: Sequence[Effect]) -> None:
+def _actuators(root: Element, model: DynamicModel, acts: Sequence[Effect]) -> None:
     """The motors, in the device's order, then constant forces."""
     actuators = SubElement(root, "actuator")
-    for drive in device.motors:
+    for drive in model.device.motors:
         name = f"motor {drive.name}"
         used = np.flatnonzero(drive.row)
         if len(used) == 1:
-            joint = device.joints[device.active[int(used[0])]].name
+            joint = model.device.joints[model.device.active[int(used[0])]].name
             SubElement(actuators, "motor", name=name, joint=joint, gear=repr(float(drive.row[used[0]])))
         else:
             SubElement(actuators, "motor", name=name, tendon=name)
@@ -304,15 +305,15 @@ def _actuators(root: Element, device: Device, acts: Sequence[Effect]) -> None:
             SubElement(actuators, "general", {"name": f"offset {act.name}", **on, **constant})
 
 
-def closed(device: Device, qa: Array) -> Array:
+def closed(model: DynamicModel, qa: Array) -> Array:
     """Positions of all joints in MuJoCo's order, which is the tree's depth first, (joints,)."""
-    return device.closure.positions(qa[:, None])[list(depth_first(device)), 0]
+    return model.device.closure.positions(qa[:, None])[list(depth_first(model)), 0]
 
 
-def depth_first(device: Device) -> tuple[int, ...]:
+def depth_first(model: DynamicModel) -> tuple[int, ...]:
     """The device's joints in the order in which MuJoCo numbers them."""
     children: dict[int, list[int]] = {}
-    for j, joint in enumerate(device.joints):
+    for j, joint in enumerate(model.device.joints):
         children.setdefault(joint.parent, []).append(j)
     order: list[int] = []
     waiting = list(reversed(children.get(-1, [])))

@@ -10,10 +10,11 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
 from haptid._internal.arrays import Array, expect
+from haptid.device import Frame, poses
+from haptid.dynamics.model import DynamicModel
+from haptid.errors import PictureError
 from haptid.experiment.bench.mjcf import mjcf, size
 from haptid.experiment.bench.simulation import load_mujoco
-from haptid.device import Device, Frame, poses
-from haptid.errors import PictureError
 
 # Colours that colour-blind readers tell apart (Okabe and Ito 2008).
 BAR, HANDLE_MARK, TRAIL = "#0072B2", "#D55E00", "0.6"
@@ -21,11 +22,13 @@ BAR, HANDLE_MARK, TRAIL = "#0072B2", "#D55E00", "0.6"
 INCHES, PIXELS = 3.0, 360
 
 
-def draw_strip(device: Device, qa: Array, times: Sequence[float] | Array, path: str | Path, pictures: int = 5) -> None:
+def draw_strip(
+    model: DynamicModel, qa: Array, times: Sequence[float] | Array, path: str | Path, pictures: int = 5
+) -> None:
     """Stick figures side by side, seen along the axis that the device extends least along, and the way of its handle.
 
     Args:
-        device: the mechanism.
+        model: the dynamic model.
         qa: positions of the active joints all along the motion, (samples, active), rad or m.
         times: of the samples, (samples,), s.
         path: of the picture, PNG, PDF or SVG.
@@ -34,11 +37,11 @@ def draw_strip(device: Device, qa: Array, times: Sequence[float] | Array, path: 
     Raises:
         PictureError: there is no sample, or no picture was asked for, or it cannot be written.
     """
-    expect("qa", qa.shape, (len(times), len(device.active)))
+    expect("qa", qa.shape, (len(times), len(model.device.active)))
     if len(times) == 0 or pictures < 1:
         raise PictureError(path, "no instant was given; give one at least")
     drawn = np.unique(np.linspace(0, len(times) - 1, pictures).round().astype(int))
-    lines, handle = stick_figure(device, qa)
+    lines, handle = stick_figure(model, qa)
     across = _view(lines)
     figure = Figure(figsize=(INCHES * len(drawn), INCHES), layout="constrained")
     FigureCanvasAgg(figure)
@@ -59,20 +62,20 @@ def draw_strip(device: Device, qa: Array, times: Sequence[float] | Array, path: 
         raise PictureError(path, f"{error}. Choose a folder that can be written to, and .png, .pdf or .svg") from error
 
 
-def stick_figure(device: Device, qa: Array) -> tuple[Array, Array | None]:
+def stick_figure(model: DynamicModel, qa: Array) -> tuple[Array, Array | None]:
     """Bars of the mechanism, (samples, bars, 2, 3), and the handle, (samples, 3) or None, in the base frame, m.
 
     A bar leads from each link's origin to its children's, to its pins and to the handle.
     """
-    q = device.closure.positions(qa.T).T
-    at = poses(device, q)
-    frames = [frame for cut in device.closure.cuts for frame in (cut.frame, cut.twin)]
-    frames += [] if device.handle is None else [device.handle]
-    ends = [(joint.parent, at[:, j, :3, 3]) for j, joint in enumerate(device.joints)]
+    q = model.device.closure.positions(qa.T).T
+    at = poses(model.device, q)
+    frames = [frame for cut in model.device.closure.cuts for frame in (cut.frame, cut.twin)]
+    frames += [] if model.device.handle is None else [model.device.handle]
+    ends = [(joint.parent, at[:, j, :3, 3]) for j, joint in enumerate(model.device.joints)]
     ends += [(frame.link, _point(at, frame)) for frame in frames]
     ground = np.zeros((len(q), 3))
     bars = [np.stack([ground if link < 0 else at[:, link, :3, 3], end], axis=1) for link, end in ends]
-    handle = None if device.handle is None else _point(at, device.handle)
+    handle = None if model.device.handle is None else _point(at, model.device.handle)
     return np.stack(bars, axis=1), handle
 
 
@@ -90,11 +93,11 @@ def _view(lines: Array) -> list[int]:
     return sorted({0, 1, 2} - {least}, reverse=least == 0)
 
 
-def render_strip(device: Device, chi: Array, qa: Array, path: Path) -> None:
+def render_strip(model: DynamicModel, chi: Array, qa: Array, path: Path) -> None:
     """The same by MuJoCo's off-screen renderer, for machines that have OpenGL (or EGL: MUJOCO_GL=egl).
 
     Args:
-        device: the mechanism.
+        model: the dynamic model.
         chi: its free standard parameters, (p,), SI.
         qa: positions of the active joints, (pictures, active), rad or m.
         path: of the PNG picture.
@@ -106,17 +109,17 @@ def render_strip(device: Device, chi: Array, qa: Array, path: Path) -> None:
 
     from haptid.experiment.bench.mjcf import closed
 
-    expect("qa", qa.shape, (None, len(device.active)))
+    expect("qa", qa.shape, (None, len(model.device.active)))
     mujoco = load_mujoco()
-    model = mujoco.MjModel.from_xml_string(mjcf(device, chi))
-    data, camera = mujoco.MjData(model), mujoco.MjvCamera()
-    camera.distance, camera.elevation = 2.5 * size(device), -20
+    mj_model = mujoco.MjModel.from_xml_string(mjcf(model, chi))
+    data, camera = mujoco.MjData(mj_model), mujoco.MjvCamera()
+    camera.distance, camera.elevation = 2.5 * size(model), -20
     try:
-        with mujoco.Renderer(model, PIXELS, PIXELS) as renderer:
+        with mujoco.Renderer(mj_model, PIXELS, PIXELS) as renderer:
             shots = []
             for position in qa:
-                data.qpos[:] = closed(device, position)
-                mujoco.mj_forward(model, data)
+                data.qpos[:] = closed(model, position)
+                mujoco.mj_forward(mj_model, data)
                 renderer.update_scene(data, camera)
                 shots.append(renderer.render())
     except Exception as error:  # whatever the graphics stack raises where it does not work

@@ -8,16 +8,17 @@ from pathlib import Path
 
 import numpy as np
 
+from haptid._internal.atomic_folder import publishing
+from haptid._internal.workers import Processes, Workers
+from haptid.device import read_device
+from haptid.dynamics.model import DynamicModel
+from haptid.errors import OutputError
 from haptid.experiment.bench.experiment import Experiment, read_experiment
 from haptid.experiment.bench.logs import write_log, write_truth
 from haptid.experiment.bench.picture import draw_strip
 from haptid.experiment.bench.setup import Recording, Setup
 from haptid.experiment.bench.simulation import Tell, simulate
 from haptid.experiment.bench.trajectories import plan
-from haptid.device import read_device
-from haptid.errors import OutputError
-from haptid._internal.atomic_folder import publishing
-from haptid._internal.workers import Processes, Workers
 
 
 @dataclass(frozen=True)
@@ -58,7 +59,7 @@ def repeated(job: Job, count: int) -> tuple[Job, ...]:
 def perform(experiment: Experiment, setup: Setup, seed: int, tell: Tell | None = None) -> Recording:
     """Plan the motion and simulate it. Phases and noise have streams of their own, both from the seed."""
     phases, noise = (np.random.default_rng(stream) for stream in np.random.SeedSequence(seed).spawn(2))
-    return simulate(setup, plan(experiment.kind, setup.device, setup.dt, phases), noise, tell)
+    return simulate(setup, plan(experiment.kind, setup.model, setup.dt, phases), noise, tell)
 
 
 def make_log(job: Job, tell: Tell | None = None) -> Path:
@@ -69,8 +70,8 @@ def make_log(job: Job, tell: Tell | None = None) -> Path:
     """
     if job.out.suffix != ".parquet":
         raise OutputError(job.out, "a log of the bench is a file that ends in .parquet")
-    experiment, device = read_experiment(job.experiment), read_device(job.device)
-    setup = experiment.setup(device)
+    experiment, model = read_experiment(job.experiment), DynamicModel(read_device(job.device))
+    setup = experiment.setup(model)
     seed = experiment.seed if job.seed is None else job.seed
     with publishing(job.out.parent) as folder:
         made = perform(experiment, setup, seed, tell)
@@ -78,7 +79,7 @@ def make_log(job: Job, tell: Tell | None = None) -> Path:
         if job.truth:
             write_truth(folder / job.out.name, experiment, setup, made, seed)
         if job.picture:
-            draw_strip(setup.device, made.q[:, list(device.active)], made.t, folder / job.strip.name)
+            draw_strip(setup.model, made.q[:, list(model.device.active)], made.t, folder / job.strip.name)
     return job.out
 
 

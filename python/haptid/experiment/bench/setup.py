@@ -9,10 +9,10 @@ from typing import Protocol
 import numpy as np
 
 from haptid._internal.arrays import Array, freeze
+from haptid.dynamics.model import DynamicModel
+from haptid.errors import NoHandleError, TimingError
 from haptid.experiment.bench.mjcf import Payload, Physics
 from haptid.experiment.bench.trajectories import Figures, spread
-from haptid.device import Device
-from haptid.errors import NoHandleError, TimingError
 
 
 @dataclass(frozen=True)
@@ -59,18 +59,18 @@ class Encoders:
     counts_per_turn: Figures | None = None
     gear: Figures = (1.0,)
 
-    def step(self, device: Device) -> Array | None:
+    def step(self, model: DynamicModel) -> Array | None:
         """One count of each drive's coordinate, (active,), rad or m; None where positions are exact."""
         if self.counts_per_turn is None:
             return None
-        names = [drive.name for drive in device.drives]
+        names = [drive.name for drive in model.device.drives]
         counts = spread("counts_per_turn", self.counts_per_turn, names) * np.abs(spread("gear", self.gear, names))
-        whole = [1.0 if _slides(device, drive.row) else 2 * np.pi for drive in device.drives]
+        whole = [1.0 if _slides(model, drive.row) else 2 * np.pi for drive in model.device.drives]
         return np.asarray(whole / counts)
 
 
-def _slides(device: Device, row: Array) -> bool:
-    return device.joints[device.active[int(np.argmax(row != 0))]].prismatic
+def _slides(model: DynamicModel, row: Array) -> bool:
+    return model.device.joints[model.device.active[int(np.argmax(row != 0))]].prismatic
 
 
 @dataclass(frozen=True)
@@ -123,7 +123,7 @@ class Setup:
     """Everything on the bench.
 
     Attributes:
-        device: the mechanism.
+        model: the dynamic model.
         chi: its true free standard parameters, (p,), SI.
         controller, encoders, amplifiers, physics: around it.
         payload: a mass at the handle.
@@ -132,7 +132,7 @@ class Setup:
         law: torque beside the controller's, None for none; amplifiers limit the sum.
     """
 
-    device: Device
+    model: DynamicModel
     chi: Array
     controller: Controller
     encoders: Encoders = field(default_factory=Encoders)
@@ -145,8 +145,8 @@ class Setup:
 
     def __post_init__(self) -> None:
         for what, there in (("hand", bool(self.hand)), ("force sensor", self.sensor is not None)):
-            if there and self.device.handle is None:
-                raise NoHandleError(what, self.device.name)
+            if there and self.model.device.handle is None:
+                raise NoHandleError(what, self.model.device.name)
         for what, seconds in (("the control period", self.dt), ("the delay", self.amplifiers.delay)):
             steps = seconds / self.physics.step
             if abs(steps - round(steps)) > 1e-6 or (what != "the delay" and round(steps) < 1):

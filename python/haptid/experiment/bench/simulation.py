@@ -14,10 +14,6 @@ from typing import Any
 import numpy as np
 
 from haptid._internal.arrays import Array
-from haptid.experiment.bench.limits import check_trajectory
-from haptid.experiment.bench.mjcf import HANDLE, closed, cut_sites, depth_first, mjcf
-from haptid.experiment.bench.setup import Push, Recording, Setup
-from haptid.experiment.bench.trajectories import Trajectory, spread
 from haptid.dynamics.inverse import inverse_dynamics
 from haptid.errors import (
     LimitHitError,
@@ -26,6 +22,10 @@ from haptid.errors import (
     TrackingLostError,
     UnstableError,
 )
+from haptid.experiment.bench.limits import check_trajectory
+from haptid.experiment.bench.mjcf import HANDLE, closed, cut_sites, depth_first, mjcf
+from haptid.experiment.bench.setup import Push, Recording, Setup
+from haptid.experiment.bench.trajectories import Trajectory, spread
 
 # A joint faster than this has run away, rad/s or m/s.
 FASTEST = 1e3
@@ -63,7 +63,7 @@ def simulate(setup: Setup, trajectory: Trajectory, rng: np.random.Generator, tel
         BenchError: one class for each cause, with the time and the joint; see `haptid.errors`.
     """
     saturation = _saturation(setup)
-    check_trajectory(setup.device, trajectory, setup.chi, saturation)
+    check_trajectory(setup.model, trajectory, setup.chi, saturation)
     mujoco = load_mujoco()
     with _quiet(mujoco):
         rig = _Rig(mujoco, setup, trajectory)
@@ -73,12 +73,12 @@ def simulate(setup: Setup, trajectory: Trajectory, rng: np.random.Generator, tel
 
 def _saturation(setup: Setup) -> Array | None:
     """Greatest torque of each drive's coordinate, (active,), N m or N; no limit where there is no motor."""
-    device, given = setup.device, setup.amplifiers.saturation
+    model, given = setup.model, setup.amplifiers.saturation
     if given is None:
         return None
-    limits = np.full(len(device.drives), np.inf)
-    driven = [k for k, drive in enumerate(device.drives) if drive.motorised]
-    limits[driven] = spread("saturation", given, [drive.name for drive in device.motors])
+    limits = np.full(len(model.device.drives), np.inf)
+    driven = [k for k, drive in enumerate(model.device.drives) if drive.motorised]
+    limits[driven] = spread("saturation", given, [drive.name for drive in model.device.motors])
     return limits
 
 
@@ -96,31 +96,31 @@ class _Rig:
     """The device in the simulator."""
 
     def __init__(self, mujoco: ModuleType, setup: Setup, trajectory: Trajectory) -> None:
-        device = setup.device
+        model = setup.model
         self.mujoco = mujoco
-        self.model: Any = mujoco.MjModel.from_xml_string(mjcf(device, setup.chi, setup.physics, setup.payload))
-        self.data: Any = mujoco.MjData(self.model)
-        self.order = np.array(depth_first(device))
+        self.mj_model: Any = mujoco.MjModel.from_xml_string(mjcf(model, setup.chi, setup.physics, setup.payload))
+        self.data: Any = mujoco.MjData(self.mj_model)
+        self.order = np.array(depth_first(model))
         self.back = np.argsort(self.order)  # from the device's joints to MuJoCo's
-        self.active = self.back[list(device.active)]
-        self.data.qpos[:] = closed(device, trajectory.q[0])
-        qd = device.closure.follow(trajectory.q[:1].T).velocity(trajectory.qd[:1].T)
+        self.active = self.back[list(model.device.active)]
+        self.data.qpos[:] = closed(model, trajectory.q[0])
+        qd = model.device.closure.follow(trajectory.q[:1].T).velocity(trajectory.qd[:1].T)
         self.data.qvel[:] = qd[self.order, 0]
-        self.motors = len(device.motors)
-        limits = [device.joints[j].position_limits or (-np.inf, np.inf) for j in self.order]
+        self.motors = len(model.device.motors)
+        limits = [model.device.joints[j].position_limits or (-np.inf, np.inf) for j in self.order]
         self.lowest, self.highest = np.array(limits).T
         name = mujoco.mjtObj.mjOBJ_SITE
-        pairs = [[mujoco.mj_name2id(self.model, name, s) for s in pair] for pair in cut_sites(device)]
+        pairs = [[mujoco.mj_name2id(self.mj_model, name, s) for s in pair] for pair in cut_sites(model)]
         self.one, self.other = np.array(pairs, dtype=int).reshape(-1, 2).T
-        self.handle = mujoco.mj_name2id(self.model, name, HANDLE) if device.handle is not None else -1
+        self.handle = mujoco.mj_name2id(self.mj_model, name, HANDLE) if model.device.handle is not None else -1
 
     def forward(self) -> None:
         """Accelerations and sites at this instant."""
-        self.mujoco.mj_forward(self.model, self.data)
+        self.mujoco.mj_forward(self.mj_model, self.data)
 
     def step(self, count: int) -> None:
         """So many steps of the simulator."""
-        self.mujoco.mj_step(self.model, self.data, count)
+        self.mujoco.mj_step(self.mj_model, self.data, count)
 
     def gap(self) -> float:
         """Greatest opening of a pin, m."""
@@ -133,27 +133,27 @@ class _Rig:
         """The force of the hand for the next period, in the base frame, (3,), N."""
         data = self.data
         data.qfrc_applied[:] = 0.0
-        point, body = data.site_xpos[self.handle], self.model.site_bodyid[self.handle]
-        self.mujoco.mj_applyFT(self.model, data, force, np.zeros(3), point, body, data.qfrc_applied)
+        point, body = data.site_xpos[self.handle], self.mj_model.site_bodyid[self.handle]
+        self.mujoco.mj_applyFT(self.mj_model, data, force, np.zeros(3), point, body, data.qfrc_applied)
 
 
 class _Control:
     """The controller, from positions of the drives' coordinates to torques on them."""
 
     def __init__(self, setup: Setup, trajectory: Trajectory, saturation: Array | None) -> None:
-        device, settings = setup.device, setup.controller
-        motors = [drive.name for drive in device.motors]
-        self.driven = [k for k, drive in enumerate(device.drives) if drive.motorised]
+        model, settings = setup.model, setup.controller
+        motors = [drive.name for drive in model.device.motors]
+        self.driven = [k for k, drive in enumerate(model.device.drives) if drive.motorised]
         self.kp, self.kd, self.ki = (spread(name, getattr(settings, name), motors) for name in ("kp", "kd", "ki"))
-        self.coupling = np.asarray(device.coupling)
+        self.coupling = np.asarray(model.device.coupling)
         self.target, self.speed = trajectory.q @ self.coupling.T, trajectory.qd @ self.coupling.T
         self.forward = np.zeros((len(trajectory), len(motors)))
         if settings.gravity:
             still = np.zeros_like(trajectory.q.T)
-            held = inverse_dynamics(device, device.base.of(setup.chi), trajectory.q.T, still, still)
-            self.forward[:] = np.linalg.solve(self.coupling.T, device.frame.T @ held)[self.driven].T
+            held = inverse_dynamics(model, model.base.of(setup.chi), trajectory.q.T, still, still)
+            self.forward[:] = np.linalg.solve(self.coupling.T, model.device.frame.T @ held)[self.driven].T
         self.limit = np.full(len(motors), np.inf) if saturation is None else saturation[self.driven]
-        self.step, self.dt = setup.encoders.step(device), setup.dt
+        self.step, self.dt = setup.encoders.step(model), setup.dt
         self.keep = float(np.exp(-2 * np.pi * settings.velocity_cutoff_hz * self.dt))
         self.integral = np.zeros(len(motors))
         self.velocity = self.speed[0].copy()
@@ -186,10 +186,10 @@ class _Tape:
     """What is recorded, one row for each control period."""
 
     def __init__(self, setup: Setup, trajectory: Trajectory) -> None:
-        device, n, motors = setup.device, len(trajectory), len(setup.device.motors)
-        self.c, self.cd = np.empty((n, len(device.drives))), np.empty((n, len(device.drives)))
+        model, n, motors = setup.model, len(trajectory), len(setup.model.device.motors)
+        self.c, self.cd = np.empty((n, len(model.device.drives))), np.empty((n, len(model.device.drives)))
         self.asked, self.acting = np.empty((n, motors)), np.empty((n, motors))
-        self.exact = np.empty((3, n, len(device.joints)))
+        self.exact = np.empty((3, n, len(model.device.joints)))
         self.hand, self.wrench = hand_force(setup.hand, trajectory.t), np.zeros((n, 6))
         self.gap = 0.0
 
@@ -209,14 +209,14 @@ class _Tape:
         if setup.sensor is not None:
             deviation = np.repeat([setup.sensor.force_noise, setup.sensor.moment_noise], 3)
             wrench = self.wrench + deviation * rng.standard_normal(self.wrench.shape)
-        joints = np.linalg.inv(setup.device.coupling).T
+        joints = np.linalg.inv(setup.model.device.coupling).T
         q, qd, qdd = (np.ascontiguousarray(x[:, rig.back]) for x in self.exact)
         return Recording(
             dt=setup.dt,
             target=trajectory.q,
             position=self.c @ joints,
             velocity=self.cd @ joints,
-            command=self.asked / [drive.gear * drive.gain for drive in setup.device.motors],
+            command=self.asked / [drive.gear * drive.gain for drive in setup.model.device.motors],
             wrench=wrench,
             q=q,
             qd=qd,
@@ -232,7 +232,7 @@ def _run(
 ) -> Recording:
     """All control periods."""
     tape, n, data = _Tape(setup, trajectory), len(trajectory), rig.data
-    motors = [drive.name for drive in setup.device.motors]
+    motors = [drive.name for drive in setup.model.device.motors]
     gain = spread("gain", setup.amplifiers.gain, motors)
     noise = spread("noise", setup.amplifiers.noise, motors) * rng.standard_normal((n, len(motors)))
     per, late = round(setup.dt / setup.physics.step), round(setup.amplifiers.delay / setup.physics.step)
@@ -268,18 +268,18 @@ def hand_force(pushes: tuple[Push, ...], t: Array) -> Array:
 
 def _check_state(setup: Setup, rig: _Rig, trajectory: Trajectory, k: int, gap: float) -> None:
     """Raise what went wrong, if anything."""
-    data, device, time = rig.data, setup.device, k * setup.dt
+    data, model, time = rig.data, setup.model, k * setup.dt
     qd, q = data.qvel, data.qpos
     if not abs(qd).max() < FASTEST:
         worst = int(np.argmax(np.abs(qd)))
-        raise UnstableError(time, device.joints[int(rig.order[worst])].name, float(qd[worst]), FASTEST)
+        raise UnstableError(time, model.device.joints[int(rig.order[worst])].name, float(qd[worst]), FASTEST)
     if gap > WIDEST_GAP:
         raise LoopBrokenError(time, gap, WIDEST_GAP)
     away = abs(q[rig.active] - trajectory.q[k])
     if away.max() > setup.controller.tracking_limit:
-        joint = device.joints[device.active[int(np.argmax(away))]]
+        joint = model.device.joints[model.device.active[int(np.argmax(away))]]
         raise TrackingLostError(time, joint.name, float(away.max()), setup.controller.tracking_limit)
     if ((q < rig.lowest) | (q > rig.highest)).any():
         worst = int(np.argmax(np.maximum(rig.lowest - q, q - rig.highest)))
         limits = float(rig.lowest[worst]), float(rig.highest[worst])
-        raise LimitHitError(time, device.joints[int(rig.order[worst])].name, float(q[worst]), limits)
+        raise LimitHitError(time, model.device.joints[int(rig.order[worst])].name, float(q[worst]), limits)

@@ -14,7 +14,7 @@ from typing import Protocol
 import numpy as np
 
 from haptid._internal.arrays import Array, expect, freeze, read_only
-from haptid.device import Device
+from haptid.dynamics.model import DynamicModel
 from haptid.errors import FigureCountError, TrajectoryTooShortError
 
 Figures = tuple[float, ...]
@@ -60,12 +60,12 @@ class Kind(Protocol):
         """Position, velocity and acceleration of the joints of these names, each (n, joints)."""
 
 
-def plan(kind: Kind, device: Device, dt: float, rng: np.random.Generator) -> Trajectory:
+def plan(kind: Kind, model: DynamicModel, dt: float, rng: np.random.Generator) -> Trajectory:
     """The motion of a device's active joints.
 
     Args:
         kind: of motion.
-        device: what moves.
+        model: what moves.
         dt: step, s.
         rng: for phases and frequencies.
 
@@ -73,7 +73,7 @@ def plan(kind: Kind, device: Device, dt: float, rng: np.random.Generator) -> Tra
         FigureCountError: a setting has not one figure for each active joint.
         TrajectoryTooShortError: no time is left between start and stop.
     """
-    return Trajectory(dt, *kind.motion([device.joints[j].name for j in device.active], dt, rng))
+    return Trajectory(dt, *kind.motion([model.device.joints[j].name for j in model.device.active], dt, rng))
 
 
 @dataclass(frozen=True)

@@ -9,9 +9,9 @@ from typing import Any
 import numpy as np
 
 from haptid._internal.arrays import Array
+from haptid.dynamics.inverse import mass_matrix
 from haptid.experiment.bench.experiment import Experiment
 from haptid.experiment.bench.schema import ExperimentTable
-from haptid.dynamics.inverse import mass_matrix
 from haptid.experiment.excitation.search import Excitation
 from haptid.experiment.excitation.writing import trajectory_table
 
@@ -30,7 +30,7 @@ def plain_experiment(found: Excitation) -> Experiment:
     gains = {"kp": (OMEGA**2 * inertia).tolist(), "kd": (2 * DAMPING * OMEGA * inertia).tolist()}
     table: dict[str, Any] = {
         "schema": 1,
-        "name": f"{found.device.name}, exciting motion",
+        "name": f"{found.model.device.name}, exciting motion",
         "seed": found.seed,
         "trajectory": _lists(trajectory_table(found.kind)),
         "controller": gains,
@@ -41,18 +41,18 @@ def plain_experiment(found: Excitation) -> Experiment:
 
 def largest_inertia(found: Excitation) -> Array:
     """Of every motor's coordinate along the motion, others free, by the parameters of the search, (motors,)."""
-    device = found.device
-    M = mass_matrix(device, found.bounds.beta, found.trajectory(LOOK).q.T)
-    to_rows = device.frame @ np.linalg.inv(device.coupling)
+    model = found.model
+    M = mass_matrix(model, found.bounds.beta, found.trajectory(LOOK).q.T)
+    to_rows = model.device.frame @ np.linalg.inv(model.device.coupling)
     on_drives = np.einsum("ik,nij,jk->nk", to_rows, M, to_rows)
-    motors = [k for k, drive in enumerate(device.drives) if drive.motorised]
+    motors = [k for k, drive in enumerate(model.device.drives) if drive.motorised]
     return np.asarray(np.maximum(on_drives.max(axis=0)[motors], 0.0))
 
 
 def write_samples(found: Excitation, path: Path, rate_hz: float) -> None:
     """Write the motion as CSV for a real controller: t in s, then position, velocity, acceleration of active joints."""
     made = found.trajectory(1.0 / rate_hz)
-    names = [found.device.joint_names[j] for j in found.device.active]
+    names = [found.model.device.joint_names[j] for j in found.model.device.active]
     heads = ["t", *(f"{prefix}{name}" for prefix in ("q", "qd", "qdd") for name in names)]
     with path.open("w", newline="", encoding="utf-8") as file:
         table = csv.writer(file)

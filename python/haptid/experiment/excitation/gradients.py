@@ -59,8 +59,8 @@ class Slopes:
     @cached_property
     def selection(self) -> tuple[list[int], Array]:
         """The core's columns that the parameters need, and the combinations (columns, k) that make them of these."""
-        device = self.bounds.device
-        kept = device.parameters.S[:, [device.base.kept[k] for k in self.columns]]
+        model = self.bounds.model
+        kept = model.device.parameters.S[:, [model.base.kept[k] for k in self.columns]]
         needed = np.flatnonzero(kept.any(axis=1))
         return needed.tolist(), freeze(np.ascontiguousarray(kept[needed]))
 
@@ -80,24 +80,24 @@ class Slopes:
 
     def _unit(self, channels: CoreChannels) -> tuple[Array, Array]:
         """Lengths that columns are divided by, (k,), and C of what they are then, (k, k)."""
-        device, (columns, S) = self.bounds.device, self.selection
-        made = device.mechanism.inner_products(*channels.motion, channels.own, columns, channels.loops)
-        C = S.T @ (made[list(device.measured)] * self._factors).sum(axis=0) @ S
+        model, (columns, S) = self.bounds.model, self.selection
+        made = model.mechanism.inner_products(*channels.motion, channels.own, columns, channels.loops)
+        C = S.T @ (made[list(model.device.measured)] * self._factors).sum(axis=0) @ S
         lengths = np.where(self.scaling.unit, np.sqrt(np.diag(C)), 1.0)
         lengths = np.maximum(lengths, np.finfo(float).tiny)
         return lengths, C / lengths / lengths[:, None]
 
     def _criterion(self, states: Array, power: float) -> tuple[float, Array]:
-        device, (columns, S) = self.bounds.device, self.selection
+        model, (columns, S) = self.bounds.model, self.selection
         channels = self.bounds.channels(states)
         lengths, C = self._unit(channels)
         cost, B = self.criterion.smooth(C, power)
         # A column of unit length does not grow: what would change its length is taken off.
         B = (B - np.diag(np.where(self.scaling.unit, (B * C).sum(axis=1), 0.0))) / lengths / lengths[:, None]
-        forms = np.zeros((device.mechanism.coordinates, len(columns), len(columns)))
-        forms[list(device.measured)] = self._factors * (S @ B @ S.T)
-        by_channel = device.mechanism.form_slopes(*channels.motion, channels.own, columns, forms, channels.loops)
-        return cost, np.asarray(device.frame.T @ channels.by_motion(by_channel))
+        forms = np.zeros((model.mechanism.coordinates, len(columns), len(columns)))
+        forms[list(model.device.measured)] = self._factors * (S @ B @ S.T)
+        by_channel = model.mechanism.form_slopes(*channels.motion, channels.own, columns, forms, channels.loops)
+        return cost, np.asarray(model.device.frame.T @ channels.by_motion(by_channel))
 
     def _limits(self, states: Array, weight: float) -> tuple[float, Array]:
         """Mean squares of what exceeds the limits, and their slopes."""

@@ -10,12 +10,13 @@ from typing import TypeVar
 import numpy as np
 
 from haptid._internal.arrays import Array, expect, read_only
+from haptid.device import Joint
+from haptid.dynamics.inverse import inverse_dynamics, raw_parameters
+from haptid.dynamics.model import DynamicModel
+from haptid.dynamics.regressor import CoreChannels
+from haptid.errors import NoRangeError
 from haptid.experiment.bench.limits import FLAT, loop_openness
 from haptid.experiment.bench.trajectories import Figures, Trajectory, spread
-from haptid.dynamics.regressor import CoreChannels
-from haptid.device import Device, Joint
-from haptid.dynamics.inverse import inverse_dynamics, raw_parameters
-from haptid.errors import NoRangeError
 
 T = TypeVar("T")
 # A motion is planned to stay this much further from flat loops than the bench insists on.
@@ -62,7 +63,7 @@ class Bounds:
     """Limits of one device as arrays.
 
     Attributes:
-        device: the mechanism.
+        model: the dynamic model.
         position: lowest and highest of each active joint, (active, 2), rad or m.
         speed: greatest, (active,).
         acceleration: greatest, (active,); infinite where there is no limit.
@@ -71,7 +72,7 @@ class Bounds:
         beta: base parameters that torques are made of, (p,), SI.
     """
 
-    device: Device
+    model: DynamicModel
     position: Array
     speed: Array
     acceleration: Array
@@ -82,23 +83,23 @@ class Bounds:
     def __post_init__(self) -> None:
         for name in ("position", "speed", "acceleration", "torque", "beta"):
             object.__setattr__(self, name, read_only(getattr(self, name)))
-        expect("position", self.position.shape, (len(self.device.active), 2))
-        expect("beta", self.beta.shape, (len(self.device.base),))
+        expect("position", self.position.shape, (len(self.model.device.active), 2))
+        expect("beta", self.beta.shape, (len(self.model.base),))
 
     @property
     def names(self) -> list[str]:
         """Of the active joints."""
-        return [self.device.joints[j].name for j in self.device.active]
+        return [self.model.device.joints[j].name for j in self.model.device.active]
 
     @staticmethod
-    def of(device: Device, limits: Limits, beta: Array) -> Bounds:
+    def of(model: DynamicModel, limits: Limits, beta: Array) -> Bounds:
         """Limits as given, and the device's where they are not.
 
         Raises:
             NoRangeError: a joint has no range of positions or no greatest speed in either.
             FigureCountError: not one figure for all joints or one for each.
         """
-        joints = [device.joints[j] for j in device.active]
+        joints = [model.device.joints[j] for j in model.device.active]
         names = [joint.name for joint in joints]
         position, speed = limits.position, limits.speed
         if position is None:
@@ -107,11 +108,11 @@ class Bounds:
             speed = tuple(_given("greatest speed", j.name, j.velocity_limit) for j in joints)
         torque = limits.torque or (np.inf,)
         return Bounds(
-            device,
+            model,
             np.array(position, dtype=float),
             spread("speed", speed, names),
             spread("acceleration", limits.acceleration or (np.inf,), names),
-            spread("torque", torque, list(device.row_names)),
+            spread("torque", torque, list(model.device.row_names)),
             limits,
             beta,
         )
@@ -138,8 +139,8 @@ class Bounds:
             yield _beyond(np.array(c.weights) @ states[0], c.low, c.high), f"the coupling {c.weights}"
         yield from self._passive(states)
         if np.isfinite(self.torque).any():
-            tau = inverse_dynamics(self.device, self.beta, *(np.ascontiguousarray(x) for x in states))
-            for label, most, x in zip(self.device.row_labels, self.torque, tau, strict=True):
+            tau = inverse_dynamics(self.model, self.beta, *(np.ascontiguousarray(x) for x in states))
+            for label, most, x in zip(self.model.device.row_labels, self.torque, tau, strict=True):
                 yield np.abs(x) / most - 1, f"the torque of {label}"
 
     def slopes(self, states: Array, weights: Array) -> Array:
@@ -166,7 +167,7 @@ class Bounds:
         """The same of joints that only follow, added; a rate changes by a coordinate as it does along the motion."""
         if not self._followers:
             return
-        followed = self.device.closure.follow(states[0], states[1])
+        followed = self.model.device.closure.follow(states[0], states[1])
         qd = followed.velocity(states[1])
         shape = (states.shape[2], *followed.G.shape[-2:])
         G, Gd = (np.broadcast_to(x, shape).transpose(1, 2, 0) for x in (followed.G, followed.Gd))
@@ -180,27 +181,27 @@ class Bounds:
 
     def _torque_slopes(self, states: Array, weights: Array) -> Array:
         """The same of torques."""
-        device = self.device
-        by = self.channels(states).torque_slopes(raw_parameters(device, self.beta))
-        tau = inverse_dynamics(device, self.beta, *(np.ascontiguousarray(x) for x in states))
+        model = self.model
+        by = self.channels(states).torque_slopes(raw_parameters(model, self.beta))
+        tau = inverse_dynamics(model, self.beta, *(np.ascontiguousarray(x) for x in states))
         by_motion = np.einsum("rn,rscn->scn", weights * np.sign(tau) / self.torque[:, None], by)
-        return np.asarray(device.frame.T @ by_motion)
+        return np.asarray(model.device.frame.T @ by_motion)
 
     def channels(self, states: Array) -> CoreChannels:
         """What the core makes rows of, from states of the active joints, (3, active, n)."""
-        return CoreChannels.of(self.device, self.device.frame @ states)
+        return CoreChannels.of(self.model, self.model.device.frame @ states)
 
     @cached_property
     def _followers(self) -> list[tuple[int, Joint]]:
         """The joints that only follow and have limits, with their numbers."""
-        passive = [(k, joint) for k, joint in enumerate(self.device.joints) if k not in self.device.active]
+        passive = [(k, joint) for k, joint in enumerate(self.model.device.joints) if k not in self.model.device.active]
         return [(k, j) for k, j in passive if j.position_limits is not None or j.velocity_limit is not None]
 
     def _passive(self, states: Array) -> Iterator[tuple[Array, str]]:
         """Limits of the joints that only follow."""
         if not self._followers:
             return
-        followed = self.device.closure.follow(states[0], states[1])
+        followed = self.model.device.closure.follow(states[0], states[1])
         q, qd = followed.q, followed.velocity(states[1])
         for k, joint in self._followers:
             if joint.position_limits is not None:
@@ -210,7 +211,9 @@ class Bounds:
 
     def flatness(self, q: Array) -> Array:
         """By how much loops are too flat at every sample, (n,), from positions of the active joints, (active, n)."""
-        return np.asarray(1 - loop_openness(self.device, self.device.closure.positions(q).T) / self.limits.openness)
+        return np.asarray(
+            1 - loop_openness(self.model, self.model.device.closure.positions(q).T) / self.limits.openness
+        )
 
 
 def _given(what: str, joint: str, value: T | None) -> T:

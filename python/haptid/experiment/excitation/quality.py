@@ -9,10 +9,10 @@ import numpy as np
 from scipy import linalg
 
 from haptid._internal.arrays import Array, expect, freeze, read_only
+from haptid.dynamics.model import DynamicModel
 from haptid.experiment.bench.trajectories import Trajectory
-from haptid.device import Device
-from haptid.observation.observation import Observation, Plan, assemble, condition, scaled_condition
 from haptid.motion.treatment import Motion, Treatment
+from haptid.observation.observation import Observation, Plan, assemble, condition, scaled_condition
 
 
 @dataclass(frozen=True, eq=False)
@@ -86,12 +86,12 @@ class Quality:
         return weighted * np.where(self.values != 0, np.abs(self.values), 1.0 / lengths)
 
 
-def observed(device: Device, trajectory: Trajectory) -> Observation:
+def observed(model: DynamicModel, trajectory: Trajectory) -> Observation:
     """The rows of W that a planned motion would give, as one triangle for each motor."""
-    still = np.zeros((len(trajectory), sum(device.measured)))
+    still = np.zeros((len(trajectory), sum(model.device.measured)))
     rates = (trajectory.qd, trajectory.qdd)
     motion = Motion(trajectory.dt, trajectory.q, still, Treatment(cutoff_hz=None), rates=rates)
-    plan = Plan.of(device, motion)
+    plan = Plan.of(model, motion)
     whole = replace(plan, block=plan.rows)
     return assemble(whole, [whole.reduce(0, whole.rows)])
 

@@ -10,15 +10,15 @@ import numpy as np
 from scipy import optimize
 
 from haptid._internal.arrays import Array
-from haptid.experiment.bench.trajectories import Figures, Kind, Trajectory, plan, spread
-from haptid.device import Device
+from haptid.dynamics.model import DynamicModel
 from haptid.errors import MethodSettingError, NoFeasibleMotionError
 from haptid.estimation.methods.zeroed import indices
+from haptid.experiment.bench.trajectories import Figures, Kind, Trajectory, plan, spread
 from haptid.experiment.excitation.criteria import Criterion, ScaledCondition
 from haptid.experiment.excitation.families import Family
+from haptid.experiment.excitation.gradients import Slopes
 from haptid.experiment.excitation.limits import Bounds, Limits
 from haptid.experiment.excitation.quality import Quality, observed, quality
-from haptid.experiment.excitation.gradients import Slopes
 
 # No motion costs more than this; a singular W would without bound.
 WORST = 50.0
@@ -62,7 +62,7 @@ class Excitation:
     """A motion that excites parameters well, and what it tells of them.
 
     Attributes:
-        device: the mechanism.
+        model: the dynamic model.
         kind: of motion; the bench plans it.
         seed: of the phases that it draws.
         before: of the first motion within the limits that the search met.
@@ -72,7 +72,7 @@ class Excitation:
         noise: deviation of a row of each motor, (motors,), N m or N.
     """
 
-    device: Device
+    model: DynamicModel
     kind: Kind
     seed: int
     before: Quality
@@ -83,7 +83,7 @@ class Excitation:
 
     def trajectory(self, dt: float) -> Trajectory:
         """The motion in steps of dt, s: what the bench would plan from its experiment file."""
-        return plan(self.kind, self.device, dt, phases(self.seed))
+        return plan(self.kind, self.model, dt, phases(self.seed))
 
     @cached_property
     def predicted(self) -> dict[str, float]:
@@ -106,7 +106,7 @@ def phases(seed: int) -> np.random.Generator:
 
 
 def design(
-    device: Device,
+    model: DynamicModel,
     family: Family,
     limits: Limits | None = None,
     *,
@@ -123,7 +123,7 @@ def design(
     criterion, with limits as penalties that grow.
 
     Args:
-        device: the mechanism.
+        model: the dynamic model.
         family: `FourierSeries()` or `TrianglesWithSines()`.
         limits: of positions, speeds, torques, couplings, loops; the device file's where left out.
         criterion: what to lower; the condition number with unit columns where left out.
@@ -140,11 +140,11 @@ def design(
         NoFeasibleMotionError: no motion within the limits was found.
     """
     search = search or Search()
-    beta = device.base.of(np.nan_to_num(device.chi_prior)) if beta is None else np.asarray(beta, dtype=float)
-    picked = indices(device.base.names, columns if columns is not None else device.base.names)
-    motors = [name for name, known in zip(device.row_names, device.measured, strict=True) if known]
+    beta = model.base.of(np.nan_to_num(model.device.chi_prior)) if beta is None else np.asarray(beta, dtype=float)
+    picked = indices(model.base.names, columns if columns is not None else model.base.names)
+    motors = [name for name, known in zip(model.device.row_names, model.device.measured, strict=True) if known]
     judge = Judge(
-        Bounds.of(device, limits or Limits(), beta),
+        Bounds.of(model, limits or Limits(), beta),
         family,
         criterion or ScaledCondition(),
         picked,
@@ -157,7 +157,7 @@ def design(
         raise NoFeasibleMotionError(judge.tried, judge.nearest[1], judge.nearest[0])
     start, after = judge.best
     kind = family.kind(start.x, judge.bounds)
-    return Excitation(device, kind, start.seed, judge.first, after, judge.bounds, judge.tried, judge.noise)
+    return Excitation(model, kind, start.seed, judge.first, after, judge.bounds, judge.tried, judge.noise)
 
 
 class Enough(Exception):
@@ -255,7 +255,7 @@ class Judge:
 
     def _planned(self, x: Array, seed: int) -> Trajectory:
         kind = self.family.kind(x, self.bounds)
-        return plan(kind, self.bounds.device, 1.0 / self.search.rows_hz, phases(seed))
+        return plan(kind, self.bounds.model, 1.0 / self.search.rows_hz, phases(seed))
 
     def _penalised(self, start: Start) -> float:
         """Cost of a motion, and of every limit that it exceeds."""
@@ -279,7 +279,7 @@ class Judge:
 
     def _keep(self, made: Trajectory, start: Start) -> None:
         """Remember a motion within all limits if it is the first or the best."""
-        found = quality(observed(self.bounds.device, made), self.columns, self.bounds.beta, self.noise)
+        found = quality(observed(self.bounds.model, made), self.columns, self.bounds.beta, self.noise)
         cost = min(self.criterion.cost(found), WORST)
         self.first = self.first or found
         if cost < self.least:

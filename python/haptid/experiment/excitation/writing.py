@@ -7,9 +7,9 @@ from dataclasses import fields, is_dataclass
 from pathlib import Path
 from typing import Any
 
+from haptid.errors import OutputError
 from haptid.experiment.bench.experiment import Experiment
 from haptid.experiment.bench.trajectories import Fourier, Kind, TrianglesAndSines
-from haptid.errors import OutputError
 from haptid.experiment.excitation.search import Excitation
 
 

@@ -25,7 +25,7 @@ EXACT = 1e-6
 POINTS = 60
 
 
-class Model(Protocol):
+class FrictionModel(Protocol):
     """A friction model, linear in its parameters but for one scale of velocity at most."""
 
     @property
@@ -100,7 +100,7 @@ class Stribeck:
         return np.column_stack([sign, v, sign * np.exp(-((v / scale) ** 2)), np.ones_like(v)])
 
 
-MODELS: tuple[Model, ...] = (Coulomb(), CoulombViscous(), ByDirection(), Stribeck())
+MODELS: tuple[FrictionModel, ...] = (Coulomb(), CoulombViscous(), ByDirection(), Stribeck())
 ENOUGH = "Coulomb and viscous"
 
 
@@ -109,7 +109,7 @@ class FrictionFit:
     """A model fitted to a curve.
 
     Attributes:
-        model: its name.
+        friction_model: its name.
         values: of its parameters by name, SI; VS too.
         intervals: 95 % of each linear parameter by name, from the points' deviations or their scatter about the
             fit, whichever is larger.
@@ -117,7 +117,7 @@ class FrictionFit:
         error: 100 norm(f - f_hat) / norm(f), per cent.
     """
 
-    model: str
+    friction_model: str
     values: dict[str, float]
     intervals: dict[str, tuple[float, float]]
     aicc: float
@@ -141,20 +141,22 @@ class JointChoice:
     @property
     def enough(self) -> bool:
         """Whether viscous and Coulomb friction are enough."""
-        return self.chosen.model in (MODELS[0].name, ENOUGH)
+        return self.chosen.friction_model in (MODELS[0].name, ENOUGH)
 
     @property
     def sentence(self) -> str:
         """The verdict, and what it rests on."""
-        plain = next(fit for fit in self.fits if fit.model == ENOUGH)
-        larger = [fit for fit in self.fits if fit.model not in (MODELS[0].name, ENOUGH)]
-        figures = ", ".join(f"{fit.model} {fit.aicc - plain.aicc:+.1f}" for fit in larger)
+        plain = next(fit for fit in self.fits if fit.friction_model == ENOUGH)
+        larger = [fit for fit in self.fits if fit.friction_model not in (MODELS[0].name, ENOUGH)]
+        figures = ", ".join(f"{fit.friction_model} {fit.aicc - plain.aicc:+.1f}" for fit in larger)
         values = ", ".join(f"{name} = {value:.4g}" for name, value in self.chosen.values.items())
         if not self.enough:
             return f"{self.label}: viscous and Coulomb friction are not enough (AICc: {figures}). {values}."
         if all(np.isinf(fit.aicc) for fit in larger):
-            return f"{self.label}: too few velocities to tell more than {self.chosen.model} friction. {values}."
-        alone = " Coulomb friction alone is." if self.chosen.model == MODELS[0].name else ""
+            return (
+                f"{self.label}: too few velocities to tell more than {self.chosen.friction_model} friction. {values}."
+            )
+        alone = " Coulomb friction alone is." if self.chosen.friction_model == MODELS[0].name else ""
         return f"{self.label}: viscous and Coulomb friction are enough (AICc of more: {figures}).{alone} {values}."
 
 
@@ -180,30 +182,32 @@ def choose_friction(curve: FrictionCurve) -> FrictionChoice:
 
 
 def _choice(joint: JointFriction) -> JointChoice:
-    fits = tuple(fit(model, joint) for model in MODELS)
+    fits = tuple(fit(friction_model, joint) for friction_model in MODELS)
     least = min(one.aicc for one in fits)
     chosen = next(one for one in fits if one.aicc <= least + GAIN)
     return JointChoice(joint.label, fits, chosen)
 
 
-def fit(model: Model, joint: JointFriction) -> FrictionFit:
+def fit(friction_model: FrictionModel, joint: JointFriction) -> FrictionFit:
     """Weighted least squares of one model."""
     v, f = joint.velocity, joint.torque
     deviation = np.maximum(joint.sd, max(TRUSTED * float(np.median(joint.sd)), EXACT * float(np.abs(f).max())))
-    scale = _scale(model, v, f, deviation) if model.scaled else 1.0
-    A = model.columns(v, scale) / deviation[:, None]
+    scale = _scale(friction_model, v, f, deviation) if friction_model.scaled else 1.0
+    A = friction_model.columns(v, scale) / deviation[:, None]
     beta = np.linalg.lstsq(A, f / deviation, rcond=None)[0]
     rest, (n, k) = float(np.sum((f / deviation - A @ beta) ** 2)), A.shape
-    K = k + model.scaled + 1
+    K = k + friction_model.scaled + 1
     enough = n - K - 1 > 0
     # Points of one joint err together, so that their scatter may be less than their own deviations.
     spread = np.sqrt(np.diag(np.linalg.pinv(A.T @ A)) * max(rest / max(n - K + 1, 1), 1.0))
     half = stats.t.ppf(0.975, max(n - K + 1, 1)) * spread
-    values = dict(zip(model.parameters, beta.tolist(), strict=True)) | ({"VS": scale} if model.scaled else {})
-    ends = zip(model.parameters, (beta - half).tolist(), (beta + half).tolist(), strict=True)
-    missed = np.linalg.norm(f - model.columns(v, scale) @ beta)
+    values = dict(zip(friction_model.parameters, beta.tolist(), strict=True)) | (
+        {"VS": scale} if friction_model.scaled else {}
+    )
+    ends = zip(friction_model.parameters, (beta - half).tolist(), (beta + half).tolist(), strict=True)
+    missed = np.linalg.norm(f - friction_model.columns(v, scale) @ beta)
     return FrictionFit(
-        model=model.name,
+        friction_model=friction_model.name,
         values=values,
         intervals={name: (low, high) for name, low, high in ends},
         aicc=n * float(np.log(max(rest / n, EXACT**2))) + 2 * K + 2 * K * (K + 1) / (n - K - 1) if enough else np.inf,
@@ -211,11 +215,11 @@ def fit(model: Model, joint: JointFriction) -> FrictionFit:
     )
 
 
-def _scale(model: Model, v: Array, f: Array, deviation: Array) -> float:
+def _scale(friction_model: FrictionModel, v: Array, f: Array, deviation: Array) -> float:
     """The scale of velocity that fits best, rad/s or m/s."""
 
     def rest(log_scale: float) -> float:
-        A = model.columns(v, float(np.exp(log_scale))) / deviation[:, None]
+        A = friction_model.columns(v, float(np.exp(log_scale))) / deviation[:, None]
         missed = f / deviation - A @ np.linalg.lstsq(A, f / deviation, rcond=None)[0]
         return float(missed @ missed)
 

@@ -16,11 +16,12 @@ import numpy as np
 from scipy import ndimage, stats
 
 from haptid._internal.arrays import Array, expect, positive, read_only
-from haptid.device import Device
 from haptid.dynamics.inverse import core_torque, raw_parameters
+from haptid.dynamics.model import DynamicModel
+from haptid.dynamics.regressor import external
 from haptid.errors import MethodSettingError, NoStretchesError
 from haptid.estimation import Estimate
-from haptid.motion.channels import coordinate_torque, coordinates, external
+from haptid.motion.channels import coordinate_torque, coordinates
 from haptid.motion.treatment import Motion
 
 # Positions of a joint are told apart in so many bins; torque is averaged within each.
@@ -61,7 +62,7 @@ class Gravity(Protocol):
     def alone(self) -> bool:
         """Whether the other joints must be still."""
 
-    def torque(self, device: Device, c: Array, cd: Array, cdd: Array) -> Array:
+    def torque(self, model: DynamicModel, c: Array, cd: Array, cdd: Array) -> Array:
         """What is taken out beforehand, (rows, samples), N m or N."""
 
 
@@ -78,9 +79,9 @@ class ByPairs:
         """Whether the other joints must be still."""
         return True
 
-    def torque(self, device: Device, c: Array, cd: Array, cdd: Array) -> Array:
+    def torque(self, model: DynamicModel, c: Array, cd: Array, cdd: Array) -> Array:
         """Nothing, (rows, samples)."""
-        del device, cd, cdd
+        del model, cd, cdd
         return np.zeros_like(c)
 
 
@@ -99,13 +100,13 @@ class ByModel:
         """Whether the other joints must be still."""
         return False
 
-    def torque(self, device: Device, c: Array, cd: Array, cdd: Array) -> Array:
+    def torque(self, model: DynamicModel, c: Array, cd: Array, cdd: Array) -> Array:
         """Of bodies, rotors, offsets, springs and a user's own columns, (rows, samples)."""
-        chi = raw_parameters(device, self.estimate.beta)
-        for k, term in enumerate(device.terms, start=10 * len(device.joints)):
+        chi = raw_parameters(model, self.estimate.beta)
+        for k, term in enumerate(model.terms, start=10 * len(model.device.joints)):
             if term.resists:
                 chi[k] = 0.0
-        return core_torque(device, chi, c, cd, cdd, external(device, c, cd, cdd))
+        return core_torque(model, chi, c, cd, cdd, external(model, c, cd, cdd))
 
 
 @dataclass(frozen=True, eq=False)
@@ -146,12 +147,12 @@ class FrictionCurve:
     """Friction of the joints that a motion tests.
 
     Attributes:
-        device: the mechanism.
+        model: the dynamic model.
         joints: curves by torque row.
         notes: sentences a user should read.
     """
 
-    device: Device
+    model: DynamicModel
     joints: tuple[JointFriction, ...]
     notes: tuple[str, ...]
 
@@ -169,12 +170,12 @@ class FrictionCurve:
 
 
 def friction_curve(
-    device: Device, motion: Motion, gravity: Gravity | None = None, constant: Constant | None = None
+    model: DynamicModel, motion: Motion, gravity: Gravity | None = None, constant: Constant | None = None
 ) -> FrictionCurve:
     """Friction torque against velocity of every joint that moves at constant velocities.
 
     Args:
-        device: the mechanism.
+        model: the dynamic model.
         motion: each joint in turn, to and fro, at several constant speeds; with a model, any with such stretches.
         gravity: `ByPairs()` or `ByModel(estimate)`; pairs where left out.
         constant: what counts as a constant velocity.
@@ -185,24 +186,26 @@ def friction_curve(
         NoStretchesError: no joint moves to and fro at a constant velocity.
     """
     gravity, constant = gravity or ByPairs(), constant or Constant()
-    c, cd, cdd = coordinates(device, motion, *motion.usable)
-    tau = coordinate_torque(device, motion, *motion.usable) - gravity.torque(device, c, cd, cdd)
+    c, cd, cdd = coordinates(model.device, motion, *motion.usable)
+    tau = coordinate_torque(model.device, motion, *motion.usable) - gravity.torque(model, c, cd, cdd)
     width = max(3, round(constant.shortest / motion.dt))
     curves, idle = [], []
-    for k in [int(k) for k in np.flatnonzero(device.measured)]:
+    for k in [int(k) for k in np.flatnonzero(model.device.measured)]:
         passes = list(_passes(constant, gravity.alone, width, k, cd))
         cells = [
             cell for poses in _by_pose(k, c, passes, gravity.alone) for cell in _cells(poses, c[k], tau[k], cdd[k])
         ]
         found = _points(_usable(cells), gravity.alone)
         if found is None:
-            idle.append(device.row_labels[k])
+            idle.append(model.device.row_labels[k])
             continue
-        curves.append(JointFriction(device.row_names[k], device.row_labels[k], device.torque_units[k], *found))
+        curves.append(
+            JointFriction(model.device.row_names[k], model.device.row_labels[k], model.device.torque_units[k], *found)
+        )
     if not curves:
         raise NoStretchesError(constant.tolerance, constant.shortest, constant.slowest)
     notes = (f"No pair of stretches at a constant velocity: {', '.join(idle)}.",) if idle else ()
-    return FrictionCurve(device, tuple(curves), notes)
+    return FrictionCurve(model, tuple(curves), notes)
 
 
 @dataclass(frozen=True, eq=False)

@@ -13,8 +13,8 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
 from haptid._internal.arrays import Array
-from haptid.experiment.friction_test.curve import FrictionCurve, JointFriction
 from haptid.experiment.friction_test.choice import MODELS, FrictionChoice, FrictionFit, JointChoice
+from haptid.experiment.friction_test.curve import FrictionCurve, JointFriction
 
 # Colours that colour-blind readers tell apart (Okabe and Ito 2008): points, the model that is used, others.
 POINTS, CHOSEN, OTHERS = "#000000", "#0072B2", ("#E69F00", "#009E73", "#CC79A7")
@@ -24,9 +24,9 @@ DRAWN = 200
 
 def model_torque(fit: FrictionFit, v: Array) -> Array:
     """Torque of a fitted model at velocities, (n,), N m or N."""
-    model = next(one for one in MODELS if one.name == fit.model)
-    beta = np.array([fit.values[name] for name in model.parameters])
-    return np.asarray(model.columns(v, fit.values.get("VS", 1.0)) @ beta)
+    friction_model = next(one for one in MODELS if one.name == fit.friction_model)
+    beta = np.array([fit.values[name] for name in friction_model.parameters])
+    return np.asarray(friction_model.columns(v, fit.values.get("VS", 1.0)) @ beta)
 
 
 def write_points(curve: FrictionCurve, path: Path) -> None:
@@ -45,7 +45,11 @@ def choice_values(choice: FrictionChoice) -> dict[str, Any]:
         "criterion": "AICc: n ln(S / n) + 2 K + 2 K (K + 1) / (n - K - 1); a larger model must be lower by 2",
         "viscous_and_coulomb_are_enough": choice.enough,
         "joints": [
-            {"joint": joint.label, "chosen": joint.chosen.model, "models": [_fit_values(fit) for fit in joint.fits]}
+            {
+                "joint": joint.label,
+                "chosen": joint.chosen.friction_model,
+                "models": [_fit_values(fit) for fit in joint.fits],
+            }
             for joint in choice.joints
         ],
     }
@@ -53,7 +57,7 @@ def choice_values(choice: FrictionChoice) -> dict[str, Any]:
 
 def _fit_values(fit: FrictionFit) -> dict[str, Any]:
     return {
-        "model": fit.model,
+        "model": fit.friction_model,
         "values": fit.values,
         "interval95": {name: list(ends) for name, ends in fit.intervals.items()},
         "aicc": fit.aicc if math.isfinite(fit.aicc) else None,
@@ -86,9 +90,9 @@ def _draw(panel: Axes, joint: JointFriction, made: JointChoice) -> None:
         )
         for k, sign in enumerate((-1.0, 1.0)):
             v = sign * np.linspace(fastest * 1e-3, fastest, DRAWN)
-            panel.plot(v, model_torque(fit, v), label=None if k else fit.model, **style)
+            panel.plot(v, model_torque(fit, v), label=None if k else fit.friction_model, **style)
     panel.axhline(0.0, color="0.7", linewidth=0.6, zorder=0)
-    panel.set_title(f"{joint.label}: {made.chosen.model}", fontsize="medium", parse_math=False)
+    panel.set_title(f"{joint.label}: {made.chosen.friction_model}", fontsize="medium", parse_math=False)
     panel.set_xlabel("velocity, " + ("m/s" if joint.unit == "N" else "rad/s"))
     panel.set_ylabel(f"friction, {joint.unit}")
     panel.grid(alpha=0.3)

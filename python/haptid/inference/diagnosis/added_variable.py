@@ -16,14 +16,14 @@ from scipy import linalg, stats
 
 from haptid._internal.arrays import Array, freeze, read_only
 from haptid.device.terms.term import TermColumn
-from haptid.inference.diagnosis.subsample import named, runs
-from haptid.inference.diagnosis.context import Sight
 from haptid.dynamics.inverse import raw_parameters
 from haptid.estimation import Estimate
 from haptid.estimation.intervals.cluster_robust import clustered
 from haptid.estimation.least_squares import Solution
-from haptid.observation.observation import Block, MotorRows, Observation, Plan, Signals, triangle
+from haptid.inference.diagnosis.context import Sight
+from haptid.inference.diagnosis.subsample import named, runs
 from haptid.motion.treatment import Motion
+from haptid.observation.observation import Block, MotorRows, Observation, Plan, Signals, triangle
 
 # Blocks are merged until there are no more than this: enough for a deviation, and quick on long logs.
 ENOUGH_BLOCKS = 60
@@ -177,7 +177,7 @@ class _WidePlan(Plan):
 
 def device_rows(estimate: Estimate) -> list[int]:
     """The device's row of each motor of an estimate's observation."""
-    return [estimate.device.row_names.index(motor.name) for motor in estimate.observation.motors]
+    return [estimate.model.device.row_names.index(motor.name) for motor in estimate.observation.motors]
 
 
 def stack(motors: Sequence[MotorRows], weights: Array, columns: int) -> Array:
@@ -194,13 +194,13 @@ def _observed(
     estimate: Estimate, motion: Motion, extras: Sequence[Extra]
 ) -> tuple[tuple[Block, ...], tuple[MotorRows, ...]]:
     """Blocks of one motion that the estimate was made from, and every motor's rows."""
-    device, plan = estimate.device, Plan.of(estimate.device, motion)
+    model, plan = estimate.model, Plan.of(estimate.model, motion)
     more = [TermColumn("", "", "external", "", extra.weights) for extra in extras for _ in range(extra.many)]
-    columns = len(device.parameters.raw) + np.arange(len(more))
+    columns = len(model.device.parameters.raw) + np.arange(len(more))
     selection = linalg.block_diag(plan.selection, np.eye(len(more)))
-    with_more = replace(device, terms=(*device.terms, *more))
+    with_more = replace(model, terms=(*model.terms, *more))
     shared = {field.name: getattr(plan, field.name) for field in fields(plan)}
-    chi = raw_parameters(device, estimate.beta)
+    chi = raw_parameters(model, estimate.beta)
     shared |= {"device": with_more, "columns": (*plan.columns, *columns.tolist()), "selection": selection}
     wide = _WidePlan(**shared, narrow=plan, chi=chi, extras=tuple(extras))
     blocks, spans = plan.blocks(named(motion)), list(runs(plan, estimate.observation.blocks))
@@ -208,9 +208,9 @@ def _observed(
     rows = np.concatenate([many for _, many in parts], axis=1)
     motors = tuple(
         MotorRows(
-            device.row_names[k],
-            device.row_labels[k],
-            device.torque_units[k],
+            model.device.row_names[k],
+            model.device.row_labels[k],
+            model.device.torque_units[k],
             parts[0][0][k][0],
             freeze(np.concatenate([stacks[k][1] for stacks, _ in parts])),
             rows[k],

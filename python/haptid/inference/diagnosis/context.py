@@ -8,10 +8,10 @@ from functools import cached_property
 import numpy as np
 
 from haptid._internal.arrays import Array, freeze
-from haptid.device import Device
 from haptid.dynamics.inverse import core_torque
+from haptid.dynamics.model import DynamicModel
+from haptid.dynamics.regressor import external
 from haptid.observation.observation import Plan
-from haptid.motion.channels import external
 
 
 @dataclass(frozen=True, eq=False)
@@ -30,9 +30,9 @@ class Sight:
     high: int
 
     @property
-    def device(self) -> Device:
+    def model(self) -> DynamicModel:
         """The mechanism as the estimate knows it."""
-        return self.plan.device
+        return self.plan.model
 
     @cached_property
     def motion(self) -> tuple[Array, Array, Array | None]:
@@ -41,16 +41,16 @@ class Sight:
         return c, cd, cdd
 
     @cached_property
-    def model(self) -> Array:
+    def predicted(self) -> Array:
         """Torque of the estimate, (coordinates, samples), N m or N."""
         return freeze(self.torque(self.chi))
 
     def torque(self, chi: Array) -> Array:
         """Torque of these parameters of the core's columns, (coordinates, samples), N m or N; at rest without cdd."""
         c, cd, cdd = self.motion
-        return torque_of(self.device, chi, c, cd, np.zeros_like(c) if cdd is None else cdd)
+        return torque_of(self.model, chi, c, cd, np.zeros_like(c) if cdd is None else cdd)
 
 
-def torque_of(device: Device, chi: Array, c: Array, cd: Array, cdd: Array) -> Array:
+def torque_of(model: DynamicModel, chi: Array, c: Array, cd: Array, cdd: Array) -> Array:
     """Torque of the core's columns, those that Python computes among them, (coordinates, samples), N m or N."""
-    return core_torque(device, chi, c, cd, cdd, external(device, c, cd, cdd))
+    return core_torque(model, chi, c, cd, cdd, external(model, c, cd, cdd))

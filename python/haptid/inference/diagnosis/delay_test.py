@@ -7,22 +7,22 @@ from collections.abc import Sequence
 import numpy as np
 from scipy import stats
 
-from haptid.device import Device
-from haptid.inference.diagnosis.finding import LEVEL, Finding, Status, holm
+from haptid.dynamics.model import DynamicModel
 from haptid.inference.diagnosis.added_variable import Extra, Widened
+from haptid.inference.diagnosis.finding import LEVEL, Finding, Status, holm
 
 # A delay below this share of the sampling period hardly biases anything; above the second, it biases viscous friction.
 NEAR, FAR = 0.05, 0.25
 
 
-def rates(device: Device, rows: Sequence[int]) -> tuple[Extra, ...]:
+def rates(model: DynamicModel, rows: Sequence[int]) -> tuple[Extra, ...]:
     """For every row, the rate of change of the model's torque."""
 
     def rate(row: int) -> Extra:
         return Extra(
-            np.eye(len(device.drives))[row],
+            np.eye(len(model.device.drives))[row],
             1,
-            lambda sight: np.gradient(sight.model[row], sight.plan.motion.dt)[None],
+            lambda sight: np.gradient(sight.predicted[row], sight.plan.motion.dt)[None],
         )
 
     return tuple(rate(row) for row in rows)

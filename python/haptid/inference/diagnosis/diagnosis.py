@@ -6,20 +6,20 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cached_property
 
-from haptid.inference.diagnosis import distribution, exogeneity, late, misfit, suspicion
+from haptid.dynamics.inverse import raw_parameters
+from haptid.estimation import Estimate
+from haptid.inference.diagnosis import delay_test, distribution, exogeneity, lack_of_fit, plausibility
+from haptid.inference.diagnosis.added_variable import Extra, Widened, device_rows, widen
 from haptid.inference.diagnosis.excitation import collinearity, excitation
 from haptid.inference.diagnosis.exogeneity import Instruments
 from haptid.inference.diagnosis.finding import Finding, Status, worst
 from haptid.inference.diagnosis.influence import drift, influence
 from haptid.inference.diagnosis.places import places
-from haptid.inference.diagnosis.subsample import portion, sentence
 from haptid.inference.diagnosis.residual import Residuals, residuals
 from haptid.inference.diagnosis.ripple import ripple
 from haptid.inference.diagnosis.serial import whiteness
+from haptid.inference.diagnosis.subsample import portion, sentence
 from haptid.inference.diagnosis.verdict import Verdict, verdict
-from haptid.inference.diagnosis.added_variable import Extra, Widened, device_rows, widen
-from haptid.dynamics.inverse import raw_parameters
-from haptid.estimation import Estimate
 from haptid.simulation import PID
 from haptid.validation.validation import Validation, direct
 
@@ -102,38 +102,40 @@ def _on_rows(estimate: Estimate, calm: Instruments) -> Iterator[Finding]:
     yield distribution.normality(left)
     yield distribution.spread(left, left.velocity[rows])
     yield from _tested(estimate, left, calm)
-    yield ripple(places(estimate.device, rows), left, rows)
+    yield ripple(places(estimate.model, rows), left, rows)
 
 
 def _tested(estimate: Estimate, left: Residuals, calm: Instruments) -> Iterator[Finding]:
     """Findings of fits with more columns, all columns made in one walk over the samples."""
-    device, chi = estimate.device, raw_parameters(estimate.device, estimate.beta)
+    model, chi = estimate.model, raw_parameters(estimate.model, estimate.beta)
     rows = device_rows(estimate)
-    spots, labels = places(device, rows), left.labels
+    spots, labels = places(model, rows), left.labels
     groups: dict[str, list[Extra]] = {}
-    for shape in misfit.SHAPES:
+    for shape in lack_of_fit.SHAPES:
         for k, place in enumerate(spots):
-            groups[f"{shape.name} {k}"] = list(misfit.extras(shape, place, left))
-    bodies = suspicion.known(device)
+            groups[f"{shape.name} {k}"] = list(lack_of_fit.extras(shape, place, left))
+    bodies = plausibility.known(model)
     if _accelerated(estimate):
-        groups["late"] = list(late.rates(device, rows))
-        groups["known"] = list(suspicion.expected(device, rows, bodies)) if bodies else []
+        groups["late"] = list(delay_test.rates(model, rows))
+        groups["known"] = list(plausibility.expected(model, rows, bodies)) if bodies else []
     if (pairs := calm.pairs(estimate.observation.motions)) is not None:
-        groups["errors"] = list(exogeneity.errors_in_columns(device, rows, chi, pairs))
+        groups["errors"] = list(exogeneity.errors_in_columns(model, rows, chi, pairs))
     widened, places_of = _widen(estimate, groups)
-    names = [shape.name for shape in misfit.SHAPES]
+    names = [shape.name for shape in lack_of_fit.SHAPES]
     looks = [
-        misfit.shadowed(widened, {name: misfit.look(widened, places_of[f"{name} {k}"]) for name in names})
+        lack_of_fit.shadowed(widened, {name: lack_of_fit.look(widened, places_of[f"{name} {k}"]) for name in names})
         for k in range(len(spots))
     ]
-    for shape in misfit.SHAPES:
-        yield misfit.misfit(shape, spots, [at[shape.name] for at in looks])
+    for shape in lack_of_fit.SHAPES:
+        yield lack_of_fit.misfit(shape, spots, [at[shape.name] for at in looks])
     if "late" in groups:
-        yield late.late(widened, places_of["late"], labels)
+        yield delay_test.late(widened, places_of["late"], labels)
     if "errors" in groups:
         yield exogeneity.exogeneity(widened, places_of["errors"], labels, calm)
-    factors = suspicion.factors(widened, places_of["known"], bodies, labels) if groups.get("known") and bodies else ()
-    yield suspicion.suspicion(estimate, factors)
+    factors = (
+        plausibility.factors(widened, places_of["known"], bodies, labels) if groups.get("known") and bodies else ()
+    )
+    yield plausibility.suspicion(estimate, factors)
 
 
 def _widen(estimate: Estimate, groups: dict[str, list[Extra]]) -> tuple[Widened, dict[str, list[int]]]:

@@ -82,7 +82,7 @@ def spread(left: Residuals, velocity: Array) -> Finding:
         used = left.used(m)
         if not used.any():
             continue
-        sizes = np.array([np.abs(velocity[m, used]), np.abs(left.model[m, used])])
+        sizes = np.array([np.abs(velocity[m, used]), np.abs(left.predicted[m, used])])
         typical = sizes.mean(axis=1, keepdims=True)
         X = np.vstack([np.ones(used.sum()), sizes / np.where(typical > 0, typical, 1.0) - 1.0]).T
         e = left.e[m, used]

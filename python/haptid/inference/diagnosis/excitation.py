@@ -7,9 +7,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from haptid._internal.arrays import Array, read_only
-from haptid.inference.diagnosis.finding import Finding, Status, listed
 from haptid.estimation import Estimate
 from haptid.estimation.estimate import WELL_CONDITIONED
+from haptid.inference.diagnosis.finding import Finding, Status, listed
 from haptid.observation.observation import triangle
 
 # Condition indices above which a dependency is strong, and shares of variance that belong to it (Belsley, Kuh and
@@ -68,7 +68,7 @@ def shares(made: Estimate) -> Array:
 
 def advice(made: Estimate, k: int) -> str:
     """The motion that would show a base parameter."""
-    parameters = made.device.parameters
+    parameters = made.model.device.parameters
     own = made.base.kept[k]
     kind, link = parameters.kinds[own], parameters.links[own]
     on = f"{'joint' if link >= 0 else 'motor'} {parameters.names[own].removeprefix(kind)}"
@@ -109,7 +109,7 @@ def excitation(made: Estimate) -> Finding:
 
 def _beyond_prior(made: Estimate, k: int, half: float) -> bool:
     """Whether the interval is wider than the parameter is said to be large."""
-    prior = made.device.base_prior[k]
+    prior = made.model.base_prior[k]
     return prior is not None and prior[0] != 0 and half > abs(prior[0])
 
 

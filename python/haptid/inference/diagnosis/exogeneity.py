@@ -18,18 +18,18 @@ from functools import lru_cache
 import numpy as np
 
 from haptid._internal.arrays import Array
-from haptid.device import Device
-from haptid.inference.diagnosis.finding import LEVEL, Finding, holm
-from haptid.inference.diagnosis.context import Sight, torque_of
-from haptid.inference.diagnosis.added_variable import Extra, Widened
 from haptid.dynamics.inverse import rigid
+from haptid.dynamics.model import DynamicModel
 from haptid.errors import AccelerationColumnError, ControllerError, MasslessError, SimulationLostError
 from haptid.estimation import IV, Estimate, Method
 from haptid.estimation.methods.simulating import ClosedLoop, treated_as
-from haptid.treatment_choice.propose import ABOVE_MOTION, bandwidth
+from haptid.inference.diagnosis.added_variable import Extra, Widened
+from haptid.inference.diagnosis.context import Sight, torque_of
+from haptid.inference.diagnosis.finding import LEVEL, Finding, holm
 from haptid.motion.channels import coordinates
-from haptid.simulation import PID, smooth
 from haptid.motion.treatment import Motion, treat
+from haptid.simulation import PID, smooth
+from haptid.treatment_choice.propose import ABOVE_MOTION, bandwidth
 
 # Errors that move no parameter by more than this many of its deviations are harmless; beyond the second, its interval
 # no longer holds the truth as often as it says.
@@ -95,12 +95,12 @@ def known(method: Method) -> PID | None:
 
 def simulated(estimate: Estimate, law: PID) -> tuple[Motion, ...] | None:
     """What the estimate does along every motion, treated the same; None where it cannot be simulated."""
-    loop, device, seen = IV(controller=law), estimate.device, estimate.observation
+    loop, model, seen = IV(controller=law), estimate.model, estimate.observation
     try:
-        courses = loop.courses(seen, smooth(device, seen.motions, loop.friction), estimate.beta)
+        courses = loop.courses(seen, smooth(model, seen.motions, loop.friction), estimate.beta)
     except (SimulationLostError, MasslessError, ControllerError, AccelerationColumnError):
         return None
-    return tuple(treated_as(device, course) for course in courses)
+    return tuple(treated_as(model, course) for course in courses)
 
 
 def instrument(motion: Motion) -> Motion | None:
@@ -119,25 +119,25 @@ def instrument(motion: Motion) -> Motion | None:
 
 
 def errors_in_columns(
-    device: Device, rows: Sequence[int], chi: Array, smooth: Sequence[tuple[Motion, Motion]]
+    model: DynamicModel, rows: Sequence[int], chi: Array, smooth: Sequence[tuple[Motion, Motion]]
 ) -> tuple[Extra, ...]:
     """For every row, torque of the motion less torque of the instrument: of bodies, and of other terms.
 
     Args:
-        device: the mechanism.
+        model: the dynamic model.
         rows: its rows.
         chi: the estimate's parameters of the core's columns, (r,), SI.
         smooth: every motion, and its instrument.
     """
     of = {id(motion): calm for motion, calm in smooth}
-    parts = [part for part in (rigid(device, chi), chi - rigid(device, chi)) if part.any()]
+    parts = [part for part in (rigid(model, chi), chi - rigid(model, chi)) if part.any()]
 
     @lru_cache(maxsize=1)  # torque comes for all rows at once
     def differences(sight: Sight) -> Array:
-        calm = coordinates(device, of[id(sight.plan.motion)], sight.low, sight.high)
-        return np.array([sight.torque(part) - torque_of(device, part, *calm) for part in parts])
+        calm = coordinates(model.device, of[id(sight.plan.motion)], sight.low, sight.high)
+        return np.array([sight.torque(part) - torque_of(model, part, *calm) for part in parts])
 
-    units = np.eye(len(device.drives))
+    units = np.eye(len(model.device.drives))
     return tuple(
         Extra(units[row], len(parts), lambda sight, r=row: differences(sight)[:, r])  # type: ignore[misc]
         for row in rows

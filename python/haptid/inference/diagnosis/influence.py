@@ -8,12 +8,12 @@ import numpy as np
 from scipy import stats
 
 from haptid._internal.arrays import Array, read_only
-from haptid.inference.comparison import compare
-from haptid.inference.diagnosis.finding import LEVEL, Finding, listed
 from haptid.errors import EstimationError
 from haptid.estimation import WLS, Estimate, Restricted, estimate
 from haptid.estimation.fit import ALONE
 from haptid.estimation.least_squares import solve
+from haptid.inference.comparison import compare
+from haptid.inference.diagnosis.finding import LEVEL, Finding, listed
 
 # A block that moves an estimate by more than one deviation of all the others' doing deserves a look; beyond two, the
 # estimate is that block's word against theirs.

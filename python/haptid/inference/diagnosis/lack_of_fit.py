@@ -8,11 +8,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from haptid._internal.arrays import Array
+from haptid.inference.diagnosis.added_variable import Added, Extra, Widened
+from haptid.inference.diagnosis.context import Sight
 from haptid.inference.diagnosis.finding import LEVEL, Finding, graded, holm, listed
 from haptid.inference.diagnosis.places import Place
 from haptid.inference.diagnosis.residual import Residuals
-from haptid.inference.diagnosis.context import Sight
-from haptid.inference.diagnosis.added_variable import Added, Extra, Widened
 
 # Decay of the Stribeck shape, as shares of the root mean square speed: the better of the two is taken.
 STRIBECK = (0.1, 0.3)
@@ -119,7 +119,7 @@ def extras(shape: Shape, place: Place, left: Residuals) -> tuple[Extra, ...]:
     def local(sight: Sight) -> Local:
         c, cd, _ = sight.motion
         at = (2 * (place.weights @ c) - low - high) / (high - low or 1.0)
-        return Local(place.weights @ cd / speed, at, np.abs(sight.model[row]))
+        return Local(place.weights @ cd / speed, at, np.abs(sight.predicted[row]))
 
     def values(columns: Callable[[Local], Array]) -> Callable[[Sight], Array]:
         return lambda sight: columns(local(sight))

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from haptid._internal.arrays import Array, read_only
-from haptid.device import Device
+from haptid.dynamics.model import DynamicModel
 
 
 @dataclass(frozen=True, eq=False)
@@ -27,15 +27,15 @@ class Place:
         object.__setattr__(self, "weights", read_only(self.weights))
 
 
-def places(device: Device, rows: Sequence[int]) -> tuple[Place, ...]:
+def places(model: DynamicModel, rows: Sequence[int]) -> tuple[Place, ...]:
     """The coordinates with declared dry friction, and those of rows without any.
 
     Friction of a joint whose rate varies with the pose is no place of its own: its row is looked at.
     """
     found: list[Place] = []
     for row in rows:
-        declared = [(term.on, term.weights) for term in device.coulomb_terms(row) if term.joint is None]
-        for label, weights in declared or [(device.row_labels[row], np.eye(len(device.drives))[row])]:
+        declared = [(term.on, term.weights) for term in model.coulomb_terms(row) if term.joint is None]
+        for label, weights in declared or [(model.device.row_labels[row], np.eye(len(model.device.drives))[row])]:
             if not any(np.array_equal(np.abs(weights), np.abs(known.weights)) for known in found):
                 found.append(Place(label, weights))
     return tuple(found)

@@ -10,13 +10,13 @@ import numpy as np
 from scipy import stats
 
 from haptid._internal.arrays import Array
-from haptid.device import Device
 from haptid.device.parameters import INERTIAL
-from haptid.inference.diagnosis.finding import LEVEL, Finding, Status, listed
-from haptid.inference.diagnosis.context import Sight, torque_of
-from haptid.inference.diagnosis.added_variable import Extra, Widened
 from haptid.dynamics.inverse import raw_parameters
+from haptid.dynamics.model import DynamicModel
 from haptid.estimation import Estimate
+from haptid.inference.diagnosis.added_variable import Extra, Widened
+from haptid.inference.diagnosis.context import Sight, torque_of
+from haptid.inference.diagnosis.finding import LEVEL, Finding, Status, listed
 
 # Factors that units make, and what each means.
 UNITS = {
@@ -50,32 +50,32 @@ class Known:
     beta: Array
 
 
-def known(device: Device) -> Known | None:
+def known(model: DynamicModel) -> Known | None:
     """What the device file knows of its bodies; None where it does not know them all."""
-    kinds = [device.parameters.kinds[k] for k in device.base.kept]
+    kinds = [model.device.parameters.kinds[k] for k in model.base.kept]
     inertial = tuple(k for k, kind in enumerate(kinds) if kind in INERTIAL)
-    prior = [device.base_prior[k] for k in inertial]
+    prior = [model.base_prior[k] for k in inertial]
     if not inertial or any(value is None for value in prior):
         return None
-    beta = np.zeros(len(device.base))
+    beta = np.zeros(len(model.base))
     beta[list(inertial)] = [value[0] for value in prior if value is not None]
     return Known(inertial, beta) if beta.any() else None
 
 
-def expected(device: Device, rows: Sequence[int], bodies: Known) -> tuple[Extra, ...]:
+def expected(model: DynamicModel, rows: Sequence[int], bodies: Known) -> tuple[Extra, ...]:
     """For every row the torque of the known bodies: that of motion, and that of gravity.
 
     Only the first is judged: of a balanced device, gravity is a small difference that no prior tells.
     """
-    chi = raw_parameters(device, bodies.beta)
+    chi = raw_parameters(model, bodies.beta)
 
     @lru_cache(maxsize=1)  # torque comes for all rows at once
     def torques(sight: Sight) -> Array:
         c = sight.motion[0]
-        weight = torque_of(device, chi, c, np.zeros_like(c), np.zeros_like(c))
+        weight = torque_of(model, chi, c, np.zeros_like(c), np.zeros_like(c))
         return np.array([sight.torque(chi) - weight, weight])
 
-    units = np.eye(len(device.drives))
+    units = np.eye(len(model.device.drives))
     return tuple(
         Extra(units[row], 1, lambda sight, r=row, k=kind: torques(sight)[k, [r]])  # type: ignore[misc]
         for row in rows
@@ -128,7 +128,9 @@ def cause(factor: float, gears: Sequence[float]) -> str | None:
 def suspicion(made: Estimate, found: Sequence[Factor]) -> Finding:
     """Factors that have a name, signs that cannot be, and clocks with jitter."""
     figures = {f"factor {factor.motor}": factor.value for factor in found}
-    gears = [motor.gear for motor in made.device.motors] + [motor.gear * motor.gain for motor in made.device.motors]
+    gears = [motor.gear for motor in made.model.device.motors] + [
+        motor.gear * motor.gain for motor in made.model.device.motors
+    ]
     bad, doubt = [], []
     for factor in found:
         size = f"The torque of {factor.motor} is {factor.value:.3g} times what moves the bodies in the device file"
@@ -153,7 +155,7 @@ def suspicion(made: Estimate, found: Sequence[Factor]) -> Finding:
 
 def _negative(made: Estimate) -> list[str]:
     """Friction and rotor parameters that are below zero beyond chance, all taken together (Bonferroni)."""
-    kinds = [made.device.parameters.kinds[k] for k in made.base.kept]
+    kinds = [made.model.device.parameters.kinds[k] for k in made.base.kept]
     names = []
     for k, kind in enumerate(kinds):
         if kind in POSITIVE and made.beta[k] < 0:

@@ -8,13 +8,13 @@ from dataclasses import dataclass
 import numpy as np
 
 from haptid._internal.arrays import Array, read_only
-from haptid.inference.diagnosis.subsample import numbered, runs
-from haptid.inference.diagnosis.added_variable import device_rows
 from haptid.dynamics.inverse import raw_parameters
 from haptid.estimation import Estimate
-from haptid.observation.observation import Plan
-from haptid.observation.chunks import Stretch
+from haptid.inference.diagnosis.added_variable import device_rows
+from haptid.inference.diagnosis.subsample import numbered, runs
 from haptid.motion.treatment import Motion
+from haptid.observation.chunks import Stretch
+from haptid.observation.observation import Plan
 
 # Rows without residual between two stretches: no lag that is looked at reaches across.
 BETWEEN = 400
@@ -31,7 +31,7 @@ class Residuals:
         t: (rows,), s.
         step: between rows, s.
         e: measured less model torque, (motors, rows), N m or N.
-        model: torque of the model, (motors, rows).
+        predicted: torque of the model, (motors, rows).
         position, velocity: of the coordinates that torque rows belong to, (active, rows), SI.
         block: index into the observation's blocks, -1 for none, (rows,).
         filter_stride: rows from one to the next that the shared filter does not correlate.
@@ -42,7 +42,7 @@ class Residuals:
     t: Array
     step: float
     e: Array
-    model: Array
+    predicted: Array
     position: Array
     velocity: Array
     block: np.ndarray
@@ -62,7 +62,7 @@ def residuals(estimate: Estimate) -> Residuals:
     """Of all blocks that the estimate was made from, one after the other."""
     motions = estimate.observation.motions
     parts = [part for motion in motions for part in _of(estimate, motion)]
-    t, e, model, position, velocity, block = (np.concatenate(each, axis=-1) for each in zip(*parts, strict=True))
+    t, e, predicted, position, velocity, block = (np.concatenate(each, axis=-1) for each in zip(*parts, strict=True))
     e = np.where(block < 0, np.nan, e)
     rows = estimate.observation.motors
     return Residuals(
@@ -71,7 +71,7 @@ def residuals(estimate: Estimate) -> Residuals:
         t=t,
         step=motions[0].treatment.decimation * motions[0].dt,
         e=e,
-        model=model,
+        predicted=predicted,
         position=position,
         velocity=velocity,
         block=block.astype(int),
@@ -84,23 +84,23 @@ Part = tuple[Array, Array, Array, Array, Array, Array]
 
 def _of(estimate: Estimate, motion: Motion) -> Iterator[Part]:
     """Stretches of one motion; rows without residual between those that are no neighbours, and at the end."""
-    device, plan = estimate.device, Plan.of(estimate.device, motion)
-    chi = raw_parameters(device, estimate.beta)
+    model, plan = estimate.model, Plan.of(estimate.model, motion)
+    chi = raw_parameters(model, estimate.beta)
     wanted = estimate.observation.blocks
     index = dict(numbered(plan, wanted))
-    measured_rows = np.flatnonzero(device.measured).tolist()
+    measured_rows = np.flatnonzero(model.device.measured).tolist()
     own = [measured_rows.index(row) for row in device_rows(estimate)]
     end = 0
     for start, stop in runs(plan, wanted):
         stretch = Stretch.of(plan, start, stop)
         if start > end:
             yield _nothing(len(own), len(stretch.c))
-        measured, model = stretch.measured()[own], stretch.torque(chi)[own]
-        e = np.where(stretch.used[own], measured - model, np.nan)
+        measured, predicted = stretch.measured()[own], stretch.torque(chi)[own]
+        e = np.where(stretch.used[own], measured - predicted, np.nan)
         block = np.array([index[row // plan.block] for row in range(start, stop)], dtype=float)
-        yield stretch.t, e, model, stretch.centres(stretch.c), stretch.centres(stretch.cd), block
+        yield stretch.t, e, predicted, stretch.centres(stretch.c), stretch.centres(stretch.cd), block
         end = stop
-    yield _nothing(len(own), len(device.row_names))
+    yield _nothing(len(own), len(model.device.row_names))
 
 
 def _nothing(motors: int, coordinates: int) -> Part:

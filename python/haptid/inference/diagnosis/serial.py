@@ -8,9 +8,9 @@ import numpy as np
 from scipy import stats
 
 from haptid._internal.arrays import Array
+from haptid.estimation import Estimate
 from haptid.inference.diagnosis.finding import LEVEL, Finding, Status, holm, listed
 from haptid.inference.diagnosis.residual import BETWEEN, Residuals
-from haptid.estimation import Estimate
 
 # Lags of the portmanteau test.
 LAGS = 10

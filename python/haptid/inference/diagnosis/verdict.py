@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 
+from haptid.estimation import Estimate
 from haptid.inference.diagnosis.finding import Finding, Status, listed, worst
 from haptid.inference.diagnosis.messages import PLAIN
-from haptid.estimation import Estimate
 from haptid.validation.validation import Validation
 
 # Per cent of a motor's torque that may be left: good for prediction, and of some use.

@@ -9,13 +9,13 @@ from typing import Any, ClassVar
 import numpy as np
 
 from haptid._internal.arrays import Array
+from haptid.errors import DifferentParametersError
+from haptid.inference.comparable import SAME_MEANING
 from haptid.inference.comparison import Comparison
 from haptid.inference.diagnosis.finding import listed
-from haptid.errors import DifferentParametersError
-from haptid.results.read import Recorded
 from haptid.report.chart import COLOURS, Chart, figure, packed
 from haptid.report.section import Shown
-from haptid.inference.comparable import SAME_MEANING
+from haptid.results.read import Recorded
 
 # For all parameters of one pair of results together.
 CONFIDENCE = 0.95
@@ -55,7 +55,7 @@ class ComparisonSection(Shown):
             charts=(_chart(names, made),),
             said=[_said(results[0], other, c) for other, c in zip(results[1:], made, strict=True)],
             results=results,
-            motors=list(found[0].device.row_labels),
+            motors=list(found[0].model.device.row_labels),
             pairs=pairs,
         )
 
@@ -146,7 +146,7 @@ def _result(name: str, found: Recorded) -> dict[str, Any]:
     return {
         "name": name,
         "study": found.study,
-        "device": found.device.name,
+        "device": found.model.device.name,
         "version": found.version,
         "method": found.method,
         "status": found.status,

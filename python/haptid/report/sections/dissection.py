@@ -69,7 +69,7 @@ def stacked(track: Track, found: Dissection, k: int, motor: int) -> Chart:
     label, unit = found.motors[motor], found.units[motor]
     each = -(-len(found.t) // INSTANTS)
     t0 = track.t0 + 0.5 * (each - 1) * track.step
-    total = averaged(found.model[motor], each)
+    total = averaged(found.total[motor], each)
     times = even(t0, each * track.step, len(total))
     curves = [
         series(found.parts[j], "stack", _colour(j), x=times, y=packed(averaged(found.torque[j, motor], each)))

@@ -13,8 +13,8 @@ from typing import Any, ClassVar
 import numpy as np
 
 from haptid._internal.arrays import Array
-from haptid.inference.diagnosis.excitation import advice
 from haptid.estimation import Estimate
+from haptid.inference.diagnosis.excitation import advice
 from haptid.report.chart import COLOURS, Chart, packed
 from haptid.report.section import Section
 from haptid.report.source import Source

@@ -9,16 +9,16 @@ from typing import ClassVar
 import numpy as np
 
 from haptid._internal.arrays import Array
-from haptid.device import Device
-from haptid.end_effector.torque_decomposition import Dissection
 from haptid.dynamics.inverse import core_torque, raw_parameters
+from haptid.dynamics.model import DynamicModel
+from haptid.dynamics.regressor import external
+from haptid.end_effector.torque_decomposition import Dissection
 from haptid.errors import NoAccelerationError, NoStretchesError
 from haptid.experiment.friction_test.curve import ByModel, JointFriction, friction_curve
 from haptid.report.chart import PREDICTED, RESIDUAL, Chart, axis, figure, packed, plot, series
 from haptid.report.section import Section
 from haptid.report.sections.residual import CLOUD, binned
 from haptid.report.source import Source, Track
-from haptid.motion.channels import external
 
 # Velocities at which the model's curve is drawn.
 POINTS = 201
@@ -34,8 +34,8 @@ class FrictionSection(Section):
     @classmethod
     def of(cls, source: Source) -> FrictionSection | None:
         pairs = [(t, d) for t, d in zip(source.tracks, source.dissections, strict=True) if d is not None]
-        device = source.estimate.device
-        felt = any(term.resists for term in device.terms)
+        model = source.estimate.model
+        felt = any(term.resists for term in model.terms)
         if not pairs or not felt:
             return None
         steady = list(_steady(source))
@@ -47,7 +47,7 @@ def _steady(source: Source) -> Iterator[JointFriction]:
     """Points of stretches at a constant velocity, where the logs have such."""
     for run in source.identification.runs:
         try:
-            yield from friction_curve(source.estimate.device, run.motion, ByModel(source.estimate)).joints
+            yield from friction_curve(source.estimate.model, run.motion, ByModel(source.estimate)).joints
         except (NoStretchesError, NoAccelerationError):
             continue
 
@@ -102,20 +102,20 @@ def _points(found: list[JointFriction]) -> dict[str, object]:
 
 def model_curve(source: Source, motor: int, fastest: float) -> tuple[Array, Array]:
     """Velocity of one motor's coordinate, the others at rest, and its friction, (n,) each, halfway of the first log."""
-    device, made = source.estimate.device, source.estimate
-    row = int(np.flatnonzero(device.measured)[motor])
+    model, made = source.estimate.model, source.estimate
+    row = int(np.flatnonzero(model.device.measured)[motor])
     speed = np.linspace(-fastest, fastest, POINTS - 1)  # an even number: zero, where friction jumps, is none of them
     trail = source.tracks[0].trail
     c = np.repeat(trail[:, trail.shape[1] // 2, None], len(speed), axis=1)
     cd = np.zeros_like(c)
     cd[row] = speed
     still = np.zeros_like(c)
-    chi, own = friction_only(device, raw_parameters(device, made.beta)), external(device, c, cd, still)
-    return speed, core_torque(device, chi, c, cd, still, own)[row]
+    chi, own = friction_only(model, raw_parameters(model, made.beta)), external(model, c, cd, still)
+    return speed, core_torque(model, chi, c, cd, still, own)[row]
 
 
-def friction_only(device: Device, chi: Array) -> Array:
+def friction_only(model: DynamicModel, chi: Array) -> Array:
     """Only the parameters of friction, (r,)."""
-    links = 10 * len(device.joints)
-    kept = [False] * links + [term.resists for term in device.terms]
+    links = 10 * len(model.device.joints)
+    kept = [False] * links + [term.resists for term in model.terms]
     return np.where(kept, chi, 0.0)

@@ -46,14 +46,14 @@ class MapsSection(Section):
 
     @classmethod
     def of(cls, source: Source) -> MapsSection | None:
-        device = source.estimate.device
-        if device.handle is None or device.handle.link < 0 or len(device.active) < 2:
+        model = source.estimate.model
+        if model.device.handle is None or model.device.handle.link < 0 or len(model.device.active) < 2:
             return None
         try:
-            slices = slices_of(source.model, sliders_of(device, poses_of(source)))
+            slices = slices_of(source.model, sliders_of(model, poses_of(source)))
         except CharacterisationSettingError:  # friction or rotors whose rates vary with the pose
             return None
-        charts = tuple(_charts(device.name, slices))
+        charts = tuple(_charts(model.device.name, slices))
         return cls(charts=charts, about=[slices.about]) if charts else None
 
 
@@ -99,21 +99,21 @@ class Slices:
         return made
 
 
-def slices_of(model: GivenModel, sliders: Sequence[dict[str, Any]]) -> Slices:
+def slices_of(identified: GivenModel, sliders: Sequence[dict[str, Any]]) -> Slices:
     """Slices over the two joints that change the mass most, the first of them upwards, through the third.
 
     Raises:
         CharacterisationSettingError: the device cannot be characterised.
     """
-    order = ranked(model, sliders)
+    order = ranked(identified, sliders)
     y, x = (sliders[k] for k in order[:2])
     third = sliders[order[2]] if len(order) > 2 else None
     ends = [(third["low"], third["high"])] if third else []
     depths = [np.linspace(low, high, SLICES + 2)[1:-1] for low, high in ends] or [np.array([np.nan])]
     axes = [np.linspace(s["low"], s["high"], CELLS) for s in (x, y)]
     grids = [_grid(sliders, order, axes, float(depth)) for depth in depths[0]]
-    closes = [np.asarray(model.device.closure.closes(qa)) for qa in grids]
-    known = [characterise(model, qa[:, ok]) for qa, ok in zip(grids, closes, strict=True)]
+    closes = [np.asarray(identified.model.device.closure.closes(qa)) for qa in grids]
+    known = [characterise(identified, qa[:, ok]) for qa, ok in zip(grids, closes, strict=True)]
     rest = [f"{sliders[k]['name']} = {sliders[k]['start']:.3g} {sliders[k]['unit']}" for k in sorted(order[3:])]
     usable, poses = sum(int(found.grasp.usable.sum()) for found in known), sum(len(qa.T) for qa in grids)
     return Slices(
@@ -129,14 +129,14 @@ def slices_of(model: GivenModel, sliders: Sequence[dict[str, Any]]) -> Slices:
     )
 
 
-def ranked(model: GivenModel, sliders: Sequence[dict[str, Any]]) -> list[int]:
+def ranked(identified: GivenModel, sliders: Sequence[dict[str, Any]]) -> list[int]:
     """Joints by how much the largest mass changes along each by itself, most first."""
     start = np.array([s["start"] for s in sliders])
     changes = []
     for k, slider in enumerate(sliders):
         qa = np.repeat(start[:, None], ALONG, axis=1)
         qa[k] = np.linspace(slider["low"], slider["high"], ALONG)
-        mass = characterise(model, qa[:, model.device.closure.closes(qa)]).apparent_mass.value[:, 0]
+        mass = characterise(identified, qa[:, identified.model.device.closure.closes(qa)]).apparent_mass.value[:, 0]
         known = np.log(mass[np.isfinite(mass)])
         changes.append(round(float(np.ptp(known)), 9) if known.size else 0.0)
     return sorted(range(len(sliders)), key=lambda k: -changes[k])
@@ -152,7 +152,7 @@ def _grid(sliders: Sequence[dict[str, Any]], order: Sequence[int], axes: list[Ar
     return qa
 
 
-def _charts(device: str, slices: Slices) -> Iterator[Chart]:
+def _charts(model: str, slices: Slices) -> Iterator[Chart]:
     """A map for each figure that can be had of this device."""
     for key, title, unit, pick in FIGURES:
         try:
@@ -160,10 +160,10 @@ def _charts(device: str, slices: Slices) -> Iterator[Chart]:
         except SpareJointsError:
             continue
         if np.isfinite(layers).any():
-            yield _map(device, key, title, unit, slices, layers)
+            yield _map(model, key, title, unit, slices, layers)
 
 
-def _map(device: str, key: str, title: str, unit: str, slices: Slices, layers: list[Array]) -> Chart:
+def _map(model: str, key: str, title: str, unit: str, slices: Slices, layers: list[Array]) -> Chart:
     every = np.concatenate(layers)
     low, high = float(np.nanmin(every)), float(np.nanmax(every))
     middle = float(np.nanmedian(every))
@@ -189,7 +189,7 @@ def _map(device: str, key: str, title: str, unit: str, slices: Slices, layers: l
         ],
         "slice": slices.third,
     }
-    alt = f"Map of the {title.lower()} of {device} over {' and '.join(slices.labels)}, {len(layers)} slices."
+    alt = f"Map of the {title.lower()} of {model} over {' and '.join(slices.labels)}, {len(layers)} slices."
     return Chart(f"map-{key}", title, alt, caption, drawing)
 
 

@@ -8,12 +8,13 @@ from typing import Any, ClassVar
 import numpy as np
 
 from haptid._internal.arrays import Array
-from haptid.end_effector.characterisation.jacobian import moving_coordinates
-from haptid.device import Device, Frame, NewtonClosure
+from haptid.device import Frame, NewtonClosure
 from haptid.device.loops.linear import Closure
 from haptid.dynamics.inverse import raw_parameters, rigid
-from haptid.end_effector.force import WORST_CONDITION
 from haptid.dynamics.kinematics import handle_motion
+from haptid.dynamics.model import DynamicModel
+from haptid.end_effector.characterisation.jacobian import moving_coordinates
+from haptid.end_effector.force import WORST_CONDITION
 from haptid.report.chart import Chart, packed
 from haptid.report.section import Section
 from haptid.report.source import Source
@@ -42,39 +43,39 @@ class MechanismSection(Section):
 
     @classmethod
     def of(cls, source: Source) -> MechanismSection:
-        return cls.drawn(source.estimate.device, source.estimate.beta, poses_of(source))
+        return cls.drawn(source.estimate.model, source.estimate.beta, poses_of(source))
 
     @classmethod
-    def drawn(cls, device: Device, beta: Array, qa: Array) -> MechanismSection:
+    def drawn(cls, model: DynamicModel, beta: Array, qa: Array) -> MechanismSection:
         """Of any device.
 
         Args:
-            device: the mechanism.
+            model: the dynamic model.
             beta: its base parameters, (p,), SI.
             qa: a motion of its active joints, (active, samples), rad or m: where sliders begin and end.
         """
-        sliders = sliders_of(device, qa)
+        sliders = sliders_of(model, qa)
         return cls(
-            charts=(scene(device, beta, qa, sliders),),
+            charts=(scene(model, beta, qa, sliders),),
             joints=sliders,
-            relations=list(device.closure.relations) if isinstance(device.closure, Closure) else [],
-            source_of_geometry=device.source,
-            felt=device.handle is not None and device.handle.link >= 0,
+            relations=list(model.device.closure.relations) if isinstance(model.device.closure, Closure) else [],
+            source_of_geometry=model.device.source,
+            felt=model.device.handle is not None and model.device.handle.link >= 0,
         )
 
 
 def poses_of(source: Source) -> Array:
     """Positions of the active joints along the first log, (active, samples), thinned."""
-    return np.linalg.inv(source.estimate.device.frame) @ source.tracks[0].trail
+    return np.linalg.inv(source.estimate.model.device.frame) @ source.tracks[0].trail
 
 
-def sliders_of(device: Device, qa: Array) -> list[dict[str, Any]]:
+def sliders_of(model: DynamicModel, qa: Array) -> list[dict[str, Any]]:
     """A slider for each active joint, from its positions along a motion, (active, samples)."""
-    return [_slider(device, k, q) for k, q in enumerate(qa)]
+    return [_slider(model, k, q) for k, q in enumerate(qa)]
 
 
-def _slider(device: Device, k: int, q: Array) -> dict[str, Any]:
-    joint = device.joints[device.active[k]]
+def _slider(model: DynamicModel, k: int, q: Array) -> dict[str, Any]:
+    joint = model.device.joints[model.device.active[k]]
     low, high = float(q.min()), float(q.max())
     reach = max(high - low, 0.1 if joint.prismatic else 0.5)
     ends = joint.position_limits or (low - MARGIN * reach, high + MARGIN * reach)
@@ -91,7 +92,7 @@ def _slider(device: Device, k: int, q: Array) -> dict[str, Any]:
     }
 
 
-def scene(device: Device, beta: Array, qa: Array, sliders: list[dict[str, Any]]) -> Chart:
+def scene(model: DynamicModel, beta: Array, qa: Array, sliders: list[dict[str, Any]]) -> Chart:
     """Everything that the page needs to move the device and to weigh its handle."""
     drawing = {
         "kind": "scene",
@@ -103,30 +104,30 @@ def scene(device: Device, beta: Array, qa: Array, sliders: list[dict[str, Any]])
                 "p": j.translation.tolist(),
                 "slides": j.prismatic,
             }
-            for j in device.joints
+            for j in model.device.joints
         ],
-        "active": list(device.active),
+        "active": list(model.device.active),
         "sliders": sliders,
-        "closure": _closure(device.closure),
+        "closure": _closure(model.device.closure),
         "cuts": [
             {"slides": cut.prismatic, "frame": _frame(cut.frame), "twin": _frame(cut.twin)}
-            for cut in device.closure.cuts
+            for cut in model.device.closure.cuts
         ],
-        "handle": None if device.handle is None else _frame(device.handle),
-        "trail": _trail(device, qa),
-        "mass": _mass(device, beta),
+        "handle": None if model.device.handle is None else _frame(model.device.handle),
+        "trail": _trail(model, qa),
+        "mass": _mass(model, beta),
         "height": 420,
     }
     moving = ", ".join(slider["name"] for slider in sliders)
-    loops = len(device.closure.cuts)
+    loops = len(model.device.closure.cuts)
     caption = (
-        f"{len(device.joints)} {'joint' if len(device.joints) == 1 else 'joints'}, {len(device.active)} of them "
+        f"{len(model.device.joints)} {'joint' if len(model.device.joints) == 1 else 'joints'}, {len(model.device.active)} of them "
         f"independent ({moving}), {loops or 'no'} "
         f"closed {'loop' if loops == 1 else 'loops'}. Drag to turn, use the buttons to zoom, move the joints by "
         f"their sliders."
     )
-    alt = f"Three-dimensional drawing of {device.name}: links as bars, joints as discs, the handle as a ring."
-    return Chart("scene", device.name, alt, caption, drawing)
+    alt = f"Three-dimensional drawing of {model.device.name}: links as bars, joints as discs, the handle as a ring."
+    return Chart("scene", model.device.name, alt, caption, drawing)
 
 
 def _frame(frame: Frame) -> dict[str, Any]:
@@ -142,25 +143,25 @@ def _closure(closure: Closure | NewtonClosure) -> dict[str, Any]:
     return {"way": "newton", **base, **start, "unknown": list(closure.unknown), "size": closure.chain.size}
 
 
-def _trail(device: Device, qa: Array) -> dict[str, Any] | None:
+def _trail(model: DynamicModel, qa: Array) -> dict[str, Any] | None:
     """The way of the handle along the first log, in the base frame."""
-    if device.handle is None:
+    if model.device.handle is None:
         return None
-    return packed(handle_motion(device, qa).position)
+    return packed(handle_motion(model, qa).position)
 
 
-def _mass(device: Device, beta: Array) -> dict[str, Any] | None:
+def _mass(model: DynamicModel, beta: Array) -> dict[str, Any] | None:
     """Bodies and rotors that give the model's inertia, for the mass at the handle; None without a handle that moves."""
-    if device.handle is None or device.handle.link < 0:
+    if model.device.handle is None or model.device.handle.link < 0:
         return None
-    raw, links = rigid(device, raw_parameters(device, beta)), 10 * len(device.joints)
-    rotors = [(k, term) for k, term in enumerate(device.terms) if term.kind == "rotor" and term.joint is None]
-    if any(term.kind == "rotor" and term.joint is not None for term in device.terms):
+    raw, links = rigid(model, raw_parameters(model, beta)), 10 * len(model.device.joints)
+    rotors = [(k, term) for k, term in enumerate(model.terms) if term.kind == "rotor" and term.joint is None]
+    if any(term.kind == "rotor" and term.joint is not None for term in model.terms):
         return None
     return {
         "bodies": raw[:links].tolist(),
         "rotors": [{"weights": term.weights.tolist(), "value": float(raw[links + k])} for k, term in rotors],
-        "frame": device.frame.ravel().tolist(),
-        "moving": list(moving_coordinates(device)),
+        "frame": model.device.frame.ravel().tolist(),
+        "moving": list(moving_coordinates(model)),
         "worst": WORST_CONDITION,
     }

@@ -7,17 +7,17 @@ from typing import Any, ClassVar
 
 import numpy as np
 
+from haptid.dynamics.symbolic import Regroupings
 from haptid.errors import HaptidError, RegroupingError
 from haptid.estimation import Estimate, Parameter
-from haptid.inference.elimination import essential as search
-from haptid.dynamics.symbolic import Regroupings
 from haptid.estimation.nonlinear import Projection
+from haptid.inference.elimination import essential as search
+from haptid.inference.targets import targets
 from haptid.report.chart import Chart, packed
 from haptid.report.mathml import groupings, parameter
 from haptid.report.section import Section
 from haptid.report.source import Source
 from haptid.report.tables import short_percent, with_digits
-from haptid.inference.targets import targets
 
 # With more parameters the search for those that can be left out takes longer than a reader waits.
 MOST_SEARCHED = 60
@@ -62,7 +62,7 @@ class ParametersSection(Section):
         return cls(
             charts=(correlation(made),),
             rows=rows,
-            targets=[_row(p, "", None) for p in targets(made).parameters] if made.device.targets else [],
+            targets=[_row(p, "", None) for p in targets(made).parameters] if made.model.device.targets else [],
             searched=_searched(source.identification.projection),
             symbols=[f"{s.name} = {s.value:.6g}" for s in found.symbols] if found else [],
             about=[why, *([exact] if isinstance(exact, str) else []), *_untold(made)],
@@ -72,7 +72,7 @@ class ParametersSection(Section):
 def _exact(made: Estimate) -> Regroupings | str:
     """Groupings with lengths as symbols, or the sentence that says why there are none."""
     try:
-        return made.device.regroupings
+        return made.model.regroupings
     except RegroupingError as error:
         return f"Groupings are in numbers: {error}"
 

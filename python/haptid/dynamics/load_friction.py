@@ -12,9 +12,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from haptid._internal.arrays import Array
-from haptid.device import Device
 from haptid.device.terms.term import Load
 from haptid.dynamics.inverse import core_mass, core_torque
+from haptid.dynamics.model import DynamicModel
 
 
 @dataclass(frozen=True, eq=False)
@@ -42,21 +42,21 @@ class Carried:
         return np.sign(self.load(cdd))
 
 
-def carried(device: Device, chi: Array, c: Array, cd: Array) -> list[Carried]:
+def carried(model: DynamicModel, chi: Array, c: Array, cd: Array) -> list[Carried]:
     """Of every term of friction by load.
 
     Args:
-        device: the mechanism, its loads settled.
+        model: the dynamic model, its loads settled.
         chi: parameters of the core's columns at each state, (states, r), SI.
         c, cd: positions and velocities of the coordinates that torque rows belong to, (n, states).
     """
-    bare, bodies = device.bodies
+    bare, bodies = model.bodies
     M = core_mass(bare, bodies, c)
     h = core_torque(bare, bodies, c, cd, np.zeros_like(c))
-    first = 10 * len(device.joints)
+    first = 10 * len(model.device.joints)
     return [
         Carried(term.weights, chi[:, first + k] * term.shape.side(cd), M[:, term.shape.row], h[term.shape.row])
-        for k, term in enumerate(device.terms)
+        for k, term in enumerate(model.terms)
         if isinstance(term.shape, Load)
     ]
 
