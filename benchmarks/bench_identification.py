@@ -131,15 +131,15 @@ def device_of(case: Case) -> haptid.Device:
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "device.toml"
         path.write_text((text.replace(case.less, "") if case.less else text) + case.more, encoding="utf-8")
-        return haptid.read_device(path)
+        return haptid.DynamicModel(haptid.read_device(path))
 
 
 def truth_of(case: Case) -> np.ndarray:
     """Its true free standard parameters, (p,)."""
-    device = device_of(case)
-    chi = true_parameters(device)
+    model = device_of(case)
+    chi = true_parameters(model)
     for name, value in case.true:
-        for k, (kind, own) in enumerate(zip(device.parameters.kinds, device.parameters.names, strict=True)):
+        for k, (kind, own) in enumerate(zip(model.parameters.kinds, model.parameters.names, strict=True)):
             if name in (kind, own):
                 chi[k] = value
     return chi
@@ -147,20 +147,20 @@ def truth_of(case: Case) -> np.ndarray:
 
 def record(case: Case, seed: int, counts: int | None, seconds: float = SECONDS) -> bench.Recording:
     """A multisine of the device under control; positions are exact where there are no counts."""
-    device = device_of(case)
+    model = device_of(case)
     encoders = bench.Encoders((float(counts),), case.gear) if counts else bench.Encoders()
-    setup = bench.Setup(device, truth_of(case), bench.Controller(case.kp, case.kd), encoders=encoders)
+    setup = bench.Setup(model, truth_of(case), bench.Controller(case.kp, case.kd), encoders=encoders)
     kind = bench.Multisine(seconds, case.centre, case.amplitude, speed=case.speed)
-    trajectory = bench.plan(kind, device, setup.dt, np.random.default_rng(seed))
+    trajectory = bench.plan(kind, model, setup.dt, np.random.default_rng(seed))
     return bench.simulate(setup, trajectory, np.random.default_rng(1000 + seed))
 
 
 def log_of(case: Case, made: bench.Recording) -> haptid.Log:
     """What the controller would have recorded: positions and commands."""
-    device, inner = device_of(case), slice(ENDS, len(made) - ENDS)
-    position = tuple(f"q{k}" for k in range(len(device.active)))
-    command = tuple(f"command{k}" for k in range(len(device.motors)))
-    unit = device.motors[0].unit
+    model, inner = device_of(case), slice(ENDS, len(made) - ENDS)
+    position = tuple(f"q{k}" for k in range(len(model.active)))
+    command = tuple(f"command{k}" for k in range(len(model.motors)))
+    unit = model.motors[0].unit
     channels = haptid.Channels(haptid.Signal(position, "rad"), haptid.Signal(command, unit, side="motor"), time="t")
     return haptid.Log(Path("bench"), "", made.t[inner], made.position[inner], made.command[inner], channels)
 
@@ -175,19 +175,19 @@ def exact_motion(case: Case, made: bench.Recording) -> haptid.Motion:
 
 def errors(case: Case, estimate: haptid.Estimate, unseen: bench.Recording) -> dict[str, float]:
     """Errors in per cent, against the truth; the torque's on an unseen motion, where no joint may stick."""
-    device, beta = device_of(case), device_of(case).base.of(truth_of(case))
-    active = list(device.active)
+    model, beta = device_of(case), device_of(case).base.of(truth_of(case))
+    active = list(model.active)
     moving = (np.abs(unseen.qd) > STICKS).all(axis=1)
     q, qd, qdd = (x[moving][:, active].T for x in (unseen.q, unseen.qd, unseen.qdd))
     tau = unseen.torque[moving].T
     size = np.linalg.norm(tau, axis=1)
-    missed = np.linalg.norm(haptid.inverse_dynamics(device, estimate.beta, q, qd, qdd) - tau, axis=1)
+    missed = np.linalg.norm(haptid.inverse_dynamics(model, estimate.beta, q, qd, qdd) - tau, axis=1)
     off = 100 * np.abs(estimate.beta - beta) / np.where(beta == 0, np.inf, np.abs(beta))
     shares = [
-        np.linalg.norm(haptid.inverse_dynamics(device, row * beta, q, qd, qdd), axis=1) for row in np.eye(len(beta))
+        np.linalg.norm(haptid.inverse_dynamics(model, row * beta, q, qd, qdd), axis=1) for row in np.eye(len(beta))
     ]
     carried = (np.array(shares) / size).max(axis=1)
-    kinds = np.array([name[:2] for name in device.base.names])
+    kinds = np.array([name[:2] for name in model.base.names])
     heavy = (carried >= CARRIES) & ~np.isin(kinds, ("FV", "FC"))
     return {
         "torque": float(100 * (missed / size).max()),
@@ -199,9 +199,9 @@ def errors(case: Case, estimate: haptid.Estimate, unseen: bench.Recording) -> di
 
 def identify(case: Case, log: haptid.Log) -> haptid.Estimate:
     """As a user who gives no treatment gets it."""
-    device = device_of(case)
-    treatment = haptid.propose(device, log).treatment
-    return haptid.estimate(haptid.observe(device, haptid.treat(log, treatment)), haptid.WLS())
+    model = device_of(case)
+    treatment = haptid.propose(model, log).treatment
+    return haptid.estimate(haptid.observe(model, haptid.treat(log, treatment)), haptid.WLS())
 
 
 def study(name: str, seed: int, seconds: float = SECONDS) -> dict[str, dict[str, float]]:

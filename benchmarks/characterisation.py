@@ -32,15 +32,15 @@ DEVICES = {
 
 def model_of(name: str) -> GivenModel:
     """The device with parameters of some size, and a covariance of one per cent."""
-    device = haptid.read_device(name)
-    chi = np.nan_to_num(device.chi_prior)
+    model = haptid.DynamicModel(haptid.read_device(name))
+    chi = np.nan_to_num(model.chi_prior)
     if not chi.any():
         kinds = {"ZZ": 0.02, "XX": 0.015, "YY": 0.015, "M": 0.3, "MX": 0.01, "IA": 0.001, "FV": 1e-3, "FC": 0.05}
-        chi = np.array([kinds.get(kind, 0.0) for kind in device.parameters.kinds])
-    beta = device.base.of(chi)
+        chi = np.array([kinds.get(kind, 0.0) for kind in model.parameters.kinds])
+    beta = model.base.of(chi)
     rng = np.random.default_rng(0)
     L = 0.01 * np.abs(beta)[:, None] * rng.normal(size=(len(beta),) * 2) / np.sqrt(len(beta))
-    return GivenModel(device, beta, L @ L.T)
+    return GivenModel(model, beta, L @ L.T)
 
 
 def poses_of(centre: tuple[float, ...], count: int) -> np.ndarray:
@@ -59,11 +59,11 @@ def best_of(work: Callable[[], object], times: int = 3) -> float:
     return min(taken)
 
 
-def check(model: GivenModel, qa: np.ndarray) -> None:
+def check(identified: GivenModel, qa: np.ndarray) -> None:
     """The kernel's masses are those of the plain road."""
-    A, J = mass_matrix(model.device, model.beta, qa), handle_motion(model.device, qa).row_jacobian[:, :3]
+    A, J = mass_matrix(identified.model, identified.beta, qa), handle_motion(identified.model, qa).row_jacobian[:, :3]
     wanted = np.linalg.eigvalsh(np.linalg.inv(J @ np.linalg.solve(A, J.mT)))[:, ::-1]
-    found = felt_mass(model, qa)
+    found = felt_mass(identified, qa)
     np.testing.assert_allclose(found.mass.value[found.definite], wanted[found.definite], rtol=1e-8)
 
 
@@ -71,12 +71,12 @@ def timed() -> dict[str, float]:
     """Seconds for a million poses, with the threads this process has."""
     made = {}
     for label, (name, centre) in DEVICES.items():
-        model = model_of(name)
-        check(model, poses_of(centre, 2000))
+        identified = model_of(name)
+        check(identified, poses_of(centre, 2000))
         qa = poses_of(centre, POSES)
-        at = core_arguments(model, qa)
+        at = core_arguments(identified, qa)
         made[f"{label}: Jacobian and mass matrix"] = best_of(lambda at=at: _core.handle_dynamics(*at, rows=[0, 1, 2]))
-        made[f"{label}: masses with deviations"] = best_of(lambda m=model, qa=qa: felt_mass(m, qa))
+        made[f"{label}: masses with deviations"] = best_of(lambda m=identified, qa=qa: felt_mass(m, qa))
     return made
 
 
@@ -89,10 +89,10 @@ def run() -> dict[str, float]:
         for what, seconds in json.loads(out.stdout).items():
             found[f"{what}, {threads} thread{'s' * (threads != '1')}, s per million"] = seconds
     for label, (name, centre) in DEVICES.items():
-        model, few = model_of(name), 20_000
+        identified, few = model_of(name), 20_000
         qa = poses_of(centre, few)
         plain = best_of(
-            lambda m=model, qa=qa: (mass_matrix(m.device, m.beta, qa), handle_motion(m.device, qa).row_jacobian)
+            lambda m=identified, qa=qa: (mass_matrix(m.model, m.beta, qa), handle_motion(m.model, qa).row_jacobian)
         )
         found[f"{label}: Jacobian and mass matrix, plain road, s per million"] = plain * POSES / few
     return found

@@ -17,21 +17,21 @@ class Closed:
     """Bodies only: the terms' columns are left out."""
 
     def __init__(self) -> None:
-        self.device = haptid.read_device(NAME)
-        self.n, self.links = len(self.device.active), len(self.device.joints)
+        self.model = haptid.DynamicModel(haptid.read_device(NAME))
+        self.n, self.links = len(self.model.active), len(self.model.joints)
         rng = np.random.default_rng(0)
         self.qa = np.array(CENTRE)[:, None] + rng.uniform(-0.4, 0.4, (self.n, SAMPLES))
-        self.c = np.ascontiguousarray(self.device.frame @ self.qa)
+        self.c = np.ascontiguousarray(self.model.frame @ self.qa)
         self.cd, self.cdd = rng.normal(size=(2, self.n, SAMPLES))
-        self.core = _core.Mechanism(*mechanism_arguments(self.device))
-        S = self.device.parameters.S[:, list(self.device.base.kept)]
+        self.core = _core.Mechanism(*mechanism_arguments(self.model))
+        S = self.model.parameters.S[:, list(self.model.base.kept)]
         self.columns = [int(k) for k in np.flatnonzero(S.any(axis=1)) if k < 10 * self.links]
         self.reached = np.array(self.core.reach(self.columns))
 
     def case(self) -> dict[str, object]:
         """The tree and its motion, the rates of its joints by the coordinates, and the wanted entries."""
-        followed = self.device.closure.follow(self.qa).by(self.device.frame)
-        joints, G = self.device.joints, followed.G
+        followed = self.model.closure.follow(self.qa).by(self.model.frame)
+        joints, G = self.model.joints, followed.G
         assert G.ndim == 2, "rates that do not vary"
         rows, chosen = np.nonzero(self.reached)
         none = np.zeros(self.links)
@@ -39,7 +39,7 @@ class Closed:
             "parent": np.array([joint.parent for joint in joints], dtype=np.int32),
             "rotation": np.round([joint.rotation for joint in joints], 15),
             "translation": np.array([joint.translation for joint in joints]),
-            "gravity": np.array(self.device.gravity),
+            "gravity": np.array(self.model.gravity),
             "wanted": np.column_stack([rows, np.array(self.columns)[chosen]]),
             "rates": G,
             "q": followed.q,
@@ -56,7 +56,7 @@ class Closed:
     def motion(self, samples: int) -> list[np.ndarray]:
         """The first samples, and the columns of the device that Python computes: none count."""
         some = [np.ascontiguousarray(x[:, :samples]) for x in (self.c, self.cd, self.cdd)]
-        return [*some, np.zeros((len(self.device.externals), samples))]
+        return [*some, np.zeros((len(self.model.externals), samples))]
 
     def wanted(self, Y: np.ndarray) -> np.ndarray:
         """Entries that are not always zero, (samples, entries), of a regressor (n, columns, samples)."""

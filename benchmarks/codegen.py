@@ -133,7 +133,7 @@ def everything(code: Code) -> str:
 def device_of(name: str) -> haptid.Device:
     """A shipped device, or the arm that has no file."""
     if name != SEVEN:
-        return haptid.read_device(name)
+        return haptid.DynamicModel(haptid.read_device(name))
     joints = "".join(
         f'[[joints]]\nname = "{k + 1}"\nalpha = "{a}*pi/2"\nr = {r}\n'
         for k, (a, r) in enumerate(zip(ANGLES, OFFSETS, strict=True))
@@ -142,20 +142,20 @@ def device_of(name: str) -> haptid.Device:
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "seven.toml"
         path.write_text(head + joints)
-        return haptid.read_device(path)
+        return haptid.DynamicModel(haptid.read_device(path))
 
 
-def peer_function(ca: Any, device: haptid.Device) -> Any:
+def peer_function(ca: Any, model: haptid.Device) -> Any:
     """Newton-Euler as in the books, link frames and inertias about their origins, then common subexpressions."""
-    n, links = len(device.drives), 10 * len(device.joints)
-    q, qd, qdd, p = (ca.SX.sym(name, size) for name, size in zip("qvap", (n, n, n, len(device.base)), strict=True))
-    S = ca.sparsify(ca.DM(device.parameters.S[:, list(device.base.kept)]))
-    rates = ca.sparsify(ca.DM(device.rates))
+    n, links = len(model.drives), 10 * len(model.joints)
+    q, qd, qdd, p = (ca.SX.sym(name, size) for name, size in zip("qvap", (n, n, n, len(model.base)), strict=True))
+    S = ca.sparsify(ca.DM(model.parameters.S[:, list(model.base.kept)]))
+    rates = ca.sparsify(ca.DM(model.rates))
     chi, tree = S @ p, [rates @ x for x in (q, qd, qdd)]
-    z, down = ca.DM([0, 0, 1]), -ca.DM(device.gravity)
+    z, down = ca.DM([0, 0, 1]), -ca.DM(model.gravity)
     motion: list[Any] = []
-    for i, joint in enumerate(device.joints):
-        angle = tree[0][i] + device.closure.offset[i]
+    for i, joint in enumerate(model.joints):
+        angle = tree[0][i] + model.closure.offset[i]
         c, s = ca.cos(angle), ca.sin(angle)
         turn = ca.blockcat([[c, -s, 0], [s, c, 0], [0, 0, 1]])
         fixed = ca.sparsify(ca.DM(np.where(abs(joint.rotation) < 1e-12, 0.0, joint.rotation)))
@@ -165,40 +165,40 @@ def peer_function(ca: Any, device: haptid.Device) -> Any:
         w, wd = R.T @ w, R.T @ wd
         wd = wd + z * tree[2][i] + ca.cross(w, z * tree[1][i])
         motion.append((w + z * tree[1][i], wd, a, R, arm))
-    force = [ca.SX(3, 1) for _ in device.joints]
-    moment = [ca.SX(3, 1) for _ in device.joints]
-    felt = [ca.SX(1, 1) for _ in device.joints]
-    for i in reversed(range(len(device.joints))):
+    force = [ca.SX(3, 1) for _ in model.joints]
+    moment = [ca.SX(3, 1) for _ in model.joints]
+    felt = [ca.SX(1, 1) for _ in model.joints]
+    for i in reversed(range(len(model.joints))):
         w, wd, a, R, arm = motion[i]
         xx, xy, xz, yy, yz, zz, x, y, zc, m = ca.vertsplit(chi[10 * i : 10 * i + 10])
         J, h = ca.blockcat([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]]), ca.vertcat(x, y, zc)
         force[i] += m * a + ca.cross(wd, h) + ca.cross(w, ca.cross(w, h))
         moment[i] += J @ wd + ca.cross(w, J @ w) + ca.cross(h, a)
         felt[i] = moment[i][2]
-        parent = device.joints[i].parent
+        parent = model.joints[i].parent
         if parent >= 0:
             force[parent] += R @ force[i]
             moment[parent] += R @ moment[i] + ca.cross(arm, R @ force[i])
     tau = rates.T @ ca.vertcat(*felt)
-    for k, term in enumerate(device.terms):
+    for k, term in enumerate(model.terms):
         if term.kind == "rotor":
             weights = ca.sparsify(ca.DM(term.weights))
             tau += weights * (chi[links + k] * (weights.T @ qdd))
     return ca.Function("inverse", [q, qd, qdd, p], [ca.cse(tau)])
 
 
-def measured(device: haptid.Device, beta: np.ndarray, code: Code, ca: Any | None) -> dict[str, float]:
+def measured(model: haptid.Device, beta: np.ndarray, code: Code, ca: Any | None) -> dict[str, float]:
     """Nanoseconds of an inverse dynamics, ours and the peer's, and of a tick with everything on."""
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
-        export_c((device, beta), folder, CCode("dev"))
+        export_c((model, beta), folder, CCode("dev"))
         sources = ["dev.c", "timing.c"]
         if ca is not None:
             generator = ca.CodeGenerator("peer.c")
-            generator.add(peer_function(ca, device))
+            generator.add(peer_function(ca, model))
             generator.generate(f"{folder}/")
             sources.append("peer.c")
-        n = len(device.drives)
+        n = len(model.drives)
         text = TIMING.format(
             n=n, states=STATES, batches=BATCHES, peer=PEER if ca is not None else NO_PEER, everything=everything(code)
         )
@@ -210,7 +210,7 @@ def measured(device: haptid.Device, beta: np.ndarray, code: Code, ca: Any | None
         for which in (0, 1):
             library.torques(which, _pointer(x), _pointer(made[which]))
         if ca is not None and np.abs(made[0] - made[1]).max() > 1e-10 * np.abs(made[0]).max():
-            raise ArithmeticError(f"the two codes of {device.name} differ")
+            raise ArithmeticError(f"the two codes of {model.name} differ")
         median = np.zeros(3)
         library.timed(_pointer(x), _pointer(made[0]), _pointer(median))
     return {"ours": float(median[0]), "peer": float(median[1]), "tick": float(median[2])}
@@ -225,15 +225,15 @@ def run() -> dict[str, float]:
     ca = importlib.import_module("casadi") if importlib.util.find_spec("casadi") else None
     figures: dict[str, float] = {}
     for name in (*DEVICES, SEVEN):
-        device = device_of(name)
-        beta = np.random.default_rng(1).uniform(0.1, 1.0, len(device.base))
+        model = device_of(name)
+        beta = np.random.default_rng(1).uniform(0.1, 1.0, len(model.base))
         begin = time.process_time()
-        code = code_of(device, SPEED)
+        code = code_of(model, SPEED)
         figures[f"{name}: writing the functions, s"] = time.process_time() - begin
         for function, found in code.operations.items():
             figures[f"{name}: {function}, mul + add + div"] = found.arithmetic
         figures[f"{name}: inverse_dynamics, sin + cos"] = code.operations["inverse_dynamics"].trigonometric
-        times = measured(device, beta, code, ca)
+        times = measured(model, beta, code, ca)
         figures[f"{name}: inverse dynamics, ns"] = times["ours"]
         figures[f"{name}: a tick with everything on, ns"] = times["tick"]
         figures[f"{name}: a loop of 1 kHz with everything on, % of a core"] = 100 * LOOP_HZ * 1e-9 * times["tick"]

@@ -48,10 +48,10 @@ NOISE = 0.1
 
 def clean_motion(name: str, seconds: float, treatment: haptid.Treatment) -> tuple[haptid.Motion, np.ndarray]:
     """A multisine with exact rates and exact torque, and the parameters."""
-    device = haptid.read_device(name)
-    beta = truth(device)
-    q, qd, qdd = multisine(len(device.active), seconds, 1e-3, 1)
-    tau = haptid.inverse_dynamics(device, beta, q, qd, qdd)[list(device.measured)]
+    model = haptid.DynamicModel(haptid.read_device(name))
+    beta = truth(model)
+    q, qd, qdd = multisine(len(model.active), seconds, 1e-3, 1)
+    tau = haptid.inverse_dynamics(model, beta, q, qd, qdd)[list(model.measured)]
     return haptid.Motion(1e-3, q.T, tau.T, treatment, rates=(qd.T, qdd.T)), beta
 
 
@@ -86,7 +86,7 @@ class Bed:
     def of(name: str, seconds: float, treatment: haptid.Treatment) -> Bed:
         """All rows of a clean motion."""
         motion, beta = clean_motion(name, seconds, treatment)
-        observation = haptid.observe(haptid.read_device(name), motion)
+        observation = haptid.observe(haptid.DynamicModel(haptid.read_device(name)), motion)
         (stretch,) = Rows(observation)
         Q, R = [], []
         for motor, W in zip(observation.motors, stretch.W, strict=True):
@@ -164,13 +164,13 @@ def beside() -> Iterator[tuple[str, float]]:
 def sandwiched() -> Iterator[tuple[str, float]]:
     """The AR(bic) sandwich beside the default, of the first device: it walks through the rows of each run."""
     motion, beta = clean_motion(DEVICES[0], SECONDS, TREATMENTS["as it is"])
-    rng, device = np.random.default_rng(2), haptid.read_device(DEVICES[0])
+    rng, model = np.random.default_rng(2), haptid.DynamicModel(haptid.read_device(DEVICES[0]))
     for sort in ("AR(1) 0.95", "AR(1) 0.99"):
         inside, width = np.zeros(len(beta)), []
         for _ in range(SANDWICHES):
             made = noise((motion.tau.shape[1], len(motion)), *NOISES[sort], rng).T
             noisy = replace(motion, tau=motion.tau + NOISE * motion.tau.std(axis=0) * made)
-            found = haptid.estimate(haptid.observe(device, noisy), haptid.WLS(), Sandwich())
+            found = haptid.estimate(haptid.observe(model, noisy), haptid.WLS(), Sandwich())
             inside += holds(found, beta)
             wide = Clustered().spread(found.fit)
             half = stats.t.ppf(0.975, wide.freedom) * np.sqrt(np.diag(wide.covariance))

@@ -36,9 +36,9 @@ def run() -> dict[str, float]:
 
 def works(arm: Arm) -> dict[str, Work]:
     """Ours."""
-    device, beta = arm.device, arm.beta
+    model, beta = arm.model, arm.beta
     q, qd, qdd, tau = (np.ascontiguousarray(x[:, :MANY]) for x in (arm.q, arm.qd, arm.qdd, arm.tau))
-    direct, model = ForwardDynamics(device, sets_of(device, beta)), GivenModel(device, beta)
+    direct, model = ForwardDynamics(model, sets_of(model, beta)), GivenModel(model, beta)
 
     def simulated() -> tuple[np.ndarray, np.ndarray]:
         c, cd = q, qd
@@ -48,18 +48,20 @@ def works(arm: Arm) -> dict[str, Work]:
         return c, cd
 
     return {
-        "inverse dynamics": Work(MANY, lambda: haptid.inverse_dynamics(device, beta, q, qd, qdd), np.transpose),
-        "mass matrix": Work(MANY, lambda: haptid.mass_matrix(device, beta, q)),
+        "inverse dynamics": Work(MANY, lambda: haptid.inverse_dynamics(model, beta, q, qd, qdd), np.transpose),
+        "mass matrix": Work(MANY, lambda: haptid.mass_matrix(model, beta, q)),
         "forward dynamics": Work(MANY, lambda: direct.acceleration(q, qd, tau), np.transpose),
         "simulation step": Work(MANY * STEPS, simulated, lambda end: np.concatenate(end).T),
-        "felt masses": Work(MANY, lambda: felt_mass(model, q, worst_condition=1e9), lambda found: found.mass.value),
+        "felt masses": Work(
+            MANY, lambda: felt_mass(identified, q, worst_condition=1e9), lambda found: found.mass.value
+        ),
     }
 
 
 def search(arm: Arm, motion: Trajectory) -> tuple[Work, Work]:
     """What a search for a motion asks: the smooth stand-in for the condition number, and the same with its slopes."""
     slopes = Slopes.of(
-        Bounds.of(arm.device, Limits(((-3.0, 3.0),) * arm.n, (9.0,), (99.0,)), arm.beta),
+        Bounds.of(arm.model, Limits(((-3.0, 3.0),) * arm.n, (9.0,), (99.0,)), arm.beta),
         RawCondition(),
         tuple(range(len(arm.beta))),
         np.ones(arm.n),
@@ -84,7 +86,7 @@ def main() -> None:
     arm = Arm()
     motion = Trajectory(0.01, *(np.ascontiguousarray(x[:, :TRAJECTORY].T) for x in (arm.q, arm.qd, arm.qdd)))
     ours = works(arm)
-    ours["condition number of a motion"] = Work(1, lambda: condition(observed(arm.device, motion).stack()[:-1]))
+    ours["condition number of a motion"] = Work(1, lambda: condition(observed(arm.model, motion).stack()[:-1]))
     figures = beside(arm.case(), ours, PEERS)
     figures |= searched(*(work.microseconds() for work in search(arm, motion)), figures)
     print(json.dumps(figures))

@@ -41,14 +41,14 @@ def bound(observation: haptid.Observation, sd: np.ndarray, phi: float) -> np.nda
 
 def errors(method: haptid.Method, phi: float, runs: int, shared: float = 0.0) -> tuple[np.ndarray, np.ndarray]:
     """Errors of every run and parameter in units of the bound, (runs, p), and stated deviations in the same."""
-    device = haptid.read_device("phantom_premium_15")
+    model = haptid.DynamicModel(haptid.read_device("phantom_premium_15"))
     motion, beta = clean_motion("phantom_premium_15", SECONDS, haptid.Treatment(cutoff_hz=None))
     sd, rng = NOISE * motion.tau.std(axis=0), np.random.default_rng(3)
-    least = bound(haptid.observe(device, motion), sd, phi)
+    least = bound(haptid.observe(model, motion), sd, phi)
     found, stated = [], []
     for _ in range(runs):
         made = noise((len(sd), len(motion)), phi, shared, rng).T
-        estimate = haptid.estimate(haptid.observe(device, replace(motion, tau=motion.tau + sd * made)), method)
+        estimate = haptid.estimate(haptid.observe(model, replace(motion, tau=motion.tau + sd * made)), method)
         found.append((estimate.beta - beta) / least)
         stated.append(estimate.sd / least)
     return np.array(found), np.array(stated)
@@ -61,15 +61,15 @@ def rms(values: np.ndarray) -> float:
 
 def wild(method: haptid.Method, one_way: bool) -> float:
     """Root mean square error with outliers, in units of the bound without."""
-    device = haptid.read_device("phantom_premium_15")
+    model = haptid.DynamicModel(haptid.read_device("phantom_premium_15"))
     motion, beta = clean_motion("phantom_premium_15", SECONDS, haptid.Treatment(cutoff_hz=None))
     sd, rng, found = NOISE * motion.tau.std(axis=0), np.random.default_rng(4), []
-    least = bound(haptid.observe(device, motion), sd, 0.0)
+    least = bound(haptid.observe(model, motion), sd, 0.0)
     for _ in range(FEW):
         made = rng.standard_normal(motion.tau.shape)
         sign = 1.0 if one_way else rng.choice([-1.0, 1.0], made.shape)
         made = np.where(rng.random(made.shape) < OUTLIERS, SIZE * sign * (1 + rng.random(made.shape)), made)
-        estimate = haptid.estimate(haptid.observe(device, replace(motion, tau=motion.tau + sd * made)), method)
+        estimate = haptid.estimate(haptid.observe(model, replace(motion, tau=motion.tau + sd * made)), method)
         found.append((estimate.beta - beta) / least)
     return rms(np.array(found))
 

@@ -24,9 +24,9 @@ HERE = Path(__file__).resolve().parents[1]
 ROBOTS = ("emps", "kuka_kr300", "staubli_tx40")
 
 
-def methods(device: haptid.Device) -> Mapping[str, haptid.Method]:
+def methods(model: haptid.Device) -> Mapping[str, haptid.Method]:
     """Those that need no controller."""
-    friction = {name: (0.0, None) for name in device.base.names if name.startswith(("FV", "FC"))}
+    friction = {name: (0.0, None) for name in model.base.names if name.startswith(("FV", "FC"))}
     return {
         "OLS": haptid.OLS(),
         "WLS": haptid.WLS(),
@@ -63,7 +63,7 @@ def run() -> dict[str, float]:
         study = haptid.read_study(HERE / "examples" / example / "study.toml")
         found = haptid.identify(study, data / example)
         observations = [each.observation for each in found.runs]
-        for name, method in methods(found.device).items():
+        for name, method in methods(found.model).items():
             begin = time.perf_counter()
             try:
                 error = unseen(replace(study, method=method), observations)

@@ -20,10 +20,10 @@ TRIES = 1600
 
 def sought() -> dict[str, float]:
     """Condition numbers that one call reaches, one descent and a little, and how long it takes."""
-    device, half = haptid.read_device("cea_medical_branch"), float(np.radians(STROKE))
+    model, half = haptid.DynamicModel(haptid.read_device("cea_medical_branch")), float(np.radians(STROKE))
     within = Limits(tuple((x - half, x + half) for x in CENTRE), (SPEED,), (ACCELERATION,))
     start = time.process_time()
-    found = design(device, FourierSeries(), within, search=Search(tries=TRIES))
+    found = design(model, FourierSeries(), within, search=Search(tries=TRIES))
     return {
         "design, condition raw": found.after.raw,
         "design, condition with unit columns": found.after.scaled,
@@ -33,20 +33,20 @@ def sought() -> dict[str, float]:
 
 def run() -> dict[str, float]:
     """Condition numbers, with all 34 columns, of the examples, with their strokes and rates, and of what is sought."""
-    device, figures = haptid.read_device("cea_medical_branch"), {}
+    model, figures = haptid.DynamicModel(haptid.read_device("cea_medical_branch")), {}
     for name in ("experiment", "excite", "excite-wide"):
         experiment = bench.read_experiment(EXAMPLES / f"{name}.toml")
-        beta = device.base.of(experiment.setup(device).chi)
+        beta = model.base.of(experiment.setup(model).chi)
         rng = np.random.default_rng(np.random.SeedSequence(experiment.seed).spawn(2)[0])
-        made = bench.plan(experiment.kind, device, 1e-3, rng)
-        found = quality(observed(device, made), tuple(range(len(beta))), beta, np.full(3, 0.01))
-        tau = haptid.inverse_dynamics(device, beta, made.q.T, made.qd.T, made.qdd.T)
+        made = bench.plan(experiment.kind, model, 1e-3, rng)
+        found = quality(observed(model, made), tuple(range(len(beta))), beta, np.full(3, 0.01))
+        tau = haptid.inverse_dynamics(model, beta, made.q.T, made.qd.T, made.qdd.T)
         figures[f"{name}, condition raw"] = found.raw
         figures[f"{name}, condition with unit columns"] = found.scaled
         figures[f"{name}, half stroke, deg"] = float(np.degrees(np.ptp(made.q, axis=0) / 2).max())
         figures[f"{name}, speed, rad/s"] = float(np.abs(made.qd).max())
         figures[f"{name}, acceleration, rad/s^2"] = float(np.abs(made.qdd).max())
         figures[f"{name}, torque, N m"] = float(np.abs(tau).max())
-        loops = loop_openness(device, device.closure.positions(made.q[::10].T).T)
+        loops = loop_openness(model, model.closure.positions(made.q[::10].T).T)
         figures[f"{name}, least distance of a loop from flat"] = float(loops.min())
     return figures | sought()

@@ -99,10 +99,10 @@ def write_log(path: Path, samples: int) -> None:
 
     import haptid
 
-    device, rng = haptid.read_device("arm7"), np.random.default_rng(0)
+    model, rng = DynamicModel(haptid.read_device("arm7")), np.random.default_rng(0)
     q, qd, qdd = motion(rng, PERIOD)
-    beta = rng.uniform(0.2, 1.0, len(device.base))
-    tau = haptid.inverse_dynamics(device, beta, q, qd, qdd)
+    beta = rng.uniform(0.2, 1.0, len(model.base))
+    tau = haptid.inverse_dynamics(model, beta, q, qd, qdd)
     copies = -(-samples // PERIOD)
     columns = {"t": np.arange(samples) / RATE_HZ}
     columns |= {f"q{k + 1}": np.tile(q[k], copies)[:samples] for k in range(JOINTS)}
@@ -112,11 +112,11 @@ def write_log(path: Path, samples: int) -> None:
     other = [x[:, :: PERIOD // CHECKED] for x in motion(rng, PERIOD)]
     np.savez(
         path.with_suffix(".npz"),
-        parent=[joint.parent for joint in device.joints],
-        rotation=[joint.rotation for joint in device.joints],
-        translation=[joint.translation for joint in device.joints],
-        gravity=device.gravity,
-        tau=haptid.inverse_dynamics(device, beta, *other),
+        parent=[joint.parent for joint in model.joints],
+        rotation=[joint.rotation for joint in model.joints],
+        translation=[joint.translation for joint in model.joints],
+        gravity=model.gravity,
+        tau=haptid.inverse_dynamics(model, beta, *other),
         **dict(zip(("q", "qd", "qdd"), other, strict=True)),
     )
 

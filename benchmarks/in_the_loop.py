@@ -42,7 +42,7 @@ def rehearsed(name: str, seconds: float = SECONDS, places: tuple[tuple[float, ..
     case = CASES[name]
     setup, code = setup_of(case), code_of(case, seconds)
     kind = bench.Multisine(TRACKED, case.centre, case.amplitude, speed=case.speed)
-    trajectory = bench.plan(kind, setup.device, setup.dt, np.random.default_rng(7))
+    trajectory = bench.plan(kind, setup.model, setup.dt, np.random.default_rng(7))
     poses = [np.array(case.centre) + np.array(place) * case.amplitude for place in places]
     return bench.rehearse(setup, code, trajectory, poses, PUSHES[case.name])
 

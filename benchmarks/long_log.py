@@ -42,9 +42,9 @@ decimation = {decimation}
 
 def write_log(folder: Path, samples: int) -> None:
     """Tile one periodic motion; noise differs all along."""
-    device = haptid.read_device("puma560")
+    model = haptid.DynamicModel(haptid.read_device("puma560"))
     rng = np.random.default_rng(0)
-    n = len(device.active)
+    n = len(model.active)
     t = np.arange(PERIOD) / RATE_HZ
     omega = 2 * np.pi * np.array([3, 7, 13, 22, 31]) * RATE_HZ / PERIOD
     size = 0.8 / omega**0.7
@@ -52,8 +52,8 @@ def write_log(folder: Path, samples: int) -> None:
     q = np.einsum("k,jkn->jn", size, np.sin(angle))
     qd = np.einsum("k,jkn->jn", size * omega, np.cos(angle))
     qdd = -np.einsum("k,jkn->jn", size * omega**2, np.sin(angle))
-    beta = rng.uniform(0.2, 1.0, len(device.base))
-    tau = haptid.inverse_dynamics(device, beta, q, qd, qdd)
+    beta = rng.uniform(0.2, 1.0, len(model.base))
+    tau = haptid.inverse_dynamics(model, beta, q, qd, qdd)
     copies = -(-samples // PERIOD)
     columns = {"t": np.arange(samples) / RATE_HZ}
     columns |= {f"q{k + 1}": np.tile(q[k], copies)[:samples] for k in range(n)}

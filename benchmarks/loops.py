@@ -25,19 +25,19 @@ def run() -> dict[str, float]:
     """Processor time of a sample, microseconds, and the largest gap left, as a share of the mechanism's size."""
     figures = {}
     for name in NAMES:
-        device = haptid.read_device(name)
-        closure = device.closure
+        model = haptid.DynamicModel(haptid.read_device(name))
+        closure = model.closure
         assert isinstance(closure, NewtonClosure)
-        q, qd, qdd = path(device, SAMPLES * DT, DT)
+        q, qd, qdd = path(model, SAMPLES * DT, DT)
         motion = haptid.Motion(
             DT, q.T, np.zeros_like(q.T), haptid.Treatment(cutoff_hz=None), rates=(qd.T.copy(), qdd.T.copy())
         )
         poses = closure.draw(np.random.default_rng(0), POSES)
-        _ = device.base
+        _ = model.base
         timed = {
             "positions": (lambda c=closure, q=q: c.positions(q), SAMPLES),
             "positions, rates and their change": (lambda c=closure, q=q, qd=qd: c.follow(q, qd), SAMPLES),
-            "observation": (lambda d=device, m=motion: haptid.observe(d, m), SAMPLES),
+            "observation": (lambda d=model, m=motion: haptid.observe(d, m), SAMPLES),
             "poses anywhere, from the start": (lambda c=closure, q=poses: c.closes(q), POSES),
         }
         for what, (work, many) in timed.items():

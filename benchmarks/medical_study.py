@@ -66,15 +66,15 @@ def plan() -> Branches:
 
 def study(key: str, seed: int) -> Found:
     """One branch and seed."""
-    demo, device = plan(), haptid.read_device(plan().device)
+    demo, model = plan(), haptid.DynamicModel(haptid.read_device(plan().model))
     branch = demo.branch(key)
     first = seed + 2 * APART * (1 + demo.branches.index(branch))
     with tempfile.TemporaryDirectory() as folder:
 
         def made(experiment: str, drawn: int) -> Recorded:
             path, out = demo.folder / experiment, Path(folder) / f"{experiment}.parquet"
-            record(Take(demo.device, path, out, seed=drawn))
-            return read_recorded(device, path, out)
+            record(Take(demo.model, path, out, seed=drawn))
+            return read_recorded(model, path, out)
 
         logs = made(branch.experiment, first), made(branch.unseen, first + APART)
         return found_of(identified(branch, demo.tables[key], demo.stretch, *logs))

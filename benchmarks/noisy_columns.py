@@ -43,17 +43,17 @@ def methods() -> dict[str, haptid.Method]:
 
 def errors(reading: int) -> dict[str, np.ndarray]:
     """Of one reading, errors by method, each in units of torque: (p,), N m."""
-    device, rng = device_of(CASE), np.random.default_rng(reading)
+    model, rng = device_of(CASE), np.random.default_rng(reading)
     whole = log_of(CASE, exact())
     step = 2 * np.pi / (COUNTS * np.array(CASE.gear))
     zero = rng.uniform(0, 1, len(step))
     position = step * (np.round(whole.position[::EVERY] / step + zero) - zero)
-    gain = np.array([motor.gear * motor.gain for motor in device.motors])
+    gain = np.array([motor.gear * motor.gain for motor in model.motors])
     torque = whole.torque[::EVERY] + NOISE / gain * rng.standard_normal(position.shape)
     log = haptid.Log(Path("bench"), "", whole.t[::EVERY], position, torque, whole.channels)
-    observation = haptid.observe(device, haptid.treat(log, TREATMENT))
+    observation = haptid.observe(model, haptid.treat(log, TREATMENT))
     carried = np.sqrt((observation.stack()[:-1, :-1] ** 2).sum(axis=0) / observation.rows)
-    beta = device.base.of(truth_of(CASE))
+    beta = model.base.of(truth_of(CASE))
     return {name: carried * (haptid.estimate(observation, how).beta - beta) for name, how in methods().items()}
 
 

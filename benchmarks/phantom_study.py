@@ -65,14 +65,14 @@ class Found:
 
 def study(key: str, seed: int) -> Found:
     """One mounting and seed."""
-    demo, device = read_demo(NAME), haptid.read_device(read_demo(NAME).device)
+    demo, model = read_demo(NAME), haptid.DynamicModel(haptid.read_device(read_demo(NAME).model))
     drawn = seed + APART * (1 + demo.mountings.index(demo.mounting(key)))
     with tempfile.TemporaryDirectory() as folder:
 
         def made(experiment: str, exact: bool = False, quiet: bool = False) -> Recorded:
             path, out = demo.folder / experiment, Path(folder) / f"{experiment}-{exact}-{quiet}.parquet"
-            record(Take(demo.device, path, out, exact, drawn, STEP, quiet))
-            return read_recorded(device, path, out)
+            record(Take(demo.model, path, out, exact, drawn, STEP, quiet))
+            return read_recorded(model, path, out)
 
         own = demo.mounting(key).experiment
         logs = {"exact velocity": made(own, exact=True), "encoders": made(own)}
@@ -82,12 +82,12 @@ def study(key: str, seed: int) -> Found:
         fits = {sort: (by_exact_velocity if "exact" in sort else encoders)(demo, log) for sort, log in logs.items()}
         near = {sort: accuracy(fit.targets, logs[sort], demo.stretch.unseen) for sort, fit in fits.items()}
         free, held = fits["encoders"], encoders(demo, logs["encoders"], Consistent())
-        reachable = next(place for place in demo.workspaces if place.name == REACHABLE).of(device)
+        reachable = next(place for place in demo.workspaces if place.name == REACHABLE).of(model)
         return Found(
             inside={sort: one.inside for sort, one in near.items()},
             errors={sort: errors_of(one) for sort, one in near.items()},
             published=float(np.max(np.array(fits["exact velocity"].relative) / demo.errors.column(key))),
-            possible=possible(device, held.estimate.beta).ok,
+            possible=possible(model, held.estimate.beta).ok,
             least=definiteness(held.estimate, reachable).smallest,
             above=held.validation.relative - free.validation.relative,
             hand=feel(demo.hand, free, made(demo.hand.experiment)).errors if key == demo.hand.mounting else {},
@@ -103,15 +103,15 @@ def by_exact_velocity(demo: Mountings, recorded: Recorded) -> Fit:
     """The paper's way."""
     paper, halves = demo.published.treatment(recorded.dt), demo.stretch
     motions = (recorded.exact(half, paper) for half in (halves.fit, halves.unseen))
-    return fitted("exact velocity", recorded.device, *motions)
+    return fitted("exact velocity", recorded.model, *motions)
 
 
 def encoders(demo: Mountings, recorded: Recorded, method: haptid.Method | None = None) -> Fit:
     """As proposed from the first half."""
     halves = demo.stretch
-    treatment = haptid.propose(recorded.device, recorded.log(halves.fit)).treatment
+    treatment = haptid.propose(recorded.model, recorded.log(halves.fit)).treatment
     motions = (recorded.motion(half, treatment) for half in (halves.fit, halves.unseen))
-    return fitted("encoders", recorded.device, *motions, method)
+    return fitted("encoders", recorded.model, *motions, method)
 
 
 def run() -> dict[str, float]:

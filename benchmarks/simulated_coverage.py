@@ -39,10 +39,10 @@ def methods() -> Mapping[str, haptid.Method]:
 
 def reading(seed: int) -> dict[str, np.ndarray]:
     """Of one log, by method: estimates less the truth, deviations, and half-widths of intervals, (3, p)."""
-    device = two_links()
+    model = two_links()
     log = log_of(driven(seed, SECONDS, RATE_HZ, NOISE, ENCODERS))
-    observation = haptid.observe(device, haptid.treat(log, TREATMENT))
-    beta = device.base.of(true_parameters(device, **FRICTION))
+    observation = haptid.observe(model, haptid.treat(log, TREATMENT))
+    beta = model.base.of(true_parameters(model, **FRICTION))
     made = {}
     for name, method in methods().items():
         found = haptid.estimate(observation, method)

@@ -67,15 +67,15 @@ SLOW = ("EKF", "UKF")
 
 
 @cache
-def device() -> haptid.Device:
+def model() -> haptid.Device:
     """The arm."""
-    return haptid.read_device("staubli_tx40")
+    return haptid.DynamicModel(haptid.read_device("staubli_tx40"))
 
 
 def truth() -> np.ndarray:
     """Its true free standard parameters, (p,)."""
-    chi = np.nan_to_num(device().chi_prior)
-    for k, (name, kind) in enumerate(zip(device().parameters.names, device().parameters.kinds, strict=True)):
+    chi = np.nan_to_num(model().chi_prior)
+    for k, (name, kind) in enumerate(zip(model().parameters.names, model().parameters.kinds, strict=True)):
         chi[k] = FLANGE.get(name, KINDS.get(kind, chi[k]))
     return chi
 
@@ -86,18 +86,18 @@ def record(seed: int, read: bool = True) -> bench.Recording:
     encoders = bench.Encoders((COUNTS,), GEAR) if read else bench.Encoders()
     amplifiers = bench.Amplifiers(noise=NOISE) if read else bench.Amplifiers()
     setup = bench.Setup(
-        device(), truth(), bench.Controller(KP, KD, rate_hz=RATE_HZ, tracking_limit=0.6), encoders, amplifiers
+        model(), truth(), bench.Controller(KP, KD, rate_hz=RATE_HZ, tracking_limit=0.6), encoders, amplifiers
     )
     reach, speed = (1.2, 0.9, 0.9, 1.5, 1.2, 1.5), (3.0, 2.5, 3.0, 4.0, 4.0, 5.0)
     kind = bench.Multisine(SECONDS, (0.0, 0.0, 0.5, 0.0, 0.0, 0.0), reach, speed=speed)
-    planned = bench.plan(kind, device(), setup.dt, np.random.default_rng(seed))
+    planned = bench.plan(kind, model(), setup.dt, np.random.default_rng(seed))
     return bench.simulate(setup, planned, np.random.default_rng(1000 + seed))
 
 
 def log_of(made: bench.Recording) -> haptid.Log:
     """As the controller would have it."""
     joints, motors = (tuple(f"{what}{k}" for k in range(1, 7)) for what in ("q", "command"))
-    unit = device().motors[0].unit
+    unit = model().motors[0].unit
     channels = haptid.Channels(haptid.Signal(joints, "rad"), haptid.Signal(motors, unit, side="motor"), time="t")
     inner = slice(ENDS, len(made) - ENDS)
     return haptid.Log(Path("bench"), "", made.t[inner], made.position[inner], made.command[inner], channels)
@@ -105,18 +105,18 @@ def log_of(made: bench.Recording) -> haptid.Log:
 
 def torque_error(beta: np.ndarray, unseen: bench.Recording) -> float:
     """Of the exact torque on unseen motion where no joint may stick, per cent."""
-    active, moving = list(device().active), (np.abs(unseen.qd) > STICKS).all(axis=1)
+    active, moving = list(model().active), (np.abs(unseen.qd) > STICKS).all(axis=1)
     states = [x[moving][:, active].T for x in (unseen.q, unseen.qd, unseen.qdd)]
-    exact, found = (haptid.inverse_dynamics(device(), b, *states) for b in (device().base.of(truth()), beta))
+    exact, found = (haptid.inverse_dynamics(model(), b, *states) for b in (model().base.of(truth()), beta))
     return 100 * float(np.linalg.norm(found - exact) / np.linalg.norm(exact))
 
 
 def study(seed: int, names: tuple[str, ...]) -> dict[str, dict[str, float]]:
     """Figures of some methods with one seed's noise."""
-    made, unseen, beta = record(seed), record(UNSEEN, read=False), device().base.of(truth())
+    made, unseen, beta = record(seed), record(UNSEEN, read=False), model().base.of(truth())
     target, log = made.target[ENDS:-ENDS], log_of(made)
     law = PID(KP, KD, reference=(target,), velocity_cutoff_hz=VELOCITY_HZ)
-    observation = haptid.observe(device(), haptid.treat(log, TREATMENT))
+    observation = haptid.observe(model(), haptid.treat(log, TREATMENT))
     figures, known = {}, beta != 0
     for name in names:
         begin = time.perf_counter()

@@ -24,4 +24,4 @@ def changed(name: str, folder: Path, *changes: tuple[str, str]) -> haptid.Device
         text = text.replace(old, new)
     path = folder / f"{name}.toml"
     path.write_text(text, encoding="utf-8")
-    return haptid.read_device(path)
+    return haptid.DynamicModel(haptid.read_device(path))

@@ -81,7 +81,7 @@ class Library:
     code: Code
     real: type
     handle: ctypes.CDLL
-    model: ctypes.Array
+    other_model: ctypes.Array
 
     @staticmethod
     def built(folder: Path, code: Code, precision: str) -> Library:
@@ -96,10 +96,10 @@ class Library:
         run(shared, folder)
         handle = ctypes.CDLL(str(folder / "lib.so"))
         handle.model_size.restype = ctypes.c_size_t
-        model = ctypes.create_string_buffer(handle.model_size())
-        count = len(code.device.base)
-        getattr(handle, f"{NAME}_init")(model, (ctypes.c_double * max(count, 1)).in_dll(handle, f"{NAME}_beta"))
-        return Library(code, np.float64 if real == "double" else np.float32, handle, model)
+        other_model = ctypes.create_string_buffer(handle.model_size())
+        count = len(code.model.base)
+        getattr(handle, f"{NAME}_init")(other_model, (ctypes.c_double * max(count, 1)).in_dll(handle, f"{NAME}_beta"))
+        return Library(code, np.float64 if real == "double" else np.float32, handle, other_model)
 
     def __call__(self, name: str, arrays: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
         """Outputs, (samples, size), from inputs (n, samples)."""

@@ -22,7 +22,7 @@ CHANNELS = haptid.Channels(
 
 @cache
 def phantom() -> haptid.Device:
-    return haptid.read_device("phantom_premium_15")
+    return haptid.DynamicModel(haptid.read_device("phantom_premium_15"))
 
 
 def coulomb() -> np.ndarray:
@@ -55,17 +55,17 @@ def log(
         late: samples that the torque acts late.
         gains: factors of the torque channels.
     """
-    device = phantom()
+    model = phantom()
     q, qd, qdd = multisine(3, seconds, 1e-3, seed, 0.35)
     q = q + CENTRE[:, None]
     dry = coulomb()[:, None] * np.sign(qd)
-    tau = haptid.inverse_dynamics(device, truth(device), q, qd, qdd)
+    tau = haptid.inverse_dynamics(model, truth(model), q, qd, qdd)
     tau = tau + stribeck * dry * np.exp(-np.abs(qd) / 0.15) + offset * coulomb()[:, None]
     tau = (tau - warming * dry * np.linspace(0.0, 1.0, q.shape[1])).T
     tau = np.asarray(delayed(tau, -late)) if late else tau
     white = np.random.default_rng(seed).standard_normal((len(tau) + 2000, 3)) * np.sqrt(1 - phi**2)
     tau = tau + noise * tau.std(axis=0) * signal.lfilter([1.0], [1.0, -phi], white, axis=0)[2000:]
-    drives = [motor.gear * motor.gain for motor in device.motors]
+    drives = [motor.gear * motor.gain for motor in model.motors]
     position = STEP * np.round(q.T / STEP)
     return haptid.Log(Path("made"), str(seed), 1e-3 * np.arange(len(tau)), position, tau / drives * gains, CHANNELS)
 

@@ -21,18 +21,18 @@ def multisine(joints: int, seconds: float, dt: float, seed: int, size: float = 0
     return q, qd, qdd
 
 
-def truth(device: haptid.Device, seed: int = 0) -> np.ndarray:
+def truth(model: haptid.Device, seed: int = 0) -> np.ndarray:
     """Base parameters of about the size of the device's own, none of them zero."""
     rng = np.random.default_rng(seed)
-    chi = np.nan_to_num(device.chi_prior)
+    chi = np.nan_to_num(model.device.chi_prior)
     friction = {"FV": 6e-4, "FC": 0.02}
-    for k, kind in enumerate(device.parameters.kinds):
+    for k, kind in enumerate(model.device.parameters.kinds):
         chi[k] = friction.get(kind, chi[k]) * rng.uniform(0.8, 1.2)
-    return device.base.of(chi)
+    return model.base.of(chi)
 
 
 def motion(
-    device: haptid.Device,
+    model: haptid.Device,
     beta: np.ndarray,
     *,
     seconds: float = 10.0,
@@ -43,8 +43,8 @@ def motion(
     treatment: haptid.Treatment | None = None,
 ) -> haptid.Motion:
     """A motion with exact rates, and torque with autoregressive noise of a share `noise` of its own size."""
-    q, qd, qdd = multisine(len(device.active), seconds, dt, seed)
-    tau = haptid.inverse_dynamics(device, beta, q, qd, qdd)
+    q, qd, qdd = multisine(len(model.device.active), seconds, dt, seed)
+    tau = haptid.inverse_dynamics(model, beta, q, qd, qdd)
     white = np.random.default_rng(1000 + seed).standard_normal((tau.shape[1] + 2000, len(tau))) * np.sqrt(1 - phi**2)
     rough = signal.lfilter([1.0], [1.0, -phi], white, axis=0)[2000:]
     tau = tau + noise * tau.std(axis=1, keepdims=True) * rough.T

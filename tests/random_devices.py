@@ -54,6 +54,6 @@ def as_device(mechanism: Random, kinds: tuple[str, ...] = KINDS) -> haptid.Devic
     )
 
 
-def parameters(mechanism: Random, device: haptid.Device) -> np.ndarray:
+def parameters(mechanism: Random, model: haptid.Device) -> np.ndarray:
     """Its free standard parameters, (p,): the bodies drawn with it, and terms between 0.01 and 0.2."""
-    return np.concatenate([mechanism.chi, np.random.default_rng(6).uniform(0.01, 0.2, len(device.terms))])
+    return np.concatenate([mechanism.chi, np.random.default_rng(6).uniform(0.01, 0.2, len(model.terms))])

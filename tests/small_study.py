@@ -61,9 +61,9 @@ ENDS = 0.5
 
 def columns(seed: int, seconds: float = 6.0) -> dict[str, np.ndarray]:
     """A log's columns, as an instrument would give them."""
-    device = two_links()
+    model = two_links()
     q, qd, qdd = multisine(2, seconds, 2e-3, seed)
-    tau = haptid.inverse_dynamics(device, truth(device) + 0.1, q, qd, qdd)
+    tau = haptid.inverse_dynamics(model, truth(model) + 0.1, q, qd, qdd)
     tau += 0.02 * np.random.default_rng(seed).standard_normal(tau.shape)
     t = 2e-3 * np.arange(q.shape[1])
     return {"t": t, "q1": q[0], "q2": q[1], "tau1": tau[0], "tau2": tau[1]}
@@ -74,7 +74,7 @@ def two_links() -> haptid.Device:
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "device.toml"
         path.write_text(DEVICE)
-        return haptid.read_device(path)
+        return haptid.DynamicModel(haptid.read_device(path))
 
 
 def write_study(folder: Path) -> Path:
@@ -90,11 +90,11 @@ def driven(
     seed: int, seconds: float, rate_hz: float = 250.0, noise: float = 0.02, encoders: bench.Encoders | None = None
 ) -> bench.Recording:
     """The two links under control along a multisine, so many seconds and the ends; without encoders as it is."""
-    device, controller = two_links(), bench.Controller(KP, KD, rate_hz=rate_hz)
-    chi, amplifiers = true_parameters(device, **FRICTION), bench.Amplifiers(noise=(noise,))
-    setup = bench.Setup(device, chi, controller, encoders or bench.Encoders(), amplifiers)
+    model, controller = two_links(), bench.Controller(KP, KD, rate_hz=rate_hz)
+    chi, amplifiers = true_parameters(model, **FRICTION), bench.Amplifiers(noise=(noise,))
+    setup = bench.Setup(model, chi, controller, encoders or bench.Encoders(), amplifiers)
     kind = bench.Multisine(seconds + 2 * ENDS, (0.0, 0.5), (0.9, 0.8), speed=(2.5, 2.5))
-    trajectory = bench.plan(kind, device, setup.dt, np.random.default_rng(seed))
+    trajectory = bench.plan(kind, model, setup.dt, np.random.default_rng(seed))
     return bench.simulate(setup, trajectory, np.random.default_rng(1000 + seed))
 
 

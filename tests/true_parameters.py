@@ -22,15 +22,15 @@ CEA = {
 SIZES = {"FV": 6e-4, "FC": 0.01, "IA": 1e-3, "OFF": 0.01}
 
 
-def true_parameters(device: haptid.Device, **sizes: float) -> np.ndarray:
+def true_parameters(model: haptid.Device, **sizes: float) -> np.ndarray:
     """Free standard parameters, (p,): the prior where it makes bodies, else drawn bodies; `sizes` are of kinds."""
     sizes = {**SIZES, **sizes}
-    chi = np.nan_to_num(device.chi_prior)
-    if not device.name.startswith("PHANToM"):
+    chi = np.nan_to_num(model.chi_prior)
+    if not model.name.startswith("PHANToM"):
         rng = np.random.default_rng(3)
-        for joint in device.joints:
-            put(device, chi, joint.name, *(CEA[joint.name] if device.name.startswith("CEA") else drawn(rng)))
-    for k, kind in enumerate(device.parameters.kinds):
+        for joint in model.joints:
+            put(model, chi, joint.name, *(CEA[joint.name] if model.name.startswith("CEA") else drawn(rng)))
+    for k, kind in enumerate(model.parameters.kinds):
         if kind in sizes:
             chi[k] = sizes[kind]
         elif len(kind) > 2 or kind[0] == "K":
@@ -46,12 +46,12 @@ def drawn(rng: np.random.Generator) -> tuple[float, np.ndarray, np.ndarray, np.n
     return rng.uniform(0.5, 2.0), rng.uniform(-0.1, 0.1, 3), np.diag(J), np.array([J[0, 1], J[0, 2], J[1, 2]])
 
 
-def put(device, chi, name, mass, com, moments, products):
+def put(model, chi, name, mass, com, moments, products):
     """A central body as the ten parameters of a link."""
     (xy, xz, yz), com = products, np.asarray(com, dtype=float)
     J = np.diag(np.asarray(moments, dtype=float)) + np.array([[0, xy, xz], [xy, 0, yz], [xz, yz, 0]])
     J += mass * (com @ com * np.eye(3) - np.outer(com, com))
     values = [J[0, 0], J[0, 1], J[0, 2], J[1, 1], J[1, 2], J[2, 2], *(mass * com), mass]
     for kind, value in zip(INERTIAL, values, strict=True):
-        if kind + name in device.parameters.index:
-            chi[device.parameters.index[kind + name]] = value
+        if kind + name in model.parameters.index:
+            chi[model.parameters.index[kind + name]] = value

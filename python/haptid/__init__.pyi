@@ -7,6 +7,7 @@ from haptid.device import Device, device_schema, read_device, shipped_devices
 from haptid.dynamics.base_parameters import BaseParameters, base_parameters
 from haptid.dynamics.inverse import bias_torque, gravity_torque, inverse_dynamics, mass_matrix
 from haptid.dynamics.kinematics import HandleMotion, handle_motion, link_poses
+from haptid.dynamics.model import DynamicModel
 from haptid.dynamics.symbolic import Regroupings, loop_regroupings, regroupings
 from haptid.dynamics.workspace import Box, Workspace, workspace
 from haptid.end_effector.characterisation import Characterisation, FeltMass, GivenModel, characterise, felt_mass
@@ -149,6 +150,7 @@ __all__ = [
     "Dissection",
     "Drift",
     "DriveGains",
+    "DynamicModel",
     "Entropic",
     "Equal",
     "Essential",

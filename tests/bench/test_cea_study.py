@@ -14,7 +14,11 @@ pytest.importorskip("mujoco", reason="MuJoCo has no wheel for this platform")
 def test_its_channels_and_logs_are_those_of_the_bench(request, tmp_path):
     examples = request.config.rootpath / "examples/cea"
     study = haptid.read_study(examples / "study.toml")
-    assert bench.read_experiment(examples / "excite.toml").setup(haptid.read_device(study.device)).device.handle
+    assert (
+        bench.read_experiment(examples / "excite.toml")
+        .setup(haptid.DynamicModel(haptid.read_device(study.device)))
+        .model.handle
+    )
     text = (examples / "experiment.toml").read_text(encoding="utf-8").replace("seconds = 30.0", "seconds = 3.0")
     (tmp_path / "short.toml").write_text(text, encoding="utf-8")
     log = tmp_path / "log.parquet"

@@ -27,47 +27,47 @@ def rest(pose, seconds=SECONDS):
     return bench.Trajectory(DT, q, np.zeros_like(q), np.zeros_like(q))
 
 
-def smooth(device):
+def smooth(model):
     """True parameters without friction, so that what a hand feels is mass alone."""
-    return true_parameters(device, FV=1e-6, FC=0.0)
+    return true_parameters(model, FV=1e-6, FC=0.0)
 
 
-def shake(device, chi, pose, law, direction, newtons=0.05):
+def shake(model, chi, pose, law, direction, newtons=0.05):
     """Force of the hand, acceleration and velocity of the handle along a direction, (samples, 3), from 0.5 s on."""
     # A cosine: the handle goes to and fro about where it is.
     push = bench.Push(tuple(newtons * direction), SHAKEN_HZ, start=-0.25 / SHAKEN_HZ)
-    setup = bench.Setup(device, chi, OFF, hand=(push,), law=law)
+    setup = bench.Setup(model, chi, OFF, hand=(push,), law=law)
     found = bench.simulate(setup, rest(pose), np.random.default_rng(0))
-    qa, qda, qdda = (x[500:, list(device.active)].T for x in (found.q, found.qd, found.qdd))
-    J = handle_motion(device, qa).jacobian[:, :3]
-    a = np.einsum("pij,jp->pi", J, qdda) + drift(device, qa, qda)[:, :3]
+    qa, qda, qdda = (x[500:, list(model.active)].T for x in (found.q, found.qd, found.qdd))
+    J = handle_motion(model, qa).jacobian[:, :3]
+    a = np.einsum("pij,jp->pi", J, qdda) + drift(model, qa, qda)[:, :3]
     v = np.einsum("pij,jp->pi", J, qda)
     return np.column_stack([x @ direction for x in (found.hand[500:], a, v)])
 
 
-def shaken(device, chi, pose, law, direction):
+def shaken(model, chi, pose, law, direction):
     """Mass along a direction."""
-    force, a, v = shake(device, chi, pose, law, direction).T
+    force, a, v = shake(model, chi, pose, law, direction).T
     return np.linalg.lstsq(np.column_stack([a, v, np.ones(len(a))]), force, rcond=None)[0][0]
 
 
 @pytest.fixture(scope="module")
-def device():
-    return haptid.read_device("phantom_premium_15")
+def model():
+    return haptid.DynamicModel(haptid.read_device("phantom_premium_15"))
 
 
-def test_the_hand_feels_the_share_that_is_left(device):
+def test_the_hand_feels_the_share_that_is_left(model):
     """At three poses; and the masses differ less from pose to pose, by the same share."""
-    chi = smooth(device)
-    model = GivenModel(device, device.base.of(chi))
-    law = Compensation(model, share=0.6)
+    chi = smooth(model)
+    identified = GivenModel(model, model.base.of(chi))
+    law = Compensation(identified, share=0.6)
     left = 1 - 0.6 * law.passed(SHAKEN_HZ, DT).real
     bare, compensated = [], []
     for pose in POSES:
-        felt = felt_mass(model, np.array(pose)[:, None])
+        felt = felt_mass(identified, np.array(pose)[:, None])
         direction = felt.directions[0, 0]
-        none = shaken(device, chi, pose, Compensation(model, share=0.0), direction)
-        some = shaken(device, chi, pose, law, direction)
+        none = shaken(model, chi, pose, Compensation(identified, share=0.0), direction)
+        some = shaken(model, chi, pose, law, direction)
         np.testing.assert_allclose(none, felt.mass.value[0, 0], rtol=0.02)
         np.testing.assert_allclose(some, left * none, rtol=0.03)
         bare.append(none)
@@ -76,56 +76,56 @@ def test_the_hand_feels_the_share_that_is_left(device):
     np.testing.assert_allclose(np.ptp(compensated), left * np.ptp(bare), rtol=0.1)
 
 
-def test_towards_one_mass_the_hand_feels_it_at_every_pose(device):
-    chi = smooth(device)
-    model = GivenModel(device, device.base.of(chi))
-    felt = felt_mass(model, np.transpose(POSES))
+def test_towards_one_mass_the_hand_feels_it_at_every_pose(model):
+    chi = smooth(model)
+    identified = GivenModel(model, model.base.of(chi))
+    felt = felt_mass(identified, np.transpose(POSES))
     masses = felt.mass.value[:, 0]
     target = 0.5 * masses.min()
-    law = Compensation(model, share=0.9, towards=target)
-    made = [shaken(device, chi, pose, law, d) for pose, d in zip(POSES, felt.directions[:, 0], strict=True)]
+    law = Compensation(identified, share=0.9, towards=target)
+    made = [shaken(model, chi, pose, law, d) for pose, d in zip(POSES, felt.directions[:, 0], strict=True)]
     late = law.passed(SHAKEN_HZ, DT).real
     np.testing.assert_allclose(made, masses - late * (masses - target), rtol=0.05)
     assert masses.max() / masses.min() > 1.1
     assert max(made) / min(made) < 1 + 0.4 * (masses.max() / masses.min() - 1)
 
 
-def test_the_share_of_a_pose_brings_its_mass_to_the_one_that_is_asked_for(device):
+def test_the_share_of_a_pose_brings_its_mass_to_the_one_that_is_asked_for(model):
     """Between none, where the mass is less already, and the most that is set; where it is beyond measure, the most."""
-    model = GivenModel(device, device.base.of(smooth(device)))
+    identified = GivenModel(model, model.base.of(smooth(model)))
     qa = np.column_stack([*POSES, (0.0, 0.2, 0.2 + np.pi / 2)])
-    masses = felt_mass(model, qa).mass.value[:, 0]
+    masses = felt_mass(identified, qa).mass.value[:, 0]
     assert np.isnan(masses[-1])
     target = 0.7 * masses[0]
-    share = Compensation(model, share=0.99, towards=target).share_at(qa)
+    share = Compensation(identified, share=0.99, towards=target).share_at(qa)
     np.testing.assert_allclose((1 - share[:-1]) * masses[:-1], np.minimum(target, masses[:-1]))
     assert share[-1] == 0.99
-    assert (Compensation(model, share=0.1, towards=target).share_at(qa) <= 0.1).all()
-    assert (Compensation(model, share=0.9, towards=10.0).share_at(qa[:, :-1]) == 0).all()
-    assert (Compensation(model, share=0.4).share_at(qa) == 0.4).all()
+    assert (Compensation(identified, share=0.1, towards=target).share_at(qa) <= 0.1).all()
+    assert (Compensation(identified, share=0.9, towards=10.0).share_at(qa[:, :-1]) == 0).all()
+    assert (Compensation(identified, share=0.4).share_at(qa) == 0.4).all()
 
 
-def test_weight_is_carried(device):
+def test_weight_is_carried(model):
     """Without a hand nothing moves; without the law the device falls."""
-    chi = smooth(device)
-    model = GivenModel(device, device.base.of(chi))
-    for law, far in ((Compensation(model, share=0.5), False), (None, True)):
-        setup = bench.Setup(device, chi, OFF, law=law)
+    chi = smooth(model)
+    identified = GivenModel(model, model.base.of(chi))
+    for law, far in ((Compensation(identified, share=0.5), False), (None, True)):
+        setup = bench.Setup(model, chi, OFF, law=law)
         found = bench.simulate(setup, rest(POSES[0], 0.15), np.random.default_rng(0))
         moved = np.abs(found.q[-1] - found.q[0]).max()
         assert (moved > 1e-2) if far else (moved < 1e-6)
 
 
-def test_friction_is_taken_off(device):
+def test_friction_is_taken_off(model):
     """What the hand feels of dry friction in motion falls by the share."""
-    chi = true_parameters(device, FV=1e-6)
-    model = GivenModel(device, device.base.of(chi))
-    c = characterise(model, np.array(POSES[0])[:, None])
+    chi = true_parameters(model, FV=1e-6)
+    identified = GivenModel(model, model.base.of(chi))
+    c = characterise(identified, np.array(POSES[0])[:, None])
     direction = c.masses.directions[0, 0]
     dry = float(c.coulomb_friction(direction).value[0] @ direction)
     for share in (0.0, 0.7):
-        law = Compensation(model, share=0.0, friction=share, slow=0.005)
-        found = shake(device, chi, POSES[0], law, direction, newtons=2 * dry + 0.1)
+        law = Compensation(identified, share=0.0, friction=share, slow=0.005)
+        found = shake(model, chi, POSES[0], law, direction, newtons=2 * dry + 0.1)
         force, a, v = found.T
         fast = np.abs(v) > 0.5 * np.abs(v).max()
         columns = np.column_stack([a, np.sign(v)])[fast]
@@ -139,7 +139,7 @@ def held(tmp_path_factory):
     springs = '[[terms]]\nkind = "spring"\nmotors = "all"\nprefix = "K"\n\n[handle]'
     path = tmp_path_factory.mktemp("held") / "held.toml"
     path.write_text(text.replace("[handle]", springs, 1), encoding="utf-8")
-    return haptid.read_device(path)
+    return haptid.DynamicModel(haptid.read_device(path))
 
 
 STIFFNESS, DAMPING = 2.0, 0.012
@@ -158,16 +158,16 @@ def ends(held, law):
 
 
 @pytest.mark.parametrize("even", [False, True], ids=["one share", "towards a mass"])
-def test_below_the_bound_it_is_stable_and_above_it_is_not(device, held, even):
-    model = GivenModel(device, device.base.of(smooth(device)))
-    A = mass_matrix(device, model.beta, np.zeros((3, 1)))[0]
-    lag = Compensation(model, 0.5).lag(DT)
+def test_below_the_bound_it_is_stable_and_above_it_is_not(model, held, even):
+    identified = GivenModel(model, model.base.of(smooth(model)))
+    A = mass_matrix(model, identified.beta, np.zeros((3, 1)))[0]
+    lag = Compensation(identified, 0.5).lag(DT)
     bound = stable_share(A, DAMPING * np.eye(3), STIFFNESS * np.eye(3), lag)
     assert 0.3 < bound < 0.8
-    mass = float(felt_mass(model, np.zeros((3, 1))).mass.value[0, 0])
+    mass = float(felt_mass(identified, np.zeros((3, 1))).mass.value[0, 0])
 
     def law(share):
-        return Compensation(model, 0.95, towards=(1 - share) * mass) if even else Compensation(model, share)
+        return Compensation(identified, 0.95, towards=(1 - share) * mass) if even else Compensation(identified, share)
 
     early, late = ends(held, law(0.9 * bound))
     assert late < early
@@ -191,14 +191,14 @@ def test_the_bound_by_hand():
         assert (roots.real.max() < 0) == stable
 
 
-def test_settings_that_mean_nothing(device):
-    model = GivenModel(device, device.base.of(smooth(device)))
+def test_settings_that_mean_nothing(model):
+    identified = GivenModel(model, model.base.of(smooth(model)))
     for wrong in ({"share": 1.0}, {"share": -0.1}, {"weight": 1.1}, {"friction": np.nan}, {"slow": 0.0}):
         with pytest.raises(errors.CompensationSettingError, match="write"):
-            Compensation(model, **wrong)
+            Compensation(identified, **wrong)
     with pytest.raises(errors.CompensationSettingError, match="towards is -1"):
-        Compensation(model, towards=-1.0)
+        Compensation(identified, towards=-1.0)
     with pytest.raises(errors.CompensationSettingError, match="velocity_cutoff_hz"):
-        Compensation(model, velocity_cutoff_hz=-1.0)
+        Compensation(identified, velocity_cutoff_hz=-1.0)
     with pytest.raises(errors.ShapeError):
         stable_share(np.eye(2), np.eye(1), np.eye(2), 0.01)

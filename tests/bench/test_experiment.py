@@ -108,8 +108,8 @@ def test_log_is_read_like_any_other(short):
 def test_truth_has_parameters_and_exact_states(short):
     folder, _ = short
     truth = json.loads((folder / "log.truth.json").read_text())
-    device = haptid.read_device("phantom_premium_15")
-    assert list(truth["base"]) == list(device.base.names)
+    model = haptid.DynamicModel(haptid.read_device("phantom_premium_15"))
+    assert list(truth["base"]) == list(model.base.names)
     assert truth["standard"]["FC1"] == 0.02
     assert truth["base"]["ZZbaR"] == pytest.approx(0.0043559, rel=1e-4)
     assert truth["widest_gap"] < 1e-9
@@ -148,13 +148,13 @@ def test_many_logs_at_a_time_are_those_made_one_by_one(short, tmp_path):
 
 @pytest.mark.parametrize("name", DEVICES)
 def test_shipped_experiments_can_be_planned(name):
-    device = haptid.read_device(DEVICES[name])
+    model = haptid.DynamicModel(haptid.read_device(DEVICES[name]))
     experiment = bench.read_experiment(EXAMPLES / name / "experiment.toml")
-    setup = experiment.setup(device)
+    setup = experiment.setup(model)
     for seed in range(3):
-        trajectory = bench.plan(experiment.kind, device, setup.dt, np.random.default_rng(seed))
-        bench.check_trajectory(device, trajectory, setup.chi)
-        assert len(bench.mjcf(device, setup.chi)) > 1000
+        trajectory = bench.plan(experiment.kind, model, setup.dt, np.random.default_rng(seed))
+        bench.check_trajectory(model, trajectory, setup.chi)
+        assert len(bench.mjcf(model, setup.chi)) > 1000
 
 
 TRAJECTORIES = [
@@ -169,8 +169,8 @@ TRAJECTORIES = [
 def test_every_kind_of_motion_can_be_written_down(text, tmp_path):
     path = tmp_path / "experiment.toml"
     path.write_text(changed(text))
-    device = haptid.read_device("phantom_premium_15")
-    trajectory = bench.plan(bench.read_experiment(path).kind, device, 1e-2, np.random.default_rng(0))
+    model = haptid.DynamicModel(haptid.read_device("phantom_premium_15"))
+    trajectory = bench.plan(bench.read_experiment(path).kind, model, 1e-2, np.random.default_rng(0))
     assert np.abs(trajectory.q[0] - 0.1).max() < 0.21
 
 
@@ -221,17 +221,17 @@ def test_true_parameters_that_the_device_does_not_have_are_refused(more, tmp_pat
     path = tmp_path / "experiment.toml"
     path.write_text(SHORT + more)
     with pytest.raises(errors.ParameterNameError, match="no free parameter"):
-        bench.read_experiment(path).setup(haptid.read_device("phantom_premium_15"))
+        bench.read_experiment(path).setup(haptid.DynamicModel(haptid.read_device("phantom_premium_15")))
 
 
 @pytest.mark.parametrize("table", ["bodies", "weights"])
 def test_masses_on_links_that_the_device_does_not_have_are_refused(table, tmp_path):
-    path, device = tmp_path / "experiment.toml", haptid.read_device("phantom_premium_15")
+    path, model = tmp_path / "experiment.toml", haptid.DynamicModel(haptid.read_device("phantom_premium_15"))
     inertia = "\ninertia = [1.0, 1.0, 1.0, 0.0, 0.0, 0.0]" if table == "bodies" else ""
     for link, said in (("zz", "Known: ba, be, df, a, c"), ("base", "The base does not move")):
         path.write_text(f'{SHORT}\n[[{table}]]\nlink = "{link}"\nmass = 1.0\ncom = [0.0, 0.0, 0.0]{inertia}')
         with pytest.raises(errors.LinkNameError, match=rf"\[\[{table}\]\].*no link '{link}'.*{said}"):
-            bench.read_experiment(path).setup(device)
+            bench.read_experiment(path).setup(model)
 
 
 def test_a_run_that_fails_leaves_nothing_and_says_what_to_do(tmp_path):
@@ -248,20 +248,20 @@ def test_a_run_that_fails_leaves_nothing_and_says_what_to_do(tmp_path):
 
 
 def test_weights_and_mounting_are_part_of_the_truth(tmp_path):
-    device = haptid.read_device("phantom_premium_15")
+    model = haptid.DynamicModel(haptid.read_device("phantom_premium_15"))
     mounted = SHORT + '[[weights]]\nlink = "a"\nmass = 0.03\ncom = [0.17, 0.0, 0.0]\n'
     mounted = mounted.replace("[trajectory]", "gravity = [0.0, 9.81, 0.0]\n[trajectory]")
     for name, text in (("plain", SHORT), ("mounted", mounted)):
         (tmp_path / f"{name}.toml").write_text(text)
-    plain, other = (bench.read_experiment(tmp_path / f"{n}.toml").setup(device) for n in ("plain", "mounted"))
-    added = dict(zip(device.parameters.names, other.chi - plain.chi, strict=True))
+    plain, other = (bench.read_experiment(tmp_path / f"{n}.toml").setup(model) for n in ("plain", "mounted"))
+    added = dict(zip(model.parameters.names, other.chi - plain.chi, strict=True))
     wanted = {"Ma": 0.03, "MXa": 0.03 * 0.17, "YYa": 0.03 * 0.17**2, "ZZa": 0.03 * 0.17**2}
     for name, value in added.items():
         assert value == pytest.approx(wanted.get(name, 0.0), abs=1e-15), name
-    np.testing.assert_array_equal(other.device.gravity, [0.0, 9.81, 0.0])
+    np.testing.assert_array_equal(other.model.gravity, [0.0, 9.81, 0.0])
     (tmp_path / "off.toml").write_text(mounted.replace("[0.17, 0.0, 0.0]", "[0.17, 0.01, 0.0]"))
     with pytest.raises(errors.ParameterNameError, match="XYa"):
-        bench.read_experiment(tmp_path / "off.toml").setup(device)
+        bench.read_experiment(tmp_path / "off.toml").setup(model)
 
 
 def test_many_logs_at_a_time_are_those_of_their_seeds(tmp_path):

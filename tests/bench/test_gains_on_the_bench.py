@@ -18,7 +18,7 @@ TRUE = np.array([1.0, 1 / 1.2, 1.0])
 
 @pytest.fixture(scope="module")
 def arm():
-    return haptid.read_device("arm3")
+    return haptid.DynamicModel(haptid.read_device("arm3"))
 
 
 @pytest.fixture(scope="module")
@@ -27,10 +27,10 @@ def wrong(tmp_path_factory):
     text = (Path(haptid.__file__).parent / "device/library" / "arm3.toml").read_text(encoding="utf-8")
     path = tmp_path_factory.mktemp("device") / "arm3.toml"
     path.write_text(text.replace("drives = { 2 = 1 }", "drives = { 2 = 1 }\ngain = 1.2"), encoding="utf-8")
-    return haptid.read_device(path)
+    return haptid.DynamicModel(haptid.read_device(path))
 
 
-def observed(arm, device, seed, payload=None):
+def observed(arm, model, seed, payload=None):
     """Rows of `device` from a log of `arm` under its controller, through encoders."""
     encoders = bench.Encoders((4000.0,), CASE.gear)
     setup = bench.Setup(arm, truth_of(CASE), bench.Controller(CASE.kp, CASE.kd), encoders=encoders, payload=payload)
@@ -42,7 +42,7 @@ def observed(arm, device, seed, payload=None):
     log = haptid.Log(
         Path(f"bench {seed}"), f"{seed}", made.t[inner], made.position[inner], made.command[inner], channels
     )
-    return haptid.observe(device, haptid.treat(log, haptid.propose(device, log).treatment))
+    return haptid.observe(model, haptid.treat(log, haptid.propose(model, log).treatment))
 
 
 def test_a_gain_that_is_off_is_found(arm, wrong):

@@ -29,17 +29,17 @@ def rms(error):
 @pytest.fixture(scope="module")
 def bench_run():
     """The device under control; the hand pushes with a sine from 3 s on."""
-    device = haptid.read_device("phantom_premium_15")
+    model = haptid.DynamicModel(haptid.read_device("phantom_premium_15"))
     kind = bench.Multisine(SECONDS, (0.0, 0.2, 0.3), (0.6, 0.35, 0.4), speed=(2.4,))
     setup = bench.Setup(
-        device,
-        true_parameters(device),
+        model,
+        true_parameters(model),
         bench.Controller((40.0, 35.0, 14.0), (0.5, 0.4, 0.16)),
         bench.Encoders((4000.0,), gear=(13.3, 11.2, 11.2)),
         bench.Amplifiers(noise=(2e-3,)),
         hand=(bench.Push((0.6, 0.4, -0.5), frequency_hz=1.3, start=PUSHES_FROM, stop=7.0),),
     )
-    trajectory = bench.plan(kind, device, setup.dt, np.random.default_rng(1))
+    trajectory = bench.plan(kind, model, setup.dt, np.random.default_rng(1))
     return setup, bench.simulate(setup, trajectory, np.random.default_rng(2))
 
 
@@ -60,9 +60,9 @@ def log(bench_run):
 def estimate(bench_run):
     """The true parameters, as an estimate with a covariance."""
     setup, _ = bench_run
-    beta = setup.device.base.of(setup.chi)
-    made = motion(setup.device, beta, seconds=20.0, noise=0.02)
-    return replace(haptid.estimate(haptid.observe(setup.device, made), haptid.WLS()), beta=beta)
+    beta = setup.model.base.of(setup.chi)
+    made = motion(setup.model, beta, seconds=20.0, noise=0.02)
+    return replace(haptid.estimate(haptid.observe(setup.model, made), haptid.WLS()), beta=beta)
 
 
 @pytest.fixture(scope="module")
@@ -118,13 +118,13 @@ def test_the_observer_is_as_good(bench_run, log, estimate, validation, push):
 def test_in_real_time_the_observer_beats_differentiated_velocities(bench_run, estimate, push):
     """From the controller's own velocity: no acceleration, and no more noise than with one."""
     setup, found = bench_run
-    device, observer, dt = setup.device, MomentumObserver(), found.dt
+    model, observer, dt = setup.model, MomentumObserver(), found.dt
     qa, qda, tau = found.position.T, found.velocity.T, found.command.T / 2.73
-    seen = observer.follow(device, estimate.beta, dt, qa, qda, tau).torque
+    seen = observer.follow(model, estimate.beta, dt, qa, qda, tau).torque
     qdda = np.diff(qda, axis=1, prepend=qda[:, :1]) / dt
-    soft = softened(device, observer.reversal_speed)
-    differentiated = core_torque(soft, raw_parameters(device, estimate.beta), qa, qda, qdda) - tau
-    exact = handle_motion(device, found.q[:, list(device.active)].T)
+    soft = softened(model, observer.reversal_speed)
+    differentiated = core_torque(soft, raw_parameters(model, estimate.beta), qa, qda, qdda) - tau
+    exact = handle_motion(model, found.q[:, list(model.active)].T)
     hand = observer.smooth(np.einsum("nij,ni->jn", exact.jacobian[:, :3], found.hand), dt)
     during = push(found.t)
     error = rms((seen - hand).T[during])

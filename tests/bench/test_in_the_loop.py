@@ -41,9 +41,9 @@ def test_mass_is_the_models(rehearsal):
     case = CASES[DEVICES[0]]
     setup = setup_of(case)
     pose = (np.array(case.centre) + np.array((0.3, 0.5, 0.6)) * case.amplitude)[:, None]
-    beta = setup.device.base.of(setup.chi)
-    J = np.linalg.inv(haptid.handle_motion(setup.device, pose).jacobian[0, :3])
-    wanted = np.diag(J.T @ haptid.mass_matrix(setup.device, beta, pose)[0] @ J)
+    beta = setup.model.base.of(setup.chi)
+    J = np.linalg.inv(haptid.handle_motion(setup.model, pose).jacobian[0, :3])
+    wanted = np.diag(J.T @ haptid.mass_matrix(setup.model, beta, pose)[0] @ J)
     for side in (rehearsal.bare, rehearsal.assisted):
         np.testing.assert_allclose([felt.mass for felt in side], wanted, rtol=0.1)
 
@@ -58,11 +58,11 @@ def test_the_model_tracks_better_and_sees_the_hand(rehearsal):
 
 @pytest.mark.parametrize("precision", ["double", "single"])
 def test_compiled_code_is_the_python_model(tmp_path, precision):
-    device = haptid.read_device("phantom_premium_15")
-    beta = device.base.of(true_parameters(device))
-    export_c((device, beta), tmp_path, CCode("dev", precision))
+    model = haptid.DynamicModel(haptid.read_device("phantom_premium_15"))
+    beta = model.base.of(true_parameters(model))
+    export_c((model, beta), tmp_path, CCode("dev", precision))
     code = bench.Compiled.of(tmp_path)
-    golden = Golden.at_random(device, beta, 0.01, 3)
+    golden = Golden.at_random(model, beta, 0.01, 3)
     close = {"rtol": 1e-9, "atol": 1e-12} if precision == "double" else {"rtol": 1e-3, "atol": 1e-5}
     for name in ("inverse_dynamics", "mass_matrix", "handle_jacobian", "momentum"):
         wanted = golden.functions[name]()
@@ -89,8 +89,8 @@ def test_functions_are_read_from_the_header():
 def test_folders_without_code_and_code_that_does_not_compile(tmp_path, monkeypatch):
     with pytest.raises(errors.NoCodeError, match="has no code"):
         bench.Compiled.of(tmp_path)
-    device = haptid.read_device("emps")
-    made = export_c((device, np.ones(len(device.base))), tmp_path, CCode("dev"))
+    model = haptid.DynamicModel(haptid.read_device("emps"))
+    made = export_c((model, np.ones(len(model.base))), tmp_path, CCode("dev"))
     code = bench.Compiled.of(tmp_path)
     with pytest.raises(errors.CodeSettingError, match="gain"):
         code.observer(-1.0, 1e-3)
@@ -103,6 +103,6 @@ def test_folders_without_code_and_code_that_does_not_compile(tmp_path, monkeypat
     (made.folder / "dev.c").write_text("this is no C")
     with pytest.raises(errors.CompileError, match=r"dev\.c"):
         bench.Compiled.of(tmp_path)
-    export_c((device, np.ones(len(device.base))), tmp_path, CCode("other"))
+    export_c((model, np.ones(len(model.base))), tmp_path, CCode("other"))
     with pytest.raises(errors.NoCodeError, match="several"):
         bench.Compiled.of(tmp_path)

@@ -13,50 +13,50 @@ from true_parameters import drawn, put, true_parameters
 DEVICES = ["phantom_premium_15", "cea_medical_branch", "arm7", "rx90", "sr400", "staubli_tx40"]
 
 
-def tree_torques(device, chi, qa, qda, qdda):
+def tree_torques(model, chi, qa, qda, qdda):
     """MuJoCo's inverse dynamics of the tree, projected on the device's coordinates, (coordinates, samples)."""
-    model = mujoco.MjModel.from_xml_string(mjcf(device, chi))
-    model.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_EQUALITY | mujoco.mjtDisableBit.mjDSBL_FRICTIONLOSS
-    data, order = mujoco.MjData(model), list(depth_first(device))
+    mj_model = mujoco.MjModel.from_xml_string(mjcf(model, chi))
+    mj_model.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_EQUALITY | mujoco.mjtDisableBit.mjDSBL_FRICTIONLOSS
+    data, order = mujoco.MjData(mj_model), list(depth_first(model))
     found = np.empty_like(qa)
     for k in range(qa.shape[1]):
-        data.qpos[:] = closed(device, qa[:, k])
-        data.qvel[:], data.qacc[:] = device.closure.G[order] @ qda[:, k], device.closure.G[order] @ qdda[:, k]
-        mujoco.mj_inverse(model, data)
-        mujoco.mj_fwdActuation(model, data)
-        found[:, k] = device.rates[order].T @ (data.qfrc_inverse - data.qfrc_actuator)
+        data.qpos[:] = closed(model, qa[:, k])
+        data.qvel[:], data.qacc[:] = model.closure.G[order] @ qda[:, k], model.closure.G[order] @ qdda[:, k]
+        mujoco.mj_inverse(mj_model, data)
+        mujoco.mj_fwdActuation(mj_model, data)
+        found[:, k] = model.rates[order].T @ (data.qfrc_inverse - data.qfrc_actuator)
     return found
 
 
 @pytest.mark.parametrize("name", DEVICES)
 def test_tree_dynamics_projected_are_haptids(name):
-    device = haptid.read_device(name)
-    chi = true_parameters(device, FC=0.0)
+    model = haptid.DynamicModel(haptid.read_device(name))
+    chi = true_parameters(model, FC=0.0)
     rng = np.random.default_rng(0)
-    qa, qda, qdda = rng.uniform(-1, 1, (3, len(device.active), 40)) * np.array([1.5, 3.0, 20.0])[:, None, None]
-    wanted = haptid.inverse_dynamics(device, device.base.of(chi), qa, qda, qdda)
-    found = tree_torques(device, chi, qa, qda, qdda)
+    qa, qda, qdda = rng.uniform(-1, 1, (3, len(model.active), 40)) * np.array([1.5, 3.0, 20.0])[:, None, None]
+    wanted = haptid.inverse_dynamics(model, model.base.of(chi), qa, qda, qdda)
+    found = tree_torques(model, chi, qa, qda, qdda)
     np.testing.assert_allclose(found, wanted, atol=1e-12 * np.abs(wanted).max(), rtol=0)
 
 
 @pytest.mark.parametrize("name", ["phantom_premium_15", "cea_medical_branch"])
 def test_cut_sites_meet_where_the_relations_say(name):
-    device = haptid.read_device(name)
-    model = mujoco.MjModel.from_xml_string(mjcf(device, true_parameters(device)))
-    data = mujoco.MjData(model)
-    for qa in np.random.default_rng(1).uniform(-2, 2, (20, len(device.active))):
-        data.qpos[:] = closed(device, qa)
-        mujoco.mj_kinematics(model, data)
-        for one, other in cut_sites(device):
+    model = haptid.DynamicModel(haptid.read_device(name))
+    mj_model = mujoco.MjModel.from_xml_string(mjcf(model, true_parameters(model)))
+    data = mujoco.MjData(mj_model)
+    for qa in np.random.default_rng(1).uniform(-2, 2, (20, len(model.active))):
+        data.qpos[:] = closed(model, qa)
+        mujoco.mj_kinematics(mj_model, data)
+        for one, other in cut_sites(model):
             assert np.linalg.norm(data.site(one).xpos - data.site(other).xpos) < 1e-14
 
 
 def test_inertia_that_no_body_has_is_moved_to_the_rotor():
     """The published arm and lever break the triangle inequality: their motors' inertia is in them."""
-    device = haptid.read_device("phantom_premium_15")
-    model = mujoco.MjModel.from_xml_string(mjcf(device, true_parameters(device)))
-    order = [device.joints[j].name for j in depth_first(device)]
-    armature = dict(zip(order, model.dof_armature, strict=True))
+    model = haptid.DynamicModel(haptid.read_device("phantom_premium_15"))
+    mj_model = mujoco.MjModel.from_xml_string(mjcf(model, true_parameters(model)))
+    order = [model.joints[j].name for j in depth_first(model)]
+    armature = dict(zip(order, mj_model.dof_armature, strict=True))
     assert armature["ba"] == 11.87e-4
     assert 0.4e-4 < armature["be"] < 1.4e-4
     assert armature["df"] > 0
@@ -106,21 +106,21 @@ xyz = [0.1, 0, 0]
 def test_relations_coupled_motors_springs_and_offsets_keep_the_dynamics(tmp_path):
     path = tmp_path / "related.toml"
     path.write_text(RELATED)
-    device = haptid.read_device(path)
+    model = haptid.DynamicModel(haptid.read_device(path))
     rng = np.random.default_rng(1)
-    chi = rng.uniform(0.1, 1.0, len(device.parameters))
-    for joint in device.joints:
-        put(device, chi, joint.name, *drawn(rng))
+    chi = rng.uniform(0.1, 1.0, len(model.parameters))
+    for joint in model.joints:
+        put(model, chi, joint.name, *drawn(rng))
     qa, qda, qdda = rng.uniform(-1, 1, (3, 2, 40))
-    wanted = haptid.inverse_dynamics(device, device.base.of(chi), qa, qda, qdda)
-    np.testing.assert_allclose(tree_torques(device, chi, qa, qda, qdda), wanted, atol=1e-12 * np.abs(wanted).max())
+    wanted = haptid.inverse_dynamics(model, model.base.of(chi), qa, qda, qdda)
+    np.testing.assert_allclose(tree_torques(model, chi, qa, qda, qdda), wanted, atol=1e-12 * np.abs(wanted).max())
 
 
 def test_payload_is_a_mass_at_the_handle():
-    device = haptid.read_device("phantom_premium_15")
-    chi, step = true_parameters(device), Physics(step=2e-4)
-    bare = mujoco.MjModel.from_xml_string(mjcf(device, chi, step))
-    laden = mujoco.MjModel.from_xml_string(mjcf(device, chi, step, Payload(0.1, (0.01, 0.0, 0.0))))
+    model = haptid.DynamicModel(haptid.read_device("phantom_premium_15"))
+    chi, step = true_parameters(model), Physics(step=2e-4)
+    bare = mujoco.MjModel.from_xml_string(mjcf(model, chi, step))
+    laden = mujoco.MjModel.from_xml_string(mjcf(model, chi, step, Payload(0.1, (0.01, 0.0, 0.0))))
     assert laden.body_mass.sum() - bare.body_mass.sum() == pytest.approx(0.1, rel=1e-12)
     assert laden.opt.timestep == 2e-4
 
@@ -134,23 +134,23 @@ def test_payload_is_a_mass_at_the_handle():
     ],
 )
 def test_what_no_body_can_be_is_refused(changes, error, part):
-    device = haptid.read_device("phantom_premium_15")
-    chi = true_parameters(device)
+    model = haptid.DynamicModel(haptid.read_device("phantom_premium_15"))
+    chi = true_parameters(model)
     for name, value in changes.items():
-        chi[device.parameters.index[name]] = value
+        chi[model.parameters.index[name]] = value
     with pytest.raises(error, match=part):
-        mjcf(device, chi)
+        mjcf(model, chi)
 
 
 def test_terms_without_counterpart_and_payload_without_handle_are_refused(tmp_path):
-    device = haptid.read_device("kuka_kr300")
-    chi = true_parameters(device, FC=0.0)
-    external = next(term.name for term in device.terms if term.kind == "external")
-    chi[device.parameters.index[external]] = 5.0
+    model = haptid.DynamicModel(haptid.read_device("kuka_kr300"))
+    chi = true_parameters(model, FC=0.0)
+    external = next(term.name for term in model.terms if term.kind == "external")
+    chi[model.parameters.index[external]] = 5.0
     with pytest.raises(errors.UnsimulatedTermError, match=external):
-        mjcf(device, chi)
+        mjcf(model, chi)
     path = tmp_path / "related.toml"
     path.write_text(RELATED.partition("[handle]")[0])
-    bare = haptid.read_device(path)
+    bare = haptid.DynamicModel(haptid.read_device(path))
     with pytest.raises(errors.NoHandleError, match="payload"):
         mjcf(bare, np.ones(len(bare.parameters)), payload=Payload(0.1))

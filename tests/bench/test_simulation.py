@@ -19,13 +19,13 @@ CENTRES = {
 
 def made(name="phantom_premium_15", seconds=3.0, seed=2, still=False, **settings):
     """A short multisine of a device, with whatever else is on the bench."""
-    device = haptid.read_device(name)
+    model = haptid.DynamicModel(haptid.read_device(name))
     centre, size, kp, kd = CENTRES[name]
     size = tuple(0.0 for _ in size) if still else size
     kind = bench.Multisine(seconds, centre, size, speed=(3.0,), ramp=0.8)
     settings.setdefault("controller", bench.Controller(kp, kd))
-    setup = bench.Setup(device, true_parameters(device), **settings)
-    trajectory = bench.plan(kind, device, setup.dt, np.random.default_rng(1))
+    setup = bench.Setup(model, true_parameters(model), **settings)
+    trajectory = bench.plan(kind, model, setup.dt, np.random.default_rng(1))
     return setup, bench.simulate(setup, trajectory, np.random.default_rng(seed))
 
 
@@ -39,9 +39,9 @@ def test_free_motion_keeps_loops_closed_and_energy(name):
 @pytest.mark.parametrize("name", CENTRES)
 def test_motor_torques_are_those_of_the_model_at_the_exact_states(name):
     setup, found = made(name)
-    device, active = setup.device, list(setup.device.active)
+    model, active = setup.model, list(setup.model.active)
     q, qd, qdd = (x[:, active].T for x in (found.q, found.qd, found.qdd))
-    tau = haptid.inverse_dynamics(device, device.base.of(setup.chi), q, qd, qdd).T
+    tau = haptid.inverse_dynamics(model, model.base.of(setup.chi), q, qd, qdd).T
     moving = (np.abs(found.qd) > 0.05).all(axis=1)
     error, torque = (tau - found.torque)[moving], found.torque[moving]
     assert moving.mean() > 0.3
@@ -51,8 +51,8 @@ def test_motor_torques_are_those_of_the_model_at_the_exact_states(name):
 
 
 def test_exact_states_give_the_parameters_back():
-    device = haptid.read_device("phantom_premium_15")
-    off = exact_identification(device, phantom(20.0, device))
+    model = haptid.DynamicModel(haptid.read_device("phantom_premium_15"))
+    off = exact_identification(model, phantom(20.0, model))
     assert off["torque"] < 0.01
     assert off["parameters"] < 0.05
     assert off["Coulomb"] < 0.01
@@ -63,12 +63,12 @@ def test_the_hand_is_in_the_balance_of_forces():
     """Motor torques and the hand's force on the handle together are the model's torque."""
     push = bench.Push((1.0, 0.5, -0.8), frequency_hz=2.0, start=0.2, stop=1.5)
     setup, found = made(seconds=2.0, hand=(push,), sensor=bench.ForceSensor())
-    device, active = setup.device, list(setup.device.active)
+    model, active = setup.model, list(setup.model.active)
     q, qd, qdd = (x[:, active].T for x in (found.q, found.qd, found.qdd))
-    tau = haptid.inverse_dynamics(device, device.base.of(setup.chi), q, qd, qdd).T
+    tau = haptid.inverse_dynamics(model, model.base.of(setup.chi), q, qd, qdd).T
     eps, jacobian = 1e-6, np.empty((len(found), 3, 3))
     for k in range(3):
-        ahead, behind = (handle(device, q + way * eps * np.eye(3)[:, k : k + 1]) for way in (1, -1))
+        ahead, behind = (handle(model, q + way * eps * np.eye(3)[:, k : k + 1]) for way in (1, -1))
         jacobian[:, :, k] = (ahead - behind) / (2 * eps)
     total = found.torque + np.einsum("nik,ni->nk", jacobian, found.hand)
     moving = (np.abs(found.qd) > 0.05).all(axis=1)
@@ -81,11 +81,11 @@ def test_the_hand_is_in_the_balance_of_forces():
     )
 
 
-def handle(device, qa):
+def handle(model, qa):
     from haptid.device import poses
 
-    at = poses(device, (device.closure.G @ qa + device.closure.offset[:, None]).T)[:, device.handle.link]
-    return at[:, :3, :3] @ device.handle.translation + at[:, :3, 3]
+    at = poses(model, (model.closure.G @ qa + model.closure.offset[:, None]).T)[:, model.handle.link]
+    return at[:, :3, :3] @ model.handle.translation + at[:, :3, 3]
 
 
 def test_encoders_have_steps_and_velocity_is_their_filtered_difference():
@@ -94,7 +94,7 @@ def test_encoders_have_steps_and_velocity_is_their_filtered_difference():
     steps = 2 * np.pi / (4000 * np.array([13.3, 11.2, 11.2]))
     counts = found.position / steps
     np.testing.assert_allclose(counts, np.round(counts), atol=1e-6)
-    exact = found.q[:, list(setup.device.active)]
+    exact = found.q[:, list(setup.model.active)]
     assert (np.abs(found.position - exact).max(axis=0) <= 0.500001 * steps).all()
     keep, velocity = np.exp(-2 * np.pi * 100 * found.dt), np.zeros(3)
     for before, here, shown in zip(found.position[:-1], found.position[1:], found.velocity[1:], strict=True):
@@ -105,7 +105,7 @@ def test_encoders_have_steps_and_velocity_is_their_filtered_difference():
 def test_amplifiers_have_gain_delay_noise_and_saturation():
     amplifiers = bench.Amplifiers(gain=(1.02, 0.97, 1.0), delay=1.3e-3)
     setup, found = made(seconds=2.0, amplifiers=amplifiers)
-    asked = found.command * [drive.gain for drive in setup.device.motors]
+    asked = found.command * [drive.gain for drive in setup.model.motors]
     # 1.3 ms late: at the beginning of a period the command of two periods before still acts.
     np.testing.assert_allclose(found.torque[2:], [1.02, 0.97, 1.0] * asked[:-2], rtol=1e-12, atol=1e-15)
     _, noisy = made(seconds=2.0, amplifiers=bench.Amplifiers(noise=(2e-3,)))
@@ -120,7 +120,7 @@ def test_gravity_feed_forward_and_integral_hold_better_than_pd():
     for what, extra in (("pd", {}), ("gravity", {"gravity": True}), ("pid", {"ki": (20.0, 20.0, 10.0)})):
         controller = bench.Controller((8.0, 7.0, 3.0), (0.2, 0.15, 0.08), **extra)
         setup, found = made(seconds=2.0, still=True, controller=controller)
-        reach[what] = np.abs(found.q[-1, list(setup.device.active)] - found.target[-1]).max()
+        reach[what] = np.abs(found.q[-1, list(setup.model.active)] - found.target[-1]).max()
     assert reach["gravity"] < 1e-6
     assert reach["pid"] < reach["pd"]
 
@@ -158,18 +158,18 @@ def test_a_loop_that_opens_is_an_error(monkeypatch):
 
 
 def test_periods_are_whole_numbers_of_steps():
-    device = haptid.read_device("phantom_premium_15")
-    chi = true_parameters(device)
+    model = haptid.DynamicModel(haptid.read_device("phantom_premium_15"))
+    chi = true_parameters(model)
     with pytest.raises(errors.TimingError, match="control period"):
-        bench.Setup(device, chi, bench.Controller((1.0,), (1.0,), rate_hz=3000.0))
+        bench.Setup(model, chi, bench.Controller((1.0,), (1.0,), rate_hz=3000.0))
     with pytest.raises(errors.TimingError, match="delay"):
-        bench.Setup(device, chi, bench.Controller((1.0,), (1.0,)), amplifiers=bench.Amplifiers(delay=1.5e-5))
+        bench.Setup(model, chi, bench.Controller((1.0,), (1.0,)), amplifiers=bench.Amplifiers(delay=1.5e-5))
 
 
 def test_a_hand_needs_a_handle():
-    device = haptid.read_device("emps")
+    model = haptid.DynamicModel(haptid.read_device("emps"))
     with pytest.raises(errors.NoHandleError, match="hand"):
-        bench.Setup(device, np.ones(4), bench.Controller((1.0,), (1.0,)), hand=(bench.Push((1.0, 0, 0)),))
+        bench.Setup(model, np.ones(4), bench.Controller((1.0,), (1.0,)), hand=(bench.Push((1.0, 0, 0)),))
 
 
 def test_without_mujoco_the_error_says_what_to_install(monkeypatch):

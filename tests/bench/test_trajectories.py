@@ -11,7 +11,7 @@ from haptid.experiment import bench
 from haptid.experiment.bench.trajectories import spread
 from true_parameters import true_parameters
 
-PHANTOM = haptid.read_device("phantom_premium_15")
+PHANTOM = haptid.DynamicModel(haptid.read_device("phantom_premium_15"))
 CHI = true_parameters(PHANTOM)
 CENTRE, SIZE = (0.0, 0.2, 0.3), (0.5, 0.3, 0.3)
 TRIANGLES = bench.Triangles(6.0, CENTRE, SIZE, (0.3, 0.4, 0.5))
@@ -87,8 +87,8 @@ def test_what_passes_the_check_stays_inside_every_limit(kind, centre, size, seed
         assert np.abs(made.q - centre).max() <= size * (1 + 1e-12)
 
 
-def check(kind, device=PHANTOM, chi=CHI, saturation=None):
-    bench.check_trajectory(device, bench.plan(kind, device, 5e-3, np.random.default_rng(0)), chi, saturation)
+def check(kind, model=PHANTOM, chi=CHI, saturation=None):
+    bench.check_trajectory(model, bench.plan(kind, model, 5e-3, np.random.default_rng(0)), chi, saturation)
 
 
 def test_limits_of_active_and_passive_joints_are_kept():
@@ -104,10 +104,10 @@ def test_motors_must_be_strong_enough():
 
 
 def test_flat_loops_are_refused():
-    device = haptid.read_device("cea_medical_branch")
+    model = haptid.DynamicModel(haptid.read_device("cea_medical_branch"))
     with pytest.raises(errors.FlatLoopError, match="close to flat"):
-        check(bench.Multisine(4.0, (0.0, 0.0, 3.8), (0.3,)), device, true_parameters(device))
-    assert bench.loop_openness(device, np.array([device.closure.G @ [0, 0.0, 1.0] + device.closure.offset]))[0] < 1e-9
+        check(bench.Multisine(4.0, (0.0, 0.0, 3.8), (0.3,)), model, true_parameters(model))
+    assert bench.loop_openness(model, np.array([model.closure.G @ [0, 0.0, 1.0] + model.closure.offset]))[0] < 1e-9
 
 
 def test_velocity_and_torque_limits_of_the_device_file_are_kept(tmp_path):
@@ -122,13 +122,13 @@ limits = { velocity = 2.0, torque = 0.5 }
 """
     path = tmp_path / "pendulum.toml"
     path.write_text(text)
-    device = haptid.read_device(path)
-    chi = np.zeros(len(device.parameters))
-    chi[device.parameters.index["ZZ1"]] = 0.1
+    model = haptid.DynamicModel(haptid.read_device(path))
+    chi = np.zeros(len(model.parameters))
+    chi[model.parameters.index["ZZ1"]] = 0.1
     with pytest.raises(errors.TrajectoryLimitError, match=r"speed of joint 1 .* 2 rad/s"):
-        check(bench.Multisine(4.0, (0.0,), (1.0,)), device, chi)
+        check(bench.Multisine(4.0, (0.0,), (1.0,)), model, chi)
     with pytest.raises(errors.TrajectoryLimitError, match=r"torque of joint 1 .* 0\.5 N m"):
-        check(bench.Multisine(4.0, (0.0,), (1.0,), speed=(1.9,)), device, chi)
+        check(bench.Multisine(4.0, (0.0,), (1.0,), speed=(1.9,)), model, chi)
 
 
 def test_settings_that_do_not_fit():

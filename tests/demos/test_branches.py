@@ -23,32 +23,32 @@ def demo():
 
 
 @pytest.fixture(scope="module")
-def device(demo):
-    return haptid.read_device(demo.device)
+def model(demo):
+    return haptid.DynamicModel(haptid.read_device(demo.model))
 
 
-def test_every_file_of_the_plan_is_there_and_its_names_fit(demo, device):
+def test_every_file_of_the_plan_is_there_and_its_names_fit(demo, model):
     for branch in demo.branches:
         for name in (branch.experiment, branch.unseen, branch.friction):
-            assert read_experiment(demo.folder / name).setup(device).device is device
-        assert set(demo.tables[branch.key].rows) < set(device.base.names)
+            assert read_experiment(demo.folder / name).setup(model).model is model
+        assert set(demo.tables[branch.key].rows) < set(model.base.names)
         assert branch.table == TABLES[branch.key]
     keys = {branch.key for branch in demo.branches}
     assert {drawn.branch for drawn in demo.drawn} <= keys
-    assert {drawn.motor for drawn in demo.drawn} <= set(device.row_names)
+    assert {drawn.motor for drawn in demo.drawn} <= set(model.row_names)
     assert {said.sweep for said in demo.statements} <= {sweep.key for sweep in demo.sweeps}
     assert demo.compensation.branch in keys
 
 
 @pytest.mark.parametrize("branch", TABLES)
-def test_what_is_true_is_what_is_published_and_zero_for_the_rest(demo, device, branch):
+def test_what_is_true_is_what_is_published_and_zero_for_the_rest(demo, model, branch):
     """And bodies can have it; the three experiments of a branch differ by the motion alone."""
     plan, table = demo.branch(branch), demo.tables[branch]
     setups = [read_experiment(demo.folder / name) for name in (plan.experiment, plan.unseen, plan.friction)]
-    beta = device.base.of(setups[0].setup(device).chi)
-    wanted = [table.figures.get((name, "identified"), 0.0) for name in device.base.names]
+    beta = model.base.of(setups[0].setup(model).chi)
+    wanted = [table.figures.get((name, "identified"), 0.0) for name in model.base.names]
     np.testing.assert_allclose(beta, wanted, atol=2e-9)
-    assert possible(device, np.array(wanted)).ok
+    assert possible(model, np.array(wanted)).ok
     first, *others = (experiment.table.model_dump() for experiment in setups)
     for other in others:
         assert {key for key in other if other[key] != first[key]} == {"name", "seed", "trajectory"}
@@ -93,7 +93,7 @@ def shorter(take, folder):
     text = text.replace("[0.2, 0.3, 0.45, 0.7, 1.0, 1.4]", "[0.8, 1.2]")
     path = folder / take.experiment.name
     path.write_text(text, encoding="utf-8")
-    return Take(take.device, path, take.out, seed=take.seed)
+    return Take(take.model, path, take.out, seed=take.seed)
 
 
 def test_everything_is_written(found):
@@ -117,9 +117,9 @@ def test_a_small_log_finds_the_branch(found):
     assert one.cross.relative < 3
     assert np.mean([one.inside(name) for name in one.reduction.essential]) > 0.7
     assert not one.missing
-    true = GivenModel(results.device, one.beta)
+    true = GivenModel(results.model, one.beta)
     for sweep in results.demo.sweeps:
-        felt = haptid.felt_mass(true, sweep.along(results.device)).mass.value
+        felt = haptid.felt_mass(true, sweep.along(results.model)).mass.value
         np.testing.assert_allclose(results.handles["upper"].sweeps[sweep.key].mass.value, felt, rtol=0.02)
 
 
@@ -142,16 +142,16 @@ def test_compensation_takes_off_what_it_promises(found):
     np.testing.assert_allclose(made.even, made.after, rtol=0.05)
 
 
-def test_the_bound_is_that_of_one_motion_where_stiffness_and_damping_are_of_one_shape(demo, device):
+def test_the_bound_is_that_of_one_motion_where_stiffness_and_damping_are_of_one_shape(demo, model):
     asked, table = demo.compensation, demo.tables["upper"]
-    model = GivenModel.of(device, dict(zip(table.rows, table.column("identified"), strict=True)))
-    pose = demo.sweeps[1].along(device)[:, 0]
+    identified = GivenModel.of(model, dict(zip(table.rows, table.column("identified"), strict=True)))
+    pose = demo.sweeps[1].along(model)[:, 0]
     wanted = 1 / (1 + 5e-3 * asked.hand_stiffness / asked.hand_damping)
-    assert bound(asked, model, pose, 5e-3) == pytest.approx(wanted)
+    assert bound(asked, identified, pose, 5e-3) == pytest.approx(wanted)
 
 
-def test_without_friction_the_bodies_are_the_same(demo, device):
-    setup = read_experiment(demo.folder / demo.branches[0].experiment).setup(device)
-    before, after = device.base.of(setup.chi), device.base.of(smooth(setup).chi)
-    rubs = np.array([name.startswith(("FC", "FV")) for name in device.base.names])
+def test_without_friction_the_bodies_are_the_same(demo, model):
+    setup = read_experiment(demo.folder / demo.branches[0].experiment).setup(model)
+    before, after = model.base.of(setup.chi), model.base.of(smooth(setup).chi)
+    rubs = np.array([name.startswith(("FC", "FV")) for name in model.base.names])
     np.testing.assert_allclose(after, np.where(rubs, 0.0, before), atol=1e-15)

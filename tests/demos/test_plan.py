@@ -24,8 +24,8 @@ def demo():
 
 
 @pytest.fixture(scope="module")
-def device(demo):
-    return haptid.read_device(demo.device)
+def model(demo):
+    return haptid.DynamicModel(haptid.read_device(demo.model))
 
 
 def test_the_command_lists_demos():
@@ -42,13 +42,13 @@ def test_a_demo_that_is_not_there_is_an_error(tmp_path):
     assert not (tmp_path / "out").exists()
 
 
-def test_every_file_of_a_plan_is_there_and_its_names_fit(demo, device):
+def test_every_file_of_a_plan_is_there_and_its_names_fit(demo, model):
     keys = {mounting.key for mounting in demo.mountings}
     files = [*(m.experiment for m in demo.mountings), demo.hand.experiment, demo.tool.experiment]
     for file in files:
-        assert read_experiment(demo.folder / file).setup(device).device.name == device.name
-    assert demo.parameters.rows == tuple(target.name for target in device.targets)
-    assert demo.errors.rows == device.row_names
+        assert read_experiment(demo.folder / file).setup(model).model.name == model.name
+    assert demo.parameters.rows == tuple(target.name for target in model.targets)
+    assert demo.errors.rows == model.row_names
     assert set(demo.errors.columns) == keys == set(demo.parameters.columns) - {"bodies"}
     assert {demo.hand.mounting, demo.tool.mounting} <= keys
     assert {key for pair in demo.comparisons for key in (pair.first, pair.second)} <= keys
@@ -70,37 +70,37 @@ def test_claims_name_tests_that_are_there(demo, request):
         assert f"def {claim.check}(" in text
 
 
-def test_without_terms_the_links_are_the_same(device):
+def test_without_terms_the_links_are_the_same(model):
     """The torque of the links is the same, and base parameters and targets are those that are no friction."""
-    bare = without_terms(device)
-    beta = truth(device)
+    bare = without_terms(model)
+    beta = truth(model)
     q, qd, qdd = multisine(3, 0.5, 1e-2, seed=1)
-    of_links = np.where([name[:2] in ("FV", "FC") for name in device.base.names], 0.0, beta)
-    assert bare.base.names == device.base.names[:8]
-    wanted = inverse_dynamics(device, of_links, q, qd, qdd)
+    of_links = np.where([name[:2] in ("FV", "FC") for name in model.base.names], 0.0, beta)
+    assert bare.base.names == model.base.names[:8]
+    wanted = inverse_dynamics(model, of_links, q, qd, qdd)
     np.testing.assert_allclose(inverse_dynamics(bare, beta[:8], q, qd, qdd), wanted, atol=1e-14)
-    np.testing.assert_allclose(target_map(bare), target_map(device)[:8, :8], atol=1e-15)
+    np.testing.assert_allclose(target_map(bare), target_map(model)[:8, :8], atol=1e-15)
     assert not bare.terms
 
 
-def test_a_device_turned_over_has_its_weights_with_the_other_sign(device):
+def test_a_device_turned_over_has_its_weights_with_the_other_sign(model):
     """In the targets of the file as it is, pi_7 and pi_8 alone change."""
-    beta, C = truth(device), target_map(device)
-    seen = as_in_file(device, device.with_gravity(-device.gravity), beta)
-    wanted = (C @ beta) * np.where(np.isin([t.name for t in device.targets], ["pi_7", "pi_8"]), -1, 1)
+    beta, C = truth(model), target_map(model)
+    seen = as_in_file(model, model.with_gravity(-model.gravity), beta)
+    wanted = (C @ beta) * np.where(np.isin([t.name for t in model.targets], ["pi_7", "pi_8"]), -1, 1)
     np.testing.assert_allclose(C @ seen, wanted, rtol=1e-9)
 
 
-def test_a_mounting_on_its_side_is_no_set_of_parameters_of_the_file(device):
-    side = device.with_gravity([9.81, 0.0, 0.0])
+def test_a_mounting_on_its_side_is_no_set_of_parameters_of_the_file(model):
+    side = model.with_gravity([9.81, 0.0, 0.0])
     with pytest.raises(errors.MountingError, match="Identify it with gravity as it is there"):
-        as_in_file(device, side, truth(side))
+        as_in_file(model, side, truth(side))
 
 
-def test_published_columns_are_read_in_units_of_command(demo, device):
-    estimate = haptid.estimate(haptid.observe(device, motion(device, truth(device), seconds=3.0)), haptid.OLS())
+def test_published_columns_are_read_in_units_of_command(demo, model):
+    estimate = haptid.estimate(haptid.observe(model, motion(model, truth(model), seconds=3.0)), haptid.OLS())
     beta = published(demo, targets(estimate), "gc")
-    np.testing.assert_allclose(2.73 * target_map(device) @ beta, demo.parameters.column("gc"), rtol=1e-9)
+    np.testing.assert_allclose(2.73 * target_map(model) @ beta, demo.parameters.column("gc"), rtol=1e-9)
 
 
 def test_tables_leave_missing_figures_blank():

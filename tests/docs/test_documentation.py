@@ -204,13 +204,13 @@ def quoted_figures(example: str, result: dict[str, Any]) -> None:
 
 def test_table_of_the_bench_has_the_recorded_figures() -> None:
     recorded = json.loads((PROJECT / "benchmarks/results/bench-identification.json").read_text(encoding="utf-8"))
-    device, shown = "", {}
+    model, shown = "", {}
     for line in (PROJECT / "docs/bench.md").read_text(encoding="utf-8").splitlines():
         cells = [cell.strip() for cell in line.strip("|").split("|")]
         if cells[1:2] and cells[1] in ("exact states", "differentiated", "encoders"):
-            device = cells[0] or device
+            model = cells[0] or model
             for what, figure in zip(("torque", "parameters", "Coulomb", "viscous"), cells[2:], strict=True):
-                shown[f"{device}, {cells[1]}: {what}, %"] = figure
+                shown[f"{model}, {cells[1]}: {what}, %"] = figure
     assert set(shown) == set(recorded["figures"])
     for what, figure in recorded["figures"].items():
         assert float(shown[what]) == pytest.approx(figure, rel=0.06 if figure > 1e-3 else 0.5), what
@@ -239,7 +239,7 @@ def test_device_and_study_files_are_read(block: Block, tmp_path: Path) -> None:
 def base_parameters_of(path: Path) -> int:
     """Of a device, or of one whose loops need a guess that `loop_regroupings` does without."""
     try:
-        return len(haptid.read_device(path).base)
+        return len(haptid.DynamicModel(haptid.read_device(path)).base)
     except haptid.errors.LoopBranchError:
         return len(haptid.loop_regroupings(path))
 

@@ -29,7 +29,7 @@ from motions import truth
 from true_parameters import true_parameters
 
 EXAMPLE = Path(__file__).resolve().parents[2] / "examples" / "phantom" / "experiment.toml"
-PHANTOM = haptid.read_device("phantom_premium_15")
+PHANTOM = haptid.DynamicModel(haptid.read_device("phantom_premium_15"))
 BETA = truth(PHANTOM)
 WITHIN = Limits(((-0.8, 0.8), (-0.4, 0.8), (-0.3, 0.9)), (3.0, 3.0, 3.0))
 SHORT = Search(tries=150, seed=3)
@@ -132,9 +132,13 @@ def test_example_of_many_tables_is_kept(tmp_path, found):
 
 def test_what_cannot_be_searched(tmp_path, found):
     with pytest.raises(errors.NoRangeError, match="range of positions"):
-        design(haptid.read_device("cea_medical_branch"), FAMILIES[0])
+        design(haptid.DynamicModel(haptid.read_device("cea_medical_branch")), FAMILIES[0])
     with pytest.raises(errors.NoRangeError, match="greatest speed"):
-        design(haptid.read_device("cea_medical_branch"), FAMILIES[0], Limits(position=((-1.0, 1.0),) * 3))
+        design(
+            haptid.DynamicModel(haptid.read_device("cea_medical_branch")),
+            FAMILIES[0],
+            Limits(position=((-1.0, 1.0),) * 3),
+        )
     with pytest.raises(errors.NoFeasibleMotionError, match="exceeds the torque"):
         design(PHANTOM, FAMILIES[0], replace(WITHIN, torque=(1e-3,)), beta=BETA, search=replace(SHORT, tries=20))
     with pytest.raises(errors.BaseNameError, match="ZZ9R"):

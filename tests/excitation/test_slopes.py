@@ -23,7 +23,7 @@ from haptid.experiment.excitation import (
 )
 from motions import truth
 
-PHANTOM = haptid.read_device("phantom_premium_15")
+PHANTOM = haptid.DynamicModel(haptid.read_device("phantom_premium_15"))
 BETA = truth(PHANTOM)
 # All kinds of limits, narrow enough that a random motion exceeds each of them somewhere.
 NARROW = Limits(

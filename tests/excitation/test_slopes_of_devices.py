@@ -14,29 +14,29 @@ DEVICES = ("arm7", "phantom_premium_15", "cea_medical_branch", "four_bar", "slid
 
 def limited(name: str) -> Bounds:
     """A device whose passive joints have narrow limits too, and so have torques."""
-    device = haptid.read_device(name)
+    model = haptid.DynamicModel(haptid.read_device(name))
     joints = tuple(
-        joint if j in device.active else replace(joint, position_limits=(-0.1, 0.2), velocity_limit=0.5)
-        for j, joint in enumerate(device.joints)
+        joint if j in model.active else replace(joint, position_limits=(-0.1, 0.2), velocity_limit=0.5)
+        for j, joint in enumerate(model.joints)
     )
-    device = replace(device, joints=joints)
-    weights = tuple(np.linspace(1.0, 2.0, len(device.active)))
+    model = replace(model, joints=joints)
+    weights = tuple(np.linspace(1.0, 2.0, len(model.active)))
     limits = Limits(
-        ((-0.1, 0.1),) * len(device.active),
+        ((-0.1, 0.1),) * len(model.active),
         (0.5,),
         torque=(0.1,),
         acceleration=(2.0,),
         couplings=(Coupling(weights, -0.1, 0.1),),
     )
-    beta = np.random.default_rng(3).normal(size=len(device.base))
-    return Bounds.of(device, limits, beta)
+    beta = np.random.default_rng(3).normal(size=len(model.base))
+    return Bounds.of(model, limits, beta)
 
 
-def states_of(device: haptid.Device, count: int = 60) -> np.ndarray:
+def states_of(model: haptid.Device, count: int = 60) -> np.ndarray:
     """Near the start pose, no coordinate at rest: friction jumps there."""
     rng = np.random.default_rng(1)
-    q = getattr(device.closure, "at", np.zeros(len(device.active)))[:, None]
-    states = rng.uniform(-1, 1, (3, len(device.active), count)) * np.array([0.2, 2.0, 8.0])[:, None, None]
+    q = getattr(model.closure, "at", np.zeros(len(model.active)))[:, None]
+    states = rng.uniform(-1, 1, (3, len(model.active), count)) * np.array([0.2, 2.0, 8.0])[:, None, None]
     states[0] += q
     states[1] += 0.1 * np.sign(states[1])
     return states
@@ -45,7 +45,7 @@ def states_of(device: haptid.Device, count: int = 60) -> np.ndarray:
 @pytest.mark.parametrize("name", DEVICES)
 def test_slopes_of_limits_are_differences_of_the_excesses(name):
     bounds = limited(name)
-    states = states_of(bounds.device)
+    states = states_of(bounds.model)
     excesses = lambda x: np.array([excess for excess, _ in bounds.by_sample(x)])  # noqa: E731
     rng, step = np.random.default_rng(2), 1e-6
     weights, way = rng.normal(size=excesses(states).shape), rng.normal(size=states.shape)
@@ -59,9 +59,9 @@ def test_slopes_of_limits_are_differences_of_the_excesses(name):
 @pytest.mark.parametrize("name", DEVICES)
 def test_slopes_of_the_criterion_are_differences_of_the_cost(name, criterion):
     bounds = limited(name)
-    states, device = states_of(bounds.device), bounds.device
-    some = tuple(range(0, len(device.base), 2))
-    slopes = Slopes.of(bounds, criterion, some, np.ones(sum(device.measured)))
+    states, model = states_of(bounds.model), bounds.model
+    some = tuple(range(0, len(model.base), 2))
+    slopes = Slopes.of(bounds, criterion, some, np.ones(sum(model.measured)))
     way, step = np.random.default_rng(2).normal(size=states.shape), 1e-6
     wanted = (slopes.cost(states + step * way, 2.0) - slopes.cost(states - step * way, 2.0)) / (2 * step)
     found = np.sum(slopes(states, 2.0, 0.0)[1] * way)

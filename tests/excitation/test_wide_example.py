@@ -16,14 +16,14 @@ RESULTS = Path(exciting_motion.__file__).parent / "results" / "exciting-motion.j
 
 
 def test_the_wide_example_has_a_condition_below_fifty():
-    device = haptid.read_device("cea_medical_branch")
+    model = haptid.DynamicModel(haptid.read_device("cea_medical_branch"))
     experiment = bench.read_experiment(exciting_motion.EXAMPLES / "excite-wide.toml")
-    made = bench.plan(experiment.kind, device, 0.02, np.random.default_rng(0))
-    scaled = quality(observed(device, made), tuple(range(34)), np.zeros(34), np.ones(3)).scaled
+    made = bench.plan(experiment.kind, model, 0.02, np.random.default_rng(0))
+    scaled = quality(observed(model, made), tuple(range(34)), np.zeros(34), np.ones(3)).scaled
     recorded = json.loads(RESULTS.read_text())["figures"]["excite-wide, condition with unit columns"]
     assert scaled < 50
     assert scaled == pytest.approx(recorded, rel=0.02)
-    assert loop_openness(device, device.closure.positions(made.q.T).T).min() > FLAT
+    assert loop_openness(model, model.closure.positions(made.q.T).T).min() > FLAT
 
 
 def test_one_call_is_recorded_to_come_near_it():

@@ -59,12 +59,12 @@ def test_a_criterion_asks_for_a_validation(tmp_path, identification):
 
 
 def test_parameters_from_elsewhere(tmp_path, identification):
-    device = identification.device
-    made = export_c((device, np.ones(len(device.base))), tmp_path / "out")
+    model = identification.model
+    made = export_c((model, np.ones(len(model.base))), tmp_path / "out")
     assert "NOT VALIDATED" in made.verdict
     assert "none: parameters from elsewhere" in header(made.folder)
     with pytest.raises(errors.ShapeError):
-        export_c((device, np.ones(1 + len(device.base))), tmp_path / "out")
+        export_c((model, np.ones(1 + len(model.base))), tmp_path / "out")
 
 
 def test_what_was_there_stays_where_the_export_fails(tmp_path, identification):
@@ -90,22 +90,22 @@ def test_settings_that_mean_nothing(setting):
 def test_a_column_that_reads_accelerations(tmp_path):
     text = DEVICE + '[[terms]]\nkind = "column"\njoints = ["2"]\nname = "K"\nunit = "N m"\nexpression = "a_1"\n'
     (tmp_path / "device.toml").write_text(text)
-    device = haptid.read_device(tmp_path / "device.toml")
+    model = haptid.DynamicModel(haptid.read_device(tmp_path / "device.toml"))
     with pytest.raises(errors.UnexportableTermError, match="reads accelerations"):
-        export_c((device, np.ones(len(device.base))), tmp_path / "out")
+        export_c((model, np.ones(len(model.base))), tmp_path / "out")
     assert not (tmp_path / "out").exists()
 
 
 def test_loops_that_are_solved_at_every_pose(tmp_path):
-    device = haptid.read_device("four_bar")
+    model = haptid.DynamicModel(haptid.read_device("four_bar"))
     with pytest.raises(errors.VaryingLoopError, match="solved at every pose"):
-        export_c((device, np.ones(len(device.base))), tmp_path / "out")
+        export_c((model, np.ones(len(model.base))), tmp_path / "out")
 
 
 def test_parameters_that_no_body_has(tmp_path, identification):
-    device = identification.device
+    model = identification.model
     with pytest.raises(errors.ImpossibleModelError, match="possible = true"):
-        export((device, -np.ones(len(device.base))), tmp_path / "out", ["json", "mjcf"])
+        export((model, -np.ones(len(model.base))), tmp_path / "out", ["json", "mjcf"])
     assert not (tmp_path / "out").exists()  # nothing, where not all can be written
 
 
@@ -120,8 +120,8 @@ def test_every_format_says_how_the_model_was_validated(tmp_path, identification,
     (tmp_path / "result").mkdir()
     haptid.write_result(identification, tmp_path / "result")
     read = haptid.read_result(tmp_path / "result")
-    for model in (identification, read):
-        made = export(model, tmp_path / "out", [name])[name]
+    for other_model in (identification, read):
+        made = export(other_model, tmp_path / "out", [name])[name]
         assert made.verdict == f"Error {identification.unseen[0].relative:.2f} % of the torque on unseen motion; " + (
             "no criterion was set."
         )
@@ -164,6 +164,6 @@ def test_long_declarations_are_wrapped():
         ("arm (left)", "arm_left"),
     ],
 )
-def test_names_after_devices(device, name):
-    assert default_name(device) == name
-    CCode(name=default_name(device))
+def test_names_after_devices(model, name):
+    assert default_name(model) == name
+    CCode(name=default_name(model))

@@ -24,10 +24,10 @@ ROUNDING = 1e-10
 @settings(max_examples=10, deadline=None)
 @given(mechanisms(most=4))
 def test_every_function_is_the_python_models(mechanism):
-    device = as_device(mechanism)
-    beta = device.base.of(parameters(mechanism, device))
-    code = code_of(device, 0.05)
-    golden = Golden.at_random(device, beta, 0.05, 20)
+    model = as_device(mechanism)
+    beta = model.base.of(parameters(mechanism, model))
+    code = code_of(model, 0.05)
+    golden = Golden.at_random(model, beta, 0.05, 20)
     for function in code.functions:
         sound = golden.sound(function.name)
         if not sound.any():
@@ -44,10 +44,10 @@ def test_every_function_is_the_python_models(mechanism):
 @given(mechanisms(most=4))
 def test_momentum_explains_the_torque(mechanism):
     """A law: p is M qd and the rest is what remains of C qd + g, by differences of p along a motion."""
-    device = as_device(mechanism, kinds=("rotor",))
-    beta = device.base.of(parameters(mechanism, device))
-    code = code_of(device, 0.05)
-    golden = Golden.at_random(device, beta, 0.05, 5)
+    model = as_device(mechanism, kinds=("rotor",))
+    beta = model.base.of(parameters(mechanism, model))
+    code = code_of(model, 0.05)
+    golden = Golden.at_random(model, beta, 0.05, 5)
     step = 1e-6
 
     def at(name, q, qd, qdd):
@@ -67,8 +67,8 @@ def test_momentum_explains_the_torque(mechanism):
 @settings(max_examples=8, deadline=None)
 @given(mechanisms(most=4))
 def test_second_moments_are_as_few_as_base_parameters(mechanism):
-    device = as_device(mechanism, kinds=())
-    assert len(moments_of(device).factors) == len(device.base)
+    model = as_device(mechanism, kinds=())
+    assert len(moments_of(model).factors) == len(model.base)
 
 
 @given(st.integers(0, 2**32 - 1))
@@ -173,17 +173,17 @@ expression = "sin(q_1)*v_2**2/L - exp(-q_2/3) + abs(v_1)**1.5*tanh(-v_2) + sqrt(
 
 def test_every_kind_of_term(tmp_path):
     (tmp_path / "device.toml").write_text(TERMS)
-    device = haptid.read_device(tmp_path / "device.toml")
-    beta = np.random.default_rng(2).uniform(0.1, 1.0, len(device.base))
-    code = code_of(device, 0.05)
-    golden = Golden.at_random(device, beta, 0.05, 200)
+    model = haptid.DynamicModel(haptid.read_device(tmp_path / "device.toml"))
+    beta = np.random.default_rng(2).uniform(0.1, 1.0, len(model.base))
+    code = code_of(model, 0.05)
+    golden = Golden.at_random(model, beta, 0.05, 200)
     for name in ("terms", "friction"):
         outputs = list(code[name].outputs[0][1])
         made = np.array(evaluated(code.graph, outputs, named(beta, q=golden.q, qd=golden.qd)))
         wanted = golden.functions[name]()["tau"].T
         assert np.abs(wanted).max() > 0.1
         np.testing.assert_allclose(made, wanted, rtol=1e-10, atol=1e-12)
-    export_c((device, beta), tmp_path / "out", CCode(NAME))
+    export_c((model, beta), tmp_path / "out", CCode(NAME))
     for options in (["-O1"], ["-fsanitize=undefined", "-fno-sanitize-recover=all"]):
         run([compiler("gcc"), *STRICT, *options, "dev.c", "dev_selftest.c", "-lm", "-o", "selftest"], tmp_path / "out")
         run(["./selftest"], tmp_path / "out")

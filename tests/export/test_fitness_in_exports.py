@@ -116,17 +116,17 @@ def test_settings_that_mean_nothing_end_with_status_2(folder, tmp_path, option, 
 
 @pytest.mark.parametrize("name", ["a", "a" * 24])
 def test_no_line_of_a_header_is_wider_than_120(tmp_path, name):
-    for device in ("phantom_premium_15", "cea_medical_branch"):
-        described = haptid.read_device(device)
-        model = (described, [0.1] * len(described.base))
-        made = export(model, tmp_path, ["c"], CCode(name))["c"]
+    for model in ("phantom_premium_15", "cea_medical_branch"):
+        described = haptid.DynamicModel(haptid.read_device(model))
+        other_model = (described, [0.1] * len(described.base))
+        made = export(other_model, tmp_path, ["c"], CCode(name))["c"]
         for file in (f"{name}.h", f"{name}_example.c"):
             assert max(map(len, (made.folder / file).read_text().splitlines())) <= 120
 
 
 def test_a_command_is_torque_by_a_factor_with_its_unit(tmp_path):
-    device = haptid.read_device("emps")
-    made = export((device, [1.0] * len(device.base)), tmp_path, ["c", "matlab"])
+    model = haptid.DynamicModel(haptid.read_device("emps"))
+    made = export((model, [1.0] * len(model.base)), tmp_path, ["c", "matlab"])
     assert "command in V = torque / (35.1506519 N per V)" in (made["c"].folder / "emps.h").read_text()
     matlab = "".join((made["matlab"].folder / file).read_text() for file in made["matlab"].files)
     assert "row by row" not in matlab

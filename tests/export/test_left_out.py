@@ -28,13 +28,13 @@ FRICTION = ("FV1", "FC2")
 @pytest.fixture(scope="module")
 def reduced():
     """A PHANToM of noisy torque, with a body's and two friction parameters left out."""
-    device = haptid.read_device("phantom_premium_15")
-    made = motion(device, truth(device), seconds=6.0, dt=4e-3, noise=0.05)
-    return without(haptid.estimate(haptid.observe(device, made), haptid.WLS()), OUT)
+    model = haptid.DynamicModel(haptid.read_device("phantom_premium_15"))
+    made = motion(model, truth(model), seconds=6.0, dt=4e-3, noise=0.05)
+    return without(haptid.estimate(haptid.observe(model, made), haptid.WLS()), OUT)
 
 
 def test_what_is_left_out_costs_nothing(reduced, tmp_path):
-    full = code_of(reduced.device, SPEED).operations
+    full = code_of(reduced.model, SPEED).operations
     made = export_c(reduced, tmp_path, CCode(NAME, reversal_speed=SPEED))
     for name in ("inverse_dynamics", "terms", "friction", "mass_matrix", "momentum", "forward_dynamics"):
         assert made.operations[name].arithmetic < full[name].arithmetic, name
@@ -48,7 +48,7 @@ def test_each_parameter_left_out_takes_operations_away(reduced, name):
         return sum(cost.arithmetic for cost in code.operations.values())
 
     k = reduced.base.names.index(name)
-    assert total(code_of(reduced.device, SPEED, [k])) < total(code_of(reduced.device, SPEED))
+    assert total(code_of(reduced.model, SPEED, [k])) < total(code_of(reduced.model, SPEED))
 
 
 def test_the_code_does_not_read_what_is_left_out(reduced, tmp_path):
@@ -62,8 +62,8 @@ def test_the_code_does_not_read_what_is_left_out(reduced, tmp_path):
 
 def test_c_is_the_reduced_model_in_python(reduced, tmp_path):
     export_c(reduced, tmp_path, CCode(NAME, reversal_speed=SPEED))
-    library = Library.built(tmp_path, code_of(reduced.device, SPEED, reduced.zero), "double")
-    golden = Golden.at_random(reduced.device, reduced.beta, SPEED, 2000)
+    library = Library.built(tmp_path, code_of(reduced.model, SPEED, reduced.zero), "double")
+    golden = Golden.at_random(reduced.model, reduced.beta, SPEED, 2000)
     arrays = {x: getattr(golden, x) for x in ("q", "qd", "qdd", "tau")}
     for function in library.code.functions:
         if function.checks:
@@ -77,22 +77,22 @@ def test_c_is_the_reduced_model_in_python(reduced, tmp_path):
 
 def test_zero_parameters_of_a_coordinate_leave_its_solution_out():
     """Without inertia there is no forward dynamics, and no division by zero."""
-    device = two_links()
-    inertias = [k for k, name in enumerate(device.base.names) if not name.startswith("F")]
-    assert "forward_dynamics" in code_of(device, SPEED)
-    assert "forward_dynamics" not in code_of(device, SPEED, inertias)
+    model = two_links()
+    inertias = [k for k, name in enumerate(model.base.names) if not name.startswith("F")]
+    assert "forward_dynamics" in code_of(model, SPEED)
+    assert "forward_dynamics" not in code_of(model, SPEED, inertias)
 
 
 @pytest.fixture(scope="module")
 def study(tmp_path_factory):
     """A study of two links, two of whose friction parameters are zero."""
     folder = tmp_path_factory.mktemp("study")
-    path, device = write_study(folder), two_links()
-    beta = truth(device) + 0.1
-    beta[[device.base.names.index(name) for name in FRICTION]] = 0.0
+    path, model = write_study(folder), two_links()
+    beta = truth(model) + 0.1
+    beta[[model.base.names.index(name) for name in FRICTION]] = 0.0
     for seed, name in ((1, "log.csv"), (2, "check.csv")):
         q, qd, qdd = multisine(2, 6.0, 2e-3, seed)
-        tau = haptid.inverse_dynamics(device, beta, q, qd, qdd)
+        tau = haptid.inverse_dynamics(model, beta, q, qd, qdd)
         tau += 0.02 * np.random.default_rng(seed).standard_normal(tau.shape)
         t = 2e-3 * np.arange(q.shape[1])
         pa.csv.write_csv(pa.table({"t": t, "q1": q[0], "q2": q[1], "tau1": tau[0], "tau2": tau[1]}), folder / name)
@@ -136,7 +136,7 @@ def test_rows_held_out_are_predicted_without_what_is_left_out(study):
 def test_the_reduced_result_is_exported_and_characterised(folder, tmp_path):
     read = haptid.read_result(folder)
     made = export_c(read, tmp_path, CCode(NAME))
-    full = code_of(read.device, SPEED).operations
+    full = code_of(read.model, SPEED).operations
     assert made.operations["terms"].arithmetic < full["terms"].arithmetic
     assert "p[" in (made.folder / f"{NAME}.c").read_text()
     subprocess.run([compiler("gcc"), *STRICT, "-c", f"{NAME}.c"], cwd=tmp_path, check=True)

@@ -26,41 +26,41 @@ SHIPPED = ["phantom_premium_15", "cea_medical_branch", "arm7", "rx90", "sr400", 
 ROUND_TRIPS = ["PHANToM, one parallelogram", "CEA branch, single and double parallelogram", "open arm, 7 joints"]
 
 
-def model(name):
-    device = haptid.read_device(name)
-    return device, device.base.of(true_parameters(device))
+def mj_model(name):
+    model = haptid.DynamicModel(haptid.read_device(name))
+    return model, model.base.of(true_parameters(model))
 
 
 def loaded(export):
     return mujoco.MjModel.from_xml_path(str(export.folder / export.files[0]))
 
 
-def tree_torques(built, device, q, qd, qdd):
+def tree_torques(built, model, q, qd, qdd):
     """MuJoCo's inverse dynamics of the tree, projected on the device's coordinates, (coordinates, samples).
 
     Forces of the pins do no work along the coordinates: they vanish in the projection, and are left out.
     """
     built.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_EQUALITY
-    data, order = mujoco.MjData(built), list(depth_first(device))
-    found = np.empty((len(device.active), q.shape[1]))
+    data, order = mujoco.MjData(built), list(depth_first(model))
+    found = np.empty((len(model.active), q.shape[1]))
     for k in range(q.shape[1]):
         data.qpos[:], data.qvel[:], data.qacc[:] = q[order, k], qd[order, k], qdd[order, k]
         mujoco.mj_inverse(built, data)
         mujoco.mj_fwdActuation(built, data)
-        found[:, k] = device.rates[order].T @ (data.qfrc_inverse - data.qfrc_actuator)
+        found[:, k] = model.rates[order].T @ (data.qfrc_inverse - data.qfrc_actuator)
     return found
 
 
 @pytest.mark.parametrize("name", SHIPPED)
 def test_mjcf_has_the_dynamics_of_the_model(tmp_path, name):
     """At random states torques are the same: so are the base parameters of the bodies, rotors and terms in it."""
-    device = haptid.read_device(name)
-    beta = device.base.of(true_parameters(device, FC=0.0))
-    built = loaded(export_mjcf((device, beta), tmp_path))
+    model = haptid.DynamicModel(haptid.read_device(name))
+    beta = model.base.of(true_parameters(model, FC=0.0))
+    built = loaded(export_mjcf((model, beta), tmp_path))
     built.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_FRICTIONLOSS | mujoco.mjtDisableBit.mjDSBL_LIMIT
-    qa, qda, qdda = np.random.default_rng(0).uniform(-1, 1, (3, len(device.active), 40))
-    wanted = haptid.inverse_dynamics(device, beta, qa, qda, qdda)
-    found = tree_torques(built, device, *device.tree(qa, qda, qdda))
+    qa, qda, qdda = np.random.default_rng(0).uniform(-1, 1, (3, len(model.active), 40))
+    wanted = haptid.inverse_dynamics(model, beta, qa, qda, qdda)
+    found = tree_torques(built, model, *model.tree(qa, qda, qdda))
     np.testing.assert_allclose(found, wanted, atol=1e-8 * np.abs(wanted).max())
 
 
@@ -68,51 +68,51 @@ def test_mjcf_has_the_dynamics_of_the_model(tmp_path, name):
 @given(mechanisms(most=5, closed=False))
 def test_random_mechanisms_keep_their_dynamics_in_mjcf(mechanism):
     """Trees with branches and sliding joints, rotors, viscous friction, springs and offsets."""
-    device = as_device(mechanism, ("rotor", "viscous", "offset", "spring"))
-    beta = device.base.of(parameters(mechanism, device))
-    states = np.random.default_rng(1).uniform(-0.9, 0.9, (3, len(device.active), 10))
-    wanted = haptid.inverse_dynamics(device, beta, *states)
+    model = as_device(mechanism, ("rotor", "viscous", "offset", "spring"))
+    beta = model.base.of(parameters(mechanism, model))
+    states = np.random.default_rng(1).uniform(-0.9, 0.9, (3, len(model.active), 10))
+    wanted = haptid.inverse_dynamics(model, beta, *states)
     with tempfile.TemporaryDirectory() as folder:
-        built = loaded(export_mjcf((device, beta), folder))
-    found = tree_torques(built, device, *device.tree(*states))
+        built = loaded(export_mjcf((model, beta), folder))
+    found = tree_torques(built, model, *model.tree(*states))
     np.testing.assert_allclose(found, wanted, atol=1e-7 * np.abs(wanted).max())
 
 
 @settings(max_examples=10, deadline=None)
 @given(mechanisms(most=5, closed=False))
 def test_random_mechanisms_keep_their_dynamics_in_urdf(mechanism):
-    device = as_device(mechanism, ("rotor",))
-    beta = device.base.of(parameters(mechanism, device))
-    states = np.random.default_rng(1).uniform(-0.9, 0.9, (3, len(device.active), 10))
-    wanted = haptid.inverse_dynamics(device, beta, *states)
+    model = as_device(mechanism, ("rotor",))
+    beta = model.base.of(parameters(mechanism, model))
+    states = np.random.default_rng(1).uniform(-0.9, 0.9, (3, len(model.active), 10))
+    wanted = haptid.inverse_dynamics(model, beta, *states)
     with tempfile.TemporaryDirectory() as folder:
-        made = export_urdf((device, beta), folder)
+        made = export_urdf((model, beta), folder)
         path = made.folder / made.files[0]
-        found = pinocchio_torque(path, device, *states, rotors(path, device))
+        found = pinocchio_torque(path, model, *states, rotors(path, model))
     np.testing.assert_allclose(found, wanted, atol=1e-7 * np.abs(wanted).max())
 
 
 @pytest.mark.parametrize("name", ["phantom_premium_15", "cea_medical_branch", "arm7", "sr400"])
 def test_damping_and_dry_friction_are_the_identified_ones(tmp_path, name):
-    device, beta = model(name)
-    built = loaded(export_mjcf((device, beta), tmp_path))
-    index = {n: k for k, n in enumerate(device.base.names)}
-    named = [(joint.name, kind) for joint in device.joints for kind in ("FV", "FC") if kind + joint.name in index]
+    model, beta = mj_model(name)
+    built = loaded(export_mjcf((model, beta), tmp_path))
+    index = {n: k for k, n in enumerate(model.base.names)}
+    named = [(joint.name, kind) for joint in model.joints for kind in ("FV", "FC") if kind + joint.name in index]
     for name_, kind in named:
         dof = built.joint(name_)
         value = (dof.damping if kind == "FV" else dof.frictionloss)[0]
         np.testing.assert_allclose(value, beta[index[kind + name_]], rtol=1e-9)
 
 
-def pinocchio_torque(path, device, qa, qda, qdda, armature):
+def pinocchio_torque(path, model, qa, qda, qdda, armature):
     """Inverse dynamics of the URDF's tree, projected on the device's coordinates, (coordinates, samples)."""
     pin = pytest.importorskip("pinocchio")
     built = pin.buildModelFromUrdf(str(path))
-    built.gravity.linear = np.array([0.0, 0.0, -np.linalg.norm(device.gravity)])
+    built.gravity.linear = np.array([0.0, 0.0, -np.linalg.norm(model.gravity)])
     data = built.createData()
-    at = [built.joints[built.getJointId(joint.name)] for joint in device.joints]
+    at = [built.joints[built.getJointId(joint.name)] for joint in model.joints]
     found = np.empty_like(qa)
-    q, qd, qdd = device.tree(qa, qda, qdda)
+    q, qd, qdd = model.tree(qa, qda, qdda)
     for k in range(qa.shape[1]):
         x = pin.neutral(built)
         v, a = np.zeros(built.nv), np.zeros(built.nv)
@@ -123,41 +123,43 @@ def pinocchio_torque(path, device, qa, qda, qdda, armature):
                 x[joint.idx_q] = q[j, k]
             v[joint.idx_v], a[joint.idx_v] = qd[j, k], qdd[j, k]
         tau = pin.rnea(built, data, x, v, a)
-        found[:, k] = device.rates.T @ ([tau[joint.idx_v] for joint in at] + armature * qdd[:, k])
+        found[:, k] = model.rates.T @ ([tau[joint.idx_v] for joint in at] + armature * qdd[:, k])
     return found
 
 
-def rotors(path, device):
+def rotors(path, model):
     """Rotor inertia on each joint, as Drake reads it from the file."""
     from xml.etree import ElementTree
 
-    made = np.zeros(len(device.joints))
+    made = np.zeros(len(model.joints))
     for element in ElementTree.parse(path).getroot().findall("transmission"):
-        j = device.joint_names.index(element.find("joint").attrib["name"])
+        j = model.joint_names.index(element.find("joint").attrib["name"])
         made[j] = float(element.find("actuator/{http://drake.mit.edu}rotor_inertia").attrib["value"])
     return made
 
 
 @pytest.mark.parametrize("name", ["phantom_premium_15", "cea_medical_branch", "arm7", "sr400", "emps"])
 def test_urdf_has_the_dynamics_of_the_model(tmp_path, name):
-    device = haptid.read_device(name)
-    chi = true_parameters(device, FV=0.0, FC=0.0, OFF=0.0)
-    beta = device.base.of(chi)
-    made = export_urdf((device, beta), tmp_path)
+    model = haptid.DynamicModel(haptid.read_device(name))
+    chi = true_parameters(model, FV=0.0, FC=0.0, OFF=0.0)
+    beta = model.base.of(chi)
+    made = export_urdf((model, beta), tmp_path)
     path = made.folder / made.files[0]
-    qa, qda, qdda = np.random.default_rng(0).uniform(-1, 1, (3, len(device.active), 30))
-    wanted = haptid.inverse_dynamics(device, beta, qa, qda, qdda)
-    found = pinocchio_torque(path, device, qa, qda, qdda, rotors(path, device))
+    qa, qda, qdda = np.random.default_rng(0).uniform(-1, 1, (3, len(model.active), 30))
+    wanted = haptid.inverse_dynamics(model, beta, qa, qda, qdda)
+    found = pinocchio_torque(path, model, qa, qda, qdda, rotors(path, model))
     np.testing.assert_allclose(found, wanted, atol=1e-8 * np.abs(wanted).max())
 
 
 def test_urdf_says_what_it_has_no_place_for(tmp_path):
-    made = export_urdf(model("phantom_premium_15"), tmp_path)
+    made = export_urdf(mj_model("phantom_premium_15"), tmp_path)
     text = (tmp_path / made.files[0]).read_text()
-    assert text.count("<gazebo>\n") == len(haptid.read_device("phantom_premium_15").closure.cuts) == 1
+    assert (
+        text.count("<gazebo>\n") == len(haptid.DynamicModel(haptid.read_device("phantom_premium_15")).closure.cuts) == 1
+    )
     assert "URDF has no loops" in text
-    device, beta = model("cea_medical_branch")
-    text = (tmp_path / export_urdf((device, beta), tmp_path).files[0]).read_text()
+    model, beta = mj_model("cea_medical_branch")
+    text = (tmp_path / export_urdf((model, beta), tmp_path).files[0]).read_text()
     assert "Not in this file: an offset" in text
 
 
@@ -183,36 +185,36 @@ def test_things_fall_down_in_the_world(gravity):
 
 def test_an_estimate_on_the_border_is_brought_inside(tmp_path):
     """Held estimates have bodies without thickness; a simulator takes them all the same."""
-    device, beta = model("arm3")
+    model, beta = mj_model("arm3")
     wrong = np.array(beta)
-    wrong[device.base.names.index("ZZ3R" if "ZZ3R" in device.base.names else "ZZ3")] *= -0.01
-    held = haptid.project(device, wrong, np.eye(len(beta)))
-    chi = standard_parameters(device, held.beta)
-    assert departure(device, held.beta, chi) < 1e-8
-    assert loaded(export_mjcf((device, held.beta), tmp_path)).nv == 3
+    wrong[model.base.names.index("ZZ3R" if "ZZ3R" in model.base.names else "ZZ3")] *= -0.01
+    held = haptid.project(model, wrong, np.eye(len(beta)))
+    chi = standard_parameters(model, held.beta)
+    assert departure(model, held.beta, chi) < 1e-8
+    assert loaded(export_mjcf((model, held.beta), tmp_path)).nv == 3
 
 
-def simulated_torque(built, device, plan):
+def simulated_torque(built, model, plan):
     """The same of the treated rows, decimated as the measured one, (coordinates, rows)."""
     c, cd, cdd, _ = plan.signals(*plan.window(0, plan.rows))
-    to_joints = np.linalg.inv(device.frame)
-    torque = tree_torques(built, device, *device.tree(*(to_joints @ x for x in (c, cd, cdd))))
+    to_joints = np.linalg.inv(model.frame)
+    torque = tree_torques(built, model, *model.tree(*(to_joints @ x for x in (c, cd, cdd))))
     return decimate(torque, plan.filter.taps, plan.motion.treatment.decimation)
 
 
 @pytest.mark.parametrize("name", ROUND_TRIPS)
 def test_mujoco_predicts_the_unseen_log_as_the_model_does(tmp_path, name):
     case = CASES[name]
-    device = device_of(case)
+    model = device_of(case)
     made = [(seed, record(case, seed, 4000, seconds)) for seed, seconds in ((1, 12.0), (2, 6.0))]
     logs = [replace(log_of(case, recording), sha256=str(seed)) for seed, recording in made]
-    treatment = haptid.propose(device, logs[0]).treatment
+    treatment = haptid.propose(model, logs[0]).treatment
     fit, unseen = (haptid.treat(log, treatment) for log in logs)
-    estimate = haptid.estimate(haptid.observe(device, fit), haptid.Consistent())
+    estimate = haptid.estimate(haptid.observe(model, fit), haptid.Consistent())
     validation = haptid.validate(estimate, unseen)
     built = loaded(export_mjcf(estimate, tmp_path, validation=validation))
     prediction = haptid.predict(estimate, unseen)
-    torque = simulated_torque(built, device, Plan.of(device, unseen))[list(device.measured)]
+    torque = simulated_torque(built, model, Plan.of(model, unseen))[list(model.measured)]
     wanted = np.where(prediction.used, prediction.measured, 0.0)
     missed = np.where(prediction.used, torque - prediction.measured, 0.0)
     relative = 100 * np.linalg.norm(missed, axis=1) / np.linalg.norm(wanted, axis=1)

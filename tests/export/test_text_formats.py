@@ -28,14 +28,14 @@ pub fn pow(x: f64, y: f64) -> f64 { x.powf(y) }
 """
 
 
-def model(name):
-    device = haptid.read_device(name)
-    return device, device.base.of(true_parameters(device))
+def other_model(name):
+    model = haptid.DynamicModel(haptid.read_device(name))
+    return model, model.base.of(true_parameters(model))
 
 
 def golden_of(name, samples):
-    device, beta = model(name)
-    golden = Golden.at_random(device, beta, REVERSAL_SPEED, samples)
+    model, beta = other_model(name)
+    golden = Golden.at_random(model, beta, REVERSAL_SPEED, samples)
     return golden.at(np.flatnonzero(golden.sound("forward_dynamics")))
 
 
@@ -43,8 +43,8 @@ def golden_of(name, samples):
 
 
 def test_json_has_parameters_that_regroup_into_the_identified_ones(tmp_path):
-    device, beta = model("phantom_premium_15")
-    made = export_json((device, beta), tmp_path)
+    model, beta = other_model("phantom_premium_15")
+    made = export_json((model, beta), tmp_path)
     values = json.loads((tmp_path / made.files[0]).read_text())
     assert [p["value"] for p in values["parameters"]] == list(beta)
     for parameter in values["parameters"]:
@@ -56,8 +56,8 @@ def test_json_has_parameters_that_regroup_into_the_identified_ones(tmp_path):
 
 
 def test_json_says_that_no_bodies_have_the_parameters(tmp_path):
-    device, beta = model("arm3")
-    values = json.loads((tmp_path / export_json((device, -beta), tmp_path).files[0]).read_text())
+    model, beta = other_model("arm3")
+    values = json.loads((tmp_path / export_json((model, -beta), tmp_path).files[0]).read_text())
     assert values["standard"] is None
 
 
@@ -66,8 +66,8 @@ def test_json_says_that_no_bodies_have_the_parameters(tmp_path):
 
 @pytest.mark.parametrize("name", [*DEVICES, "staubli_tx40", "delta"])
 def test_latex_is_balanced_and_has_every_parameter(tmp_path, name):
-    device, beta = model(name)
-    made = export_latex((device, beta), tmp_path)
+    model, beta = other_model(name)
+    made = export_latex((model, beta), tmp_path)
     text = "".join((tmp_path / file).read_text() for file in made.files)
     plain = re.sub(r"\\[{}$%]", "", re.sub(r"^%.*$", "", text, flags=re.MULTILINE))
     assert plain.count("{") == plain.count("}")
@@ -79,7 +79,7 @@ def test_latex_is_balanced_and_has_every_parameter(tmp_path, name):
 
 
 def test_latex_compiles(tmp_path):
-    made = export_latex(model("cea_medical_branch"), tmp_path)
+    made = export_latex(other_model("cea_medical_branch"), tmp_path)
     run([compiler("pdflatex"), "-interaction=nonstopmode", "-halt-on-error", made.files[0]], tmp_path)
 
 
@@ -127,8 +127,8 @@ def interpreted(text, inputs):
 @pytest.mark.parametrize("name", DEVICES)
 def test_matlab_is_the_python_model(tmp_path, name):
     golden = golden_of(name, 200)
-    export_matlab((golden.device, golden.beta), tmp_path)
-    prefix = default_name(golden.device.name)
+    export_matlab((golden.model, golden.beta), tmp_path)
+    prefix = default_name(golden.model.name)
     inputs = {x: getattr(golden, x) for x in ("q", "qd", "qdd", "tau")} | {"beta": golden.beta}
     with np.errstate(all="ignore"):
         for function in golden.functions:
@@ -145,7 +145,7 @@ def test_matlab_is_the_python_model(tmp_path, name):
 def test_octave_runs_it(tmp_path):
     octave = compiler("octave")
     golden = golden_of("phantom_premium_15", 20)
-    export_matlab((golden.device, golden.beta), tmp_path)
+    export_matlab((golden.model, golden.beta), tmp_path)
     state = ", ".join(
         "[" + "; ".join(map(repr, map(float, getattr(golden, x)[:, 0]))) + "]" for x in ("q", "qd", "qdd")
     )
@@ -160,7 +160,7 @@ def test_octave_runs_it(tmp_path):
 
 def rust_driver(golden, functions):
     """A program that calls functions at every state and prints what they give."""
-    n = len(golden.device.drives)
+    n = len(golden.model.drives)
     states = np.stack([golden.q, golden.qd, golden.qdd, golden.tau]).transpose(2, 0, 1)
     rows = ", ".join(f"{[[float(x) for x in row] for row in state]}" for state in states)
     calls = "\n".join(
@@ -179,7 +179,7 @@ def rust_driver(golden, functions):
 def test_rust_is_the_python_model(tmp_path, name):
     rustc = compiler("rustc")
     golden = golden_of(name, 20)
-    export_rust((golden.device, golden.beta), tmp_path)
+    export_rust((golden.model, golden.beta), tmp_path)
     (tmp_path / "libm.rs").write_text(LIBM)
     text = (tmp_path / "src" / "lib.rs").read_text()
     assert "#![no_std]" in text

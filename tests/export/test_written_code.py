@@ -36,15 +36,15 @@ TOLERANCE = {"double": 1e-12, "single": 1e-5}
 ANGLES, OFFSETS = (0, -1, 1, 1, -1, -1, 1), (0.34, 0, 0.4, 0, 0.4, 0, 0)
 
 
-def model(name):
-    device = haptid.read_device(name)
-    return device, device.base.of(true_parameters(device))
+def other_model(name):
+    model = haptid.DynamicModel(haptid.read_device(name))
+    return model, model.base.of(true_parameters(model))
 
 
 def written(folder, name, precision="double"):
-    device, beta = model(name)
-    made = export_c((device, beta), folder, CCode(NAME, precision, SPEED))
-    return device, beta, made
+    model, beta = other_model(name)
+    made = export_c((model, beta), folder, CCode(NAME, precision, SPEED))
+    return model, beta, made
 
 
 @pytest.fixture(scope="module")
@@ -56,19 +56,19 @@ def seven(tmp_path_factory):
     )
     head = 'schema = 1\nname = "seven"\ngravity = [0.0, 0.0, -9.81]\nconvention = "modified-dh"\n'
     path.write_text(head + joints)
-    return haptid.read_device(path)
+    return haptid.DynamicModel(haptid.read_device(path))
 
 
 @pytest.mark.parametrize("precision", ["double", "single"])
 @pytest.mark.parametrize("name", DEVICES)
 def test_functions_are_the_python_models(tmp_path, name, precision):
-    device, beta, _ = written(tmp_path, name, precision)
-    library = Library.built(tmp_path, code_of(device, SPEED), precision)
+    model, beta, _ = written(tmp_path, name, precision)
+    library = Library.built(tmp_path, code_of(model, SPEED), precision)
     rounded = library.real
-    golden = Golden.at_random(device, beta, SPEED, STATES)
+    golden = Golden.at_random(model, beta, SPEED, STATES)
     # The states that the code is given are those that its numbers can hold.
     arrays = {x: getattr(golden, x).astype(rounded).astype(float) for x in ("q", "qd", "qdd", "tau")}
-    golden = Golden(device, beta, SPEED, **arrays)
+    golden = Golden(model, beta, SPEED, **arrays)
     for function in library.code.functions:
         if function.checks:
             continue
@@ -80,9 +80,9 @@ def test_functions_are_the_python_models(tmp_path, name, precision):
 @pytest.mark.parametrize("name", ["phantom_premium_15", "cea_medical_branch", "puma560", "arm7", "kuka_kr300"])
 def test_solutions_solve(tmp_path, name):
     """Accelerations give the torque back; mobility and force are those of a solver that pivots."""
-    device, beta, _ = written(tmp_path, name)
-    library = Library.built(tmp_path, code_of(device, SPEED), "double")
-    golden = Golden.at_random(device, beta, SPEED, STATES)
+    model, beta, _ = written(tmp_path, name)
+    library = Library.built(tmp_path, code_of(model, SPEED), "double")
+    golden = Golden.at_random(model, beta, SPEED, STATES)
     golden = golden.at(np.flatnonzero(golden.sound("forward_dynamics")))
     assert golden.q.shape[1] > 0.9 * STATES
     arrays = {x: getattr(golden, x) for x in ("q", "qd", "qdd", "tau")}
@@ -100,8 +100,8 @@ def test_solutions_solve(tmp_path, name):
 
 def test_singular_poses_give_zeros(tmp_path):
     """An arm stretched out: no force is told, none is made up, and the caller is told."""
-    device, _, _ = written(tmp_path, "phantom_premium_15")
-    library = Library.built(tmp_path, code_of(device, SPEED), "double")
+    model, _, _ = written(tmp_path, "phantom_premium_15")
+    library = Library.built(tmp_path, code_of(model, SPEED), "double")
     q = np.array([[0.3], [0.4], [0.4 + np.pi / 2]])
     made = library("handle_force", {"q": q, "tau": np.ones((3, 1))})["force"]
     np.testing.assert_array_equal(made, 0.0)
@@ -109,11 +109,11 @@ def test_singular_poses_give_zeros(tmp_path):
 
 def test_mass_that_the_hand_feels_and_the_whole_torque(tmp_path):
     """Along a direction u of any length, u'u / (u' A u); infinite where A lets nothing move."""
-    device, beta, _ = written(tmp_path, "phantom_premium_15")
-    library = Library.built(tmp_path, code_of(device, SPEED), "double")
+    model, beta, _ = written(tmp_path, "phantom_premium_15")
+    library = Library.built(tmp_path, code_of(model, SPEED), "double")
     felt = library.handle.dev_apparent_mass
     felt.restype = ctypes.c_double
-    golden = Golden.at_random(device, beta, SPEED, 20)
+    golden = Golden.at_random(model, beta, SPEED, 20)
     for mobility in golden.functions["handle_mobility"]()["mobility"]:
         A, u = np.ascontiguousarray(mobility), np.array([0.3, -0.4, 1.2])
         made = felt(A.ctypes.data_as(ctypes.c_void_p), u.ctypes.data_as(ctypes.c_void_p))
@@ -200,7 +200,7 @@ int main(void)
 
 def test_observer_and_differentiator_follow_python_and_find_a_push(tmp_path):
     """A constant torque of the hand: seen in full, by the code as by Python."""
-    device, beta, _ = written(tmp_path, "phantom_premium_15")
+    model, beta, _ = written(tmp_path, "phantom_premium_15")
     n, dt, gain, cutoff = 3, 1e-3, 60.0, 80.0
     (tmp_path / "driver.c").write_text(DRIVER.format(n=n, dt=dt, gain=gain, cutoff=cutoff))
     run([compiler("gcc"), "-std=c99", f"{NAME}.c", "driver.c", "-lm", "-o", "driver"], tmp_path)
@@ -208,14 +208,14 @@ def test_observer_and_differentiator_follow_python_and_find_a_push(tmp_path):
     omega = 3.0 * k
     q, qd, qdd = (0.3 * omega**d * np.sin(omega * t + k + d * np.pi / 2) for d in range(3))
     push = np.array([0.02, -0.01, 0.03])
-    golden = Golden(device, beta, SPEED, q, qd, qdd, qdd)
+    golden = Golden(model, beta, SPEED, q, qd, qdd, qdd)
     tau = sum(golden.functions[name]()["tau"].T for name in ("inverse_dynamics", "terms")) - push[:, None]
     text = "\n".join(
         " ".join(repr(float(x)) for x in row) for row in np.stack([q, qd, tau], 1).transpose(2, 0, 1).reshape(-1, 9)
     )
     done = subprocess.run(["./driver"], cwd=tmp_path, input=text, capture_output=True, text=True, check=True)
     observed, differentiated, friction = np.loadtxt(done.stdout.splitlines()).reshape(-1, 3, n).transpose(1, 2, 0)
-    seen = MomentumObserver(gain, SPEED).follow(device, beta, dt, q, qd, tau)
+    seen = MomentumObserver(gain, SPEED).follow(model, beta, dt, q, qd, tau)
     assert relative(observed, seen.torque) < 1e-10
     assert relative(differentiated, HighPass(cutoff).velocity(q, dt)) < 1e-12
     np.testing.assert_allclose(observed[:, 500:].mean(axis=1), push, rtol=2e-3)
@@ -238,8 +238,8 @@ MASS = {"puma560": 250, "rx90": 210, "seven": 270}
 
 @pytest.mark.parametrize("name", INVERSE)
 def test_inverse_dynamics_stays_cheap(name, seven, record_property):
-    device = seven if name == "seven" else haptid.read_device(name)
-    found = code_of(device, SPEED).operations["inverse_dynamics"]
+    model = seven if name == "seven" else haptid.DynamicModel(haptid.read_device(name))
+    found = code_of(model, SPEED).operations["inverse_dynamics"]
     record_property("operations", str(found))
     most, angles = INVERSE[name]
     assert found.arithmetic <= most
@@ -249,24 +249,24 @@ def test_inverse_dynamics_stays_cheap(name, seven, record_property):
 
 def test_inverse_dynamics_of_an_arm_with_spherical_wrist_stays_cheap():
     """36 base parameters of the bodies; four rotors that do not regroup cost two operations each."""
-    device = haptid.read_device("rx90")
-    found = code_of(device, SPEED).operations["inverse_dynamics"]
-    rotors = len(moments_of(device).rotors)
+    model = haptid.DynamicModel(haptid.read_device("rx90"))
+    found = code_of(model, SPEED).operations["inverse_dynamics"]
+    rotors = len(moments_of(model).rotors)
     assert found.arithmetic <= 440 + 2 * rotors
     assert found.trigonometric <= 10
 
 
 @pytest.mark.parametrize("name", MASS)
 def test_mass_matrix_stays_cheap(name, seven):
-    device = seven if name == "seven" else haptid.read_device(name)
-    assert code_of(device, SPEED).operations["mass_matrix"].arithmetic <= MASS[name]
+    model = seven if name == "seven" else haptid.DynamicModel(haptid.read_device(name))
+    assert code_of(model, SPEED).operations["mass_matrix"].arithmetic <= MASS[name]
 
 
 @pytest.mark.parametrize("name", ["cea_medical_branch", "arm7"])
 def test_generation_takes_less_than_two_seconds(name):
-    device = haptid.read_device(name)
+    model = haptid.DynamicModel(haptid.read_device(name))
     started = time.process_time()
-    code_of(device, SPEED)
+    code_of(model, SPEED)
     assert time.process_time() - started < 2.0
 
 

@@ -12,7 +12,7 @@ from haptid.experiment.excitation import observed
 from haptid.inference.elimination import essential
 
 EXAMPLES = Path(__file__).resolve().parents[2] / "examples" / "cea"
-DEVICE = haptid.read_device("cea_medical_branch")
+DEVICE = haptid.DynamicModel(haptid.read_device("cea_medical_branch"))
 # Table 1, upper branch, as identified.
 NAMES = [
     "ZZ1R",

@@ -31,12 +31,12 @@ ANGLES = {"normal": 69.5, "gc": 60.1, "fs": 48.4, "usd": 57.7, "usd+gc": 67.2}
 
 
 @pytest.fixture(scope="module")
-def device():
-    return haptid.read_device("phantom_premium_15")
+def model():
+    return haptid.DynamicModel(haptid.read_device("phantom_premium_15"))
 
 
 @pytest.fixture(scope="module")
-def betas(device):
+def betas(model):
     """Base parameters with the printed mass matrix: M11, M22, M33 and M23 are linear in either set."""
     q = np.random.default_rng(0).uniform(-1, 1, (3, 40))
     _, q2, q3 = q
@@ -44,26 +44,26 @@ def betas(device):
     M[:4, :, 0, 0] = 1 + 0 * q2, np.cos(2 * q2), np.cos(2 * q3), np.cos(q2) * np.sin(q3)
     M[3, :, 1, 2] = M[3, :, 2, 1] = -0.5 * np.sin(q2 - q3)
     M[4, :, 1, 1] = M[5, :, 2, 2] = 1
-    ours = np.array([mass_matrix(device, unit, q).ravel() for unit in np.eye(len(device.base))])
+    ours = np.array([mass_matrix(model, unit, q).ravel() for unit in np.eye(len(model.base))])
     beta, *_ = np.linalg.lstsq(ours.T, M.reshape(6, -1).T @ TABLE, rcond=None)
     np.testing.assert_allclose(ours.T @ beta, M.reshape(6, -1).T @ TABLE, atol=1e-15)
     return dict(zip(INSTALLATIONS, beta.T, strict=True))
 
 
-def place(device, name):
+def place(model, name):
     lowered = {"be": np.radians([-40, 100]), "df": np.radians([-40, 110])}
     half, centre = np.array([0.381, 0.267, 0.191]) / 2, np.array([0.0, -0.17, 0.215])
     box = Box(tuple(centre - half), tuple(centre + half))
     return {
-        "A": lambda: workspace(device, lowered),
-        "B": lambda: workspace(device, {"df": np.radians([-40, 119])}, box),
-        "C": lambda: workspace(device),
+        "A": lambda: workspace(model, lowered),
+        "B": lambda: workspace(model, {"df": np.radians([-40, 119])}, box),
+        "C": lambda: workspace(model),
     }[name]()
 
 
 @pytest.mark.parametrize("name", WORKSPACES)
-def test_smallest_eigenvalues_are_the_published_ones(device, betas, name):
-    where = place(device, name)
+def test_smallest_eigenvalues_are_the_published_ones(model, betas, name):
+    where = place(model, name)
     for installation, wanted in zip(INSTALLATIONS, WORKSPACES[name], strict=True):
         found = definiteness(betas[installation], where)
         assert found.smallest == pytest.approx(wanted, abs=0.51e-5 if wanted == 1.82e-3 else 0.51e-4)
@@ -77,17 +77,17 @@ def test_smallest_eigenvalues_are_the_published_ones(device, betas, name):
             assert "The mass matrix is positive definite as far as" in found.summary()
 
 
-def test_shares_of_the_workspace_are_the_published_ones(device, betas):
-    where = place(device, "A")
+def test_shares_of_the_workspace_are_the_published_ones(model, betas):
+    where = place(model, "A")
     for installation, wanted in zip(INSTALLATIONS, SHARES_OF_A, strict=True):
         share = 100 * definiteness(betas[installation], where).share
         assert share == pytest.approx(wanted, abs=0.3)  # cells' centres here, their corners there
 
 
-def test_the_first_entry_vanishes_at_the_published_angles(device, betas):
+def test_the_first_entry_vanishes_at_the_published_angles(model, betas):
     for installation, wanted in ANGLES.items():
         angle = optimize.brentq(
-            lambda q2, beta=betas[installation]: mass_matrix(device, beta, np.array([[0.0], [q2], [0.0]]))[0, 0, 0],
+            lambda q2, beta=betas[installation]: mass_matrix(model, beta, np.array([[0.0], [q2], [0.0]]))[0, 0, 0],
             0.0,
             np.pi / 2,
         )

@@ -10,13 +10,12 @@ import pytest
 
 import haptid
 from changed_devices import SET_B, changed
-from haptid.device import Device
 
 INERTIAL = ("XX", "XY", "XZ", "YY", "YZ", "ZZ", "MX", "MY", "MZ", "M", "IA")
 
 
-def inertial(device: Device) -> int:
-    return sum(device.parameters.kinds[k] in INERTIAL for k in device.regroupings.kept)
+def inertial(model: haptid.DynamicModel) -> int:
+    return sum(model.device.parameters.kinds[k] in INERTIAL for k in model.regroupings.kept)
 
 
 @pytest.mark.parametrize(
@@ -35,8 +34,8 @@ def inertial(device: Device) -> int:
     ],
 )
 def test_number_of_base_parameters(name: str, count: int, inertia: int) -> None:
-    device = haptid.read_device(name)
-    assert (len(device.regroupings), inertial(device)) == (count, inertia)
+    model = haptid.DynamicModel(haptid.read_device(name))
+    assert (len(model.regroupings), inertial(model)) == (count, inertia)
 
 
 def table_of_regroupings(path: Path, kind: str) -> dict[tuple[str, str], str]:
@@ -57,9 +56,9 @@ def test_all_86_regroupings_of_the_cea_branch_by_both_roads(kind: str, tmp_path:
 
     The table has two rows for a parameter in two base parameters; a pair that it does not have has coefficient zero.
     """
-    device = changed("cea_medical_branch", tmp_path, *(SET_B if kind == "B" else ()))
-    assert device.closure.relations[0] == ("q3 = -pi - q2 + q5" if kind == "A" else "q3 = -q2 + q5")
-    found, numeric = device.regroupings, device.base
+    model = changed("cea_medical_branch", tmp_path, *(SET_B if kind == "B" else ()))
+    assert model.device.closure.relations[0] == ("q3 = -pi - q2 + q5" if kind == "A" else "q3 = -q2 + q5")
+    found, numeric = model.regroupings, model.base
     table = table_of_regroupings(Path(__file__).with_name("medical_regroupings.csv"), kind)
     regrouped = 0
     for k, name in enumerate(found.standard):
@@ -72,16 +71,16 @@ def test_all_86_regroupings_of_the_cea_branch_by_both_roads(kind: str, tmp_path:
             by_name = dict(zip((s.name for s in found.symbols), (7.0, 11.0, 13.0, 17.0), strict=True))
             wanted = eval(text, {}, dict(by_name))
             assert (coefficient.value(by_name) if coefficient else 0) == pytest.approx(wanted, rel=1e-12), (base, name)
-            at = eval(text, {}, dict(device.lengths))
+            at = eval(text, {}, dict(model.device.lengths))
             assert numeric.regrouping[row, k] == pytest.approx(at, abs=1e-9), (base, name)
     assert regrouped == 86
 
 
 def test_cea_counts(tmp_path: Path) -> None:
     """No-effect list, friction and offsets, and fewer parameters without gravity or with z1 upright."""
-    device = haptid.read_device("cea_medical_branch")
-    found = device.regroupings
-    kinds = [device.parameters.kinds[k] for k in found.kept]
+    model = haptid.DynamicModel(haptid.read_device("cea_medical_branch"))
+    found = model.regroupings
+    kinds = [model.device.parameters.kinds[k] for k in found.kept]
     assert sum(kind in ("FV", "FC") for kind in kinds) == 8
     assert kinds.count("OFF") == 3
     assert len(found.no_effect) == 21
@@ -92,7 +91,7 @@ def test_cea_counts(tmp_path: Path) -> None:
 
 
 def test_formulas_are_written_as_in_the_paper() -> None:
-    found = haptid.read_device("cea_medical_branch").regroupings
+    found = haptid.DynamicModel(haptid.read_device("cea_medical_branch")).regroupings
     text = dict(zip(found.names, found.formulas, strict=True))
     assert text["ZZ2R"] == "ZZ2 + IA2 + ZZ6 + ZZ7 + (M3 + M4 + M8 + M9) d3^2"
     assert text["XX3R"] == "XX3 - YY3 + XX5 - YY5 + XX9 - YY9 - M4 d4^2 - M6 d6^2"
@@ -106,7 +105,7 @@ def test_formulas_are_written_as_in_the_paper() -> None:
 
 def test_rank_drops_where_a_length_is_zero(tmp_path: Path) -> None:
     """Without the lever's length its loop settles nothing, so that its relations are given."""
-    device = changed(
+    model = changed(
         "cea_medical_branch",
         tmp_path,
         ("d6 = 0.06", "d6 = 0"),
@@ -114,7 +113,7 @@ def test_rank_drops_where_a_length_is_zero(tmp_path: Path) -> None:
         ("guess = { 3", "# guess = { 3"),
         ('"MY5", "MY6"', '"MY5"'),
     )
-    assert inertial(device) == 22
+    assert inertial(model) == 22
 
 
 def eq_4(of: dict[str, float], L1: float, L2: float, L3: float, L5: float, L6: float) -> list[float]:
@@ -153,7 +152,7 @@ def standard(of: dict[str, float], L1: float, L2: float, L5: float, L6: float, *
 
 def test_phantom_groupings_are_those_of_equation_4() -> None:
     """pi_1 to pi_8 are combinations of the eight groupings, for any bodies and lengths: found once, they hold again."""
-    found = haptid.read_device("phantom_premium_15").regroupings
+    found = haptid.DynamicModel(haptid.read_device("phantom_premium_15")).regroupings
     rng = np.random.default_rng(0)
     bodies = ("a", "c", "be", "df")
     names = ["Iba", *(f"I{b}{axis}" for b in bodies for axis in ("xx", "yy", "zz")), *(f"m{b}" for b in bodies)]
@@ -181,9 +180,9 @@ def test_phantom_groupings_are_those_of_equation_4() -> None:
 
 @pytest.mark.parametrize("name", ["cea_medical_branch", "sr400", "arm7", "staubli_tx40", "kuka_kr300"])
 def test_result_does_not_depend_on_the_seed(name: str) -> None:
-    device = haptid.read_device(name)
-    first = device.regroupings
+    model = haptid.DynamicModel(haptid.read_device(name))
+    first = model.regroupings
     for seed in range(1, 6):
-        again = haptid.regroupings(device, seed)
+        again = haptid.regroupings(model, seed)
         assert again.coefficients == first.coefficients
         assert again.no_effect == first.no_effect

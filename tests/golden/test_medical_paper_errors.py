@@ -14,7 +14,7 @@ from haptid.end_effector.characterisation import GivenModel, characterise, felt_
 from haptid.end_effector.characterisation.velocity_forces import drift
 
 DEMO = read_demo("medical")
-DEVICE = haptid.read_device(DEMO.device)
+DEVICE = haptid.DynamicModel(haptid.read_device(DEMO.model))
 D3, D4, D6, D7, D9 = (DEVICE.lengths[name] for name in ("d3", "d4", "d6", "d7", "d9"))
 # What the printed groupings have beside the right ones of sign set A, by base and standard parameter.
 PRINTED = {
@@ -67,18 +67,18 @@ def test_t1_a_larger_end_piece_is_harder_to_turn():
 @pytest.mark.parametrize("branch", TABLES)
 def test_t5_the_neglected_force_needs_the_inverse_jacobian(branch):
     """A handle that moves straight at constant speed: the force is F_d as mended, not as printed."""
-    model, (qa, _, _) = GivenModel.of(DEVICE, without_friction(TABLES[branch])), states(20)
+    identified, (qa, _, _) = GivenModel.of(DEVICE, without_friction(TABLES[branch])), states(20)
     J = handle_motion(DEVICE, qa).jacobian[:, :3]
     v = np.random.default_rng(2).uniform(-1, 1, (20, 3))
     qd = np.linalg.solve(J, v[:, :, None])[:, :, 0].T
     turning = drift(DEVICE, qa, qd)[:, :3]
     qdd = -np.linalg.solve(J, turning[:, :, None])[:, :, 0].T
-    felt = hand(J, haptid.inverse_dynamics(DEVICE, model.beta, qa, qd, qdd))
-    ours = characterise(model, qa, worst_condition=1e4).neglected_force_of(v).value
+    felt = hand(J, haptid.inverse_dynamics(DEVICE, identified.beta, qa, qd, qdd))
+    ours = characterise(identified, qa, worst_condition=1e4).neglected_force_of(v).value
     np.testing.assert_allclose(ours, felt, atol=1e-9)
-    H = haptid.inverse_dynamics(DEVICE, model.beta, qa, qd, 0 * qd)
-    printed = hand(J, H - np.einsum("nij,nj->in", mass_matrix(DEVICE, model.beta, qa), turning))
-    weight = hand(J, haptid.inverse_dynamics(DEVICE, model.beta, qa, 0 * qd, 0 * qd))
+    H = haptid.inverse_dynamics(DEVICE, identified.beta, qa, qd, 0 * qd)
+    printed = hand(J, H - np.einsum("nij,nj->in", mass_matrix(DEVICE, identified.beta, qa), turning))
+    weight = hand(J, haptid.inverse_dynamics(DEVICE, identified.beta, qa, 0 * qd, 0 * qd))
     assert np.linalg.norm(printed - felt) > 0.3 * np.linalg.norm(felt - weight)
 
 
@@ -127,8 +127,8 @@ def smallest(table, d3, d4, q2, f):
 @pytest.mark.parametrize("branch", TABLES)
 def test_t9_the_smallest_mass_is_the_same_in_both_sweeps(branch):
     """With the inferred lengths within 2 %, and about ZZ3R / d4^2; so the two published ranges cannot both be."""
-    model, table = GivenModel.of(DEVICE, TABLES[branch]), TABLES[branch]
-    arm, forearm = (felt_mass(model, sweep.along(DEVICE)).mass.value[:, 2] for sweep in DEMO.sweeps)
+    identified, table = GivenModel.of(DEVICE, TABLES[branch]), TABLES[branch]
+    arm, forearm = (felt_mass(identified, sweep.along(DEVICE)).mass.value[:, 2] for sweep in DEMO.sweeps)
     both = np.concatenate([arm, forearm])
     assert np.ptp(both) < 0.02 * both.mean()
     np.testing.assert_allclose(both, table["ZZ3R"] / D4**2, rtol=0.02)

@@ -39,7 +39,7 @@ def published(q, v, L):
     return made
 
 
-def pi_of_beta(device):
+def pi_of_beta(model):
     """The papers' fourteen parameters of the device's base parameters, from those of the links in closed form.
 
     Link frames have x along the bar and z on the joint; inertias are about the link's origin. Eq. (4) in them.
@@ -56,22 +56,22 @@ def pi_of_beta(device):
         {"MXdf": G, "MXa": G, "Mc": G * L3},
         *({f"{kind}{k}": 1} for kind in ("FV", "FC") for k in (1, 2, 3)),
     ]
-    P = np.array([[row.get(name, 0.0) for name in device.parameters.names] for row in rows])
-    B = P[:, list(device.base.kept)]
-    np.testing.assert_allclose(B @ device.base.regrouping, P, atol=1e-9)  # the papers' set is the base's
+    P = np.array([[row.get(name, 0.0) for name in model.device.parameters.names] for row in rows])
+    B = P[:, list(model.base.kept)]
+    np.testing.assert_allclose(B @ model.base.regrouping, P, atol=1e-9)  # the papers' set is the base's
     return B
 
 
 @pytest.fixture(scope="module")
 def made():
     """Columns of the device in the papers' parameters, (3, 14, n), and the motion."""
-    device = haptid.read_device("phantom_premium_15")
+    model = haptid.DynamicModel(haptid.read_device("phantom_premium_15"))
     q, v, _ = multisine(3, 3.0, DT, seed=4)
-    core = device.mechanism
+    core = model.mechanism
     momentum, rest = core.momentum_regressor(q, v, np.zeros((0, q.shape[1])), list(range(core.columns)))
     rows = filtered(momentum, LOW_PASS.slope) + filtered(rest, LOW_PASS.taps)
-    S = device.parameters.S[:, list(device.base.kept)]
-    W = np.einsum("ark,rp->akp", rows, S) @ np.linalg.inv(pi_of_beta(device))
+    S = model.device.parameters.S[:, list(model.base.kept)]
+    W = np.einsum("ark,rp->akp", rows, S) @ np.linalg.inv(pi_of_beta(model))
     return W.transpose(0, 2, 1), q, v
 
 

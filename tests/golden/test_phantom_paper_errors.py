@@ -19,19 +19,19 @@ PRINTED, MENDED = +1.0, -1.0  # sign of the arm's squared velocity in the row of
 
 
 @pytest.fixture(scope="module")
-def device():
-    return haptid.read_device(DEMO.device)
+def model():
+    return haptid.DynamicModel(haptid.read_device(DEMO.model))
 
 
 @pytest.fixture(scope="module")
-def pi(device):
+def pi(model):
     """Of the measured bodies, and the friction of the normal mounting, in SI, (14,)."""
-    bodies = target_map(device) @ device.base.of(np.nan_to_num(device.chi_prior))
+    bodies = target_map(model) @ model.base.of(np.nan_to_num(model.chi_prior))
     return bodies + np.array([0.0] * 8 + [2.0e-3, 1.5e-3, 1.0e-3, 0.0707, 0.0251, 0.0248]) / ALPHA
 
 
-def beta_of(device, pi):
-    return np.linalg.solve(target_map(device), pi)
+def beta_of(model, pi):
+    return np.linalg.solve(target_map(model), pi)
 
 
 def inertia(pi, q):
@@ -54,10 +54,10 @@ def velocity_matrix(pi, q, v, sign):
     return C
 
 
-def test_t1_pi_1_holds_four_times_the_arms_inertia(device):
+def test_t1_pi_1_holds_four_times_the_arms_inertia(model):
     """Eq. (4) prints I_be,yy once; the published column [1] needs it four times, as the device's own target has it."""
-    found = ALPHA * (target_map(device) @ device.base.of(np.nan_to_num(device.chi_prior)))[0]
-    once = found - ALPHA * 3 / 8 * device.prior["YYbe"].value
+    found = ALPHA * (target_map(model) @ model.base.of(np.nan_to_num(model.chi_prior)))[0]
+    once = found - ALPHA * 3 / 8 * model.prior["YYbe"].value
     column = DEMO.parameters.column("bodies")[0]
     assert abs(found - column) < 2e-4
     assert found == pytest.approx(0.00773, abs=5e-6)
@@ -65,11 +65,11 @@ def test_t1_pi_1_holds_four_times_the_arms_inertia(device):
     assert abs(once - column) > 8e-4
 
 
-def test_t2_the_printed_sign_makes_or_loses_energy(device, pi):
+def test_t2_the_printed_sign_makes_or_loses_energy(model, pi):
     """The closed form with the sign mended is the library's model; with the printed sign energy is not kept."""
     q, v, a = multisine(3, 2.0, 1e-2, seed=3)
-    without_friction = beta_of(device, np.append(pi[:8], np.zeros(6)))
-    ours = haptid.inverse_dynamics(device, without_friction, q, v, a)
+    without_friction = beta_of(model, np.append(pi[:8], np.zeros(6)))
+    ours = haptid.inverse_dynamics(model, without_friction, q, v, a)
     gravity = np.array([0 * q[0], pi[6] * np.cos(q[1]), pi[7] * np.sin(q[2])])
     by_sign = {}
     for sign in (MENDED, PRINTED):
@@ -142,11 +142,11 @@ def columns_13(q, v, printed_square=False, filtered=low_pass):
 
 
 @pytest.fixture(scope="module")
-def swept(device, pi):
+def swept(model, pi):
     """A multisine about the usual pose, and the filtered torque of the library's model, each (3, n)."""
     q, v, a = multisine(3, 12.0, DT, seed=2)
     q = q + np.array([0.0, 0.2, 0.3])[:, None]
-    return q, v, low_pass(haptid.inverse_dynamics(device, beta_of(device, pi), q, v, a))
+    return q, v, low_pass(haptid.inverse_dynamics(model, beta_of(model, pi), q, v, a))
 
 
 def test_t3_the_filtered_column_has_no_square_of_the_arms_velocity(pi, swept):
@@ -182,29 +182,29 @@ def test_t4_every_column_passes_the_filter(pi, swept):
 
 
 @pytest.fixture(scope="module")
-def held(device, pi):
+def held(model, pi):
     """A motion against which a hand exerts a force and a moment, in the base frame: estimate, motion, wrench (n, 6)."""
-    beta = beta_of(device, pi)
-    estimate = haptid.estimate(haptid.observe(device, motion(device, beta, seconds=4.0)), haptid.WLS())
+    beta = beta_of(model, pi)
+    estimate = haptid.estimate(haptid.observe(model, motion(model, beta, seconds=4.0)), haptid.WLS())
     q, v, a = multisine(3, 0.3, DT, seed=7)
     wrench = np.array([0.5, -0.3, 0.8, 0.02, -0.03, 0.04]) * np.ones((q.shape[1], 6))
-    load = np.einsum("nij,ni->jn", handle_motion(device, q).row_jacobian, wrench)
-    tau = haptid.inverse_dynamics(device, beta, q, v, a) - load
+    load = np.einsum("nij,ni->jn", handle_motion(model, q).row_jacobian, wrench)
+    tau = haptid.inverse_dynamics(model, beta, q, v, a) - load
     return estimate, haptid.Motion(DT, q.T, tau.T, haptid.Treatment(cutoff_hz=None), rates=(v.T, a.T)), wrench
 
 
-def test_t5_the_moment_is_physical_and_its_jacobian_transposed(device, held):
+def test_t5_the_moment_is_physical_and_its_jacobian_transposed(model, held):
     """Eq. (14) in the papers' signs and units of command: as printed, half mended, and mended."""
     estimate, made, wrench = held
     q, (v, a) = made.q.T, made.rates
-    J = handle_motion(device, q).row_jacobian
+    J = handle_motion(model, q).row_jacobian
     Jp, Jo, moment = J[:, :3], J[:, 3:], -wrench[:, 3:]  # of the device on the hand, as eq. (14) has it
-    model = haptid.inverse_dynamics(device, estimate.beta, q, v.T, a.T).T
+    other_model = haptid.inverse_dynamics(model, estimate.beta, q, v.T, a.T).T
 
     def force(rest):
         return np.linalg.solve(Jp.mT, rest[:, :, None])[:, :, 0]
 
-    command = ALPHA * (made.tau - model)  # tau - Y pi
+    command = ALPHA * (made.tau - other_model)  # tau - Y pi
     mended = force(command / ALPHA - np.einsum("nij,ni->nj", Jo, moment))
     not_transposed = force(command - np.einsum("nij,nj->ni", Jo, moment)) / ALPHA
     scaled = force(command - np.einsum("nij,ni->nj", Jo, moment)) / ALPHA
@@ -212,15 +212,15 @@ def test_t5_the_moment_is_physical_and_its_jacobian_transposed(device, held):
     np.testing.assert_allclose(mended, -wrench[:, :3], atol=1e-9)
     for wrong in (not_transposed, scaled):
         assert np.linalg.norm(wrong + wrench[:, :3]) > 0.1 * size
-    own = np.einsum("nij,ni->nj", handle_motion(device, q).rotation, wrench[:, 3:])
+    own = np.einsum("nij,ni->nj", handle_motion(model, q).rotation, wrench[:, 3:])
     found = estimate_force(estimate, made, moment=own, reversal_speed=0.0)
     np.testing.assert_allclose(found.force, wrench[:, :3], atol=1e-6)
 
 
-def test_t6_the_pseudo_inverse_does_not_find_the_force(device, held):
+def test_t6_the_pseudo_inverse_does_not_find_the_force(model, held):
     """Not with a moment, nor without: the least of all wrenches with those torques shares a force out as a moment."""
     _, made, wrench = held
-    J = handle_motion(device, made.q.T).row_jacobian
+    J = handle_motion(model, made.q.T).row_jacobian
     least = np.linalg.pinv(J.mT)
     for pushed in (wrench, wrench * [1, 1, 1, 0, 0, 0]):
         torque = np.einsum("nij,ni->nj", J, pushed)
@@ -253,15 +253,15 @@ def test_t9_one_error_is_above_five_per_cent():
     assert 100 - DEMO.errors.figures[worst] < 95
 
 
-def test_t10_no_identified_matrix_is_positive_definite_everywhere(device):
+def test_t10_no_identified_matrix_is_positive_definite_everywhere(model):
     """Over A, less than what the joints reach, none of the five; over the nominal box all, but not by 1.8e-3."""
-    places = {place.name: place.of(device) for place in DEMO.workspaces}
+    places = {place.name: place.of(model) for place in DEMO.workspaces}
     least = {}
     for column in ("normal", "gc", "fs", "usd", "usd_gc"):
-        beta = beta_of(device, DEMO.parameters.column(column) / ALPHA)
+        beta = beta_of(model, DEMO.parameters.column(column) / ALPHA)
         found = definiteness(beta, places["A"])
         assert not found.positive
-        assert mass_matrix(device, beta, found.at[:, None])[0, 0, 0] < 0
+        assert mass_matrix(model, beta, found.at[:, None])[0, 0, 0] < 0
         least[column] = ALPHA * definiteness(beta, places["B"]).smallest
     assert min(least.values()) == pytest.approx(3.0e-4, abs=0.5e-4)
     assert least["usd_gc"] == pytest.approx(1.82e-3, abs=0.5e-5)

@@ -41,10 +41,10 @@ def equation_4(mass, moments, base_yy):
     )  # fmt: skip
 
 
-def standard(device, mass, moments, base_yy):
+def standard(model, mass, moments, base_yy):
     """The same bodies as standard parameters in link frames, moved to the joints by Huygens and Steiner, (p,)."""
-    chi = np.zeros(len(device.parameters))
-    chi[device.parameters.index["ZZba"]] = base_yy
+    chi = np.zeros(len(model.parameters))
+    chi[model.parameters.index["ZZba"]] = base_yy
     middle = {"a": (L2 / 2, L2 / 2), "c": (L1 / 2, L1 / 2), "be": (L5, 0.0), "df": (-L6, 0.0)}
     for body, (x, moved) in middle.items():
         ix, iy, iz = moments[body]
@@ -52,51 +52,51 @@ def standard(device, mass, moments, base_yy):
         steiner = mass[body] * moved**2
         values = {"XX": along, "YY": across + steiner, "ZZ": ix + steiner, "MX": mass[body] * x, "M": mass[body]}
         for kind, value in values.items():
-            chi[device.parameters.index[kind + body]] = value
+            chi[model.parameters.index[kind + body]] = value
     return chi
 
 
 @pytest.fixture(scope="module")
-def device():
-    return haptid.read_device("phantom_premium_15")
+def model():
+    return haptid.DynamicModel(haptid.read_device("phantom_premium_15"))
 
 
-def test_targets_of_the_prior_bodies_are_equation_4_and_table_1(device):
-    rows = np.array([target.row for target in device.targets[:8]])
-    found = rows @ np.nan_to_num(device.chi_prior)
+def test_targets_of_the_prior_bodies_are_equation_4_and_table_1(model):
+    rows = np.array([target.row for target in model.targets[:8]])
+    found = rows @ np.nan_to_num(model.chi_prior)
     np.testing.assert_allclose(found, equation_4(MASS, MOMENTS, BASE_YY), rtol=1e-13)
     np.testing.assert_allclose(ALPHA * found, TABLE1, atol=2e-4)
     golden = [0.00283279, 0.00113189, -0.00039120, 0.00091230, 0.00242640, 0.00093189, -0.01629804, -0.07375521]
     np.testing.assert_allclose(found, golden, atol=5e-9)
 
 
-def test_targets_of_any_bodies_are_equation_4(device):
+def test_targets_of_any_bodies_are_equation_4(model):
     rng = np.random.default_rng(0)
-    rows = np.array([target.row for target in device.targets[:8]])
+    rows = np.array([target.row for target in model.targets[:8]])
     for _ in range(20):
         mass = {body: value * rng.uniform(0.1, 3) for body, value in MASS.items()}
         moments = {body: tuple(rng.uniform(0.1, 3, 3) * value) for body, value in MOMENTS.items()}
         wanted = equation_4(mass, moments, 3 * BASE_YY)
-        np.testing.assert_allclose(rows @ standard(device, mass, moments, 3 * BASE_YY), wanted, rtol=1e-12, atol=1e-18)
+        np.testing.assert_allclose(rows @ standard(model, mass, moments, 3 * BASE_YY), wanted, rtol=1e-12, atol=1e-18)
 
 
-def test_the_eight_base_parameters_and_pi_span_one_space(device):
-    C = target_map(device)
+def test_the_eight_base_parameters_and_pi_span_one_space(model):
+    C = target_map(model)
     assert C.shape == (14, 14)
     assert np.linalg.matrix_rank(C[:8, :8]) == 8
     np.testing.assert_array_equal(C[:8, 8:], 0)
     np.testing.assert_array_equal(C[8:], np.eye(14)[8:])
-    rows = np.array([target.row for target in device.targets])
-    np.testing.assert_allclose(C @ device.base.regrouping, rows, atol=1e-15)
-    np.testing.assert_allclose(np.linalg.solve(C, rows), device.base.regrouping, atol=1e-12)
+    rows = np.array([target.row for target in model.targets])
+    np.testing.assert_allclose(C @ model.base.regrouping, rows, atol=1e-15)
+    np.testing.assert_allclose(np.linalg.solve(C, rows), model.base.regrouping, atol=1e-12)
 
 
-def test_the_groupings_of_equation_4_are_found_in_link_frames(device):
+def test_the_groupings_of_equation_4_are_found_in_link_frames(model):
     """pi_5 is a base parameter, pi_7 is one times g; the others are sums that `target_map` finds."""
-    C, names = target_map(device), list(device.base.names)
+    C, names = target_map(model), list(model.base.names)
     found = {
         target.name: formula(row, tuple(names), int(np.argmax(row != 0)))
-        for target, row in zip(device.targets, np.round(C, 12), strict=True)
+        for target, row in zip(model.targets, np.round(C, 12), strict=True)
     }
     assert found["pi_1"] == "ZZbaR + 0.5 XXbeR + 0.5 XXdfR"
     assert found["pi_2"] == "-0.5 XXbeR"
@@ -108,11 +108,11 @@ def test_the_groupings_of_equation_4_are_found_in_link_frames(device):
     assert found["pi_8"] == "9.81 MXdfR + 9.81 MXaR"
 
 
-def test_torque_of_the_targets_is_the_golden_one(device):
+def test_torque_of_the_targets_is_the_golden_one(model):
     """All fourteen of Table I, Normal, in units of command, against the closed form at one state."""
     normal = [0.0039, 0.0037, -0.0011, 0.0019, 0.0057, 0.0026, -0.0525, -0.3002,
               -0.0057, -0.0035, -0.0005, 0.0707, 0.0251, 0.0248]  # fmt: skip
-    beta = np.linalg.solve(target_map(device), np.array(normal))
+    beta = np.linalg.solve(target_map(model), np.array(normal))
     column = lambda *x: np.array(x)[:, None]  # noqa: E731
-    tau = haptid.inverse_dynamics(device, beta, column(0.3, 0.4, 0.5), column(0.7, -0.5, 0.9), column(1.1, -0.8, 0.6))
+    tau = haptid.inverse_dynamics(model, beta, column(0.3, 0.4, 0.5), column(0.7, -0.5, 0.9), column(1.1, -0.8, 0.6))
     np.testing.assert_allclose(tau[:, 0], [0.07822066, -0.07405567, -0.11915555], atol=5e-9)

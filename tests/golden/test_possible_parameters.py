@@ -54,15 +54,15 @@ CONTRADICTION = {"normal": ARM, "gc": ARM, "fs": FOREARM, "usd": ARM, "usd+gc": 
 
 
 @pytest.fixture(scope="module")
-def device():
-    return haptid.read_device("phantom_premium_15")
+def model():
+    return haptid.DynamicModel(haptid.read_device("phantom_premium_15"))
 
 
 @pytest.fixture(scope="module")
-def to_pi(device):
+def to_pi(model):
     """pi = to_pi beta, by the papers' eq. (4); 9.81 m/s^2 is in pi_7 and pi_8."""
-    row = {name: k for k, name in enumerate(device.base.names)}
-    L1, g = device.lengths["L1"], 9.81
+    row = {name: k for k, name in enumerate(model.base.names)}
+    L1, g = model.lengths["L1"], 9.81
     combinations = [
         {"ZZbaR": 1, "XXbeR": 0.5, "XXdfR": 0.5},
         {"XXbeR": -0.5},
@@ -81,21 +81,21 @@ def to_pi(device):
     return matrix
 
 
-def test_the_combinations_are_the_papers(device, to_pi):
+def test_the_combinations_are_the_papers(model, to_pi):
     """From the bodies of Cavusoglu et al.: the printed column (pi_1 and pi_2 are one off in the last digit)."""
-    beta = device.base.of(np.nan_to_num(device.chi_prior))
+    beta = model.base.of(np.nan_to_num(model.chi_prior))
     np.testing.assert_allclose((to_pi @ beta)[:8], CAVUSOGLU[:8], atol=2e-4)
 
 
-def test_the_column_from_measured_bodies_is_possible(device, to_pi):
-    found = possible(device, np.linalg.solve(to_pi, CAVUSOGLU))
+def test_the_column_from_measured_bodies_is_possible(model, to_pi):
+    found = possible(model, np.linalg.solve(to_pi, CAVUSOGLU))
     assert found.ok
     assert 1e-3 < found.margin < 0.1
 
 
 @pytest.mark.parametrize("installation", TABLE)
-def test_no_identified_column_is_possible(device, to_pi, installation):
-    found = possible(device, np.linalg.solve(to_pi, TABLE[installation]))
+def test_no_identified_column_is_possible(model, to_pi, installation):
+    found = possible(model, np.linalg.solve(to_pi, TABLE[installation]))
     assert not found.ok
     assert found.margin < -1e-3
     damping = [sentence for sentence in found.failing if sentence.startswith("viscous")]
@@ -105,15 +105,15 @@ def test_no_identified_column_is_possible(device, to_pi, installation):
     # Without the negative damping the inertias still contradict one another.
     frictionless = np.array(TABLE[installation])
     frictionless[8:11] = 1e-3
-    assert len(possible(device, np.linalg.solve(to_pi, frictionless)).failing) == 1
+    assert len(possible(model, np.linalg.solve(to_pi, frictionless)).failing) == 1
 
 
 @pytest.mark.parametrize("installation", TABLE)
-def test_the_nearest_possible_obey_the_necessary_conditions(device, to_pi, installation):
+def test_the_nearest_possible_obey_the_necessary_conditions(model, to_pi, installation):
     """Conditions on pi that any bodies fulfil, derived by hand from the mass matrix; torque changes by per cents."""
-    R = metric(device, to_pi, installation)
+    R = metric(model, to_pi, installation)
     beta = np.linalg.solve(to_pi, TABLE[installation])
-    found = project(device, beta, R)
+    found = project(model, beta, R)
     assert found.ok
     p1, p2, p3, p4, p5, p6, *_ = pi = to_pi @ found.beta
     slack = 1e-8
@@ -126,16 +126,16 @@ def test_the_nearest_possible_obey_the_necessary_conditions(device, to_pi, insta
     assert np.linalg.norm(R @ (found.beta - beta)) < 0.08 * np.linalg.norm(R @ beta)
 
 
-def metric(device, to_pi, installation):
+def metric(model, to_pi, installation):
     """The triangle of a multisine in the device's range."""
-    made = motion(device, np.linalg.solve(to_pi, TABLE[installation]), seconds=20.0, dt=4e-3)
-    return haptid.observe(device, made).stack()[:-1, :-1]
+    made = motion(model, np.linalg.solve(to_pi, TABLE[installation]), seconds=20.0, dt=4e-3)
+    return haptid.observe(model, made).stack()[:-1, :-1]
 
 
-def test_the_nearest_possible_to_the_normal_column(device, to_pi):
+def test_the_nearest_possible_to_the_normal_column(model, to_pi):
     """Near a projection computed elsewhere, on another multisine and with the necessary conditions alone."""
-    R = metric(device, to_pi, "normal")
-    pi = to_pi @ project(device, np.linalg.solve(to_pi, TABLE["normal"]), R).beta
+    R = metric(model, to_pi, "normal")
+    pi = to_pi @ project(model, np.linalg.solve(to_pi, TABLE["normal"]), R).beta
     wanted = [0.0045, 0.0028, -0.0009, 0.0020, 0.0057, 0.0026, -0.0522, -0.3003, 0, 0, 0, 0.0664, 0.0221, 0.0244]
     np.testing.assert_allclose(pi[:6], wanted[:6], atol=4e-4)
     np.testing.assert_allclose(pi[6:8], wanted[6:8], rtol=0.01)

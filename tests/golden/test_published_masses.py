@@ -46,12 +46,12 @@ LOWER = {
 
 
 @pytest.fixture(scope="module")
-def device():
-    return haptid.read_device("cea_medical_branch")
+def model():
+    return haptid.DynamicModel(haptid.read_device("cea_medical_branch"))
 
 
-def model(device, table):
-    return GivenModel.of(device, table)
+def identified(model, table):
+    return GivenModel.of(model, table)
 
 
 def closed_form(table, qa):
@@ -77,10 +77,10 @@ def poses(count=60, seed=0):
 
 
 @pytest.mark.parametrize("table", [UPPER, LOWER])
-def test_masses_are_those_of_the_closed_form(device, table):
-    qa, m = poses(), model(device, table)
+def test_masses_are_those_of_the_closed_form(model, table):
+    qa, m = poses(), identified(model, table)
     A, J = closed_form(table, qa)
-    np.testing.assert_allclose(mass_matrix(device, m.beta, qa), A, atol=1e-12)
+    np.testing.assert_allclose(mass_matrix(model, m.beta, qa), A, atol=1e-12)
     wanted = np.linalg.inv(J).mT @ A @ np.linalg.inv(J)
     found = felt_mass(m, qa, worst_condition=1e4)
     np.testing.assert_allclose(found.mass.value, np.linalg.eigvalsh(wanted)[:, ::-1], rtol=1e-9)
@@ -92,22 +92,22 @@ def test_masses_are_those_of_the_closed_form(device, table):
     ("table", "wanted"),
     [(UPPER, (0.032049, 0.029, -0.003652, 0.014)), (LOWER, (0.028516, 0.027, -0.003184, 0.012))],
 )
-def test_golden_mass_matrix(device, table, wanted):
-    A = mass_matrix(device, model(device, table).beta, np.array([[0.2], [-1.0], [1.0 + np.pi]]))[0]
+def test_golden_mass_matrix(model, table, wanted):
+    A = mass_matrix(model, identified(model, table).beta, np.array([[0.2], [-1.0], [1.0 + np.pi]]))[0]
     np.testing.assert_allclose([A[0, 0], A[1, 1], A[1, 2], A[2, 2]], wanted, atol=5e-7)
 
 
 @pytest.mark.parametrize("table", [UPPER, LOWER])
-def test_out_of_the_plane_the_mass_is_that_of_a_point_at_the_tip(device, table):
+def test_out_of_the_plane_the_mass_is_that_of_a_point_at_the_tip(model, table):
     qa = poses()
     qa[0] = 0.0
-    c = characterise(model(device, table), qa, worst_condition=1e4)
+    c = characterise(identified(model, table), qa, worst_condition=1e4)
     rho = D3 * np.cos(qa[1]) + D4 * np.cos(qa[2] - np.pi)
     A, _ = closed_form(table, qa)
     np.testing.assert_allclose(c.mass_along([0, 1, 0]).value, A[:, 0, 0] / rho**2, rtol=1e-9)
 
 
-def test_figure_7(device):
+def test_figure_7(model):
     """Ranges for our lengths; they are inferred, so figure 7 is a shape and an order of magnitude."""
     degrees = np.radians
     arm = sweep([0.0, 0.0, degrees(48) + np.pi], 1, degrees(np.linspace(-80, -20, 61)))
@@ -117,32 +117,32 @@ def test_figure_7(device):
         "forearm": [(0.58, 0.86), (0.35, 0.61), (0.158, 0.184)],
     }
     for name, qa in (("arm", arm), ("forearm", forearm)):
-        both = [felt_mass(model(device, table), qa).mass.value for table in (UPPER, LOWER)]
+        both = [felt_mass(identified(model, table), qa).mass.value for table in (UPPER, LOWER)]
         for k, (low, high) in enumerate(ranges[name]):
             values = np.concatenate([value[:, k] for value in both])
             assert abs(values.min() - low) < 0.01, (name, k, values.min())
             assert abs(values.max() - high) < 0.01, (name, k, values.max())
 
 
-def test_branches_are_close_to_each_other(device):
+def test_branches_are_close_to_each_other(model):
     qa = poses()
-    upper, lower = (felt_mass(model(device, table), qa).mass.value for table in (UPPER, LOWER))
+    upper, lower = (felt_mass(identified(model, table), qa).mass.value for table in (UPPER, LOWER))
     assert (np.abs(upper / lower - 1) < 0.25).all()
 
 
-def test_coulomb_friction_of_the_first_joint_alone(device):
+def test_coulomb_friction_of_the_first_joint_alone(model):
     """Sideways motion turns joint 1 alone: friction is fc1 / rho, and the printed form agrees there."""
     qa = poses()
     qa[0] = 0.0
-    c = characterise(model(device, UPPER), qa, worst_condition=1e4)
+    c = characterise(identified(model, UPPER), qa, worst_condition=1e4)
     rho = D3 * np.cos(qa[1]) + D4 * np.cos(qa[2] - np.pi)
     np.testing.assert_allclose(c.coulomb_friction([0, 1, 0]).value[:, 1], 0.12 / np.abs(rho), rtol=1e-9)
     np.testing.assert_allclose(np.abs(c.coulomb_by_axis.value[:, 1]), 0.12 / np.abs(rho), rtol=1e-9)
 
 
 def test_the_phantom_holds_less_force_the_further_it_reaches():
-    device = haptid.read_device("phantom_premium_15")
-    c = characterise(GivenModel(device, device.base.of(np.nan_to_num(device.chi_prior))), np.zeros((3, 1)))
+    model = haptid.DynamicModel(haptid.read_device("phantom_premium_15"))
+    c = characterise(GivenModel(model, model.base.of(np.nan_to_num(model.chi_prior))), np.zeros((3, 1)))
     limits = {"1": 0.2, "2": 0.2, "3": 0.2}
     force, direction = c.greatest_force(limits)
     # At zero the arm is level and the forearm hangs: motor 1 turns the tip at 0.215 m and carries no weight.

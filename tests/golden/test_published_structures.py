@@ -11,13 +11,13 @@ from haptid.dynamics.base_parameters import NO_EFFECT, random_regressor
 INERTIAL = ("XX", "XY", "XZ", "YY", "YZ", "ZZ", "MX", "MY", "MZ", "M", "IA")
 
 
-def inertial(device):
-    kept = device.base.kept
-    return [device.base.names[k] for k, index in enumerate(kept) if device.parameters.kinds[index] in INERTIAL]
+def inertial(model):
+    kept = model.base.kept
+    return [model.base.names[k] for k, index in enumerate(kept) if model.device.parameters.kinds[index] in INERTIAL]
 
 
-def grouping(device, name):
-    return next(g for n, g in zip(device.base.names, device.base.groupings, strict=True) if n == name)
+def grouping(model, name):
+    return next(g for n, g in zip(model.base.names, model.base.groupings, strict=True) if n == name)
 
 
 @pytest.mark.parametrize(
@@ -34,26 +34,26 @@ def grouping(device, name):
     ],
 )
 def test_number_of_inertial_base_parameters(name, count):
-    device = haptid.read_device(name)
-    assert len(inertial(device)) == count
-    assert device.base.is_clear
+    model = haptid.DynamicModel(haptid.read_device(name))
+    assert len(inertial(model)) == count
+    assert model.base.is_clear
     # By another road: the numerical rank of the same columns, from the singular values at other random states.
-    W = random_regressor(device, seed=7)
+    W = random_regressor(model, seed=7)
     lengths = np.linalg.norm(W, axis=0)
     W = W[:, lengths > NO_EFFECT * lengths.max()]
     singular = np.linalg.svd(W / np.linalg.norm(W, axis=0), compute_uv=False)
-    assert (singular > 1e-9 * singular[0]).sum() == len(device.base)
+    assert (singular > 1e-9 * singular[0]).sum() == len(model.base)
 
 
 def test_seven_joints_have_43_without_rotors():
-    device = haptid.read_device("arm7")
-    assert len([name for name in inertial(device) if not name.startswith("IA")]) == 43
+    model = haptid.DynamicModel(haptid.read_device("arm7"))
+    assert len([name for name in inertial(model) if not name.startswith("IA")]) == 43
 
 
 def test_sr400_loop_is_found_from_its_cut_joint():
-    device = haptid.read_device("sr400")
-    assert set(device.closure.relations) == {"q3 = pi/2 - q2 + q7", "q8 = q2 - q7"}
-    assert device.closure.error < 1e-12
+    model = haptid.DynamicModel(haptid.read_device("sr400"))
+    assert set(model.device.closure.relations) == {"q3 = pi/2 - q2 + q7", "q8 = q2 - q7"}
+    assert model.device.closure.error < 1e-12
 
 
 def test_sr400_as_a_tree_has_55(tmp_path):
@@ -61,17 +61,17 @@ def test_sr400_as_a_tree_has_55(tmp_path):
     text = Path(haptid.__file__).parent.joinpath("device/library", "sr400.toml").read_text()
     before, loop = text.split("[[loops]]")
     (tmp_path / "tree.toml").write_text(before + "[[" + loop.split("[[", 1)[1])
-    tree = haptid.read_device(tmp_path / "tree.toml")
-    assert len(tree.active) == 8
+    tree = haptid.DynamicModel(haptid.read_device(tmp_path / "tree.toml"))
+    assert len(tree.device.active) == 8
     assert len(inertial(tree)) == 55
 
 
 def test_phantom_torque_is_the_published_closed_form():
     """The eight parameters and the torque of phantom eq. (5), corrected, at a golden state."""
-    device = haptid.read_device("phantom_premium_15")
-    beta = device.base.of(np.nan_to_num(device.chi_prior))
+    model = haptid.DynamicModel(haptid.read_device("phantom_premium_15"))
+    beta = model.base.of(np.nan_to_num(model.device.chi_prior))
     column = lambda *x: np.array(x)[:, None]  # noqa: E731
-    tau = haptid.inverse_dynamics(device, beta, column(0.3, 0.4, 0.5), column(0.7, -0.5, 0.9), column(1.1, -0.8, 0.6))
+    tau = haptid.inverse_dynamics(model, beta, column(0.3, 0.4, 0.5), column(0.7, -0.5, 0.9), column(1.1, -0.8, 0.6))
     np.testing.assert_allclose(tau[:, 0], [0.00570150, -0.01611805, -0.03529287], atol=5e-9)
 
 
@@ -113,11 +113,11 @@ def phantom_rows(q, v, a):
 
 def test_phantom_regressor_spans_the_papers_closed_form():
     """Not one torque more, not one less: the two sets of eight columns are linear images of each other."""
-    device = haptid.read_device("phantom_premium_15")
+    model = haptid.DynamicModel(haptid.read_device("phantom_premium_15"))
     rng = np.random.default_rng(0)
     q, v, a = rng.normal(size=(3, 3, 50))
-    unit = np.eye(len(device.base))[: len(inertial(device))]
-    ours = np.array([haptid.inverse_dynamics(device, beta, q, v, a).ravel() for beta in unit]).T
+    unit = np.eye(len(model.base))[: len(inertial(model))]
+    ours = np.array([haptid.inverse_dynamics(model, beta, q, v, a).ravel() for beta in unit]).T
     theirs = phantom_rows(q, v, a).transpose(1, 0, 2).reshape(8, -1).T
     both = np.linalg.lstsq(theirs, ours, rcond=None)[0]
     np.testing.assert_allclose(theirs @ both, ours, atol=1e-12)
@@ -143,10 +143,10 @@ CEA_GROUPINGS = {
 
 
 def test_cea_regroupings_are_the_papers_as_corrected():
-    device = haptid.read_device("cea_medical_branch")
-    assert len(device.base) == 34
+    model = haptid.DynamicModel(haptid.read_device("cea_medical_branch"))
+    assert len(model.base) == 34
     for name, wanted in CEA_GROUPINGS.items():
-        assert grouping(device, name) == wanted
+        assert grouping(model, name) == wanted
     listed = [
         "XX1",
         "XY1",
@@ -166,13 +166,13 @@ def test_cea_regroupings_are_the_papers_as_corrected():
         "ZZ8",
         "MX8",
     ]
-    assert set(listed) <= set(device.base.no_effect)
-    assert set(device.base.no_effect) == {*listed, "M2", "M5", "YY4", "YY8"}
+    assert set(listed) <= set(model.base.no_effect)
+    assert set(model.base.no_effect) == {*listed, "M2", "M5", "YY4", "YY8"}
 
 
 def test_cea_constraints_and_torque_map_are_the_printed_ones():
     """Equations (1) to (6) and (10), sign set A, from the cut joints' frames alone."""
-    closure = haptid.read_device("cea_medical_branch").closure
+    closure = haptid.DynamicModel(haptid.read_device("cea_medical_branch")).device.closure
     assert closure.relations == (
         "q3 = -pi - q2 + q5",
         "q4 = 3*pi/2 - q5",
@@ -199,8 +199,8 @@ CEA_LOWER = {"ZZ1R": 0.046, "MX1R": -0.005, "MY1R": -0.04, "XX2R": -0.021, "ZZ2R
     [(CEA_UPPER, [0.270458, 0.083754, -0.202791]), (CEA_LOWER, [-0.434801, 0.121541, -0.239493])],
 )
 def test_cea_torque_of_the_published_parameters(table, wanted):
-    device = haptid.read_device("cea_medical_branch")
-    beta = [table.get(name, 0.0) for name in device.base.names]
+    model = haptid.DynamicModel(haptid.read_device("cea_medical_branch"))
+    beta = [table.get(name, 0.0) for name in model.base.names]
     column = lambda *x: np.array(x)[:, None]  # noqa: E731
     q, v, a = column(0.2, -1.0, 1.0 + np.pi), column(0.5, -0.4, 0.6), column(1.0, -2.0, 1.5)
-    np.testing.assert_allclose(haptid.inverse_dynamics(device, beta, q, v, a)[:, 0], wanted, atol=1e-6)
+    np.testing.assert_allclose(haptid.inverse_dynamics(model, beta, q, v, a)[:, 0], wanted, atol=1e-6)

@@ -18,23 +18,23 @@ from haptid.dynamics.symbolic.chain import exact_chain
 def drawn(folder: Path, text: str) -> haptid.Device:
     path = folder / "drawn.toml"
     path.write_text(text, encoding="utf-8")
-    return haptid.read_device(path)
+    return haptid.DynamicModel(haptid.read_device(path))
 
 
 @settings(max_examples=60, deadline=None)
 @given(st.integers(0, 2**32 - 1), st.integers(1, 6))
 def test_both_roads_find_the_same(tmp_path_factory: pytest.TempPathFactory, seed: int, joints: int) -> None:
-    device = drawn(tmp_path_factory.mktemp("d"), device_text(seed, joints))
-    exact = device.regroupings  # raises RoadsDisagreeError where they differ
-    assert exact.kept == device.base.kept
-    assert exact.names == device.base.names
+    model = drawn(tmp_path_factory.mktemp("d"), device_text(seed, joints))
+    exact = model.regroupings  # raises RoadsDisagreeError where they differ
+    assert exact.kept == model.base.kept
+    assert exact.names == model.base.names
 
 
 @settings(max_examples=8, deadline=None)
 @given(st.integers(0, 2**32 - 1))
 def test_a_twist_that_is_no_quarter_turn(tmp_path_factory: pytest.TempPathFactory, seed: int) -> None:
-    device = drawn(tmp_path_factory.mktemp("d"), device_text(seed, 3, free_angle=True))
-    assert len(device.regroupings) == len(device.base)
+    model = drawn(tmp_path_factory.mktemp("d"), device_text(seed, 3, free_angle=True))
+    assert len(model.regroupings) == len(model.base)
 
 
 @settings(max_examples=40, deadline=None)
@@ -42,10 +42,10 @@ def test_a_twist_that_is_no_quarter_turn(tmp_path_factory: pytest.TempPathFactor
 def test_placements_with_symbols_have_the_values_of_those_with_numbers(
     tmp_path_factory: pytest.TempPathFactory, seed: int, joints: int, free_angle: bool
 ) -> None:
-    device = drawn(tmp_path_factory.mktemp("d"), device_text(seed, joints, free_angle))
-    chain = exact_chain(device)
+    model = drawn(tmp_path_factory.mktemp("d"), device_text(seed, joints, free_angle))
+    chain = exact_chain(model)
     values = {symbol.name: symbol.value for symbol in chain.symbols}
-    for exact, joint in zip(chain.joints, device.joints, strict=True):
+    for exact, joint in zip(chain.joints, model.device.joints, strict=True):
         made = placements.value(exact.placement, values)
         np.testing.assert_allclose(made[:3, :3], joint.rotation, atol=1e-12)
         np.testing.assert_allclose(made[:3, 3], joint.translation, atol=1e-12)
@@ -58,11 +58,11 @@ NUMERIC_ONLY = {"delta", "slider_crank"}
 @pytest.mark.parametrize("name", sorted(NUMERIC_ONLY))
 def test_loops_that_are_no_dyads_say_so(name: str) -> None:
     with pytest.raises(haptid.errors.RegroupingError):
-        _ = haptid.read_device(name).regroupings
+        _ = haptid.DynamicModel(haptid.read_device(name)).regroupings
 
 
 @pytest.mark.parametrize("name", [name for name in haptid.shipped_devices() if name not in NUMERIC_ONLY])
 def test_shipped_devices_have_both(name: str) -> None:
-    device = haptid.read_device(name)
-    np.testing.assert_allclose(device.regroupings.values, device.base.regrouping, atol=1e-9, rtol=1e-9)
-    assert device.regroupings.no_effect == device.base.no_effect
+    model = haptid.DynamicModel(haptid.read_device(name))
+    np.testing.assert_allclose(model.regroupings.values, model.base.regrouping, atol=1e-9, rtol=1e-9)
+    assert model.regroupings.no_effect == model.base.no_effect

@@ -46,10 +46,10 @@ def test_filtered_rows_are_the_same_with_and_without_accelerations(mechanism, tr
 @pytest.mark.parametrize("name", ["phantom_premium_15", "cea_medical_branch", "staubli_tx40", "emps"])
 def test_known_parameters_come_back_without_accelerations(name, treatment):
     """Closed chains, rotors, coupled motors, friction: exact rates, exact torque."""
-    device = haptid.read_device(name)
-    beta = np.random.default_rng(0).uniform(0.5, 1.5, len(device.base))
-    made = motion(device, beta, seconds=12.0, dt=DT, treatment=treatment)
-    found = haptid.estimate(haptid.observe(device, made), haptid.OLS())
+    model = haptid.DynamicModel(haptid.read_device(name))
+    beta = np.random.default_rng(0).uniform(0.5, 1.5, len(model.base))
+    made = motion(model, beta, seconds=12.0, dt=DT, treatment=treatment)
+    found = haptid.estimate(haptid.observe(model, made), haptid.OLS())
     exact = not isinstance(treatment.parallel_shape, Causal)  # Tustin's rule is not, by (omega dt)^2 / 12
     np.testing.assert_allclose(found.beta, beta, rtol=1e-10 if exact else 1e-2)
     assert haptid.direct(found).relative < (1e-10 if exact else 5e-3)
@@ -67,13 +67,13 @@ RAW = haptid.Treatment(
 
 @pytest.mark.parametrize("treatment", [*MOMENTUM, RAW])
 def test_segments_give_what_the_whole_gives(treatment, monkeypatch):
-    device = haptid.read_device("phantom_premium_15")
-    beta = truth(device)
-    made = replace(motion(device, beta, treatment=treatment, noise=0.05), rates=None)
-    whole = haptid.observe(device, made)
+    model = haptid.DynamicModel(haptid.read_device("phantom_premium_15"))
+    beta = truth(model)
+    made = replace(motion(model, beta, treatment=treatment, noise=0.05), rates=None)
+    whole = haptid.observe(model, made)
     prediction = predict(haptid.estimate(whole, haptid.OLS()), made)
     monkeypatch.setattr(observation, "SEGMENT", 700)
-    cut = haptid.observe(device, made)
+    cut = haptid.observe(model, made)
     for a, b in zip(whole.motors, cut.motors, strict=True):
         np.testing.assert_allclose(a.triangles, b.triangles, rtol=0, atol=1e-12 * np.abs(a.triangles).max())
         np.testing.assert_array_equal(a.rows, b.rows)
@@ -84,9 +84,9 @@ def test_segments_give_what_the_whole_gives(treatment, monkeypatch):
 
 @pytest.mark.parametrize("treatment", [*MOMENTUM, RAW])
 def test_prediction_is_the_rows_times_the_parameters(treatment):
-    device = haptid.read_device("phantom_premium_15")
-    made = replace(motion(device, truth(device), treatment=treatment, noise=0.05), rates=None)
-    seen = haptid.observe(device, made)
+    model = haptid.DynamicModel(haptid.read_device("phantom_premium_15"))
+    made = replace(motion(model, truth(model), treatment=treatment, noise=0.05), rates=None)
+    seen = haptid.observe(model, made)
     found = haptid.estimate(seen, haptid.OLS())
     prediction = predict(found, made)
     for k, motor in enumerate(seen.motors):
@@ -102,7 +102,7 @@ def test_prediction_is_the_rows_times_the_parameters(treatment):
 
 def test_rows_near_slow_motion_are_those_behind_it_where_the_filter_is_causal():
     """A joint that stands still for a while: only rows whose main part reaches back to it are dropped."""
-    device = haptid.read_device("emps")
+    model = haptid.DynamicModel(haptid.read_device("emps"))
     t = DT * np.arange(6000)
     still = (t > 2.0) & (t < 2.5)
     q = np.cumsum(np.where(still, 0.0, 0.3)) * DT
@@ -115,7 +115,7 @@ def test_rows_near_slow_motion_are_those_behind_it_where_the_filter_is_causal():
         decimation=5,
     )
     made = haptid.Motion(DT, q[:, None], np.ones((6000, 1)), treatment)
-    plan = observation.Plan.of(device, made)
+    plan = observation.Plan.of(model, made)
     weights = plan.weights(0, plan.rows)[0]
     dropped = DT * (plan.first + 5 * np.flatnonzero(weights == 0))
     assert 1.99 < dropped.min() < 2.02

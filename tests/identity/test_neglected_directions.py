@@ -23,11 +23,11 @@ def largest(found, speed):
 
 
 def shipped(name):
-    device = haptid.read_device(name)
+    model = haptid.DynamicModel(haptid.read_device(name))
     if name == "phantom_premium_15":
-        return GivenModel(device, device.base.of(true_parameters(device)))
+        return GivenModel(model, model.base.of(true_parameters(model)))
     table = read_demo("medical").tables["upper"]
-    return GivenModel.of(device, dict(zip(table.rows, table.column("identified"), strict=True)))
+    return GivenModel.of(model, dict(zip(table.rows, table.column("identified"), strict=True)))
 
 
 CENTRES = {"phantom_premium_15": (0.0, 0.3, 0.1), "cea_medical_branch": (0.0, -0.9, np.pi + 0.9)}
@@ -49,9 +49,9 @@ def test_no_direction_of_thousands_has_more(name, speed):
 @given(st.integers(0, 30), st.floats(0.1, 3.0))
 def test_nor_of_random_arms(seed, speed):
     mechanism = draw(seed, joints=3, closed=False, chain=True)
-    device = as_device(mechanism)
-    model = GivenModel(device, device.base.of(parameters(mechanism, device)))
-    found = characterise(model, np.random.default_rng(seed).normal(size=(3, 9)), worst_condition=100.0)
+    model = as_device(mechanism)
+    identified = GivenModel(model, model.base.of(parameters(mechanism, model)))
+    found = characterise(identified, np.random.default_rng(seed).normal(size=(3, 9)), worst_condition=100.0)
     usable = found.grasp.usable
     assume(usable.any())
     assert (found.neglected_force(speed).value >= (1 - CLOSE) * largest(found, speed))[usable].all()

@@ -134,39 +134,39 @@ def test_what_nothing_pushes_keeps_its_energy(mechanism):
 
 @pytest.mark.parametrize("name", NAMES)
 def test_loops_whose_rates_vary(name):
-    device = haptid.read_device(name)
-    qa, qda, qdda = poses(device, 41)
-    c, cd, cdd = (device.frame @ x for x in (qa, qda, qdda))
-    chi = device.parameters.S @ bodies(device)
-    Y = rows(device, c, cd, cdd)
+    model = haptid.DynamicModel(haptid.read_device(name))
+    qa, qda, qdda = poses(model, 41)
+    c, cd, cdd = (model.device.frame @ x for x in (qa, qda, qdda))
+    chi = model.device.parameters.S @ bodies(model)
+    Y = rows(model, c, cd, cdd)
     wanted, scale = by_rows(Y, chi[None])
-    tau = core_torque(device, chi, c, cd, cdd)
+    tau = core_torque(model, chi, c, cd, cdd)
     np.testing.assert_allclose(tau, wanted, rtol=0, atol=1e-13 * scale)
-    core, loops = device.mechanism, device.loops(c, cd)
+    core, loops = model.mechanism, model.loops(c, cd)
     momenta = core.momentum_regressor(c, cd, np.zeros((0, 41)), list(range(core.columns)), loops)
     wanted, scale = by_rows(momenta, chi[None])
-    np.testing.assert_allclose(core_momentum(device, chi, c, cd), wanted, rtol=0, atol=1e-13 * scale)
+    np.testing.assert_allclose(core_momentum(model, chi, c, cd), wanted, rtol=0, atol=1e-13 * scale)
     still = np.zeros_like(c)
     for a, unit in enumerate(np.eye(len(c))):
-        column = core_torque(device, chi, c, still, still + unit[:, None]) - core_torque(device, chi, c, still, still)
-        np.testing.assert_allclose(core_mass(device, chi, c)[:, :, a].T, column, rtol=0, atol=1e-12 * scale)
-    np.testing.assert_allclose(ForwardDynamics(device, chi).acceleration(c, cd, tau), cdd, rtol=1e-7, atol=1e-7)
+        column = core_torque(model, chi, c, still, still + unit[:, None]) - core_torque(model, chi, c, still, still)
+        np.testing.assert_allclose(core_mass(model, chi, c)[:, :, a].T, column, rtol=0, atol=1e-12 * scale)
+    np.testing.assert_allclose(ForwardDynamics(model, chi).acceleration(c, cd, tau), cdd, rtol=1e-7, atol=1e-7)
 
 
 def test_a_set_without_inertia_is_an_error_that_names_the_row():
-    device = haptid.read_device("arm3")
-    chi = np.zeros((2, device.mechanism.columns))
+    model = haptid.DynamicModel(haptid.read_device("arm3"))
+    chi = np.zeros((2, model.mechanism.columns))
     for set_, size in zip(chi, (1.0, -1.0), strict=True):
         for j in range(3):
             set_[10 * j : 10 * j + 10] = size * np.array([0.3, 0, 0, 0.3, 0, 0.3, 0.1, 0, 0, 1.0])
     still = np.zeros((3, 6))
-    assert np.isfinite(ForwardDynamics(device, chi[:1]).acceleration(still, still, still)).all()
+    assert np.isfinite(ForwardDynamics(model, chi[:1]).acceleration(still, still, still)).all()
     with pytest.raises(errors.MasslessError, match="no inertia"):
-        ForwardDynamics(device, chi).acceleration(still, still, still)
+        ForwardDynamics(model, chi).acceleration(still, still, still)
 
 
 def test_sets_that_do_not_fit_are_refused():
-    core = haptid.read_device("arm3").mechanism
+    core = haptid.DynamicModel(haptid.read_device("arm3")).mechanism
     c, none = np.zeros((3, 5)), np.zeros((0, 5))
     with pytest.raises(ValueError, match="chi has shape"):
         core.torque(c, c, c, none, np.zeros(core.columns + 1))

@@ -137,9 +137,9 @@ def exact(coefficient: Coefficient | None) -> Any:
 def test_every_entry_of_the_echelon_form(tmp_path: Path) -> None:
     path = tmp_path / "arm.toml"
     path.write_text(ARM)
-    device = haptid.read_device(path)
-    found = device.regroupings
-    order = [device.parameters.names[k] for k in preference(device)]
+    model = haptid.DynamicModel(haptid.read_device(path))
+    found = model.regroupings
+    order = [model.device.parameters.names[k] for k in preference(model)]
     names, W = torque_rows(12)
     matrix = sympy.Matrix([[row[names.index(name)].as_expr() for name in order] for row in W])
     form, pivots = sympy.polys.matrices.DomainMatrix.from_Matrix(matrix).to_field().rref()

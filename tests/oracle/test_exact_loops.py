@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from haptid import errors
-from haptid.device import closing
+from haptid.device.loops import assembly
 from haptid.device.geometry import Reader
 from haptid.device.loops.from_toml import read_loops
 from haptid.device.toml.place import Place
@@ -129,9 +129,9 @@ def numeric_rows(path: Path, states: int = 60) -> np.ndarray:
     loops = read_loops(tables.loops, tree.joints, np.eye(4), Reader(tree.lengths), Place(file))
     unknown = [tree.joint_names.index(name) for name in passive]
     active = [j for j in range(len(tree.joints)) if j not in unknown]
-    chain = closing.Chain.of(tree.joints, loops.cuts, tuple(active))
+    chain = assembly.Chain.of(tree.joints, loops.cuts, tuple(active))
     rng = np.random.default_rng(0)
-    q = closing.solve(chain, rng.uniform(-np.pi, np.pi, (states * 20, len(tree.joints))), unknown, steps=200)
+    q = assembly.solve(chain, rng.uniform(-np.pi, np.pi, (states * 20, len(tree.joints))), unknown, steps=200)
     J = chain.residual(q)[1]
     good = np.abs(chain.residual(q)[0]).max(axis=1) < 1e-13
     good &= np.linalg.svd(J[:, :, unknown], compute_uv=False)[:, -1] > 0.02

@@ -16,20 +16,20 @@ from random_devices import as_device
 @given(mechanisms(most=8))
 def test_poses_and_jacobian_are_pinocchios(mechanism):
     pin = pytest.importorskip("pinocchio", reason="Pinocchio (package `pin`) has no wheel for this platform")
-    device = as_device(mechanism)
+    model = as_device(mechanism)
     qa, _, _ = states(mechanism, 3)
-    motion, at = handle_motion(device, qa), link_poses(device, qa)
-    model = pin.Model()
+    motion, at = handle_motion(model, qa), link_poses(model, qa)
+    pin_model = pin.Model()
     for i, parent in enumerate(mechanism.parent):
         joint = pin.JointModelPZ() if mechanism.prismatic[i] else pin.JointModelRZ()
-        model.addJoint(parent + 1, joint, pin.SE3(mechanism.rotation[i], mechanism.translation[i]), f"joint{i}")
-    placement = pin.SE3(device.handle.rotation, device.handle.translation)
-    frame = model.addFrame(pin.Frame("handle", len(mechanism.parent), 0, placement, pin.FrameType.OP_FRAME))
-    data = model.createData()
+        pin_model.addJoint(parent + 1, joint, pin.SE3(mechanism.rotation[i], mechanism.translation[i]), f"joint{i}")
+    placement = pin.SE3(model.handle.rotation, model.handle.translation)
+    frame = pin_model.addFrame(pin.Frame("handle", len(mechanism.parent), 0, placement, pin.FrameType.OP_FRAME))
+    data = pin_model.createData()
     for k in range(3):
         q = mechanism.rates @ qa[:, k] + mechanism.offset
-        pin.computeJointJacobians(model, data, q)
-        pin.updateFramePlacements(model, data)
+        pin.computeJointJacobians(pin_model, data, q)
+        pin.updateFramePlacements(pin_model, data)
         for j in range(len(mechanism.parent)):
             np.testing.assert_allclose(at[k, j], data.oMi[j + 1].homogeneous, atol=1e-12)
         np.testing.assert_allclose(motion.position[k], data.oMf[frame].translation, atol=1e-12)
@@ -38,18 +38,18 @@ def test_poses_and_jacobian_are_pinocchios(mechanism):
             (pin.ReferenceFrame.LOCAL_WORLD_ALIGNED, motion.jacobian),
             (pin.ReferenceFrame.LOCAL, motion.jacobian_in_handle),
         ):
-            tree = pin.getFrameJacobian(model, data, frame, kind)
+            tree = pin.getFrameJacobian(pin_model, data, frame, kind)
             np.testing.assert_allclose(got[k], tree.reshape(6, -1) @ mechanism.rates, atol=1e-11)
 
 
 @settings(max_examples=40, deadline=None)
 @given(mechanisms(most=8))
 def test_jacobian_is_the_derivative_of_the_pose(mechanism):
-    device = as_device(mechanism)
+    model = as_device(mechanism)
     qa, step = states(mechanism, 4)[0], 1e-6
-    here = handle_motion(device, qa)
+    here = handle_motion(model, qa)
     for k, e in enumerate(np.eye(mechanism.coordinates)):
-        ahead, behind = (handle_motion(device, qa + side * step * e[:, None]) for side in (1, -1))
+        ahead, behind = (handle_motion(model, qa + side * step * e[:, None]) for side in (1, -1))
         linear = (ahead.position - behind.position) / (2 * step)
         turned = Rotation.from_matrix(ahead.rotation @ behind.rotation.mT).as_rotvec() / (2 * step)
         scale = 1e-8 * (1 + np.abs(here.jacobian).max()) * (1 + np.abs(mechanism.rates).sum()) ** 2
@@ -59,9 +59,9 @@ def test_jacobian_is_the_derivative_of_the_pose(mechanism):
 
 def test_phantom_jacobian_is_the_published_one():
     """Eq. (15) of Tahmasebi et al. (2005), in the end-point frame, which turns with theta1 and theta3."""
-    device = haptid.read_device("phantom_premium_15")
+    model = haptid.DynamicModel(haptid.read_device("phantom_premium_15"))
     qa = np.column_stack([[0.3, 0.4, 0.5], np.random.default_rng(0).uniform(-1, 1, (3, 20))])
-    motion, (q1, q2, q3) = handle_motion(device, qa), qa
+    motion, (q1, q2, q3) = handle_motion(model, qa), qa
     l1, l2, zero, one = 0.215, 0.17, 0 * q1, 1 + 0 * q1
     reach, c23, s23 = l1 * np.cos(q2) + l2 * np.sin(q3), np.cos(q2 - q3), np.sin(q2 - q3)
     wanted = np.array(
@@ -90,20 +90,20 @@ def test_phantom_jacobian_is_the_published_one():
 
 def test_row_jacobian_takes_forces_to_coupled_motors():
     """Power at the handle is power at the torque rows."""
-    device = haptid.read_device("cea_medical_branch")
+    model = haptid.DynamicModel(haptid.read_device("cea_medical_branch"))
     rng = np.random.default_rng(1)
     qa, rates = rng.uniform(-0.5, 0.5, (2, 3, 5))
-    motion, wrench = handle_motion(device, qa), rng.normal(size=(5, 6))
+    motion, wrench = handle_motion(model, qa), rng.normal(size=(5, 6))
     velocity = np.einsum("nij,jn->ni", motion.jacobian, rates)
     rows = np.einsum("nij,ni->nj", motion.row_jacobian, wrench)
-    np.testing.assert_allclose((rows * (device.frame @ rates).T).sum(1), (wrench * velocity).sum(1), atol=1e-14)
+    np.testing.assert_allclose((rows * (model.device.frame @ rates).T).sum(1), (wrench * velocity).sum(1), atol=1e-14)
 
 
 def test_a_device_without_handle_has_no_handle_motion():
     with pytest.raises(errors.HandleMissingError, match=r"has no handle.*Add \[handle\]"):
-        handle_motion(haptid.read_device("emps"), np.zeros((1, 2)))
+        handle_motion(haptid.DynamicModel(haptid.read_device("emps")), np.zeros((1, 2)))
 
 
 def test_positions_that_do_not_fit_are_an_error():
     with pytest.raises(errors.ShapeError, match="qa"):
-        link_poses(haptid.read_device("phantom_premium_15"), np.zeros((2, 5)))
+        link_poses(haptid.DynamicModel(haptid.read_device("phantom_premium_15")), np.zeros((2, 5)))

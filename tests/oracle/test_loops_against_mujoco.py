@@ -51,66 +51,68 @@ class Tree:
         return qdd
 
 
-def tree_of(device, model, data, q, qd):
+def tree_of(model, mj_model, data, q, qd):
     """MuJoCo at one state on the loop, its joints in its own order."""
     data.qpos[:], data.qvel[:], data.ctrl[:] = q, qd, 0.0
-    mujoco.mj_forward(model, data)
-    M = np.zeros((model.nv, model.nv))
-    mujoco.mj_fullM(model, data, M)
-    kinds, rows = data.efc_type, data.efc_J.reshape(-1, model.nv)
+    mujoco.mj_forward(mj_model, data)
+    M = np.zeros((mj_model.nv, mj_model.nv))
+    mujoco.mj_fullM(mj_model, data, M)
+    kinds, rows = data.efc_type, data.efc_J.reshape(-1, mj_model.nv)
     dry = np.isin(kinds, (mujoco.mjtConstraint.mjCNSTR_FRICTION_DOF, mujoco.mjtConstraint.mjCNSTR_FRICTION_TENDON))
     friction = -(rows[dry].T * data.efc_frictionloss[dry]) @ np.sign(rows[dry] @ qd)
     constant = data.qfrc_actuator.copy()
     J = rows[kinds == mujoco.mjtConstraint.mjCNSTR_EQUALITY].copy()
-    A = np.empty((model.nv, len(device.motors)))
-    for k in range(len(device.motors)):
+    A = np.empty((mj_model.nv, len(model.motors)))
+    for k in range(len(model.motors)):
         data.ctrl[:] = 0.0
         data.ctrl[k] = 1.0
-        mujoco.mj_fwdActuation(model, data)
+        mujoco.mj_fwdActuation(mj_model, data)
         A[:, k] = data.qfrc_actuator - constant
-    return Tree(M, data.qfrc_bias.copy(), data.qfrc_passive + friction + constant, J, rates(device, model, data, J), A)
+    return Tree(
+        M, data.qfrc_bias.copy(), data.qfrc_passive + friction + constant, J, rates(model, mj_model, data, J), A
+    )
 
 
-def rates(device, model, data, J):
+def rates(model, mj_model, data, J):
     """How the Jacobian of the pins changes, by MuJoCo's derivative of a point's Jacobian; that of relations stays."""
     found = np.zeros_like(J)
-    for k, pair in enumerate(cut_sites(device)):
+    for k, pair in enumerate(cut_sites(model)):
         for name, sign in zip(pair, (1.0, -1.0), strict=True):
-            site, moved = model.site(name), np.zeros((3, model.nv))
-            mujoco.mj_jacDot(model, data, moved, None, data.site(name).xpos, int(site.bodyid[0]))
+            site, moved = mj_model.site(name), np.zeros((3, mj_model.nv))
+            mujoco.mj_jacDot(mj_model, data, moved, None, data.site(name).xpos, int(site.bodyid[0]))
             found[3 * k : 3 * k + 3] += sign * moved
     return found
 
 
-def weights(device):
+def weights(model):
     """True parameters with bodies and friction, (p,)."""
-    if device.name.startswith(("PHANToM", "CEA")):
-        return true_parameters(device)
-    return light(device)
+    if model.name.startswith(("PHANToM", "CEA")):
+        return true_parameters(model)
+    return light(model)
 
 
 @pytest.fixture(scope="module", params=NAMES)
 def compared(request):
     """A device, its parameters, states on its loops, and MuJoCo's quantities there."""
-    device = haptid.read_device(request.param)
-    chi, rng = weights(device), np.random.default_rng(7)
-    qa = device.closure.draw(rng, STATES)
+    model = haptid.DynamicModel(haptid.read_device(request.param))
+    chi, rng = weights(model), np.random.default_rng(7)
+    qa = model.closure.draw(rng, STATES)
     qda, qdda = rng.uniform(-1, 1, (2, *qa.shape)) * np.array([5.0, 50.0])[:, None, None]
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(
             sys.modules["haptid.experiment.bench.bodies"], "LIGHT", 1e-20
         )  # the simulator's rotors of weightless links, not felt at all
-        model = mujoco.MjModel.from_xml_string(mjcf(device, chi))
-    data, order = mujoco.MjData(model), list(depth_first(device))
-    q, qd, qdd = (x[order] for x in device.tree(qa, qda, qdda))
-    active = [order.index(j) for j in device.active]
-    trees = [tree_of(device, model, data, q[:, k], qd[:, k]) for k in range(STATES)]
-    return device, device.base.of(chi), (qa, qda, qdda), (q, qd, qdd), active, trees
+        mj_model = mujoco.MjModel.from_xml_string(mjcf(model, chi))
+    data, order = mujoco.MjData(mj_model), list(depth_first(model))
+    q, qd, qdd = (x[order] for x in model.tree(qa, qda, qdda))
+    active = [order.index(j) for j in model.active]
+    trees = [tree_of(model, mj_model, data, q[:, k], qd[:, k]) for k in range(STATES)]
+    return model, model.base.of(chi), (qa, qda, qdda), (q, qd, qdd), active, trees
 
 
-def on_drives(device, rows):
+def on_drives(model, rows):
     """Torques of rows as torques of the drives, (active, samples)."""
-    return np.linalg.solve(device.coupling.T, device.frame.T @ rows)
+    return np.linalg.solve(model.coupling.T, model.frame.T @ rows)
 
 
 def close(found, wanted, size=0.0):
@@ -119,9 +121,9 @@ def close(found, wanted, size=0.0):
 
 
 def test_pins_allow_the_motion_and_no_other(compared):
-    device, _, (qa, _, _), (_, qd, qdd), active, trees = compared
-    G = np.broadcast_to(device.closure.follow(qa).G, (STATES, *device.closure.constant.shape))
-    G = G[:, list(depth_first(device))]
+    model, _, (qa, _, _), (_, qd, qdd), active, trees = compared
+    G = np.broadcast_to(model.closure.follow(qa).G, (STATES, *model.closure.constant.shape))
+    G = G[:, list(depth_first(model))]
     for k, tree in enumerate(trees):
         close(tree.basis(active), G[k])
         close(tree.J @ qdd[:, k], -tree.Jd @ qd[:, k], np.abs(tree.J).max() * np.abs(qdd[:, k]).max())
@@ -129,25 +131,25 @@ def test_pins_allow_the_motion_and_no_other(compared):
 
 def test_inverse_dynamics_with_rigid_pins(compared):
     """The motors' torques and the pins' forces that make given accelerations: the equations leave no rest."""
-    device, beta, motion, (_, _, qdd), _, trees = compared
+    model, beta, motion, (_, _, qdd), _, trees = compared
     found = []
     for k, tree in enumerate(trees):
         wanted = tree.M @ qdd[:, k] + tree.bias - tree.passive
         both = np.column_stack([tree.A, tree.J.T])
         solved = np.linalg.lstsq(both, wanted, rcond=1e-12)[0]
         np.testing.assert_allclose(both @ solved, wanted, rtol=0, atol=TIGHT * np.abs(wanted).max())
-        found.append(solved[: len(device.motors)])
-    close(on_drives(device, haptid.inverse_dynamics(device, beta, *motion)).T, np.array(found))
+        found.append(solved[: len(model.motors)])
+    close(on_drives(model, haptid.inverse_dynamics(model, beta, *motion)).T, np.array(found))
 
 
 def test_forward_dynamics_with_rigid_pins(compared):
     """The accelerations that given motor torques make."""
-    device, beta, (qa, qda, _), (_, qd, _), active, trees = compared
-    u = np.random.default_rng(1).uniform(-0.2, 0.2, (len(device.motors), STATES))
-    tau = np.linalg.solve(device.frame.T, device.coupling.T @ u)
-    rest = haptid.inverse_dynamics(device, beta, qa, qda, np.zeros_like(qa))
-    cdd = np.linalg.solve(haptid.mass_matrix(device, beta, qa), (tau - rest).T[..., None])[..., 0]
-    ours = np.linalg.solve(device.frame, cdd.T).T
+    model, beta, (qa, qda, _), (_, qd, _), active, trees = compared
+    u = np.random.default_rng(1).uniform(-0.2, 0.2, (len(model.motors), STATES))
+    tau = np.linalg.solve(model.frame.T, model.coupling.T @ u)
+    rest = haptid.inverse_dynamics(model, beta, qa, qda, np.zeros_like(qa))
+    cdd = np.linalg.solve(haptid.mass_matrix(model, beta, qa), (tau - rest).T[..., None])[..., 0]
+    ours = np.linalg.solve(model.frame, cdd.T).T
     theirs = []
     for k, tree in enumerate(trees):
         Z, still = tree.basis(active), tree.still(qd[:, k], active)
@@ -157,10 +159,10 @@ def test_forward_dynamics_with_rigid_pins(compared):
 
 
 def test_mass_matrix_and_bias_of_the_closed_chain(compared):
-    device, beta, (qa, qda, _), (_, qd, _), active, trees = compared
-    back = np.linalg.inv(device.frame)
-    M = haptid.mass_matrix(device, beta, qa)
-    h = haptid.bias_torque(device, beta, qa, qda).T
+    model, beta, (qa, qda, _), (_, qd, _), active, trees = compared
+    back = np.linalg.inv(model.frame)
+    M = haptid.mass_matrix(model, beta, qa)
+    h = haptid.bias_torque(model, beta, qa, qda).T
     for k, tree in enumerate(trees):
         Z = tree.basis(active) @ back
         close(M[k], Z.T @ tree.M @ Z)

@@ -63,29 +63,29 @@ def solved(A: np.ndarray, b: np.ndarray) -> np.ndarray:
 class Mechanism:
     """A device in many digits: its tree, and the cuts that close it."""
 
-    device: haptid.Device
+    model: haptid.Device
 
     @cached_property
     def placements(self) -> list[np.ndarray]:
-        return [placed(joint.rotation, joint.translation) for joint in self.device.joints]
+        return [placed(joint.rotation, joint.translation) for joint in self.model.device.joints]
 
     @cached_property
     def cuts(self) -> list[list[tuple[int, np.ndarray]]]:
-        cuts = self.device.closure.cuts
+        cuts = self.model.device.closure.cuts
         assert not any(cut.prismatic for cut in cuts)
         return [[(f.link, placed(f.rotation, f.translation)) for f in (cut.frame, cut.twin)] for cut in cuts]
 
     @property
     def active(self) -> list[int]:
-        return list(self.device.active)
+        return list(self.model.device.active)
 
     @property
     def passive(self) -> list[int]:
-        return [j for j in range(len(self.device.joints)) if j not in self.device.active]
+        return [j for j in range(len(self.model.device.joints)) if j not in self.model.device.active]
 
     def poses(self, q: np.ndarray) -> list[np.ndarray]:
         made: list[np.ndarray] = []
-        for joint, at, x in zip(self.device.joints, self.placements, q, strict=True):
+        for joint, at, x in zip(self.model.device.joints, self.placements, q, strict=True):
             turn = np.array(mp.eye(4).tolist(), dtype=object)
             if joint.prismatic:
                 turn[2, 3] = x
@@ -100,11 +100,11 @@ class Mechanism:
         made = np.full((6, len(links)), mpf(0))
         while link >= 0:
             axis, origin = links[link][:3, 2], links[link][:3, 3]
-            if self.device.joints[link].prismatic:
+            if self.model.device.joints[link].prismatic:
                 made[:3, link] = axis
             else:
                 made[:3, link], made[3:, link] = cross(origin) @ axis, axis
-            link = self.device.joints[link].parent
+            link = self.model.device.joints[link].parent
         return made
 
     def gap(self, q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -141,15 +141,15 @@ class Mechanism:
     def momenta(self, q: np.ndarray, qd: np.ndarray) -> np.ndarray:
         """Linear momentum, and the angular one about the base's origin, by each link's parameters, (6, columns)."""
         links, made = self.poses(q), []
-        for k, joint in enumerate(self.device.joints):
+        for k, joint in enumerate(self.model.device.joints):
             twist = self.twists(links, k) @ qd
             made += _momenta(links[k], twist) if joint.body else []
         return np.array(made).T
 
     def weights(self, q: np.ndarray) -> np.ndarray:
         """Gravity's force, and its moment about the base's origin, by the same, (6, columns)."""
-        links, g, made = self.poses(q), [mpf(float(x)) for x in self.device.gravity], []
-        for at, joint in zip(links, self.device.joints, strict=True):
+        links, g, made = self.poses(q), [mpf(float(x)) for x in self.model.device.gravity], []
+        for at, joint in zip(links, self.model.device.joints, strict=True):
             if joint.body:
                 none = np.full(6, mpf(0))
                 first = [np.concatenate([none[:3], cross(at[:3, k]) @ g]) for k in range(3)]
@@ -161,9 +161,9 @@ class Mechanism:
         h, G = mpf(STEP), self.rates(q)
         ahead, behind = (self._later(s * h, q, qda, qdda) for s in (1, -1))
         wrench, links = (ahead - behind) / (2 * h) - self.weights(q), self.poses(q)
-        bodies = [k for k, joint in enumerate(self.device.joints) if joint.body]
+        bodies = [k for k, joint in enumerate(self.model.device.joints) if joint.body]
         made = [G.T @ self.twists(links, k).T @ wrench[:, 10 * i : 10 * i + 10] for i, k in enumerate(bodies)]
-        return np.hstack([*made, *(self._term(term, G, qda, qdda) for term in self.device.terms)])
+        return np.hstack([*made, *(self._term(term, G, qda, qdda) for term in self.model.terms)])
 
     def _later(self, t: mpf, q: np.ndarray, qda: np.ndarray, qdda: np.ndarray) -> np.ndarray:
         """The links' momenta after a time, s."""
@@ -173,7 +173,7 @@ class Mechanism:
     def _term(self, term, G: np.ndarray, qda: np.ndarray, qdda: np.ndarray) -> np.ndarray:
         side, name = term.on.split()
         weights = np.array([mpf(float(x)) for x in term.weights])
-        row = G[self.device.joint_names.index(name)] if side == "joint" else weights
+        row = G[self.model.device.joint_names.index(name)] if side == "joint" else weights
         rate = row @ qda
         size = {"rotor": row @ qdda, "viscous": rate, "coulomb": mp.sign(rate)}[term.kind]
         return (row * size)[:, None]
@@ -195,17 +195,17 @@ def _momenta(at: np.ndarray, twist: np.ndarray) -> list[np.ndarray]:
     return [*made, np.concatenate([v, cross(p) @ v])]
 
 
-def regressor(device: haptid.Device) -> np.ndarray:
+def regressor(model: haptid.Device) -> np.ndarray:
     """At random states, (rows, standard parameters), all digits."""
-    mechanism, rng = Mechanism(device), np.random.default_rng(5)
-    count = len(device.parameters.names) // len(device.active) + STATES
-    c = device.closure.draw(rng, count)
-    starts = device.closure.positions(c).T
+    mechanism, rng = Mechanism(model), np.random.default_rng(5)
+    count = len(model.device.parameters.names) // len(model.device.active) + STATES
+    c = model.device.closure.draw(rng, count)
+    starts = model.device.closure.positions(c).T
     made = []
     for start in starts:
         q = np.array([mpf(float(x)) for x in start], dtype=object)
         q = mechanism.closed(q, q[mechanism.active])
-        qda, qdda = ([mpf(float(x)) for x in rng.uniform(-2, 2, len(device.active))] for _ in range(2))
+        qda, qdda = ([mpf(float(x)) for x in rng.uniform(-2, 2, len(model.device.active))] for _ in range(2))
         made.append(mechanism.rows(q, np.array(qda), np.array(qdda)))
     return np.vstack(made)
 
@@ -231,13 +231,13 @@ def eliminate(W: np.ndarray, order: list[int]) -> tuple[list[int], np.ndarray]:
 
 @pytest.mark.parametrize(("name", "count"), [("slider_crank", 10), ("four_bar", 12), ("five_bar", 15), ("delta", 40)])
 def test_base_parameters_of_loops_in_many_digits(name: str, count: int) -> None:
-    device = haptid.read_device(name)
-    W = regressor(device)
+    model = haptid.DynamicModel(haptid.read_device(name))
+    W = regressor(model)
     idle = np.abs(W).max(axis=0) < DROPPED * np.abs(W).max()
     W[:, idle] = mpf(0)
-    pivots, echelon = eliminate(W, preference(device))
+    pivots, echelon = eliminate(W, preference(model))
     assert len(pivots) == count
-    assert sorted(pivots) == list(device.base.kept)
-    assert tuple(np.array(device.parameters.names)[idle]) == device.base.no_effect
+    assert sorted(pivots) == list(model.base.kept)
+    assert tuple(np.array(model.device.parameters.names)[idle]) == model.base.no_effect
     relations = np.array(echelon[np.argsort(pivots)], dtype=float)
-    np.testing.assert_allclose(relations, device.base.regrouping, rtol=1e-9, atol=1e-9)
+    np.testing.assert_allclose(relations, model.base.regrouping, rtol=1e-9, atol=1e-9)

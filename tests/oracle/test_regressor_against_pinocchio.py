@@ -12,23 +12,23 @@ pin = pytest.importorskip("pinocchio", reason="Pinocchio (package `pin`) has no 
 
 
 def pinocchio_model(mechanism: Random):
-    model = pin.Model()
-    model.gravity.linear = mechanism.gravity
+    pin_model = pin.Model()
+    pin_model.gravity.linear = mechanism.gravity
     for i, parent in enumerate(mechanism.parent):
         joint = pin.JointModelPZ() if mechanism.prismatic[i] else pin.JointModelRZ()
         placement = pin.SE3(mechanism.rotation[i], mechanism.translation[i])
-        number = model.addJoint(parent + 1, joint, placement, f"joint{i}")
+        number = pin_model.addJoint(parent + 1, joint, placement, f"joint{i}")
         body = pin.Inertia(mechanism.mass[i], mechanism.com[i], mechanism.inertia[i])
-        model.appendBodyToJoint(number, body, pin.SE3.Identity())
-    return model
+        pin_model.appendBodyToJoint(number, body, pin.SE3.Identity())
+    return pin_model
 
 
 def oracle_torque(mechanism: Random, c, cd, cdd):
     """The tree's torques by RNEA, projected on the coordinates by the transposed rates."""
-    model = pinocchio_model(mechanism)
-    data, G = model.createData(), mechanism.rates
+    pin_model = pinocchio_model(mechanism)
+    data, G = pin_model.createData(), mechanism.rates
     q = G @ c + mechanism.offset[:, None]
-    tree = [pin.rnea(model, data, q[:, k], G @ cd[:, k], G @ cdd[:, k]) for k in range(c.shape[1])]
+    tree = [pin.rnea(pin_model, data, q[:, k], G @ cd[:, k], G @ cdd[:, k]) for k in range(c.shape[1])]
     return G.T @ np.array(tree).T
 
 
@@ -51,9 +51,9 @@ def test_regressor_times_parameters_is_inverse_dynamics(mechanism, samples, back
 @given(mechanisms())
 def test_mass_matrix_is_pinocchios(mechanism):
     c = states(mechanism, 1)[0][:, 0]
-    model = pinocchio_model(mechanism)
-    data, G = model.createData(), mechanism.rates
-    upper = np.triu(pin.crba(model, data, G @ c + mechanism.offset))
+    pin_model = pinocchio_model(mechanism)
+    data, G = pin_model.createData(), mechanism.rates
+    upper = np.triu(pin.crba(pin_model, data, G @ c + mechanism.offset))
     tree = upper + np.triu(upper, 1).T
     wanted = G.T @ tree @ G
     np.testing.assert_allclose(mechanism.mass_matrix(c), wanted, rtol=0, atol=1e-11 * np.abs(tree).max())
@@ -63,9 +63,9 @@ def test_mass_matrix_is_pinocchios(mechanism):
 @given(mechanisms(closed=False), st.integers(1, 20), st.sampled_from(_core.backends()))
 def test_accelerations_are_those_of_articulated_bodies(mechanism, samples, backend):
     c, cd, tau = states(mechanism, samples)
-    model = pinocchio_model(mechanism)
-    data = model.createData()
-    wanted = np.array([pin.aba(model, data, c[:, k], cd[:, k], tau[:, k]) for k in range(samples)]).T
+    pin_model = pinocchio_model(mechanism)
+    data = pin_model.createData()
+    wanted = np.array([pin.aba(pin_model, data, c[:, k], cd[:, k], tau[:, k]) for k in range(samples)]).T
     core = mechanism.core(backend)
     got, failed = core.acceleration(c, cd, tau, np.zeros((0, samples)), mechanism.chi)
     assert failed is None

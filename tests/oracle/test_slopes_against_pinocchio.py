@@ -18,11 +18,11 @@ def test_slopes_of_torques_are_pinocchios(mechanism, samples, backend):
     motion = states(mechanism, samples)
     columns, none = list(range(10 * len(mechanism.parent))), np.zeros((0, samples))
     found = mechanism.core(backend).torque_slopes(*motion, none, columns, mechanism.chi.tolist())
-    model, G = pinocchio_model(mechanism), mechanism.rates
-    data = model.createData()
+    other_model, G = pinocchio_model(mechanism), mechanism.rates
+    data = other_model.createData()
     for k in range(samples):
         q, qd, qdd = (G @ x[:, k] for x in motion)
-        made = pin.computeRNEADerivatives(model, data, q + mechanism.offset, qd, qdd)
+        made = pin.computeRNEADerivatives(other_model, data, q + mechanism.offset, qd, qdd)
         by_q, by_qd, by_qdd = (np.array(x) for x in made)
         by_qdd = np.triu(by_qdd) + np.triu(by_qdd, 1).T
         wanted = np.hstack([G.T @ by @ G for by in (by_q, by_qd, by_qdd)])

@@ -69,13 +69,13 @@ def test_a_wrong_gear_and_a_wrong_sign_are_named():
 
 
 def test_parameters_that_the_motion_leaves_dark_are_named_with_what_would_show_them():
-    device = phantom()
+    model = phantom()
     q, qd, qdd = multisine(3, 20.0, 1e-3, 1)
     q[0], qd[0], qdd[0] = 1e-3 * q[0], 1e-3 * qd[0], 1e-3 * qdd[0]
-    tau = haptid.inverse_dynamics(device, truth(device), q, qd, qdd)
+    tau = haptid.inverse_dynamics(model, truth(model), q, qd, qdd)
     tau = (tau + 0.01 * tau.std(axis=1, keepdims=True) * np.random.default_rng(0).standard_normal(tau.shape)).T
     made = haptid.Motion(1e-3, q.T, tau, haptid.Treatment(cutoff_hz=None), rates=(qd.T, qdd.T))
-    finding = diagnose(haptid.estimate(haptid.observe(device, made), haptid.WLS()))["excitation"]
+    finding = diagnose(haptid.estimate(haptid.observe(model, made), haptid.WLS()))["excitation"]
     assert finding.status != "ok"
     assert "FV1" in finding.sentence
     assert "motor 1" in finding.sentence

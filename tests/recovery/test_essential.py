@@ -25,31 +25,31 @@ ZERO = ("FV1", "FV2", "FC3")
 
 
 @pytest.fixture(scope="module")
-def device():
-    return haptid.read_device("phantom_premium_15")
+def model():
+    return haptid.DynamicModel(haptid.read_device("phantom_premium_15"))
 
 
-def with_zeros(device):
-    beta = truth(device)
-    beta[[device.base.names.index(name) for name in ZERO]] = 0.0
+def with_zeros(model):
+    beta = truth(model)
+    beta[[model.base.names.index(name) for name in ZERO]] = 0.0
     return beta
 
 
-def fitted(device, seed=1, method=None, **noise):
-    made = motion(device, with_zeros(device), seconds=15.0, dt=4e-3, seed=seed, **noise)
-    return haptid.estimate(haptid.observe(device, made), method or haptid.WLS())
+def fitted(model, seed=1, method=None, **noise):
+    made = motion(model, with_zeros(model), seconds=15.0, dt=4e-3, seed=seed, **noise)
+    return haptid.estimate(haptid.observe(model, made), method or haptid.WLS())
 
 
-def explicit(device, made):
+def explicit(model, made):
     """W and y of a motion with exact rates, stored."""
     c, cd, cdd = made.kinematics(0, len(made))
-    W = np.einsum("apk,pb->kab", rows(device, c, cd, cdd), device.parameters.S[:, list(device.base.kept)])
-    return W.reshape(-1, len(device.base)), made.tau.reshape(-1)
+    W = np.einsum("apk,pb->kab", rows(model, c, cd, cdd), model.parameters.S[:, list(model.base.kept)])
+    return W.reshape(-1, len(model.base)), made.tau.reshape(-1)
 
 
-def test_reduced_estimate_is_least_squares_on_the_columns_kept(device):
-    full = fitted(device, method=haptid.OLS(), noise=0.05)
-    W, y = explicit(device, full.observation.motions[0])
+def test_reduced_estimate_is_least_squares_on_the_columns_kept(model):
+    full = fitted(model, method=haptid.OLS(), noise=0.05)
+    W, y = explicit(model, full.observation.motions[0])
     reduced = without(full, ZERO)
     wanted, rest, *_ = np.linalg.lstsq(W[:, reduced.kept], y, rcond=None)
     np.testing.assert_allclose(reduced.beta[list(reduced.kept)], wanted, rtol=1e-9)
@@ -62,24 +62,24 @@ def test_reduced_estimate_is_least_squares_on_the_columns_kept(device):
     np.testing.assert_allclose(textbook, deviation, rtol=1e-9)
 
 
-def test_leaving_out_by_name_is_the_same_as_what_the_reduction_does(device):
-    full = fitted(device, noise=0.05)
+def test_leaving_out_by_name_is_the_same_as_what_the_reduction_does(model):
+    full = fitted(model, noise=0.05)
     named = haptid.estimate(full.observation, Without(ZERO, haptid.WLS()))
     np.testing.assert_allclose(named.beta, without(full, ZERO).beta, rtol=1e-12)
     np.testing.assert_allclose(named.covariance, without(full, ZERO).covariance, rtol=1e-9, atol=1e-30)
 
 
-def test_nothing_left_out_is_the_full_estimate(device):
-    full = fitted(device, noise=0.05)
+def test_nothing_left_out_is_the_full_estimate(model):
+    full = fitted(model, noise=0.05)
     same = haptid.estimate(full.observation, Without((), haptid.WLS()))
     for name in ("beta", "covariance", "textbook_covariance", "freedom"):
         np.testing.assert_array_equal(getattr(same, name), getattr(full, name))
 
 
 @pytest.mark.parametrize("method", [haptid.OLS(), haptid.WLS()])
-def test_what_is_zero_is_left_out_and_what_is_needed_is_kept(device, method):
+def test_what_is_zero_is_left_out_and_what_is_needed_is_kept(model, method):
     for seed in range(3):
-        full = fitted(device, seed, method, noise=0.02, phi=0.9)
+        full = fitted(model, seed, method, noise=0.02, phi=0.9)
         found = essential(full, Essential(AtMost(30.0), level=0.01))
         carried = np.abs(full.beta) > 8 * full.sd
         assert {full.base.names[k] for k in np.flatnonzero(carried)} <= set(found.essential)
@@ -87,9 +87,9 @@ def test_what_is_zero_is_left_out_and_what_is_needed_is_kept(device, method):
         assert np.nanmax(np.abs(found.shift)) < 4
 
 
-def test_reduced_estimate_validates_and_predicts_unchanged(device):
-    full = fitted(device, noise=0.02)
-    unseen = motion(device, with_zeros(device), seconds=8.0, dt=4e-3, seed=9, noise=0.02)
+def test_reduced_estimate_validates_and_predicts_unchanged(model):
+    full = fitted(model, noise=0.02)
+    unseen = motion(model, with_zeros(model), seconds=8.0, dt=4e-3, seed=9, noise=0.02)
     found = essential(full, unseen=unseen)
     assert found.unseen[1].relative == haptid.validate(found.reduced, unseen).relative
     assert found.unseen[1].relative < 1.02 * found.unseen[0].relative
@@ -101,8 +101,8 @@ def test_reduced_estimate_validates_and_predicts_unchanged(device):
     assert all(name in text for name in found.essential)
 
 
-def test_of_one_parameter_the_test_is_the_honest_t(device):
-    full = fitted(device, noise=0.05, phi=0.8)
+def test_of_one_parameter_the_test_is_the_honest_t(model):
+    full = fitted(model, noise=0.05, phi=0.8)
     k = full.base.names.index("FV1")
     test = objection(full, (k,))
     assert pytest.approx((full.beta[k] / full.sd[k]) ** 2, rel=1e-9) == test.F
@@ -110,8 +110,8 @@ def test_of_one_parameter_the_test_is_the_honest_t(device):
     assert test.p == pytest.approx(2 * stats.t.sf(np.sqrt(test.F), full.freedom[k]), rel=1e-6)
 
 
-def test_with_white_residuals_it_is_the_textbook_f(device):
-    full = fitted(device, method=haptid.OLS(), noise=0.05)
+def test_with_white_residuals_it_is_the_textbook_f(model):
+    full = fitted(model, method=haptid.OLS(), noise=0.05)
     freedom = full.observation.rows - len(full.beta)
     white = replace(full, covariance=full.textbook_covariance, freedom=np.full(len(full.beta), freedom / len(ZERO)))
     reduced = without(full, ZERO)
@@ -121,11 +121,11 @@ def test_with_white_residuals_it_is_the_textbook_f(device):
     assert test.freedom == pytest.approx((3, freedom), rel=1e-9)
 
 
-def test_correlated_residuals_do_not_make_it_object_to_zeros(device):
+def test_correlated_residuals_do_not_make_it_object_to_zeros(model):
     """At a level of 0.05 the test objects 5 times in 100; taken as white, the same residuals object most times."""
     honest, textbook, runs = 0, 0, 40
     for seed in range(runs):
-        full = fitted(device, seed, noise=0.1, phi=0.95)
+        full = fitted(model, seed, noise=0.1, phi=0.95)
         zero = tuple(full.base.names.index(name) for name in ZERO)
         honest += objection(full, zero).p < 0.05
         textbook += objection(replace(full, covariance=full.textbook_covariance), zero).p < 0.05
@@ -133,8 +133,8 @@ def test_correlated_residuals_do_not_make_it_object_to_zeros(device):
     assert textbook > 20
 
 
-def test_gautiers_rule_ends_at_ten_times_the_smallest(device):
-    full = fitted(device, noise=1e-3)
+def test_gautiers_rule_ends_at_ten_times_the_smallest(model):
+    full = fitted(model, noise=1e-3)
     found = essential(full, Essential(TimesSmallest(1e9)))
     assert not found.drops
     assert found.essential == full.base.names
@@ -144,8 +144,8 @@ def test_gautiers_rule_ends_at_ten_times_the_smallest(device):
     assert max(relative) <= 10 * min(relative)
 
 
-def test_by_motor_each_has_its_own(device):
-    full = fitted(device, noise=0.02)
+def test_by_motor_each_has_its_own(model):
+    full = fitted(model, noise=0.02)
     found = essential_by_motor(full)
     assert [len(r.full.observation.motors) for r in found] == [1, 1, 1]
     assert "FV1" not in found[0].essential
@@ -155,9 +155,9 @@ def test_by_motor_each_has_its_own(device):
         assert one.seen[0].relative <= one.seen[1].relative
 
 
-def test_a_held_estimate_is_refused(device):
+def test_a_held_estimate_is_refused(model):
     with pytest.raises(errors.MethodSettingError, match=r"OLS\(\) or WLS\(\)"):
-        essential(fitted(device, method=haptid.Consistent(), noise=0.02))
+        essential(fitted(model, method=haptid.Consistent(), noise=0.02))
 
 
 @pytest.mark.parametrize("make", [lambda: TimesSmallest(1.0), lambda: AtMost(0.0), lambda: Essential(level=1.5)])
@@ -166,8 +166,8 @@ def test_settings_that_mean_nothing(make):
         make()
 
 
-def test_names_that_are_none(device):
-    full = fitted(device, noise=0.02)
+def test_names_that_are_none(model):
+    full = fitted(model, noise=0.02)
     with pytest.raises(errors.BaseNameError, match="no base parameter 'FV9'"):
         without(full, ("FV9",))
     with pytest.raises(errors.MotorNameError, match="no rows of a motor '9'"):

@@ -14,7 +14,7 @@ from motions import motion as multisine
 from motions import truth
 from true_parameters import true_parameters
 
-DEVICE = haptid.read_device("phantom_premium_15")
+DEVICE = haptid.DynamicModel(haptid.read_device("phantom_premium_15"))
 SPEEDS = (0.05, 0.1, 0.15, 0.25, 0.4, 0.7, 1.1, 1.8)
 SWEEP = bench.Sweep((0.0, 0.2, 0.3), (0.5, 0.35, 0.35), SPEEDS, ramp=0.3)
 BETA = truth(DEVICE)

@@ -28,28 +28,28 @@ NAMES, SIZE = ("FLM1", "FLM2"), 0.08
 
 def read(folder, text=DEVICE + LOAD):
     (folder / "device.toml").write_text(text)
-    return haptid.read_device(folder / "device.toml")
+    return haptid.DynamicModel(haptid.read_device(folder / "device.toml"))
 
 
 @pytest.fixture(scope="module")
-def device(tmp_path_factory):
+def model(tmp_path_factory):
     return read(tmp_path_factory.mktemp("device"))
 
 
-def truth(device):
-    beta = device.base.of(true_parameters(device, **FRICTION, FLM=SIZE))
-    assert [beta[device.base.names.index(name)] for name in NAMES] == [SIZE, SIZE]
+def truth(model):
+    beta = model.base.of(true_parameters(model, **FRICTION, FLM=SIZE))
+    assert [beta[model.base.names.index(name)] for name in NAMES] == [SIZE, SIZE]
     return beta
 
 
-def moved(device, seed=1, noise=0.02):
-    beta = truth(device)
-    return motion(device.loaded(beta), beta, seconds=10.0, dt=4e-3, seed=seed, noise=noise)
+def moved(model, seed=1, noise=0.02):
+    beta = truth(model)
+    return motion(model.loaded(beta), beta, seconds=10.0, dt=4e-3, seed=seed, noise=noise)
 
 
-def test_the_column_is_the_size_of_the_bodies_torque(device):
-    beta = truth(device)
-    here = device.loaded(beta)
+def test_the_column_is_the_size_of_the_bodies_torque(model):
+    beta = truth(model)
+    here = model.loaded(beta)
     rng = np.random.default_rng(0)
     state = rng.normal(size=(3, 2, 20))
     only = np.where([name.startswith("FL") for name in here.base.names], beta, 0.0)
@@ -59,11 +59,11 @@ def test_the_column_is_the_size_of_the_bodies_torque(device):
     np.testing.assert_allclose(made, SIZE * np.abs(load) * np.sign(state[1]), atol=1e-10)
 
 
-def test_known_coefficients_come_back_in_their_intervals(device):
-    beta, inside = truth(device), []
+def test_known_coefficients_come_back_in_their_intervals(model):
+    beta, inside = truth(model), []
     for seed in range(10):
-        made = moved(device, seed)
-        found = haptid.estimate(haptid.observe(settled_loads(device, [made]), made), haptid.WLS())
+        made = moved(model, seed)
+        found = haptid.estimate(haptid.observe(settled_loads(model, [made]), made), haptid.WLS())
         low, high = found.interval95.T
         inside.append((low <= beta) & (beta <= high))
         # Of thirty draws no error is above 2 %, and their deviation is below 1 %.
@@ -71,25 +71,25 @@ def test_known_coefficients_come_back_in_their_intervals(device):
     assert np.mean(inside) > 0.9
 
 
-def test_without_noise_it_is_exact(device):
-    made = moved(device, noise=0.0)
-    found = haptid.estimate(haptid.observe(settled_loads(device, [made], haptid.OLS()), made), haptid.OLS())
-    np.testing.assert_allclose(found.beta, truth(device), rtol=1e-9)
+def test_without_noise_it_is_exact(model):
+    made = moved(model, noise=0.0)
+    found = haptid.estimate(haptid.observe(settled_loads(model, [made], haptid.OLS()), made), haptid.OLS())
+    np.testing.assert_allclose(found.beta, truth(model), rtol=1e-9)
 
 
-def test_the_diagnosis_sees_it_where_it_is_missing(device, tmp_path):
+def test_the_diagnosis_sees_it_where_it_is_missing(model, tmp_path):
     plain = read(tmp_path, DEVICE)
-    finding = haptid.diagnose(haptid.estimate(haptid.observe(plain, moved(device)), haptid.WLS()))["friction by load"]
+    finding = haptid.diagnose(haptid.estimate(haptid.observe(plain, moved(model)), haptid.WLS()))["friction by load"]
     assert finding.status != "ok"
     assert '"load"' in finding.sentence
 
 
-def test_rows_without_accelerations_and_exports_are_refused(device, tmp_path):
-    made = moved(device)
+def test_rows_without_accelerations_and_exports_are_refused(model, tmp_path):
+    made = moved(model)
     still = haptid.Motion(made.dt, made.q, made.tau, haptid.Treatment(cutoff_hz=20, accelerations="momentum"))
     with pytest.raises(errors.AccelerationColumnError):
-        haptid.observe(device, still)
-    found = haptid.estimate(haptid.observe(settled_loads(device, [made]), made), haptid.WLS())
+        haptid.observe(model, still)
+    found = haptid.estimate(haptid.observe(settled_loads(model, [made]), made), haptid.WLS())
     with pytest.raises(errors.UnexportableTermError, match="load"):
         haptid.export_c(found, tmp_path / "c")
     assert "friction by load" in haptid.dissect(found, made).parts
@@ -102,11 +102,11 @@ def test_a_load_is_of_one_coordinate(tmp_path):
         read(tmp_path, text)
 
 
-def test_the_command_settles_it_and_the_result_keeps_it(device, tmp_path):
+def test_the_command_settles_it_and_the_result_keeps_it(model, tmp_path):
     (tmp_path / "device.toml").write_text(DEVICE + LOAD)
     study = STUDY.replace("log.csv", "log.parquet").replace('[[logs]]\npath = "check.csv"\nrole = "validate"\n', "")
     (tmp_path / "study.toml").write_text(study.replace("cutoff_hz = 30", "torque_delay = 0\ncutoff_hz = 30"))
-    made = moved(device)
+    made = moved(model)
     columns = {"t": made.t0 + made.dt * np.arange(len(made))}
     columns |= {f"q{k + 1}": made.q[:, k] for k in (0, 1)} | {f"tau{k + 1}": made.tau[:, k] for k in (0, 1)}
     pq.write_table(pa.table(columns), tmp_path / "log.parquet")
@@ -115,6 +115,6 @@ def test_the_command_settles_it_and_the_result_keeps_it(device, tmp_path):
     values = json.loads((tmp_path / "out" / "result.json").read_text())["estimate"]["parameters"]
     found = {p["name"]: p["value"] for p in values}
     assert [found[name] for name in NAMES] == pytest.approx([SIZE, SIZE], rel=0.025)
-    loads = [term.shape for term in read_result(tmp_path / "out").device.terms if isinstance(term.shape, Load)]
+    loads = [term.shape for term in read_result(tmp_path / "out").model.terms if isinstance(term.shape, Load)]
     assert len(loads) == len(NAMES)
     assert all(load.bodies is not None for load in loads)

@@ -13,9 +13,9 @@ from true_parameters import true_parameters
 
 @pytest.mark.parametrize("name", ["phantom_premium_15", "sr400", "arm7"])
 def test_without_noise_they_come_back(name):
-    device = haptid.read_device(name)
-    beta = device.base.of(true_parameters(device))
-    observation = haptid.observe(device, motion(device, beta, seconds=20.0, dt=4e-3))
+    model = haptid.DynamicModel(haptid.read_device(name))
+    beta = model.base.of(true_parameters(model))
+    observation = haptid.observe(model, motion(model, beta, seconds=20.0, dt=4e-3))
     found = haptid.estimate(observation, Consistent(haptid.OLS()))
     np.testing.assert_allclose(found.beta, beta, rtol=1e-6, atol=1e-8 * np.abs(beta).max())
     assert found.possible.ok
@@ -23,10 +23,10 @@ def test_without_noise_they_come_back(name):
 
 def test_the_held_estimate_is_nearer_to_the_truth_than_the_free_one():
     """The truth is possible, so in the metric of the weighted rows projection cannot lead away from it."""
-    device = haptid.read_device("arm7")
-    beta = device.base.of(true_parameters(device))
-    made = motion(device, beta, seconds=10.0, dt=4e-3, noise=0.3, phi=0.9)
-    found = haptid.estimate(haptid.observe(device, made), Consistent())
+    model = haptid.DynamicModel(haptid.read_device("arm7"))
+    beta = model.base.of(true_parameters(model))
+    made = motion(model, beta, seconds=10.0, dt=4e-3, noise=0.3, phi=0.9)
+    found = haptid.estimate(haptid.observe(model, made), Consistent())
     R = found.observation.stack(found.weights)[:-1, :-1]
     far = [np.linalg.norm(R @ (guess - beta)) for guess in (found.held.free, found.beta)]
     assert found.held.active
@@ -35,15 +35,15 @@ def test_the_held_estimate_is_nearer_to_the_truth_than_the_free_one():
 
 def test_intervals_hold_the_truth_on_the_border_too():
     """40 runs with hardly any viscous friction: about half of the free estimates are negative, and are held."""
-    device = haptid.read_device("phantom_premium_15")
-    chi = true_parameters(device, FV=1e-6)
-    beta, names = device.base.of(chi), device.base.names
-    clean = motion(device, beta, seconds=10.0, dt=2e-3)
+    model = haptid.DynamicModel(haptid.read_device("phantom_premium_15"))
+    chi = true_parameters(model, FV=1e-6)
+    beta, names = model.base.of(chi), model.base.names
+    clean = motion(model, beta, seconds=10.0, dt=2e-3)
     runs, inside, held = 40, np.zeros(len(beta)), 0
     for run in range(runs):
         noise = np.random.default_rng(run).standard_normal(clean.tau.shape) * 0.1 * clean.tau.std(axis=0)
         made = replace(clean, tau=clean.tau + noise)
-        found = haptid.estimate(haptid.observe(device, made), Consistent())
+        found = haptid.estimate(haptid.observe(model, made), Consistent())
         low, high = found.interval95.T
         inside += (low <= beta) & (beta <= high)
         held += bool(found.held.active)

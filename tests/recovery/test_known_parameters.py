@@ -23,10 +23,10 @@ DEVICES = [
 
 @pytest.mark.parametrize("name", DEVICES)
 def test_without_noise_they_come_back_exactly(name):
-    device = haptid.read_device(name)
-    beta = np.random.default_rng(0).uniform(0.5, 1.5, len(device.base))
-    made = motion(device, beta, seconds=20.0, dt=4e-3)
-    observation = haptid.observe(device, made)
+    model = haptid.DynamicModel(haptid.read_device(name))
+    beta = np.random.default_rng(0).uniform(0.5, 1.5, len(model.base))
+    made = motion(model, beta, seconds=20.0, dt=4e-3)
+    observation = haptid.observe(model, made)
     found = haptid.estimate(observation, haptid.OLS())
     np.testing.assert_allclose(found.beta, beta, rtol=1e-12 * observation.condition[0] + 1e-9)
     assert haptid.direct(found).relative < 1e-9
@@ -35,21 +35,21 @@ def test_without_noise_they_come_back_exactly(name):
 @pytest.mark.parametrize(("phi", "decimation"), [(0.0, 1), (0.95, 1), (0.95, 10)])
 def test_intervals_hold_the_truth_about_95_times_in_100(phi, decimation):
     """A small version of benchmarks/coverage.py: 40 runs of 14 parameters, white and correlated residuals."""
-    device = haptid.read_device("phantom_premium_15")
-    beta = truth(device)
+    model = haptid.DynamicModel(haptid.read_device("phantom_premium_15"))
+    beta = truth(model)
     treatment = haptid.Treatment(cutoff_hz=None, decimation=decimation)
     runs, inside = 40, 0
     for run in range(runs):
-        made = _noisy(device, beta, run, phi, treatment)
-        low, high = haptid.estimate(haptid.observe(device, made), haptid.WLS()).interval95.T
+        made = _noisy(model, beta, run, phi, treatment)
+        low, high = haptid.estimate(haptid.observe(model, made), haptid.WLS()).interval95.T
         inside += int(((low <= beta) & (beta <= high)).sum())
     share = inside / (runs * len(beta))
     assert 0.90 < share < 0.99
 
 
-def _noisy(device, beta, run, phi, treatment):
+def _noisy(model, beta, run, phi, treatment):
     """One motion, its torque with noise of 10 % of it drawn from `run`."""
-    clean = motion(device, beta, seconds=15.0, treatment=treatment)
+    clean = motion(model, beta, seconds=15.0, treatment=treatment)
     white = np.random.default_rng(run).standard_normal((len(clean) + 500, 3)) * np.sqrt(1 - phi**2)
     noise = signal.lfilter([1.0], [1.0, -phi], white, axis=0)[500:]
     return replace(clean, tau=clean.tau + 0.1 * clean.tau.std(axis=0) * noise)
@@ -57,9 +57,9 @@ def _noisy(device, beta, run, phi, treatment):
 
 def test_textbook_intervals_do_not_hold_it_when_residuals_are_correlated():
     """What the honest interval is for: with correlated residuals the textbook's is far too narrow."""
-    device = haptid.read_device("phantom_premium_15")
+    model = haptid.DynamicModel(haptid.read_device("phantom_premium_15"))
     found = haptid.estimate(
-        haptid.observe(device, motion(device, truth(device), seconds=20.0, noise=0.1, phi=0.98)), haptid.WLS()
+        haptid.observe(model, motion(model, truth(model), seconds=20.0, noise=0.1, phi=0.98)), haptid.WLS()
     )
     ratio = found.sd / np.sqrt(np.diag(found.textbook_covariance))
     assert np.median(ratio) > 2
@@ -91,11 +91,13 @@ def test_parameters_declared_equal_are_one_parameter_with_the_columns_of_both(tm
     """Torque of two equal links from the general device comes back as the one set of values they share."""
     (tmp_path / "equal.toml").write_text(IDENTICAL)
     (tmp_path / "general.toml").write_text(IDENTICAL.split("[[symmetry]]")[0])
-    equal, general = (haptid.read_device(tmp_path / f"{name}.toml") for name in ("equal", "general"))
+    equal, general = (
+        haptid.DynamicModel(haptid.read_device(tmp_path / f"{name}.toml")) for name in ("equal", "general")
+    )
     assert len(equal.base) < len(general.base)
-    assert any("cut from one drawing" in sentence for sentence in equal.notes)
+    assert any("cut from one drawing" in sentence for sentence in equal.device.notes)
     values = {"ZZ": 0.02, "MX": 0.15, "MY": 0.0, "M": 1.1, "FV": 0.3}
-    chi = [values.get(kind, 0.01) for kind in general.parameters.kinds]
+    chi = [values.get(kind, 0.01) for kind in general.device.parameters.kinds]
     made = motion(general, general.base.of(np.array(chi)))
     found = haptid.estimate(haptid.observe(equal, made), haptid.OLS())
     shared = np.array([values.get(kind, 0.01) for kind in equal.parameters.kinds])

@@ -34,68 +34,68 @@ LOAD = Body(0.8, np.array([0.25, 0.05, 0.02]), np.diag([0.002, 0.004, 0.003]))
 
 def device_of(folder, text=DEVICE):
     (folder / "device.toml").write_text(text)
-    return haptid.read_device(folder / "device.toml")
+    return haptid.DynamicModel(haptid.read_device(folder / "device.toml"))
 
 
 @pytest.fixture(scope="module")
-def device(tmp_path_factory):
+def model(tmp_path_factory):
     return device_of(tmp_path_factory.mktemp("device"))
 
 
-def true_beta(device):
+def true_beta(model):
     size = {"M": 0.6, "X": 0.12, "Y": 0.1, "Z": 0.15, "F": 0.4}
-    return np.array([size[name[0]] * (1 + 0.1 * k) for k, name in enumerate(device.base.names)])
+    return np.array([size[name[0]] * (1 + 0.1 * k) for k, name in enumerate(model.base.names)])
 
 
-def recorded(device, load=None, seed=1, noise=0.02, factor=1.0, seconds=10.0):
+def recorded(model, load=None, seed=1, noise=0.02, factor=1.0, seconds=10.0):
     """A motion; `factor` is what the motors give over what the file says, (3,)."""
-    beta = true_beta(device) + (haptid.load_shift(device, "3", load) if load else 0.0)
-    moved = motion(device, beta, seconds=seconds, dt=2e-3, seed=seed, noise=noise)
+    beta = true_beta(model) + (haptid.load_shift(model, "3", load) if load else 0.0)
+    moved = motion(model, beta, seconds=seconds, dt=2e-3, seed=seed, noise=noise)
     return haptid.Motion(moved.dt, moved.q, moved.tau / factor, moved.treatment, rates=moved.rates)
 
 
-def test_a_load_is_the_base_parameters_of_its_body(device):
+def test_a_load_is_the_base_parameters_of_its_body(model):
     """Against the torque of a device that has the load as one more link, fixed."""
-    shift = haptid.load_shift(device, "3", LOAD)
-    chi = np.zeros(len(device.parameters.names))
-    index, com = device.parameters.index, LOAD.com
+    shift = haptid.load_shift(model, "3", LOAD)
+    chi = np.zeros(len(model.parameters.names))
+    index, com = model.parameters.index, LOAD.com
     J = LOAD.inertia + LOAD.mass * (com @ com * np.eye(3) - np.outer(com, com))
     for kind, value in zip(("XX", "YY", "ZZ", "XY", "XZ", "YZ"), (*np.diag(J), J[0, 1], J[0, 2], J[1, 2]), strict=True):
         chi[index[f"{kind}3"]] = value
     for kind, value in zip(("MX", "MY", "MZ"), LOAD.mass * com, strict=True):
         chi[index[f"{kind}3"]] = value
     chi[index["M3"]] = LOAD.mass
-    np.testing.assert_allclose(shift, device.base.of(chi), rtol=1e-12, atol=1e-15)
+    np.testing.assert_allclose(shift, model.base.of(chi), rtol=1e-12, atol=1e-15)
 
 
-def test_logs_with_and_without_a_load_tell_one_model(device):
-    bare, loaded = recorded(device), recorded(device, LOAD, seed=2)
-    both = haptid.observe(device, bare) + haptid.observe(device, haptid.without_load(device, loaded, "3", LOAD))
+def test_logs_with_and_without_a_load_tell_one_model(model):
+    bare, loaded = recorded(model), recorded(model, LOAD, seed=2)
+    both = haptid.observe(model, bare) + haptid.observe(model, haptid.without_load(model, loaded, "3", LOAD))
     estimate = haptid.estimate(both, haptid.WLS())
     low, high = estimate.interval95.T
-    inside = (low < true_beta(device)) & (true_beta(device) < high)
+    inside = (low < true_beta(model)) & (true_beta(model) < high)
     assert inside.mean() >= 0.85
-    exact = haptid.observe(device, haptid.without_load(device, recorded(device, LOAD, noise=0.0), "3", LOAD))
-    np.testing.assert_allclose(haptid.estimate(exact, haptid.OLS()).beta, true_beta(device), rtol=1e-9)
+    exact = haptid.observe(model, haptid.without_load(model, recorded(model, LOAD, noise=0.0), "3", LOAD))
+    np.testing.assert_allclose(haptid.estimate(exact, haptid.OLS()).beta, true_beta(model), rtol=1e-9)
 
 
-def test_gains_are_exact_without_noise(device):
+def test_gains_are_exact_without_noise(model):
     factor = np.array([0.8, 1.1, 1.25])
     bare, loaded = (
-        haptid.observe(device, recorded(device, load, seed, noise=0.0, factor=factor))
+        haptid.observe(model, recorded(model, load, seed, noise=0.0, factor=factor))
         for load, seed in ((None, 1), (LOAD, 2))
     )
     found = haptid.drive_gains(bare, loaded, "3", LOAD)
     np.testing.assert_allclose(found.factor, factor, rtol=1e-8)
-    np.testing.assert_allclose(found.beta, true_beta(device), rtol=1e-7)
+    np.testing.assert_allclose(found.beta, true_beta(model), rtol=1e-7)
 
 
-def test_gains_are_inside_their_intervals(device):
+def test_gains_are_inside_their_intervals(model):
     """Thirty draws of three motors, which are no ninety: of one draw, hits of two motors correlate by 0.6 to 0.75."""
     factor, inside, errors_ = np.array([0.8, 1.1, 1.25]), [], []
     for seed in range(1, 31):
-        bare = haptid.observe(device, recorded(device, None, seed, factor=factor))
-        loaded = haptid.observe(device, recorded(device, LOAD, 100 + seed, factor=factor))
+        bare = haptid.observe(model, recorded(model, None, seed, factor=factor))
+        loaded = haptid.observe(model, recorded(model, LOAD, 100 + seed, factor=factor))
         found = haptid.drive_gains(bare, loaded, "3", LOAD)
         low, high = found.interval95.T
         inside += ((low < factor) & (factor < high)).tolist()
@@ -105,18 +105,18 @@ def test_gains_are_inside_their_intervals(device):
     assert "of the file's gain" in found.summary()
 
 
-def test_what_cannot_be_is_refused(device, tmp_path, monkeypatch):
+def test_what_cannot_be_is_refused(model, tmp_path, monkeypatch):
     with pytest.raises(errors.UnknownLinkError):
-        haptid.load_shift(device, "9", LOAD)
+        haptid.load_shift(model, "9", LOAD)
     flat = device_of(tmp_path, DEVICE + '[[symmetry]]\nreason = "flat"\nzero = ["MZ3"]\n')
     with pytest.raises(errors.LoadSymmetryError, match="MZ3"):
         haptid.load_shift(flat, "3", LOAD)
-    bare = haptid.observe(device, recorded(device))
+    bare = haptid.observe(model, recorded(model))
     with pytest.raises(errors.DifferentModelError):
         haptid.drive_gains(bare, haptid.observe(flat, recorded(flat, seed=2)), "3", LOAD)
     monkeypatch.setattr("haptid.inference.drive_gains.MOST_STEPS", 1)
-    loaded = haptid.observe(device, recorded(device, LOAD, seed=2, factor=0.5))
+    loaded = haptid.observe(model, recorded(model, LOAD, seed=2, factor=0.5))
     with pytest.raises(errors.GainSettlingError, match="still move"):
         haptid.drive_gains(bare, loaded, "3", LOAD)
     with pytest.raises(errors.UnexcitedError, match="gain"):
-        haptid.drive_gains(bare, haptid.observe(device, recorded(device, seed=3)), "3", Body(0.0, np.zeros(3), None))
+        haptid.drive_gains(bare, haptid.observe(model, recorded(model, seed=3)), "3", Body(0.0, np.zeros(3), None))

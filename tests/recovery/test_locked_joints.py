@@ -19,10 +19,10 @@ SLOW = 0.05
 
 def locked_columns(seed, noise=0.02, seconds=6.0):
     """A log with joint 2 clamped at 0.4 rad: its motor is off, whatever the joint bears."""
-    device = two_links()
+    model = two_links()
     q, qd, qdd = multisine(2, seconds, 2e-3, seed)
     q[1], qd[1], qdd[1] = 0.4, 0.0, 0.0
-    tau = haptid.inverse_dynamics(device, truth(device) + 0.1, q, qd, qdd)
+    tau = haptid.inverse_dynamics(model, truth(model) + 0.1, q, qd, qdd)
     tau += noise * np.random.default_rng(seed).standard_normal(tau.shape)
     return {"t": 2e-3 * np.arange(q.shape[1]), "q1": q[0], "q2": q[1], "tau1": tau[0], "tau2": 0.0 * tau[1]}
 
@@ -49,7 +49,7 @@ def test_a_locked_joint_adds_what_the_others_tell(study, tmp_path):
     done = CliRunner().invoke(app, ["identify", str(study), "--out", str(tmp_path / "out")])
     assert done.exit_code == 0, done.output
     found = haptid.read_result(tmp_path / "out")
-    wanted = truth(found.device) + 0.1
+    wanted = truth(found.model) + 0.1
     low, high = found.interval95.T
     assert ((low < wanted) & (wanted < high)).mean() >= 0.8
     values = json.loads((tmp_path / "out" / "result.json").read_text())
@@ -61,20 +61,20 @@ def test_a_locked_joint_adds_what_the_others_tell(study, tmp_path):
 
 def test_the_sum_is_least_squares_of_all_rows_that_count():
     """By the normal equations of both observations, written out."""
-    device, made = two_links(), []
+    model, made = two_links(), []
     for seed, locked in ((1, False), (5, True)):
         q, qd, qdd = multisine(2, 4.0, 2e-3, seed)
         if locked:
             q[1], qd[1], qdd[1] = 0.4, 0.0, 0.0
-        tau = haptid.inverse_dynamics(device, truth(device) + 0.1, q, qd, qdd)
+        tau = haptid.inverse_dynamics(model, truth(model) + 0.1, q, qd, qdd)
         tau += 0.02 * np.random.default_rng(seed).standard_normal(tau.shape)
         treatment = haptid.Treatment(cutoff_hz=None, low_speed=SLOW)
         motion = haptid.Motion(2e-3, q.T, tau.T, treatment, rates=(qd.T, qdd.T))
-        made.append(haptid.observe(device, motion))
+        made.append(haptid.observe(model, motion))
     free, clamped = made
     assert [motor.rows.sum() > 0 for motor in clamped.motors] == [True, False]
     both = haptid.estimate(free + clamped, haptid.OLS())
-    p = len(device.base)
+    p = len(model.base)
     A, b = np.zeros((p, p)), np.zeros(p)
     for observation in made:
         for motor in observation.motors:
@@ -88,18 +88,18 @@ def test_the_sum_is_least_squares_of_all_rows_that_count():
 
 
 def test_a_locked_joint_alone_does_not_tell_the_device():
-    device = two_links()
+    model = two_links()
     q, qd, qdd = multisine(2, 4.0, 2e-3, 5)
     q[1], qd[1], qdd[1] = 0.4, 0.0, 0.0
-    tau = haptid.inverse_dynamics(device, truth(device), q, qd, qdd)
+    tau = haptid.inverse_dynamics(model, truth(model), q, qd, qdd)
     motion = haptid.Motion(2e-3, q.T, tau.T, haptid.Treatment(cutoff_hz=None, low_speed=SLOW), rates=(qd.T, qdd.T))
     with pytest.raises((errors.UnexcitedError, errors.NoTorqueError)):
-        haptid.estimate(haptid.observe(device, motion), haptid.WLS())
+        haptid.estimate(haptid.observe(model, motion), haptid.WLS())
 
 
 def test_all_joints_locked_are_no_rows():
-    device = two_links()
+    model = two_links()
     still = np.full((500, 2), 0.4)
     motion = haptid.Motion(2e-3, still, still, haptid.Treatment(cutoff_hz=None, low_speed=SLOW), rates=(0 * still,) * 2)
     with pytest.raises(errors.NoRowsError):
-        haptid.observe(device, motion)
+        haptid.observe(model, motion)

@@ -16,17 +16,17 @@ TREATMENTS = {
 @pytest.mark.parametrize("name", ["slider_crank", "five_bar", "delta"])
 @pytest.mark.parametrize("accelerations", TREATMENTS)
 def test_they_are_inside_their_intervals_and_predict_another_motion(name, accelerations):
-    device = haptid.read_device(name)
-    beta = device.base.of(bodies(device))
+    model = haptid.DynamicModel(haptid.read_device(name))
+    beta = model.base.of(bodies(model))
     dt = 2e-3
     made = []
     for seed in (0, 1):
-        q, qd, qdd = path(device, 10.0, dt, size=0.5, seed=seed)
-        tau = haptid.inverse_dynamics(device, beta, q, qd, qdd)
+        q, qd, qdd = path(model, 10.0, dt, size=0.5, seed=seed)
+        tau = haptid.inverse_dynamics(model, beta, q, qd, qdd)
         tau += 0.02 * tau.std(axis=1, keepdims=True) * np.random.default_rng(seed).standard_normal(tau.shape)
         exact = {"rates": (qd.T, qdd.T)} if accelerations == "differences" else {}
         made.append(haptid.Motion(dt, q.T, tau.T, TREATMENTS[accelerations], **exact))
-    found = haptid.estimate(haptid.observe(device, made[0]), haptid.WLS())
+    found = haptid.estimate(haptid.observe(model, made[0]), haptid.WLS())
     low, high = found.interval95.T
     assert ((low <= beta) & (beta <= high)).mean() > 0.8
     assert haptid.validate(found, made[1]).relative < 3

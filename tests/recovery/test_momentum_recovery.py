@@ -15,47 +15,47 @@ CAUSAL = haptid.Treatment(low_speed=0.1, parallel_cutoff_hz=10.0, parallel_shape
 
 
 @pytest.fixture(scope="module")
-def device():
-    return haptid.read_device("phantom_premium_15")
+def model():
+    return haptid.DynamicModel(haptid.read_device("phantom_premium_15"))
 
 
-def recorded(device, beta, treatment, seed, noise):
+def recorded(model, beta, treatment, seed, noise):
     """A multisine as encoders see it, and its exact torque with white noise of a share of its own size."""
-    q, qd, qdd = multisine(len(device.active), 15.0, DT, seed, size=0.8)
-    tau = haptid.inverse_dynamics(device, beta, q, qd, qdd)
+    q, qd, qdd = multisine(len(model.active), 15.0, DT, seed, size=0.8)
+    tau = haptid.inverse_dynamics(model, beta, q, qd, qdd)
     tau += noise * tau.std(axis=1, keepdims=True) * np.random.default_rng(seed).standard_normal(tau.shape)
     return haptid.Motion(DT, (COUNT * np.round(q / COUNT)).T, tau.T, treatment)
 
 
-def test_they_are_inside_their_intervals_about_95_times_in_100(device):
-    beta, inside, runs = truth(device), 0, 8
+def test_they_are_inside_their_intervals_about_95_times_in_100(model):
+    beta, inside, runs = truth(model), 0, 8
     for seed in range(runs):
-        found = haptid.estimate(haptid.observe(device, recorded(device, beta, WITHOUT_DELAY, seed, 0.1)), haptid.WLS())
+        found = haptid.estimate(haptid.observe(model, recorded(model, beta, WITHOUT_DELAY, seed, 0.1)), haptid.WLS())
         low, high = found.interval95.T
         inside += int(((low <= beta) & (beta <= high)).sum())
     assert 0.90 < inside / (runs * len(beta)) <= 1.0
 
 
 @pytest.mark.parametrize(("treatment", "within"), [(WITHOUT_DELAY, 0.01), (CAUSAL, 0.01)])
-def test_bodies_come_back_and_predict_another_motion(device, treatment, within):
-    beta = truth(device)
-    found = haptid.estimate(haptid.observe(device, recorded(device, beta, treatment, 3, 0.0)), haptid.WLS())
-    inertial = [k for k, name in enumerate(device.base.names) if name[:2] not in ("FV", "FC")]
+def test_bodies_come_back_and_predict_another_motion(model, treatment, within):
+    beta = truth(model)
+    found = haptid.estimate(haptid.observe(model, recorded(model, beta, treatment, 3, 0.0)), haptid.WLS())
+    inertial = [k for k, name in enumerate(model.base.names) if name[:2] not in ("FV", "FC")]
     np.testing.assert_allclose(found.beta[inertial], beta[inertial], rtol=within)
-    assert haptid.validate(found, recorded(device, beta, treatment, 4, 0.0)).relative < 100 * within
+    assert haptid.validate(found, recorded(model, beta, treatment, 4, 0.0)).relative < 100 * within
 
 
-def test_a_lagging_velocity_takes_its_lag_times_inertia_from_the_viscous_terms(device):
+def test_a_lagging_velocity_takes_its_lag_times_inertia_from_the_viscous_terms(model):
     """tau = M qdd + FV qd seen through a velocity late by a lag: what is left looks like less damping, or negative."""
-    beta = truth(device)
-    viscous = [k for k, name in enumerate(device.base.names) if name.startswith("FV")]
+    beta = truth(model)
+    viscous = [k for k, name in enumerate(model.base.names) if name.startswith("FV")]
     found = []
     for cutoff in (200.0, 30.0, 15.0):
         velocity = HighPass(cutoff)
         treatment = haptid.Treatment(
             cutoff_hz=None, low_speed=0.1, parallel_cutoff_hz=10.0, parallel_shape=Causal(), velocity=velocity, **PLAIN
         )
-        made = recorded(device, beta, treatment, 3, 0.0)
-        found.append(haptid.estimate(haptid.observe(device, made), haptid.WLS()).beta[viscous])
+        made = recorded(model, beta, treatment, 3, 0.0)
+        found.append(haptid.estimate(haptid.observe(model, made), haptid.WLS()).beta[viscous])
     assert (np.diff(found, axis=0) < 0).all()
     assert (found[-1] < 0).any()

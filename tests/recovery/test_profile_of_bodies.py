@@ -12,20 +12,20 @@ from true_parameters import true_parameters
 RUNS = 100
 
 
-def truth(device, viscous=0.05):
+def truth(model, viscous=0.05):
     """Base parameters; the second joint's viscous friction is given."""
-    chi = true_parameters(device, FV=0.05, FC=0.2)
-    chi[device.parameters.index["FV2"]] = viscous
-    return device.base.of(chi)
+    chi = true_parameters(model, FV=0.05, FC=0.2)
+    chi[model.parameters.index["FV2"]] = viscous
+    return model.base.of(chi)
 
 
-def observed(device, beta, seed=1, seconds=6.0):
-    return haptid.observe(device, motion(device, beta, seconds=seconds, dt=4e-3, seed=seed, noise=0.05))
+def observed(model, beta, seed=1, seconds=6.0):
+    return haptid.observe(model, motion(model, beta, seconds=seconds, dt=4e-3, seed=seed, noise=0.05))
 
 
 def test_with_room_all_around_it_is_the_ordinary_interval():
-    device = two_links()
-    rows = observed(device, truth(device))
+    model = two_links()
+    rows = observed(model, truth(model))
     free = haptid.estimate(rows, haptid.WLS())
     found = haptid.estimate(rows, haptid.Consistent(), Profile())
     assert not found.held.active
@@ -34,9 +34,9 @@ def test_with_room_all_around_it_is_the_ordinary_interval():
 
 def at_the_border():
     """An estimate whose viscous friction is held at zero."""
-    device = two_links()
+    model = two_links()
     for seed in range(1, 20):
-        found = haptid.estimate(observed(device, truth(device, 0.0), seed), haptid.Consistent(), Profile())
+        found = haptid.estimate(observed(model, truth(model, 0.0), seed), haptid.Consistent(), Profile())
         if "FV2" in str(found.held.active) or "viscous friction of" in str(found.held.active):
             return found
     raise AssertionError
@@ -67,7 +67,7 @@ def test_ends_are_the_furthest_that_bodies_can_have():
     found = at_the_border()
     k, R = found.base.names.index("FC2"), found.fit.solution.R
     inside = found.possible.chi
-    raw = found.device.parameters.S @ inside
+    raw = found.model.parameters.S @ inside
     assert np.linalg.eigvalsh(pseudo_inertia(raw[10:20]))[0] > -1e-9
     size = np.linalg.norm(found.fit.solution.root[k])
     half = float(np.diff(haptid.estimate(found.observation, haptid.WLS()).interval95[k])[0] / 2)
@@ -78,7 +78,7 @@ def test_ends_are_the_furthest_that_bodies_can_have():
         rows[k] = 1e6
         metric, target = np.vstack([R, rows]), found.held.free.copy()
         target = np.linalg.lstsq(metric, np.append(R @ target, 1e6 * value), rcond=None)[0]
-        near = haptid.project(found.device, target, np.linalg.qr(metric, mode="r"))
+        near = haptid.project(found.model, target, np.linalg.qr(metric, mode="r"))
         return np.sum((R @ (near.beta - found.held.free)) ** 2)
 
     low, high = found.interval95[k]
@@ -88,11 +88,11 @@ def test_ends_are_the_furthest_that_bodies_can_have():
 
 
 def test_it_holds_the_truth_as_often_as_it_says():
-    device = two_links()
-    beta = truth(device, 0.0)
+    model = two_links()
+    beta = truth(model, 0.0)
     inside, widths = [], []
     for seed in range(RUNS):
-        found = haptid.estimate(observed(device, beta, seed), haptid.Consistent(), Profile())
+        found = haptid.estimate(observed(model, beta, seed), haptid.Consistent(), Profile())
         low, high = found.interval95.T
         inside.append((low - 1e-9 <= beta) & (beta <= high + 1e-9))
         free = haptid.estimate(found.observation, haptid.Consistent()).interval95
@@ -103,11 +103,11 @@ def test_it_holds_the_truth_as_often_as_it_says():
 
 
 def test_an_end_of_an_arm_of_seven_joints_is_one_programme(monkeypatch):
-    device, asked = haptid.read_device("arm7"), []
+    model, asked = haptid.DynamicModel(haptid.read_device("arm7")), []
     furthest = profile.furthest
     monkeypatch.setattr(profile, "furthest", lambda *given: (asked.append(given), furthest(*given))[1])
-    beta = device.base.of(true_parameters(device))
-    found = haptid.estimate(observed(device, beta, seconds=10.0), haptid.Consistent(), Profile())
+    beta = model.base.of(true_parameters(model))
+    found = haptid.estimate(observed(model, beta, seconds=10.0), haptid.Consistent(), Profile())
     ends = found.interval95
     assert 0 < len(asked) <= 2 * len(beta)
     assert (ends[:, 0] <= found.beta).all()

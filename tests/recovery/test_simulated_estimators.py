@@ -8,7 +8,7 @@ import pytest
 
 import haptid
 from bench_identification import CASES, device_of, log_of, record, truth_of
-from haptid import errors
+from haptid import errors, estimation
 from haptid.estimation.least_squares import solve
 from haptid.estimation.methods.iv import second_stage
 from haptid.estimation.methods.kalman import Belief, gained
@@ -32,13 +32,13 @@ def made(name):
 
 @cache
 def observed(name, cutoff_hz, decimation):
-    device, log, _, _ = made(name)
+    model, log, _, _ = made(name)
     treatment = haptid.Treatment(cutoff_hz=cutoff_hz, decimation=decimation, torque_delay=5e-4, low_speed=0.05)
-    return haptid.observe(device, haptid.treat(log, treatment))
+    return haptid.observe(model, haptid.treat(log, treatment))
 
 
 @pytest.mark.parametrize("name", [ARM, PHANTOM])
-@pytest.mark.parametrize("kind", [estimators.IV, estimators.DIDIM, estimators.CLIE, estimators.CLOE])
+@pytest.mark.parametrize("kind", [estimation.IV, estimation.DIDIM, estimation.CLIE, estimation.CLOE])
 def test_the_closed_loop_gives_the_truth_back(name, kind):
     _, _, law, beta = made(name)
     found = haptid.estimate(observed(name, 30, 10), kind(law))
@@ -50,7 +50,7 @@ def test_the_closed_loop_gives_the_truth_back(name, kind):
 
 
 @pytest.mark.parametrize(
-    "method", [estimators.OutputError(), estimators.EKF(), estimators.EKF(torque_noise=(0.05,) * 3)]
+    "method", [estimation.OutputError(), estimation.EKF(), estimation.EKF(torque_noise=(0.05,) * 3)]
 )
 def test_the_open_loop_and_the_filter_come_near(method):
     """Dry friction that turns over smoothly costs them a little: stated in the documentation."""
@@ -64,14 +64,14 @@ def test_the_open_loop_and_the_filter_come_near(method):
 
 def test_noise_in_the_columns_biases_least_squares_and_not_the_others():
     """Encoders at half the rate, differentiated up to 90 Hz."""
-    device, log, law, beta = made(PHANTOM)
+    model, log, law, beta = made(PHANTOM)
     half = haptid.Log(log.path, "", log.t[::2], log.position[::2], log.torque[::2], log.channels)
     law = PID(law.kp, law.kd, reference=(law.reference[0][::2],), velocity_cutoff_hz=100, rate_hz=1000)
     motion = haptid.treat(half, haptid.Treatment(cutoff_hz=90, torque_delay=5e-4))
-    observation = haptid.observe(device, motion)
+    observation = haptid.observe(model, motion)
     away = {}
     carried = np.sqrt((observation.stack()[:-1, :-1] ** 2).sum(axis=0))
-    for method in (haptid.OLS(), estimators.DIDIM(law)):
+    for method in (haptid.OLS(), estimation.DIDIM(law)):
         found = haptid.estimate(observation, method)
         away[method.name] = np.linalg.norm(carried * (found.beta - beta))
     assert away["DIDIM"] < away["OLS"] / 2  # of one log: scatter is in it; benchmarks/noisy_columns.py has the bias
@@ -107,8 +107,8 @@ def test_a_robust_fit_inside_and_a_possible_one_around():
     _, _, law, beta = made(ARM)
     observation = observed(ARM, 30, 10)
     for method in (
-        estimators.DIDIM(law, weighting=estimators.IRLS(), tolerance=0.5),
-        estimators.Consistent(estimators.DIDIM(law)),
+        estimation.DIDIM(law, weighting=estimation.IRLS(), tolerance=0.5),
+        estimation.Consistent(estimation.DIDIM(law)),
     ):
         found = haptid.estimate(observation, method)
         assert haptid.direct(found).relative < 1.0
@@ -131,21 +131,21 @@ def test_a_measurement_is_kalman_s():
 
 def test_what_is_missing_is_said():
     observation = observed(ARM, 30, 10)
-    for kind in (estimators.IV, estimators.DIDIM, estimators.CLIE, estimators.CLOE):
+    for kind in (estimation.IV, estimation.DIDIM, estimation.CLIE, estimation.CLOE):
         with pytest.raises(errors.NoControllerError, match=kind.__name__):
             haptid.estimate(observation, kind())
     law = made(ARM)[2]
     with pytest.raises(errors.ControllerError, match="one for each of 1, 2, 3"):
-        haptid.estimate(observation, estimators.IV(PID((1.0, 2.0), 1.0)))
+        haptid.estimate(observation, estimation.IV(PID((1.0, 2.0), 1.0)))
     with pytest.raises(errors.UnsettledError, match="after 1 passes"):
-        haptid.estimate(observation, estimators.DIDIM(law, most=1, tolerance=1e-9))
+        haptid.estimate(observation, estimation.DIDIM(law, most=1, tolerance=1e-9))
     for wrong in ({"most": 0}, {"tolerance": -1.0}, {"stretch": float("inf")}):
         with pytest.raises(errors.MethodSettingError):
-            estimators.DIDIM(law, **wrong)
+            estimation.DIDIM(law, **wrong)
     for wrong in ({"widen": 0.0}, {"torque_noise": (0.0, 1.0, 1.0)}):
         with pytest.raises(errors.MethodSettingError):
-            estimators.EKF(**wrong)
+            estimation.EKF(**wrong)
     with pytest.raises(errors.RowsByBlockError, match="OutputError"):
-        haptid.estimate(observation, estimators.OutputError(), estimators.Sandwich())
+        haptid.estimate(observation, estimation.OutputError(), estimation.Sandwich())
     with pytest.raises(errors.MethodSettingError, match="one for each row"):
-        haptid.estimate(observation, estimators.EKF(torque_noise=(1.0,)))
+        haptid.estimate(observation, estimation.EKF(torque_noise=(1.0,)))

@@ -28,9 +28,9 @@ def observed(seed):
 @pytest.mark.parametrize(("kind", "wide"), [(estimation.OutputError, 0.01), (estimation.EKF, 0.02)])
 def test_a_narrow_band_takes_the_bias_off_dry_friction(kind, wide):
     rows = observed(3)
-    device = rows.device
-    beta = device.base.of(true_parameters(device, **FRICTION))
-    dry = device.base.names.index("FC2")
+    model = rows.model
+    beta = model.base.of(true_parameters(model, **FRICTION))
+    dry = model.base.names.index("FC2")
     wider, own = (
         abs(haptid.estimate(rows, method).beta[dry] / beta[dry] - 1) for method in (kind(friction=wide), kind())
     )
@@ -41,22 +41,22 @@ def test_a_narrow_band_takes_the_bias_off_dry_friction(kind, wide):
 def test_only_where_friction_turns_over_steps_are_cut(monkeypatch):
     """Law: the same motion as with every step cut."""
     rows = observed(3)
-    device, motion = rows.device, rows.motions[0]
-    beta = device.base.of(true_parameters(device, **FRICTION))
-    model = ForwardDynamics(smooth(device, [motion], 1e-3), sets_of(device, beta))
+    model, motion = rows.model, rows.motions[0]
+    beta = model.base.of(true_parameters(model, **FRICTION))
+    forward = ForwardDynamics(smooth(model, [motion], 1e-3), sets_of(model, beta))
     stretches = Stretches.of(len(motion), 25, 0)
-    treated, cd = measured_state(device, motion)
+    treated, cd = measured_state(model, motion)
     start = treated[:, stretches.sample[0]], cd[:, stretches.sample[0]]
-    some = open_loop(model, motion, motion.tau.T, start, stretches)
+    some = open_loop(forward, motion, motion.tau.T, start, stretches)
     monkeypatch.setattr(ForwardDynamics, "turning", lambda *args: np.ones(args[1].shape[1], dtype=bool))
-    every = open_loop(model, motion, motion.tau.T, start, stretches)
+    every = open_loop(forward, motion, motion.tau.T, start, stretches)
     np.testing.assert_allclose(some.c, every.c, atol=1e-6)
 
 
 def test_steps_of_the_filter_are_cut_where_friction_turns_over(monkeypatch):
     """With whole steps friction turns over half a step late, which biases it the other way."""
     rows = observed(3)
-    beta = rows.device.base.of(true_parameters(rows.device, **FRICTION))
+    beta = rows.model.base.of(true_parameters(rows.model, **FRICTION))
     cut = haptid.estimate(rows, estimation.EKF())
     monkeypatch.setattr(ParametricForwardDynamics, "turning", lambda *_: False)
     whole = haptid.estimate(rows, estimation.EKF())

@@ -9,32 +9,32 @@ from motions import motion, truth
 
 
 @pytest.fixture(scope="module")
-def device():
-    return haptid.read_device("phantom_premium_15")
+def model():
+    return haptid.DynamicModel(haptid.read_device("phantom_premium_15"))
 
 
-def test_without_noise_they_come_back_exactly(device):
-    beta = truth(device)
-    found = targets(haptid.estimate(haptid.observe(device, motion(device, beta)), haptid.OLS()))
-    np.testing.assert_allclose(found.value, target_map(device) @ beta, rtol=1e-8)
+def test_without_noise_they_come_back_exactly(model):
+    beta = truth(model)
+    found = targets(haptid.estimate(haptid.observe(model, motion(model, beta)), haptid.OLS()))
+    np.testing.assert_allclose(found.value, target_map(model) @ beta, rtol=1e-8)
 
 
-def test_the_papers_own_column_comes_back_in_units_of_command(device):
+def test_the_papers_own_column_comes_back_in_units_of_command(model):
     """A device whose fourteen parameters are those of Table I, Normal, shows them again to four decimals."""
     normal = [0.0039, 0.0037, -0.0011, 0.0019, 0.0057, 0.0026, -0.0525, -0.3002,
               -0.0057, -0.0035, -0.0005, 0.0707, 0.0251, 0.0248]  # fmt: skip
-    beta = np.linalg.solve(target_map(device), np.array(normal) / 2.73)
-    made = motion(device, beta, seconds=20.0, noise=0.01)
-    command = targets(haptid.estimate(haptid.observe(device, made), haptid.WLS())).in_command()
+    beta = np.linalg.solve(target_map(model), np.array(normal) / 2.73)
+    made = motion(model, beta, seconds=20.0, noise=0.01)
+    command = targets(haptid.estimate(haptid.observe(model, made), haptid.WLS())).in_command()
     np.testing.assert_allclose(command.value, normal, atol=2e-4)
 
 
-def test_intervals_hold_the_truth_about_95_times_in_100(device):
-    beta = truth(device)
-    wanted = target_map(device) @ beta
+def test_intervals_hold_the_truth_about_95_times_in_100(model):
+    beta = truth(model)
+    wanted = target_map(model) @ beta
     runs, inside = 40, 0
     for run in range(runs):
-        made = motion(device, beta, seconds=10.0, seed=run, noise=0.1, phi=0.95)
-        low, high = targets(haptid.estimate(haptid.observe(device, made), haptid.WLS())).interval95.T
+        made = motion(model, beta, seconds=10.0, seed=run, noise=0.1, phi=0.95)
+        low, high = targets(haptid.estimate(haptid.observe(model, made), haptid.WLS())).interval95.T
         inside += int(((low <= wanted) & (wanted <= high)).sum())
     assert 0.90 < inside / (runs * len(wanted)) < 0.99

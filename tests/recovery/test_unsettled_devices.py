@@ -51,59 +51,59 @@ VELOCITY = 0.4
 
 
 @pytest.fixture(scope="module")
-def device(tmp_path_factory):
+def model(tmp_path_factory):
     path = tmp_path_factory.mktemp("device") / "device.toml"
     path.write_text(DEVICE + STRIBECK + LOAD)
-    return haptid.read_device(path)
+    return haptid.DynamicModel(haptid.read_device(path))
 
 
-def truth(device):
-    return device.base.of(true_parameters(device, **SIZES))
+def truth(model):
+    return model.base.of(true_parameters(model, **SIZES))
 
 
-def moved(device, seed=1, noise=0.03):
-    beta = truth(device)
-    return motion(device.with_constants((VELOCITY,)).loaded(beta), beta, seconds=8.0, dt=4e-3, seed=seed, noise=noise)
+def moved(model, seed=1, noise=0.03):
+    beta = truth(model)
+    return motion(model.with_constants((VELOCITY,)).loaded(beta), beta, seconds=8.0, dt=4e-3, seed=seed, noise=noise)
 
 
 @pytest.fixture(scope="module")
-def found(device, tmp_path_factory):
+def found(model, tmp_path_factory):
     """A study of two logs, walked to its end."""
     folder = tmp_path_factory.mktemp("study")
     (folder / "device.toml").write_text(DEVICE + STRIBECK + LOAD)
     (folder / "study.toml").write_text(STUDY)
     for seed, name in ((1, "a"), (2, "b")):
-        made = moved(device, seed)
+        made = moved(model, seed)
         columns = {"t": made.dt * np.arange(len(made))}
         columns |= {f"q{k + 1}": made.q[:, k] for k in (0, 1)} | {f"tau{k + 1}": made.tau[:, k] for k in (0, 1)}
         pq.write_table(pa.table(columns), folder / f"{name}.parquet")
     return haptid.identify(haptid.read_study(folder / "study.toml"))
 
 
-def test_without_noise_constant_and_load_come_back(device):
-    made = moved(device, noise=0.0)
-    here, projection = settled(device, [made], haptid.OLS())
-    assert projection.device is here
+def test_without_noise_constant_and_load_come_back(model):
+    made = moved(model, noise=0.0)
+    here, projection = settled(model, [made], haptid.OLS())
+    assert projection.model is here
     assert projection["FS2.velocity"].value == pytest.approx(VELOCITY, rel=1e-3)
     beta = haptid.estimate(haptid.observe(here, made), haptid.OLS()).beta
-    np.testing.assert_allclose(beta, truth(device), rtol=1e-3, atol=1e-5)
+    np.testing.assert_allclose(beta, truth(model), rtol=1e-3, atol=1e-5)
 
 
-def test_loads_are_settled_with_the_constants_that_were_found(found, device):
+def test_loads_are_settled_with_the_constants_that_were_found(found, model):
     motions = [run.motion for run in found.runs]
     velocity = found.projection["FS2.velocity"].value
     assert velocity == pytest.approx(VELOCITY, rel=0.3)
-    wanted, early = (settled_loads(d, motions).load for d in (device.with_constants((velocity,)), device))
-    left = np.abs(found.device.load - wanted).max()
+    wanted, early = (settled_loads(d, motions).load for d in (model.with_constants((velocity,)), model))
+    left = np.abs(found.model.load - wanted).max()
     assert left < 1e-6
     assert np.abs(early - wanted).max() > 100 * left
-    assert found.projection.device is found.device is found.estimate.device
+    assert found.projection.model is found.model is found.estimate.model
 
 
-def test_rows_held_out_have_seen_neither_constant_nor_load(found, device):
+def test_rows_held_out_have_seen_neither_constant_nor_load(found, model):
     motions = [run.motion for run in found.runs]
     for one, other, run in zip(motions, motions[::-1], found.runs, strict=True):
-        here, _ = settled(device, [other], haptid.WLS())
+        here, _ = settled(model, [other], haptid.WLS())
         own = haptid.validate(haptid.estimate(haptid.observe(here, other), haptid.WLS()), haptid.observe(here, one))
         assert run.unseen[0].relative == pytest.approx(own.relative, rel=1e-9)
 
@@ -111,23 +111,23 @@ def test_rows_held_out_have_seen_neither_constant_nor_load(found, device):
 def test_loads_alone_are_settled_by_every_fold(tmp_path):
     """The other log is of a device that carries twice as much: whoever had seen it would come nearer."""
     (tmp_path / "device.toml").write_text(DEVICE + LOAD)
-    device = haptid.read_device(tmp_path / "device.toml")
-    light = truth(device)
-    heavy = np.where([name.startswith("F") for name in device.base.names], light, 2.0 * light)
-    near, far = (motion(device.loaded(b), b, seconds=8.0, dt=4e-3, seed=s) for s, b in ((1, light), (2, heavy)))
-    fold = each_log(device, far, [near], haptid.WLS())
-    here = settled_loads(device, [near])
+    model = haptid.DynamicModel(haptid.read_device(tmp_path / "device.toml"))
+    light = truth(model)
+    heavy = np.where([name.startswith("F") for name in model.base.names], light, 2.0 * light)
+    near, far = (motion(model.loaded(b), b, seconds=8.0, dt=4e-3, seed=s) for s, b in ((1, light), (2, heavy)))
+    fold = each_log(model, far, [near], haptid.WLS())
+    here = settled_loads(model, [near])
     own = haptid.validate(haptid.estimate(haptid.observe(here, near), haptid.WLS()), haptid.observe(here, far))
     assert fold.relative == pytest.approx(own.relative, rel=1e-9)
-    assert alternate(device, near, [], haptid.WLS()).relative < 0.1
+    assert alternate(model, near, [], haptid.WLS()).relative < 0.1
 
 
-def test_the_reduced_estimate_is_held_out_as_the_full_one(found, device):
+def test_the_reduced_estimate_is_held_out_as_the_full_one(found, model):
     smaller = without(found.estimate, ("FV1",))
     made = with_reduced(found, smaller)
     motions = [run.motion for run in found.runs]
     for one, other, run in zip(motions, motions[::-1], made.runs, strict=True):
-        wanted = each_log(device, one, [other], smaller.method)
+        wanted = each_log(model, one, [other], smaller.method)
         assert run.unseen[0].relative == pytest.approx(wanted.relative, rel=1e-9)
 
 
@@ -139,7 +139,7 @@ def test_the_result_keeps_the_bodies_of_the_loads(found, tmp_path):
         folder = tmp_path / str(k)
         folder.mkdir()
         write_result(made, folder)
-        np.testing.assert_array_equal(read_result(folder).device.load, found.device.load)
+        np.testing.assert_array_equal(read_result(folder).model.load, found.model.load)
 
 
 def test_a_result_without_the_bodies_is_refused(found, tmp_path):
@@ -160,7 +160,7 @@ def test_a_result_without_the_bodies_is_refused(found, tmp_path):
 def test_loads_settle_with_any_method(tmp_path, method):
     """Of a method that does more than weigh rows, what is around; of one that is no weighting at all, WLS."""
     (tmp_path / "device.toml").write_text(DEVICE + LOAD)
-    device = haptid.read_device(tmp_path / "device.toml")
-    made = motion(device.loaded(truth(device)), truth(device), seconds=8.0, dt=4e-3, noise=0.03)
-    wanted = settled_loads(device, [made], getattr(method, "weighting", haptid.WLS()))
-    np.testing.assert_array_equal(settled_loads(device, [made], method).load, wanted.load)
+    model = haptid.DynamicModel(haptid.read_device(tmp_path / "device.toml"))
+    made = motion(model.loaded(truth(model)), truth(model), seconds=8.0, dt=4e-3, noise=0.03)
+    wanted = settled_loads(model, [made], getattr(method, "weighting", haptid.WLS()))
+    np.testing.assert_array_equal(settled_loads(model, [made], method).load, wanted.load)

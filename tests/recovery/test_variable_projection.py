@@ -37,44 +37,44 @@ DT = 2e-3
 
 def device_of(folder, text=DEVICE):
     (folder / "device.toml").write_text(text)
-    return haptid.read_device(folder / "device.toml")
+    return haptid.DynamicModel(haptid.read_device(folder / "device.toml"))
 
 
-def motion_of(device, constants, seed, noise=0.03, seconds=20.0):
+def motion_of(model, constants, seed, noise=0.03, seconds=20.0):
     """A motion of a device with these constants, with white noise of a share of the torque; and the true parameters."""
-    beta = np.array([BETA.get(name[:2], 0.3) for name in device.base.names])
-    made = motion(device.with_constants(constants), beta, seconds=seconds, dt=DT, seed=seed, noise=noise)
+    beta = np.array([BETA.get(name[:2], 0.3) for name in model.base.names])
+    made = motion(model.with_constants(constants), beta, seconds=seconds, dt=DT, seed=seed, noise=noise)
     return made, beta
 
 
 @pytest.fixture(scope="module")
-def device(tmp_path_factory):
+def model(tmp_path_factory):
     return device_of(tmp_path_factory.mktemp("device"))
 
 
-def test_a_device_file_says_where_to_search(device):
-    assert [constant.name for _, constant in device.searched] == ["velocity", "velocity"]
-    assert [device.terms[k].constant("velocity") for k, _ in device.searched] == [0.5, 0.5]
-    assert [(c.low, c.high, c.unit) for _, c in device.searched] == [(0.02, 5.0, "rad/s")] * 2
-    changed = device.with_constants((0.1, 0.2))
+def test_a_device_file_says_where_to_search(model):
+    assert [constant.name for _, constant in model.searched] == ["velocity", "velocity"]
+    assert [model.terms[k].constant("velocity") for k, _ in model.searched] == [0.5, 0.5]
+    assert [(c.low, c.high, c.unit) for _, c in model.searched] == [(0.02, 5.0, "rad/s")] * 2
+    changed = model.with_constants((0.1, 0.2))
     assert [changed.terms[k].constant("velocity") for k, _ in changed.searched] == [0.1, 0.2]
 
 
-def test_without_noise_constants_are_exact(device):
-    moved, beta = motion_of(device, tuple(TRUTH.values()), 1, noise=0.0)
-    found = variable_projection(device, [moved], haptid.OLS())
+def test_without_noise_constants_are_exact(model):
+    moved, beta = motion_of(model, tuple(TRUTH.values()), 1, noise=0.0)
+    found = variable_projection(model, [moved], haptid.OLS())
     for name, value in TRUTH.items():
         assert found[name].value == pytest.approx(value, rel=1e-6)
-    estimate = haptid.estimate(haptid.observe(found.device, moved), haptid.OLS(), found.intervals)
+    estimate = haptid.estimate(haptid.observe(found.model, moved), haptid.OLS(), found.intervals)
     np.testing.assert_allclose(estimate.beta, beta, rtol=1e-5)
 
 
-def test_truth_is_inside_the_intervals(device):
+def test_truth_is_inside_the_intervals(model):
     inside, wider = [], []
     for seed in range(10):
-        moved, beta = motion_of(device, tuple(TRUTH.values()), seed)
-        found = variable_projection(device, [moved])
-        observation = haptid.observe(found.device, moved)
+        moved, beta = motion_of(model, tuple(TRUTH.values()), seed)
+        found = variable_projection(model, [moved])
+        observation = haptid.observe(found.model, moved)
         joint = haptid.estimate(observation, haptid.WLS(), found.intervals)
         held = haptid.estimate(observation, haptid.WLS())
         low, high = joint.interval95.T
@@ -85,18 +85,18 @@ def test_truth_is_inside_the_intervals(device):
     assert np.median(wider) > 1.0  # what is not known of the constants is in the parameters' deviations
 
 
-def test_least_squares_in_everything_finds_the_same(device):
-    moved, beta = motion_of(device, tuple(TRUTH.values()), 3)
+def test_least_squares_in_everything_finds_the_same(model):
+    moved, beta = motion_of(model, tuple(TRUTH.values()), 3)
 
     def residual(x):
-        trial = device.with_constants(np.exp(x[:2]))
+        trial = model.with_constants(np.exp(x[:2]))
         qd, qdd = moved.rates
         torque = haptid.inverse_dynamics(trial, x[2:], moved.q.T, qd.T, qdd.T)
         return (moved.tau - torque.T).ravel()
 
     start = np.concatenate([np.log([0.3, 0.3]), beta * 1.2])
     oracle = optimize.least_squares(residual, start, xtol=1e-12, ftol=1e-14)
-    found = variable_projection(device, [moved], haptid.OLS())
+    found = variable_projection(model, [moved], haptid.OLS())
     np.testing.assert_allclose([c.value for c in found.constants], np.exp(oracle.x[:2]), rtol=2e-3)
 
 
@@ -113,17 +113,17 @@ expression = "sin(n*q_1)"
 constants = { n = { start = 6, low = 3, high = 12 } }
 """
     )
-    device = device_of(tmp_path, text)
-    moved, _ = motion_of(device, (7.0,), 3, noise=0.01)
-    found = variable_projection(device, [moved])
+    model = device_of(tmp_path, text)
+    moved, _ = motion_of(model, (7.0,), 3, noise=0.01)
+    found = variable_projection(model, [moved])
     assert found["COG1.n"].value == pytest.approx(7.0, rel=1e-2)
     low, high = found["COG1.n"].interval
     assert low < 7.0 < high
 
 
-def test_a_log_that_does_not_bound_a_constant_says_so(device):
-    moved, _ = motion_of(device, tuple(TRUTH.values()), 4, noise=3.0, seconds=8.0)
-    found = variable_projection(device, [moved])
+def test_a_log_that_does_not_bound_a_constant_says_so(model):
+    moved, _ = motion_of(model, tuple(TRUTH.values()), 4, noise=3.0, seconds=8.0)
+    found = variable_projection(model, [moved])
     assert any("hardly told" in note or "end of its range" in note for note in found.notes)
 
 
@@ -142,8 +142,8 @@ def test_a_range_that_means_nothing_is_refused(tmp_path, old, new, error):
         device_of(tmp_path, DEVICE.replace(old, new))
 
 
-def test_what_cannot_be_searched_is_refused(tmp_path, device):
-    moved, _ = motion_of(device, tuple(TRUTH.values()), 5, seconds=4.0)
+def test_what_cannot_be_searched_is_refused(tmp_path, model):
+    moved, _ = motion_of(model, tuple(TRUTH.values()), 5, seconds=4.0)
     known = device_of(tmp_path, DEVICE.replace("{ start = 0.5, low = 0.02, high = 5 }", "0.5"))
     with pytest.raises(errors.UnsearchableError, match="no term"):
         variable_projection(known, [moved])

@@ -9,7 +9,7 @@ import haptid
 from haptid.estimation import GLS, IRLS, SUR, Bounded, Equal, FixedB, Heteroscedastic, Huber, Sandwich, Textbook
 from motions import motion, truth
 
-DEVICE = haptid.read_device("phantom_premium_15")
+DEVICE = haptid.DynamicModel(haptid.read_device("phantom_premium_15"))
 BETA = truth(DEVICE)
 RUNS = 5
 

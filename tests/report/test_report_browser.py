@@ -123,9 +123,9 @@ def scene_of(tab):
     return picture, masses, np.array(pose)
 
 
-def agrees(model, masses, pose):
+def agrees(identified, masses, pose):
     """The page's masses, three digits, are the library's at that pose."""
-    expected = haptid.felt_mass(model, pose[:, None]).mass.value[0]
+    expected = haptid.felt_mass(identified, pose[:, None]).mass.value[0]
     np.testing.assert_allclose(masses, expected, rtol=6e-3)
 
 
@@ -149,23 +149,23 @@ def test_the_device_turns_when_it_is_dragged(report):
 
 @pytest.mark.parametrize("name", ["five_bar", "delta", "arm7", "sr400", "cea_medical_branch"])
 def test_any_device_is_drawn_and_closes_its_loops(tab, folder, name):
-    device = haptid.read_device(name)
+    model = haptid.DynamicModel(haptid.read_device(name))
     rng = np.random.default_rng(0)
-    start = getattr(device.closure, "at", np.array([0.3, 0.1, 0.8, 0.3, 0.2, 0.5, 0.3])[: len(device.active)])
+    start = getattr(model.closure, "at", np.array([0.3, 0.1, 0.8, 0.3, 0.2, 0.5, 0.3])[: len(model.active)])
     qa = start[:, None] + 0.05 * np.sin(rng.uniform(0, 6, (len(start), 50)))
-    section = MechanismSection.drawn(device, device.base.of(true_parameters(device)), qa)
+    section = MechanismSection.drawn(model, model.base.of(true_parameters(model)), qa)
     path = folder / f"{name}.html"
     path.write_text(written(name, "", (section,)), encoding="utf-8")
     tab.open(path, LAPTOP)
     assert tab.troubles == []
     _, masses, pose = scene_of(tab)
     tab.picture(folder / f"{name}.png", "#mechanism")
-    model = haptid.GivenModel(device, device.base.of(true_parameters(device)))
+    identified = haptid.GivenModel(model, model.base.of(true_parameters(model)))
     if masses:
-        agrees(model, masses, pose)
+        agrees(identified, masses, pose)
     set_joint(tab, 0, pose[0] + 0.1)
     before, masses, pose = scene_of(tab)
     assert before
     if masses:
-        agrees(model, masses, pose)
-    assert masses or device.handle is None
+        agrees(identified, masses, pose)
+    assert masses or model.handle is None

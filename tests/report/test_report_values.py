@@ -152,19 +152,19 @@ def summed(parts, names):
 
 @pytest.mark.parametrize("name", ["phantom_premium_15", "puma560", "sr400", "arm7"])
 def test_typeset_groupings_have_the_value_of_the_numbers(name):
-    device = haptid.read_device(name)
-    exact = device.regroupings
+    model = haptid.DynamicModel(haptid.read_device(name))
+    exact = model.regroupings
     rng = np.random.default_rng(3)
     chi = rng.uniform(0.5, 2.0, len(exact.standard))
     names = dict(zip(exact.standard, chi, strict=True)) | {s.name: s.value for s in exact.symbols}
     values = exact.values @ chi
-    for mathml, value in zip(groupings(device.base, exact), values, strict=True):
+    for mathml, value in zip(groupings(model.base, exact), values, strict=True):
         parts = [part for math in ET.fromstring(f"<all>{mathml}</all>") for part in math]
         assert summed(parts, names) == pytest.approx(value)
 
 
 def test_groupings_in_numbers_and_names_of_a_user_s_own():
-    base = haptid.read_device("puma560").base
+    base = haptid.DynamicModel(haptid.read_device("puma560")).base
     for mathml in groupings(base, None):
         ET.fromstring(f"<all>{mathml}</all>")
     assert parameter("pi_1") == "<math><msub><mi>&#x3c0;</mi><mi>1</mi></msub></math>"

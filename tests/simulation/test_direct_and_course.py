@@ -25,56 +25,56 @@ EXAMPLES = Path(__file__).resolve().parents[2] / "examples"
 ARM, PHANTOM = "open arm, 3 joints", "PHANToM, one parallelogram"
 
 
-def base_of(device):
-    return np.asarray(device.parameters.S[:, list(device.base.kept)])
+def base_of(model):
+    return np.asarray(model.parameters.S[:, list(model.base.kept)])
 
 
 @settings(deadline=None, max_examples=8)
 @given(mechanisms(4), st.integers(0, 99))
 def test_accelerations_undo_the_inverse_model(mechanism, seed):
-    device = as_device(mechanism)
-    chi = parameters(mechanism, device)
-    raw = device.parameters.S @ chi
+    model = as_device(mechanism)
+    chi = parameters(mechanism, model)
+    raw = model.parameters.S @ chi
     c, cd, cdd = states(mechanism, 5, seed)
-    beta = device.base.of(chi)
-    model = ForwardDynamics(device, raw)
-    M, _ = model.parts(c, cd)
+    beta = model.base.of(chi)
+    forward = ForwardDynamics(model, raw)
+    M, _ = forward.parts(c, cd)
     if np.linalg.cond(M).max() > 1e6:  # coordinates that hardly move anything
         return
-    tau = haptid.inverse_dynamics(device, beta, c, cd, cdd)
-    np.testing.assert_allclose(model.acceleration(c, cd, tau), cdd, rtol=1e-6, atol=1e-6 * np.abs(cdd).max())
+    tau = haptid.inverse_dynamics(model, beta, c, cd, cdd)
+    np.testing.assert_allclose(forward.acceleration(c, cd, tau), cdd, rtol=1e-6, atol=1e-6 * np.abs(cdd).max())
 
 
 @pytest.mark.parametrize("name", ["five_bar", "cea_medical_branch"])
 def test_slopes_are_those_of_differences(name):
-    device, rng, step = haptid.read_device(name), np.random.default_rng(1), 1e-5
-    c = device.frame @ (device.closure.draw(rng, 9) if name == "five_bar" else rng.uniform(-0.3, 0.3, (3, 9)))
+    model, rng, step = haptid.DynamicModel(haptid.read_device(name)), np.random.default_rng(1), 1e-5
+    c = model.frame @ (model.closure.draw(rng, 9) if name == "five_bar" else rng.uniform(-0.3, 0.3, (3, 9)))
     cd, cdd = rng.normal(size=(2, *c.shape))
-    model = ForwardDynamics(device, np.abs(rng.normal(size=device.mechanism.columns)))
-    found = model.slopes(c, cd, cdd)
+    forward = ForwardDynamics(model, np.abs(rng.normal(size=model.mechanism.columns)))
+    found = forward.slopes(c, cd, cdd)
     for k, move in enumerate(step * np.eye(len(c))[:, :, None]):
-        by_c = model.inverse(c + move, cd, cdd) - model.inverse(c - move, cd, cdd)
-        by_cd = model.inverse(c, cd + move, cdd) - model.inverse(c, cd - move, cdd)
+        by_c = forward.inverse(c + move, cd, cdd) - forward.inverse(c - move, cd, cdd)
+        by_cd = forward.inverse(c, cd + move, cdd) - forward.inverse(c, cd - move, cdd)
         for got, change in zip(found, (by_c, by_cd), strict=True):
             np.testing.assert_allclose(got[:, :, k].T, change / (2 * step), rtol=1e-5, atol=1e-5 * np.abs(got).max())
 
 
 @pytest.mark.parametrize("name", ["five_bar", "phantom_premium_15", "cea_medical_branch"])
 def test_loops_too_and_every_set_for_itself(name):
-    device = haptid.read_device(name)
+    model = haptid.DynamicModel(haptid.read_device(name))
     rng = np.random.default_rng(0)
-    c = device.frame @ (device.closure.draw(rng, 6) if name == "five_bar" else rng.uniform(-0.3, 0.3, (3, 6)))
+    c = model.frame @ (model.closure.draw(rng, 6) if name == "five_bar" else rng.uniform(-0.3, 0.3, (3, 6)))
     cd = rng.normal(size=c.shape)
-    raw = np.zeros((2, device.mechanism.columns))
+    raw = np.zeros((2, model.mechanism.columns))
     for k in range(2):
-        for j in range(len(device.joints)):
+        for j in range(len(model.joints)):
             raw[k, 10 * j : 10 * j + 10] = [0.02 + k, 0, 0, 0.02 + k, 0, 0.03 + k, 0.01, 0, 0, 1.0]
-        raw[k, 10 * len(device.joints) :] = 0.01
+        raw[k, 10 * len(model.joints) :] = 0.01
     tau = rng.normal(size=c.shape)
-    both = ForwardDynamics(device, raw).acceleration(np.tile(c, 2), np.tile(cd, 2), np.tile(tau, 2))
-    each = [ForwardDynamics(device, one).acceleration(c, cd, tau) for one in raw]
+    both = ForwardDynamics(model, raw).acceleration(np.tile(c, 2), np.tile(cd, 2), np.tile(tau, 2))
+    each = [ForwardDynamics(model, one).acceleration(c, cd, tau) for one in raw]
     np.testing.assert_allclose(both, np.concatenate(each, axis=1), rtol=1e-12)
-    M, h = ForwardDynamics(device, raw[0]).parts(c, cd)
+    M, h = ForwardDynamics(model, raw[0]).parts(c, cd)
     np.testing.assert_allclose(np.einsum("sij,js->is", M, each[0]) + h.T, tau, atol=1e-9 * np.abs(h).max())
 
 
@@ -102,16 +102,16 @@ kind = "viscous"
 joints = "all"
 """
     )
-    return haptid.read_device(tmp_path / "slide.toml")
+    return haptid.DynamicModel(haptid.read_device(tmp_path / "slide.toml"))
 
 
 def test_closed_loop_of_a_mass_is_the_exponential(tmp_path):
-    device, mass, viscous, dt = slide(tmp_path), 2.0, 3.0, 2e-3
+    model, mass, viscous, dt = slide(tmp_path), 2.0, 3.0, 2e-3
     target = np.sin(2 * np.pi * np.arange(1500) * dt)[:, None]
     law = PID(400.0, 40.0, 100.0, reference=(target,))
-    beta = np.array([{"M1": mass, "FV1": viscous}[name] for name in device.base.names])
+    beta = np.array([{"M1": mass, "FV1": viscous}[name] for name in model.base.names])
     motion = haptid.Motion(dt, target, np.zeros_like(target), haptid.Treatment(cutoff_hz=None))
-    steps = closed_loop(ForwardDynamics(device, sets_of(device, beta)), law, motion, 0, Stretches.of(1500, 1500, 0))
+    steps = closed_loop(ForwardDynamics(model, sets_of(model, beta)), law, motion, 0, Stretches.of(1500, 1500, 0))
     A = np.zeros((3, 3))
     A[0, 1], A[1, 1], A[1, 2] = 1.0, -viscous / mass, 1.0 / mass
     step = linalg.expm(A * dt)
@@ -127,12 +127,12 @@ def test_closed_loop_of_a_mass_is_the_exponential(tmp_path):
 
 
 def test_the_open_loop_of_a_mass_falls_as_it_should(tmp_path):
-    device, dt = slide(tmp_path), 1e-2
-    beta = np.array([{"M1": 2.0, "FV1": 0.0}[name] for name in device.base.names])
+    model, dt = slide(tmp_path), 1e-2
+    beta = np.array([{"M1": 2.0, "FV1": 0.0}[name] for name in model.base.names])
     motion = haptid.Motion(dt, np.zeros((100, 1)), np.ones((100, 1)), haptid.Treatment(cutoff_hz=None))
     start = np.zeros((1, 1)), np.ones((1, 1))
     steps = open_loop(
-        ForwardDynamics(device, sets_of(device, beta)), motion, np.ones((1, 100)), start, Stretches.of(100, 100, 0)
+        ForwardDynamics(model, sets_of(model, beta)), motion, np.ones((1, 100)), start, Stretches.of(100, 100, 0)
     )
     t = dt * np.arange(100)
     np.testing.assert_allclose(steps.course(motion).c[0], t + t**2 / 4, atol=1e-12)
@@ -147,13 +147,13 @@ def recording(name, seconds):
 def simulated(name, share, stretch=400, settle=300, seconds=3.2):
     """Recording, and the model along it."""
     case = CASES[name]
-    device, made = device_of(case), recording(name, seconds)
+    model, made = device_of(case), recording(name, seconds)
     log = haptid.Log("bench", "", made.t, made.position, made.command, log_of(case, made).channels)
     motion = haptid.treat(log, haptid.Treatment(cutoff_hz=60))
     law = PID(case.kp, case.kd, reference=(made.target,), velocity_cutoff_hz=100)
-    model = ForwardDynamics(smooth(device, [motion], share), sets_of(device, device.base.of(truth_of(case))))
+    forward = ForwardDynamics(smooth(model, [motion], share), sets_of(model, model.base.of(truth_of(case))))
     stretches = Stretches.of(len(motion), stretch, settle)
-    return made, motion, law, model, closed_loop(model, law, motion, 0, stretches)
+    return made, motion, law, forward, closed_loop(forward, law, motion, 0, stretches)
 
 
 @pytest.mark.parametrize("name", [ARM, PHANTOM])
@@ -161,8 +161,8 @@ def test_the_closed_loop_is_that_of_the_bench(name):
     """MuJoCo with its own friction and steps: nearer as dry friction turns over faster; whatever the stretches."""
     away = []
     for share in (0.05, 0.01):
-        made, motion, _, model, steps = simulated(name, share)
-        exact = model.device.frame @ made.q[:, list(model.device.active)].T
+        made, motion, _, forward, steps = simulated(name, share)
+        exact = forward.model.frame @ made.q[:, list(forward.model.active)].T
         away.append(np.sqrt(((steps.course(motion).c - exact) ** 2).mean()))
     assert away[1] < 0.6 * away[0]
     assert away[1] < 2e-4  # 1.1e-4 rad of the arm: what friction that turns over within 1 % of the speed leaves
@@ -176,15 +176,15 @@ def test_short_stretches_are_the_whole():
 
 
 def test_sensitivities_are_differences_of_simulations():
-    _, motion, law, model, steps = simulated(ARM, 0.05)
-    device, base = model.device, base_of(device_of(CASES[ARM]))
-    made = sensitivity(model, law, motion, steps, base)
+    _, motion, law, forward, steps = simulated(ARM, 0.05)
+    model, base = forward.model, base_of(device_of(CASES[ARM]))
+    made = sensitivity(forward, law, motion, steps, base)
     beta = device_of(CASES[ARM]).base.of(truth_of(CASES[ARM]))
     for k in (0, 4, 13, 17, 20):  # inertia, gravity, rotor, viscous, Coulomb
         h = 1e-5 * max(abs(beta[k]), 1e-3)
         sets = beta + h * np.array([[1.0], [-1.0]]) * np.eye(len(beta))[k]
         both = closed_loop(
-            ForwardDynamics(device, sets_of(device_of(CASES[ARM]), sets)), law, motion, 0, steps.stretches
+            ForwardDynamics(model, sets_of(device_of(CASES[ARM]), sets)), law, motion, 0, steps.stretches
         )
         count = steps.stretches.count
         for exact, found in ((both.c, made.c[:, :, k]), (both.tau, made.tau[:, :, k])):
@@ -193,33 +193,33 @@ def test_sensitivities_are_differences_of_simulations():
 
 
 def test_parameters_of_their_own_at_every_state():
-    device = device_of(CASES[ARM])
+    model = device_of(CASES[ARM])
     rng = np.random.default_rng(0)
-    beta = device.base.of(truth_of(CASES[ARM])) * rng.uniform(0.9, 1.1, (4, len(device.base)))
+    beta = model.base.of(truth_of(CASES[ARM])) * rng.uniform(0.9, 1.1, (4, len(model.base)))
     c, cd, tau = rng.uniform(-1, 1, (3, 3, 4))
-    found = ParametricForwardDynamics(device, base_of(device)).acceleration(c, cd, tau, beta)
+    found = ParametricForwardDynamics(model, base_of(model)).acceleration(c, cd, tau, beta)
     each = [
-        ForwardDynamics(device, sets_of(device, b)).acceleration(c[:, [k]], cd[:, [k]], tau[:, [k]])
+        ForwardDynamics(model, sets_of(model, b)).acceleration(c[:, [k]], cd[:, [k]], tau[:, [k]])
         for k, b in enumerate(beta)
     ]
     np.testing.assert_allclose(found, np.concatenate(each, axis=1), rtol=1e-9)
-    cdd, by_state, by_beta, inverse = ParametricForwardDynamics(device, base_of(device)).linearised(
+    cdd, by_state, by_beta, inverse = ParametricForwardDynamics(model, base_of(model)).linearised(
         c[:, 0], cd[:, 0], tau[:, 0], beta[0]
     )
     np.testing.assert_allclose(cdd, found[:, 0], rtol=1e-9)
-    M, _ = ForwardDynamics(device, sets_of(device, beta[0])).parts(c[:, :1], cd[:, :1])
+    M, _ = ForwardDynamics(model, sets_of(model, beta[0])).parts(c[:, :1], cd[:, :1])
     np.testing.assert_allclose(inverse @ M[0], np.eye(3), atol=1e-9)
-    Y = columns(device, c[:, :1].copy(), cd[:, :1].copy(), np.ascontiguousarray(cdd[:, None]), base_of(device))[:, :, 0]
+    Y = columns(model, c[:, :1].copy(), cd[:, :1].copy(), np.ascontiguousarray(cdd[:, None]), base_of(model))[:, :, 0]
     np.testing.assert_allclose(by_beta, -inverse @ Y, rtol=1e-8, atol=1e-8)
     assert by_state.shape == (3, 6)
 
 
 def test_what_is_wrong_with_a_controller_is_said():
-    made, motion, _, model, _ = simulated(ARM, 0.05)
+    made, motion, _, forward, _ = simulated(ARM, 0.05)
     stretches = Stretches.of(len(motion), 400, 0)
 
     def loop(**settings):
-        return closed_loop(model, PID(**{"kp": 300.0, "kd": 9.0, **settings}), motion, 0, stretches)
+        return closed_loop(forward, PID(**{"kp": 300.0, "kd": 9.0, **settings}), motion, 0, stretches)
 
     for wrong, word in (
         ({"kp": (1.0, 2.0)}, "one for each of 1, 2, 3"),
@@ -236,14 +236,14 @@ def test_what_is_wrong_with_a_controller_is_said():
     with pytest.raises(errors.SimulationLostError, match="runs away"):
         loop(kp=-3000.0, reference=(made.target,))
     with pytest.raises(errors.MasslessError, match="no inertia"):
-        closed_loop(ForwardDynamics(model.device, 0 * model.chi), PID(1.0, 1.0), motion, 0, stretches)
+        closed_loop(ForwardDynamics(forward.model, 0 * forward.chi), PID(1.0, 1.0), motion, 0, stretches)
 
 
 def test_a_limit_holds_the_torque():
-    made, motion, _, model, free = simulated(ARM, 0.05)
+    made, motion, _, forward, free = simulated(ARM, 0.05)
     limit = 0.5 * np.abs(free.tau).max(axis=(0, 2))
     law = PID(300.0, 9.0, reference=(made.target,), saturation=tuple(limit))
-    held = closed_loop(model, law, motion, 0, Stretches.of(len(motion), 400, 0))
+    held = closed_loop(forward, law, motion, 0, Stretches.of(len(motion), 400, 0))
     assert (np.abs(held.tau).max(axis=(0, 2)) <= limit * (1 + 1e-12)).all()
     assert not held.free.all()
 

@@ -14,12 +14,12 @@ CONDITION = 1e6
 
 def observed(size: float, decimation: int) -> tuple[np.ndarray, haptid.Observation]:
     """True parameters, and the rows of a motion of some size without noise, with exact rates."""
-    device = two_links()
-    beta = truth(device) + 0.1
+    model = two_links()
+    beta = truth(model) + 0.1
     q, qd, qdd = multisine(2, 10.0, 1e-3, 3, size)
-    tau = haptid.inverse_dynamics(device, beta, q, qd, qdd)
+    tau = haptid.inverse_dynamics(model, beta, q, qd, qdd)
     treatment = haptid.Treatment(cutoff_hz=None, decimation=decimation)
-    return beta, haptid.observe(device, haptid.Motion(1e-3, q.T, tau.T, treatment, rates=(qd.T, qdd.T)))
+    return beta, haptid.observe(model, haptid.Motion(1e-3, q.T, tau.T, treatment, rates=(qd.T, qdd.T)))
 
 
 def of_condition(decimation: int) -> tuple[np.ndarray, haptid.Observation]:

@@ -10,42 +10,42 @@ from motions import motion
 
 
 @pytest.fixture(scope="module")
-def device():
-    return haptid.read_device("phantom_premium_15")
+def model():
+    return haptid.DynamicModel(haptid.read_device("phantom_premium_15"))
 
 
 @pytest.fixture(scope="module")
-def chi(device):
+def chi(model):
     """Of the measured bodies, with some friction, (p,)."""
     friction = {"FV": 6e-4, "FC": 0.02}
-    kinds = device.parameters.kinds
-    return np.array([friction.get(kind, x) for kind, x in zip(kinds, np.nan_to_num(device.chi_prior), strict=True)])
+    kinds = model.parameters.kinds
+    return np.array([friction.get(kind, x) for kind, x in zip(kinds, np.nan_to_num(model.chi_prior), strict=True)])
 
 
-def estimated(device, chi, seed):
-    made = motion(device, device.base.of(chi), seconds=12.0, seed=seed, noise=0.02, phi=0.9)
-    return haptid.estimate(haptid.observe(device, made), haptid.WLS())
+def estimated(model, chi, seed):
+    made = motion(model, model.base.of(chi), seconds=12.0, seed=seed, noise=0.02, phi=0.9)
+    return haptid.estimate(haptid.observe(model, made), haptid.WLS())
 
 
-def point(device, link, mass, x):
+def point(model, link, mass, x):
     """A point mass on a link's own x axis, as standard parameters, (p,)."""
     values = {"M": mass, "MX": mass * x, "YY": mass * x**2, "ZZ": mass * x**2}
-    found = np.zeros(len(device.parameters))
+    found = np.zeros(len(model.parameters))
     for kind, value in values.items():
-        found[device.parameters.index[kind + link]] = value
+        found[model.parameters.index[kind + link]] = value
     return found
 
 
 @pytest.fixture(scope="module")
-def before(device, chi):
-    return estimated(device, chi, seed=1)
+def before(model, chi):
+    return estimated(model, chi, seed=1)
 
 
-def test_a_tool_at_the_handle_is_found(device, chi, before):
-    tool = point(device, "a", 0.05, 0.17)
-    found = addition(before, estimated(device, chi + tool, seed=2), "a")
+def test_a_tool_at_the_handle_is_found(model, chi, before):
+    tool = point(model, "a", 0.05, 0.17)
+    found = addition(before, estimated(model, chi + tool, seed=2), "a")
     assert found.names == ("XXa", "YYa", "ZZa", "MXa", "Ma")
-    truth = np.array([tool[device.parameters.index[name]] for name in found.names])
+    truth = np.array([tool[model.parameters.index[name]] for name in found.names])
     low, high = found.interval95.T
     assert ((low <= truth) & (truth <= high)).all()
     assert found.value[found.names.index("Ma")] == pytest.approx(0.05, rel=0.01)
@@ -53,23 +53,23 @@ def test_a_tool_at_the_handle_is_found(device, chi, before):
     assert "Ma: 0.0" in found.summary()
 
 
-def test_friction_that_changed_meanwhile_does_no_harm(device, chi, before):
-    other = chi + point(device, "a", 0.05, 0.17)
-    for k, kind in enumerate(device.parameters.kinds):
+def test_friction_that_changed_meanwhile_does_no_harm(model, chi, before):
+    other = chi + point(model, "a", 0.05, 0.17)
+    for k, kind in enumerate(model.parameters.kinds):
         other[k] *= 1.5 if kind in ("FV", "FC") else 1.0
-    found = addition(before, estimated(device, other, seed=3), "a")
+    found = addition(before, estimated(model, other, seed=3), "a")
     assert found.value[found.names.index("Ma")] == pytest.approx(0.05, rel=0.01)
 
 
-def test_nothing_added_is_nothing_found(device, chi, before):
-    found = addition(before, estimated(device, chi, seed=4), "a")
+def test_nothing_added_is_nothing_found(model, chi, before):
+    found = addition(before, estimated(model, chi, seed=4), "a")
     low, high = found.interval95.T
     assert ((low <= 0) & (high >= 0)).all()
 
 
-def test_what_torques_do_not_tell_has_no_value(device, chi, before):
+def test_what_torques_do_not_tell_has_no_value(model, chi, before):
     """Its mass alone, since the link turns about a point that stays where it is."""
-    found = addition(before, estimated(device, chi + point(device, "be", 0.1, -0.05), seed=5), "be")
+    found = addition(before, estimated(model, chi + point(model, "be", 0.1, -0.05), seed=5), "be")
     unknown = found.names.index("Mbe")
     assert np.isnan(found.value[unknown])
     assert np.isnan(found.sd[unknown])
@@ -83,7 +83,7 @@ def test_a_link_that_is_not_there_is_an_error(before):
 
 
 def test_estimates_of_two_devices_are_an_error(before):
-    other = haptid.read_device("phantom_premium_15")
+    other = haptid.DynamicModel(haptid.read_device("phantom_premium_15"))
     after = haptid.estimate(haptid.observe(other, motion(other, before.beta, seconds=2.0)), haptid.WLS())
     with pytest.raises(errors.DifferentModelError):
         addition(before, after, "a")

@@ -220,9 +220,9 @@ def test_a_column_made_of_accelerations_is_refused_without_them(tmp_path):
     motion = haptid.Motion(1e-3, np.sin(9 * t)[:, None], np.cos(t)[:, None], treatment)
     for name, expression in (("SIN", "sin(3 * q_1) * v_1"), ("JERKY", "abs(a_1)")):
         (tmp_path / f"{name}.toml").write_text(COLUMN.format(name=name, expression=expression))
-        device = haptid.read_device(tmp_path / f"{name}.toml")
+        model = haptid.DynamicModel(haptid.read_device(tmp_path / f"{name}.toml"))
         if name == "SIN":
-            assert haptid.observe(device, motion).rows > 500
+            assert haptid.observe(model, motion).rows > 500
         else:
             with pytest.raises(AccelerationColumnError, match="column JERKY is made of accelerations"):
-                haptid.observe(device, motion)
+                haptid.observe(model, motion)

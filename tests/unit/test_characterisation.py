@@ -18,7 +18,7 @@ from true_parameters import true_parameters
 
 @pytest.fixture(scope="module")
 def phantom():
-    return haptid.read_device("phantom_premium_15")
+    return haptid.DynamicModel(haptid.read_device("phantom_premium_15"))
 
 
 @pytest.fixture(scope="module")
@@ -57,8 +57,8 @@ FIGURES = {
 
 @pytest.mark.parametrize("name", FIGURES)
 def test_deviations_are_those_of_drawn_parameters(name, doubtful):
-    model, draws = doubtful
-    figure, count = FIGURES[name](characterise(model, POSES)), 60 if name == "neglected" else 1200
+    identified, draws = doubtful
+    figure, count = FIGURES[name](characterise(identified, POSES)), 60 if name == "neglected" else 1200
     values = np.array([FIGURES[name](characterise(m, POSES)).value for m in draws[:count]])
     spread = values.std(axis=0)
     # A deviation of so many draws is itself known to 1 / sqrt(2 count).
@@ -119,30 +119,30 @@ def test_a_mass_matrix_that_is_not_positive_gives_no_mass(phantom):
 
 
 def test_a_workspace_is_characterised_on_its_grid(phantom):
-    model = GivenModel(phantom, phantom.base.of(true_parameters(phantom)))
-    found = characterise(model, workspace(phantom), worst_condition=10.0)
+    identified = GivenModel(phantom, phantom.base.of(true_parameters(phantom)))
+    found = characterise(identified, workspace(phantom), worst_condition=10.0)
     assert len(found.grasp) > 1000
     assert "left out" in found.summary()
     with pytest.raises(errors.DifferentModelError, match="PHANToM"):
-        characterise(model, workspace(haptid.read_device("cea_medical_branch")))
+        characterise(identified, workspace(haptid.DynamicModel(haptid.read_device("cea_medical_branch"))))
 
 
 def test_spare_joints_leave_friction_open_but_masses_known():
     mechanism = draw(5, joints=5, closed=False, chain=True)
-    device = as_device(mechanism)
+    model = as_device(mechanism)
     qa = np.random.default_rng(0).normal(size=(5, 4))
-    found = characterise(GivenModel(device, device.base.of(parameters(mechanism, device))), qa, worst_condition=1e6)
+    found = characterise(GivenModel(model, model.base.of(parameters(mechanism, model))), qa, worst_condition=1e6)
     assert np.isfinite(found.apparent_mass.value).all()
     with pytest.raises(errors.SpareJointsError, match="5 joints"):
         _ = found.weight
     assert "not determined" in found.summary()
-    limits = {motor.name: 5.0 for motor in device.motors}
+    limits = {motor.name: 5.0 for motor in model.motors}
     assert (found.greatest_force(limits)[0].value >= 0).all()
 
 
 def test_chosen_rows(phantom):
-    model = GivenModel(phantom, phantom.base.of(true_parameters(phantom)))
-    all_rows, across = felt_mass(model, POSES), felt_mass(model, POSES, rows=(0,))
+    identified = GivenModel(phantom, phantom.base.of(true_parameters(phantom)))
+    all_rows, across = felt_mass(identified, POSES), felt_mass(identified, POSES, rows=(0,))
     assert across.mass.value.shape == (3, 1)
     # With y and z free to yield, x feels no more than the largest mass and no less than the smallest.
     assert (across.mass.value[:, 0] <= all_rows.mass.value[:, 0] * (1 + 1e-12)).all()
@@ -150,7 +150,7 @@ def test_chosen_rows(phantom):
 
 
 def test_settings_that_mean_nothing(phantom):
-    model = GivenModel(phantom, np.ones(len(phantom.base)))
+    identified = GivenModel(phantom, np.ones(len(phantom.base)))
     for wrong in (
         {"rows": ()},
         {"rows": (0, 0)},
@@ -159,16 +159,16 @@ def test_settings_that_mean_nothing(phantom):
         {"worst_condition": np.nan},
     ):
         with pytest.raises(errors.CharacterisationSettingError, match="write"):
-            characterise(model, POSES, **wrong)
+            characterise(identified, POSES, **wrong)
     with pytest.raises(errors.CharacterisationSettingError, match="finite positions"):
-        felt_mass(model, np.full((3, 2), np.nan))
-    found = characterise(model, POSES)
+        felt_mass(identified, np.full((3, 2), np.nan))
+    found = characterise(identified, POSES)
     with pytest.raises(errors.CharacterisationSettingError, match="direction"):
         found.mass_along([0.0, 0.0, 0.0])
     with pytest.raises(errors.ShapeError):
         found.mass_along([1.0, 0.0])
     with pytest.raises(errors.ShapeError):
-        characterise(model, POSES[:2])
+        characterise(identified, POSES[:2])
     for limits, match in (
         (None, "motor 1"),
         ({"1": 1, "2": 1, "3": -1}, "motor 3"),
@@ -189,11 +189,11 @@ def test_a_handle_on_the_base_moves_nothing(phantom):
 
 
 def test_a_table_of_parameters_as_papers_print_it(phantom):
-    model = GivenModel.of(phantom, {"FV1": 2.0}, {"FV1": 0.5})
+    identified = GivenModel.of(phantom, {"FV1": 2.0}, {"FV1": 0.5})
     k = phantom.base.names.index("FV1")
-    assert model.beta[k] == 2.0
-    assert model.covariance[k, k] == 0.25
-    assert np.count_nonzero(model.beta) == np.count_nonzero(model.covariance) == 1
+    assert identified.beta[k] == 2.0
+    assert identified.covariance[k, k] == 0.25
+    assert np.count_nonzero(identified.beta) == np.count_nonzero(identified.covariance) == 1
     with pytest.raises(errors.BaseNameError, match="FV9"):
         GivenModel.of(phantom, {"FV9": 2.0})
 
@@ -204,10 +204,10 @@ def test_sweeps_and_lines():
 
 
 def test_sweeps_and_maps_are_drawn(doubtful, phantom, tmp_path):
-    model, _ = doubtful
+    identified, _ = doubtful
     x = np.linspace(0.0, 0.8, 9)
-    masses = felt_mass(model, sweep([0.0, 0.0, 0.3], 1, x)).mass
-    bare = felt_mass(GivenModel(phantom, model.beta), sweep([0.0, 0.0, 0.3], 1, x)).mass
+    masses = felt_mass(identified, sweep([0.0, 0.0, 0.3], 1, x)).mass
+    bare = felt_mass(GivenModel(phantom, identified.beta), sweep([0.0, 0.0, 0.3], 1, x)).mass
     drawn = Sweep("be, rad", x, {"with intervals": masses, "without": bare})
     plot_sweeps([drawn, drawn], "mass, kg", tmp_path / "sweeps.png")
     value = np.outer(np.linspace(1, 2, 5), masses.value[:, 0])

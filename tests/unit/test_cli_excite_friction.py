@@ -35,8 +35,8 @@ def test_the_experiment_is_one_that_the_bench_takes(tmp_path):
     done = call("excite", DEVICE, *WITHIN, "--tries", 12, "--out", out, "--rate-hz", 100)
     assert done.exit_code == 0, done.output
     assert "with unit columns" in done.stdout
-    device, experiment = haptid.read_device(DEVICE), bench.read_experiment(out)
-    setup = experiment.setup(device)
+    model, experiment = haptid.DynamicModel(haptid.read_device(DEVICE)), bench.read_experiment(out)
+    setup = experiment.setup(model)
     assert min(setup.controller.kp) > 0
     with out.with_suffix(".csv").open() as file:
         rows = list(csv.reader(file))
@@ -78,17 +78,17 @@ def test_what_cannot_be_searched_is_one_line(options, words, tmp_path, monkeypat
 @pytest.fixture(scope="module")
 def swept(tmp_path_factory):
     """A friction test of known friction, as a log with torques at the joints, and the true base parameters."""
-    device = haptid.read_device(DEVICE)
-    beta = truth(device)
+    model = haptid.DynamicModel(haptid.read_device(DEVICE))
+    beta = truth(model)
     speeds = (0.05, 0.1, 0.2, 0.4, 0.7)
-    made = bench.plan(bench.Sweep((0.0, 0.2, 0.3), (0.5, 0.35, 0.35), speeds, ramp=0.3), device, 2e-3, None)
-    tau = haptid.inverse_dynamics(device, beta, made.q.T, made.qd.T, made.qdd.T)
+    made = bench.plan(bench.Sweep((0.0, 0.2, 0.3), (0.5, 0.35, 0.35), speeds, ramp=0.3), model, 2e-3, None)
+    tau = haptid.inverse_dynamics(model, beta, made.q.T, made.qd.T, made.qdd.T)
     tau = tau + 2e-4 * np.random.default_rng(1).standard_normal(tau.shape)
     folder = tmp_path_factory.mktemp("swept")
     columns = np.column_stack([made.t, made.q, tau.T])
     head = "t,q1,q2,q3,tau1,tau2,tau3"
     np.savetxt(folder / "sweep.csv", columns, delimiter=",", header=head, comments="", fmt="%.12g")
-    return folder, dict(zip(device.base.names, beta.tolist(), strict=True))
+    return folder, dict(zip(model.base.names, beta.tolist(), strict=True))
 
 
 def test_friction_of_a_log_is_told_and_drawn(swept, tmp_path):
@@ -99,7 +99,7 @@ def test_friction_of_a_log_is_told_and_drawn(swept, tmp_path):
     found = json.loads((tmp_path / "f" / "friction.json").read_text())
     assert found["viscous_and_coulomb_are_enough"] is True
     for joint in found["joints"]:
-        chosen = next(model for model in joint["models"] if model["model"] == joint["chosen"])
+        chosen = next(other_model for other_model in joint["models"] if other_model["model"] == joint["chosen"])
         assert chosen["values"]["FC"] == pytest.approx(true[f"FC{joint['joint'][-1]}"], rel=0.05)
     with (tmp_path / "f" / "friction.csv").open() as file:
         rows = list(csv.DictReader(file))

@@ -16,8 +16,8 @@ from haptid.dynamics.inverse import core_mass, core_torque, rigid
 
 @pytest.mark.parametrize("name", NAMES)
 def test_a_motion_in_parts_is_the_same_motion(name: str) -> None:
-    closure = haptid.read_device(name).closure
-    qa, qda, _ = path(haptid.read_device(name), 3.0, 1e-3)
+    closure = haptid.DynamicModel(haptid.read_device(name)).device.closure
+    qa, qda, _ = path(haptid.DynamicModel(haptid.read_device(name)), 3.0, 1e-3)
     whole = closure.follow(qa, qda)
     for first, count in ((0, 7), (500, 30), (1021, 600), (2999, 1)):
         here = slice(first, first + count)
@@ -29,32 +29,32 @@ def test_a_motion_in_parts_is_the_same_motion(name: str) -> None:
 
 @pytest.mark.parametrize("name", NAMES)
 def test_velocities_and_accelerations_are_those_of_differences(name: str) -> None:
-    device, dt = haptid.read_device(name), 1e-4
-    motion = path(device, 0.2, dt)
-    q, qd, qdd = device.tree(*motion)
+    model, dt = haptid.DynamicModel(haptid.read_device(name)), 1e-4
+    motion = path(model, 0.2, dt)
+    q, qd, qdd = model.tree(*motion)
     np.testing.assert_allclose((q[:, 2:] - q[:, :-2]) / (2 * dt), qd[:, 1:-1], atol=2e-4)
     np.testing.assert_allclose((qd[:, 2:] - qd[:, :-2]) / (2 * dt), qdd[:, 1:-1], atol=5e-3)
 
 
 def test_a_motion_may_begin_where_the_start_does_not_lead_straight() -> None:
     """Round a corner of the reach, and the same backwards: its end is led to from the first sample that is reached."""
-    device = haptid.read_device("five_bar")
+    model = haptid.DynamicModel(haptid.read_device("five_bar"))
     corner, goal = np.array([3.2457, -1.4401]), np.array([3.3315, -1.4534])
-    way = np.concatenate([np.linspace(device.closure.at, corner, 300), np.linspace(corner, goal, 1500)]).T
+    way = np.concatenate([np.linspace(model.device.closure.at, corner, 300), np.linspace(corner, goal, 1500)]).T
     back = np.ascontiguousarray(way[:, ::-1])
-    assert not device.closure.closes(back[:, :1])[0]
-    np.testing.assert_allclose(device.closure.positions(back)[:, ::-1], device.closure.positions(way), atol=1e-12)
+    assert not model.device.closure.closes(back[:, :1])[0]
+    np.testing.assert_allclose(model.device.closure.positions(back)[:, ::-1], model.device.closure.positions(way), atol=1e-12)
 
 
 def test_what_is_told_of_poses_out_of_reach_is_what_the_links_are_short_of() -> None:
-    device = haptid.read_device("five_bar")
-    outer, inner = device.lengths["outer"], device.lengths["inner"]
+    model = haptid.DynamicModel(haptid.read_device("five_bar"))
+    outer, inner = model.device.lengths["outer"], model.device.lengths["inner"]
     for samples in (50, 5000):
         qa = np.linspace([2.356, 0.785], [3.14, 0.0], samples).T
         with pytest.raises(errors.LoopUnreachableError) as caught:
-            device.closure.positions(qa)
+            model.device.closure.positions(qa)
         one, two = qa[:, caught.value.sample]
-        apart = np.array([device.lengths["apart"], 0.0]) + inner * (
+        apart = np.array([model.device.lengths["apart"], 0.0]) + inner * (
             np.array([np.cos(two), np.sin(two)]) - np.array([np.cos(one), np.sin(one)])
         )
         short = np.linalg.norm(apart) - 2 * outer
@@ -62,11 +62,11 @@ def test_what_is_told_of_poses_out_of_reach_is_what_the_links_are_short_of() -> 
 
 
 def test_a_motion_that_is_not_a_number_closes_nowhere() -> None:
-    device = haptid.read_device("five_bar")
-    qa, _, _ = path(device, 1.0, 1e-3)
+    model = haptid.DynamicModel(haptid.read_device("five_bar"))
+    qa, _, _ = path(model, 1.0, 1e-3)
     qa[1, 700] = np.nan
     with pytest.raises(errors.SingularLoopError, match="up to sample 700"):
-        device.closure.positions(qa)
+        model.device.closure.positions(qa)
 
 
 @pytest.mark.parametrize("rotor", ["crank", "rocker"])
@@ -75,11 +75,11 @@ def test_masses_are_the_torques_of_unit_accelerations(rotor: str, tmp_path: Path
     term = 'kind = "rotor"\nmotors = "all"'
     assert term in text
     (tmp_path / "four_bar.toml").write_text(text.replace(term, f'kind = "rotor"\njoints = ["{rotor}"]'))
-    device = haptid.read_device(tmp_path / "four_bar.toml")
-    chi = rigid(device, device.parameters.S @ bodies(device))
+    model = haptid.DynamicModel(haptid.read_device(tmp_path / "four_bar.toml"))
+    chi = rigid(model, model.device.parameters.S @ bodies(model))
     c, still = np.linspace(0.5, 2.5, 9)[None], np.zeros((1, 9))
-    tau = [core_torque(device, chi, c, still, still + cdd) for cdd in (1.0, 0.0)]
-    M = core_mass(device, chi, c)
+    tau = [core_torque(model, chi, c, still, still + cdd) for cdd in (1.0, 0.0)]
+    M = core_mass(model, chi, c)
     np.testing.assert_allclose(M[:, 0, 0], (tau[0] - tau[1])[0], rtol=1e-12)
-    cdd = ForwardDynamics(device, chi).acceleration(c, still, tau[0])
+    cdd = ForwardDynamics(model, chi).acceleration(c, still, tau[0])
     np.testing.assert_allclose(cdd, 1.0, rtol=1e-10)

@@ -49,11 +49,11 @@ def test_a_killed_worker_costs_only_its_tasks(address: str, tmp_path: Path) -> N
 
 
 def test_a_cluster_gives_the_observation_of_one_process(address: str) -> None:
-    device = haptid.read_device("phantom_premium_15")
+    model = haptid.DynamicModel(haptid.read_device("phantom_premium_15"))
     treatment = haptid.Treatment(cutoff_hz=None, decimation=10)
-    made = motion(device, truth(device), seconds=80.0, noise=0.1, treatment=treatment)
-    (there,) = observe_all(device, [made], Cluster(address))
-    for a, b in zip(haptid.observe(device, made).motors, there.motors, strict=True):
+    made = motion(model, truth(model), seconds=80.0, noise=0.1, treatment=treatment)
+    (there,) = observe_all(model, [made], Cluster(address))
+    for a, b in zip(haptid.observe(model, made).motors, there.motors, strict=True):
         np.testing.assert_allclose(a.triangles, b.triangles, rtol=0, atol=1e-12 * np.abs(a.triangles).max())
 
 

@@ -23,13 +23,13 @@ def weighted_clusters(observation, weights):
 
 
 @pytest.fixture(scope="module")
-def device():
-    return haptid.read_device("phantom_premium_15")
+def model():
+    return haptid.DynamicModel(haptid.read_device("phantom_premium_15"))
 
 
 @pytest.fixture(scope="module")
-def rows(device):
-    return haptid.observe(device, motion(device, truth(device), seconds=6.0, dt=5e-3, noise=0.1, phi=0.9))
+def rows(model):
+    return haptid.observe(model, motion(model, truth(model), seconds=6.0, dt=5e-3, noise=0.1, phi=0.9))
 
 
 @pytest.mark.parametrize("method", [haptid.WLS(), Ridge(strength=1.0)], ids=["free", "with a prior"])
@@ -74,29 +74,29 @@ def test_light_blocks_are_summed_to_the_same(size):
     np.testing.assert_allclose(Adjustment.of(G).times(s), expected, rtol=1e-10)
 
 
-def test_of_white_rows_the_variance_is_unbiased(device):
+def test_of_white_rows_the_variance_is_unbiased(model):
     """What the fit has taken off the residuals is given back: no other of its kind is right for few blocks."""
-    beta = truth(device)
-    clean = motion(device, beta, seconds=6.0, dt=5e-3)
+    beta = truth(model)
+    clean = motion(model, beta, seconds=6.0, dt=5e-3)
     rng, ratios = np.random.default_rng(0), []
     for _ in range(60):
         noisy = replace(clean, tau=clean.tau + 0.05 * clean.tau.std(axis=0) * rng.standard_normal(clean.tau.shape))
-        found = haptid.estimate(haptid.observe(device, noisy), haptid.WLS())
+        found = haptid.estimate(haptid.observe(model, noisy), haptid.WLS())
         ratios.append(np.diag(found.covariance) / np.diag(found.textbook_covariance))
     assert np.mean(ratios) == pytest.approx(1.0, abs=0.04)
 
 
 def test_what_motors_share_is_in_the_interval():
     """One disturbance that moves all motors: leaving out one motor at a time does not see that they agree."""
-    device = haptid.read_device("arm3")
-    beta = truth(device)
-    clean = motion(device, beta, seconds=10.0, dt=5e-3)
+    model = haptid.DynamicModel(haptid.read_device("arm3"))
+    beta = truth(model)
+    clean = motion(model, beta, seconds=10.0, dt=5e-3)
     rng, errors, kinds = np.random.default_rng(0), [], (Clustered(), BlockJackknife())
     variances = {kind.name: [] for kind in kinds}
     for _ in range(150):
         common = rng.standard_normal((len(clean.tau), 1)) + 0.3 * rng.standard_normal(clean.tau.shape)
         noisy = replace(clean, tau=clean.tau + 0.1 * clean.tau.std(axis=0) * common)
-        found = haptid.estimate(haptid.observe(device, noisy), haptid.WLS())
+        found = haptid.estimate(haptid.observe(model, noisy), haptid.WLS())
         errors.append(found.beta - beta)
         for kind in kinds:
             variances[kind.name].append(np.diag(kind.spread(found.fit).covariance))

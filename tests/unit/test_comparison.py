@@ -16,19 +16,19 @@ from haptid.inference.targets import targets
 from motions import motion, truth
 
 
-def fitted(device, beta, seed, model=None, method=None, **settings):
-    made = motion(device, beta, seed=seed, **{"seconds": 12.0, "noise": 0.1, "phi": 0.95, **settings})
-    return haptid.estimate(haptid.observe(model or device, made), method or haptid.WLS())
+def fitted(model, beta, seed, other_model=None, method=None, **settings):
+    made = motion(model, beta, seed=seed, **{"seconds": 12.0, "noise": 0.1, "phi": 0.95, **settings})
+    return haptid.estimate(haptid.observe(other_model or model, made), method or haptid.WLS())
 
 
 @pytest.fixture(scope="module")
-def device():
-    return haptid.read_device("phantom_premium_15")
+def model():
+    return haptid.DynamicModel(haptid.read_device("phantom_premium_15"))
 
 
 @pytest.fixture(scope="module")
-def beta(device):
-    return truth(device)
+def beta(model):
+    return truth(model)
 
 
 def comparison(first, second, sd=1.0, freedom=20.0, confidence=0.95):
@@ -98,20 +98,20 @@ def test_nothing_can_be_found_of_a_parameter_that_one_stretch_alone_tells():
     assert np.isfinite(made.freedom).all()
 
 
-def test_the_same_device_differs_in_about_one_comparison_of_twenty(device, beta):
+def test_the_same_device_differs_in_about_one_comparison_of_twenty(model, beta):
     runs = 100
-    pairs = ((fitted(device, beta, 2 * k), fitted(device, beta, 2 * k + 1, seconds=9.0)) for k in range(runs))
+    pairs = ((fitted(model, beta, 2 * k), fitted(model, beta, 2 * k + 1, seconds=9.0)) for k in range(runs))
     found = sum(bool(compare(targets(a), targets(b)).differs) for a, b in pairs)
     assert found <= stats.binom.ppf(0.999, runs, 0.05)
 
 
-def test_a_tool_at_the_end_of_the_forearm_is_found_and_nothing_else(device, beta):
+def test_a_tool_at_the_end_of_the_forearm_is_found_and_nothing_else(model, beta):
     """20 g at the tip: eq. (4) says by how much each pi must change."""
-    mass, L1, L2 = 0.020, device.lengths["L1"], device.lengths["L2"]
-    chi = np.zeros(len(device.parameters))
+    mass, L1, L2 = 0.020, model.lengths["L1"], model.lengths["L2"]
+    chi = np.zeros(len(model.parameters))
     for kind, value in (("YY", L2**2), ("ZZ", L2**2), ("MX", L2), ("M", 1.0)):
-        chi[device.parameters.index[f"{kind}a"]] = mass * value
-    bare, loaded = fitted(device, beta, 1), fitted(device, beta + device.base.of(chi), 2)
+        chi[model.parameters.index[f"{kind}a"]] = mass * value
+    bare, loaded = fitted(model, beta, 1), fitted(model, beta + model.base.of(chi), 2)
     made = compare(targets(bare), targets(loaded))
     changed = {"pi_1": (L1**2 + L2**2) / 2, "pi_2": L1**2 / 2, "pi_3": -(L2**2) / 2, "pi_4": 2 * L1 * L2,
                "pi_5": L1**2, "pi_6": L2**2, "pi_7": 9.81 * L1, "pi_8": 9.81 * L2}  # fmt: skip
@@ -123,77 +123,77 @@ def test_a_tool_at_the_end_of_the_forearm_is_found_and_nothing_else(device, beta
     np.testing.assert_allclose(made.covariance, targets(bare).covariance + targets(loaded).covariance)
 
 
-def test_upside_down_with_the_file_unchanged_only_gravity_flips(device, beta):
+def test_upside_down_with_the_file_unchanged_only_gravity_flips(model, beta):
     """What the paper did: one model, c2 and s3 its gravity columns, a log from the device hung upside-down."""
-    down = device.with_gravity(-device.gravity)
-    made = compare(targets(fitted(device, beta, 1)), targets(fitted(down, beta, 2, model=device)))
+    down = model.with_gravity(-model.gravity)
+    made = compare(targets(fitted(model, beta, 1)), targets(fitted(down, beta, 2, other_model=model)))
     assert set(made.differs) == set(made.flipped) == {"pi_7", "pi_8"}
     assert "pi_8 changes its sign" in made.sentences[0]
     assert "its size may be the same" in made.sentences[0]
 
 
-def test_upside_down_with_gravity_told_nothing_differs(device, beta):
-    down = device.with_gravity(-device.gravity)
-    made = compare(targets(fitted(device, beta, 1)), targets(fitted(down, beta, 2)))
+def test_upside_down_with_gravity_told_nothing_differs(model, beta):
+    down = model.with_gravity(-model.gravity)
+    made = compare(targets(fitted(model, beta, 1)), targets(fitted(down, beta, 2)))
     assert not made.differs
     assert made.sentences == ("No parameter differs at 95 % confidence for all 14 together.",)
 
 
-def test_base_parameters_are_compared_where_they_regroup_alike(device, beta):
+def test_base_parameters_are_compared_where_they_regroup_alike(model, beta):
     """The general file has more base parameters; those of one name that regroup otherwise are another thing."""
-    general = haptid.read_device("phantom_premium_15_general")
-    a, b = fitted(device, beta, 1), fitted(general, truth(general), 2, seconds=20.0)
+    general = haptid.DynamicModel(haptid.read_device("phantom_premium_15_general"))
+    a, b = fitted(model, beta, 1), fitted(general, truth(general), 2, seconds=20.0)
     made = compare(a, b)
-    shared = {n for n in device.base.names if n in general.base.names}
+    shared = {n for n in model.base.names if n in general.base.names}
     assert {"FV1", "FC3", "ZZbeR"} <= set(made.names) <= shared
     (note,) = [note for note in made.notes if note.startswith("Not compared")]
     for name in set(general.base.names) - set(made.names):
         assert name in note
 
 
-def test_the_free_fit_of_a_held_estimate_is_compared(device, beta):
+def test_the_free_fit_of_a_held_estimate_is_compared(model, beta):
     negative = beta.copy()
-    negative[device.base.names.index("FV1")] = -5e-3
-    held = fitted(device, negative, 1, method=Consistent())
-    other = fitted(device, negative, 2)
+    negative[model.base.names.index("FV1")] = -5e-3
+    held = fitted(model, negative, 1, method=Consistent())
+    other = fitted(model, negative, 2)
     for made in (compare(held, other), compare(targets(held), targets(other))):
         assert not made.differs
         assert made.first[made.units.index("N m s/rad")] < 0
         assert "The first estimate is held to what bodies can have: its free fit is compared." in made.notes
 
 
-def test_lonely_parameters_are_named(device, beta):
-    a, b = fitted(device, beta, 1), fitted(device, beta, 2)
+def test_lonely_parameters_are_named(model, beta):
+    a, b = fitted(model, beta, 1), fitted(model, beta, 2)
     made = compare(a, replace(b, lonely=(8,)))
     assert made.p[8] == 1.0
     assert made.notes == ("One stretch of the second log alone tells FV1: no difference can be found.",)
 
 
-def test_estimates_that_share_rows_are_refused(device, beta):
-    a = fitted(device, beta, 1)
+def test_estimates_that_share_rows_are_refused(model, beta):
+    a = fitted(model, beta, 1)
     with pytest.raises(errors.DependentEstimatesError, match="both estimates were made from the rows from"):
         compare(a, haptid.estimate(a.observation, haptid.OLS()))
 
 
-def test_halves_of_one_log_rarely_differ(device, beta):
+def test_halves_of_one_log_rarely_differ(model, beta):
     """By chance in one of twenty."""
     found = 0
     for seed in range(1, 21):
-        halves = fitted(device, beta, seed).observation.alternate()
+        halves = fitted(model, beta, seed).observation.alternate()
         found += bool(compare(*(haptid.estimate(half, haptid.WLS()) for half in halves)).differs)
     assert found <= 4
 
 
-def test_estimates_without_a_common_parameter_are_refused(device, beta):
-    a, b = fitted(device, beta, 1), fitted(device, beta, 2)
+def test_estimates_without_a_common_parameter_are_refused(model, beta):
+    a, b = fitted(model, beta, 1), fitted(model, beta, 2)
     for one, other in ((a, targets(b)), (targets(a), targets(b).in_command())):
         with pytest.raises(errors.DifferentParametersError, match="no parameter of one name, unit and meaning"):
             compare(one, other)
 
 
 @pytest.mark.parametrize("confidence", [0.0, 1.0, 95, float("nan")])
-def test_a_confidence_is_between_none_and_all(device, beta, confidence):
-    a = fitted(device, beta, 1)
+def test_a_confidence_is_between_none_and_all(model, beta, confidence):
+    a = fitted(model, beta, 1)
     with pytest.raises(errors.ConfidenceError, match=r"such as 0\.95"):
         compare(a, a, confidence)
 

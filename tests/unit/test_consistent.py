@@ -22,12 +22,12 @@ ROUNDING = 1e-9
 
 
 @pytest.fixture(scope="module")
-def device():
-    return haptid.read_device("phantom_premium_15")
+def model():
+    return haptid.DynamicModel(haptid.read_device("phantom_premium_15"))
 
 
-def observed(device, beta, **noise):
-    return haptid.observe(device, motion(device, beta, seconds=8.0, dt=2e-3, **noise))
+def observed(model, beta, **noise):
+    return haptid.observe(model, motion(model, beta, seconds=8.0, dt=2e-3, **noise))
 
 
 def metric(p: int, beta: np.ndarray, seed: int) -> np.ndarray:
@@ -52,16 +52,16 @@ def test_the_pseudo_inertia_of_points_is_the_sum_of_their_squares():
 @given(mechanisms(7))
 def test_what_bodies_have_is_possible(mechanism):
     """Parameters of drawn bodies, open or closed chains: possible, and so are the bodies that come back with them."""
-    device = as_device(mechanism)
-    beta = device.base.of(parameters(mechanism, device))
-    found = possible(device, beta)
+    model = as_device(mechanism)
+    beta = model.base.of(parameters(mechanism, model))
+    found = possible(model, beta)
     assert found.ok, found.summary()
-    np.testing.assert_allclose(device.base.of(found.chi), beta, atol=1e-9 * np.abs(beta).max(initial=1.0))
-    assert scaled_margin(device, found) >= -ROUNDING
+    np.testing.assert_allclose(model.base.of(found.chi), beta, atol=1e-9 * np.abs(beta).max(initial=1.0))
+    assert scaled_margin(model, found) >= -ROUNDING
 
 
-def scaled_margin(device, found):
-    conditions = cone(device, found.beta)
+def scaled_margin(model, found):
+    conditions = cone(model, found.beta)
     return conditions.margin(found.chi / conditions.scale)
 
 
@@ -73,40 +73,40 @@ def test_the_nearest_possible_parameters_are_optimal(mechanism, seed):
     With g the gradient at the answer b of |R (b - beta)|^2 / 2 over the cone A K: g'b = 0, and A'g is in the dual
     cone: as a matrix of every link positive semidefinite, of every friction not negative, of all that is free zero.
     """
-    device = as_device(mechanism)
-    beta = device.base.of(parameters(mechanism, device))
+    model = as_device(mechanism)
+    beta = model.base.of(parameters(mechanism, model))
     wrong = beta * (1 + 0.1 * np.random.default_rng(seed).normal(size=len(beta)))
     R = metric(len(beta), beta, seed)
-    found = project(device, wrong, R)
+    found = project(model, wrong, R)
     assert found.ok
-    assert scaled_margin(device, found) >= -ROUNDING
+    assert scaled_margin(model, found) >= -ROUNDING
     gradient = R.T @ (R @ (found.beta - wrong))
     size = np.linalg.norm(R @ wrong) ** 2
     assert abs(gradient @ found.beta) < 1e-8 * size
-    assert dual_margin(device, device.base.regrouping.T @ gradient, cone(device, wrong).scale) > -1e-6 * size
+    assert dual_margin(model, model.base.regrouping.T @ gradient, cone(model, wrong).scale) > -1e-6 * size
 
 
-def dual_margin(device, price, scale):
+def dual_margin(model, price, scale):
     """How far prices of the standard parameters, (n,), are inside of the dual cone, in scaled parameters."""
-    price, links = price * scale, 10 * len(device.joints)
+    price, links = price * scale, 10 * len(model.joints)
     least = [0.0]
-    for j in range(len(device.joints)):
+    for j in range(len(model.joints)):
         vector = np.linalg.solve(PSEUDO.T, price[10 * j : 10 * j + 10])
         D = np.zeros((4, 4))
         for value, (i, k) in zip(vector, UPPER, strict=True):
             D[i, k] = D[k, i] = value / (1 if i == k else np.sqrt(2))
         least.append(np.linalg.eigvalsh(D)[0])
-    for term, value in zip(device.terms, price[links:], strict=True):
+    for term, value in zip(model.terms, price[links:], strict=True):
         least.append(-abs(value) if term.kind in ("offset", "spring") else value)
     return min(least)
 
 
-def test_a_possible_free_fit_stays_as_it_is(device):
-    observation = observed(device, truth(device), noise=0.02)
+def test_a_possible_free_fit_stays_as_it_is(model):
+    observation = observed(model, truth(model), noise=0.02)
     free = haptid.estimate(observation, haptid.WLS())
     held = haptid.estimate(observation, Consistent())
     np.testing.assert_array_equal(held.beta, free.beta)
-    np.testing.assert_allclose(device.base.of(held.possible.chi), free.beta, rtol=1e-9)
+    np.testing.assert_allclose(model.base.of(held.possible.chi), free.beta, rtol=1e-9)
     assert held.held.active == ()
     assert held.notes == free.notes
     assert held.status == free.status
@@ -114,18 +114,18 @@ def test_a_possible_free_fit_stays_as_it_is(device):
 
 
 @pytest.mark.parametrize("weighting", [haptid.OLS(), haptid.WLS()])
-def test_a_negative_friction_is_held_as_bounded_least_squares_would(device, weighting):
-    beta = truth(device)
-    beta[device.base.names.index("FV1")] = -3e-4
-    beta[device.base.names.index("FV3")] = -1e-4
-    observation = observed(device, beta, noise=0.02)
+def test_a_negative_friction_is_held_as_bounded_least_squares_would(model, weighting):
+    beta = truth(model)
+    beta[model.base.names.index("FV1")] = -3e-4
+    beta[model.base.names.index("FV3")] = -1e-4
+    observation = observed(model, beta, noise=0.02)
     found = haptid.estimate(observation, Consistent(weighting))
     stack = observation.stack(found.weights)
     sizes = np.linalg.norm(stack[:-1, :-1], axis=0)
-    low = np.where([name.startswith("FV") for name in device.base.names], 0.0, -np.inf)
+    low = np.where([name.startswith("FV") for name in model.base.names], 0.0, -np.inf)
     wanted = lsq_linear(stack[:-1, :-1] / sizes, stack[:-1, -1], (low, np.inf), tol=1e-14).x / sizes
     np.testing.assert_allclose(found.beta, wanted, rtol=1e-7, atol=1e-12)
-    assert found.beta[device.base.names.index("FV1")] == 0.0
+    assert found.beta[model.base.names.index("FV1")] == 0.0
     assert found.held.active == (
         "viscous friction of motor 1 would be negative: held at 0",
         "viscous friction of motor 3 would be negative: held at 0",
@@ -135,10 +135,10 @@ def test_a_negative_friction_is_held_as_bounded_least_squares_would(device, weig
     assert found.method.name.startswith(weighting.name)
 
 
-def test_what_is_far_outside_of_its_interval_is_said(device):
-    beta = truth(device)
-    beta[device.base.names.index("FV1")] = -1e-2
-    found = haptid.estimate(observed(device, beta, noise=0.01), Consistent())
+def test_what_is_far_outside_of_its_interval_is_said(model):
+    beta = truth(model)
+    beta[model.base.names.index("FV1")] = -1e-2
+    found = haptid.estimate(observed(model, beta, noise=0.01), Consistent())
     assert found.status == "strained"
     assert "FV1" in found.notes[-1]
     assert "does not repair it" in found.notes[-1]
@@ -158,27 +158,27 @@ def test_what_is_far_outside_of_its_interval_is_said(device):
 
 def test_links_on_the_border_are_named():
     """Noise on a seven-joint arm: the free fit is no body's, the held one is, and costs next to nothing."""
-    device = haptid.read_device("arm7")
-    beta = device.base.of(true_parameters(device))
-    found = haptid.estimate(observed(device, beta, noise=0.3, phi=0.9), Consistent())
-    assert not possible(device, found.held.free).ok
+    model = haptid.DynamicModel(haptid.read_device("arm7"))
+    beta = model.base.of(true_parameters(model))
+    found = haptid.estimate(observed(model, beta, noise=0.3, phi=0.9), Consistent())
+    assert not possible(model, found.held.free).ok
     assert any("its inertia lies on the border of what a body can have" in s for s in found.held.active)
     assert all(cost.held < 1.05 * cost.free for cost in found.held.costs)
-    for matrix, joint in zip(found.possible.pseudo_inertias, device.joints, strict=True):
+    for matrix, joint in zip(found.possible.pseudo_inertias, model.joints, strict=True):
         assert np.linalg.eigvalsh(matrix)[0] >= -ROUNDING * np.trace(matrix), joint.name
     assert found.held.active[0] in found.notes[-len(found.held.active) - 1]
 
 
-def test_intervals_stop_where_parameters_cannot_go(device):
+def test_intervals_stop_where_parameters_cannot_go(model):
     """The free interval cut at zero: never empty, never without the estimate, never wider than it need be."""
-    beta = truth(device)
-    beta[device.base.names.index("FV2")] = 2e-5
-    found = haptid.estimate(observed(device, beta, noise=0.1), Consistent())
+    beta = truth(model)
+    beta[model.base.names.index("FV2")] = 2e-5
+    found = haptid.estimate(observed(model, beta, noise=0.1), Consistent())
     low, high = found.interval95.T
     assert (low <= found.beta).all()
     assert (found.beta <= high).all()
-    bounded = never_negative(device)
-    assert {name for name, b in zip(device.base.names, bounded, strict=True) if b} == {
+    bounded = never_negative(model)
+    assert {name for name, b in zip(model.base.names, bounded, strict=True) if b} == {
         *(f"F{kind}{k}" for kind in "VC" for k in (1, 2, 3)),
         *("ZZbaR", "ZZbeR", "ZZdfR"),
     }
@@ -205,7 +205,7 @@ velocity = 0.05
 
 def test_stribeck_friction_may_be_negative_but_not_the_sum(tmp_path):
     (tmp_path / "table.toml").write_text(DRY)
-    table = haptid.read_device(tmp_path / "table.toml")
+    table = haptid.DynamicModel(haptid.read_device(tmp_path / "table.toml"))
     names = table.parameters.names
 
     def verdict(forward, backward, more):
@@ -218,17 +218,17 @@ def test_stribeck_friction_may_be_negative_but_not_the_sum(tmp_path):
     assert "backward Coulomb friction of joint 1: negative" in verdict(1.0, -0.1, 0.5).failing
 
 
-def test_a_verdict_does_not_depend_on_units(device):
-    beta = truth(device)
-    verdicts = [possible(device, size * beta) for size in (1e-4, 1.0, 1e4)]
+def test_a_verdict_does_not_depend_on_units(model):
+    beta = truth(model)
+    verdicts = [possible(model, size * beta) for size in (1e-4, 1.0, 1e4)]
     assert all(verdict.ok for verdict in verdicts)
     np.testing.assert_allclose([v.margin for v in verdicts], verdicts[1].margin, rtol=1e-4)
     assert "margin" in verdicts[1].summary()
-    assert "No real bodies" in possible(device, -beta).summary()
+    assert "No real bodies" in possible(model, -beta).summary()
 
 
-def test_nothing_is_a_border_case(device):
-    assert possible(device, np.zeros(len(device.base))).ok
+def test_nothing_is_a_border_case(model):
+    assert possible(model, np.zeros(len(model.base))).ok
 
 
 ROD = """
@@ -246,29 +246,29 @@ zero = ["XX1"]
 
 def test_symmetries_that_no_body_of_volume_has(tmp_path):
     (tmp_path / "rod.toml").write_text(ROD)
-    rod = haptid.read_device(tmp_path / "rod.toml")
+    rod = haptid.DynamicModel(haptid.read_device(tmp_path / "rod.toml"))
     with pytest.raises(NoBodyError, match=r"link 1.*symmetry"):
         possible(rod, np.ones(len(rod.base)))
 
 
-def test_questions_that_mean_nothing(device):
-    beta, p = truth(device), len(device.base)
+def test_questions_that_mean_nothing(model):
+    beta, p = truth(model), len(model.base)
     with pytest.raises(ParameterValueError, match="XXbeR is nan"):
-        possible(device, np.where(np.arange(p) == 1, np.nan, beta))
+        possible(model, np.where(np.arange(p) == 1, np.nan, beta))
     with pytest.raises(ShapeError):
-        possible(device, beta[:3])
+        possible(model, beta[:3])
     with pytest.raises(ShapeError):
-        project(device, beta, np.eye(3))
+        project(model, beta, np.eye(3))
     R = np.eye(p)
     R[2, 2] = 0.0
     with pytest.raises(MetricError, match=r"ZZbeR.*0\.0e"):
-        project(device, beta, R)
+        project(model, beta, R)
     R[1:3, 2] = 1.0, 1e-14
     with pytest.raises(MetricError, match="nothing about base parameter"):
-        project(device, beta, R)
+        project(model, beta, R)
 
 
-def test_a_solver_that_gives_up_is_an_error(device, monkeypatch):
+def test_a_solver_that_gives_up_is_an_error(model, monkeypatch):
     whole = programme.settings
 
     def short(equilibrate):
@@ -278,12 +278,12 @@ def test_a_solver_that_gives_up_is_an_error(device, monkeypatch):
 
     monkeypatch.setattr(programme, "settings", short)
     with pytest.raises(UnsolvedError, match=r"after 1 iterations.*MaxIterations"):
-        possible(device, truth(device))
+        possible(model, truth(model))
 
 
-def test_arrays_of_the_answers_are_read_only(device):
-    found = possible(device, truth(device))
+def test_arrays_of_the_answers_are_read_only(model):
+    found = possible(model, truth(model))
     for array in (found.beta, found.chi):
         with pytest.raises(ValueError, match="read-only"):
             array[0] = 1.0
-    assert found.pseudo_inertias.shape == (len(device.joints), 4, 4)
+    assert found.pseudo_inertias.shape == (len(model.joints), 4, 4)

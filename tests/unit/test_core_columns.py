@@ -10,7 +10,7 @@ from haptid.dynamics.mechanism import mechanism_arguments
 
 @pytest.fixture(scope="module")
 def core() -> _core.Mechanism:
-    return _core.Mechanism(*mechanism_arguments(haptid.read_device("arm7")))
+    return _core.Mechanism(*mechanism_arguments(haptid.DynamicModel(haptid.read_device("arm7"))))
 
 
 def motion(core: _core.Mechanism, samples: int) -> list[np.ndarray]:

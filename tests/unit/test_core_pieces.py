@@ -14,17 +14,17 @@ SAMPLES = 4999
 
 def three_links() -> tuple[haptid.Device, list[np.ndarray], list[int]]:
     """A device, a made-up motion of it, and all its columns."""
-    device = haptid.read_device("arm3")
+    model = haptid.DynamicModel(haptid.read_device("arm3"))
     rng = np.random.default_rng(3)
-    n = len(device.active)
+    n = len(model.device.active)
     motion = [rng.uniform(-1, 1, (n, SAMPLES)) for _ in range(3)]
-    return device, [*motion, np.zeros((0, SAMPLES))], list(range(device.mechanism.columns))
+    return model, [*motion, np.zeros((0, SAMPLES))], list(range(model.mechanism.columns))
 
 
 @pytest.mark.parametrize("backend", _core.backends())
 def test_a_long_block_has_the_inner_products_of_all_its_rows(backend: str) -> None:
-    device, motion, columns = three_links()
-    core = _core.Mechanism(*haptid.device.mechanism_arguments(device)._replace(backend=backend))
+    model, motion, columns = three_links()
+    core = _core.Mechanism(*haptid.device.mechanism_arguments(model)._replace(backend=backend))
     tau = np.random.default_rng(4).normal(size=motion[0].shape)
     Y = core.regressor(*motion, columns)
     made = core.reduce(*motion, tau, columns, np.ones(1), 1, 0, SAMPLES, SAMPLES, np.ones_like(tau))
@@ -35,36 +35,36 @@ def test_a_long_block_has_the_inner_products_of_all_its_rows(backend: str) -> No
 
 
 def test_blocks_longer_than_a_piece_keep_their_bounds() -> None:
-    device, motion, columns = three_links()
+    model, motion, columns = three_links()
     tau = np.random.default_rng(5).normal(size=motion[0].shape)
     block = 2500
-    made = device.mechanism.reduce(*motion, tau, columns, np.ones(1), 1, 0, SAMPLES, block, np.ones_like(tau))
+    made = model.mechanism.reduce(*motion, tau, columns, np.ones(1), 1, 0, SAMPLES, block, np.ones_like(tau))
     for (_, triangles), torque in zip(made, tau, strict=True):
         power = np.linalg.norm(triangles[:, :, -1], axis=1) ** 2
         np.testing.assert_allclose(power, [np.sum(torque[:block] ** 2), np.sum(torque[block:] ** 2)], rtol=1e-12)
 
 
 def test_every_sample_is_made_alike() -> None:
-    device, motion, columns = three_links()
-    whole = device.mechanism.regressor(*motion, columns)
+    model, motion, columns = three_links()
+    whole = model.mechanism.regressor(*motion, columns)
     for first in (0, 1021, 2045, SAMPLES - 5):
         few = [np.ascontiguousarray(x[:, first : first + 5]) for x in motion]
-        np.testing.assert_array_equal(device.mechanism.regressor(*few, columns), whole[:, :, first : first + 5])
-    chi = np.zeros(device.mechanism.columns)
+        np.testing.assert_array_equal(model.mechanism.regressor(*few, columns), whole[:, :, first : first + 5])
+    chi = np.zeros(model.mechanism.columns)
     chi[columns] = 1.0
-    tau = device.mechanism.torque(*motion, chi)
+    tau = model.mechanism.torque(*motion, chi)
     np.testing.assert_allclose(tau, whole.sum(axis=1), atol=1e-11)
 
 
 def test_the_regressor_is_written_into_a_given_array() -> None:
-    device, motion, columns = three_links()
+    model, motion, columns = three_links()
     out = np.full((3, len(columns), SAMPLES), np.nan)
-    assert device.mechanism.regressor(*motion, columns, None, out) is out
-    np.testing.assert_array_equal(out, device.mechanism.regressor(*motion, columns))
+    assert model.mechanism.regressor(*motion, columns, None, out) is out
+    np.testing.assert_array_equal(out, model.mechanism.regressor(*motion, columns))
 
 
 @pytest.mark.parametrize("wrong", [np.zeros((3, 1, SAMPLES)), np.zeros((SAMPLES, 1, 3)).T[:, :0]])
 def test_a_given_array_must_fit(wrong: np.ndarray) -> None:
-    device, motion, columns = three_links()
+    model, motion, columns = three_links()
     with pytest.raises(ValueError, match="out has shape"):
-        device.mechanism.regressor(*motion, columns, None, wrong)
+        model.mechanism.regressor(*motion, columns, None, wrong)

@@ -46,7 +46,7 @@ def without_viscosity(tmp_path_factory):
     path = tmp_path_factory.mktemp("device") / "device.toml"
     text = text.partition("[targets]")[0]
     path.write_text(text.replace('kind = "viscous"\nmotors = "all"', 'kind = "viscous"\nmotors = ["1", "3"]'))
-    return haptid.read_device(path)
+    return haptid.DynamicModel(haptid.read_device(path))
 
 
 def test_a_missing_column_is_what_a_device_with_that_term_estimates(without_viscosity):
@@ -75,7 +75,7 @@ def test_rows_that_were_left_out_of_the_fit_are_left_out_of_the_diagnosis(clean)
     assert [int(left.used(m).sum()) for m in range(3)] == [int(motor.rows.sum()) for motor in half.observation.motors]
     for m, motor in enumerate(half.observation.motors):
         assert np.sqrt(np.nansum(left.e[m] ** 2)) == pytest.approx(motor.residual(half.beta), rel=1e-9)
-    wide = widen(half, rates(half.device, [0, 1, 2]))
+    wide = widen(half, rates(half.model, [0, 1, 2]))
     for motor, wanted in zip(wide.observation.motors, half.observation.motors, strict=True):
         assert motor.rows.sum() == wanted.rows.sum()
 
@@ -145,7 +145,7 @@ def test_no_instrument_where_the_filter_is_already_as_narrow_as_the_motion(clean
 
 def test_places_are_where_friction_is_declared():
     assert [place.label for place in places(phantom(), range(3))] == ["motor 1", "motor 2", "motor 3"]
-    coupled = places(haptid.read_device("staubli_tx40"), range(6))
+    coupled = places(haptid.DynamicModel(haptid.read_device("staubli_tx40")), range(6))
     assert len({place.label for place in coupled}) == len(coupled) >= 6
     assert any(np.count_nonzero(place.weights) > 1 for place in coupled)
 

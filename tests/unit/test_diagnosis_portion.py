@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 import haptid
 from diagnosed import log, phantom
-from haptid.inference.diagnosis import diagnose, portion
+from haptid.inference.diagnosis import diagnose, subsample
 from haptid.inference.diagnosis.residual import residuals
 from haptid.inference.diagnosis.subsample import FEWEST_BLOCKS, MOST_SAMPLES, named, numbered, runs, spread_blocks
 from haptid.observation.observation import Plan
@@ -38,7 +38,7 @@ def test_blocks_are_few_in_order_and_spread_over_all(blocks: int, samples: int) 
 
 def test_a_short_log_is_looked_at_whole() -> None:
     made = estimated()
-    assert portion.portion(made) is made
+    assert subsample.portion(made) is made
     assert not any("long" in sentence for sentence in diagnose(made).left_out)
 
 
@@ -54,8 +54,8 @@ def test_runs_are_the_wanted_blocks_and_nothing_else() -> None:
 def test_residuals_of_a_portion_are_those_of_the_whole_there(monkeypatch: pytest.MonkeyPatch) -> None:
     made = estimated()
     whole = residuals(made)
-    monkeypatch.setattr(portion, "MOST_SAMPLES", 15_000)
-    part = portion.portion(made)
+    monkeypatch.setattr(subsample, "MOST_SAMPLES", 15_000)
+    part = subsample.portion(made)
     assert FEWEST_BLOCKS <= len(part.observation.blocks) < len(made.observation.blocks)
     assert {named(motion) for motion in part.observation.motions} == {b.log for b in part.observation.blocks}
     some = residuals(part)
@@ -77,7 +77,7 @@ def test_a_portion_finds_the_fault_that_the_whole_has(
 ) -> None:
     made = estimated(**{fault: size})
     whole = diagnose(made)
-    monkeypatch.setattr(portion, "MOST_SAMPLES", 15_000)
+    monkeypatch.setattr(subsample, "MOST_SAMPLES", 15_000)
     part = diagnose(made)
     assert "looked at in" in part.left_out[0]
     assert part[name].status == whole[name].status != "ok"
@@ -88,7 +88,7 @@ def test_a_portion_finds_the_fault_that_the_whole_has(
 def test_a_portion_accuses_a_clean_log_of_nothing_more_than_the_whole(monkeypatch: pytest.MonkeyPatch) -> None:
     made = estimated()
     whole = diagnose(made)
-    monkeypatch.setattr(portion, "MOST_SAMPLES", 15_000)
+    monkeypatch.setattr(subsample, "MOST_SAMPLES", 15_000)
     part = diagnose(made)
     bad = [{finding.name for finding in found.findings if finding.status == "bad"} for found in (part, whole)]
     assert bad[0] <= bad[1]

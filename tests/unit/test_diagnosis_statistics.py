@@ -118,8 +118,8 @@ def test_regression_by_blocks_leaves_out_each_block():
 
 
 def test_deletions_are_what_refitting_without_each_block_gives():
-    device = haptid.read_device("phantom_premium_15")
-    observation = haptid.observe(device, motion(device, truth(device), seconds=9.0, noise=0.1, phi=0.9))
+    model = haptid.DynamicModel(haptid.read_device("phantom_premium_15"))
+    observation = haptid.observe(model, motion(model, truth(model), seconds=9.0, noise=0.1, phi=0.9))
     made = haptid.estimate(observation, haptid.OLS())
     index = np.arange(len(observation.blocks))
     wanted = [haptid.estimate(observation.pick(index[index != b]), haptid.OLS()).beta - made.beta for b in index]

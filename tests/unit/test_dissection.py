@@ -41,17 +41,17 @@ expression = "sin(6*q_1)"
 """
 
 
-def estimated(device, beta, treatment, seconds=4.0, noise=0.02):
-    made = motion(device, beta, seconds=seconds, noise=noise, treatment=treatment)
-    return haptid.estimate(haptid.observe(device, made), haptid.WLS())
+def estimated(model, beta, treatment, seconds=4.0, noise=0.02):
+    made = motion(model, beta, seconds=seconds, noise=noise, treatment=treatment)
+    return haptid.estimate(haptid.observe(model, made), haptid.WLS())
 
 
 @pytest.mark.parametrize("name", ["phantom_premium_15", "cea_medical_branch", "staubli_tx40"])
 def test_parts_sum_to_the_predicted_torque(name):
-    device = haptid.read_device(name)
+    model = haptid.DynamicModel(haptid.read_device(name))
     treatment = haptid.Treatment(cutoff_hz=None, decimation=4)
-    estimate = estimated(device, truth(device), treatment)
-    unseen = motion(device, estimate.beta, seconds=2.0, seed=9, treatment=treatment)
+    estimate = estimated(model, truth(model), treatment)
+    unseen = motion(model, estimate.beta, seconds=2.0, seed=9, treatment=treatment)
     parts, whole = dissect(estimate, unseen), haptid.predict(estimate, unseen)
     np.testing.assert_allclose(parts.model, whole.predicted, rtol=0, atol=1e-12 * np.abs(whole.predicted).max())
     np.testing.assert_array_equal(parts.measured, whole.measured)
@@ -67,24 +67,24 @@ def test_parts_sum_to_the_predicted_torque(name):
 @given(mechanisms(most=5, closed=False))
 def test_each_part_is_what_its_name_says(mechanism):
     """Against the mass matrix, the bias and the gravity torque, and the terms' own formulas."""
-    device = as_device(mechanism, ("rotor", "viscous", "coulomb", "spring"))
-    chi = parameters(mechanism, device)
-    beta = device.base.of(chi)
+    model = as_device(mechanism, ("rotor", "viscous", "coulomb", "spring"))
+    chi = parameters(mechanism, model)
+    beta = model.base.of(chi)
     plain = haptid.Treatment(cutoff_hz=None)
     q, qd, qdd = multisine(mechanism.coordinates, 0.3, 1e-3, 1)
     made = haptid.Motion(1e-3, q.T, np.zeros_like(q.T), plain, rates=(qd.T, qdd.T))
-    estimate = estimated(device, beta, plain, noise=0.0)
+    estimate = estimated(model, beta, plain, noise=0.0)
     parts = dissect(estimate, made)
     exact = estimate.beta
     scale = np.abs(parts.torque).max()
-    inertia = np.einsum("sij,js->is", mass_matrix(device, exact, q), qdd)
+    inertia = np.einsum("sij,js->is", mass_matrix(model, exact, q), qdd)
     np.testing.assert_allclose(parts["inertia"], inertia, rtol=0, atol=1e-11 * scale)
-    gravity = gravity_torque(device, exact, q)
+    gravity = gravity_torque(model, exact, q)
     np.testing.assert_allclose(parts["gravity"], gravity, rtol=0, atol=1e-11 * scale)
-    velocity = bias_torque(device, exact, q, qd) - gravity
+    velocity = bias_torque(model, exact, q, qd) - gravity
     np.testing.assert_allclose(parts["Coriolis and centrifugal"], velocity, rtol=0, atol=1e-11 * scale)
     factors = {"viscous": qd, "Coulomb": np.sign(qd), "spring": q}
-    own = dict(zip(device.base.names, exact, strict=True))
+    own = dict(zip(model.base.names, exact, strict=True))
     for part, factor in factors.items():
         values = [own[f"{part.lower()}{k}"] for k in range(len(q))]
         np.testing.assert_allclose(parts[part], np.array(values)[:, None] * factor, rtol=0, atol=1e-11 * scale)
@@ -93,10 +93,10 @@ def test_each_part_is_what_its_name_says(mechanism):
 def test_every_kind_of_term_has_its_part(tmp_path):
     path = tmp_path / "own.toml"
     path.write_text(OWN)
-    device = haptid.read_device(path)
+    model = haptid.DynamicModel(haptid.read_device(path))
     treatment = haptid.Treatment(cutoff_hz=None)
-    estimate = estimated(device, np.linspace(0.1, 0.5, len(device.base)), treatment, seconds=8.0)
-    parts = dissect(estimate, motion(device, estimate.beta, seconds=1.0, seed=5, treatment=treatment))
+    estimate = estimated(model, np.linspace(0.1, 0.5, len(model.base)), treatment, seconds=8.0)
+    parts = dissect(estimate, motion(model, estimate.beta, seconds=1.0, seed=5, treatment=treatment))
     assert parts.parts[3:] == ("Coulomb", "Stribeck", "counterbalance", "own columns")
     text = parts.summary()
     assert all(part in text for part in parts.parts)
@@ -105,8 +105,8 @@ def test_every_kind_of_term_has_its_part(tmp_path):
 
 
 def test_parts_are_read_only():
-    device = haptid.read_device("emps")
-    estimate = estimated(device, np.array([100.0, 200.0, 20.0, 3.0]), haptid.Treatment(cutoff_hz=None))
-    parts = dissect(estimate, motion(device, estimate.beta, seconds=1.0, seed=5))
+    model = haptid.DynamicModel(haptid.read_device("emps"))
+    estimate = estimated(model, np.array([100.0, 200.0, 20.0, 3.0]), haptid.Treatment(cutoff_hz=None))
+    parts = dissect(estimate, motion(model, estimate.beta, seconds=1.0, seed=5))
     with pytest.raises(ValueError, match="read-only"):
         parts.torque[0, 0, 0] = 1.0

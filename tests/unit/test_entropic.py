@@ -42,37 +42,37 @@ joints = "all"
 
 def device_of(folder, text=DEVICE):
     (folder / "device.toml").write_text(text)
-    return haptid.read_device(folder / "device.toml")
+    return haptid.DynamicModel(haptid.read_device(folder / "device.toml"))
 
 
 @pytest.fixture(scope="module")
-def device(tmp_path_factory):
+def model(tmp_path_factory):
     return device_of(tmp_path_factory.mktemp("device"))
 
 
-def true_beta(device, factor=1.1):
+def true_beta(model, factor=1.1):
     """Bodies heavier than the prior by a factor, and friction."""
-    chi = np.nan_to_num(device.chi_prior) * factor
-    for k, kind in enumerate(device.parameters.kinds):
+    chi = np.nan_to_num(model.chi_prior) * factor
+    for k, kind in enumerate(model.parameters.kinds):
         chi[k] = {"FV": 0.3, "FC": 0.5}.get(kind, chi[k])
-    return device.base.of(chi)
+    return model.base.of(chi)
 
 
-def observed(device, noise=0.05, seed=1, seconds=8.0):
-    return haptid.observe(device, motion(device, true_beta(device), seconds=seconds, dt=2e-3, seed=seed, noise=noise))
+def observed(model, noise=0.05, seed=1, seconds=8.0):
+    return haptid.observe(model, motion(model, true_beta(model), seconds=seconds, dt=2e-3, seed=seed, noise=noise))
 
 
-def test_a_prior_that_is_the_truth_stays(device):
-    conditions = roomy(device, device.base.of(np.nan_to_num(device.chi_prior) + 0.1))
+def test_a_prior_that_is_the_truth_stays(model):
+    conditions = roomy(model, model.base.of(np.nan_to_num(model.chi_prior) + 0.1))
     pull = Pull(conditions, tuple(block.is_link for block in conditions.blocks))
-    R = np.zeros((len(device.base),) * 2)  # no data
-    x = pull.least(R, np.zeros(len(device.base)), 1.0)
-    raw = [k for k, kind in enumerate(device.parameters.kinds) if kind not in ("FV", "FC")]
-    np.testing.assert_allclose((conditions.scale * x)[raw], device.chi_prior[raw], rtol=1e-6, atol=1e-9)
+    R = np.zeros((len(model.base),) * 2)  # no data
+    x = pull.least(R, np.zeros(len(model.base)), 1.0)
+    raw = [k for k, kind in enumerate(model.parameters.kinds) if kind not in ("FV", "FC")]
+    np.testing.assert_allclose((conditions.scale * x)[raw], model.chi_prior[raw], rtol=1e-6, atol=1e-9)
 
 
-def test_a_vanishing_pull_is_the_consistent_estimate(device):
-    observation = observed(device, noise=0.6, seconds=3.0)
+def test_a_vanishing_pull_is_the_consistent_estimate(model):
+    observation = observed(model, noise=0.6, seconds=3.0)
     held = haptid.estimate(observation, Consistent())
     pulled = haptid.estimate(observation, Entropic(1e-4))
     np.testing.assert_allclose(
@@ -80,54 +80,54 @@ def test_a_vanishing_pull_is_the_consistent_estimate(device):
     )
 
 
-def test_a_strong_pull_is_the_prior(device):
-    pulled = haptid.estimate(observed(device), Entropic(1e14))
-    chi, prior = pulled.possible.chi, device.chi_prior
-    links = [k for k, kind in enumerate(device.parameters.kinds) if kind not in ("FV", "FC")]
+def test_a_strong_pull_is_the_prior(model):
+    pulled = haptid.estimate(observed(model), Entropic(1e14))
+    chi, prior = pulled.possible.chi, model.chi_prior
+    links = [k for k, kind in enumerate(model.parameters.kinds) if kind not in ("FV", "FC")]
     np.testing.assert_allclose(chi[links], prior[links], rtol=1e-3, atol=1e-5)
 
 
-def test_frames_of_bodies_do_not_matter(device, tmp_path):
+def test_frames_of_bodies_do_not_matter(model, tmp_path):
     """The same mechanism and bodies, the last link's frame moved along its axis."""
     text = DEVICE.replace("d = 0.25\n", "d = 0.25\nr = 0.2\n")
     head, tail = text.rsplit("-0.02]", 1)
     other = device_of(tmp_path, f"{head}-0.22]{tail}")
-    moved = motion(device, true_beta(device), seconds=4.0, dt=2e-3, noise=0.3)
+    moved = motion(model, true_beta(model), seconds=4.0, dt=2e-3, noise=0.3)
     torques = []
-    for same in (device, other):
+    for same in (model, other):
         beta = haptid.estimate(haptid.observe(same, moved), Entropic(100.0)).beta
         torques.append(haptid.inverse_dynamics(same, beta, *np.random.default_rng(0).uniform(-1, 1, (3, 3, 50))))
     np.testing.assert_allclose(torques[0], torques[1], rtol=1e-4, atol=1e-4)
 
 
-def test_it_is_inside_and_stationary(device):
-    pulled = haptid.estimate(observed(device, noise=0.5, seconds=3.0), Entropic(10.0))
-    assert haptid.possible(device, pulled.beta).ok
+def test_it_is_inside_and_stationary(model):
+    pulled = haptid.estimate(observed(model, noise=0.5, seconds=3.0), Entropic(10.0))
+    assert haptid.possible(model, pulled.beta).ok
     assert all(np.linalg.eigvalsh(P)[0] > 0 for P in pulled.possible.pseudo_inertias)
 
 
-def test_poor_logs_gain_most(device):
+def test_poor_logs_gain_most(model):
     """Unseen torque of a short noisy log: the pull towards bodies 10 % off beats the free fit."""
-    unseen = observed(device, noise=0.0, seed=99)
+    unseen = observed(model, noise=0.0, seed=99)
     gains = []
     for seed in range(6):
-        poor = observed(device, noise=1.0, seed=seed, seconds=1.5)
+        poor = observed(model, noise=1.0, seed=seed, seconds=1.5)
         free = haptid.validate(haptid.estimate(poor, haptid.WLS()), unseen).relative
         pulled = haptid.validate(haptid.estimate(poor, Entropic()), unseen).relative
         gains.append(free / pulled)
     assert np.median(gains) > 1.5
 
 
-def test_truth_is_inside_its_intervals(device):
-    beta, inside = true_beta(device), []
+def test_truth_is_inside_its_intervals(model):
+    beta, inside = true_beta(model), []
     for seed in range(8):
-        low, high = haptid.estimate(observed(device, seed=seed), Entropic()).interval95.T
+        low, high = haptid.estimate(observed(model, seed=seed), Entropic()).interval95.T
         inside += ((low <= beta) & (beta <= high)).tolist()
     assert np.mean(inside) >= 0.9
 
 
-def test_there_is_no_profile_of_what_is_pulled(device):
-    observation = observed(device, seconds=2.0)
+def test_there_is_no_profile_of_what_is_pulled(model):
+    observation = observed(model, seconds=2.0)
     found = haptid.estimate(observation, Entropic(1.0), Profile())
     assert found.held.pulled
     with pytest.raises(errors.PulledProfileError, match="Clustered"):
@@ -135,12 +135,10 @@ def test_there_is_no_profile_of_what_is_pulled(device):
     assert not haptid.estimate(observation, Consistent()).held.pulled
 
 
-def test_what_cannot_be_pulled_is_refused(device, tmp_path):
-    assert prior_links(device) == ["1", "2", "3"]
+def test_what_cannot_be_pulled_is_refused(model, tmp_path):
+    assert prior_links(model) == ["1", "2", "3"]
     with pytest.raises(errors.MethodSettingError):
         Entropic(-1.0)
     bare = device_of(tmp_path, DEVICE.split("[[prior_bodies]]")[0])
     with pytest.raises(errors.NoPriorError):
-        haptid.estimate(
-            observed(device).__class__(bare, observed(device).motors, observed(device).blocks, ()), Entropic()
-        )
+        haptid.estimate(observed(model).__class__(bare, observed(model).motors, observed(model).blocks, ()), Entropic())

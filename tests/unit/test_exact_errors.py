@@ -12,7 +12,6 @@ from typer.testing import CliRunner
 import haptid
 from haptid import errors
 from haptid.cli import app
-from haptid.device import Device
 from haptid.dynamics.symbolic import regrouping as module
 from haptid.dynamics.symbolic.residues import UnluckyDrawError
 
@@ -43,18 +42,18 @@ cut = { on = "coupler", frame = { d = "coupler" }, with = "forearm", twin = { d 
 LINK = 'name = "two links"\ngravity = [0, -9.81, 0]\n[[joints]]\nname = "1"\n[[joints]]\nname = "2"\nd = 0.25\n'
 
 
-def device_of(folder: Path, text: str) -> Device:
+def device_of(folder: Path, text: str) -> haptid.DynamicModel:
     path = folder / "device.toml"
     path.write_text(text, encoding="utf-8")
-    return haptid.read_device(path)
+    return haptid.DynamicModel(haptid.read_device(path))
 
 
 def test_bars_that_are_equal_by_accident(tmp_path: Path) -> None:
-    device = device_of(tmp_path, FOUR_BAR)
+    model = device_of(tmp_path, FOUR_BAR)
     with pytest.raises(errors.SymbolicClosureError, match="between links coupler and forearm does not close"):
-        haptid.regroupings(device)
+        haptid.regroupings(model)
     for shared in ('coupler = "arm"', 'coupler = "2*arm - arm"'):
-        assert len(device_of(tmp_path, FOUR_BAR.replace("coupler = 0.3", shared, 1)).regroupings) == len(device.base)
+        assert len(device_of(tmp_path, FOUR_BAR.replace("coupler = 0.3", shared, 1)).regroupings) == len(model.base)
     raw = FOUR_BAR.replace('d = "arm"', "d = 0.4").replace('{ d = "coupler" }', "{ d = 0.4 }")
     assert "darm" not in [s.name for s in device_of(tmp_path, raw).regroupings.symbols]
     assert [s.name for s in device_of(tmp_path, raw).regroupings.symbols] == ["lever", "dforearm"]
@@ -62,36 +61,36 @@ def test_bars_that_are_equal_by_accident(tmp_path: Path) -> None:
 
 def test_angles_that_are_many(tmp_path: Path) -> None:
     joints = [f'[[joints]]\nname = "{k}"\nxyz = [0.1, 0, 0]\nrpy = [0.{k}1, 0.{k}2, 0.{k}3]\n' for k in (1, 2)]
-    device = device_of(
+    model = device_of(
         tmp_path, 'name = "tilted"\nconvention = "placement"\ngravity = [0, 0, -9.81]\n' + "".join(joints)
     )
     with pytest.raises(errors.ManyAnglesError, match="6 angles that are no multiples of a quarter turn, limit 4"):
-        haptid.regroupings(device)
+        haptid.regroupings(model)
 
 
 def test_a_column_that_is_another_in_disguise(tmp_path: Path) -> None:
     column = '[[terms]]\nkind = "column"\njoints = ["1"]\nname = "D1"\nunit = "N m s/rad"\nexpression = "2*v_1"\n'
-    device = device_of(tmp_path, LINK + '[[terms]]\nkind = "viscous"\njoints = "all"\n' + column)
+    model = device_of(tmp_path, LINK + '[[terms]]\nkind = "viscous"\njoints = "all"\n' + column)
     with pytest.raises(errors.RoadsDisagreeError, match=r"differ: only the former have D1\. The"):
-        haptid.regroupings(device)
+        haptid.regroupings(model)
 
 
 def test_a_column_of_accelerations_that_others_make_up(tmp_path: Path) -> None:
     column = '[[terms]]\nkind = "column"\njoints = ["1"]\nname = "J1"\nunit = "kg m^2"\nexpression = "{}"\n'
-    device = device_of(tmp_path, LINK + column.format("a_1"))
+    model = device_of(tmp_path, LINK + column.format("a_1"))
     with pytest.raises(errors.AccelerationRegroupingError, match="a column of accelerations, J1, is not independent"):
-        haptid.regroupings(device)
+        haptid.regroupings(model)
     assert "J1" in "".join(device_of(tmp_path, LINK + column.format("abs(a_1)")).regroupings.names)
 
 
 def test_coefficients_that_differ(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    device = device_of(tmp_path, LINK)
-    exact = haptid.regroupings(device)
+    model = device_of(tmp_path, LINK)
+    exact = haptid.regroupings(model)
     wrong = exact.values.copy()
     wrong[0, exact.standard.index("M2")] += 1e-3
     monkeypatch.setitem(exact.__dict__, "values", wrong)
     with pytest.raises(errors.RoadsDisagreeError, match="M2 in ZZ1R"):
-        module.check_agreement(exact, device)
+        module.check_agreement(exact, model)
 
 
 def test_a_coefficient_without_a_form(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -101,7 +100,7 @@ def test_a_coefficient_without_a_form(tmp_path: Path, monkeypatch: pytest.Monkey
 
 
 def test_a_relation_that_fails_its_check(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    device = device_of(tmp_path, LINK)
+    model = device_of(tmp_path, LINK)
     found = module.fit
 
     def doubled(*arguments: object) -> object:
@@ -110,14 +109,14 @@ def test_a_relation_that_fails_its_check(tmp_path: Path, monkeypatch: pytest.Mon
 
     monkeypatch.setattr(module, "fit", doubled)
     with pytest.raises(errors.RegroupingCheckError, match="at another prime the relation of M2 does not hold"):
-        haptid.regroupings(device)
+        haptid.regroupings(model)
 
     def unlucky(*_: object) -> None:
         raise UnluckyDrawError
 
     monkeypatch.setattr(module, "_coefficients", unlucky)
     with pytest.raises(errors.RegroupingCheckError, match="draws in a row"):
-        haptid.regroupings(device)
+        haptid.regroupings(model)
 
 
 def test_every_regrouping_error_is_tested() -> None:
@@ -128,17 +127,17 @@ def test_every_regrouping_error_is_tested() -> None:
     assert [name for name in kinds - {"RegroupingError"} if f"errors.{name}" not in text] == []
 
 
-def model(*arguments: str) -> str:
+def other_model(*arguments: str) -> str:
     done = CliRunner().invoke(app, ["model", *arguments])
     assert done.exit_code == 0, done.output
     return done.stdout
 
 
 def test_model_shows_formulas_with_symbols() -> None:
-    text = model("sr400")
+    text = other_model("sr400")
     assert "ZZ2 + IA2 + ZZ8 + (M3 + M4 + M5 + M6) d3^2" in text
     assert "With d2 = 0.3, d3 = 0.45, d4 = 0.15, rl4 = 0.5, d8 = 0.2" in text
-    values = json.loads(model("sr400", "--json"))
+    values = json.loads(other_model("sr400", "--json"))
     row = next(p for p in values["base_parameters"] if p["name"] == "MX7R")
     assert row["formula"] == "MX7 + M8 d8 - MX8 d8/d3"
     assert row["latex"] == r"MX_{7R} = MX_{7} + M_{8} d_{8} - MX_{8} \frac{d_{8}}{d_{3}}"
@@ -150,9 +149,9 @@ def test_model_shows_formulas_with_symbols() -> None:
 
 def test_model_falls_back_on_numbers_and_says_why(tmp_path: Path) -> None:
     device_of(tmp_path, FOUR_BAR)
-    text = model(str(tmp_path / "device.toml"))
+    text = other_model(str(tmp_path / "device.toml"))
     assert "0.09 Mforearm" in text
     assert "Groupings hold at these lengths only: with its lengths as symbols the loop" in text
-    values = json.loads(model(str(tmp_path / "device.toml"), "--json"))
+    values = json.loads(other_model(str(tmp_path / "device.toml"), "--json"))
     assert "does not close" in values["notes"][0]
     assert "formula" not in values["base_parameters"][0]

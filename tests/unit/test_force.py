@@ -20,24 +20,24 @@ from random_devices import as_device, parameters
 PLAIN = haptid.Treatment(cutoff_hz=None)
 
 
-def estimated(device, beta, noise=0.0, seconds=4.0):
-    made = motion(device, beta, seconds=seconds, noise=noise, treatment=PLAIN)
-    return haptid.estimate(haptid.observe(device, made), haptid.WLS())
+def estimated(model, beta, noise=0.0, seconds=4.0):
+    made = motion(model, beta, seconds=seconds, noise=noise, treatment=PLAIN)
+    return haptid.estimate(haptid.observe(model, made), haptid.WLS())
 
 
 def pushed(estimate, wrench, seconds=0.4, seed=7, treatment=PLAIN, at=None):
     """A motion with exact rates whose motors also balance a wrench in the base frame, wrench (n, 6)."""
-    device = estimate.device
-    q, qd, qdd = multisine(len(device.active), seconds, 1e-3, seed) if at is None else at
-    load = np.einsum("nij,ni->jn", handle_motion(device, q).row_jacobian, wrench)
-    tau = haptid.inverse_dynamics(device, estimate.beta, q, qd, qdd) - load
+    model = estimate.model
+    q, qd, qdd = multisine(len(model.active), seconds, 1e-3, seed) if at is None else at
+    load = np.einsum("nij,ni->jn", handle_motion(model, q).row_jacobian, wrench)
+    tau = haptid.inverse_dynamics(model, estimate.beta, q, qd, qdd) - load
     return haptid.Motion(1e-3, q.T, tau.T, treatment, rates=(qd.T, qdd.T))
 
 
 @pytest.fixture(scope="module")
 def phantom():
-    device = haptid.read_device("phantom_premium_15")
-    return estimated(device, truth(device), noise=0.01)
+    model = haptid.DynamicModel(haptid.read_device("phantom_premium_15"))
+    return estimated(model, truth(model), noise=0.01)
 
 
 @settings(max_examples=20, deadline=None)
@@ -45,11 +45,11 @@ def phantom():
 def test_the_wrench_that_was_there_is_given_back(seed, joints):
     """Six joints or more tell all of it; with a known moment three tell the force; fewer, the part they can feel."""
     mechanism = draw(seed, joints, closed=False, chain=True)
-    device = as_device(mechanism, ("rotor", "viscous", "coulomb"))
-    estimate = estimated(device, device.base.of(parameters(mechanism, device)))
+    model = as_device(mechanism, ("rotor", "viscous", "coulomb"))
+    estimate = estimated(model, model.base.of(parameters(mechanism, model)))
     wrench = np.random.default_rng(1).normal(size=(50, 6))
     made = pushed(estimate, wrench, seconds=0.05)
-    handle = handle_motion(device, np.ascontiguousarray(made.q.T))
+    handle = handle_motion(model, np.ascontiguousarray(made.q.T))
     moment = None if joints >= 6 else np.einsum("nij,ni->nj", handle.rotation, wrench[:, 3:])
     found = estimate_force(estimate, made, moment=moment, reversal_speed=0.0, worst_condition=1e5)
     kept = found.usable
@@ -72,10 +72,10 @@ def test_signs_and_frames(phantom):
     found = estimate_force(phantom, made, reversal_speed=0.0)
     np.testing.assert_allclose(found.force, wrench[:, :3], atol=1e-9)
     np.testing.assert_array_equal(found.on_hand, -found.force)
-    rotation = handle_motion(phantom.device, made.q.T).rotation
+    rotation = handle_motion(phantom.model, made.q.T).rotation
     np.testing.assert_allclose(found.in_handle, np.einsum("nij,ni->nj", rotation, wrench[:, :3]), atol=1e-9)
     # Without the model, as if the device had no dynamics: motors alone balance the hand.
-    J = handle_motion(phantom.device, made.q.T).row_jacobian[:, :3]
+    J = handle_motion(phantom.model, made.q.T).row_jacobian[:, :3]
     bare = np.linalg.solve(J.mT, -made.tau[:, :, None])[:, :, 0]
     np.testing.assert_allclose(found.bare[:, :3], bare, atol=1e-9)
 
@@ -84,11 +84,11 @@ def test_the_published_equation_gives_the_same_force(phantom):
     """Eq. (14) of Tahmasebi et al. (2005), mended, with the Jacobian of eq. (15): the device's force on the hand."""
     wrench = np.random.default_rng(2).normal(size=(400, 6))
     made = pushed(phantom, wrench)
-    rotation = handle_motion(phantom.device, made.q.T).rotation
+    rotation = handle_motion(phantom.model, made.q.T).rotation
     moment = np.einsum("nij,ni->nj", rotation, wrench[:, 3:])
     found = estimate_force(phantom, made, moment=moment, reversal_speed=0.0)
     q, qd, qdd = (np.ascontiguousarray(x.T) for x in (made.q, made.qd, made.qdd))
-    residual = made.tau.T - haptid.inverse_dynamics(phantom.device, phantom.beta, q, qd, qdd)
+    residual = made.tau.T - haptid.inverse_dynamics(phantom.model, phantom.beta, q, qd, qdd)
     turn = np.array([[0, 0, -1], [-1, 0, 0], [0, 1, 0]])  # from the handle's axes to the paper's
     _, q2, q3 = q
     for k in range(0, 400, 40):
@@ -121,7 +121,7 @@ def test_an_unknown_moment_is_taken_for_no_more_force_than_said(phantom):
     assert "3 torques cannot tell the six components" in text
     assert "1 direction of force at each pose" in text
     # Along the direction that no moment reaches, the force is right: torque of the second motor over its arm.
-    handle = handle_motion(phantom.device, pushed(phantom, wrench).q.T)
+    handle = handle_motion(phantom.model, pushed(phantom, wrench).q.T)
     way = handle.jacobian[:, :3, 1]
     np.testing.assert_allclose((way * found.force).sum(1), (way * wrench[:, :3]).sum(1), atol=1e-9)
 
@@ -135,7 +135,7 @@ def test_poses_near_singular_ones_are_left_out(phantom):
     found = estimate_force(phantom, made, worst_condition=20.0)
     out = ~found.usable
     assert 0 < out.sum() < 300
-    J = handle_motion(phantom.device, q).jacobian[:, :3]
+    J = handle_motion(phantom.model, q).jacobian[:, :3]
     np.testing.assert_allclose(found.lever.condition, np.linalg.cond(J), rtol=1e-9)
     assert np.isnan(found.force[out]).all()
     np.testing.assert_allclose(found.force[~out], 1.0, atol=1e-9)
@@ -144,8 +144,8 @@ def test_poses_near_singular_ones_are_left_out(phantom):
 
 def test_fewer_than_three_torques_tell_part_of_the_force():
     mechanism = draw(5, 2, closed=False, chain=True)
-    device = as_device(mechanism, ("rotor",))
-    found_in = estimated(device, device.base.of(parameters(mechanism, device)))
+    model = as_device(mechanism, ("rotor",))
+    found_in = estimated(model, model.base.of(parameters(mechanism, model)))
     made = pushed(found_in, np.ones((50, 6)) * [1, 1, 1, 0, 0, 0], seconds=0.05)
     text = estimate_force(found_in, made).summary()
     assert "tell the force along 2 directions of the handle's own motion" in text
@@ -153,15 +153,15 @@ def test_fewer_than_three_torques_tell_part_of_the_force():
 
 def test_deviations_are_those_of_repeated_estimates():
     """Estimates from logs with other noise scatter as the interval of one of them says."""
-    device = haptid.read_device("phantom_premium_15")
-    exact = estimated(device, truth(device))
+    model = haptid.DynamicModel(haptid.read_device("phantom_premium_15"))
+    exact = estimated(model, truth(model))
     unseen = pushed(exact, np.zeros((200, 6)), seconds=0.2)
     forces = []
     for seed in range(25):
-        log = motion(device, exact.beta, seconds=6.0, seed=1, treatment=PLAIN)
+        log = motion(model, exact.beta, seconds=6.0, seed=1, treatment=PLAIN)
         tau = log.tau + 0.1 * log.tau.std(axis=0) * np.random.default_rng(seed).standard_normal(log.tau.shape)
         log = haptid.Motion(1e-3, log.q, tau, PLAIN, rates=(log.qd, log.qdd))
-        estimate = haptid.estimate(haptid.observe(device, log), haptid.WLS())
+        estimate = haptid.estimate(haptid.observe(model, log), haptid.WLS())
         quiet = tuple(replace(m, residual=0.0) for m in haptid.direct(estimate).motors)
         validation = haptid.Validation(quiet, seen=False)
         forces.append(estimate_force(estimate, unseen, validation=validation, reversal_speed=0.0))
@@ -172,7 +172,7 @@ def test_deviations_are_those_of_repeated_estimates():
 
 
 def test_noise_comes_from_the_validation(phantom):
-    unseen = motion(phantom.device, phantom.beta, seconds=2.0, seed=3, noise=0.2, treatment=PLAIN)
+    unseen = motion(phantom.model, phantom.beta, seconds=2.0, seed=3, noise=0.2, treatment=PLAIN)
     made = pushed(phantom, np.zeros((400, 6)))
     with_it = estimate_force(phantom, made, validation=haptid.validate(phantom, unseen))
     without = estimate_force(phantom, made)
@@ -182,16 +182,16 @@ def test_noise_comes_from_the_validation(phantom):
 
 
 def test_dry_friction_is_smoothed_and_doubted_where_a_joint_turns_back(phantom):
-    device, speed = phantom.device, 0.01
-    soft = softened(device, speed)
-    assert softened(device, 0.0) is device
+    model, speed = phantom.model, 0.01
+    soft = softened(model, speed)
+    assert softened(model, 0.0) is model
     assert [t.settings[0] for t in soft.terms if t.kind == "coulomb"] == [speed] * 3
-    chi = np.zeros(len(device.parameters.raw))
-    chi[device.parameters.raw.index("FCM2" if "FCM2" in device.parameters.raw else "FC2")] = 0.02
+    chi = np.zeros(len(model.parameters.raw))
+    chi[model.parameters.raw.index("FCM2" if "FCM2" in model.parameters.raw else "FC2")] = 0.02
     cd = np.array([[0.0, 0.5], [0.0, 0.5], [0.0, 0.5]])
     c = np.zeros_like(cd)
-    np.testing.assert_allclose(doubt(device, chi, c, cd, speed), [[0, 0], [0.02, 0], [0, 0]], atol=1e-12)
-    assert (doubt(device, chi, c, cd, 0.0) == 0).all()
+    np.testing.assert_allclose(doubt(model, chi, c, cd, speed), [[0, 0], [0.02, 0], [0, 0]], atol=1e-12)
+    assert (doubt(model, chi, c, cd, 0.0) == 0).all()
 
 
 def test_settings_that_mean_nothing_are_errors(phantom):
@@ -208,10 +208,10 @@ def test_settings_that_mean_nothing_are_errors(phantom):
 
 
 def test_a_device_without_handle_has_no_force():
-    device = haptid.read_device("emps")
-    estimate = estimated(device, np.array([100.0, 200.0, 20.0, 3.0]))
+    model = haptid.DynamicModel(haptid.read_device("emps"))
+    estimate = estimated(model, np.array([100.0, 200.0, 20.0, 3.0]))
     with pytest.raises(errors.HandleMissingError, match="EMPS has no handle"):
-        estimate_force(estimate, motion(device, estimate.beta, seconds=0.5))
+        estimate_force(estimate, motion(model, estimate.beta, seconds=0.5))
 
 
 def test_every_error_at_the_handle_is_tested():

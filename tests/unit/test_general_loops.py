@@ -21,11 +21,11 @@ def edited(folder: Path, name: str, *pairs: tuple[str, str]) -> haptid.Device:
         assert old in text
         text = text.replace(old, new)
     (folder / "edited.toml").write_text(text)
-    return haptid.read_device(folder / "edited.toml")
+    return haptid.DynamicModel(haptid.read_device(folder / "edited.toml"))
 
 
 def test_five_bar_regroups_across_the_cut() -> None:
-    base = haptid.read_device("five_bar").base
+    base = haptid.DynamicModel(haptid.read_device("five_bar")).base
     groupings = dict(zip(base.names, base.groupings, strict=True))
     L1, L4 = 0.063, 0.075
     assert groupings["ZZ1R"] == f"ZZ1 + {L1**2:.6g} M3 + {L1**2 / L4:.6g} MX4 + IAM1"
@@ -35,8 +35,8 @@ def test_five_bar_regroups_across_the_cut() -> None:
 
 @pytest.mark.parametrize("name", NAMES)
 def test_the_rank_is_beyond_doubt_whatever_the_states(name: str) -> None:
-    device = haptid.read_device(name)
-    found = [haptid.base_parameters(device, seed) for seed in range(4)]
+    model = haptid.DynamicModel(haptid.read_device(name))
+    found = [haptid.base_parameters(model, seed) for seed in range(4)]
     assert all(base.is_clear for base in found)
     assert len({base.names for base in found}) == 1
     for base in found[1:]:
@@ -44,10 +44,10 @@ def test_the_rank_is_beyond_doubt_whatever_the_states(name: str) -> None:
 
 
 def test_the_guess_chooses_the_way_to_close(tmp_path: Path) -> None:
-    above = haptid.read_device("four_bar")
+    above = haptid.DynamicModel(haptid.read_device("four_bar"))
     below = edited(tmp_path, "four_bar", ("coupler = -1.3, rocker = 1.2", "rocker = -2.5"))
     qa = np.linspace(-3, 3, 20)[None]
-    one, other = (device.closure.positions(qa) for device in (above, below))
+    one, other = (model.device.closure.positions(qa) for model in (above, below))
     assert (np.abs(one - other)[1:].min(axis=1) > 0.3).all()
     with pytest.raises(errors.LoopBranchError, match=r"crank = 1\.57 the loops close in 2 ways") as caught:
         edited(tmp_path, "four_bar", ("guess = { coupler = -1.3, rocker = 1.2 }", "guess = {}"))
@@ -55,9 +55,9 @@ def test_the_guess_chooses_the_way_to_close(tmp_path: Path) -> None:
 
 
 def test_a_crank_may_turn_round_and_round() -> None:
-    device = haptid.read_device("four_bar")
+    model = haptid.DynamicModel(haptid.read_device("four_bar"))
     turns = np.linspace(0, 6 * np.pi, 700)[None]
-    q = device.closure.positions(turns)
+    q = model.device.closure.positions(turns)
     assert np.abs(np.diff(q, axis=1)).max() < 0.1
     np.testing.assert_allclose(q[2, [0, 233, 466, 699]], q[2, 0], atol=1e-12)
     np.testing.assert_allclose(q[1, 699], q[1, 0] - 6 * np.pi, atol=1e-12)
@@ -70,13 +70,13 @@ def test_a_start_pose_that_cannot_close_is_an_error(tmp_path: Path) -> None:
 
 
 def test_poses_out_of_reach_say_which_and_how_far() -> None:
-    device = haptid.read_device("five_bar")
+    model = haptid.DynamicModel(haptid.read_device("five_bar"))
     qa = np.linspace([2.356, 0.785], [3.14, 0.0], 50).T
     said = r"at sample 4\d the loops do not close: with 1 = 3\."
     with pytest.raises(errors.LoopUnreachableError, match=said) as caught:
-        device.closure.positions(qa)
+        model.device.closure.positions(qa)
     assert 0 < caught.value.gap < 0.1
-    closes = device.closure.closes(qa)
+    closes = model.device.closure.closes(qa)
     assert closes[: caught.value.sample].all()
     assert not closes[caught.value.sample :].any()
 
@@ -105,36 +105,36 @@ cut = { on = "coupler", frame = { d = 0.3 }, with = "rocker", twin = { d = 0.3 }
 def test_a_singularity_is_not_crossed_however_coarse_the_motion(tmp_path: Path, samples: int) -> None:
     """With the crank at zero its tip is on the rocker's pivot: coupler and rocker then turn together, freely."""
     (tmp_path / "kite.toml").write_text(KITE)
-    device = haptid.read_device(tmp_path / "kite.toml")
-    device.closure.positions(np.linspace(1.0, 0.05, 20)[None])
+    model = haptid.DynamicModel(haptid.read_device(tmp_path / "kite.toml"))
+    model.device.closure.positions(np.linspace(1.0, 0.05, 20)[None])
     with pytest.raises(errors.SingularLoopError, match="singular pose: with crank = ") as caught:
-        device.closure.positions(np.linspace(1.0, -1.013, samples)[None])
+        model.device.closure.positions(np.linspace(1.0, -1.013, samples)[None])
     assert caught.value.openness < 0.05
-    assert not device.closure.closes(np.array([[-1.0]]))[0]
+    assert not model.device.closure.closes(np.array([[-1.0]]))[0]
 
 
 def test_a_singular_start_pose_is_an_error(tmp_path: Path) -> None:
     (tmp_path / "kite.toml").write_text(KITE.replace("crank = 1.0", "crank = 0.0"))
     with pytest.raises((errors.SingularLoopError, errors.LoopBranchError), match="at"):
-        haptid.read_device(tmp_path / "kite.toml")
+        haptid.DynamicModel(haptid.read_device(tmp_path / "kite.toml"))
 
 
 def test_a_motion_may_go_round_what_the_straight_way_runs_into() -> None:
-    device = haptid.read_device("five_bar")
+    model = haptid.DynamicModel(haptid.read_device("five_bar"))
     corner, goal = np.array([3.2457, -1.4401]), np.array([3.3315, -1.4534])
-    assert not device.closure.closes(goal[:, None])[0]
-    way = np.concatenate([np.linspace(device.closure.at, corner, 300), np.linspace(corner, goal, 20)]).T
-    q = device.closure.positions(way)
-    assert np.abs(device.closure.chain.residual(q.T)[0]).max() < 1e-12
+    assert not model.device.closure.closes(goal[:, None])[0]
+    way = np.concatenate([np.linspace(model.device.closure.at, corner, 300), np.linspace(corner, goal, 20)]).T
+    q = model.device.closure.positions(way)
+    assert np.abs(model.device.closure.chain.residual(q.T)[0]).max() < 1e-12
     assert np.abs(np.diff(q, axis=1)).max() < 0.2
 
 
 def test_no_samples_are_no_trouble() -> None:
-    device = haptid.read_device("five_bar")
+    model = haptid.DynamicModel(haptid.read_device("five_bar"))
     none = np.zeros((2, 0))
-    assert device.closure.positions(none).shape == (4, 0)
-    assert haptid.inverse_dynamics(device, np.ones(len(device.base)), none, none, none).shape == (2, 0)
-    assert haptid.mass_matrix(device, np.ones(len(device.base)), none).shape == (0, 2, 2)
+    assert model.device.closure.positions(none).shape == (4, 0)
+    assert haptid.inverse_dynamics(model, np.ones(len(model.base)), none, none, none).shape == (2, 0)
+    assert haptid.mass_matrix(model, np.ones(len(model.base)), none).shape == (0, 2, 2)
 
 
 MIXED = """
@@ -185,20 +185,20 @@ guess = { rod = -1.3, rocker = 1.2 }
 
 def test_linear_loops_stay_linear_beside_others(tmp_path: Path) -> None:
     (tmp_path / "mixed.toml").write_text(MIXED)
-    device = haptid.read_device(tmp_path / "mixed.toml")
-    closure = device.closure
+    model = haptid.DynamicModel(haptid.read_device(tmp_path / "mixed.toml"))
+    closure = model.device.closure
     assert isinstance(closure, NewtonClosure)
     assert closure.unknown == (6, 7)
     assert closure.relations[:2] == ("qforearm = -qarm + qlever", "qcoupler = qarm - qlever")
     assert np.argwhere(closure.varying).tolist() == [[6, 3], [7, 3]]
-    reached = device.mechanism.reach(list(range(80)))
+    reached = model.mechanism.reach(list(range(80)))
     assert not any(reached[1][50:])
     assert not any(reached[3][:50])
-    alone = haptid.read_device("four_bar").closure
+    alone = haptid.DynamicModel(haptid.read_device("four_bar")).device.closure
     crank = np.linspace(0, 3, 9)
     qa = np.array([0.4 + 0 * crank, 0.2 * crank, 1.5 + 0 * crank, crank])
     np.testing.assert_allclose(closure.positions(qa)[[5, 6, 7]], alone.positions(crank[None]), atol=1e-12)
-    assert isinstance(haptid.read_device("phantom_premium_15").closure, Closure)
+    assert isinstance(haptid.DynamicModel(haptid.read_device("phantom_premium_15")).device.closure, Closure)
 
 
 def test_at_names_active_joints_only(tmp_path: Path) -> None:
@@ -210,10 +210,10 @@ def test_at_names_active_joints_only(tmp_path: Path) -> None:
 
 def test_the_workspace_ends_where_loops_do() -> None:
     limits = {"1": (0.8, 4.2), "2": (-1.1, 2.4), "3": (-2.9, -0.4)}
-    where = workspace(haptid.read_device("five_bar"), limits)
+    where = workspace(haptid.DynamicModel(haptid.read_device("five_bar")), limits)
     grid = where.grid(400)
     assert 20 < grid.shape[1] < 400
-    q = where.device.closure.positions(grid)
+    q = where.model.device.closure.positions(grid)
     assert q[2].min() > -2.9
     assert q[2].max() < -0.4
     assert not where.holds(np.array([[3.14], [0.0]]))[0]
@@ -221,8 +221,8 @@ def test_the_workspace_ends_where_loops_do() -> None:
 
 def test_friction_of_a_passive_joint_is_guarded_where_that_joint_is_slow(tmp_path: Path) -> None:
     slow = 'kind = "coulomb"\njoints = '
-    device = edited(tmp_path, "four_bar", (slow + '["crank"]', slow + '["rocker"]'))
-    (term,) = device.coulomb_terms(0)
-    qa, qda, _ = poses(device, 30)
-    wanted = device.closure.follow(qa, qda).velocity(qda)[2]
-    np.testing.assert_allclose(device.speed(term, qa, qda), wanted, atol=1e-14)
+    model = edited(tmp_path, "four_bar", (slow + '["crank"]', slow + '["rocker"]'))
+    (term,) = model.coulomb_terms(0)
+    qa, qda, _ = poses(model, 30)
+    wanted = model.device.closure.follow(qa, qda).velocity(qda)[2]
+    np.testing.assert_allclose(model.speed(term, qa, qda), wanted, atol=1e-14)

@@ -146,7 +146,7 @@ def segments(study: Path) -> Iterator[tuple[int, int]]:
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(observation, "SEGMENT", 4096)
         made = identify(read_study(study))
-        yield from observation.Plan.of(made.device, made.runs[0].motion).segments()
+        yield from observation.Plan.of(made.model, made.runs[0].motion).segments()
 
 
 def test_a_killed_process_costs_its_part_alone(study: Path, wanted: np.ndarray, tmp_path: Path) -> None:

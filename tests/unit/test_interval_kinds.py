@@ -31,13 +31,13 @@ KINDS = [Clustered(), BlockJackknife(), Textbook(), FixedB(), Bootstrap(99), San
 
 
 @pytest.fixture(scope="module")
-def device():
-    return haptid.read_device("phantom_premium_15")
+def model():
+    return haptid.DynamicModel(haptid.read_device("phantom_premium_15"))
 
 
 @pytest.fixture(scope="module")
-def observation(device):
-    return haptid.observe(device, motion(device, truth(device), seconds=10.0, dt=2e-3, noise=0.1, phi=0.8))
+def observation(model):
+    return haptid.observe(model, motion(model, truth(model), seconds=10.0, dt=2e-3, noise=0.1, phi=0.8))
 
 
 @pytest.mark.parametrize("kind", KINDS, ids=lambda kind: kind.name)
@@ -52,8 +52,8 @@ def test_kinds_say_how_far_the_same_estimate_may_be_off(observation, kind):
 
 @pytest.mark.parametrize("kind", KINDS, ids=lambda kind: kind.name)
 @pytest.mark.parametrize("method", [haptid.WLS(), GLS(), TLS(), Ridge(strength=1.0)], ids=lambda method: method.name)
-def test_combinations_have_the_deviations_of_their_covariance(device, kind, method):
-    made = haptid.observe(device, motion(device, truth(device), seconds=8.0, dt=2e-3, noise=0.01))
+def test_combinations_have_the_deviations_of_their_covariance(model, kind, method):
+    made = haptid.observe(model, motion(model, truth(model), seconds=8.0, dt=2e-3, noise=0.01))
     found = haptid.estimate(made, method, kind)
     C = np.random.default_rng(0).normal(size=(3, len(found.beta)))
     spread = found.spread(C)
@@ -61,8 +61,8 @@ def test_combinations_have_the_deviations_of_their_covariance(device, kind, meth
     np.testing.assert_allclose(spread.covariance, expected, rtol=1e-6, atol=1e-9 * expected.max())
 
 
-def test_of_a_white_residual_all_are_about_the_textbook(device):
-    made = haptid.observe(device, motion(device, truth(device), seconds=30.0, dt=4e-3, noise=0.1))
+def test_of_a_white_residual_all_are_about_the_textbook(model):
+    made = haptid.observe(model, motion(model, truth(model), seconds=30.0, dt=4e-3, noise=0.1))
     textbook = haptid.estimate(made, haptid.WLS(), Textbook()).sd
     for kind in KINDS:
         ratio = haptid.estimate(made, haptid.WLS(), kind).sd / textbook
@@ -76,8 +76,8 @@ def test_the_sandwich_is_the_sandwich(observation):
     middle = np.zeros((len(found.beta),) * 2)
     e = stretch.residual(found.beta)
     for motor, W, own, weight in zip(observation.motors, stretch.W, e, found.weights, strict=True):
-        model, n = burg([own], 20), W.shape[0]
-        gamma = np.fft.irfft(model.spectrum(1 << 16), 1 << 16)[:n]
+        other_model, n = burg([own], 20), W.shape[0]
+        gamma = np.fft.irfft(other_model.spectrum(1 << 16), 1 << 16)[:n]
         taken = n / (n - len(motor.columns))
         middle += weight**4 * taken * W.T @ linalg.matmul_toeplitz(gamma, W)
     R = observation.stack(found.weights)[:-1, :-1]
@@ -85,8 +85,8 @@ def test_the_sandwich_is_the_sandwich(observation):
     np.testing.assert_allclose(found.sd, np.sqrt(np.diag(bread @ middle @ bread)), rtol=1e-3)
 
 
-def test_the_jackknife_of_a_fit_with_a_prior_is_that_of_fits_without_each_block(device):
-    made = haptid.observe(device, motion(device, truth(device), seconds=8.0, dt=2e-3, noise=0.1))
+def test_the_jackknife_of_a_fit_with_a_prior_is_that_of_fits_without_each_block(model):
+    made = haptid.observe(model, motion(model, truth(model), seconds=8.0, dt=2e-3, noise=0.1))
     method = Ridge(strength=1.0)
     found = haptid.estimate(made, method, BlockJackknife())
     known = method.knowledge(made)

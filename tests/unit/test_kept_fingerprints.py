@@ -29,10 +29,10 @@ constants = { s = { start = 0.2, low = 0.01, high = 2 } }
 
 
 @pytest.fixture(scope="module")
-def device(tmp_path_factory):
+def model(tmp_path_factory):
     path = tmp_path_factory.mktemp("device") / "device.toml"
     path.write_text(DEVICE + TERMS)
-    return haptid.read_device(path)
+    return haptid.DynamicModel(haptid.read_device(path))
 
 
 @pytest.fixture(scope="module")
@@ -42,33 +42,33 @@ def motion(tmp_path_factory):
     return haptid.treat(log, haptid.Treatment(cutoff_hz=30.0, decimation=5))
 
 
-def named(device, motion):
-    return fingerprint(Plan.of(device, motion))
+def named(model, motion):
+    return fingerprint(Plan.of(model, motion))
 
 
-def test_another_load_of_the_bodies_has_another_name(device, motion):
-    heavy = device.loaded(np.ones(len(device.base)))
-    names = [named(d, motion) for d in (device, heavy, device.loaded(2.0 * np.ones(len(device.base))))]
+def test_another_load_of_the_bodies_has_another_name(model, motion):
+    heavy = model.loaded(np.ones(len(model.base)))
+    names = [named(d, motion) for d in (model, heavy, model.loaded(2.0 * np.ones(len(model.base))))]
     assert len(set(names)) == 3
-    assert named(device.loaded(np.ones(len(device.base))), motion) == names[1]
+    assert named(model.loaded(np.ones(len(model.base))), motion) == names[1]
 
 
-def test_another_value_of_a_searched_constant_has_another_name(device, motion):
-    assert len({named(device.with_constants(values), motion) for values in ((0.5, 0.2), (0.4, 0.2), (0.5, 0.3))}) == 3
+def test_another_value_of_a_searched_constant_has_another_name(model, motion):
+    assert len({named(model.with_constants(values), motion) for values in ((0.5, 0.2), (0.4, 0.2), (0.5, 0.3))}) == 3
 
 
 @pytest.mark.parametrize("what", ["tau", "q"])
 @pytest.mark.parametrize("where", [0.3, 0.9])
-def test_signals_that_differ_late_have_another_name(device, motion, what, where):
+def test_signals_that_differ_late_have_another_name(model, motion, what, where):
     first = int(where * len(motion))
     signals = np.array(getattr(motion, what))
     signals[first:] += 1e-3
-    assert named(device, replace(motion, **{what: signals})) != named(device, motion)
+    assert named(model, replace(motion, **{what: signals})) != named(model, motion)
 
 
-def test_a_run_does_not_take_what_another_load_left(device, motion, tmp_path):
+def test_a_run_does_not_take_what_another_load_left(model, motion, tmp_path):
     kept = Kept(tmp_path / "kept", least=1)
-    heavy = device.loaded(np.ones(len(device.base)))
-    observe_all(device, [motion], kept=kept)
+    heavy = model.loaded(np.ones(len(model.base)))
+    observe_all(model, [motion], kept=kept)
     (found,) = observe_all(heavy, [motion], kept=kept)
     np.testing.assert_array_equal(found.stack(), haptid.observe(heavy, motion).stack())

@@ -86,8 +86,8 @@ def test_an_opened_log_is_the_log_that_is_read(tmp_path: Path, suffix: str, kind
 
 
 def test_the_observation_is_the_same_to_the_last_digits(tmp_path: Path) -> None:
-    device = haptid.read_device("phantom_premium_15")
-    made = motion(device, truth(device), seconds=2.3 * CHUNK * 1e-3, noise=0.05)
+    model = haptid.DynamicModel(haptid.read_device("phantom_premium_15"))
+    made = motion(model, truth(model), seconds=2.3 * CHUNK * 1e-3, noise=0.05)
     names = [f"q{k}" for k in (1, 2, 3)], [f"tau{k}" for k in (1, 2, 3)]
     columns = dict(zip(names[0] + names[1], [*made.q.T, *made.tau.T], strict=True))
     path = write(tmp_path, ".parquet", {"t": made.t, **columns})
@@ -95,7 +95,7 @@ def test_the_observation_is_the_same_to_the_last_digits(tmp_path: Path) -> None:
     found = []
     for how in (read_log, open_log):
         log = how(path, Channels(Signal(names[0], "rad"), Signal(names[1], "N m", side="joint"), time="t"))
-        observation = haptid.observe(device, haptid.treat(log, treatment))
+        observation = haptid.observe(model, haptid.treat(log, treatment))
         found.append((observation, haptid.estimate(observation, haptid.WLS()).beta))
     (read, beta), (opened, other) = found
     assert [b.start for b in opened.blocks] == [b.start for b in read.blocks]

@@ -26,27 +26,27 @@ from motions import motion, truth
 
 
 @pytest.fixture(scope="module")
-def device():
-    return haptid.read_device("phantom_premium_15")
+def model():
+    return haptid.DynamicModel(haptid.read_device("phantom_premium_15"))
 
 
 @pytest.fixture(scope="module")
-def beta(device):
-    return truth(device)
+def beta(model):
+    return truth(model)
 
 
-def dense(device, motion):
+def dense(model, motion):
     """W and y without any of the observation's machinery, motor by motor, (3, n, p) and (3, n)."""
-    N = device.coupling
-    Y = rows(device, N @ motion.q.T, N @ motion.qd.T, N @ motion.qdd.T)
-    W = np.einsum("ark,rp->akp", Y, device.parameters.S[:, list(device.base.kept)])
+    N = model.coupling
+    Y = rows(model, N @ motion.q.T, N @ motion.qd.T, N @ motion.qdd.T)
+    W = np.einsum("ark,rp->akp", Y, model.parameters.S[:, list(model.base.kept)])
     return W, motion.tau.T
 
 
-def test_triangles_hold_the_dense_rows(device, beta):
-    made = motion(device, beta, noise=0.1)
-    observation = haptid.observe(device, made)
-    W, y = dense(device, made)
+def test_triangles_hold_the_dense_rows(model, beta):
+    made = motion(model, beta, noise=0.1)
+    observation = haptid.observe(model, made)
+    W, y = dense(model, made)
     assert observation.rows == y.size
     for k, motor in enumerate(observation.motors):
         full = np.column_stack([W[k][:, motor.columns], y[k]])
@@ -63,10 +63,10 @@ def test_triangles_hold_the_dense_rows(device, beta):
     np.testing.assert_allclose(found.textbook_covariance, variance * np.linalg.inv(stacked.T @ stacked), rtol=1e-7)
 
 
-def test_weighted_least_squares_weighs_motors_by_their_residual(device, beta):
-    made = motion(device, beta, noise=0.1)
-    found = haptid.estimate(haptid.observe(device, made), haptid.WLS(passes=1))
-    W, y = dense(device, made)
+def test_weighted_least_squares_weighs_motors_by_their_residual(model, beta):
+    made = motion(model, beta, noise=0.1)
+    found = haptid.estimate(haptid.observe(model, made), haptid.WLS(passes=1))
+    W, y = dense(model, made)
     first = np.linalg.lstsq(W.reshape(-1, len(beta)), y.ravel(), rcond=None)[0]
     reached = [motor.columns.size for motor in found.observation.motors]
     sigma = np.linalg.norm(y - W @ first, axis=1) / np.sqrt(y.shape[1] - np.array(reached))
@@ -77,10 +77,10 @@ def test_weighted_least_squares_weighs_motors_by_their_residual(device, beta):
     np.testing.assert_allclose(found.beta, wanted, rtol=1e-8)
 
 
-def test_jackknife_is_what_refitting_without_each_block_gives(device, beta):
+def test_jackknife_is_what_refitting_without_each_block_gives(model, beta):
     """The brute-force road: leave a block out, fit again, look how far the estimate moved."""
-    made = motion(device, beta, seconds=6.0, noise=0.1, phi=0.9)
-    observation = haptid.observe(device, made)
+    made = motion(model, beta, seconds=6.0, noise=0.1, phi=0.9)
+    observation = haptid.observe(model, made)
     found = haptid.estimate(observation, haptid.OLS(), BlockJackknife())
     p, shifts, leverage = len(beta), [], []
     blocks = [(a, b) for a in range(3) for b in range(len(observation.blocks))]
@@ -105,32 +105,32 @@ def test_jackknife_is_what_refitting_without_each_block_gives(device, beta):
     np.testing.assert_allclose(found.interval95, np.column_stack([found.beta - half, found.beta + half]), rtol=1e-9)
 
 
-def test_observations_add_and_do_not_care_about_order(device, beta):
-    one, other = (haptid.observe(device, motion(device, beta, seed=s, noise=0.1)) for s in (1, 2))
+def test_observations_add_and_do_not_care_about_order(model, beta):
+    one, other = (haptid.observe(model, motion(model, beta, seed=s, noise=0.1)) for s in (1, 2))
     both, back = one + other, other + one
     assert both.rows == one.rows + other.rows
-    W = np.concatenate([dense(device, m)[0].reshape(-1, len(beta)) for m in both.motions])
-    y = np.concatenate([dense(device, m)[1].ravel() for m in both.motions])
+    W = np.concatenate([dense(model, m)[0].reshape(-1, len(beta)) for m in both.motions])
+    y = np.concatenate([dense(model, m)[1].ravel() for m in both.motions])
     found = haptid.estimate(both, haptid.OLS())
     np.testing.assert_allclose(found.beta, np.linalg.lstsq(W, y, rcond=None)[0], rtol=1e-8)
     np.testing.assert_allclose(haptid.estimate(back, haptid.OLS()).beta, found.beta, rtol=1e-9)
 
 
-def test_the_same_rows_are_not_counted_twice(device, beta):
-    observation = haptid.observe(device, motion(device, beta))
+def test_the_same_rows_are_not_counted_twice(model, beta):
+    observation = haptid.observe(model, motion(model, beta))
     with pytest.raises(SameRowsError, match="twice"):
         observation + observation
 
 
-def test_rows_of_the_fit_are_refused_as_unseen(device, beta):
-    made = motion(device, beta, noise=0.1)
-    found = haptid.estimate(haptid.observe(device, made), haptid.OLS())
+def test_rows_of_the_fit_are_refused_as_unseen(model, beta):
+    made = motion(model, beta, noise=0.1)
+    found = haptid.estimate(haptid.observe(model, made), haptid.OLS())
     with pytest.raises(SeenRowsError, match="in the fit"):
         haptid.validate(found, made)
 
 
-def test_every_other_block_is_unseen_by_the_rest(device, beta):
-    observation = haptid.observe(device, motion(device, beta, noise=0.1))
+def test_every_other_block_is_unseen_by_the_rest(model, beta):
+    observation = haptid.observe(model, motion(model, beta, noise=0.1))
     even, odd = observation.alternate()
     assert even.rows + odd.rows == observation.rows
     assert even.shares_rows_with(odd) is None
@@ -139,11 +139,11 @@ def test_every_other_block_is_unseen_by_the_rest(device, beta):
         haptid.validate(haptid.estimate(even, haptid.OLS()), observation)
 
 
-def test_validation_is_the_error_of_the_predicted_torque(device, beta):
-    made, unseen = (motion(device, beta, seed=s, noise=0.1) for s in (1, 2))
-    found = haptid.estimate(haptid.observe(device, made), haptid.OLS())
+def test_validation_is_the_error_of_the_predicted_torque(model, beta):
+    made, unseen = (motion(model, beta, seed=s, noise=0.1) for s in (1, 2))
+    found = haptid.estimate(haptid.observe(model, made), haptid.OLS())
     validation = haptid.validate(found, unseen)
-    W, y = dense(device, unseen)
+    W, y = dense(model, unseen)
     error = y - W @ found.beta
     assert validation.relative == pytest.approx(100 * np.linalg.norm(error) / np.linalg.norm(y))
     for k, motor in enumerate(validation.motors):
@@ -154,11 +154,11 @@ def test_validation_is_the_error_of_the_predicted_torque(device, beta):
     np.testing.assert_allclose(prediction.predicted, W @ found.beta, atol=1e-12)
 
 
-def test_prediction_passes_through_the_same_filter_as_the_rows(device, beta):
+def test_prediction_passes_through_the_same_filter_as_the_rows(model, beta):
     """Filtering W beta is filtering W: the residual of the plots has the norm that the triangles say."""
     treatment = haptid.Treatment(cutoff_hz=None, decimation=7, low_speed=0.05)
-    made = motion(device, beta, noise=0.1, treatment=treatment)
-    found = haptid.estimate(haptid.observe(device, made), haptid.WLS())
+    made = motion(model, beta, noise=0.1, treatment=treatment)
+    found = haptid.estimate(haptid.observe(model, made), haptid.WLS())
     prediction = haptid.predict(found, made)
     for k, motor in enumerate(found.observation.motors):
         used = prediction.used[k]
@@ -167,10 +167,10 @@ def test_prediction_passes_through_the_same_filter_as_the_rows(device, beta):
         assert motor.residual(found.beta) == pytest.approx(np.linalg.norm(residual), rel=1e-9)
 
 
-def test_slow_rows_are_dropped_motor_by_motor(device, beta):
+def test_slow_rows_are_dropped_motor_by_motor(model, beta):
     treatment = haptid.Treatment(cutoff_hz=None, decimation=5, low_speed=(0.0, 0.2, 0.0))
-    made = motion(device, beta, treatment=treatment)
-    observation = haptid.observe(device, made)
+    made = motion(model, beta, treatment=treatment)
+    observation = haptid.observe(model, made)
     first, second, third = (motor.rows.sum() for motor in observation.motors)
     assert first == third
     assert second < first
@@ -180,79 +180,79 @@ def test_slow_rows_are_dropped_motor_by_motor(device, beta):
     assert not prediction.used[1][speed < 0.19].any()
 
 
-def test_blocks_of_a_long_motion_grow(device, beta, monkeypatch):
+def test_blocks_of_a_long_motion_grow(model, beta, monkeypatch):
     monkeypatch.setattr("haptid.observation.observation.MOST_BLOCKS", 4)
-    made = motion(device, beta, noise=0.1)
-    observation = haptid.observe(device, made)
+    made = motion(model, beta, noise=0.1)
+    observation = haptid.observe(model, made)
     assert len(observation.blocks) <= 4
     assert observation.blocks[0].stop - observation.blocks[0].start == pytest.approx(4.0)
     whole = haptid.estimate(observation, haptid.OLS()).beta
     monkeypatch.undo()
-    np.testing.assert_allclose(haptid.estimate(haptid.observe(device, made), haptid.OLS()).beta, whole, rtol=1e-9)
+    np.testing.assert_allclose(haptid.estimate(haptid.observe(model, made), haptid.OLS()).beta, whole, rtol=1e-9)
 
 
-def test_the_result_does_not_depend_on_the_segments(device, beta, monkeypatch):
+def test_the_result_does_not_depend_on_the_segments(model, beta, monkeypatch):
     treatment = haptid.Treatment(cutoff_hz=None, decimation=5, low_speed=0.05)
-    made = motion(device, beta, noise=0.1, treatment=treatment)
-    whole = haptid.observe(device, made)
+    made = motion(model, beta, noise=0.1, treatment=treatment)
+    whole = haptid.observe(model, made)
     monkeypatch.setattr("haptid.observation.observation.SEGMENT", 1500)
-    parts = haptid.observe(device, made)
+    parts = haptid.observe(model, made)
     for a, b in zip(whole.motors, parts.motors, strict=True):
         np.testing.assert_array_equal(a.rows, b.rows)
         np.testing.assert_allclose(a.triangles, b.triangles, atol=1e-13)
 
 
-def test_progress_runs_to_the_end(device, beta, monkeypatch):
+def test_progress_runs_to_the_end(model, beta, monkeypatch):
     monkeypatch.setattr("haptid.observation.observation.SEGMENT", 1500)
     shares = []
-    haptid.observe(device, motion(device, beta), progress=shares.append)
+    haptid.observe(model, motion(model, beta), progress=shares.append)
     assert len(shares) > 3
     assert shares == sorted(shares)
     assert shares[-1] == 1.0
 
 
-def test_an_unexcited_parameter_is_named(device, beta):
-    made = motion(device, beta)
+def test_an_unexcited_parameter_is_named(model, beta):
+    made = motion(model, beta)
     still = replace(made, q=made.q * [0, 1, 1], rates=tuple(rate * [0, 1, 1] for rate in made.rates))
     with pytest.raises(UnexcitedError, match=r"(ZZbaR|XX|FV1|FC1).*not excited"):
-        haptid.estimate(haptid.observe(device, still), haptid.OLS())
+        haptid.estimate(haptid.observe(model, still), haptid.OLS())
 
 
-def test_too_few_rows(device, beta):
-    made = motion(device, beta, seconds=0.004)
+def test_too_few_rows(model, beta):
+    made = motion(model, beta, seconds=0.004)
     with pytest.raises(TooFewRowsError, match="12 rows cannot tell 14"):
-        haptid.estimate(haptid.observe(device, made), haptid.OLS())
+        haptid.estimate(haptid.observe(model, made), haptid.OLS())
 
 
-def test_a_motor_that_is_always_slow(device, beta):
-    made = motion(device, beta, treatment=haptid.Treatment(cutoff_hz=None, low_speed=1e3))
+def test_a_motor_that_is_always_slow(model, beta):
+    made = motion(model, beta, treatment=haptid.Treatment(cutoff_hz=None, low_speed=1e3))
     with pytest.raises(NoRowsError, match="low_speed"):
-        haptid.observe(device, made)
+        haptid.observe(model, made)
 
 
-def test_channels_that_do_not_fit_the_device(device, beta):
-    made = motion(device, beta)
+def test_channels_that_do_not_fit_the_device(model, beta):
+    made = motion(model, beta)
     with pytest.raises(ChannelCountError, match=r"2 position channels.*wants 3"):
-        haptid.observe(device, haptid.Motion(1e-3, made.q[:, :2], made.tau, made.treatment))
+        haptid.observe(model, haptid.Motion(1e-3, made.q[:, :2], made.tau, made.treatment))
     with pytest.raises(ChannelCountError, match=r"1 torque channels.*wants 3"):
-        haptid.observe(device, haptid.Motion(1e-3, made.q, made.tau[:, :1], made.treatment))
+        haptid.observe(model, haptid.Motion(1e-3, made.q, made.tau[:, :1], made.treatment))
 
 
-def test_values_of_two_devices_are_kept_apart(device, beta):
-    made = motion(device, beta, noise=0.1)
-    found = haptid.estimate(haptid.observe(device, made), haptid.OLS())
-    other = haptid.read_device("phantom_premium_15")
+def test_values_of_two_devices_are_kept_apart(model, beta):
+    made = motion(model, beta, noise=0.1)
+    found = haptid.estimate(haptid.observe(model, made), haptid.OLS())
+    other = haptid.DynamicModel(haptid.read_device("phantom_premium_15"))
     with pytest.raises(DifferentModelError, match="two devices"):
         haptid.validate(found, haptid.observe(other, motion(other, beta, seed=2)))
     with pytest.raises(DifferentModelError):
         found.observation + haptid.observe(other, motion(other, beta, seed=2))
 
 
-def test_what_one_stretch_alone_tells_has_no_interval(device, beta):
+def test_what_one_stretch_alone_tells_has_no_interval(model, beta):
     """All of the motion in one block: without it nothing is left, so nothing says how far to trust it."""
     treatment = haptid.Treatment(cutoff_hz=None, block=1e300)
-    made = motion(device, beta, noise=0.1, treatment=treatment)
-    whole = haptid.observe(device, made)
+    made = motion(model, beta, noise=0.1, treatment=treatment)
+    whole = haptid.observe(model, made)
     assert len(whole.blocks) == 8  # a block is never longer than an eighth of its motion
     assert np.isfinite(haptid.estimate(whole, haptid.OLS()).sd).all()
     single = replace(whole, blocks=whole.blocks[:1], motors=tuple(m.pick(np.array([0])) for m in whole.motors))
@@ -264,32 +264,32 @@ def test_what_one_stretch_alone_tells_has_no_interval(device, beta):
     assert "nothing says how far to trust it" in " ".join(lonely.notes)
 
 
-def test_a_guard_reaches_beyond_the_filter(device, beta):
+def test_a_guard_reaches_beyond_the_filter(model, beta):
     """Without decimation there is no filter, and rows within the guard of a reversal are dropped all the same."""
     rows = []
     for guard in (None, 0.0, 0.05):
         treatment = haptid.Treatment(cutoff_hz=None, low_speed=0.05, guard=guard)
-        rows.append(haptid.observe(device, motion(device, beta, treatment=treatment)).rows)
+        rows.append(haptid.observe(model, motion(model, beta, treatment=treatment)).rows)
     assert rows[0] == rows[1]
     assert rows[2] < 0.9 * rows[1]
 
 
-def test_low_speed_has_one_figure_or_one_for_each_row(device, beta):
+def test_low_speed_has_one_figure_or_one_for_each_row(model, beta):
     treatment = haptid.Treatment(cutoff_hz=None, low_speed=(0.1, 0.2))
     with pytest.raises(TreatmentValueError, match="one for each row"):
-        haptid.observe(device, motion(device, beta, treatment=treatment))
+        haptid.observe(model, motion(model, beta, treatment=treatment))
 
 
-def test_a_decimation_longer_than_the_motion_is_refused_before_any_work(device, beta):
+def test_a_decimation_longer_than_the_motion_is_refused_before_any_work(model, beta):
     treatment = haptid.Treatment(cutoff_hz=None, decimation=10**9)
     with pytest.raises(MotionTooShortError, match="ends alone"):
-        haptid.observe(device, motion(device, beta, treatment=treatment))
+        haptid.observe(model, motion(model, beta, treatment=treatment))
 
 
-def test_rows_without_torque_cannot_be_weighed(device, beta):
-    made = motion(device, beta)
+def test_rows_without_torque_cannot_be_weighed(model, beta):
+    made = motion(model, beta)
     with pytest.raises(NoTorqueError, match="zero in every row"):
-        haptid.estimate(haptid.observe(device, replace(made, tau=0 * made.tau)), haptid.WLS())
+        haptid.estimate(haptid.observe(model, replace(made, tau=0 * made.tau)), haptid.WLS())
 
 
 DIFFERENTIAL = """
@@ -318,7 +318,7 @@ joints = "all"
 @pytest.fixture
 def differential(tmp_path):
     (tmp_path / "wrist.toml").write_text(DIFFERENTIAL)
-    return haptid.read_device(tmp_path / "wrist.toml")
+    return haptid.DynamicModel(haptid.read_device(tmp_path / "wrist.toml"))
 
 
 def test_both_joints_of_a_differential_are_guarded(differential):
@@ -336,7 +336,7 @@ def test_motor_and_joint_rows_are_the_same_model(differential, tmp_path):
     """Torques at the joints are the coupling's transpose times those at the motors, whatever the parameters."""
     text = DIFFERENTIAL + "[transmission]\ntorque_rows = 'joint'\n"
     (tmp_path / "joint.toml").write_text(text)
-    joint = haptid.read_device(tmp_path / "joint.toml")
+    joint = haptid.DynamicModel(haptid.read_device(tmp_path / "joint.toml"))
     assert joint.base.names == differential.base.names
     beta = np.random.default_rng(0).uniform(0.5, 1.5, len(joint.base))
     q, v, a = np.random.default_rng(1).normal(size=(3, 2, 30))
@@ -350,7 +350,7 @@ def test_what_only_acts_where_nothing_measures_has_no_effect(tmp_path):
     """Friction of a joint without motor, whose torque is nowhere measured, is no base parameter."""
     text = DIFFERENTIAL.split("[[motors]]")[0] + '[[motors]]\nname = "a"\n[[terms]]\nkind = "viscous"\njoints = "all"\n'
     (tmp_path / "free.toml").write_text(text)
-    free = haptid.read_device(tmp_path / "free.toml")
+    free = haptid.DynamicModel(haptid.read_device(tmp_path / "free.toml"))
     assert "FVb" in free.base.no_effect
     assert "FVa" in free.base.names
     assert free.measured == (True, False)

@@ -18,12 +18,12 @@ PLAIN = haptid.Treatment(cutoff_hz=None)
 FREQUENCIES = 2 * np.pi * np.array([0.5, 2.0, 5.0])
 
 
-def pushed(device, beta, dt, seconds=1.0):
+def pushed(model, beta, dt, seconds=1.0):
     """States, the motors' torque on the rows, and the hand's torque on them, each (rows, samples): sines of 1 N m."""
-    q, qd, qdd = multisine(len(device.active), seconds, dt, 4)
+    q, qd, qdd = multisine(len(model.active), seconds, dt, 4)
     t = dt * np.arange(q.shape[1])
     hand = np.array([np.sin(FREQUENCIES * time).sum() for time in t]) * np.linspace(1, 2, len(q))[:, None]
-    return q, qd, haptid.inverse_dynamics(device, beta, q, qd, qdd) - hand, hand
+    return q, qd, haptid.inverse_dynamics(model, beta, q, qd, qdd) - hand, hand
 
 
 def followed(gain, dt, samples):
@@ -37,11 +37,11 @@ def followed(gain, dt, samples):
 @given(mechanisms(most=5))
 def test_residual_is_the_low_pass_of_the_hands_torque(mechanism):
     """With an error of the order of the step squared, on exact states of trees and closed chains."""
-    device = as_device(mechanism, ("rotor", "viscous", "spring"))
-    beta, gain, off = device.base.of(parameters(mechanism, device)), 30.0, []
+    model = as_device(mechanism, ("rotor", "viscous", "spring"))
+    beta, gain, off = model.base.of(parameters(mechanism, model)), 30.0, []
     for dt in (2e-3, 1e-3):
-        q, qd, tau, hand = pushed(device, beta, dt, seconds=0.5)
-        seen = MomentumObserver(gain, 0.0).follow(device, beta, dt, q, qd, tau).torque
+        q, qd, tau, hand = pushed(model, beta, dt, seconds=0.5)
+        seen = MomentumObserver(gain, 0.0).follow(model, beta, dt, q, qd, tau).torque
         wanted = followed(gain, dt, q.shape[1]) * np.linspace(1, 2, len(q))[:, None]
         off.append(np.abs(seen - wanted).max())
         size = np.abs(tau).max() + np.abs(hand).max()
@@ -50,14 +50,14 @@ def test_residual_is_the_low_pass_of_the_hands_torque(mechanism):
 
 
 def test_a_steady_push_is_seen_in_full_and_late_by_the_delay():
-    device = haptid.read_device("phantom_premium_15")
-    beta, observer = truth(device), MomentumObserver(25.0, 0.0)
+    model = haptid.DynamicModel(haptid.read_device("phantom_premium_15"))
+    beta, observer = truth(model), MomentumObserver(25.0, 0.0)
     q = np.repeat([[0.1], [0.3], [0.4]], 1000, axis=1)
-    hold = haptid.inverse_dynamics(device, beta, q, 0 * q, 0 * q)
-    step = observer.follow(device, beta, 1e-3, q, 0 * q, hold - 0.2).torque
+    hold = haptid.inverse_dynamics(model, beta, q, 0 * q, 0 * q)
+    step = observer.follow(model, beta, 1e-3, q, 0 * q, hold - 0.2).torque
     np.testing.assert_allclose(step[:, -1], 0.2, rtol=1e-8)
     np.testing.assert_allclose(step[:, round(1000 * observer.delay)], 0.2 * (1 - np.exp(-1)), rtol=1e-9)
-    ramp = observer.follow(device, beta, 1e-3, q, 0 * q, hold - np.arange(1000) * 1e-3).torque
+    ramp = observer.follow(model, beta, 1e-3, q, 0 * q, hold - np.arange(1000) * 1e-3).torque
     # Late by the delay and, for the mean over a step, by less than one sample more.
     late = 0.999 - ramp[:, -1]
     np.testing.assert_allclose(late, observer.delay, atol=1e-3)
@@ -69,14 +69,14 @@ def test_a_steady_push_is_seen_in_full_and_late_by_the_delay():
 
 
 def test_samples_may_come_one_by_one(monkeypatch):
-    device = haptid.read_device("cea_medical_branch")
-    beta, observer = truth(device), MomentumObserver()
-    q, qd, tau, _ = pushed(device, beta, 1e-3, seconds=0.2)
-    whole = observer.follow(device, beta, 1e-3, q, qd, tau)
+    model = haptid.DynamicModel(haptid.read_device("cea_medical_branch"))
+    beta, observer = truth(model), MomentumObserver()
+    q, qd, tau, _ = pushed(model, beta, 1e-3, seconds=0.2)
+    whole = observer.follow(model, beta, 1e-3, q, qd, tau)
     monkeypatch.setattr("haptid.end_effector.momentum_observer.STRETCH", 64)
     pieces, before = [], None
     for low, high in ((0, 1), (1, 2), (2, 50), (50, 51), (51, 200)):
-        before = observer.follow(device, beta, 1e-3, *(x[:, low:high] for x in (q, qd, tau)), before)
+        before = observer.follow(model, beta, 1e-3, *(x[:, low:high] for x in (q, qd, tau)), before)
         pieces.append(before.torque)
     np.testing.assert_allclose(np.concatenate(pieces, axis=1), whole.torque, atol=1e-12)
     np.testing.assert_allclose(before.p, whole.p, atol=1e-15)
@@ -84,14 +84,14 @@ def test_samples_may_come_one_by_one(monkeypatch):
 
 def test_along_a_motion_it_is_the_force_estimate_through_the_low_pass():
     """Without doubt about friction or filters, both see the same hand; the observer as late as its gain says."""
-    device = haptid.read_device("phantom_premium_15")
+    model = haptid.DynamicModel(haptid.read_device("phantom_premium_15"))
     estimate = haptid.estimate(
-        haptid.observe(device, motion(device, truth(device), noise=0.01, treatment=PLAIN)), haptid.WLS()
+        haptid.observe(model, motion(model, truth(model), noise=0.01, treatment=PLAIN)), haptid.WLS()
     )
     q, qd, qdd = multisine(3, 2.0, 1e-3, 9)
     force = np.array([np.sin(9 * np.arange(2000) * 1e-3), 0.5 + 0 * q[0], -0.3 + 0 * q[0]]).T
-    load = np.einsum("nij,ni->jn", handle_motion(device, q).row_jacobian[:, :3], force)
-    tau = haptid.inverse_dynamics(device, estimate.beta, q, qd, qdd) - load
+    load = np.einsum("nij,ni->jn", handle_motion(model, q).row_jacobian[:, :3], force)
+    tau = haptid.inverse_dynamics(model, estimate.beta, q, qd, qdd) - load
     made = haptid.Motion(1e-3, q.T, tau.T, PLAIN, rates=(qd.T, qdd.T))
     observer = MomentumObserver(100.0, 0.0)
     now, late = estimate_force(estimate, made, reversal_speed=0.0), observe_force(estimate, made, observer)
@@ -106,17 +106,17 @@ def test_along_a_motion_it_is_the_force_estimate_through_the_low_pass():
 
 
 def test_what_a_singular_pose_left_is_waited_for():
-    device = haptid.read_device("phantom_premium_15")
+    model = haptid.DynamicModel(haptid.read_device("phantom_premium_15"))
     estimate = haptid.estimate(
-        haptid.observe(device, motion(device, truth(device), noise=0.01, treatment=PLAIN)), haptid.WLS()
+        haptid.observe(model, motion(model, truth(model), noise=0.01, treatment=PLAIN)), haptid.WLS()
     )
     t = np.arange(2000) * 1e-3
     turn = np.radians(100) * np.sin(np.pi * t)  # theta2 - theta3 passes a right angle and comes back
     rate, second = (np.radians(100) * np.pi**k * wave for k, wave in ((1, np.cos(np.pi * t)), (2, -np.sin(np.pi * t))))
     q, qd, qdd = (np.array([0 * t, 0.5 * x, -0.5 * x]) for x in (turn, rate, second))
     force = np.array([0.4, -0.2, 0.3])
-    load = np.einsum("nij,i->jn", handle_motion(device, q).row_jacobian[:, :3], force)
-    tau = haptid.inverse_dynamics(device, estimate.beta, q, qd, qdd) - load
+    load = np.einsum("nij,i->jn", handle_motion(model, q).row_jacobian[:, :3], force)
+    tau = haptid.inverse_dynamics(model, estimate.beta, q, qd, qdd) - load
     made = haptid.Motion(1e-3, q.T, tau.T, PLAIN, rates=(qd.T, qdd.T))
     observer = MomentumObserver(40.0, 0.0)
     seen = observe_force(estimate, made, observer)
@@ -134,20 +134,20 @@ def test_settings_that_mean_nothing_are_errors():
             MomentumObserver(gain)
     with pytest.raises(errors.ForceSettingError, match="reversal_speed"):
         MomentumObserver(10.0, -1.0)
-    device = haptid.read_device("phantom_premium_15")
+    model = haptid.DynamicModel(haptid.read_device("phantom_premium_15"))
     still = np.zeros((3, 4))
     with pytest.raises(errors.ForceSettingError, match="dt"):
-        MomentumObserver().follow(device, truth(device), 0.0, still, still, still)
+        MomentumObserver().follow(model, truth(model), 0.0, still, still, still)
     with pytest.raises(errors.ForceSettingError, match="samples"):
-        MomentumObserver().follow(device, truth(device), 1e-3, still[:, :0], still[:, :0], still[:, :0])
+        MomentumObserver().follow(model, truth(model), 1e-3, still[:, :0], still[:, :0], still[:, :0])
     with pytest.raises(errors.ShapeError, match="tau"):
-        MomentumObserver().follow(device, truth(device), 1e-3, still, still, np.zeros((2, 4)))
+        MomentumObserver().follow(model, truth(model), 1e-3, still, still, np.zeros((2, 4)))
 
 
 def test_a_device_without_handle_has_no_force():
-    device = haptid.read_device("emps")
-    made = motion(device, np.array([100.0, 200.0, 20.0, 3.0]), seconds=4.0, noise=0.01, treatment=PLAIN)
-    estimate = haptid.estimate(haptid.observe(device, made), haptid.WLS())
+    model = haptid.DynamicModel(haptid.read_device("emps"))
+    made = motion(model, np.array([100.0, 200.0, 20.0, 3.0]), seconds=4.0, noise=0.01, treatment=PLAIN)
+    estimate = haptid.estimate(haptid.observe(model, made), haptid.WLS())
     with pytest.raises(errors.HandleMissingError):
         observe_force(estimate, made)
 
@@ -170,22 +170,22 @@ expression = "abs(a_1)"
 
 def test_a_column_made_of_accelerations_is_refused(tmp_path):
     (tmp_path / "jerky.toml").write_text(JERKY)
-    device = haptid.read_device(tmp_path / "jerky.toml")
+    model = haptid.DynamicModel(haptid.read_device(tmp_path / "jerky.toml"))
     some = np.ones((1, 4))
     with pytest.raises(errors.AccelerationColumnError, match=r"JERKY.*momentum observer.*estimate_force"):
-        MomentumObserver().follow(device, np.ones(len(device.base)), 1e-3, some, some, some)
+        MomentumObserver().follow(model, np.ones(len(model.base)), 1e-3, some, some, some)
 
 
 def test_velocity_may_come_from_a_causal_differentiator():
     """Then there are no accelerations, and the observer needs none."""
-    device = haptid.read_device("phantom_premium_15")
+    model = haptid.DynamicModel(haptid.read_device("phantom_premium_15"))
     estimate = haptid.estimate(
-        haptid.observe(device, motion(device, truth(device), noise=0.01, treatment=PLAIN)), haptid.WLS()
+        haptid.observe(model, motion(model, truth(model), noise=0.01, treatment=PLAIN)), haptid.WLS()
     )
     q, qd, qdd = multisine(3, 2.0, 1e-3, 9)
     force = np.array([0.4, -0.2, 0.3])
-    load = np.einsum("nij,i->jn", handle_motion(device, q).row_jacobian[:, :3], force)
-    tau = haptid.inverse_dynamics(device, estimate.beta, q, qd, qdd) - load
+    load = np.einsum("nij,i->jn", handle_motion(model, q).row_jacobian[:, :3], force)
+    tau = haptid.inverse_dynamics(model, estimate.beta, q, qd, qdd) - load
     causal = haptid.Treatment(cutoff_hz=None, velocity=HighPass(400.0), accelerations="momentum")
     seen = observe_force(estimate, haptid.Motion(1e-3, q.T, tau.T, causal))
     settled = seen.t > 0.5
@@ -193,13 +193,13 @@ def test_velocity_may_come_from_a_causal_differentiator():
 
 
 def test_what_is_no_number_is_an_error():
-    device = haptid.read_device("phantom_premium_15")
-    still, beta = np.zeros((3, 4)), truth(device)
+    model = haptid.DynamicModel(haptid.read_device("phantom_premium_15"))
+    still, beta = np.zeros((3, 4)), truth(model)
     bad = still.copy()
     bad[1, 2] = np.nan
     for k, name in enumerate(("qa", "qda", "tau")):
         given = [bad if k == j else still for j in range(3)]
         with pytest.raises(errors.ForceSettingError, match=rf"{name}\[1, 2\] is nan"):
-            MomentumObserver().follow(device, beta, 1e-3, *given)
+            MomentumObserver().follow(model, beta, 1e-3, *given)
     with pytest.raises(errors.ParameterValueError):
-        MomentumObserver().follow(device, np.full_like(beta, np.nan), 1e-3, still, still, still)
+        MomentumObserver().follow(model, np.full_like(beta, np.nan), 1e-3, still, still, still)

@@ -19,14 +19,14 @@ CENTRE = np.array([0.0, 0.5, 0.8])
 
 @pytest.fixture(scope="module")
 def phantom():
-    return haptid.read_device("phantom_premium_15")
+    return haptid.DynamicModel(haptid.read_device("phantom_premium_15"))
 
 
-def recorded(device, *, seconds=20.0, late=0.0, step=STEP, noise=0.0, size=0.2, seed=1, stretch=1.0):
+def recorded(model, *, seconds=20.0, late=0.0, step=STEP, noise=0.0, size=0.2, seed=1, stretch=1.0):
     """A log with torque that is late by so many samples; `stretch` slows the motion down."""
-    q, qd, qdd = multisine(len(device.active), seconds / stretch, 1e-3 / stretch, seed, size)
+    q, qd, qdd = multisine(len(model.active), seconds / stretch, 1e-3 / stretch, seed, size)
     q = q + CENTRE[:, None]
-    tau = haptid.inverse_dynamics(device, truth(device), q, qd / stretch, qdd / stretch**2).T
+    tau = haptid.inverse_dynamics(model, truth(model), q, qd / stretch, qdd / stretch**2).T
     tau = np.asarray(delayed(tau, -late))  # recorded before it acts
     tau = tau + noise * tau.std(axis=0) * np.random.default_rng(seed).standard_normal(tau.shape)
     position = step * np.round(q.T / step) if step else q.T
@@ -35,7 +35,7 @@ def recorded(device, *, seconds=20.0, late=0.0, step=STEP, noise=0.0, size=0.2, 
         haptid.Signal(("u1", "u2", "u3"), "N m", side="motor"),
         time="t",
     )
-    gains = [motor.gear * motor.gain for motor in device.motors]
+    gains = [motor.gear * motor.gain for motor in model.motors]
     return haptid.Log(Path("made"), str(seed), 1e-3 * np.arange(q.shape[1]), position, tau / gains, channels)
 
 
@@ -110,15 +110,15 @@ def test_coarse_positions_are_named(phantom):
 
 
 def test_a_device_without_dry_friction_loses_no_rows():
-    device = haptid.read_device("rx90")
+    model = haptid.DynamicModel(haptid.read_device("rx90"))
     q, qd, qdd = multisine(6, 10.0, 1e-3, 1)
-    tau = haptid.inverse_dynamics(device, np.linspace(0.1, 1.0, len(device.base)), q, qd, qdd)
+    tau = haptid.inverse_dynamics(model, np.linspace(0.1, 1.0, len(model.base)), q, qd, qdd)
     names = tuple("abcdef")
     channels = haptid.Channels(
         haptid.Signal(names, "rad"), haptid.Signal(tuple(f"u{n}" for n in names), "N m"), time="t"
     )
     made = haptid.Log(Path("made"), "", 1e-3 * np.arange(q.shape[1]), q.T, tau.T, channels)
-    assert haptid.propose(device, made).treatment.low_speed == 0
+    assert haptid.propose(model, made).treatment.low_speed == 0
 
 
 def test_a_log_of_another_device_and_impossible_settings_are_errors(phantom):

@@ -35,46 +35,46 @@ torque_delay = 0
 
 
 @pytest.fixture(scope="module")
-def device(tmp_path_factory):
+def model(tmp_path_factory):
     path = tmp_path_factory.mktemp("device") / "device.toml"
     path.write_text(DEVICE + STRIBECK)
-    return haptid.read_device(path)
+    return haptid.DynamicModel(haptid.read_device(path))
 
 
-def moved(device, seed, velocity=0.3):
+def moved(model, seed, velocity=0.3):
     sizes = {"FV": 0.4, "FC": 0.5, "FS": 0.8}
-    beta = np.array([sizes.get(name[:2], 0.3) for name in device.base.names])
-    return motion(device.with_constants((velocity,)), beta, seconds=8.0, dt=4e-3, seed=seed, noise=0.03)
+    beta = np.array([sizes.get(name[:2], 0.3) for name in model.base.names])
+    return motion(model.with_constants((velocity,)), beta, seconds=8.0, dt=4e-3, seed=seed, noise=0.03)
 
 
-def test_half_the_blocks_tell_a_constant_of_their_own(device):
-    whole = moved(device, 1)
-    values = [variable_projection(device, [EveryOther(whole, k)])["FS2.velocity"].value for k in (0, 1)]
+def test_half_the_blocks_tell_a_constant_of_their_own(model):
+    whole = moved(model, 1)
+    values = [variable_projection(model, [EveryOther(whole, k)])["FS2.velocity"].value for k in (0, 1)]
     assert values[0] != values[1]
     np.testing.assert_allclose(values, 0.3, rtol=0.3)
 
 
-def test_a_fold_knows_nothing_of_what_it_predicts(device):
+def test_a_fold_knows_nothing_of_what_it_predicts(model):
     """The other log has another constant: whoever had seen it would come nearer."""
-    near, far = moved(device, 1), moved(device, 2, velocity=1.2)
-    fold = each_log(device, far, [near], haptid.WLS())
-    found = variable_projection(device, [near])
+    near, far = moved(model, 1), moved(model, 2, velocity=1.2)
+    fold = each_log(model, far, [near], haptid.WLS())
+    found = variable_projection(model, [near])
     own = haptid.validate(
-        haptid.estimate(haptid.observe(found.device, near), haptid.WLS()), haptid.observe(found.device, far)
+        haptid.estimate(haptid.observe(found.model, near), haptid.WLS()), haptid.observe(found.model, far)
     )
     assert fold.relative == pytest.approx(own.relative, rel=1e-9)
-    seen = variable_projection(device, [near, far]).device
+    seen = variable_projection(model, [near, far]).model
     leaked = haptid.validate(haptid.estimate(haptid.observe(seen, near), haptid.WLS()), haptid.observe(seen, far))
     assert leaked.relative < fold.relative
-    both = alternate(device, near, [], haptid.WLS())
+    both = alternate(model, near, [], haptid.WLS())
     assert not both.seen
     assert both.relative < 5.0
 
 
-def test_the_command_shows_them(device, tmp_path):
+def test_the_command_shows_them(model, tmp_path):
     (tmp_path / "device.toml").write_text(DEVICE + STRIBECK)
     (tmp_path / "study.toml").write_text(STUDY)
-    made = moved(device, 1)
+    made = moved(model, 1)
     columns = {"t": made.t0 + made.dt * np.arange(len(made))}
     columns |= {f"q{k + 1}": made.q[:, k] for k in (0, 1)} | {f"tau{k + 1}": made.tau[:, k] for k in (0, 1)}
     pq.write_table(pa.table(columns), tmp_path / "log.parquet")

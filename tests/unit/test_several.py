@@ -40,19 +40,19 @@ BETA = np.array([0.3, 0.9, 0.2, 0.08, 0.12, 0.4, 0.3, 0.25, 0.35, 0.2, 0.3, 0.1]
 
 
 @pytest.fixture(scope="module")
-def device(tmp_path_factory):
+def model(tmp_path_factory):
     path = tmp_path_factory.mktemp("device") / "device.toml"
     path.write_text(DEVICE)
-    return haptid.read_device(path)
+    return haptid.DynamicModel(haptid.read_device(path))
 
 
-def fitted(device, seed, method=None, seconds=8.0, **changed):
+def fitted(model, seed, method=None, seconds=8.0, **changed):
     """An estimate; `changed` is added to parameters by name."""
-    beta = BETA[: len(device.base)].copy()
+    beta = BETA[: len(model.base)].copy()
     for name, change in changed.items():
-        beta[device.base.names.index(name)] += change
-    made = motion(device, beta, seconds=seconds, dt=4e-3, seed=seed, noise=0.1, phi=0.8)
-    return haptid.estimate(haptid.observe(device, made), method or haptid.WLS())
+        beta[model.base.names.index(name)] += change
+    made = motion(model, beta, seconds=seconds, dt=4e-3, seed=seed, noise=0.1, phi=0.8)
+    return haptid.estimate(haptid.observe(model, made), method or haptid.WLS())
 
 
 def series(value, sd, freedom=20.0, confidence=0.95):
@@ -82,8 +82,8 @@ def test_one_parameter_is_welchs_test_of_means(groups, seed):
     assert series(value, sd, freedom).p[0] == pytest.approx(oracle.pvalue, rel=1e-8, abs=1e-300)
 
 
-def test_two_estimates_are_compared_as_before(device):
-    a, b = fitted(device, 1), fitted(device, 2, FV1=0.2)
+def test_two_estimates_are_compared_as_before(model):
+    a, b = fitted(model, 1), fitted(model, 2, FV1=0.2)
     made, two = compare_all([a, b], ["a", "b"]), haptid.compare(a, b)
     np.testing.assert_allclose(made.holm, two.holm, rtol=1e-9)
     assert set(made.differs) == set(two.differs) == {"FV1"}
@@ -131,9 +131,9 @@ def test_slopes_have_their_interval_as_often_as_they_say():
     assert bent == pytest.approx(0.05, abs=0.02)
 
 
-def test_a_drift_of_one_parameter_is_found_and_no_other(device):
+def test_a_drift_of_one_parameter_is_found_and_no_other(model):
     days, rate = [0.0, 1.0, 3.0, 7.0, 8.0], 0.05
-    made = compare_all([fitted(device, 10 + k, FV1=rate * t) for k, t in enumerate(days)], [f"d{t:g}" for t in days])
+    made = compare_all([fitted(model, 10 + k, FV1=rate * t) for k, t in enumerate(days)], [f"d{t:g}" for t in days])
     assert made.differs == ("FV1",)
     lines = drift(made, days)
     assert lines.drifts == ("FV1",)
@@ -174,7 +174,7 @@ def test_what_is_held_has_no_deviation_and_differs_where_it_differs():
 
 
 def test_targets_are_compared_with_targets():
-    phantom = haptid.read_device("phantom_premium_15")
+    phantom = haptid.DynamicModel(haptid.read_device("phantom_premium_15"))
     made = [motion(phantom, phantom.base.of(np.nan_to_num(phantom.chi_prior)), seed=k, noise=0.05) for k in (1, 2, 3)]
     fits = [haptid.estimate(haptid.observe(phantom, one), haptid.WLS()) for one in made]
     found = compare_all([targets(fit) for fit in fits])
@@ -184,8 +184,8 @@ def test_targets_are_compared_with_targets():
         compare_all([fits[0], fits[2], targets(fits[1])])
 
 
-def test_what_cannot_be_compared_is_refused(device):
-    a, b = fitted(device, 1), fitted(device, 2)
+def test_what_cannot_be_compared_is_refused(model):
+    a, b = fitted(model, 1), fitted(model, 2)
     with pytest.raises(errors.FewEstimatesError, match="give 2 or more"):
         compare_all([a])
     with pytest.raises(errors.LabelCountError, match="give one for each"):

@@ -52,13 +52,13 @@ def crews() -> Iterator[tuple[Workers, ...]]:
 class Trial:
     """An identification with noise of its own; called with a seed, its values and deviations, (2, p)."""
 
-    device: haptid.Device
+    model: haptid.Device
     beta: np.ndarray
 
     def __call__(self, seed: int) -> np.ndarray:
         treatment = haptid.Treatment(cutoff_hz=None, decimation=4)
-        made = motion(self.device, self.beta, seconds=6.0, dt=2e-3, seed=seed, noise=0.05, treatment=treatment)
-        found = haptid.estimate(haptid.observe(self.device, made), haptid.WLS())
+        made = motion(self.model, self.beta, seconds=6.0, dt=2e-3, seed=seed, noise=0.05, treatment=treatment)
+        found = haptid.estimate(haptid.observe(self.model, made), haptid.WLS())
         return np.array([found.beta, found.sd])
 
 
@@ -78,9 +78,9 @@ def made(workers: Workers, work: Trial | Draws) -> np.ndarray:
 
 
 def test_monte_carlo_and_bootstrap(crews: tuple[Workers, ...]) -> None:
-    device = two_links()
-    observation = haptid.observe(device, motion(device, truth(device) + 0.1, seconds=6.0, dt=2e-3, noise=0.05))
-    for work in (Trial(device, truth(device) + 0.1), Draws(haptid.estimate(observation, haptid.WLS()))):
+    model = two_links()
+    observation = haptid.observe(model, motion(model, truth(model) + 0.1, seconds=6.0, dt=2e-3, noise=0.05))
+    for work in (Trial(model, truth(model) + 0.1), Draws(haptid.estimate(observation, haptid.WLS()))):
         here = made(Here(), work)
         assert np.ptp(here, axis=0).max() > 0  # each seed draws anew
         for crew in crews:

@@ -26,10 +26,10 @@ LOAD = "load = { link = '2', mass = 0.7, com = [0.25, 0.1, 0.0], inertia = [0, 0
 
 def loaded_columns(seed, noise=0.02, late=0.0, seconds=6.0):
     """A log of the small study's device with the load; its command acts so many seconds late."""
-    device = two_links()
-    beta = truth(device) + 0.1 + haptid.load_shift(device, "2", BODY)
+    model = two_links()
+    beta = truth(model) + 0.1 + haptid.load_shift(model, "2", BODY)
     q, qd, qdd = multisine(2, seconds, 2e-3, seed)
-    tau = haptid.inverse_dynamics(device, beta, q, qd, qdd)
+    tau = haptid.inverse_dynamics(model, beta, q, qd, qdd)
     tau += noise * np.random.default_rng(seed).standard_normal(tau.shape)
     k = round(late / 2e-3)
     tau = np.roll(tau, -k, axis=1)
@@ -56,7 +56,7 @@ def study(tmp_path):
 def test_a_log_with_a_known_load_tells_the_device_without(study):
     made = haptid.identify(study(LOAD))
     alone = haptid.identify(replace(made.study, logs=made.study.logs[:2]))
-    wanted = truth(made.device) + 0.1
+    wanted = truth(made.model) + 0.1
     low, high = made.estimate.interval95.T
     assert ((low < wanted) & (wanted < high)).mean() >= 0.8
     assert made.estimate.sd.mean() < alone.estimate.sd.mean()
@@ -78,39 +78,39 @@ def test_the_result_says_what_was_taken_off(study, tmp_path):
 @pytest.mark.parametrize("late", [0.0, 4e-3])
 def test_a_load_is_taken_off_to_the_last_digits(tmp_path, late):
     """Exact torque of the device alone is left, with the torque's delay too."""
-    device, treatment = two_links(), haptid.Treatment(cutoff_hz=None, torque_delay=late)
+    model, treatment = two_links(), haptid.Treatment(cutoff_hz=None, torque_delay=late)
     names = haptid.Channels(haptid.Signal(("q1", "q2"), "rad"), haptid.Signal(("tau1", "tau2"), "N m"), "t")
     for name, made in (("loaded", loaded_columns(3, 0.0, late)), ("plain", columns(3))):
         pyarrow.csv.write_csv(pa.table(made), tmp_path / f"{name}.csv")
     log = haptid.read_log(tmp_path / "loaded.csv", names)
-    bare = log_without_load(device, log, treatment, Load("2", BODY))
+    bare = log_without_load(model, log, treatment, Load("2", BODY))
     motion = haptid.treat(bare, treatment)
-    exact = haptid.inverse_dynamics(device, truth(device) + 0.1, *multisine(2, 6.0, 2e-3, 3))
+    exact = haptid.inverse_dynamics(model, truth(model) + 0.1, *multisine(2, 6.0, 2e-3, 3))
     low, high = motion.usable
     inside = slice(low + 10, high - 10)
     np.testing.assert_allclose(motion.tau[inside], exact.T[inside], atol=2e-6 * np.abs(exact).max())
-    by_motion = haptid.without_load(device, haptid.treat(log, treatment), "2", BODY)
+    by_motion = haptid.without_load(model, haptid.treat(log, treatment), "2", BODY)
     np.testing.assert_allclose(motion.tau[inside], by_motion.tau[inside], atol=1e-9)
 
 
 def test_a_log_on_disk_loses_its_load_piece_by_piece(study, tmp_path):
     study(LOAD)
-    device, treatment = two_links(), haptid.Treatment(cutoff_hz=30.0, decimation=5)
+    model, treatment = two_links(), haptid.Treatment(cutoff_hz=30.0, decimation=5)
     names = haptid.Channels(haptid.Signal(("q1", "q2"), "rad"), haptid.Signal(("tau1", "tau2"), "N m"), "t")
     pyarrow.parquet.write_table(pa.table(loaded_columns(3)), tmp_path / "loaded.parquet")
     read, opened = (f(tmp_path / "loaded.parquet", names) for f in (haptid.read_log, haptid.open_log))
-    whole, pieces = (log_without_load(device, log, treatment, Load("2", BODY)) for log in (read, opened))
+    whole, pieces = (log_without_load(model, log, treatment, Load("2", BODY)) for log in (read, opened))
     assert not isinstance(pieces.torque, np.ndarray)
-    one, other = (haptid.observe(device, haptid.treat(log, treatment)) for log in (whole, pieces))
+    one, other = (haptid.observe(model, haptid.treat(log, treatment)) for log in (whole, pieces))
     np.testing.assert_allclose(
         haptid.estimate(one, haptid.OLS()).beta, haptid.estimate(other, haptid.OLS()).beta, rtol=1e-9
     )
     motion = haptid.treat(opened, treatment)
-    lighter = haptid.without_load(device, motion, "2", BODY)
+    lighter = haptid.without_load(model, motion, "2", BODY)
     assert not isinstance(lighter.tau, np.ndarray)
-    third = haptid.observe(device, lighter)
+    third = haptid.observe(model, lighter)
     np.testing.assert_allclose(haptid.estimate(third, haptid.OLS()).beta, haptid.estimate(one, haptid.OLS()).beta)
-    assert fingerprint(Plan.of(device, lighter)) != fingerprint(Plan.of(device, motion))
+    assert fingerprint(Plan.of(model, lighter)) != fingerprint(Plan.of(model, motion))
 
 
 def test_kept_triangles_are_of_one_load(study, tmp_path):

@@ -63,22 +63,22 @@ PRIOR = "\n[prior]\nZZ2 = 0.01\nZZ1 = { value = 0.02, sd = 0.003 }\nM2 = { value
 
 def written(tmp_path, text):
     (tmp_path / "arm.toml").write_text(text)
-    return haptid.read_device(tmp_path / "arm.toml")
+    return haptid.DynamicModel(haptid.read_device(tmp_path / "arm.toml"))
 
 
-def with_targets(device, rows):
+def with_targets(model, rows):
     names = [f"t{k}" for k in range(len(rows))]
-    return replace(device, targets=tuple(Combination(n, n, "1", row) for n, row in zip(names, rows, strict=True)))
+    return replace(model, targets=tuple(Combination(n, n, "1", row) for n, row in zip(names, rows, strict=True)))
 
 
-def fitted(device, seconds=10.0, **settings):
-    made = motion(device, truth(device), seconds=seconds, noise=0.1, phi=0.9, **settings)
-    return haptid.estimate(haptid.observe(device, made), haptid.WLS())
+def fitted(model, seconds=10.0, **settings):
+    made = motion(model, truth(model), seconds=seconds, noise=0.1, phi=0.9, **settings)
+    return haptid.estimate(haptid.observe(model, made), haptid.WLS())
 
 
 @pytest.fixture(scope="module")
 def phantom():
-    return fitted(haptid.read_device("phantom_premium_15"))
+    return fitted(haptid.DynamicModel(haptid.read_device("phantom_premium_15")))
 
 
 @given(st.lists(st.floats(-9, 9).map(lambda x: round(x, 3)), min_size=3, max_size=3))
@@ -104,68 +104,68 @@ def test_combinations_are_linear_in_their_parameters(factors):
     ],
 )
 def test_units_follow_from_the_expression(tmp_path, text, unit):
-    device = written(tmp_path, ARM + f'[targets]\na = "{text}"')
-    assert device.targets[0].unit == unit
+    model = written(tmp_path, ARM + f'[targets]\na = "{text}"')
+    assert model.targets[0].unit == unit
 
 
 @pytest.mark.parametrize("text", ["MX1 + 0.3*M2", "(L + 0.1)*M2", "g*MX1 + L*M2"])
 def test_a_unit_that_cannot_be_told_must_be_said(tmp_path, text):
     with pytest.raises(errors.DeviceValueError, match=r"not one unit .* say the unit"):
         written(tmp_path, ARM + f'[targets]\na = "{text}"')
-    device = written(tmp_path, ARM + f'[targets]\na = {{ expression = "{text}", unit = "kg m" }}')
-    assert device.targets[0].unit == "kg m"
+    model = written(tmp_path, ARM + f'[targets]\na = {{ expression = "{text}", unit = "kg m" }}')
+    assert model.targets[0].unit == "kg m"
 
 
 def test_a_parameter_declared_equal_to_another_stands_for_both(tmp_path):
     equal = '[[symmetry]]\nreason = "one drawing"\nequal = [["MX1", "MX2"]]\nzero = ["MY1"]\n'
-    device = written(tmp_path, ARM + equal + '[targets]\na = "MX1 + MX2 + MY1"')
-    assert device.targets[0].row[device.parameters.index["MX1"]] == 2.0
-    assert np.count_nonzero(device.targets[0].row) == 1
+    model = written(tmp_path, ARM + equal + '[targets]\na = "MX1 + MX2 + MY1"')
+    assert model.targets[0].row[model.parameters.index["MX1"]] == 2.0
+    assert np.count_nonzero(model.targets[0].row) == 1
 
 
 @settings(max_examples=20, deadline=None, suppress_health_check=[HealthCheck.too_slow])
 @given(mechanisms(most=4), st.integers(0, 2**32 - 1))
 def test_what_base_parameters_combine_to_is_identifiable_and_nothing_else(mechanism, seed):
-    device, rng = as_device(mechanism), np.random.default_rng(seed)
-    base = device.base
+    model, rng = as_device(mechanism), np.random.default_rng(seed)
+    base = model.base
     wanted = rng.normal(size=(3, len(base)))
     rows = wanted @ base.regrouping
-    np.testing.assert_allclose(target_map(with_targets(device, rows)), wanted, atol=1e-12)
+    np.testing.assert_allclose(target_map(with_targets(model, rows)), wanted, atol=1e-12)
     hidden = [k for k in range(len(base.standard)) if k not in base.kept]
     if hidden:
         rows[1, rng.choice(hidden)] += 1e-3
         with pytest.raises(errors.UnidentifiableTargetError, match="target t1 cannot be identified"):
-            target_map(with_targets(device, rows))
+            target_map(with_targets(model, rows))
 
 
 def test_a_target_that_no_motion_shows_is_named_with_the_part_that_is_hidden(phantom):
-    index, size = phantom.device.parameters.index, len(phantom.device.parameters)
+    index, size = phantom.model.parameters.index, len(phantom.model.parameters)
     row = np.zeros(size)
     row[[index["MXbe"], index["MXc"]]] = 1.0
     with pytest.raises(errors.UnidentifiableTargetError) as caught:
-        target_map(with_targets(phantom.device, [row]))
+        target_map(with_targets(phantom.model, [row]))
     sentence = str(caught.value)
     assert "no torque of this device shows -0.215 Ma by itself" in sentence
     assert "What it shows is MXbe + 0.215 Ma + MXc." in sentence
     row = np.zeros(size)
     row[index["Ma"]] = 1.0
     with pytest.raises(errors.UnidentifiableTargetError, match=r"seen only within .*; ZZbeR = ZZbe \+ 0\.046225"):
-        target_map(with_targets(phantom.device, [row]))
+        target_map(with_targets(phantom.model, [row]))
     row = np.zeros(size)
     row[index["Mbe"]] = 1.0
     with pytest.raises(errors.UnidentifiableTargetError, match=r"shows Mbe by itself\. Write") as caught:
-        target_map(with_targets(phantom.device, [row]))
+        target_map(with_targets(phantom.model, [row]))
     assert caught.value.name == "t0"
 
 
 def test_a_device_without_targets_is_told_where_to_write_them():
     with pytest.raises(errors.NoTargetsError, match=r"EMPS.* has no targets.*\[targets\]"):
-        target_map(haptid.read_device("emps"))
+        target_map(haptid.DynamicModel(haptid.read_device("emps")))
 
 
 def test_value_and_covariance_are_those_of_the_linear_map(phantom):
     found = targets(phantom)
-    C = target_map(phantom.device)
+    C = target_map(phantom.model)
     np.testing.assert_allclose(found.value, C @ phantom.beta, rtol=1e-14)
     np.testing.assert_allclose(found.covariance, C @ phantom.covariance @ C.T, rtol=1e-12)
     np.testing.assert_allclose(found.textbook_covariance, C @ phantom.textbook_covariance @ C.T, rtol=1e-12)
@@ -186,8 +186,8 @@ def test_a_base_parameter_as_target_has_its_interval_and_scale_does_not_matter(p
 
 def _again(made, rows):
     """The estimate as if its device had those targets."""
-    device = with_targets(made.device, rows)
-    return replace(made, observation=replace(made.observation, device=device))
+    model = with_targets(made.model, rows)
+    return replace(made, observation=replace(made.observation, model=model))
 
 
 def test_targets_are_frozen_and_found_by_name(phantom):
@@ -242,10 +242,10 @@ def test_a_target_that_one_stretch_alone_tells_has_an_infinite_interval(phantom)
 
 
 def test_targets_of_a_held_estimate_take_the_free_fits_interval_widened_to_the_value():
-    device = haptid.read_device("phantom_premium_15")
-    beta = truth(device)
-    beta[device.base.names.index("FV1")] = -2e-3  # no damping can be below zero
-    observation = haptid.observe(device, motion(device, beta, noise=0.05))
+    model = haptid.DynamicModel(haptid.read_device("phantom_premium_15"))
+    beta = truth(model)
+    beta[model.base.names.index("FV1")] = -2e-3  # no damping can be below zero
+    observation = haptid.observe(model, motion(model, beta, noise=0.05))
     free, held = (targets(haptid.estimate(observation, m)) for m in (haptid.WLS(), Consistent()))
     assert free["pi_9"].value < 0
     assert held["pi_9"].value == pytest.approx(0.0, abs=1e-9)
@@ -270,13 +270,13 @@ def test_tables_show_every_target(phantom):
 
 
 def test_gravity_of_another_mounting_changes_gravity_alone(phantom):
-    device = phantom.device
-    other = device.with_gravity([0.0, 9.81, 0.0])
-    assert other.targets == device.targets
-    assert device.gravity[1] == -9.81
+    model = phantom.model
+    other = model.with_gravity([0.0, 9.81, 0.0])
+    assert other.targets == model.targets
+    assert model.gravity[1] == -9.81
     zero, at = np.zeros((3, 5)), np.random.default_rng(0).uniform(-1, 1, (3, 5))
-    upright, upside_down = (haptid.inverse_dynamics(d, phantom.beta, at, zero, zero) for d in (device, other))
+    upright, upside_down = (haptid.inverse_dynamics(d, phantom.beta, at, zero, zero) for d in (model, other))
     assert np.abs(upright).max() > 1e-3
     np.testing.assert_allclose(upside_down, -upright, atol=1e-15)
     with pytest.raises(errors.ShapeError):
-        device.with_gravity([9.81])
+        model.with_gravity([9.81])

@@ -20,8 +20,8 @@ TREATMENTS = [
 
 
 def made(name="phantom_premium_15", treatment=TREATMENTS[0], seconds=6.0):
-    device = haptid.read_device(name)
-    return haptid.observe(device, motion(device, truth(device), seconds=seconds, noise=0.1, treatment=treatment))
+    model = haptid.DynamicModel(haptid.read_device(name))
+    return haptid.observe(model, motion(model, truth(model), seconds=seconds, noise=0.1, treatment=treatment))
 
 
 def same(a, b):
@@ -41,8 +41,8 @@ def test_rows_fold_into_the_triangles_they_came_from(name, treatment):
 
 
 def test_two_motions_are_walked_one_after_the_other():
-    device = haptid.read_device("phantom_premium_15")
-    parts = [haptid.observe(device, motion(device, truth(device), seconds=4.0, seed=seed)) for seed in (1, 2)]
+    model = haptid.DynamicModel(haptid.read_device("phantom_premium_15"))
+    parts = [haptid.observe(model, motion(model, truth(model), seconds=4.0, seed=seed)) for seed in (1, 2)]
     whole = parts[0] + parts[1]
     assert sum(stretch.used.sum() for stretch in Rows(whole)) == whole.rows
     same(Rows(whole).folded(lambda stretch: stretch), whole)

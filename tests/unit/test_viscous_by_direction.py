@@ -39,37 +39,37 @@ motors = "all"
 
 def read(folder, text):
     (folder / "device.toml").write_text(text)
-    return haptid.read_device(folder / "device.toml")
+    return haptid.DynamicModel(haptid.read_device(folder / "device.toml"))
 
 
 def test_columns_are_the_halves_of_the_velocity(tmp_path):
-    device = read(tmp_path, BOTH)
-    names = device.base.names
+    model = read(tmp_path, BOTH)
+    names = model.base.names
     assert {"FVP1", "FVN1", "FVP2", "FVN2"} <= set(names)
-    assert [device.base.units[names.index(n)] for n in ("FVP1", "FVN2")] == ["N m s/rad"] * 2
+    assert [model.base.units[names.index(n)] for n in ("FVP1", "FVN2")] == ["N m s/rad"] * 2
     beta = np.zeros(len(names))
     beta[names.index("FVP2")], beta[names.index("FVN2")] = 2.0, 3.0
     v = np.array([[0.5, -0.5], [1.5, -1.5]])
-    tau = haptid.inverse_dynamics(device, beta, np.zeros((2, 2)), v, np.zeros((2, 2)))
+    tau = haptid.inverse_dynamics(model, beta, np.zeros((2, 2)), v, np.zeros((2, 2)))
     np.testing.assert_allclose(tau, [[0.0, 0.0], [3.0, -4.5]], atol=1e-12)
 
 
 def test_both_halves_together_are_viscous_friction_by_both_roads(tmp_path):
     """Where a file declares both kinds, one of three is regrouped, with lengths as symbols too."""
-    device = read(tmp_path, COUPLED + '[[terms]]\nkind = "viscous"\nmotors = "all"\n')
-    found = dict(zip(device.regroupings.names, device.regroupings.formulas, strict=True))
+    model = read(tmp_path, COUPLED + '[[terms]]\nkind = "viscous"\nmotors = "all"\n')
+    found = dict(zip(model.regroupings.names, model.regroupings.formulas, strict=True))
     for motor in "ab":
         assert found[f"FVPM{motor}R"] == f"FVPM{motor} + FVM{motor}"
         assert found[f"FVNM{motor}R"] == f"FVNM{motor} + FVM{motor}"
 
 
 def test_different_parameters_come_back(tmp_path):
-    device = read(tmp_path, BOTH)
-    beta = np.linspace(0.2, 1.0, len(device.base))
+    model = read(tmp_path, BOTH)
+    beta = np.linspace(0.2, 1.0, len(model.base))
     inside = []
     for seed in range(5):
         found = haptid.estimate(
-            haptid.observe(device, motion(device, beta, noise=0.05, dt=4e-3, seed=seed)), haptid.WLS()
+            haptid.observe(model, motion(model, beta, noise=0.05, dt=4e-3, seed=seed)), haptid.WLS()
         )
         low, high = found.interval95.T
         inside.append((low <= beta) & (beta <= high))
@@ -89,14 +89,14 @@ def test_the_diagnosis_names_it_where_it_is_missing(tmp_path):
 
 
 def test_a_motor_s_velocity_is_that_of_all_its_joints(tmp_path):
-    device = read(tmp_path, COUPLED)
-    names = device.base.names
+    model = read(tmp_path, COUPLED)
+    names = model.base.names
     assert {"FVPMa", "FVNMb"} <= set(names)
     beta = np.zeros(len(names))
     beta[names.index("FVPMb")] = 1.0
     qd = np.array([[1.0, 1.0], [1.0, -1.0]])  # of the joints
     rate = np.array([-0.5, 2.0]) @ qd
-    made = haptid.inverse_dynamics(device, beta, np.zeros((2, 2)), qd, np.zeros((2, 2)))
+    made = haptid.inverse_dynamics(model, beta, np.zeros((2, 2)), qd, np.zeros((2, 2)))
     np.testing.assert_allclose(made, [[0.0, 0.0], np.maximum(rate, 0)], atol=1e-12)
 
 
@@ -106,21 +106,21 @@ def alike(tmp_path):
     made = []
     for folder, text in ((tmp_path / "plain", DEVICE), (tmp_path / "both", BOTH)):
         folder.mkdir()
-        device = read(folder, text)
-        sizes = {name: 0.2 + 0.1 * k for k, name in enumerate(n for n in device.base.names if n[:2] != "FV")}
-        sizes |= {name: 0.3 for name in device.base.names if name[:2] == "FV"}
-        made.append((device, np.array([sizes[name] for name in device.base.names])))
+        model = read(folder, text)
+        sizes = {name: 0.2 + 0.1 * k for k, name in enumerate(n for n in model.base.names if n[:2] != "FV")}
+        sizes |= {name: 0.3 for name in model.base.names if name[:2] == "FV"}
+        made.append((model, np.array([sizes[name] for name in model.base.names])))
     return made
 
 
 def test_written_friction_is_that_of_plain_viscous_friction(alike, tmp_path):
     torques = []
-    for device, beta in alike:
-        golden = Golden.at_random(device, beta, 0.01, 200)
+    for model, beta in alike:
+        golden = Golden.at_random(model, beta, 0.01, 200)
         wanted = golden.functions["friction"]()["tau"]
         folder = tmp_path / f"c{len(torques)}"
-        export_c((device, beta), folder, CCode(NAME, reversal_speed=0.01))
-        library = Library.built(folder, code_of(device, 0.01), "double")
+        export_c((model, beta), folder, CCode(NAME, reversal_speed=0.01))
+        library = Library.built(folder, code_of(model, 0.01), "double")
         got = library("friction", {x: getattr(golden, x) for x in ("q", "qd", "qdd", "tau")})["tau"]
         assert relative(got, wanted) < 1e-12
         torques.append(wanted)
@@ -128,24 +128,24 @@ def test_written_friction_is_that_of_plain_viscous_friction(alike, tmp_path):
 
 
 def test_compensation_and_the_handle_feel_plain_viscous_friction(alike):
-    laws = [Compensation(GivenModel.of(device, dict(zip(device.base.names, beta, strict=True))), 0.0, 0.0, 1.0)
-            for device, beta in alike]  # fmt: skip
+    laws = [Compensation(GivenModel.of(model, dict(zip(model.base.names, beta, strict=True))), 0.0, 0.0, 1.0)
+            for model, beta in alike]  # fmt: skip
     steps = [law.begin(1e-3) for law in laws]
     path = 0.3 * np.sin(np.linspace(0, 3, 40))
     told = np.array([[step(1e-3 * k, np.array([x, -x])) for k, x in enumerate(path)] for step in steps])
     assert np.abs(told[0, 5:]).min() > 0
     np.testing.assert_allclose(told[1], told[0], rtol=1e-12)
-    plain, both = (viscous_matrix(device, beta) for device, beta in alike)
+    plain, both = (viscous_matrix(model, beta) for model, beta in alike)
     np.testing.assert_allclose(both, plain)
     assert plain[0, 0] == 0.3
 
 
 def test_it_is_viscous_friction_and_never_negative(tmp_path):
-    device = read(tmp_path, BOTH)
-    beta = np.full(len(device.base), 0.4)
-    made = motion(device, beta, noise=0.01, dt=4e-3)
-    found = haptid.estimate(haptid.observe(device, made), haptid.WLS())
+    model = read(tmp_path, BOTH)
+    beta = np.full(len(model.base), 0.4)
+    made = motion(model, beta, noise=0.01, dt=4e-3)
+    found = haptid.estimate(haptid.observe(model, made), haptid.WLS())
     assert "viscous" in haptid.dissect(found, made).parts
     assert "own columns" not in haptid.dissect(found, made).parts
-    beta[device.base.names.index("FVN1")] = -0.2
-    assert not haptid.possible(device, beta).ok
+    beta[model.base.names.index("FVN1")] = -0.2
+    assert not haptid.possible(model, beta).ok

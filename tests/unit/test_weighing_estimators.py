@@ -40,13 +40,13 @@ WEIGHING = [*BY_RESIDUAL, Heteroscedastic()]
 
 
 @pytest.fixture(scope="module")
-def device():
-    return haptid.read_device("phantom_premium_15")
+def model():
+    return haptid.DynamicModel(haptid.read_device("phantom_premium_15"))
 
 
 @pytest.fixture(scope="module")
-def observation(device):
-    return haptid.observe(device, motion(device, truth(device), seconds=6.0, dt=2e-3, noise=0.1, phi=0.6))
+def observation(model):
+    return haptid.observe(model, motion(model, truth(model), seconds=6.0, dt=2e-3, noise=0.1, phi=0.6))
 
 
 def stacked(observation):
@@ -59,26 +59,26 @@ def stacked(observation):
 
 
 @pytest.mark.parametrize("method", [*WEIGHING, TLS()], ids=lambda method: method.name)
-def test_without_noise_the_truth_comes_back(device, method):
-    beta = truth(device)
-    made = haptid.observe(device, motion(device, beta, seconds=4.0, dt=2e-3))
+def test_without_noise_the_truth_comes_back(model, method):
+    beta = truth(model)
+    made = haptid.observe(model, motion(model, beta, seconds=4.0, dt=2e-3))
     np.testing.assert_allclose(haptid.estimate(made, method).beta, beta, rtol=1e-6)
 
 
 @pytest.mark.parametrize("method", BY_RESIDUAL, ids=lambda method: method.name)
-def test_torque_of_other_parameters_added_adds_these_parameters(device, method):
+def test_torque_of_other_parameters_added_adds_these_parameters(model, method):
     """An estimator that weighs rows by their residuals alone is equivariant: y + W c gives beta + c."""
-    plain = motion(device, truth(device), seconds=4.0, dt=2e-3, noise=0.1)
-    c = np.linspace(-1, 1, len(device.base)) * truth(device)
-    moved = replace(plain, tau=plain.tau + haptid.inverse_dynamics(device, c, plain.q.T, *(r.T for r in plain.rates)).T)
-    a, b = (haptid.estimate(haptid.observe(device, made), method) for made in (plain, moved))
+    plain = motion(model, truth(model), seconds=4.0, dt=2e-3, noise=0.1)
+    c = np.linspace(-1, 1, len(model.base)) * truth(model)
+    moved = replace(plain, tau=plain.tau + haptid.inverse_dynamics(model, c, plain.q.T, *(r.T for r in plain.rates)).T)
+    a, b = (haptid.estimate(haptid.observe(model, made), method) for made in (plain, moved))
     np.testing.assert_allclose(b.beta - a.beta, c, atol=5e-3 * np.abs(a.sd).max(), rtol=1e-4)
 
 
 @pytest.mark.parametrize("method", WEIGHING, ids=lambda method: method.name)
-def test_the_unit_of_torque_does_not_matter(device, method):
-    plain = motion(device, truth(device), seconds=4.0, dt=2e-3, noise=0.1)
-    a, b = (haptid.estimate(haptid.observe(device, replace(plain, tau=k * plain.tau)), method) for k in (1.0, 1e3))
+def test_the_unit_of_torque_does_not_matter(model, method):
+    plain = motion(model, truth(model), seconds=4.0, dt=2e-3, noise=0.1)
+    a, b = (haptid.estimate(haptid.observe(model, replace(plain, tau=k * plain.tau)), method) for k in (1.0, 1e3))
     np.testing.assert_allclose(b.beta, 1e3 * a.beta, atol=1e-2 * b.sd.min(), rtol=1e-5)
     np.testing.assert_allclose(b.sd, 1e3 * a.sd, rtol=1e-3)
 
@@ -96,10 +96,10 @@ def test_held_and_reduced_versions_take_the_same_rows(observation, method):
 
 
 @pytest.mark.parametrize("method", [*WEIGHING, TLS()], ids=lambda method: method.name)
-def test_a_motor_without_torque_is_refused(device, method):
-    made = motion(device, truth(device), seconds=4.0, dt=2e-3)
+def test_a_motor_without_torque_is_refused(model, method):
+    made = motion(model, truth(model), seconds=4.0, dt=2e-3)
     with pytest.raises(errors.NoTorqueError):
-        haptid.estimate(haptid.observe(device, replace(made, tau=made.tau * [1.0, 1.0, 0.0])), method)
+        haptid.estimate(haptid.observe(model, replace(made, tau=made.tau * [1.0, 1.0, 0.0])), method)
 
 
 # --- GLS --------------------------------------------------------------------------------------------------------
@@ -117,10 +117,10 @@ def test_whitening_is_the_inverse_of_the_cholesky_factor(reflections, n):
         filters.append(longer + k * longer[::-1])
         power *= 1 - k**2
         powers.append(power)
-    model = Autoregression(tuple(filters), np.array(powers))
+    other_model = Autoregression(tuple(filters), np.array(powers))
     impulse = signal.lfilter([np.sqrt(power)], filters[-1], np.eye(1, 6000)[0])
     gamma = np.array([impulse[: 6000 - k] @ impulse[k:] for k in range(n)])
-    white = model.whitened(np.linalg.cholesky(linalg.toeplitz(gamma)))
+    white = other_model.whitened(np.linalg.cholesky(linalg.toeplitz(gamma)))
     np.testing.assert_allclose(white, np.eye(n), atol=1e-5)
 
 
@@ -130,24 +130,24 @@ def test_gls_is_aitkens_estimate(observation):
     W, y = stacked(observation)
     start = haptid.estimate(observation, haptid.WLS()).beta
     H, b = np.zeros((len(start),) * 2), np.zeros(len(start))
-    for model, own, torque in zip(models(Rows(observation), start, 20), W, y, strict=True):
-        white, target = model.whitened(own), model.whitened(torque)
+    for other_model, own, torque in zip(models(Rows(observation), start, 20), W, y, strict=True):
+        white, target = other_model.whitened(own), other_model.whitened(torque)
         H += white.T @ white
         b += white.T @ target
     np.testing.assert_allclose(found.beta, np.linalg.solve(H, b), rtol=1e-6)
     np.testing.assert_allclose(found.textbook_covariance, np.linalg.inv(H), rtol=1e-5, atol=1e-20)
 
 
-def test_whitening_gives_way_to_weights_where_the_model_is_wrong(device):
+def test_whitening_gives_way_to_weights_where_the_model_is_wrong(model):
     """A misfit at the highest frequencies: whitened rows would fit it, and predict worse."""
-    beta = truth(device)
-    plain = motion(device, beta, seconds=8.0, dt=2e-3, noise=0.02, phi=0.99)
-    right = haptid.estimate(haptid.observe(device, plain), GLS())
+    beta = truth(model)
+    plain = motion(model, beta, seconds=8.0, dt=2e-3, noise=0.02, phi=0.99)
+    right = haptid.estimate(haptid.observe(model, plain), GLS())
     late = replace(plain, tau=np.roll(plain.tau, 10, axis=0))  # the torque of 20 ms before
-    wrong = haptid.observe(device, late)
+    wrong = haptid.observe(model, late)
     wls, gls = (haptid.estimate(wrong, method) for method in (haptid.WLS(), GLS()))
     assert (np.abs(gls.beta - wls.beta) < 0.01 * wls.sd).all()
-    assert np.median(right.sd / haptid.estimate(haptid.observe(device, plain), haptid.WLS()).sd) < 0.9
+    assert np.median(right.sd / haptid.estimate(haptid.observe(model, plain), haptid.WLS()).sd) < 0.9
 
 
 def test_burg_finds_order_and_coefficients():
@@ -196,10 +196,16 @@ def test_losses_have_the_slopes_of_their_influence(loss):
 
 def test_irls_minimises_hubers_loss():
     """Oracle: scipy's least_squares with its own Huber loss, at the scale that IRLS ended with."""
-    plain = motion(haptid.read_device("emps"), np.array([95.0, 200.0, 20.0, -3.0]), seconds=4.0, dt=2e-3, noise=0.2)
+    plain = motion(
+        haptid.DynamicModel(haptid.read_device("emps")),
+        np.array([95.0, 200.0, 20.0, -3.0]),
+        seconds=4.0,
+        dt=2e-3,
+        noise=0.2,
+    )
     rng = np.random.default_rng(2)
     wild = np.where(rng.random(plain.tau.shape) < 0.2, 20.0 * plain.tau.std(), 0.0)
-    observation = haptid.observe(haptid.read_device("emps"), replace(plain, tau=plain.tau + wild))
+    observation = haptid.observe(haptid.DynamicModel(haptid.read_device("emps")), replace(plain, tau=plain.tau + wild))
     found = haptid.estimate(observation, IRLS(Huber()))
     (W,), (y,) = stacked(observation)
     e = y - W @ found.beta
@@ -226,16 +232,16 @@ def test_weights_reach_the_fit(observation):
         assert np.abs(weighted).max() < 1e-4 * np.abs(plain).max()
 
 
-def test_outliers_cost_ols_five_times_what_they_cost_irls(device):
-    beta = truth(device)
-    plain = motion(device, beta, seconds=4.0, dt=2e-3, noise=0.1)
-    unit = np.sqrt(np.diag(haptid.estimate(haptid.observe(device, plain), haptid.WLS()).textbook_covariance))
+def test_outliers_cost_ols_five_times_what_they_cost_irls(model):
+    beta = truth(model)
+    plain = motion(model, beta, seconds=4.0, dt=2e-3, noise=0.1)
+    unit = np.sqrt(np.diag(haptid.estimate(haptid.observe(model, plain), haptid.WLS()).textbook_covariance))
     found = {"OLS": [], "IRLS": []}
     for seed in range(6):
         rng = np.random.default_rng(seed)
         wild = rng.random(plain.tau.shape) < 0.2
         off = plain.tau.std(axis=0) * rng.choice([-1.0, 1.0], plain.tau.shape) * rng.uniform(1, 3, plain.tau.shape)
-        made = haptid.observe(device, replace(plain, tau=plain.tau + wild * off))
+        made = haptid.observe(model, replace(plain, tau=plain.tau + wild * off))
         for name, method in (("OLS", haptid.OLS()), ("IRLS", IRLS())):
             found[name].append((haptid.estimate(made, method).beta - beta) / unit)
     assert np.linalg.norm(found["OLS"]) > 5 * np.linalg.norm(found["IRLS"])
@@ -244,13 +250,13 @@ def test_outliers_cost_ols_five_times_what_they_cost_irls(device):
 # --- heteroscedastic --------------------------------------------------------------------------------------------
 
 
-def test_variances_that_grow_with_speed_are_found(device):
-    beta = truth(device)
-    plain = motion(device, beta, seconds=8.0, dt=2e-3)
+def test_variances_that_grow_with_speed_are_found(model):
+    beta = truth(model)
+    plain = motion(model, beta, seconds=8.0, dt=2e-3)
     speed = np.abs(plain.rates[0])
     rng = np.random.default_rng(1)
     sd = 0.01 * np.exp(0.5 * 1.5 * speed / np.sqrt(np.mean(speed**2, axis=0)))
-    observation = haptid.observe(device, replace(plain, tau=plain.tau + sd * rng.standard_normal(sd.shape)))
+    observation = haptid.observe(model, replace(plain, tau=plain.tau + sd * rng.standard_normal(sd.shape)))
     found = variances(Rows(observation), beta, None)
     np.testing.assert_allclose(found.a[:, 1], 1.5, atol=0.2)
     np.testing.assert_allclose(found.a[:, 2], 0.0, atol=0.2)
@@ -275,9 +281,9 @@ def test_least_noise_is_the_smallest_generalised_eigenvalue(seed, exact):
 
 def test_tls_is_golub_and_van_loans_where_no_column_is_exact():
     """beta = -v / v_y of the last right singular vector of [W y], columns in their root mean square."""
-    device = haptid.read_device("puma560")
-    beta = np.random.default_rng(0).uniform(0.5, 1.5, len(device.base))
-    made = haptid.observe(device, motion(device, beta, seconds=4.0, dt=5e-3, noise=0.01))
+    model = haptid.DynamicModel(haptid.read_device("puma560"))
+    beta = np.random.default_rng(0).uniform(0.5, 1.5, len(model.base))
+    made = haptid.observe(model, motion(model, beta, seconds=4.0, dt=5e-3, noise=0.01))
     found = haptid.estimate(made, TLS())
     rows = made.stack(haptid.WLS().weights(made))
     size = np.linalg.norm(rows, axis=0)
@@ -287,15 +293,15 @@ def test_tls_is_golub_and_van_loans_where_no_column_is_exact():
 
 def test_noise_of_encoders_is_taken_off_the_columns():
     """Coarse encoders and a poor treatment: the corrected inertia is nearer to the truth than that of WLS."""
-    device = haptid.read_device("emps")
+    model = haptid.DynamicModel(haptid.read_device("emps"))
     beta = np.array([95.0, 200.0, 20.0, -3.0])
     bias = {"WLS": [], "corrected": []}
     for seed in range(4):
         q, qd, qdd = multisine(1, 20.0, 2e-3, seed)
-        tau = haptid.inverse_dynamics(device, beta, q, qd, qdd)
+        tau = haptid.inverse_dynamics(model, beta, q, qd, qdd)
         step = 5e-5
         coarse = haptid.Motion(2e-3, (step * np.round(q / step)).T, tau.T, haptid.Treatment(cutoff_hz=None))
-        made = haptid.observe(device, coarse)
+        made = haptid.observe(model, coarse)
         for name, method in (("WLS", haptid.WLS()), ("corrected", Corrected(resolution=step))):
             bias[name].append(haptid.estimate(made, method)["M1"].value / beta[0] - 1)
     assert np.mean(bias["WLS"]) < -0.2
@@ -303,24 +309,24 @@ def test_noise_of_encoders_is_taken_off_the_columns():
 
 
 def test_what_encoders_cannot_say_is_refused():
-    device = haptid.read_device("emps")
-    exact = haptid.observe(device, motion(device, np.array([95.0, 200.0, 20.0, -3.0]), seconds=4.0, noise=0.1))
+    model = haptid.DynamicModel(haptid.read_device("emps"))
+    exact = haptid.observe(model, motion(model, np.array([95.0, 200.0, 20.0, -3.0]), seconds=4.0, noise=0.1))
     with pytest.raises(errors.NoResolutionError, match="no log"):
         haptid.estimate(exact, Corrected())
     with pytest.raises(errors.NoResolutionError, match="exact"):
         haptid.estimate(exact, Corrected(resolution=1e-4))
     q, qd, qdd = multisine(1, 4.0, 1e-3, 0)
-    tau = haptid.inverse_dynamics(device, np.array([95.0, 200.0, 20.0, -3.0]), q, qd, qdd)
+    tau = haptid.inverse_dynamics(model, np.array([95.0, 200.0, 20.0, -3.0]), q, qd, qdd)
     coarse = haptid.Motion(1e-3, q.T, tau.T, haptid.Treatment(cutoff_hz=None))
     with pytest.raises(errors.NoisyColumnsError, match="M1"):
-        haptid.estimate(haptid.observe(device, coarse), Corrected(resolution=0.1))
+        haptid.estimate(haptid.observe(model, coarse), Corrected(resolution=0.1))
 
 
 # --- what is known beforehand -----------------------------------------------------------------------------------
 
 
-def test_ridge_runs_from_the_rows_to_the_prior(device, observation):
-    prior = {k: p[0] for k, p in enumerate(device.base_prior) if p and p[0]}
+def test_ridge_runs_from_the_rows_to_the_prior(model, observation):
+    prior = {k: p[0] for k, p in enumerate(model.base_prior) if p and p[0]}
     free, weak, strong = (
         haptid.estimate(observation, method) for method in (haptid.WLS(), Ridge(strength=1e-12), Ridge(strength=1e12))
     )
@@ -328,11 +334,11 @@ def test_ridge_runs_from_the_rows_to_the_prior(device, observation):
     np.testing.assert_allclose(strong.beta[list(prior)], list(prior.values()), rtol=1e-6)
 
 
-def test_ridge_is_the_mean_of_bayes(device, observation):
+def test_ridge_is_the_mean_of_bayes(model, observation):
     found = haptid.estimate(observation, Ridge(strength=1.0))
     rows = observation.stack(found.weights)
     precision, pull = rows[:-1, :-1].T @ rows[:-1, :-1], rows[:-1, :-1].T @ rows[:-1, -1]
-    for k, prior in enumerate(device.base_prior):
+    for k, prior in enumerate(model.base_prior):
         if prior and prior[0]:
             weight = 1 / (0.3 * prior[0]) ** 2
             precision[k, k] += weight
@@ -362,8 +368,8 @@ def test_the_strength_is_that_which_predicts_other_blocks_best(observation):
 
 
 def test_ridge_needs_a_prior():
-    device = haptid.read_device("emps")
-    made = haptid.observe(device, motion(device, np.array([95.0, 200.0, 20.0, -3.0]), seconds=4.0, noise=0.1))
+    model = haptid.DynamicModel(haptid.read_device("emps"))
+    made = haptid.observe(model, motion(model, np.array([95.0, 200.0, 20.0, -3.0]), seconds=4.0, noise=0.1))
     with pytest.raises(errors.NoPriorError, match="EMPS"):
         haptid.estimate(made, Ridge())
 

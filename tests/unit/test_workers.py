@@ -78,20 +78,20 @@ def test_an_error_comes_back_as_it_is() -> None:
 
 def test_every_device_crosses_to_another_process() -> None:
     for name in haptid.shipped_devices():
-        device = haptid.read_device(name)
-        assert device.mechanism.columns == pickle.loads(pickle.dumps(device)).mechanism.columns
+        model = haptid.DynamicModel(haptid.read_device(name))
+        assert model.mechanism.columns == pickle.loads(pickle.dumps(model)).mechanism.columns
 
 
 @pytest.fixture(scope="module")
-def device() -> haptid.Device:
-    return haptid.read_device("phantom_premium_15")
+def model() -> haptid.Device:
+    return haptid.DynamicModel(haptid.read_device("phantom_premium_15"))
 
 
 @pytest.fixture(scope="module")
-def motions(device: haptid.Device) -> list[haptid.Motion]:
+def motions(model: haptid.Device) -> list[haptid.Motion]:
     """Two of them, of two segments each."""
     treatment = haptid.Treatment(cutoff_hz=None, decimation=10)
-    return [motion(device, truth(device), seconds=80.0, seed=k, noise=0.1, treatment=treatment) for k in (1, 2)]
+    return [motion(model, truth(model), seconds=80.0, seed=k, noise=0.1, treatment=treatment) for k in (1, 2)]
 
 
 def same(one: haptid.Observation, other: haptid.Observation) -> None:
@@ -101,10 +101,10 @@ def same(one: haptid.Observation, other: haptid.Observation) -> None:
         np.testing.assert_allclose(a.triangles, b.triangles, rtol=0, atol=1e-12 * np.abs(a.triangles).max())
 
 
-def test_processes_give_the_observations_of_one(device: haptid.Device, motions: list[haptid.Motion]) -> None:
-    plain = [haptid.observe(device, made) for made in motions]
+def test_processes_give_the_observations_of_one(model: haptid.Device, motions: list[haptid.Motion]) -> None:
+    plain = [haptid.observe(model, made) for made in motions]
     told = []
-    shared = observe_all(device, motions, Processes(2), progress=lambda made, share: told.append((made, share)))
+    shared = observe_all(model, motions, Processes(2), progress=lambda made, share: told.append((made, share)))
     for one, other, made in zip(plain, shared, motions, strict=True):
         assert other.motions == (made,)
         for a, b in zip(one.motors, other.motors, strict=True):
@@ -145,29 +145,29 @@ def from_log(motions: list[haptid.Motion]) -> haptid.Motion:
     return haptid.Motion(made.dt, made.q, made.tau, made.treatment, log, rates=made.rates)
 
 
-def test_an_interrupted_run_goes_on(tmp_path: Path, device: haptid.Device, from_log: haptid.Motion) -> None:
+def test_an_interrupted_run_goes_on(tmp_path: Path, model: haptid.Device, from_log: haptid.Motion) -> None:
     kept = Kept(tmp_path / "partial", least=1)
     with pytest.raises(KeyboardInterrupt):
-        observe_all(device, [from_log], Interrupted(1), kept)
+        observe_all(model, [from_log], Interrupted(1), kept)
     assert kept.count() == 1
     Counting.had.clear()
-    again = observe_all(device, [from_log], Counting(), kept)[0]
+    again = observe_all(model, [from_log], Counting(), kept)[0]
     assert Counting.had == [1]
-    same(again, observe_all(device, [from_log])[0])
-    other = device.with_gravity([0.0, 0.0, -1.6])
+    same(again, observe_all(model, [from_log])[0])
+    other = model.with_gravity([0.0, 0.0, -1.6])
     observe_all(other, [from_log], Counting(), kept)
     assert Counting.had == [1, 2]  # another device, nothing of it is there
 
 
-def test_a_torn_file_is_made_again(tmp_path: Path, device: haptid.Device, from_log: haptid.Motion) -> None:
+def test_a_torn_file_is_made_again(tmp_path: Path, model: haptid.Device, from_log: haptid.Motion) -> None:
     kept = Kept(tmp_path / "partial", least=1)
-    plain = observe_all(device, [from_log], kept=kept)[0]
+    plain = observe_all(model, [from_log], kept=kept)[0]
     torn = next(kept.folder.glob("*.npz"))
     torn.write_bytes(torn.read_bytes()[:1000])
-    same(observe_all(device, [from_log], kept=kept)[0], plain)
+    same(observe_all(model, [from_log], kept=kept)[0], plain)
     kept.forget()
     assert kept.count() == 0
-    assert observe_all(device, [from_log], kept=Kept(tmp_path / "short"))  # too short to be kept
+    assert observe_all(model, [from_log], kept=Kept(tmp_path / "short"))  # too short to be kept
     assert not (tmp_path / "short").exists()
 
 

@@ -18,28 +18,28 @@ from random_devices import as_device, parameters
 def two_dof(seed=3, kinds=("rotor",)):
     """A mechanism whose mass matrix is positive definite, with its parameters."""
     mechanism = draw(seed, joints=2, closed=False)
-    device = as_device(mechanism, kinds)
-    return device, device.base.of(parameters(mechanism, device))
+    model = as_device(mechanism, kinds)
+    return model, model.base.of(parameters(mechanism, model))
 
 
 def test_the_files_limits_are_the_default_and_can_be_replaced():
-    device = haptid.read_device("phantom_premium_15")
-    where = workspace(device)
+    model = haptid.DynamicModel(haptid.read_device("phantom_premium_15"))
+    where = workspace(model)
     np.testing.assert_allclose(np.degrees(where.limits), [[-90, 90], [-124, 119], [-29, 214]])
     assert where.couplings == ("a",)
     assert where.coupled == (3,)
     np.testing.assert_allclose(np.degrees(where.ranges), [[-65, 55]])
-    other = workspace(device, {"be": (-0.5, 0.5), "df": None, "a": None})
+    other = workspace(model, {"be": (-0.5, 0.5), "df": None, "a": None})
     np.testing.assert_allclose(other.limits[1:], [[-0.5, 0.5], [-np.pi, np.pi]])
     assert other.couplings == ()
 
 
 def test_the_grid_is_inside_all_limits():
-    device = haptid.read_device("phantom_premium_15")
-    where = workspace(device, box=Box((-0.1, -0.2, 0.1), (0.1, 0.0, 0.3)))
+    model = haptid.DynamicModel(haptid.read_device("phantom_premium_15"))
+    where = workspace(model, box=Box((-0.1, -0.2, 0.1), (0.1, 0.0, 0.3)))
     poses = where.grid(5000)
     assert where.holds(poses).all()
-    place = handle_motion(device, poses).position
+    place = handle_motion(model, poses).position
     assert (place >= [-0.1, -0.2, 0.1]).all()
     assert (place <= [0.1, 0.0, 0.3]).all()
     assert not where.holds(np.array([[0.0], [0.0], [np.radians(60)]]))[0]
@@ -48,49 +48,49 @@ def test_the_grid_is_inside_all_limits():
 @settings(max_examples=10, deadline=None)
 @given(mechanisms(most=5, closed=False))
 def test_no_pose_has_a_smaller_eigenvalue(mechanism):
-    device = as_device(mechanism, ("rotor",))
-    beta = device.base.of(parameters(mechanism, device))
-    where = workspace(device)
+    model = as_device(mechanism, ("rotor",))
+    beta = model.base.of(parameters(mechanism, model))
+    where = workspace(model)
     found = definiteness(beta, where)
     rng = np.random.default_rng(0)
     poses = rng.uniform(-1, 1, (mechanism.coordinates, 2000))
-    least = np.linalg.eigvalsh(mass_matrix(device, beta, poses)).min()
+    least = np.linalg.eigvalsh(mass_matrix(model, beta, poses)).min()
     assert found.smallest <= least * (1 + 1e-6)
     assert found.positive
-    M = mass_matrix(device, beta, found.at[:, None])[0]
+    M = mass_matrix(model, beta, found.at[:, None])[0]
     np.testing.assert_allclose(M @ found.direction, found.smallest * found.direction, atol=1e-9 * np.abs(M).max())
-    if len({joint.prismatic for joint in device.joints}) == 1:
+    if len({joint.prismatic for joint in model.joints}) == 1:
         assert "has a meaning" not in found.summary()
 
 
 def test_the_figure_does_not_depend_on_the_grid(monkeypatch):
-    device = haptid.read_device("phantom_premium_15")
-    beta = truth(device)
-    fine = definiteness(beta, workspace(device)).smallest
+    model = haptid.DynamicModel(haptid.read_device("phantom_premium_15"))
+    beta = truth(model)
+    fine = definiteness(beta, workspace(model)).smallest
     monkeypatch.setattr(Workspace.grid, "__defaults__", (500,))
-    assert definiteness(beta, workspace(device)).smallest == pytest.approx(fine, rel=1e-7)
+    assert definiteness(beta, workspace(model)).smallest == pytest.approx(fine, rel=1e-7)
 
 
 def test_an_estimate_has_a_deviation_and_is_of_one_device():
-    device = haptid.read_device("phantom_premium_15")
-    beta = truth(device)
-    observation = haptid.observe(device, motion(device, beta, seconds=6.0, noise=0.05))
+    model = haptid.DynamicModel(haptid.read_device("phantom_premium_15"))
+    beta = truth(model)
+    observation = haptid.observe(model, motion(model, beta, seconds=6.0, noise=0.05))
     estimate = haptid.estimate(observation, haptid.WLS())
-    found, exact = definiteness(estimate, workspace(device)), definiteness(beta, workspace(device))
+    found, exact = definiteness(estimate, workspace(model)), definiteness(beta, workspace(model))
     assert 0 < found.sd < 0.05 * found.smallest
     assert abs(found.smallest - exact.smallest) < 5 * found.sd
     assert exact.sd is None
     assert "standard deviation" in found.summary()
     with pytest.raises(errors.DifferentModelError):
-        definiteness(estimate, workspace(haptid.read_device("phantom_premium_15")))
+        definiteness(estimate, workspace(haptid.DynamicModel(haptid.read_device("phantom_premium_15"))))
 
 
 def test_a_negative_rotor_makes_a_direction_that_fails():
     mechanism = draw(3, joints=2, closed=False)
-    device = as_device(mechanism, ("rotor",))
-    chi = parameters(mechanism, device)
+    model = as_device(mechanism, ("rotor",))
+    chi = parameters(mechanism, model)
     chi[-1] = -50.0
-    found = definiteness(device.base.of(chi), workspace(device))
+    found = definiteness(model.base.of(chi), workspace(model))
     assert not found.positive
     assert found.share == 1.0
     assert "100 % of the workspace" in found.summary()
@@ -98,12 +98,12 @@ def test_a_negative_rotor_makes_a_direction_that_fails():
 
 
 def test_limits_of_nothing_or_upside_down_are_errors():
-    device = haptid.read_device("phantom_premium_15")
+    model = haptid.DynamicModel(haptid.read_device("phantom_premium_15"))
     with pytest.raises(errors.WorkspaceLimitError, match=r"elbow.*joints ba, be, df, a, c"):
-        workspace(device, {"elbow": (0.0, 1.0)})
+        workspace(model, {"elbow": (0.0, 1.0)})
     for pair in ((1.0, 0.0), (0.0, np.inf), (0.0,), 3, ("a", "b"), "ab", (0.0, None)):
         with pytest.raises(errors.WorkspaceLimitError, match="the lower one first"):
-            workspace(device, {"be": pair})
+            workspace(model, {"be": pair})
     with pytest.raises(errors.WorkspaceLimitError, match="box y"):
         Box((0.0, 1.0, 0.0), (1.0, 0.0, 1.0))
     for corner in ((0, 0), 3.0):
@@ -112,24 +112,26 @@ def test_limits_of_nothing_or_upside_down_are_errors():
 
 
 def test_definiteness_of_what_is_no_number_is_an_error():
-    device, beta = two_dof()
+    model, beta = two_dof()
     with pytest.raises(errors.ParameterValueError):
-        definiteness(np.full_like(beta, np.nan), workspace(device))
+        definiteness(np.full_like(beta, np.nan), workspace(model))
     with pytest.raises(errors.ShapeError):
-        definiteness(beta[1:], workspace(device))
+        definiteness(beta[1:], workspace(model))
 
 
 def test_a_sliding_joint_needs_limits():
     with pytest.raises(errors.UnboundedWorkspaceError, match="slides and has no position limits"):
-        workspace(haptid.read_device("emps"), {"1": None})
+        workspace(haptid.DynamicModel(haptid.read_device("emps")), {"1": None})
 
 
 def test_a_workspace_without_poses_is_an_error():
-    device = haptid.read_device("phantom_premium_15")
+    model = haptid.DynamicModel(haptid.read_device("phantom_premium_15"))
     with pytest.raises(errors.EmptyWorkspaceError, match=r"none of .* poses"):
-        workspace(device, box=Box((5.0, 5.0, 5.0), (6.0, 6.0, 6.0))).grid()
+        workspace(model, box=Box((5.0, 5.0, 5.0), (6.0, 6.0, 6.0))).grid()
 
 
 def test_a_box_needs_a_handle():
     with pytest.raises(errors.HandleMissingError):
-        workspace(haptid.read_device("emps"), {"1": (0.0, 0.2)}, Box((0.0, 0.0, 0.0), (1.0, 1.0, 1.0)))
+        workspace(
+            haptid.DynamicModel(haptid.read_device("emps")), {"1": (0.0, 0.2)}, Box((0.0, 0.0, 0.0), (1.0, 1.0, 1.0))
+        )

@@ -14,7 +14,7 @@ from haptid.cli.common import EXIT_DEFECT, app, complain, out
 
 # isort: off
 # Each adds its command to the application, in the order in which `haptid --help` lists them.
-from haptid.cli import identify, report, compare, characterise, essential, friction, export  # noqa: F401
+from haptid.cli import identify, report, compare, characterise, eliminate, friction, export  # noqa: F401
 from haptid.cli import model, devices, excite, bench, demo, schema  # noqa: F401
 # isort: on
 

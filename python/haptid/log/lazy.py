@@ -20,7 +20,7 @@ from haptid.errors import (
     NotByRowsError,
     UnequalChannelsError,
 )
-from haptid.log import checks, time, units
+from haptid.log import checks, resampling, units
 from haptid.log.formats.content import Column
 from haptid.log.formats.guess import guess
 from haptid.log.log import Channels, Log, Signal
@@ -48,7 +48,7 @@ class Source:
     size: int
     kind: Format
     first: int
-    base: time.TimeBase
+    base: resampling.TimeBase
 
     def raw(self, names: tuple[str, ...], low: int, high: int) -> Array:
         """Samples low..high at the stamps, repeated ones left out, in the file's unit, (channels, high - low).
@@ -102,13 +102,13 @@ class Recorded(OnDisk):
     def _made(self, low: int, high: int, channels: range) -> Array:
         """Samples low..high of some channels, (channels, high - low), rad, m or the torques' unit."""
         base = self.source.base
-        start, stop = (low, high) if base.regular else time.around(base, low, high)
+        start, stop = (low, high) if base.regular else resampling.around(base, low, high)
         made = self.source.raw(tuple(self.signal.channels[k] for k in channels), start, stop)
         for column, k in zip(made, channels, strict=True):
             if self.turns[k][0].size:
                 column -= checks.taken_off(*self.turns[k], start, stop)
         if not base.regular:
-            made = np.asarray(time.curve(base, made, start, self.quantity)(base.t[low:high]))
+            made = np.asarray(resampling.curve(base, made, start, self.quantity)(base.t[low:high]))
         scale = units.scale(self.signal.unit, self.quantity)[1]
         made *= np.array([[scale * self.signal.gain[k]] for k in channels])
         made += np.array([[self.signal.offset[k]] for k in channels])
@@ -200,7 +200,7 @@ class _Survey:
         if self.base.regular:
             return column
         out = np.empty(self.base.t.size)
-        time.interpolate(self.base, column, "position", out)
+        resampling.interpolate(self.base, column, "position", out)
         return out
 
     def _source(self) -> Source:

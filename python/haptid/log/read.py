@@ -22,7 +22,7 @@ from haptid.errors import (
     LogNotFoundError,
     MissingChannelError,
 )
-from haptid.log import checks, time, units
+from haptid.log import checks, resampling, units
 from haptid.log.formats.content import Column, block_of
 from haptid.log.formats.guess import guess
 from haptid.log.log import Channels, Log, Signal
@@ -146,7 +146,7 @@ def time_base(
     count: int,
     stretch: tuple[float, float] | None,
     notes: list[str],
-) -> tuple[time.TimeBase, slice, Array]:
+) -> tuple[resampling.TimeBase, slice, Array]:
     """The time base, the rows of the stretch and their stamps.
 
     Args:
@@ -159,16 +159,16 @@ def time_base(
     """
     if channels.time is None or raw is None:
         rate = float(channels.rate_hz or 0.0)
-        rows = time.part(path, np.arange(count) / rate, stretch)
-        base = time.from_rate(path, rows, rate)
+        rows = resampling.part(path, np.arange(count) / rate, stretch)
+        base = resampling.from_rate(path, rows, rate)
         seconds = base.stamps
     else:
         scale = units.scale(channels.time_unit, "time")[1]
-        first, fineness = raw[0] * scale, time.resolution(raw) * scale
-        seconds = time.since_first(path, channels.time, raw, scale)
-        rows = time.part(path, seconds, stretch)
+        first, fineness = raw[0] * scale, resampling.resolution(raw) * scale
+        seconds = resampling.since_first(path, channels.time, raw, scale)
+        rows = resampling.part(path, seconds, stretch)
         seconds = seconds[rows]
-        base = time.from_stamps(path, channels.time, seconds, fineness)
+        base = resampling.from_stamps(path, channels.time, seconds, fineness)
         if first != 0:
             notes.append(f"times count from the file's first stamp, {first:.9g} s")
     if stretch is not None:
@@ -197,7 +197,7 @@ class Inspection:
         moving: where each position differs from the sample before, as bits; complete after the positions.
     """
 
-    def __init__(self, path: Path, base: time.TimeBase, notes: list[str]) -> None:
+    def __init__(self, path: Path, base: resampling.TimeBase, notes: list[str]) -> None:
         self.path, self.base, self.notes = path, base, notes
         self.moving: list[NDArray[np.uint8]] = []
 
@@ -245,7 +245,7 @@ def _block(inspection: Inspection, columns: dict[str, Column], signal: Signal, k
     for name, gain, offset, out in zip(signal.channels, signal.gain, signal.offset, block, strict=True):
         column = inspection.column(name, columns.pop(name), signal, kind, scale * gain)
         if not base.regular:
-            time.interpolate(base, column.copy() if in_place else column, kind, out)
+            resampling.interpolate(base, column.copy() if in_place else column, kind, out)
         elif not np.may_share_memory(out, column):
             out[:] = column
         if (scale * gain, offset) != (1.0, 0.0):
@@ -254,7 +254,7 @@ def _block(inspection: Inspection, columns: dict[str, Column], signal: Signal, k
     return freeze(block)
 
 
-def _room(base: time.TimeBase, columns: Mapping[str, Column], signal: Signal) -> tuple[Array, bool]:
+def _room(base: resampling.TimeBase, columns: Mapping[str, Column], signal: Signal) -> tuple[Array, bool]:
     """Where the signal goes, (channels, n), and whether its raw columns are there already."""
     n, count = base.t.size, len(signal.channels)
     block = block_of([columns[name] for name in signal.channels], 2 * count + 1)

@@ -13,7 +13,7 @@ import numpy as np
 from scipy import io
 
 from haptid.errors import CorruptLogError, NotNumericError
-from haptid.log import hdf5
+from haptid.log.formats import hdf5
 from haptid.log.formats.content import Column, addresses, collect, guard, numeric, opened, require
 
 KIND = "MAT"
