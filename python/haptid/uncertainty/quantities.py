@@ -76,7 +76,7 @@ class Quantities:
 
     @cached_property
     def correlation(self) -> Array:
-        """Correlations of the errors, (k, k); NaN in the rows and columns of a zero variance."""
+        """Correlations of the errors, (k, k); see `correlations`."""
         return correlations(self.covariance)
 
     def linear(self, names: Sequence[str], units: Sequence[str], C: Array, dof: ArrayLike) -> Quantities:
@@ -160,11 +160,12 @@ class Field:
 
 
 def correlations(covariance: Array) -> Array:
-    """Correlations from a covariance, (k, k); NaN in the rows and columns of a zero variance."""
+    """Correlations from a covariance, (k, k): 1 on the diagonal, NaN next to a zero variance."""
     se = np.sqrt(np.diag(covariance))
     with np.errstate(divide="ignore", invalid="ignore"):
-        made = covariance / np.outer(se, se)
-    return freeze(np.where(np.isfinite(made), made, np.nan))
+        made = np.clip(covariance / np.outer(se, se), -1.0, 1.0)
+    np.fill_diagonal(made, 1.0)
+    return freeze(made)
 
 
 def aligned(rows: Sequence[Sequence[str]]) -> list[str]:
