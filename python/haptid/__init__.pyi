@@ -65,6 +65,7 @@ from haptid.estimation import (
     Tukey,
     estimate,
     possible,
+    project_to_feasible,
     pseudo_inertia,
 )
 from haptid.estimation.methods.entropic import Entropic

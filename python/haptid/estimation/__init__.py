@@ -2,7 +2,7 @@
 
 from haptid.estimation.estimate import Estimate, Parameter, Restricted, estimate
 from haptid.estimation.feasibility.cone import pseudo_inertia
-from haptid.estimation.feasibility.feasible import FeasibleParameters, possible, project
+from haptid.estimation.feasibility.feasible import FeasibleParameters, possible, project_to_feasible
 from haptid.estimation.fit import Fit
 from haptid.estimation.intervals.bootstrap import Bootstrap
 from haptid.estimation.intervals.classical import Classical
