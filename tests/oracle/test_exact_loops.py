@@ -9,11 +9,10 @@ import pytest
 
 from haptid import errors
 from haptid.device.geometry import Reader
-from haptid.device.loops import assembly
+from haptid.device.loops.chain import Chain, solve
 from haptid.device.loops.from_toml import read_loops
-from haptid.device.toml.place import Place
-from haptid.device.toml.reader import device_of
-from haptid.device.toml.tables import read_tables
+from haptid.device.toml.errors_at import Place
+from haptid.device.toml.reader import device_of, read_tables
 from haptid.dynamics.regressor import rows
 from haptid.dynamics.symbolic import loop_regroupings
 from haptid.dynamics.symbolic.opening import _opened
@@ -129,9 +128,9 @@ def numeric_rows(path: Path, states: int = 60) -> np.ndarray:
     loops = read_loops(tables.loops, tree.joints, np.eye(4), Reader(tree.lengths), Place(file))
     unknown = [tree.joint_names.index(name) for name in passive]
     active = [j for j in range(len(tree.joints)) if j not in unknown]
-    chain = assembly.Chain.of(tree.joints, loops.cuts, tuple(active))
+    chain = Chain.of(tree.joints, loops.cuts, tuple(active))
     rng = np.random.default_rng(0)
-    q = assembly.solve(chain, rng.uniform(-np.pi, np.pi, (states * 20, len(tree.joints))), unknown, steps=200)
+    q = solve(chain, rng.uniform(-np.pi, np.pi, (states * 20, len(tree.joints))), unknown, steps=200)
     J = chain.residual(q)[1]
     good = np.abs(chain.residual(q)[0]).max(axis=1) < 1e-13
     good &= np.linalg.svd(J[:, :, unknown], compute_uv=False)[:, -1] > 0.02
@@ -196,14 +195,14 @@ def test_motors_say_which_torques_are_known(tmp_path: Path) -> None:
     ],
 )
 def test_loops_that_are_no_dyads_are_refused(change: tuple[str, str], found: str, tmp_path: Path) -> None:
-    with pytest.raises(errors.NoDyadError, match=found):
+    with pytest.raises(errors.RegroupingError, match=found):
         loop_regroupings(written(tmp_path, FIVE_BAR.replace(*change)))
 
 
 def test_links_that_are_not_in_one_plane(tmp_path: Path) -> None:
     skew = FIVE_BAR.replace('d = "L3"', 'd = "L3"\nalpha = "pi/2"')
-    with pytest.raises(errors.NoDyadError, match="not parallel"):
+    with pytest.raises(errors.RegroupingError, match="not parallel"):
         loop_regroupings(written(tmp_path, skew))
     apart = FIVE_BAR.replace('d = "L3"', 'd = "L3"\nr = 0.05')
-    with pytest.raises(errors.SymbolicClosureError, match="between links 2 and 4"):
+    with pytest.raises(errors.RegroupingError, match="between links 2 and 4"):
         loop_regroupings(written(tmp_path, apart))

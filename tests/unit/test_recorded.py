@@ -8,8 +8,7 @@ import numpy as np
 import pytest
 
 import haptid
-from haptid.device.toml.reader import device_of
-from haptid.device.toml.tables import checked
+from haptid.device.toml.reader import checked, device_of
 from haptid.end_effector.characterisation.model import dof, trusted
 from haptid.errors import ResultDeviceError, ResultFileError
 from haptid.results.read import read_result

@@ -9,7 +9,9 @@ import numpy as np
 
 from haptid._internal.arrays import Array
 from haptid.device.expressions import Column
-from haptid.device.terms.term import DRY, Counterbalance, LoadDependentFriction, TermColumn
+from haptid.device.terms.friction import DRY, LoadDependentFriction
+from haptid.device.terms.spring import Counterbalance
+from haptid.device.terms.term import TermColumn
 from haptid.dynamics.model import DynamicModel
 from haptid.errors import UnexportableTermError
 from haptid.export.graph import Expr, Graph

@@ -8,7 +8,8 @@ from functools import lru_cache
 import numpy as np
 
 from haptid._internal.arrays import Array
-from haptid.device.terms.term import DRY, TermColumn
+from haptid.device.terms.friction import DRY
+from haptid.device.terms.term import TermColumn
 from haptid.dynamics.model import DynamicModel
 
 # Devices whose softened twin is kept: a stream asks for it at every sample.

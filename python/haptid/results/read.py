@@ -13,8 +13,7 @@ import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from haptid._internal.arrays import Array, expect, read_only
-from haptid.device.toml.reader import device_of
-from haptid.device.toml.tables import checked
+from haptid.device.toml.reader import checked, device_of
 from haptid.dynamics.base_parameters import BaseParameters
 from haptid.dynamics.model import DynamicModel
 from haptid.end_effector.characterisation.model import GivenParameters

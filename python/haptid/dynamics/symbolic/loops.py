@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from haptid.device.toml.tables import read_tables
+from haptid.device.toml.reader import read_tables
 from haptid.dynamics.model import DynamicModel
 from haptid.dynamics.symbolic.opening import dyad_chain, opened
 from haptid.dynamics.symbolic.regrouping import Regroupings, chain_regroupings

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from haptid.device.expressions import number, sum_of_names
-from haptid.device.toml.place import Place
+from haptid.device.toml.errors_at import Place
 from haptid.device.toml.schema import (
     AnyDevice,
     AnyJoint,

@@ -8,7 +8,7 @@ from operator import add
 
 import numpy as np
 
-from haptid.device.terms.term import LoadDependentFriction
+from haptid.device.terms.friction import LoadDependentFriction
 from haptid.dynamics.model import DynamicModel
 from haptid.errors import UnsettledError
 from haptid.estimation import WLS, FixedAtZero, Method, estimate
