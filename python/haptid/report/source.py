@@ -12,7 +12,7 @@ from haptid.dynamics.inverse import raw_parameters
 from haptid.end_effector.characterisation.model import GivenModel
 from haptid.end_effector.force import HandleForce
 from haptid.end_effector.torque_decomposition import Dissection, dissect
-from haptid.errors import NoAccelerationError
+from haptid.errors import MissingAccelerationError
 from haptid.estimation import Estimate
 from haptid.inference.diagnosis import Diagnosis, diagnose
 from haptid.observation.chunks import gathered, stretches
@@ -170,7 +170,7 @@ class Source:
             return None
         try:
             return dissect(self.estimate, run.motion)
-        except NoAccelerationError:
+        except MissingAccelerationError:
             return None
 
 
