@@ -88,9 +88,9 @@ class NoRowsError(_new.NoRowsError):
         if len(args) == 1:
             super().__init__(*args, **given)
             return
-        motor, low_speed = args
+        motor, reversal_speed = args
         super().__init__(
-            f"every row of motor {motor} is slower than low_speed = {low_speed}, so none is left. Lower `low_speed`, "
+            f"every row of motor {motor} is slower than reversal_speed = {reversal_speed}, so none is left. Lower `reversal_speed`, "
             f"or record motion that turns this joint faster."
         )
 

@@ -118,7 +118,7 @@ def copied(model: DynamicModel, motions: Sequence[Sought], copies: Sequence[Copy
         HaptidError: as `observe`.
     """
     wide = _Wide(model, [_copy(model, copy, f":{number}") for number, copy in enumerate(copies)])
-    names = [model.device.parameters.names[k] for k in model.base.kept]
+    names = [model.device.parameters.names[k] for k in model.base.independent_columns]
     return Copied(
         model=model,
         copies=tuple(copies),
