@@ -79,13 +79,12 @@ from haptid.export import (
     export_rust,
     export_urdf,
 )
-from haptid.inference.comparison import Comparison, compare
+from haptid.inference.comparison import Comparison, Series, compare
 from haptid.inference.diagnosis import Diagnosis, Finding, Verdict, diagnose
 from haptid.inference.drift import Drift, drift
 from haptid.inference.drive_gains import DriveGains, drive_gains
 from haptid.inference.elimination import AtMost, Essential, Reduction, TimesSmallest, essential, essential_by_motor
 from haptid.inference.payload_estimate import Addition, addition
-from haptid.inference.several import Series, compare_all
 from haptid.inference.targets import Targets, side_by_side, target_map, targets
 from haptid.log import Channels, Log, Signal, open_log, read_log
 from haptid.motion.causal import Causal, HighPass
@@ -95,8 +94,8 @@ from haptid.observation.batch import Kept, observe_all
 from haptid.observation.known_payload import Load, load_shift, log_without_load, without_load
 from haptid.observation.observation import Block, MotorRows, Observation, observe
 from haptid.report import Hand, Report, make_report, read_report, write_comparison
-from haptid.results.read import Recorded, RecordedLog, read_result
-from haptid.results.write import result, write_result
+from haptid.results.result import Result, result_schema
+from haptid.results.schema import ResultLog
 from haptid.simulation import PID
 from haptid.study import Study, read_study, study_schema
 from haptid.study.identify import Identification, Run, identify
@@ -190,8 +189,8 @@ __all__ = [
     "Profile",
     "Projection",
     "Proposal",
-    "Recorded",
-    "RecordedLog",
+    "Result",
+    "ResultLog",
     "Reduction",
     "Regroupings",
     "Report",
@@ -223,7 +222,6 @@ __all__ = [
     "characterise",
     "choose_friction",
     "compare",
-    "compare_all",
     "definiteness",
     "device_schema",
     "diagnose",
@@ -268,10 +266,9 @@ __all__ = [
     "read_device",
     "read_log",
     "read_report",
-    "read_result",
     "read_study",
     "regroupings",
-    "result",
+    "result_schema",
     "settled_loads",
     "shipped_devices",
     "side_by_side",
@@ -285,5 +282,4 @@ __all__ = [
     "without_load",
     "workspace",
     "write_comparison",
-    "write_result",
 ]

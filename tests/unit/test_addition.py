@@ -46,7 +46,7 @@ def test_a_tool_at_the_handle_is_found(model, chi, before):
     found = addition(before, estimated(model, chi + tool, seed=2), "a")
     assert found.names == ("XXa", "YYa", "ZZa", "MXa", "Ma")
     truth = np.array([tool[model.parameters.index[name]] for name in found.names])
-    low, high = found.interval95.T
+    low, high = found.conf_int().T
     assert ((low <= truth) & (truth <= high)).all()
     assert found.value[found.names.index("Ma")] == pytest.approx(0.05, rel=0.01)
     assert found.value[found.names.index("MXa")] == pytest.approx(0.0085, rel=0.01)
@@ -63,7 +63,7 @@ def test_friction_that_changed_meanwhile_does_no_harm(model, chi, before):
 
 def test_nothing_added_is_nothing_found(model, chi, before):
     found = addition(before, estimated(model, chi, seed=4), "a")
-    low, high = found.interval95.T
+    low, high = found.conf_int().T
     assert ((low <= 0) & (high >= 0)).all()
 
 

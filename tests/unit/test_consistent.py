@@ -11,7 +11,7 @@ from haptid.errors import MetricError, NoBodyError, ParameterValueError, ShapeEr
 from haptid.estimation import Consistent, possible, programme, project, pseudo_inertia
 from haptid.estimation.feasibility.cone import PSEUDO, UPPER, cone, never_negative
 from haptid.report.tables import parameter_cells
-from haptid.results.write import finite, parameter
+from haptid.results.schema import ResultParameter
 from mechanisms import mechanisms
 from motions import motion, truth
 from random_devices import as_device, parameters
@@ -150,8 +150,8 @@ def test_what_is_far_outside_of_its_interval_is_said(model):
     assert held.value == 0.0 > held.free
     assert parameter_cells(held)[1] == "0"
     assert parameter_cells(held)[3:5] == ["", ""]
-    assert finite(parameter(held))["relative_sd_percent"] is None
-    assert parameter(held)["free"] == held.free
+    assert ResultParameter.of(held, 10.0).relative_se_percent is None
+    assert ResultParameter.of(held, 10.0).unconstrained == held.free
     assert not other.strained
     assert other.relative_sd == 100 * other.sd / abs(other.value)
 
