@@ -15,7 +15,6 @@ from haptid.estimation.nonlinear.linearise import settled
 from haptid.estimation.nonlinear.load_friction import settled_loads
 from haptid.inference.elimination import without
 from haptid.results.result import Result
-from haptid.results.result import Result
 from haptid.validation.cross_validation import alternate, each_log
 from motions import motion
 from small_study import DEVICE, HEAD

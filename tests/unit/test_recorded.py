@@ -1,6 +1,7 @@
 """A result folder is read back: the same device, figures and errors as the identification had."""
 
 import json
+import re
 import runpy
 
 import numpy as np
@@ -12,7 +13,7 @@ from haptid.device.toml.reader import device_of
 from haptid.device.toml.tables import checked
 from haptid.end_effector.characterisation.model import freedom, trusted
 from haptid.errors import ResultDeviceError, ResultFileError
-from haptid.results.result import Result, device_file
+from haptid.results.result import Result, device_file, result_schema
 from haptid.study import read_study
 from haptid.study.identify import identify
 
@@ -63,7 +64,7 @@ def test_logs_treatment_and_verdict_come_back(made):
 def test_figures_at_the_handle_come_from_the_folder_alone(made):
     found, folder = made
     pose = np.array([[0.0], [0.2], [0.3]])
-    ours, theirs = (haptid.felt_mass(m, pose).mass for m in (Result.load(folder).model, found.estimate))
+    ours, theirs = (haptid.felt_mass(m, pose).mass for m in (Result.load(folder).identified, found.estimate))
     np.testing.assert_allclose(ours.value, theirs.value, rtol=1e-12)
     np.testing.assert_allclose(ours.sd, theirs.sd, rtol=1e-6)
     assert ours.freedom == found.estimate.freedom.min()
@@ -75,9 +76,9 @@ def test_every_device_comes_back_from_its_own_tables(name):
     again = device_of(*checked(json.loads(json.dumps(device_file(model))), "here"))
     assert again.base.names == model.base.names
     np.testing.assert_allclose(again.base.regrouping, model.base.regrouping, atol=1e-12)
-    np.testing.assert_array_equal(again.gravity, model.gravity)
-    assert again.prior == model.prior
-    assert again.tables.joints == model.tables.joints
+    np.testing.assert_array_equal(again.gravity, model.device.gravity)
+    assert again.prior == model.device.prior
+    assert again.tables.joints == model.device.tables.joints
 
 
 def test_gravity_comes_back_as_it_was_mounted():
@@ -97,8 +98,8 @@ def test_an_infinite_interval_comes_back(made, tmp_path):
     assert read.lonely == (2,)
     assert np.isinf(read.sd[2])
     assert np.isinf(read.freedom[3])
-    assert np.isinf(trusted(read.model, np.ones(3))).all()
-    assert freedom(read.model, np.eye(14)) == read.freedom.min()
+    assert np.isinf(trusted(read.identified, np.ones(3))).all()
+    assert freedom(read.identified, np.eye(14)) == read.freedom.min()
 
 
 def test_what_is_no_result_is_refused_in_words(made, tmp_path):
@@ -139,11 +140,29 @@ def test_a_recorded_result_cannot_be_written_to(made):
 
 def test_a_file_of_schema_1_names_its_version_and_what_to_do(made, tmp_path):
     path = changed(made[1], tmp_path, lambda v: v.update(schema=1, haptid="0.3.1"))
-    with pytest.raises(ResultFileError, match="written by haptid 0.3.1 in schema 1.*identify` again on the study"):
+    with pytest.raises(ResultFileError, match=r"written by haptid 0\.3\.1 in schema 1.*identify` again on the study"):
         Result.load(path)
 
 
-def test_the_file_obeys_the_published_schema(made):
-    values = json.loads((made[1] / "result.json").read_text())
-    jsonschema.validate(values, result_schema())
-    assert values["schema"] == result_schema()["properties"]["schema"]["const"] == 2
+def test_the_published_schema_has_the_keys_of_the_file_and_of_the_documentation(made, request):
+    values, schema = json.loads((made[1] / "result.json").read_text()), result_schema()
+    assert values["schema"] == schema["properties"]["schema"]["const"] == 2
+    assert values.keys() == schema["properties"].keys()
+    tables = {name: table["properties"].keys() for name, table in schema["$defs"].items() if "properties" in table}
+    estimate = values["estimate"]
+    for found, table in [
+        (estimate, "EstimateTable"),
+        (estimate["parameters"][0], "ResultParameter"),
+        (values["logs"][0], "ResultLog"),
+        (values["observation"], "ObservationTable"),
+        (values["validation"][0], "ErrorTable"),
+        (values["verdict"][0] if values["verdict"] else dict.fromkeys(tables["ResultUse"]), "ResultUse"),
+    ]:
+        assert found.keys() == tables[table]
+    text = (request.config.rootpath / "docs" / "tutorial.md").read_text()
+    page = text[text.index("### result.json") : text.index("## 6. The same from Python")]
+    nested = {"estimate": "EstimateTable", "observation": "ObservationTable"}
+    wanted = {f"{key}.{sub}" for key, table in nested.items() for sub in tables[table]}
+    wanted |= (values.keys() - nested.keys()) | tables["ResultParameter"] | tables["NonlinearConstant"]
+    wanted |= tables["ResultLog"] | tables["ErrorTable"] | tables["PhysicalConstraints"]
+    assert wanted <= set(re.findall(r"`([a-z0-9_.]+)`", page))

@@ -12,8 +12,8 @@ from typer.testing import CliRunner
 import haptid
 from haptid import errors
 from haptid.cli import app
-from haptid.inference.drift import drift
 from haptid.inference.comparison import Series, compare
+from haptid.inference.drift import drift
 from haptid.inference.targets import targets
 from haptid.uncertainty.multiple_testing import misfit
 from motions import motion
@@ -133,9 +133,7 @@ def test_slopes_have_their_interval_as_often_as_they_say():
 
 def test_a_drift_of_one_parameter_is_found_and_no_other(model):
     days, rate = [0.0, 1.0, 3.0, 7.0, 8.0], 0.05
-    made = compare(
-        *(fitted(model, 10 + k, FV1=rate * t) for k, t in enumerate(days)), labels=[f"d{t:g}" for t in days]
-    )
+    made = compare(*(fitted(model, 10 + k, FV1=rate * t) for k, t in enumerate(days)), labels=[f"d{t:g}" for t in days])
     assert made.differs == ("FV1",)
     lines = drift(made, days)
     assert lines.drifts == ("FV1",)
@@ -177,7 +175,9 @@ def test_what_is_held_has_no_deviation_and_differs_where_it_differs():
 
 def test_targets_are_compared_with_targets():
     phantom = haptid.DynamicModel(haptid.read_device("phantom_premium_15"))
-    made = [motion(phantom, phantom.base.of(np.nan_to_num(phantom.chi_prior)), seed=k, noise=0.05) for k in (1, 2, 3)]
+    made = [
+        motion(phantom, phantom.base.of(np.nan_to_num(phantom.device.chi_prior)), seed=k, noise=0.05) for k in (1, 2, 3)
+    ]
     fits = [haptid.estimate(haptid.observe(phantom, one), haptid.WLS()) for one in made]
     found = compare(*(targets(fit) for fit in fits))
     assert found.names == targets(fits[0]).names

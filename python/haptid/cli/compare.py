@@ -12,8 +12,8 @@ import typer
 from haptid.cli.common import app, errors_shown, out
 
 if TYPE_CHECKING:
-    from haptid.inference.drift import Drift
     from haptid.inference.comparison import Series
+    from haptid.inference.drift import Drift
 
 HELP = """\
 Compare results: which parameters differ, how sure that is, and how fast they drift.

@@ -12,7 +12,9 @@ from haptid.cli.common import EXIT_ERROR, app, complain
 
 
 @app.command()
-def schema(kind: Annotated[str, typer.Argument(help="device, study, experiment or result", show_default=False)]) -> None:
+def schema(
+    kind: Annotated[str, typer.Argument(help="device, study, experiment or result", show_default=False)],
+) -> None:
     """Print the JSON Schema of device, study, experiment or result files."""
     from haptid.device import device_schema
     from haptid.experiment.bench.schema import experiment_schema

@@ -13,7 +13,7 @@ from haptid._internal.arrays import Array, expect, read_only
 from haptid.dynamics.model import DynamicModel
 from haptid.errors import FailedValidationError, UnvalidatedError
 from haptid.estimation import Estimate
-from haptid.results.result import Result, ResultUse
+from haptid.results import Result, ResultUse
 from haptid.study.identify import Identification
 from haptid.validation.validation import Validation
 

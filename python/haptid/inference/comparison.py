@@ -26,7 +26,7 @@ from haptid.observation.observation import Block
 from haptid.uncertainty.multiple_testing import deviations_to_weigh, misfit, together, two_sided
 from haptid.uncertainty.quantities import aligned, half_width
 
-# Base parameters of one name whose regrouping coefficients differ by a larger relative amount are not the same parameter.
+# Base parameters of one name with regrouping factors that differ by a larger share are different parameters.
 SAME_MEANING = 1e-6
 
 

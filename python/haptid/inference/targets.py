@@ -209,8 +209,8 @@ def side_by_side(columns: Mapping[str, Targets], decimals: int = 4) -> str:
     Layout: Tahmasebi et al. (2005), Table I.
 
     Args:
-        columns: heading and targets of each estimate, all in SI or all in units of command; blank where an estimate does
-            not have a target.
+        columns: heading and targets of each estimate, all in SI or all in units of command; blank where an estimate
+            does not have a target.
         decimals: of every value.
     """
     names = list(dict.fromkeys(name for made in columns.values() for name in made.names))

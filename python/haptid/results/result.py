@@ -49,7 +49,7 @@ from haptid.validation.validation import MotorError, Validation
 if TYPE_CHECKING:
     from haptid.inference.diagnosis import Verdict
 
-SCHEMA = 2
+SCHEMA: Literal[2] = 2
 # A result of two hundred parameters has some megabytes; a larger file is no result.
 LARGEST_FILE = 1 << 26
 RELATIVE_ERROR = (
@@ -68,18 +68,18 @@ class Result(Table):
     `result.json`; `model` and the arrays are made from them.
     """
 
-    schema_: Literal[2] = Field(SCHEMA, alias="schema", description="version of this format")
-    haptid: str = Field(__version__, description="version of the program")
-    device: str = Field("", description="its name")
+    schema_: Literal[2] = Field(default=SCHEMA, alias="schema", description="version of this format")
+    haptid: str = Field(default=__version__, description="version of the program")
+    device: str = Field(default="", description="its name")
     study: str = Field(description="its name")
     logs: list[ResultLog]
     treatment: dict[str, Any] = Field(description="every setting by its name in a study")
-    treatment_reasons: list[str] = []
+    treatment_reasons: list[str] = Field(default=[])
     observation: ObservationTable | None = None
     estimate: EstimateTable
     validation: list[ErrorTable]
     criteria: Criteria
-    verdict: list[ResultUse] = []
+    verdict: list[ResultUse] = Field(default=[])
     notes: list[str]
     device_file: dict[str, Any] = Field(description="the device file, gravity as mounted")
     _model: DynamicModel = PrivateAttr()
@@ -383,7 +383,7 @@ def _errors(run: Run) -> Iterator[ErrorTable]:
                 count=m.rows,
                 **common,
             )
-        mixed = dict.fromkeys(("rmse", "unit", "residual", "measured", "count"))
+        mixed: dict[str, Any] = dict.fromkeys(("rmse", "unit", "residual", "measured", "count"))
         yield ErrorTable(motor="all", relative_error_percent=validation.relative, **mixed, **common)
 
 

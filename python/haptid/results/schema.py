@@ -47,11 +47,11 @@ class ResultLog(Table):
     path: str = Field(description="as in the study")
     sha256: str = Field(description="of the file")
     role: Role
-    start: float = Field(0.0, description="time of the first sample used, s of the file")
+    start: float = Field(default=0.0, description="time of the first sample used, s of the file")
     samples: int
     dt: float = Field(description="sampling period, s")
-    notes: list[str] = Field([], description="what was mended")
-    payload: Payload | None = Field(None, description="subtracted from the torque")
+    notes: list[str] = Field(default=[], description="what was mended")
+    payload: Payload | None = Field(default=None, description="subtracted from the torque")
 
     @property
     def stop(self) -> float:
@@ -99,7 +99,7 @@ class Quantity(Table):
     unit: str
     value: float
     se: Number = Field(description="standard error; null where it cannot be estimated")
-    dof: Number = Field(None, description="degrees of freedom of the interval; null for infinitely many")
+    dof: Number = Field(default=None, description="degrees of freedom of the interval; null for infinitely many")
     conf_int: tuple[Number, Number] = Field(description="confidence interval [low, high] at estimate.level")
 
 
@@ -116,9 +116,9 @@ class ResultParameter(Quantity):
     unconstrained: float = Field(description="value of the unconstrained fit, to which se belongs")
     classical_se: Number = Field(description="standard error if the residuals were white")
     relative_se_percent: Number = Field(description="100 se / |value|; null where constrained_outside_ci")
-    constrained_outside_ci: bool = Field(False, description="the constraints move it out of the unconstrained interval")
+    constrained_outside_ci: bool = Field(default=False, description="the constraints move it out of the unconstrained interval")
     grouping: str = Field(description="what regroups into it, as a formula")
-    eliminated: bool | None = Field(None, description="set to zero by backward elimination; null without elimination")
+    eliminated: bool | None = Field(default=None, description="set to zero by backward elimination; null without elimination")
     prior: Prior | None = None
 
     @classmethod
@@ -180,12 +180,12 @@ class EstimateTable(Table):
     method: str
     status: str = Field(description="ok, or what is wrong; the notes say why")
     intervals: str = Field(description="how the confidence intervals were made")
-    level: float = Field(LEVEL, description="confidence level of every conf_int")
+    level: float = Field(default=LEVEL, description="confidence level of every conf_int")
     parameters: list[ResultParameter] = Field(description="base parameters")
-    targets: list[ResultParameter] = Field([], description="combinations that the device file names")
+    targets: list[ResultParameter] = Field(default=[], description="combinations that the device file names")
     nonlinear_constants: list[NonlinearConstant] = []
     load_friction_parameters: list[float] | None = Field(
-        None, description="parameters of links, then of rotors, of which the load-dependent friction is made, SI"
+        default=None, description="parameters of links, then of rotors, of which the load-dependent friction is made, SI"
     )
     constraints: Constraints | None = None
     covariance: list[list[Number]] = Field(description="of the unconstrained base parameters, SI")
