@@ -116,9 +116,13 @@ class ResultParameter(Quantity):
     unconstrained: float = Field(description="value of the unconstrained fit, to which se belongs")
     classical_se: Number = Field(description="standard error if the residuals were white")
     relative_se_percent: Number = Field(description="100 se / |value|; null where constrained_outside_ci")
-    constrained_outside_ci: bool = Field(default=False, description="the constraints move it out of the unconstrained interval")
+    constrained_outside_ci: bool = Field(
+        default=False, description="the constraints move it out of the unconstrained interval"
+    )
     grouping: str = Field(description="what regroups into it, as a formula")
-    eliminated: bool | None = Field(default=None, description="set to zero by backward elimination; null without elimination")
+    eliminated: bool | None = Field(
+        default=None, description="set to zero by backward elimination; null without elimination"
+    )
     prior: Prior | None = None
 
     @classmethod
@@ -185,7 +189,8 @@ class EstimateTable(Table):
     targets: list[ResultParameter] = Field(default=[], description="combinations that the device file names")
     nonlinear_constants: list[NonlinearConstant] = []
     load_friction_parameters: list[float] | None = Field(
-        default=None, description="parameters of links, then of rotors, of which the load-dependent friction is made, SI"
+        default=None,
+        description="parameters of links, then of rotors, of which the load-dependent friction is made, SI",
     )
     constraints: Constraints | None = None
     covariance: list[list[Number]] = Field(description="of the unconstrained base parameters, SI")
