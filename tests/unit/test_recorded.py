@@ -11,7 +11,7 @@ import pytest
 import haptid
 from haptid.device.toml.reader import device_of
 from haptid.device.toml.tables import checked
-from haptid.end_effector.characterisation.model import freedom, trusted
+from haptid.end_effector.characterisation.model import dof, trusted
 from haptid.errors import ResultDeviceError, ResultFileError
 from haptid.results.result import Result, device_file, result_schema
 from haptid.study import read_study
@@ -46,7 +46,7 @@ def test_the_figures_come_back_to_the_last_bit(made):
     np.testing.assert_array_equal(read.free, estimate.beta)
     assert (read.estimate.method, read.estimate.constraints, read.estimate.status) == ("WLS", None, "ok")
     assert tuple(read.notes[:-1]) == estimate.notes
-    assert read.lonely == estimate.lonely == ()
+    assert read.single_block == estimate.single_block == ()
     assert (read.study, read.haptid) == (found.study.name, haptid.__version__)
     assert read.to_dict() == Result.of(found).to_dict() == json.loads((folder / "result.json").read_text())
 
@@ -64,10 +64,10 @@ def test_logs_treatment_and_verdict_come_back(made):
 def test_figures_at_the_handle_come_from_the_folder_alone(made):
     found, folder = made
     pose = np.array([[0.0], [0.2], [0.3]])
-    ours, theirs = (haptid.felt_mass(m, pose).mass for m in (Result.load(folder).identified, found.estimate))
+    ours, theirs = (haptid.apparent_mass(m, pose).mass for m in (Result.load(folder).identified, found.estimate))
     np.testing.assert_allclose(ours.value, theirs.value, rtol=1e-12)
-    np.testing.assert_allclose(ours.sd, theirs.sd, rtol=1e-6)
-    assert ours.freedom == found.estimate.freedom.min()
+    np.testing.assert_allclose(ours.se, theirs.se, rtol=1e-6)
+    assert ours.dof == found.estimate.dof.min()
 
 
 @pytest.mark.parametrize("name", haptid.shipped_devices())
@@ -96,11 +96,11 @@ def test_an_infinite_interval_comes_back(made, tmp_path):
         values["estimate"]["parameters"][3]["dof"] = None
 
     read = Result.load(changed(folder, tmp_path, lone))
-    assert read.lonely == (2,)
-    assert np.isinf(read.sd[2])
-    assert np.isinf(read.freedom[3])
+    assert read.single_block == (2,)
+    assert np.isinf(read.se[2])
+    assert np.isinf(read.dof[3])
     assert np.isinf(trusted(read.identified, np.ones(3))).all()
-    assert freedom(read.identified, np.eye(14)) == read.freedom.min()
+    assert dof(read.identified, np.eye(14)) == read.dof.min()
 
 
 def test_what_is_no_result_is_refused_in_words(made, tmp_path):

@@ -50,7 +50,7 @@ class Comparable(Protocol):
         """Values of the unconstrained fit, to which the standard errors belong, (p,)."""
 
     @property
-    def sd(self) -> Array:
+    def se(self) -> Array:
         """Cluster-robust standard errors, infinite where they cannot be estimated, (p,)."""
 
     @property
@@ -58,7 +58,7 @@ class Comparable(Protocol):
         """Of the errors, (p, p)."""
 
     @property
-    def freedom(self) -> Array:
+    def dof(self) -> Array:
         """Degrees of freedom of each standard error, (p,)."""
 
     @property
@@ -110,12 +110,12 @@ class Comparison:
         return self.second - self.first
 
     @cached_property
-    def sd(self) -> Array:
+    def se(self) -> Array:
         """Standard errors of the differences, (k,)."""
         return freeze(np.hypot(self.first_sd, self.second_sd))
 
     @cached_property
-    def freedom(self) -> Array:
+    def dof(self) -> Array:
         """Degrees of freedom, (k,) (Welch 1947, eq. 28); the smaller one where a standard error is infinite."""
         a, b = self.first_sd**2, self.second_sd**2
         least = np.minimum(self.first_freedom, self.second_freedom)
@@ -125,13 +125,13 @@ class Comparison:
 
     def conf_int(self, level: float | None = None) -> Array:
         """Confidence intervals of the differences, one by one, (k, 2); at `confidence` where no level is given."""
-        half = half_width(self.sd, self.freedom, self.confidence if level is None else level)
+        half = half_width(self.se, self.dof, self.confidence if level is None else level)
         return freeze(np.column_stack([self.difference - half, self.difference + half]))
 
     @cached_property
     def p(self) -> Array:
         """p-value of each difference by itself, (k,)."""
-        return freeze(two_sided(self.difference, self.sd, self.freedom))
+        return freeze(two_sided(self.difference, self.se, self.dof))
 
     @cached_property
     def holm(self) -> Array:
@@ -187,7 +187,7 @@ class Comparison:
             size = abs(self.first[k])
             share = f", {100 * self.difference[k] / size:+.0f} %" if size > 0 else ""
             return f"{self.names[k]} changes {values}{share}."
-        p = two_sided(self.first[[k]] + self.second[[k]], self.sd[[k]], self.freedom[[k]])[0]
+        p = two_sided(self.first[[k]] + self.second[[k]], self.se[[k]], self.dof[[k]])[0]
         size_too = p * len(self.names) < 1 - self.confidence
         magnitude = "its magnitude differs too" if size_too else "its magnitude does not differ significantly"
         return f"{self.names[k]} changes its sign, {values}; {magnitude}."
@@ -205,8 +205,8 @@ class Series:
         labels: of the estimates, (n,).
         names, units: of the parameters, (k,).
         value: (n, k).
-        sd: cluster-robust standard errors, infinite where they cannot be estimated, (n, k).
-        freedom: degrees of freedom of each, (n, k).
+        se: cluster-robust standard errors, infinite where they cannot be estimated, (n, k).
+        dof: degrees of freedom of each, (n, k).
         covariance: of each estimate, (n, k, k).
         confidence: family-wise confidence level at which a parameter counts as different.
         notes: sentences for the user.
@@ -216,8 +216,8 @@ class Series:
     names: tuple[str, ...]
     units: tuple[str, ...]
     value: Array
-    sd: Array
-    freedom: Array
+    se: Array
+    dof: Array
     covariance: Array
     confidence: float
     notes: tuple[str, ...]
@@ -235,9 +235,9 @@ class Series:
     @cached_property
     def common(self) -> Array:
         """Inverse-variance weighted mean of each parameter, (k,); NaN where every standard error is infinite."""
-        sd = np.column_stack([deviations_to_weigh(*pair) for pair in zip(self.value.T, self.sd.T, strict=True)])
+        se = np.column_stack([deviations_to_weigh(*pair) for pair in zip(self.value.T, self.se.T, strict=True)])
         with np.errstate(divide="ignore", invalid="ignore"):
-            weight = np.where(sd > 0, (sd.min(axis=0) / sd) ** 2, 1.0)  # all zero without error: any weight will do
+            weight = np.where(se > 0, (se.min(axis=0) / se) ** 2, 1.0)  # all zero without error: any weight will do
             return freeze(np.asarray((weight * self.value).sum(axis=0) / weight.sum(axis=0)))
 
     @cached_property
@@ -247,7 +247,7 @@ class Series:
 
     def misfits(self, columns: Array) -> Array:
         """p-values of the lack of fit to a linear model in the columns, (n, c), each parameter by itself, (k,)."""
-        each = zip(self.value.T, self.sd.T, self.freedom.T, strict=True)
+        each = zip(self.value.T, self.se.T, self.dof.T, strict=True)
         return np.array([misfit(*one, columns) for one in each])
 
     @cached_property
@@ -273,10 +273,10 @@ class Series:
             units=self.units,
             first=self.value[a],
             second=self.value[b],
-            first_sd=self.sd[a],
-            second_sd=self.sd[b],
-            first_freedom=self.freedom[a],
-            second_freedom=self.freedom[b],
+            first_sd=self.se[a],
+            second_sd=self.se[b],
+            first_freedom=self.dof[a],
+            second_freedom=self.dof[b],
             covariance=self.covariance[a] + self.covariance[b],
             confidence=self.confidence,
             notes=self.notes,
@@ -300,8 +300,8 @@ class Series:
         """A text table, then the sentences. `differs up to` is a confidence level; an asterisk marks what differs."""
         rows = [["", *(cell for label in self.labels for cell in (label, "std err")), "differs up to", "", "unit"]]
         for k, name in enumerate(self.names):
-            values = zip(self.value[:, k], self.sd[:, k], strict=True)
-            cells = [cell for value, sd in values for cell in (f"{value:.4g}", f"{sd:.2g}")]
+            values = zip(self.value[:, k], self.se[:, k], strict=True)
+            cells = [cell for value, se in values for cell in (f"{value:.4g}", f"{se:.2g}")]
             mark = "*" if name in self.differs else ""
             rows.append([name, *cells, confidence_text(self.holm[k]), mark, self.units[k]])
         return "\n".join([*aligned(rows), "", *self.sentences])
@@ -358,8 +358,8 @@ def compare(
         names=names,
         units=tuple(estimates[0].units[k] for k in at[0]),
         value=np.array([one.free[k] for one, k in chosen]),
-        sd=np.array([one.sd[k] for one, k in chosen]),
-        freedom=np.array([one.freedom[k] for one, k in chosen]),
+        se=np.array([one.se[k] for one, k in chosen]),
+        dof=np.array([one.dof[k] for one, k in chosen]),
         covariance=np.array([one.covariance[np.ix_(k, k)] for one, k in chosen]),
         confidence=confidence,
         notes=_notes(estimates, called, names),
@@ -411,7 +411,7 @@ def _notes(estimates: Sequence[Comparable], labels: Sequence[str], names: tuple[
     for one, label in zip(estimates, labels, strict=True):
         if one.constrained:
             notes.append(f"Constraints are active in {label}: its unconstrained fit is compared.")
-        if unbounded := [name for name in names if np.isinf(one.sd[one.names.index(name)])]:
+        if unbounded := [name for name in names if np.isinf(one.se[one.names.index(name)])]:
             notes.append(
                 f"{', '.join(unbounded)} excited in a single time block of {label}: the standard error cannot be "
                 f"estimated, and no difference can be significant."

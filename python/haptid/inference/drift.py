@@ -67,25 +67,25 @@ class Drift:
         return freeze(np.einsum("ij,ik,ijk->jk", weights, weights, self.series.covariance))
 
     @cached_property
-    def sd(self) -> Array:
+    def se(self) -> Array:
         """Standard errors of the slopes, (k,); infinite with information at fewer than two times."""
         return freeze(np.where(self._identifiable, np.sqrt(self._parts.sum(axis=0)), np.inf))
 
     @cached_property
-    def freedom(self) -> Array:
+    def dof(self) -> Array:
         """Degrees of freedom of each slope, (k,)."""
-        whole, each = self._parts.sum(axis=0), (self._parts**2 / self.series.freedom).sum(axis=0)
+        whole, each = self._parts.sum(axis=0), (self._parts**2 / self.series.dof).sum(axis=0)
         return freeze(np.divide(whole**2, each, out=np.full(len(whole), np.inf), where=each > 0))
 
     def conf_int(self, level: float | None = None) -> Array:
         """Confidence intervals of the slopes, one by one, (k, 2); at the series' confidence where no level is given."""
-        half = half_width(self.sd, self.freedom, self.series.confidence if level is None else level)
+        half = half_width(self.se, self.dof, self.series.confidence if level is None else level)
         return freeze(np.column_stack([self.slope - half, self.slope + half]))
 
     @cached_property
     def p(self) -> Array:
         """p-value of each slope by itself, (k,)."""
-        return freeze(two_sided(self.slope, self.sd, self.freedom))
+        return freeze(two_sided(self.slope, self.se, self.dof))
 
     @cached_property
     def holm(self) -> Array:
@@ -112,13 +112,13 @@ class Drift:
     @cached_property
     def _parts(self) -> Array:
         """What each estimate adds to the variance of each slope, (n, k)."""
-        known = np.where(np.isfinite(self.series.sd), self.series.sd, 0.0)
+        known = np.where(np.isfinite(self.series.se), self.series.se, 0.0)
         return freeze(self._inflation * (self.weights * known) ** 2)
 
     @property
     def _inflation(self) -> Array:
         """Factor on each part of a variance for the uncertainty of the weights, (n, k)."""
-        return np.asarray(1.0 + 4.0 * (1.0 - self.leverage) / self.series.freedom)
+        return np.asarray(1.0 + 4.0 * (1.0 - self.leverage) / self.series.dof)
 
     @property
     def sentences(self) -> tuple[str, ...]:
@@ -145,9 +145,9 @@ class Drift:
         rows = [["", f"in a {self.unit}", "std err", interval, "drifts up to", "", "unit"]]
         for k, (low, high) in enumerate(self.conf_int()):
             mark = "*" if self.names[k] in self.drifts else ""
-            slope, sd = f"{self.slope[k]:.3g}", f"{self.sd[k]:.2g}"
+            slope, se = f"{self.slope[k]:.3g}", f"{self.se[k]:.2g}"
             ends = f"{low:.3g} .. {high:.3g}"
-            rows.append([self.names[k], slope, sd, ends, confidence_text(self.holm[k]), mark, self.series.units[k]])
+            rows.append([self.names[k], slope, se, ends, confidence_text(self.holm[k]), mark, self.series.units[k]])
         return "\n".join([*aligned(rows), "", *self.sentences])
 
 
@@ -168,18 +168,18 @@ def drift(series: Series, times: Sequence[float], unit: str = "day") -> Drift:
         raise TimeCountError(t.size, len(series))
     if not np.isfinite(t).all() or np.ptp(t) == 0:
         raise TimeValueError(t.tolist())
-    lines = [_line(t, value, sd) for value, sd in zip(series.value.T, series.sd.T, strict=True)]
+    lines = [_line(t, value, se) for value, se in zip(series.value.T, series.se.T, strict=True)]
     weights, leverage = (np.column_stack(part) for part in zip(*lines, strict=True))
     return Drift(series, t, unit, weights, leverage)
 
 
-def _line(t: Array, value: Array, sd: Array) -> tuple[Array, Array]:
+def _line(t: Array, value: Array, se: Array) -> tuple[Array, Array]:
     """Coefficients of a slope, (t - mean) / s^2 over the sum of (t - mean)^2 / s^2, and leverages, both (n,)."""
-    sd = deviations_to_weigh(value, sd)
-    least = sd.min()
+    se = deviations_to_weigh(value, se)
+    least = se.min()
     if not np.isfinite(least):
         return np.zeros(len(t)), np.ones(len(t))
-    weight = (least / sd) ** 2 if least > 0 else np.ones(len(t))
+    weight = (least / se) ** 2 if least > 0 else np.ones(len(t))
     away = t - weight @ t / weight.sum()
     spread = float(weight @ away**2)
     if spread <= np.finfo(float).eps * np.ptp(t) ** 2:  # information at one time only, however often

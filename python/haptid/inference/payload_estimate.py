@@ -19,7 +19,7 @@ RANK_TOLERANCE = 1e-9
 
 
 @dataclass(frozen=True, eq=False)
-class Addition:
+class PayloadEstimate:
     """The standard parameters of a body added to a link, in the link frame.
 
     Attributes:
@@ -27,7 +27,7 @@ class Addition:
         names, units: of the link's free standard parameters, (k,).
         value: of the identifiable ones, NaN of the others, (k,), SI.
         covariance: of these, (k, k), zero where there is no value.
-        freedom: degrees of freedom of the intervals: the least of any base parameter's difference.
+        dof: degrees of freedom of the intervals: the least of any base parameter's difference.
     """
 
     link: str
@@ -35,7 +35,7 @@ class Addition:
     units: tuple[str, ...]
     value: Array
     covariance: Array
-    freedom: float
+    dof: float
 
     def __post_init__(self) -> None:
         for name in ("value", "covariance"):
@@ -44,13 +44,13 @@ class Addition:
         expect("covariance", self.covariance.shape, (len(self.names), len(self.names)))
 
     @cached_property
-    def sd(self) -> Array:
+    def se(self) -> Array:
         """Standard errors, (k,), NaN where there is no value."""
         return freeze(np.where(np.isnan(self.value), np.nan, np.sqrt(np.diag(self.covariance))))
 
     def conf_int(self, level: float = LEVEL) -> Array:
         """Confidence intervals, (k, 2)."""
-        half = half_width(self.sd, self.freedom, level)
+        half = half_width(self.se, self.dof, level)
         return freeze(np.column_stack([self.value - half, self.value + half]))
 
     def summary(self) -> str:
@@ -64,7 +64,7 @@ class Addition:
         return "\n".join(lines)
 
 
-def addition(before: Estimate, after: Estimate, link: str) -> Addition:
+def estimate_payload(before: Estimate, after: Estimate, link: str) -> PayloadEstimate:
     """The body added to one link between two estimates of one device.
 
     The difference of the base parameters is a linear combination of the ten inertial parameters of the added body,
@@ -89,18 +89,18 @@ def addition(before: Estimate, after: Estimate, link: str) -> Addition:
     if place < 0 or not own:
         raise UnknownLinkError(link, device.joint_names)
     changed = compare(before, after)
-    bodies = [k for k, kept in enumerate(model.base.kept) if standard.kinds[kept] in INERTIAL]
+    bodies = [k for k, kept in enumerate(model.base.independent_columns) if standard.kinds[kept] in INERTIAL]
     root = np.linalg.cholesky(changed.covariance[np.ix_(bodies, bodies)])
     columns = np.linalg.solve(root, model.base.regrouping[np.ix_(bodies, own)])
     shift = np.linalg.solve(root, changed.difference[bodies])
     value, covariance = _least_squares(columns, shift)
-    return Addition(
+    return PayloadEstimate(
         link=link,
         names=tuple(standard.names[k] for k in own),
         units=tuple(standard.units[k] for k in own),
         value=value,
         covariance=covariance,
-        freedom=float(changed.freedom[bodies].min()),
+        dof=float(changed.dof[bodies].min()),
     )
 
 

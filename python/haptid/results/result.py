@@ -19,10 +19,10 @@ from haptid.device.toml.reader import device_of
 from haptid.device.toml.tables import checked
 from haptid.dynamics.base_parameters import BaseParameters
 from haptid.dynamics.model import DynamicModel
-from haptid.end_effector.characterisation.model import GivenModel
+from haptid.end_effector.characterisation.model import GivenParameters
 from haptid.errors import ResultDeviceError, ResultFileError, ShapeError
-from haptid.estimation import Consistent, Estimate, Held, Method, Reduced, Within
-from haptid.estimation.nonlinear import Projection
+from haptid.estimation import PhysicallyConsistent, Estimate, Constrained, Method, Reduced, BoundedSolution
+from haptid.estimation.nonlinear import VariableProjection
 from haptid.inference.targets import targets
 from haptid.motion.causal import Causal
 from haptid.motion.treatment import Treatment
@@ -215,7 +215,7 @@ class Result(Table):
         return freeze(np.array(self.estimate.covariance, dtype=float).reshape(len(self.names), -1))
 
     @property
-    def freedom(self) -> Array:
+    def dof(self) -> Array:
         """Degrees of freedom of each interval, (p,)."""
         return freeze(_or([p.dof for p in self.estimate.parameters], np.inf))
 
@@ -231,16 +231,16 @@ class Result(Table):
         return correlations(self.covariance)
 
     @property
-    def lonely(self) -> tuple[int, ...]:
+    def single_block(self) -> tuple[int, ...]:
         """Parameters, by index, whose standard error cannot be estimated: a single block has information on them."""
         return tuple(k for k, p in enumerate(self.estimate.parameters) if p.se is None)
 
     @property
-    def sd(self) -> Array:
+    def se(self) -> Array:
         """Cluster-robust standard errors, (p,); infinite where they cannot be estimated."""
-        sd = np.sqrt(np.diag(self.covariance))
-        sd[list(self.lonely)] = np.inf
-        return freeze(sd)
+        se = np.sqrt(np.diag(self.covariance))
+        se[list(self.single_block)] = np.inf
+        return freeze(se)
 
     @property
     def zero(self) -> tuple[int, ...]:
@@ -263,13 +263,15 @@ class Result(Table):
         return tuple(_validations(self.validation, self.model, seen=False))
 
     @property
-    def identified(self) -> GivenModel:
-        """The parameters as `characterise`, `felt_mass` and the like take them.
+    def identified(self) -> GivenParameters:
+        """The parameters as `characterise`, `apparent_mass` and the like take them.
 
         Degrees of freedom of derived quantities are the least of any parameter's: the distribution of information over
         the blocks, from which those of a combination are computed, is not in the folder.
         """
-        return GivenModel(self.model, self.beta, self.covariance, float(self.freedom.min(initial=np.inf)), self.lonely)
+        return GivenParameters(
+            self.model, self.beta, self.covariance, float(self.dof.min(initial=np.inf)), self.single_block
+        )
 
 
 def result_schema() -> dict[str, Any]:
@@ -281,7 +283,9 @@ def interval(estimate: Estimate) -> str:
     """How the confidence intervals were made."""
     if estimate.held is None:
         return estimate.intervals.name
-    return f"{estimate.intervals.name}, {PHYSICAL_INTERVAL if isinstance(estimate.held, Held) else BOUNDS_INTERVAL}"
+    return (
+        f"{estimate.intervals.name}, {PHYSICAL_INTERVAL if isinstance(estimate.held, Constrained) else BOUNDS_INTERVAL}"
+    )
 
 
 def device_file(model: DynamicModel) -> dict[str, Any]:
@@ -292,7 +296,7 @@ def device_file(model: DynamicModel) -> dict[str, Any]:
 
 def weighting(method: Method) -> Method:
     """The method whose name a study gives, without the physical constraints around it."""
-    return method.weighting if isinstance(method, Consistent) else method
+    return method.weighting if isinstance(method, PhysicallyConsistent) else method
 
 
 def treatment(treated: Treatment) -> dict[str, Any]:
@@ -318,7 +322,7 @@ def finite(value: Any) -> Any:
 def _parameters(estimate: Estimate) -> Iterator[ResultParameter]:
     """Base parameters; `eliminated` is None where nothing was to be eliminated."""
     for k, p in enumerate(estimate.parameters):
-        yield ResultParameter.of(p, estimate.freedom[k], k in estimate.zero if _reduced(estimate) else None)
+        yield ResultParameter.of(p, estimate.dof[k], k in estimate.zero if _reduced(estimate) else None)
 
 
 def _reduced(estimate: Estimate) -> bool:
@@ -328,25 +332,25 @@ def _reduced(estimate: Estimate) -> bool:
 def _targets(estimate: Estimate) -> Iterator[ResultParameter]:
     if estimate.model.device.targets:
         found = targets(estimate)
-        yield from map(ResultParameter.of, found.parameters, found.freedom)
+        yield from map(ResultParameter.of, found.parameters, found.dof)
 
 
-def _constants(projection: Projection | None) -> Iterator[NonlinearConstant]:
+def _constants(projection: VariableProjection | None) -> Iterator[NonlinearConstant]:
     for constant in projection.constants if projection else ():
         yield NonlinearConstant(
             name=constant.name,
             unit=constant.unit,
             value=constant.value,
-            se=constant.sd,
+            se=constant.se,
             conf_int=constant.interval,
             range=(constant.low, constant.high),
         )
 
 
-def _constraints(found: Held | Within | None) -> PhysicalConstraints | BoundConstraints | None:
+def _constraints(found: Constrained | BoundedSolution | None) -> PhysicalConstraints | BoundConstraints | None:
     if found is None:
         return None
-    if isinstance(found, Within):
+    if isinstance(found, BoundedSolution):
         return BoundConstraints(active=list(found.active))
     inside, names = found.possible, found.possible.model.device.parameters.names
     return PhysicalConstraints(

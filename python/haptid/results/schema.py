@@ -11,7 +11,7 @@ from typing import Annotated, Literal
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field
 
 from haptid.estimation import Parameter
-from haptid.observation.known_payload import Load
+from haptid.observation.known_payload import Payload
 from haptid.study import Role
 from haptid.study.identify import Run
 from haptid.uncertainty.quantities import LEVEL, finite_or_none
@@ -35,7 +35,7 @@ class Payload(Table):
     inertia: list[list[float]] | None = Field(description="3 x 3, kg m^2")
 
     @classmethod
-    def of(cls, load: Load) -> Payload:
+    def of(cls, load: Payload) -> Payload:
         body = load.body
         inertia = None if body.inertia is None else body.inertia.tolist()
         return cls(link=load.link, mass=body.mass, com=body.com.tolist(), inertia=inertia)
@@ -131,13 +131,13 @@ class ResultParameter(Quantity):
             name=p.name,
             unit=p.unit,
             value=p.value,
-            se=p.sd,
+            se=p.se,
             dof=float(dof),
             conf_int=p.interval,
             unconstrained=p.free,
-            classical_se=p.textbook_sd,
-            relative_se_percent=p.relative_sd,
-            constrained_outside_ci=p.strained,
+            classical_se=p.classical_se,
+            relative_se_percent=p.relative_se,
+            constrained_outside_ci=p.constrained_outside_ci,
             grouping=p.grouping,
             eliminated=eliminated,
             prior=None if p.prior is None else Prior(value=p.prior[0], std=p.prior[1]),

@@ -136,7 +136,7 @@ class AugmentedRows:
         before = [own.residual(self.estimate.beta) for own in self.estimate.observation.motors[chosen]]
         after = [own.residual(beta) for own in motors]
         explained = 1.0 - np.square(after) / np.where(np.array(before) > 0, np.square(before), 1.0)
-        return AddedVariableTest(beta[-k:], made.covariance, float(made.freedom.min()), explained, shift)
+        return AddedVariableTest(beta[-k:], made.covariance, float(made.dof.min()), explained, shift)
 
 
 def augment(estimate: Estimate, candidates: Sequence[CandidateColumns]) -> AugmentedRows:

@@ -36,7 +36,7 @@ from haptid.uncertainty.multiple_testing import together
 HARMLESS, BIASED = 0.5, 1.0
 FILTER_ADVICE = (
     "Leave the cut-offs out of the study file, or call propose in Python, so that they are chosen from the logs; or "
-    "drop more rows near standstill (low_speed)."
+    "drop more rows near standstill (reversal_speed)."
 )
 LOOP_ADVICE = (
     "Use instrumental variables (IV) or DIDIM, which it does not bias; or leave the cut-offs out of the study file, "
@@ -155,7 +155,7 @@ def exogeneity(augmented: AugmentedRows, which: Sequence[int], labels: Sequence[
     first = int(np.argmin(p))
     label, test = found[first]
     explained, kept = float(test.explained.max()), list(made.kept)
-    bias = np.abs(test.shift) / np.maximum(made.sd[kept], TINY)
+    bias = np.abs(test.shift) / np.maximum(made.se[kept], TINY)
     worst, most = made.base.names[kept[int(np.argmax(bias))]], float(bias.max())
     figures = {"p": float(p[first]), "explained": explained, "bias": most}
     figures |= {f"p {name}": one.p for name, one in found}

@@ -53,7 +53,7 @@ class PriorBodies:
 
 def prior_bodies(model: DynamicModel) -> PriorBodies | None:
     """Prior bodies of the device file; None where one has no prior."""
-    kinds = [model.device.parameters.kinds[k] for k in model.base.kept]
+    kinds = [model.device.parameters.kinds[k] for k in model.base.independent_columns]
     inertial = tuple(k for k, kind in enumerate(kinds) if kind in INERTIAL)
     prior = [model.base_prior[k] for k in inertial]
     if not inertial or any(value is None for value in prior):
@@ -158,11 +158,11 @@ def units_and_signs(made: Estimate, found: Sequence[TorqueScale]) -> Finding:
 
 def _negative(made: Estimate) -> list[str]:
     """Friction and rotor parameters that are significantly negative, with Bonferroni's correction."""
-    kinds = [made.model.device.parameters.kinds[k] for k in made.base.kept]
+    kinds = [made.model.device.parameters.kinds[k] for k in made.base.independent_columns]
     names = []
     for k, kind in enumerate(kinds):
         if kind in POSITIVE and made.beta[k] < 0:
-            p = stats.t.cdf(made.beta[k] / made.sd[k], made.freedom[k])
+            p = stats.t.cdf(made.beta[k] / made.se[k], made.dof[k])
             if p * len(kinds) < SIGNIFICANCE:
                 names.append(made.base.names[k])
     return names
