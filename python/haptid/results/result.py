@@ -21,7 +21,7 @@ from haptid.dynamics.base_parameters import BaseParameters
 from haptid.dynamics.model import DynamicModel
 from haptid.end_effector.characterisation.model import GivenParameters
 from haptid.errors import ResultDeviceError, ResultFileError, ShapeError
-from haptid.estimation import PhysicallyConsistent, Estimate, Constrained, Method, Reduced, BoundedSolution
+from haptid.estimation import BoundedSolution, Constrained, Estimate, Method, PhysicallyConsistent, Reduced
 from haptid.estimation.nonlinear import VariableProjection
 from haptid.inference.targets import targets
 from haptid.motion.causal import Causal

@@ -26,7 +26,7 @@ class Table(BaseModel):
     model_config = ConfigDict(extra="ignore", frozen=True)
 
 
-class Payload(Table):
+class PayloadTable(Table):
     """A known body whose torque was subtracted from a log; inertia about its centre of mass, null of a point mass."""
 
     link: str
@@ -35,10 +35,10 @@ class Payload(Table):
     inertia: list[list[float]] | None = Field(description="3 x 3, kg m^2")
 
     @classmethod
-    def of(cls, load: Payload) -> Payload:
-        body = load.body
+    def of(cls, payload: Payload) -> PayloadTable:
+        body = payload.body
         inertia = None if body.inertia is None else body.inertia.tolist()
-        return cls(link=load.link, mass=body.mass, com=body.com.tolist(), inertia=inertia)
+        return cls(link=payload.link, mass=body.mass, com=body.com.tolist(), inertia=inertia)
 
 
 class ResultLog(Table):
@@ -51,7 +51,7 @@ class ResultLog(Table):
     samples: int
     dt: float = Field(description="sampling period, s")
     notes: list[str] = Field(default=[], description="what was mended")
-    payload: Payload | None = Field(default=None, description="subtracted from the torque")
+    payload: PayloadTable | None = Field(default=None, description="subtracted from the torque")
 
     @property
     def stop(self) -> float:
@@ -70,7 +70,7 @@ class ResultLog(Table):
             samples=len(read.t),
             dt=run.motion.dt,
             notes=list(read.notes),
-            payload=None if load is None else Payload.of(load),
+            payload=None if load is None else PayloadTable.of(load),
         )
 
 
