@@ -73,7 +73,7 @@ BROKEN = [
     (
         "DeviceFileError",
         add('[[loops]]\npassive = ["3"]\ncut = { on = "3", with = "1", frame = { d = 1, xyz = [0, 0, 0] } }'),
-        ["loops[0].cut.frame", "xyz or rpy stands beside d"],
+        ["loops[0].cut.frame", "xyz or rpy is given together with d"],
     ),
     (
         "DeviceFileError",
@@ -121,7 +121,7 @@ BROKEN = [
         add('[[prior_bodies]]\nlink = "1"\nmass = 1\ncom = [0, 0, 0]\ninertia = [1, 1, -3, 0, 0, 0]'),
         ["prior_bodies[0].inertia", "-3"],
     ),
-    ("DeviceFileError", add("[prior]\nM1 = { value = 1, sd = 0 }"), ["prior.M1.sd", "above zero"]),
+    ("DeviceFileError", add("[prior]\nM1 = { value = 1, std = 0 }"), ["prior.M1.std", "above zero"]),
     ("DeviceFileError", add("[base_parameters]\ntolerance = 2"), ["base_parameters.tolerance", "found 2"]),
     ("DeviceFileError", add(BALANCE.replace("0.3", "0.2")), ["terms[2].stroke", "up to 0.2 m"]),
     ("DeviceFileError", add(BALANCE.replace("0.5", "0.1")), ["terms[2].crank", "differ"]),
@@ -242,7 +242,7 @@ BROKEN = [
         '[[joints]]\nname = "3"\n'
         'd = 0.5\n[[loops]]\npassive = ["2", "3"]\n'
         'cut = { on = "3", frame = { d = 0.25 }, with = "base", twin = { d = 0.5 } }',
-        ["loops: ", "in 2 ways", "guess"],
+        ["loops: ", "in 2 assembly modes", "guess"],
     ),
     (
         "SingularityError",
@@ -263,7 +263,7 @@ BROKEN = [
     (
         "DeviceFileError",
         add('[[loops]]\npassive = ["2", "3"]\ncut = { on = "1", with = "1" }'),
-        ["loops: ", "settle only 0 of 2"],
+        ["loops: ", "determine only 0 of 2"],
     ),
     (
         "DeviceFileError",
@@ -279,7 +279,7 @@ BROKEN = [
     (
         "DeviceFileError",
         add('[[motors]]\nname = "a"\ndrives = { 1 = 1, 2 = 1 }\n[[motors]]\nname = "b"\ndrives = { 1 = 2, 2 = 2 }'),
-        ["motors: ", "rank 2, wanted 3"],
+        ["motors: ", "rank 2, 3 rows of rank 3"],
     ),
     (
         "DeviceFileError",

@@ -58,7 +58,7 @@ damping = "FV2"
 share = { expression = "0.5*FV1", unit = "half a unit" }
 """
 )
-PRIOR = "\n[prior]\nZZ2 = 0.01\nZZ1 = { value = 0.02, sd = 0.003 }\nM2 = { value = 0.5, sd = 0.1 }\n"
+PRIOR = "\n[prior]\nZZ2 = 0.01\nZZ1 = { value = 0.02, std = 0.003 }\nM2 = { value = 0.5, std = 0.1 }\n"
 
 
 def written(tmp_path, text):

@@ -62,10 +62,10 @@ def inertial_parameters(body: Body, joint: Joint) -> Array:
     return chi
 
 
-def body_prior(body: Body, joint: Joint, sd_percent: float | None) -> dict[str, Prior]:
+def body_prior(body: Body, joint: Joint, std_percent: float | None) -> dict[str, Prior]:
     """Priors of a link's ten parameters, without those that are unknown.
 
-    `sd_percent` gives standard deviations: of the mass, that share of the mass; of a first moment, that share of the
+    `std_percent` gives standard deviations: of the mass, that share of the mass; of a first moment, that share of the
     greatest first moment, or of mass times radius of gyration; of a tensor entry, that share of the largest entry.
     """
     chi = inertial_parameters(body, joint)
@@ -74,7 +74,7 @@ def body_prior(body: Body, joint: Joint, sd_percent: float | None) -> dict[str, 
     gyration = 0.0 if body.inertia is None else np.sqrt(body.mass * np.trace(body.inertia) / 2)
     scale[6:9] = max(float(np.max(np.abs(chi[6:9]))), float(gyration))
     scale[9] = body.mass
-    stds = scale * (0.0 if sd_percent is None else sd_percent / 100)
+    stds = scale * (0.0 if std_percent is None else std_percent / 100)
     return {
         kind + joint.name: Prior(float(value), float(std) if std > 0 else None)
         for kind, value, std in zip(INERTIAL, chi, stds, strict=True)
@@ -117,7 +117,7 @@ def read_priors(
             raise here.at("link").unknown("link", body.link, links)
         if f"M{body.link}" in made:
             raise here.at("link").taken("prior body of link", body.link, "an earlier one")
-        percent = None if body.sd_percent is None else reader.number(body.sd_percent, here.at("sd_percent"))
+        percent = None if body.std_percent is None else reader.number(body.std_percent, here.at("std_percent"))
         made |= body_prior(_body(body, reader, here), joints[links.index(body.link)], percent)
     for name, value in tables.prior.items():
         here = place.at("prior", name)
@@ -130,7 +130,7 @@ def read_priors(
 def _named_prior(value: PriorTable | float | str, reader: Reader, place: Place) -> Prior:
     if not isinstance(value, PriorTable):
         return Prior(reader.number(value, place))
-    std = None if value.std is None else reader.positive(value.std, place.at("sd"))
+    std = None if value.std is None else reader.positive(value.std, place.at("std"))
     return Prior(reader.number(value.value, place.at("value")), std)
 
 

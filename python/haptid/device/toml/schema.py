@@ -280,7 +280,7 @@ class PriorBodyTable(Table):
     mass: Quantity
     com: Triple
     inertia: Annotated[list[Quantity], Field(min_length=6, max_length=6)] | None = None
-    sd_percent: Quantity | None = None
+    std_percent: Quantity | None = None
 
 
 class TargetTable(Table):
