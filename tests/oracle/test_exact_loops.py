@@ -13,6 +13,7 @@ from haptid.device.loops.chain import Chain, solve
 from haptid.device.loops.from_toml import read_loops
 from haptid.device.toml.errors_at import Place
 from haptid.device.toml.reader import device_of, read_tables
+from haptid.dynamics.model import DynamicModel
 from haptid.dynamics.regressor import rows
 from haptid.dynamics.symbolic import loop_regroupings
 from haptid.dynamics.symbolic.opening import _opened
@@ -146,7 +147,7 @@ def numeric_rows(path: Path, states: int = 60) -> np.ndarray:
     ahead, behind = (chain.residual(q + sign * step * qd[..., 0])[1] for sign in (1, -1))
     qdd[:, active] = qdda
     qdd[:, unknown] = -back @ (J[:, :, active] @ qdda + (ahead - behind) / (2 * step) @ qd)
-    Y = rows(tree, *(np.ascontiguousarray(x) for x in (q.T, qd[..., 0].T, qdd[..., 0].T)))
+    Y = rows(DynamicModel(tree), *(np.ascontiguousarray(x) for x in (q.T, qd[..., 0].T, qdd[..., 0].T)))
     return np.einsum("njm,jpn->nmp", G, Y).reshape(-1, Y.shape[1]) @ tree.parameters.S
 
 
