@@ -88,12 +88,13 @@ from haptid.inference.payload_estimate import Addition, addition
 from haptid.inference.several import Series, compare_all
 from haptid.inference.targets import Targets, side_by_side, target_map, targets
 from haptid.log import Channels, Log, Signal, open_log, read_log
-from haptid.motion.causal import Causal, HighPass
-from haptid.motion.shapes import Bell, Sharp
+from haptid.motion.filters import Bell, Causal, HighPass, Sharp
 from haptid.motion.treatment import Motion, Treatment, treat
-from haptid.observation.batch import Kept, observe_all
+from haptid.observation.batch import observe_all
+from haptid.observation.cache import Kept
 from haptid.observation.known_payload import Load, load_shift, log_without_load, without_load
-from haptid.observation.observation import Block, MotorRows, Observation, observe
+from haptid.observation.observation import MotorRows, Observation, observe
+from haptid.observation.plan import Block
 from haptid.report import Hand, Report, make_report, read_report, write_comparison
 from haptid.results.read import Recorded, RecordedLog, read_result
 from haptid.results.write import result, write_result

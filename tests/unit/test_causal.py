@@ -14,8 +14,7 @@ from haptid.errors import (
     NoAccelerationError,
     TreatmentValueError,
 )
-from haptid.motion.causal import Causal, HighPass
-from haptid.motion.shapes import Bell, Sharp
+from haptid.motion.filters import Bell, Causal, HighPass, Sharp
 
 MOMENTUM = {"accelerations": "momentum"}
 RAW = {

@@ -12,7 +12,7 @@ from diagnosed import log, phantom
 from haptid.inference.diagnosis import diagnose, subsample
 from haptid.inference.diagnosis.residual import residuals
 from haptid.inference.diagnosis.subsample import FEWEST_BLOCKS, MOST_SAMPLES, named, numbered, runs, spread_blocks
-from haptid.observation.observation import Plan
+from haptid.observation.plan import Plan
 
 TREATMENT = haptid.Treatment(cutoff_hz=40, decimation=5, block=0.5)
 

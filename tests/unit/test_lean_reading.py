@@ -15,7 +15,7 @@ from scipy import signal
 
 import haptid
 from haptid.log import as_array, checks, lazy
-from haptid.log.on_disk import CHUNK, OnDisk
+from haptid.log.lazy import CHUNK, OnDisk
 from haptid.motion.streaming import PIECE, filtered, memory
 
 

@@ -13,9 +13,9 @@ import haptid
 from haptid import estimation as e
 from haptid.device.priors import Body
 from haptid.errors import StudyFileError, UnknownLinkError
-from haptid.observation.batch import Kept, fingerprint
+from haptid.observation.cache import Kept, fingerprint
 from haptid.observation.known_payload import Load, log_without_load
-from haptid.observation.observation import Plan
+from haptid.observation.plan import Plan
 from haptid.results.write import result
 from motions import multisine, truth
 from small_study import columns, two_links, write_study
@@ -71,7 +71,7 @@ def test_the_result_says_what_was_taken_off(study, tmp_path):
     first, _, third = json.loads((tmp_path / "result.json").read_text())["logs"]
     assert first["load"] is None
     assert third["load"] == {"link": "2", "mass": 0.7, "com": [0.25, 0.1, 0.0], "inertia": BODY.inertia.tolist()}
-    assert "A load of 0.7 kg on link 2 is taken off the torque" in third["notes"][-1]
+    assert "A payload of 0.7 kg on link 2 is subtracted from the torque" in third["notes"][-1]
     assert third["notes"][-1] in made.estimate.notes
 
 

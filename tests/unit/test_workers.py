@@ -14,7 +14,8 @@ import pytest
 import haptid
 from haptid import errors
 from haptid._internal.workers import Cluster, Here, Processes
-from haptid.observation.batch import Kept, observe_all
+from haptid.observation.batch import observe_all
+from haptid.observation.cache import Kept
 from motions import motion, truth
 
 

@@ -10,7 +10,7 @@ import typer
 
 from haptid._internal.workers import Cluster, Here, Processes, Workers
 from haptid.cli.common import EXIT_INTERRUPTED, complain, err
-from haptid.observation.batch import Kept
+from haptid.observation.cache import Kept
 
 
 def workers(count: int, scheduler: str | None) -> Workers:

@@ -12,7 +12,7 @@ from haptid.export.dialects import DOUBLE, C
 from haptid.export.functions import Function
 from haptid.export.golden import Golden
 from haptid.export.text import CUTOFF_HZ, GAIN, STEP, Files
-from haptid.motion.causal import HighPass
+from haptid.motion.filters import HighPass
 
 SAMPLES = 12
 # States of which the best are taken.

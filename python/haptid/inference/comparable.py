@@ -11,7 +11,7 @@ from haptid.dynamics.base_parameters import BaseParameters
 from haptid.errors import DependentEstimatesError
 from haptid.estimation import Estimate
 from haptid.inference.targets import Targets, free_fit
-from haptid.observation.observation import Block
+from haptid.observation.plan import Block
 from haptid.results.read import Recorded
 
 # Regrouping coefficients that differ by a larger share make two base parameters of one name two things.

@@ -15,7 +15,8 @@ from haptid.errors import DifferentModelError, GainSettlingError
 from haptid.estimation.intervals.cluster_robust import clustered
 from haptid.estimation.least_squares import Solution, check_excited
 from haptid.observation.known_payload import load_shift
-from haptid.observation.observation import MotorRows, Observation, triangle
+from haptid.observation.observation import MotorRows, Observation
+from haptid.observation.r_factor import triangle
 
 # Gauss-Newton's steps, and the change of the factors at which they end.
 MOST_STEPS, SETTLED = 50, 1e-10

@@ -1,4 +1,4 @@
-"""What a log is, and how the channels of its file are mapped to it."""
+"""Log, and the mapping from the channels of its file to positions and torques."""
 
 from __future__ import annotations
 
@@ -14,10 +14,10 @@ from numpy.typing import ArrayLike
 from haptid._internal.arrays import Array, expect, freeze, read_only
 from haptid.errors import CountsGainError, LogTooShortError, MappedTwiceError, SignalError, TimeBaseError
 from haptid.log import units
-from haptid.log.on_disk import Course, OnDisk, as_array
+from haptid.log.lazy import MotionProfile, OnDisk, as_array
 
 Side = Literal["joint", "motor"]
-# Samples that a stretch of a log has at least, whatever its rate.
+# Fewest samples of the part that `Log.busiest` returns.
 LEAST_STRETCH = 4096
 
 
@@ -31,11 +31,11 @@ class Signal:
         side: measured at the joint or at the motor's shaft.
         gain: one for each channel, or one for all; none is 1. Counts of position need it: rad or m each.
         offset: one for each channel, or one for all; none is 0; in SI, after the gain.
-        unwrap: the channel jumps by its period: put the turns back.
-        period: the jump of a wrapped channel in its own unit; None is one turn, and for counts the power of
-            two nearest to the largest jump.
-        constant_ok: a channel that never changes is meant to.
-        allow_saturation: a torque held at its limit is meant to be used.
+        unwrap: whether the channel jumps by its period and is to be unwrapped.
+        period: of a wrapped channel in its own unit; None is one turn, and for counts the power of two nearest to the
+            largest jump.
+        constant_ok: whether a constant channel is allowed.
+        allow_saturation: whether a torque that stays at its limit is allowed.
     """
 
     channels: tuple[str, ...]
@@ -64,7 +64,7 @@ class Signal:
 
 
 def _spread(name: str, given: ArrayLike, n: int, default: float) -> tuple[float, ...]:
-    """One finite figure for each of n channels."""
+    """One finite value for each of n channels."""
     values = [float(v) for v in np.atleast_1d(np.asarray(given, dtype=np.float64)).ravel()] or [default]
     if len(values) not in (1, n):
         raise SignalError(name, f"{len(values)} figures for {n} channels", "one for all, or one for each")
@@ -75,14 +75,14 @@ def _spread(name: str, given: ArrayLike, n: int, default: float) -> tuple[float,
 
 @dataclass(frozen=True)
 class Channels:
-    """How a file's channels become a log.
+    """Mapping from a file's channels to the signals of a log.
 
     Attributes:
         position: the positions.
-        torque: the torques, or the commands that stand for them.
+        torque: the torques, or commands proportional to them.
         time: channel of the sample times; or else `rate_hz`.
         time_unit: s, ms, us or ns.
-        rate_hz: sampling rate where there is no time channel, or where it is better than the stamps.
+        rate_hz: sampling rate, in place of a time channel.
     """
 
     position: Signal
@@ -110,7 +110,7 @@ class Channels:
 
     @property
     def sources(self) -> tuple[str, ...]:
-        """Every channel that is read, time first."""
+        """All channels that are read, time first."""
         time = () if self.time is None else (self.time,)
         return (*time, *self.position.channels, *self.torque.channels)
 
@@ -122,19 +122,19 @@ class Channels:
 
 @dataclass(frozen=True, eq=False)
 class Log:
-    """What was recorded, checked, in SI and on a uniform grid.
+    """Checked recording of positions and torques, in SI, on a uniform grid.
 
-    Each channel lies contiguous in memory: `position.T` and `torque.T` are C-contiguous. Of a log that was opened and
+    Each channel is contiguous in memory: `position.T` and `torque.T` are C-contiguous. In a log that was opened and
     not read, `position` and `torque` are `OnDisk`.
 
     Attributes:
         path: the file.
         sha256: of the file's bytes; empty for a log that was not read from one.
         t: times on a uniform grid, (n,), s from the file's first sample.
-        position: (n, positions), rad or m, at the side that `channels.position` says.
-        torque: (n, torques), in `channels.torque_unit`, at the side that `channels.torque` says.
-        channels: where they come from.
-        notes: what was found and done while reading, one sentence each.
+        position: (n, positions), rad or m, at the side given by `channels.position`.
+        torque: (n, torques), in `channels.torque_unit`, at the side given by `channels.torque`.
+        channels: mapping from the file.
+        notes: findings and repairs while reading, one sentence each.
     """
 
     path: Path
@@ -163,38 +163,34 @@ class Log:
 
     @property
     def rate_hz(self) -> float:
-        """Samples in a second."""
+        """Sampling rate, Hz."""
         return 1.0 / self.dt
 
     @cached_property
     def spans(self) -> tuple[tuple[float, float], ...]:
-        """Least and greatest of each position, rad or m."""
+        """Minimum and maximum of each position, rad or m."""
         if isinstance(self.position, OnDisk):
-            return self.course.spans
+            return self.profile.spans
         return tuple((float(channel.min()), float(channel.max())) for channel in self.position.T)
 
     @cached_property
-    def course(self) -> Course:
-        """How far the positions go, and when they move."""
-        return self.position.course() if isinstance(self.position, OnDisk) else Course.of(self.position.T)
+    def profile(self) -> MotionProfile:
+        """Range of each position, and their activity over time."""
+        return self.position.profile() if isinstance(self.position, OnDisk) else MotionProfile.of(self.position.T)
 
     def busiest(self, seconds: float) -> Log:
-        """The stretch in which its positions move most, each against its own spread.
-
-        At most so long, but of LEAST_STRETCH samples where the log has them.
-        """
+        """The part of given length with the largest activity of its positions; at least LEAST_STRETCH samples."""
         keep = min(self.t.size, max(LEAST_STRETCH, round(seconds / self.dt)))
         if keep == self.t.size:
             return self
-        moved = self.course.moved
-        total = np.concatenate([[0.0], np.cumsum(moved)])
+        total = np.concatenate([[0.0], np.cumsum(self.profile.activity)])
         start = int(np.argmax(total[keep:] - total[:-keep]))
         part = slice(start, start + keep)
         return replace(self, t=self.t[part], position=self.position[part], torque=self.torque[part])
 
 
 def _channel_major(array: ArrayLike) -> Array:
-    """The (n, channels) array read-only with every channel contiguous; copied only where it must be."""
+    """The (n, channels) array, read-only, every channel contiguous; copied only where necessary."""
     if isinstance(array, OnDisk):
         return as_array(array)
     given = np.asarray(array, dtype=np.float64)

@@ -1,11 +1,11 @@
-"""Time base: from stamps, or a rate, to the uniform grid that a log is on."""
+"""Time base: the uniform grid of a log, from time stamps or a rate, and resampling to it."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Literal
+from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,35 +22,38 @@ from haptid.errors import (
     StretchError,
     TimeBackwardsError,
 )
-from haptid.log.formats.content import Column, all_usable, usable
+from haptid.log.checks import all_usable, usable
+
+if TYPE_CHECKING:
+    from haptid.log.formats.sniff import Column
 
 FEWEST_SAMPLES = 50
-# Stamps this close to a uniform grid, in steps, are on it: what that moves a position by is below any encoder.
+# Stamps this close to a uniform grid, in steps, are on it: the position error is below any encoder's resolution.
 UNIFORM = 1e-4
-# A step longer than this many ordinary ones is a gap; one longer than LONGEST_GAP is not filled.
+# A step longer than this many regular ones is a gap; one longer than LONGEST_GAP is not filled.
 GAP = 1.5
 LONGEST_GAP = 10.0
-# Samples further apart tell no motion: their times are in another unit, s.
+# Longest sampling period, s; a longer one almost certainly means stamps in another unit.
 SLOWEST = 0.5
 MISSING_LIMIT = 0.01
 REPEATED_LIMIT = 0.01
-# From that many steps on, every other one, or third, ... tells the median.
+# Steps above which the median is estimated from every second one, every third one, ...
 SAMPLED = 2**18
-# Interpolation goes piece by piece; a cubic spline forgets what is k samples away as (2 - sqrt(3))^k.
+# Interpolation is done piece by piece; a cubic spline's dependence on a sample k away decays as (2 - sqrt(3))^k.
 PIECE = 2**16
 MARGIN = 40
 
 
 @dataclass(frozen=True, eq=False)
 class TimeBase:
-    """When the samples were taken and the grid they go to.
+    """Sample times and the uniform grid of a log.
 
     Attributes:
         repeated: samples whose stamp equals the one before, to be dropped, (repeats,).
         stamps: times of the other samples, (m,), s.
         t: uniform grid, (n,), s.
-        regular: the samples are on the grid as they are.
-        notes: what was found.
+        regular: whether the samples are on the grid already.
+        notes: findings.
     """
 
     repeated: NDArray[np.intp]
@@ -61,7 +64,7 @@ class TimeBase:
 
 
 def since_first(path: Path, name: str, raw: Column, scale: float) -> Array:
-    """Stamps counted from the first one, (n,), s; whole stamps are subtracted as such, so none is rounded.
+    """Stamps from the first one on, (n,), s; integer stamps are subtracted as integers, without rounding.
 
     Stamps in float64 are overwritten.
 
@@ -83,10 +86,10 @@ def since_first(path: Path, name: str, raw: Column, scale: float) -> Array:
 
 
 def part(path: Path, seconds: Array, stretch: tuple[float, float] | None) -> slice:
-    """The rows from the first to the last stamp inside the stretch.
+    """Rows from the first to the last stamp inside a time range.
 
     Raises:
-        StretchError: there are none.
+        StretchError: no stamp is inside.
     """
     if stretch is None:
         return slice(0, seconds.size)
@@ -97,7 +100,7 @@ def part(path: Path, seconds: Array, stretch: tuple[float, float] | None) -> sli
 
 
 def resolution(raw: Column) -> float:
-    """How finely stamps are written, in their own unit: a decimal place, or what their type resolves."""
+    """Resolution of the stamps in their own unit: a decimal place, or that of their type."""
     if raw.dtype.kind in "iu":
         return 1.0
     if not all_usable(raw):
@@ -125,19 +128,19 @@ def check_length(path: Path, samples: int) -> None:
 
 
 def from_rate(path: Path, rows: slice, rate_hz: float) -> TimeBase:
-    """The grid of samples that are regular by declaration."""
+    """Time base of samples at a declared rate."""
     check_length(path, rows.stop - rows.start)
     t = np.arange(rows.start, rows.stop) / rate_hz
     return TimeBase(np.empty(0, np.intp), freeze(t), t, True, ())
 
 
 def from_stamps(path: Path, name: str, seconds: Array, fineness: float) -> TimeBase:
-    """The grid of stamped samples.
+    """Time base of stamped samples.
 
     Args:
         path, name: of the file and of the time channel.
         seconds: stamps, (m,), s.
-        fineness: how finely they are written, s.
+        fineness: resolution of the stamps, s.
 
     Raises:
         NonFiniteError: a stamp is missing.
@@ -146,7 +149,7 @@ def from_stamps(path: Path, name: str, seconds: Array, fineness: float) -> TimeB
         GapError: a hole of more than `LONGEST_GAP` steps.
         MissingSamplesError: too many short holes.
         LogTooShortError: fewer than `FEWEST_SAMPLES`.
-        SlowClockError: the stamps are further apart than `SLOWEST`.
+        SlowClockError: the sampling period is longer than `SLOWEST`.
     """
     check_length(path, seconds.size)
     _check_order(path, name, seconds)
@@ -179,7 +182,7 @@ def _check_order(path: Path, name: str, seconds: Array) -> None:
 
 
 def _grid(path: Path, seconds: Array, fineness: float) -> tuple[Array, Array, bool, list[str]]:
-    """Stamps as they count, the uniform grid, whether the samples are on it, and what was found."""
+    """Stamps, uniform grid, whether the samples are on it, and notes."""
     steps = np.diff(seconds)
     median = float(np.median(steps[:: max(1, steps.size // SAMPLED)]))
     gaps = np.flatnonzero(steps > GAP * median + min(fineness, 0.25 * median))
@@ -228,7 +231,7 @@ def _uniform(first: float, step: float, n: int) -> Array:
 
 
 def _slots(seconds: Array, step: float) -> tuple[NDArray[np.int32], float]:
-    """The place on the grid nearest to each stamp, and the largest distance to it in steps."""
+    """Index of the grid point nearest to each stamp, and the largest distance to it in steps."""
     slots, off = np.empty(seconds.size, np.int32), 0.0
     for start in range(0, seconds.size, PIECE):
         places = (seconds[start : start + PIECE] - seconds[0]) / step
@@ -239,7 +242,7 @@ def _slots(seconds: Array, step: float) -> tuple[NDArray[np.int32], float]:
 
 
 def _missing(path: Path, seconds: Array, steps: Array, gaps: NDArray[np.intp], ordinary: float) -> int:
-    """Number of samples that are missing in the gaps."""
+    """Number of samples missing in the gaps."""
     if gaps.size == 0:
         return 0
     long = gaps[steps[gaps] > LONGEST_GAP * ordinary]
@@ -254,16 +257,15 @@ def _missing(path: Path, seconds: Array, steps: Array, gaps: NDArray[np.intp], o
 
 
 def interpolate(base: TimeBase, values: Array, kind: Literal["position", "torque"], out: Array) -> None:
-    """Samples at the stamps to samples on the grid.
+    """Interpolate samples at the stamps to the grid.
 
-    A position is smooth, so it takes the cubic spline; a torque has edges (dry friction, limits), so it takes
-    the monotone cubic of Fritsch and Butland (1984), SIAM J. Scientific and Statistical Computing 5(2), which
-    never overshoots.
+    Positions are smooth and take a cubic spline; torques have edges (dry friction, limits) and take the monotone
+    cubic of Fritsch and Butland (1984), SIAM J. Scientific and Statistical Computing 5(2), which does not overshoot.
 
     Args:
         base: stamps (m,) and grid (n,).
         values: (m,).
-        kind: what they are.
+        kind: of the values.
         out: (n,), written.
     """
     for start in range(0, base.t.size, PIECE):
@@ -273,14 +275,14 @@ def interpolate(base: TimeBase, values: Array, kind: Literal["position", "torque
 
 
 def around(base: TimeBase, start: int, stop: int) -> tuple[int, int]:
-    """First and one past the last of the stamps that places start..stop of the grid are interpolated from."""
+    """First stamp and one past the last that grid points start..stop are interpolated from."""
     low = max(int(np.searchsorted(base.stamps, base.t[start])) - MARGIN, 0)
     high = int(np.searchsorted(base.stamps, base.t[stop - 1])) + MARGIN
     return low, min(high, base.stamps.size)
 
 
 def curve(base: TimeBase, values: Array, low: int, kind: Literal["position", "torque"]) -> Callable[[Array], Array]:
-    """Through the samples at the stamps from `low` on, each channel along the last axis."""
+    """Interpolant of samples at the stamps from `low` on, each channel along the last axis."""
     kinds = {"position": CubicSpline, "torque": PchipInterpolator}
     made: Callable[[Array], Array] = kinds[kind](base.stamps[low : low + values.shape[-1]], values, axis=-1)
     return made

@@ -1,4 +1,4 @@
-"""Units of what a log holds: their scale to SI, and what was probably meant by an unknown one."""
+"""Units of a log's channels: scale to SI, and suggestions for unknown ones."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from haptid.errors import UnknownUnitError, WrongKindOfUnitError
 
 Quantity = Literal["position", "torque", "time"]
 
-# unit -> (what a log keeps, how much of it); counts keep their name, and their gain says what one is.
+# unit -> (SI unit, factor); counts keep their name, and the gain is per count.
 POSITION = {
     "rad": ("rad", 1.0),
     "deg": ("rad", math.pi / 180),
@@ -33,7 +33,7 @@ TORQUE = {
 TIME = {"s": ("s", 1.0), "ms": ("s", 1e-3), "us": ("s", 1e-6), "ns": ("s", 1e-9)}
 TABLES: dict[Quantity, dict[str, tuple[str, float]]] = {"position": POSITION, "torque": TORQUE, "time": TIME}
 
-# The jump of a wrapped channel, in its own unit; counters wrap at a power of two.
+# Period of a wrapped channel, in its own unit; counters wrap at a power of two.
 PERIODS = {"rad": 2 * math.pi, "deg": 360.0, "turn": 1.0}
 
 SPELLINGS = {
@@ -59,7 +59,7 @@ SPELLINGS = {
 
 
 def meant(unit: str, quantity: Quantity) -> str | None:
-    """The known unit of this quantity that was probably meant; None where nothing is close."""
+    """The known unit of a quantity nearest to an unknown one; None where none is close."""
     known = TABLES[quantity]
     plain = unit.strip().lower()
     for name, spellings in SPELLINGS.items():

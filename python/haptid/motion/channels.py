@@ -1,4 +1,4 @@
-"""What a motion's channels mean to a device: joint-side coordinates and torques, whichever side was measured."""
+"""Joint-side coordinates and torques of a device from a motion's channels, measured at the joints or the motors."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from haptid.motion.treatment import Motion
 
 
 def check_log(device: Device, log: Log) -> tuple[str, ...]:
-    """Compare a log with the joints it is said to be of; returns a sentence for each doubt.
+    """Check a log against the device's joints; returns a note for each joint outside its limits.
 
     Raises:
         ChannelCountError: more or fewer channels than the device has coordinates or motors.
@@ -32,21 +32,21 @@ def check_log(device: Device, log: Log) -> tuple[str, ...]:
 
 
 def position_channels(device: Device, side: str) -> list[str]:
-    """What each position channel is of: active joints, or motors' shafts."""
+    """Names of the position channels: active joints, or motors' shafts."""
     if side == "joint":
         return [device.joints[k].name for k in device.active]
     return [drive.name for drive in device.drives]
 
 
 def torque_channels(device: Device, side: str) -> list[str]:
-    """What each torque channel is of: measured joints, or motors."""
+    """Names of the torque channels: joints with measured torque, or motors."""
     if side == "motor":
         return [drive.name for drive in device.motors]
     return [device.joints[j].name for k, j in enumerate(device.active) if _joint_measured(device)[k]]
 
 
 def _joint_measured(device: Device) -> np.ndarray:
-    """Whether each active joint's torque is known: all drives that load it have a motor."""
+    """Whether each active joint's torque is measured: all drives coupled to it have a motor."""
     blind = np.array([not drive.motorised for drive in device.drives])
     return np.asarray(~(device.coupling[blind] != 0).any(axis=0))
 
@@ -75,7 +75,7 @@ def state(device: Device, motion: Motion, start: int, stop: int) -> tuple[Array,
 
 
 def position_map(device: Device, motion: Motion) -> Callable[[Array], Array]:
-    """From position channels, or their rates, to the coordinates', both (channels, samples)."""
+    """Linear map from position channels, or their rates, to the coordinates', both (channels, samples)."""
     side = motion.log.channels.position.side if motion.log else "joint"
     names = position_channels(device, side)
     if motion.q.shape[1] != len(names):
@@ -92,7 +92,7 @@ def position_map(device: Device, motion: Motion) -> Callable[[Array], Array]:
 def coordinate_torque(device: Device, motion: Motion, start: int, stop: int) -> Array:
     """Torque of every coordinate, at the joint side, (coordinates, stop - start), N m or N; zero where not measured.
 
-    A motion without a log has the coordinates' torques; a log has the motors' commands, or joint torques.
+    A motion without a log holds the coordinates' torques; a log holds the motors' commands, or joint torques.
 
     Raises:
         ChannelCountError: the motion has more or fewer torque channels than the device has motors.

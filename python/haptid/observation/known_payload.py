@@ -1,4 +1,4 @@
-"""Known loads: a body of known mass that a log was recorded with, taken off its torque."""
+"""Known payloads: the torque of a body of known inertia is subtracted from the torque of a log recorded with it."""
 
 from __future__ import annotations
 
@@ -14,13 +14,13 @@ from haptid.dynamics.model import DynamicModel
 from haptid.errors import LoadSymmetryError, UnknownLinkError
 from haptid.log import Log, OnDisk, as_array
 from haptid.motion.channels import coordinates, torque_map
-from haptid.motion.time_shift import delayed, lost
+from haptid.motion.streaming import delayed, lost
 from haptid.motion.treatment import Motion, Treatment, treat
 
 
 @dataclass(frozen=True, eq=False)
 class Load:
-    """A known body fixed to a link.
+    """Payload: a known body fixed to a link.
 
     Attributes:
         link: name of its joint.
@@ -32,17 +32,17 @@ class Load:
 
 
 def load_shift(model: DynamicModel, link: str, body: Body) -> Array:
-    """What a body fixed to a link adds to the base parameters, (p,), SI.
+    """Increment of the base parameters by a body fixed to a link, (p,), SI.
 
     Args:
         model: the dynamic model.
         link: name of its joint.
-        body: in the link frame of the device file's convention; its inertia is taken as a point's where None.
+        body: in the link frame of the device file's convention; a point mass where its inertia is None.
 
     Raises:
         UnknownLinkError: there is no such link.
-        LoadSymmetryError: the device file says that a parameter is zero, or the same as another's, which the load's
-            is not.
+        LoadSymmetryError: the device file sets a parameter to zero, or equal to another, and the payload does not
+            comply.
     """
     if link not in model.device.joint_names:
         raise UnknownLinkError(link, model.device.joint_names)
@@ -61,14 +61,13 @@ def load_shift(model: DynamicModel, link: str, body: Body) -> Array:
 
 
 def without_load(model: DynamicModel, motion: Motion, link: str, body: Body) -> Motion:
-    """The motion as it would have been without a load that was fixed to a link while it was recorded.
+    """Motion with the torque of a payload subtracted, that was fixed to a link during the recording.
 
-    The load's torque along the motion is taken off the motion's, so that logs with known loads and logs without serve
-    one estimate: their observations add.
+    Logs with known payloads and logs without then serve one estimate: their observations add.
 
     Args:
         model: the dynamic model.
-        motion: recorded with the load.
+        motion: recorded with the payload.
         link, body: as for `load_shift`.
 
     Raises:
@@ -79,20 +78,20 @@ def without_load(model: DynamicModel, motion: Motion, link: str, body: Body) -> 
     channels = np.eye(len(model.device.measured))[list(model.device.measured)]
     if motion.log is not None:
         channels = np.asarray(np.linalg.pinv(torque_map(model.device, motion.log)), dtype=np.float64)
-    return replace(motion, tau=Unloaded(model, motion, chi, channels, motion.tau, 0.0).samples())
+    return replace(motion, tau=PayloadFreeTorque(model, motion, chi, channels, motion.tau, 0.0).samples())
 
 
 def log_without_load(model: DynamicModel, log: Log, treatment: Treatment, load: Load) -> Log:
-    """The log as it would have been without a load that was fixed to a link while it was recorded.
+    """Log with the torque of a payload subtracted, that was fixed to a link during the recording.
 
-    The load's torque is made of the positions as they are treated, and comes as late as the torque of the treatment
-    does. Where the treatment's filters settle, at the ends, the torque stays as it is: no row is made there.
+    The payload's torque is computed from the treated positions and delayed by the treatment's torque delay. At the
+    ends, where the filters have not settled, the torque is unchanged: no rows are computed there.
 
     Args:
         model: the dynamic model.
-        log: recorded with the load.
-        treatment: of the positions, and how late the torque is.
-        load: what was fixed to which link.
+        log: recorded with the payload.
+        treatment: of the positions, and the torque delay.
+        load: the payload.
 
     Raises:
         UnknownLinkError, LoadSymmetryError: as `load_shift`.
@@ -101,28 +100,28 @@ def log_without_load(model: DynamicModel, log: Log, treatment: Treatment, load: 
     chi = raw_parameters(model, load_shift(model, load.link, load.body))
     channels = np.asarray(np.linalg.pinv(torque_map(model.device, log)), dtype=np.float64)
     motion = treat(log, treatment)
-    torque = Unloaded(model, motion, chi, channels, log.torque, treatment.torque_delay / motion.dt).samples()
-    said = f"A load of {load.body.mass:g} kg on link {load.link} is taken off the torque: {_figures(load.body)}."
-    return replace(log, torque=torque, notes=(*log.notes, said))
+    torque = PayloadFreeTorque(model, motion, chi, channels, log.torque, treatment.torque_delay / motion.dt).samples()
+    note = f"A payload of {load.body.mass:g} kg on link {load.link} is subtracted from the torque: {_data(load.body)}."
+    return replace(log, torque=torque, notes=(*log.notes, note))
 
 
-def _figures(body: Body) -> str:
-    """Where its mass is, and how it is spread."""
+def _data(body: Body) -> str:
+    """Centre of mass and inertia as text."""
     about = "a point" if body.inertia is None else f"inertia {body.inertia.tolist()} kg m^2 about it"
     return f"centre of mass {body.com.tolist()} m, {about}"
 
 
 @dataclass(frozen=True, eq=False)
-class Unloaded(OnDisk):
-    """Torque channels without a load, (n, channels), in their own unit.
+class PayloadFreeTorque(OnDisk):
+    """Torque channels with the torque of a payload subtracted, (n, channels), in their own unit.
 
     Attributes:
         model: the dynamic model.
-        motion: what the load went along.
-        chi: raw parameters of the load.
+        motion: of the payload.
+        chi: raw parameters of the payload.
         channels: matrix from the coordinates' torques to the channels', (channels, coordinates).
-        torque: the channels with the load, (n, channels).
-        late: samples that these are ahead of what acts.
+        torque: the channels with the payload, (n, channels).
+        late: samples by which the channels lead the acting torque.
     """
 
     model: DynamicModel
@@ -137,7 +136,7 @@ class Unloaded(OnDisk):
         return self.torque.shape[0], self.torque.shape[1]
 
     def samples(self) -> Array:
-        """Of channels in memory all of it; of channels on disk what is made as it is sliced."""
+        """All samples where the channels are in memory; on disk where they are, computed when sliced."""
         return as_array(self) if isinstance(self.torque, OnDisk) else freeze(self.make(0, len(self))).T
 
     def make(self, low: int, high: int) -> Array:
@@ -149,7 +148,7 @@ class Unloaded(OnDisk):
         return np.asarray(self.torque[low:high].T - load)
 
     def _load(self, start: int, stop: int) -> Array:
-        """Torque of the load in the channels' unit, (channels, stop - start); zero where filters settle."""
+        """Torque of the payload in the channels' unit, (channels, stop - start); zero in transients."""
         low, high = (int(np.clip(edge, start, stop)) for edge in self.motion.usable)
         made = np.zeros((self.shape[1], stop - start))
         if low < high:

@@ -20,7 +20,7 @@ from haptid.dynamics.model import DynamicModel
 from haptid.end_effector.characterisation.model import GivenModel
 from haptid.errors import ResultDeviceError, ResultFileError, ShapeError
 from haptid.estimation.intervals.spread import correlations
-from haptid.observation.observation import Block
+from haptid.observation.plan import Block
 from haptid.study import Role
 from haptid.validation.validation import MotorError, Validation
 

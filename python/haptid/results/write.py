@@ -15,7 +15,7 @@ from haptid.dynamics.model import DynamicModel
 from haptid.estimation import Consistent, Estimate, Held, Method, Parameter, Reduced, Within
 from haptid.estimation.nonlinear import Projection
 from haptid.inference.targets import targets
-from haptid.motion.causal import Causal
+from haptid.motion.filters import Causal
 from haptid.motion.treatment import Treatment
 from haptid.observation.known_payload import Load
 from haptid.study.identify import Identification, Run

@@ -23,7 +23,9 @@ from haptid.estimation.least_squares import Solution
 from haptid.inference.diagnosis.context import Sight
 from haptid.inference.diagnosis.subsample import named, runs
 from haptid.motion.treatment import Motion
-from haptid.observation.observation import Block, MotorRows, Observation, Plan, Signals, triangle
+from haptid.observation.observation import MotorRows, Observation
+from haptid.observation.plan import Block, Plan, Signals
+from haptid.observation.r_factor import triangle
 
 # Blocks are merged until there are no more than this: enough for a deviation, and quick on long logs.
 ENOUGH_BLOCKS = 60

@@ -13,8 +13,8 @@ from haptid.estimation import Estimate
 from haptid.inference.diagnosis.added_variable import device_rows
 from haptid.inference.diagnosis.subsample import numbered, runs
 from haptid.motion.treatment import Motion
-from haptid.observation.chunks import Stretch
-from haptid.observation.observation import Plan
+from haptid.observation.plan import Plan
+from haptid.observation.rows import Chunk
 
 # Rows without residual between two stretches: no lag that is looked at reaches across.
 BETWEEN = 400
@@ -92,7 +92,7 @@ def _of(estimate: Estimate, motion: Motion) -> Iterator[Part]:
     own = [measured_rows.index(row) for row in device_rows(estimate)]
     end = 0
     for start, stop in runs(plan, wanted):
-        stretch = Stretch.of(plan, start, stop)
+        stretch = Chunk.of(plan, start, stop)
         if start > end:
             yield _nothing(len(own), len(stretch.c))
         measured, predicted = stretch.measured()[own], stretch.torque(chi)[own]

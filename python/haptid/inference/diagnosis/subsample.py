@@ -13,7 +13,7 @@ import numpy as np
 
 from haptid.estimation import Estimate
 from haptid.motion.treatment import Motion
-from haptid.observation.observation import Block, Plan
+from haptid.observation.plan import Block, Plan
 
 # Samples that are looked at; of fewer blocks than these no deviation can be made, so they are looked at all the same.
 MOST_SAMPLES, FEWEST_BLOCKS = 200_000, 24

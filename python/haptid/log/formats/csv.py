@@ -21,12 +21,12 @@ from haptid.errors import (
     RepeatedNameError,
     TextCellError,
 )
-from haptid.log.formats.content import Column, opened, require
+from haptid.log.formats.sniff import Column, opened, require
 
 KIND = "CSV"
 SEPARATORS = (";", "\t", ",")
 HEAD_BYTES = 2**20
-# Longer than any row, and short: the reader holds about forty blocks.
+# Longer than any row, but short: the reader buffers about forty blocks.
 BLOCK_BYTES = 2**19
 COMMENT = re.compile(r"\s*[#%]")
 NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?|[+-]?(nan|inf|infinity)", re.IGNORECASE)
@@ -36,12 +36,12 @@ MISSING = frozenset(arrow.ConvertOptions().null_values)
 
 @dataclass(frozen=True)
 class Dialect:
-    """How a text log is written.
+    """Format of a text log.
 
     Attributes:
         separator: between cells.
         decimal: point or comma.
-        names: of the columns, as the header has them, without blanks around.
+        names: of the columns, from the header, stripped of blanks.
         lines: number of lines before the first row.
         start: byte at which the rows start.
     """
@@ -60,10 +60,10 @@ def names(path: Path) -> list[str]:
 
 
 def columns(path: Path, wanted: Sequence[str]) -> dict[str, Column]:
-    """Those wanted columns that the file has, each (n,) float64; a missing cell is NaN.
+    """The wanted columns that exist in the file, each (n,) float64; a missing cell is NaN.
 
     Raises:
-        NoHeaderError: the first line is not one of names.
+        NoHeaderError: the first line holds no names.
         RaggedRowError: a line with more or fewer cells than the header.
         TextCellError: a cell of a wanted column is not a number.
     """
@@ -89,7 +89,7 @@ def columns(path: Path, wanted: Sequence[str]) -> dict[str, Column]:
 
 
 def _batches(path: Path, dialect: Dialect, include: list[str]) -> Iterator[pa.RecordBatch]:
-    """The wanted columns block by block; columns go by number, so that odd names cannot matter."""
+    """The wanted columns block by block, selected by number, so that odd names cannot matter."""
     with path.open("rb") as file:
         file.seek(dialect.start)
         yield from arrow.open_csv(
@@ -143,7 +143,7 @@ def _found(header: list[str], separator: str, body: list[str], lines: int, start
 
 
 def _separate(header: str, body: list[str]) -> tuple[str, list[str]]:
-    """The separator that splits header and first rows into equally many cells, and the header's cells."""
+    """The separator that splits header and first rows into equal numbers of cells, and the header's cells."""
 
     def quality(separator: str) -> tuple[bool, int, int]:
         count = len(_cells(header, separator))
@@ -158,7 +158,7 @@ def _cells(text: str, separator: str) -> list[str]:
 
 
 def _row_bound(path: Path, dialect: Dialect) -> int:
-    """The number of rows, and of blank lines between them.
+    """Upper bound of the number of rows: blank lines are counted too.
 
     Raises:
         EmptyLogError: a header without rows.
@@ -177,7 +177,7 @@ def _row_bound(path: Path, dialect: Dialect) -> int:
 
 
 def _fault(path: Path, dialect: Dialect, indices: dict[str, int]) -> LogError | None:
-    """The first line that is not what the header promises: a slow search, for when there is one."""
+    """Error of the first line that does not match the header; a slow search, made only after a failure."""
     width = len(dialect.names)
     with path.open(encoding="utf-8", errors="replace") as file:
         rows = csv.reader(file, delimiter=dialect.separator)

@@ -1,4 +1,4 @@
-"""MATLAB logs: MAT 5 and MAT 7.3, told apart by their content; structs are joined by points."""
+"""MATLAB logs: MAT 5 and MAT 7.3, distinguished by their content; struct fields are joined by points."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from scipy import io
 
 from haptid.errors import CorruptLogError, NotNumericError
 from haptid.log.formats import hdf5
-from haptid.log.formats.content import Column, addresses, collect, guard, numeric, opened, require
+from haptid.log.formats.sniff import Column, addresses, collect, guard, numeric, opened, require
 
 KIND = "MAT"
 HEADER_BYTES = 128
@@ -30,7 +30,7 @@ def names(path: Path) -> list[str]:
 
 
 def columns(path: Path, wanted: Sequence[str]) -> dict[str, Column]:
-    """Those wanted channels that the file has, each (n,); only the variables that hold them are read.
+    """The wanted channels that exist in the file, each (n,); only their variables are read.
 
     Raises:
         NotNumericError: a wanted variable holds texts, cells or complex numbers.
@@ -42,7 +42,7 @@ def columns(path: Path, wanted: Sequence[str]) -> dict[str, Column]:
 
 
 def _columns(path: Path, wanted: Sequence[str]) -> Iterator[tuple[str, Column]]:
-    """Variable by variable, so that only one is in memory beside what is collected."""
+    """One variable after the other, so that only one is in memory in addition to the collected channels."""
     for variable in dict.fromkeys(name.split(".")[0].split("[")[0] for name in wanted):
         leaves = (leaf for name, value in _load(path, [variable]).items() for leaf in _leaves(name, value))
         for name, array in leaves:
@@ -74,7 +74,7 @@ def _leaves(name: str, value: object) -> Iterator[tuple[str, Column]]:
 
 
 def _check_elements(path: Path) -> None:
-    """Walk over the file's elements without reading them.
+    """Check the sizes of the file's elements without reading them.
 
     Source: MathWorks, MAT-File Format, Level 5: a header of 128 bytes, then elements of an 8-byte tag (type,
     bytes) and data; a compressed element holds one whole element, whose own tag declares its size.

@@ -1,4 +1,4 @@
-"""NumPy archives: one array of numbers for each channel or set of channels; pickles are refused."""
+"""NumPy archives: an array of numbers for each channel or set of channels; pickles are refused."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ import numpy as np
 from numpy.lib import format as npy
 
 from haptid.errors import CorruptLogError, NotNumericError, PickledLogError, RepeatedNameError
-from haptid.log.formats.content import Column, addresses, collect, guard, numeric, opened, require
+from haptid.log.formats.sniff import Column, addresses, collect, guard, numeric, opened, require
 
 KIND = "NPZ"
 
@@ -20,7 +20,7 @@ def names(path: Path) -> list[str]:
     """Names of the channels of all arrays of numbers.
 
     Raises:
-        PickledLogError: nothing but arrays of Python objects.
+        PickledLogError: all arrays hold Python objects.
     """
     require(path, KIND, "a ZIP archive")
     found: list[str] = []
@@ -39,7 +39,7 @@ def names(path: Path) -> list[str]:
 
 
 def columns(path: Path, wanted: Sequence[str]) -> dict[str, Column]:
-    """Those wanted channels that the file has, each (n,); only the arrays that hold them are read.
+    """The wanted channels that exist in the file, each (n,); only their arrays are read.
 
     Raises:
         PickledLogError: a wanted array holds Python objects.
@@ -53,24 +53,21 @@ def columns(path: Path, wanted: Sequence[str]) -> dict[str, Column]:
 
 def _columns(path: Path, archive: zipfile.ZipFile, wanted: Sequence[str]) -> Iterator[tuple[str, Column]]:
     for name, info in _members(path, archive).items():
-        asked = [w for w in wanted if w == name or w.startswith(f"{name}[")]
-        if asked:
+        requested = [w for w in wanted if w == name or w.startswith(f"{name}[")]
+        if requested:
             array = _array(path, archive, name, info)
             found = addresses(name, array.shape)
-            yield from ((w, array[found[w]]) for w in asked if w in found)
+            yield from ((w, array[found[w]]) for w in requested if w in found)
 
 
 def _members(path: Path, archive: zipfile.ZipFile) -> dict[str, zipfile.ZipInfo]:
-    def arrays() -> Iterator[tuple[str, zipfile.ZipInfo]]:
-        for info in archive.infolist():
-            if info.filename.endswith(".npy"):
-                yield info.filename.removesuffix(".npy").replace("/", "."), info
-
     members: dict[str, zipfile.ZipInfo] = {}
-    for name, info in arrays():
-        if name in members:
-            raise RepeatedNameError(path, name)
-        members[name] = info
+    for info in archive.infolist():
+        if info.filename.endswith(".npy"):
+            name = info.filename.removesuffix(".npy").replace("/", ".")
+            if name in members:
+                raise RepeatedNameError(path, name)
+            members[name] = info
     return members
 
 
@@ -95,5 +92,5 @@ def _array(path: Path, archive: zipfile.ZipFile, name: str, info: zipfile.ZipInf
         raise CorruptLogError(path, KIND, f"{name} should have {declared} bytes and has {info.file_size - offset}")
     with archive.open(info) as member:
         array = npy.read_array(member, allow_pickle=False)
-        member.read()  # to the end, where the archive compares its check sum
+        member.read()  # to the end, where the archive verifies its checksum
     return np.asarray(array)

@@ -1,7 +1,8 @@
-"""What a file really holds, whatever its name says, and what is refused before it is read."""
+"""Content of a log file by its first bytes, checks before it is read, its channels, and guesses of what they are."""
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
@@ -10,19 +11,17 @@ from typing import Any, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from haptid.errors import CorruptLogError, LogError, OversizedLogError, WrongContentError
+from haptid.errors import ChannelGuessError, CorruptLogError, LogError, OversizedLogError, WrongContentError
+from haptid.log.log import Channels, Signal
 
 Column: TypeAlias = NDArray[Any]
 Address: TypeAlias = tuple[slice | int, ...]
 
-# A member larger than this once unpacked, and by more than this ratio to its stored bytes, is refused.
+# A member larger than this when unpacked, and by more than this ratio to its stored bytes, is refused.
 SIZE_LIMIT = 2**30
 RATIO_LIMIT = 200.0
 # An array whose shorter side is longer than this is a matrix and not a set of channels.
 MOST_CHANNELS = 1000
-
-# No quantity of a robot is larger in any unit; what is comes from damaged bytes, and powers of it overflow.
-LARGEST = 1e30
 
 MAGIC = (
     (b"PAR1", "Parquet"),
@@ -37,9 +36,17 @@ MAGIC = (
     (b"\xfe\xff", "UTF-16 text"),
 )
 
+# Names that most recorders use: t, q1..qn and tau1..taun.
+WHERE = r"(?P<where>(?:.*\.)?)"
+NUMBER = r"_?\[?(?P<number>\d+)\]?"
+TIME = re.compile(WHERE + r"(?:t|time)(?:_(?P<unit>s|ms|us|ns))?", re.IGNORECASE)
+POSITION = re.compile(WHERE + r"(?P<family>q|pos|position)" + NUMBER, re.IGNORECASE)
+TORQUE = re.compile(WHERE + r"(?P<family>tau|torque|u)" + NUMBER, re.IGNORECASE)
+SINGLE = {"position": ("q", "pos", "position"), "torque": ("tau", "torque", "u")}
+
 
 def content(path: Path) -> str:
-    """What the first bytes say."""
+    """Kind of content, by the first bytes."""
     with path.open("rb") as file:
         head = file.read(4096)
     for magic, name in MAGIC:
@@ -49,7 +56,7 @@ def content(path: Path) -> str:
 
 
 def require(path: Path, kind: str, *wanted: str) -> str:
-    """What the file holds, one of those wanted.
+    """Kind of content of a file, which must be one of those wanted.
 
     Raises:
         WrongContentError: it holds something else.
@@ -61,7 +68,7 @@ def require(path: Path, kind: str, *wanted: str) -> str:
 
 
 def guard(path: Path, name: str, declared: int, stored: int) -> None:
-    """Refuse what unpacks to far more than is stored.
+    """Refuse a member that unpacks to far more bytes than are stored.
 
     Raises:
         OversizedLogError: more than `SIZE_LIMIT` bytes, and more than `RATIO_LIMIT` times the stored ones.
@@ -72,10 +79,10 @@ def guard(path: Path, name: str, declared: int, stored: int) -> None:
 
 @contextmanager
 def opened(path: Path, kind: str) -> Iterator[None]:
-    """Turn whatever a library raises over a bad file into one error; haptid's own errors pass.
+    """Convert any exception of a format's library into CorruptLogError; haptid's own errors pass.
 
-    Readers of binary formats raise nearly anything over hostile bytes (ValueError, KeyError, struct.error,
-    zlib.error, RuntimeError, ...), hence the wide net.
+    Libraries raise nearly any class over damaged bytes (ValueError, KeyError, struct.error, zlib.error,
+    RuntimeError, ...).
     """
     try:
         yield
@@ -88,27 +95,16 @@ def opened(path: Path, kind: str) -> Iterator[None]:
         raise CorruptLogError(path, kind, why) from error
 
 
-def usable(column: Column) -> NDArray[np.bool_]:
-    """Where a column holds a number that can be reckoned with: finite, and not beyond `LARGEST`."""
-    with np.errstate(invalid="ignore"):
-        return np.asarray(np.abs(column) < LARGEST)
-
-
-def all_usable(column: Column) -> bool:
-    """Whether it holds nothing else; the extremes tell without a mask of all samples."""
-    return column.size == 0 or bool(column.min() > -LARGEST and column.max() < LARGEST)
-
-
 def numeric(dtype: np.dtype[Any]) -> bool:
-    """Whether an array of this type can be a channel."""
+    """Whether arrays of this type are numbers, and so can be channels."""
     return dtype.kind in "iuf"
 
 
 def collect(wanted: Sequence[str], columns: Iterator[tuple[str, Column]]) -> dict[str, Column]:
-    """Columns as they come, gathered as rows of one float64 block in the order they are wanted.
+    """Columns as they come, stored as rows of one float64 block in the order they are wanted.
 
-    A signal's channels are then contiguous and are used where they are: a log is never in memory twice.
-    Integers stay apart (stamps in ns need all their digits), and so do channels that lie in a block already.
+    A signal's channels are then contiguous and are used in place: a log is never in memory twice. Integers stay
+    separate (stamps in ns need all their digits), and so do channels that are in a block already.
     """
     places = {name: k for k, name in enumerate(dict.fromkeys(wanted))}
     block: NDArray[np.float64] | None = None
@@ -130,11 +126,11 @@ def collect(wanted: Sequence[str], columns: Iterator[tuple[str, Column]]) -> dic
 
 
 def block_of(columns: Sequence[Column], most: int) -> NDArray[np.float64] | None:
-    """The block, (columns, n), whose rows the columns are in order; None where they do not follow each other.
+    """The block, (columns, n), whose consecutive rows the columns are; None where they are not.
 
     Args:
         columns: each (n,); only writable float64 can be a block.
-        most: a block this many times larger than a column is not worth keeping in memory for them.
+        most: a block larger than this many columns is not kept in memory for them.
     """
     head = columns[0]
     owner = head.base
@@ -150,7 +146,7 @@ def block_of(columns: Sequence[Column], most: int) -> NDArray[np.float64] | None
 
 
 def addresses(name: str, shape: tuple[int, ...]) -> dict[str, Address]:
-    """The channels of an array, each with its index into it.
+    """Channels of an array, each with its index into it.
 
     A vector, a single row or a single column is one channel of the array's own name. Any other matrix has the
     channels `name[1]`, `name[2]`, ... along its shorter side (along its columns where it is square).
@@ -165,3 +161,49 @@ def addresses(name: str, shape: tuple[int, ...]) -> dict[str, Address]:
     if count == 1:
         return {name: (every, 0) if along == 0 else (0, every)}
     return {f"{name}[{k + 1}]": (every, k) if along == 0 else (k, every) for k in range(count)}
+
+
+def guess(path: Path, names: Sequence[str]) -> tuple[Channels, str]:
+    """Channels by their names, in rad and N m at the joints, and a note of what was chosen.
+
+    Raises:
+        ChannelGuessError: there are none, or the choice is not unique.
+    """
+    times = [(name, match) for name in names if (match := TIME.fullmatch(name))]
+    if len(times) != 1:
+        found = "no time channel" if not times else f"{len(times)} time channels ({', '.join(n for n, _ in times)})"
+        raise ChannelGuessError(path, f"{found} found by name", names)
+    (time, match) = times[0]
+    position = _numbered(path, names, POSITION, "position")
+    torque = _numbered(path, names, TORQUE, "torque")
+    unit = (match["unit"] or "s").lower()
+    channels = Channels(Signal(position, "rad"), Signal(torque, "N m"), time=time, time_unit=unit)
+    sentence = (
+        f"channels were not given; taken: time {time} in {unit}, positions {', '.join(position)} in rad, "
+        f"torques {', '.join(torque)} in N m, both at the joints"
+    )
+    return channels, sentence
+
+
+def _numbered(path: Path, names: Sequence[str], pattern: re.Pattern[str], kind: str) -> tuple[str, ...]:
+    """The only family of numbered channels, in order."""
+    families: dict[tuple[str, str], dict[int, str]] = {}
+    for name in names:
+        if match := pattern.fullmatch(name):
+            family = families.setdefault((match["where"], match["family"].lower()), {})
+            if family.setdefault(int(match["number"]), name) != name:
+                raise ChannelGuessError(path, f"{family[int(match['number'])]} and {name} have one number", names)
+    if not families:
+        alone = [name for name in names if name.rpartition(".")[2].lower() in SINGLE[kind]]
+        if len(alone) == 1:
+            return (alone[0],)
+        raise ChannelGuessError(path, f"no {kind} channels found by name", names)
+    if len(families) > 1:
+        firsts = ", ".join(family[min(family)] for family in families.values())
+        raise ChannelGuessError(path, f"more than one set of {kind} channels ({firsts}, ...) found by name", names)
+    (family,) = families.values()
+    order = sorted(family)
+    if order[0] > 1 or order[-1] - order[0] + 1 != len(order):
+        found = ", ".join(family[k] for k in order)
+        raise ChannelGuessError(path, f"{kind} channels {found} are not numbered without a gap from 1", names)
+    return tuple(family[k] for k in order)
