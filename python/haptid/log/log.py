@@ -67,7 +67,7 @@ def _spread(name: str, given: ArrayLike, n: int, default: float) -> tuple[float,
     """One finite value for each of n channels."""
     values = [float(v) for v in np.atleast_1d(np.asarray(given, dtype=np.float64)).ravel()] or [default]
     if len(values) not in (1, n):
-        raise SignalError(name, f"{len(values)} figures for {n} channels", "one for all, or one for each")
+        raise SignalError(name, f"{len(values)} values for {n} channels", "one for all, or one for each")
     if not all(math.isfinite(v) for v in values):
         raise SignalError(name, repr(given), "finite numbers")
     return tuple(values * n if len(values) == 1 else values)

@@ -58,7 +58,7 @@ SPELLINGS = {
 }
 
 
-def meant(unit: str, quantity: Quantity) -> str | None:
+def closest_unit(unit: str, quantity: Quantity) -> str | None:
     """The known unit of a quantity nearest to an unknown one; None where none is close."""
     known = TABLES[quantity]
     plain = unit.strip().lower()
@@ -82,4 +82,4 @@ def scale(unit: str, quantity: Quantity) -> tuple[str, float]:
     for other, table in TABLES.items():
         if unit in table:
             raise WrongKindOfUnitError(unit, quantity, other, known)
-    raise UnknownUnitError(unit, quantity, known, meant(unit, quantity))
+    raise UnknownUnitError(unit, quantity, known, closest_unit(unit, quantity))

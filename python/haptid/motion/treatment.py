@@ -117,8 +117,8 @@ class Treatment:
             return None
         nyquist = 0.5 / dt
         # Two passes of |H|^2 = 1/(1 + x^2n) are -3 dB where x^2n = sqrt(2) - 1; x is in prewarped frequency.
-        stretch = (np.sqrt(2.0) - 1.0) ** (-0.5 / self.order)
-        one_pass = 2 * np.arctan(stretch * np.tan(0.5 * np.pi * self.cutoff_hz / nyquist)) / np.pi
+        widening = (np.sqrt(2.0) - 1.0) ** (-0.5 / self.order)
+        one_pass = 2 * np.arctan(widening * np.tan(0.5 * np.pi * self.cutoff_hz / nyquist)) / np.pi
         if self.cutoff_hz >= nyquist or one_pass > 0.98:
             raise CutoffError("cutoff_hz", self.cutoff_hz, nyquist)
         if one_pass < LOWEST:

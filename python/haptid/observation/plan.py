@@ -85,7 +85,7 @@ class Plan:
         """
         treatment, (low, high) = motion.treatment, motion.usable
         if np.size(treatment.low_speed) not in (1, len(model.device.row_names)):
-            wanted = f"one figure, or {len(model.device.row_names)}: one for each row of torque"
+            wanted = f"one value, or {len(model.device.row_names)}: one for each row of torque"
             raise TreatmentValueError("low_speed", treatment.low_speed, wanted)
         shared = shared_filter(motion)
         rows = (high - low - len(shared)) // treatment.decimation + 1

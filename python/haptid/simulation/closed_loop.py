@@ -174,10 +174,10 @@ def open_loop(
         SimulationLostError, MasslessError: as for `closed_loop`.
     """
     sets = len(forward.chi)
-    held = np.tile(np.ascontiguousarray(np.moveaxis(torque[:, stretches.sample], 0, 1)), sets)
-    free = np.ones((len(forward.model.device.motors), held.shape[2]), dtype=bool)
+    applied = np.tile(np.ascontiguousarray(np.moveaxis(torque[:, stretches.sample], 0, 1)), sets)
+    free = np.ones((len(forward.model.device.motors), applied.shape[2]), dtype=bool)
     c, cd = (np.tile(x, sets) for x in start)
-    return _run(forward, motion, stretches, 1, (c, cd), lambda k, _c, _cd: (held[k], free))
+    return _run(forward, motion, stretches, 1, (c, cd), lambda k, _c, _cd: (applied[k], free))
 
 
 def _run(

@@ -55,7 +55,7 @@ class PID:
         """
         values, motors = np.atleast_1d(np.asarray(getattr(self, name), dtype=float)), len(model.device.motors)
         if values.shape not in ((1,), (motors,)) or not np.isfinite(values).all():
-            wanted = f"one finite figure, or one for each of {', '.join(m.name for m in model.device.motors)}"
+            wanted = f"one finite value, or one for each of {', '.join(m.name for m in model.device.motors)}"
             raise ControllerError(name, values.tolist(), wanted)
         return np.ascontiguousarray(np.broadcast_to(values, (motors,)))
 

@@ -89,7 +89,7 @@ def opened(path: Path, kind: str) -> Iterator[None]:
     except LogError:
         raise
     except MemoryError as error:
-        raise CorruptLogError(path, kind, "it asks for more memory than there is") from error
+        raise CorruptLogError(path, kind, "it requires more memory than is available") from error
     except Exception as error:
         why = str(error).splitlines()[0] if str(error).strip() else type(error).__name__
         raise CorruptLogError(path, kind, why) from error
