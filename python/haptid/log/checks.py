@@ -12,19 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from haptid._internal.arrays import Array
-from haptid.errors import (
-    DeadChannelError,
-    IdenticalChannelsError,
-    LooksLikeDegreesError,
-    LooksLikeRadiansError,
-    NonFiniteError,
-    PositionJumpError,
-    RepeatedStampError,
-    SaturatedTorqueError,
-    SwappedChannelsError,
-    UnequalChannelsError,
-    WrappedPositionError,
-)
+from haptid.errors import LogDataError, LogMismatchError, LogTimeError
 from haptid.log.units import PERIODS
 
 if TYPE_CHECKING:
@@ -84,7 +72,7 @@ def lengths(path: Path, columns: Mapping[str, Column]) -> int:
     (first, column), *others = columns.items()
     for name, other in others:
         if other.size != column.size:
-            raise UnequalChannelsError(path, first, column.size, name, other.size)
+            raise unequal_lengths(path, first, column.size, name, other.size)
     return column.size
 
 
@@ -94,7 +82,7 @@ def finite(path: Path, name: str, column: Column, stamps: Array) -> None:
         return
     bad = ~usable(column)
     first = int(np.argmax(bad))
-    raise NonFiniteError(path, name, int(np.count_nonzero(bad)), first, float(stamps[first]))
+    raise non_finite(path, name, int(np.count_nonzero(bad)), first, float(stamps[first]))
 
 
 def repeats(path: Path, columns: Mapping[str, Column], stamps: Array, repeated: NDArray[np.intp]) -> None:
@@ -103,7 +91,8 @@ def repeats(path: Path, columns: Mapping[str, Column], stamps: Array, repeated: 
         differing = repeated[column[repeated] != column[repeated - 1]]
         if differing.size:
             first = int(differing[0])
-            raise RepeatedStampError(path, repeated.size, stamps.size, first, float(stamps[first]), name)
+            why = f"channel {name!r} has different values at one of them"
+            raise repeated_stamps(path, repeated.size, first, float(stamps[first]), why)
 
 
 def constant(path: Path, name: str, column: Column, quantity: str, ok: bool) -> str | None:
@@ -111,7 +100,13 @@ def constant(path: Path, name: str, column: Column, quantity: str, ok: bool) -> 
     if column.min() != column.max():
         return None
     if not ok:
-        raise DeadChannelError(path, name, float(column[0]), quantity)
+        raise LogDataError(
+            f"{path}: {quantity} channel {name!r} is {column[0]:.6g} in every sample: it is not connected, or nothing "
+            "moved.",
+            where=name,
+            found=float(column[0]),
+            advice="Map the connected channel, or give its signal constant_ok=True if it is constant on purpose.",
+        )
     return f"{quantity} channel {name!r} is {column[0]:.6g} in every sample, as allowed"
 
 
@@ -124,7 +119,7 @@ def identical(path: Path, columns: Mapping[str, Column]) -> None:
             and np.array_equal(column, rival)
             and column.min() != column.max()
         ):
-            raise IdenticalChannelsError(path, name, other)
+            raise identical_channels(path, name, other)
 
 
 def period(signal: Signal, largest: float) -> float | None:
@@ -160,14 +155,28 @@ def jumps(path: Path, name: str, column: Array, stamps: Array, signal: Signal, s
         if usual <= turn / 8 and abs(largest - turn) <= 2 * usual + 1e-3 * turn:
             first = int(np.argmax(wraps)) + 1
             count = int(np.count_nonzero(wraps))
-            raise WrappedPositionError(path, name, float(stamps[first]), turn, signal.unit, count)
+            raise LogDataError(
+                f"{path}: position channel {name!r} jumps by its whole period of {turn:.6g} {signal.unit} at t = "
+                f"{stamps[first]:.6g} s ({count} times in the log): it is wrapped.",
+                where=(name, float(stamps[first])),
+                found=turn,
+                advice="Unwrap it before saving, or give its signal unwrap=True.",
+            )
     rank = max(min(int(0.999 * (sample.size - 1)), sample.size - 1 - JUMPS_ASIDE), 0)
     usual = float(np.partition(sample, rank)[rank])
     if largest > JUMP * usual and largest * abs(si) > JUMP_SI:
         steps = np.abs(np.diff(column))
         smallest = float(steps.min(where=steps > 0, initial=np.inf))
         if largest > JUMP_COUNTS * smallest:
-            raise PositionJumpError(path, name, float(stamps[k + 1]), largest, signal.unit, usual)
+            raise LogDataError(
+                f"{path}: position channel {name!r} jumps by {largest:.6g} {signal.unit} in one sample at t = "
+                f"{stamps[k + 1]:.6g} s, where 99.9 % of its steps are below {usual:.3g} {signal.unit}: lost counts, "
+                "or two recordings in one.",
+                where=(name, float(stamps[k + 1])),
+                found=largest,
+                limit=usual,
+                advice="Keep a part without it with `stretch`.",
+            )
 
 
 def _steps(column: Array) -> tuple[int, float, Array]:
@@ -234,7 +243,16 @@ def saturated(path: Path, name: str, column: Array, bits: NDArray[np.uint8], sig
         share = _held(at, moving) / column.size
         if share > HELD_SHARE:
             if not signal.allow_saturation:
-                raise SaturatedTorqueError(path, name, extreme, signal.unit, share, HELD_SHARE)
+                raise LogDataError(
+                    f"{path}: torque channel {name!r} stays exactly at its extreme {extreme:.6g} {signal.unit} for "
+                    f"{100 * share:.2g} % of the samples (limit {100 * HELD_SHARE:g} %): it is saturated, and the "
+                    "actual torque there is unknown.",
+                    where=name,
+                    found=share,
+                    limit=HELD_SHARE,
+                    advice="Record a slower motion, exclude the part with `stretch`, or give allow_saturation=True if "
+                    "the command is the torque that acted.",
+                )
             return (
                 f"torque channel {name!r} is saturated at {extreme:.6g} {signal.unit} for "
                 f"{100 * share:.2g} % of the samples, as allowed"
@@ -269,9 +287,8 @@ def check_against(
         A note for each joint outside its limits for no such cause.
 
     Raises:
-        LooksLikeDegreesError: an angle in radians that is plausible only as degrees.
-        LooksLikeRadiansError: angles in degrees that are plausible only as radians.
-        SwappedChannelsError: two channels, each within the other's limits and not its own.
+        LogMismatchError: an angle in radians that is plausible only as degrees, angles in degrees that are plausible
+            only as radians, or two channels, each within the other's limits and not its own.
     """
     count = len(log.channels.position.channels)
     if log.channels.position.side != "joint" or not len(position_ranges) == len(prismatic) == len(names) == count:
@@ -304,12 +321,12 @@ def _check_degrees(name: str, channel: str, span: Range, limits: Range | None) -
     low, high = span
     if limits is None:
         if high - low > MOST_TURNS:
-            raise LooksLikeDegreesError(name, channel, low, high, None)
+            raise _degrees(name, channel, low, high, None)
         return
     furthest = max(abs(limits[0]), abs(limits[1]))
     beyond = max(abs(low), abs(high)) > BEYOND * furthest
     if beyond and _inside(_times(span, math.pi / 180), limits):
-        raise LooksLikeDegreesError(name, channel, low, high, limits)
+        raise _degrees(name, channel, low, high, limits)
 
 
 def _check_radians(
@@ -327,7 +344,15 @@ def _check_radians(
         span = math.degrees(spans[widest][1] - spans[widest][0])
         limits = ranges[widest]
         limit = LEAST_SPAN_DEG if limits is None else math.degrees(LEAST_SHARE * (limits[1] - limits[0]))
-        raise LooksLikeRadiansError(names[widest], span, limit)
+        raise LogMismatchError(
+            f"with unit 'deg' no joint moves more than {span:.3g} deg (joint {names[widest]}), below {limit:g} deg; "
+            "as radians the motion would be plausible.",
+            where=names[widest],
+            found=span,
+            limit=limit,
+            advice="Give the position signal unit='rad'; if the motion really is this small, unit='rad' with "
+            "gain=pi/180.",
+        )
 
 
 def _check_swapped(
@@ -346,9 +371,74 @@ def _check_swapped(
                 continue
             if _inside(other, limits) and _inside(span, others):
                 reach = _furthest(span, limits)
-                raise SwappedChannelsError(names[k], names[j], channels[k], channels[j], reach, limits)
+                raise LogMismatchError(
+                    f"joint {names[k]} (channel {channels[k]!r}) reaches {reach:.4g}, outside its limits "
+                    f"{limits[0]:.4g} .. {limits[1]:.4g}, while channel {channels[j]!r} of joint {names[j]} is within "
+                    "them, and the other way round.",
+                    where=(names[k], names[j]),
+                    found=reach,
+                    limit=limits,
+                    advice="Exchange the two channels, or correct the limits.",
+                )
 
 
 def _furthest(span: Range, limits: Range) -> float:
     """The end of a span that is further from the middle of the limits."""
     return max(span, key=lambda end: abs(end - 0.5 * (limits[0] + limits[1])))
+
+
+def _degrees(name: str, channel: str, low: float, high: float, limits: Range | None) -> LogMismatchError:
+    """Error of an angle in radians that is plausible only as degrees."""
+    why = f"{(high - low) / (2 * math.pi):.1f} turns"
+    if limits:
+        why = f"far beyond its limits {limits[0]:.4g} .. {limits[1]:.4g} rad"
+    return LogMismatchError(
+        f"joint {name} (channel {channel!r}) runs from {low:.4g} to {high:.4g} rad, {why}; divided by 57.3 it would be "
+        "plausible.",
+        where=name,
+        found=(low, high),
+        limit=limits,
+        advice="Give the position signal unit='deg', or correct the joint's limits.",
+    )
+
+
+def non_finite(path: Path, name: str, count: int, index: int, time: float | None) -> LogDataError:
+    """Error of samples that are not finite, the first at an index and, where it is known, a time, s."""
+    when = "" if time is None else f" (t = {time:.6g} s)"
+    samples = "1 sample" if count == 1 else f"{count} samples"
+    return LogDataError(
+        f"{path}: channel {name!r} is missing, infinite or beyond {LARGEST:g} at {samples}, first at sample "
+        f"{index}{when}.",
+        where=(name, index),
+        found=count,
+        advice="Use `stretch` to keep a part without them, or repair the log.",
+    )
+
+
+def repeated_stamps(path: Path, count: int, index: int, time: float, why: str) -> LogTimeError:
+    """Error of stamps that equal the one before, the first at an index and a time, s."""
+    return LogTimeError(
+        f"{path}: {count} stamps equal the one before, first at sample {index} (t = {time:.9g} s), and {why}.",
+        where=index,
+        found=count,
+        advice="If the stamps are coarser than the sampling, leave `time` out and give `rate_hz`.",
+    )
+
+
+def unequal_lengths(path: Path, first: str, size: int, name: str, other: int) -> LogDataError:
+    """Error of two channels with different numbers of samples."""
+    return LogDataError(
+        f"{path}: {first} has {size} samples and {name} has {other}.",
+        where=(first, name),
+        found=(size, other),
+        advice="All mapped channels must be sampled together: bring them to one time base first.",
+    )
+
+
+def identical_channels(path: Path, name: str, other: str) -> LogDataError:
+    """Error of two channels that are equal."""
+    return LogDataError(
+        f"{path}: channels {name!r} and {other!r} are equal in every sample: one was recorded in place of the other.",
+        where=(name, other),
+        advice="Map two different channels.",
+    )

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import DTypeLike, NDArray
 
 from haptid._internal.arrays import Array, freeze
-from haptid.errors import ChangedLogError
+from haptid.errors import LogFileError
 from haptid.log import checks, resampling, units
 
 if TYPE_CHECKING:
@@ -133,11 +133,17 @@ class Source:
         """Samples low..high at the stamps, without repeated ones, in the file's unit, (channels, high - low).
 
         Raises:
-            ChangedLogError: the file's size has changed.
+            LogFileError: the file's size has changed.
         """
         size = self.path.stat().st_size
         if size != self.size:
-            raise ChangedLogError(self.path, size, self.size)
+            raise LogFileError(
+                f"{self.path} has {size} bytes, and had {self.size} when it was checked.",
+                where=self.path,
+                found=size,
+                limit=self.size,
+                advice="Wait until nothing writes to it, and start again; another machine requires the same file.",
+            )
         # Sample k is in row k + (repeated rows up to it).
         dropped = self.base.repeated - np.arange(self.base.repeated.size)
         start, stop = (int(k + np.searchsorted(dropped, k, side="right")) for k in (low, high - 1))

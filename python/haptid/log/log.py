@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from haptid._internal.arrays import Array, expect, freeze, read_only
-from haptid.errors import CountsGainError, LogTooShortError, MappedTwiceError, SignalError, TimeBaseError
+from haptid.errors import LogChannelError, LogTimeError
 from haptid.log import units
 from haptid.log.lazy import MotionProfile, OnDisk, as_array
 
@@ -51,26 +51,31 @@ class Signal:
     def __post_init__(self) -> None:
         names = (self.channels,) if isinstance(self.channels, str) else tuple(self.channels)
         if not names or not all(isinstance(name, str) and name for name in names):
-            raise SignalError("channels", repr(self.channels), "at least one name, and no empty one")
+            raise _setting("channels", repr(self.channels), "at least one name, and no empty one")
         if self.side not in ("joint", "motor"):
-            raise SignalError("side", repr(self.side), "'joint' or 'motor'")
+            raise _setting("side", repr(self.side), "'joint' or 'motor'")
         if self.period is not None and not (math.isfinite(self.period) and self.period > 0):
-            raise SignalError("period", repr(self.period), "a finite number above zero")
+            raise _setting("period", repr(self.period), "a finite number above zero")
         object.__setattr__(self, "channels", names)
         object.__setattr__(self, "gain", _spread("gain", self.gain, len(names), 1.0))
         object.__setattr__(self, "offset", _spread("offset", self.offset, len(names), 0.0))
         if 0.0 in self.gain:
-            raise SignalError("gain", "0", "a factor other than zero for each channel")
+            raise _setting("gain", "0", "a factor other than zero for each channel")
 
 
 def _spread(name: str, given: ArrayLike, n: int, default: float) -> tuple[float, ...]:
     """One finite value for each of n channels."""
     values = [float(v) for v in np.atleast_1d(np.asarray(given, dtype=np.float64)).ravel()] or [default]
     if len(values) not in (1, n):
-        raise SignalError(name, f"{len(values)} values for {n} channels", "one for all, or one for each")
+        raise _setting(name, f"{len(values)} values for {n} channels", "one for all, or one for each")
     if not all(math.isfinite(v) for v in values):
-        raise SignalError(name, repr(given), "finite numbers")
+        raise _setting(name, repr(given), "finite numbers")
     return tuple(values * n if len(values) == 1 else values)
+
+
+def _setting(name: str, found: str, wanted: str) -> LogChannelError:
+    """Error of a setting of a signal or of channels."""
+    return LogChannelError(f"{name} is {found}; wanted {wanted}.", where=name, found=found, limit=wanted)
 
 
 @dataclass(frozen=True)
@@ -96,17 +101,34 @@ class Channels:
         units.scale(self.torque.unit, "torque")
         units.scale(self.time_unit, "time")
         if si == "counts" and all(gain == 1.0 for gain in self.position.gain):
-            raise CountsGainError
+            raise LogChannelError(
+                "positions are in counts without a gain.",
+                where="gain",
+                advice="Give the position signal gain=... in rad or m per count, one value for all or one for each.",
+            )
         if (self.time is None) == (self.rate_hz is None):
-            raise TimeBaseError(self.time, self.rate_hz)
+            raise LogChannelError(
+                "neither `time` nor `rate_hz` is given."
+                if self.time is None
+                else f"both time={self.time!r} and rate_hz={self.rate_hz:g} are given.",
+                where="time",
+                found=(self.time, self.rate_hz),
+                advice="Give one: the channel with the sample times, or the rate where there is none or it is more "
+                "accurate than the stamps.",
+            )
         if self.rate_hz is not None and not (math.isfinite(self.rate_hz) and self.rate_hz > 0):
-            raise SignalError("rate_hz", repr(self.rate_hz), "a finite number above zero")
+            raise _setting("rate_hz", repr(self.rate_hz), "a finite number above zero")
         seen: dict[str, str] = {} if self.time is None else {self.time: "time"}
         for kind, signal in (("position", self.position), ("torque", self.torque)):
             for k, name in enumerate(signal.channels, 1):
                 place = f"{kind} {k}"
                 if seen.setdefault(name, place) != place:
-                    raise MappedTwiceError(name, seen[name], place)
+                    raise LogChannelError(
+                        f"channel {name!r} is mapped twice, as {seen[name]} and as {place}.",
+                        where=name,
+                        found=(seen[name], place),
+                        advice="Give each its own channel.",
+                    )
 
     @property
     def sources(self) -> tuple[str, ...]:
@@ -150,7 +172,13 @@ class Log:
         object.__setattr__(self, "t", read_only(self.t))
         expect("t", self.t.shape, (None,))
         if self.t.size < 2:
-            raise LogTooShortError(self.path, self.t.size, 2)
+            raise LogTimeError(
+                f"{self.path}: {self.t.size} samples, below the limit of 2.",
+                where=self.path,
+                found=self.t.size,
+                limit=2,
+                advice="Record longer, or widen `stretch`.",
+            )
         for name, signal in (("position", self.channels.position), ("torque", self.channels.torque)):
             expect(name, np.shape(getattr(self, name)), (self.t.size, len(signal.channels)))
             object.__setattr__(self, name, _channel_major(getattr(self, name)))

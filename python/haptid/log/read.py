@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import difflib
 import hashlib
 import os
 from collections.abc import Iterator, Mapping, Sequence
@@ -14,19 +15,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from haptid._internal.arrays import Array, freeze
-from haptid.errors import (
-    EmptyLogError,
-    IdenticalChannelsError,
-    LogAccessError,
-    LogFolderError,
-    LogFormatError,
-    LogNotFoundError,
-    MissingChannelError,
-    NotByRowsError,
-    UnequalChannelsError,
-)
+from haptid.errors import LogChannelError, LogFileError, listed
 from haptid.log import checks, resampling, units
-from haptid.log.formats.sniff import Column, block_of, guess
+from haptid.log.formats.sniff import Column, block_of, empty, guess
 from haptid.log.lazy import MotionProfile, SignalOnDisk, Source, as_array
 from haptid.log.log import Channels, Log, Signal
 
@@ -96,7 +87,7 @@ def read_log(
         stretch: the part to keep, (from, to) in s from the file's first sample; None keeps all.
 
     Raises:
-        LogError: one class for each cause; see `haptid.errors`.
+        LogError: LogFileError, LogChannelError, LogDataError or LogTimeError; see `haptid.errors`.
     """
     path = Path(path)
     kind, sha256 = format_of(path), sha256_of(path)
@@ -107,10 +98,10 @@ def read_log(
     columns = kind.columns(path, channels.sources)
     for name in channels.sources:
         if name not in columns:
-            raise MissingChannelError(path, name, kind.names(path))
+            raise _missing(path, name, kind.names(path))
     count = checks.lengths(path, columns)
     if count == 0:
-        raise EmptyLogError(path, "channels and no rows")
+        raise empty(path, "channels and no rows")
     stamps = None if channels.time is None else columns.pop(channels.time)
     base, rows, seconds = time_base(path, channels, stamps, count, stretch, notes)
     del stamps
@@ -127,21 +118,49 @@ def format_of(path: Path) -> Format:
     """The format by the suffix, of a file that exists and can be read."""
     try:
         if path.is_dir():
-            raise LogFolderError(path)
+            raise LogFileError(f"{path} is a folder, not a log file.", where=path, advice="Name one file in it.")
         if not path.exists():
-            raise LogNotFoundError(path)
+            raise LogFileError(
+                f"{path}: no such file.",
+                where=path,
+                advice="Check the path; a study takes it from the folder of --data, or from its own.",
+            )
         if not path.is_file():
-            raise LogAccessError(path, "it is not a regular file")
+            raise _inaccessible(path, "it is not a regular file")
         with path.open("rb") as file:
             first = file.read(1)
     except (OSError, ValueError) as error:
-        raise LogAccessError(path, str(error)) from error
+        raise _inaccessible(path, str(error)) from error
     if not first:
-        raise EmptyLogError(path, "0 bytes")
+        raise empty(path, "0 bytes")
     for kind in FORMATS:
         if path.suffix.lower() in kind.suffixes:
             return kind
-    raise LogFormatError(path, path.suffix, [f"{kind.name} ({', '.join(kind.suffixes)})" for kind in FORMATS])
+    known = [f"{kind.name} ({', '.join(kind.suffixes)})" for kind in FORMATS]
+    raise LogFileError(
+        f"{path}: its suffix {path.suffix!r} is not that of a log." if path.suffix else f"{path}: it has no suffix.",
+        where=path,
+        found=path.suffix,
+        limit=tuple(known),
+        advice=f"Formats: {'; '.join(known)}. Convert the log, or rename it.",
+    )
+
+
+def _inaccessible(path: Path, why: str) -> LogFileError:
+    """Error of a file that cannot be opened."""
+    return LogFileError(f"{path} cannot be read: {why}.", where=path, advice="Check its permissions, or copy the file.")
+
+
+def _missing(path: Path, name: str, names: Sequence[str]) -> LogChannelError:
+    """Error of a channel that a file does not have."""
+    parts = [n for n in names if name in (n.rpartition("[")[0], n.split("[")[0].rpartition(".")[2])]
+    close = listed(parts, 3) if parts else ", ".join(difflib.get_close_matches(name, names, n=3, cutoff=0.6))
+    return LogChannelError(
+        f"{path} has no channel {name!r}.",
+        where=name,
+        limit=tuple(names),
+        advice=(f"Closest: {close}. " if close else "") + f"Channels of this file: {listed(names)}.",
+    )
 
 
 def sha256_of(path: Path) -> str:
@@ -298,13 +317,20 @@ def open_log(
         channels, stretch: as for `read_log`.
 
     Raises:
-        NotByRowsError: the format can only be read as a whole.
+        LogFileError: the format can only be read as a whole.
         LogError: as `read_log` does.
     """
     path = Path(path)
     kind, sha256 = format_of(path), sha256_of(path)
     if not kind.by_rows:
-        raise NotByRowsError(path, kind.name, [other.name for other in FORMATS if other.by_rows])
+        formats = [other.name for other in FORMATS if other.by_rows]
+        raise LogFileError(
+            f"{path} is {kind.name}, which can only be read as a whole.",
+            where=path,
+            found=kind.name,
+            limit=tuple(formats),
+            advice=f"Read it with read_log, or convert it to {' or '.join(formats)}.",
+        )
     notes: list[str] = []
     if channels is None:
         channels, sentence = guess(path, kind.names(path))
@@ -325,7 +351,7 @@ class _FileReader:
         column = self._read(self.first)
         self.count = column.size
         if self.count == 0:
-            raise EmptyLogError(path, "channels and no rows")
+            raise empty(path, "channels and no rows")
         raw = None if channels.time is None else column
         self.base, self.rows, self.stamps = time_base(path, channels, raw, self.count, stretch, notes)
         self.inspection = Inspection(path, self.base, notes)
@@ -369,7 +395,7 @@ class _FileReader:
         """The kept rows of one channel, (rows,), as they are in the file, checked."""
         raw = self._read(name)
         if raw.size != self.count:
-            raise UnequalChannelsError(self.path, self.first, self.count, name, raw.size)
+            raise checks.unequal_lengths(self.path, self.first, self.count, name, raw.size)
         raw = raw[self.rows]
         checks.finite(self.path, name, raw, self.stamps)
         if self.base.repeated.size:
@@ -377,12 +403,12 @@ class _FileReader:
         if raw.min() != raw.max():
             digest = hashlib.sha256(np.ascontiguousarray(raw, dtype=np.float64).data).digest()
             if digest in self.seen:
-                raise IdenticalChannelsError(self.path, self.seen[digest], name)
+                raise checks.identical_channels(self.path, self.seen[digest], name)
             self.seen[digest] = name
         return raw
 
     def _read(self, name: str) -> Column:
         found = self.kind.columns(self.path, (name,))
         if name not in found:
-            raise MissingChannelError(self.path, name, self.kind.names(self.path))
+            raise _missing(self.path, name, self.kind.names(self.path))
         return found[name]

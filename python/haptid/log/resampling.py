@@ -12,17 +12,8 @@ from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline, PchipInterpolator
 
 from haptid._internal.arrays import Array, freeze
-from haptid.errors import (
-    GapError,
-    LogTooShortError,
-    MissingSamplesError,
-    NonFiniteError,
-    RepeatedStampError,
-    SlowClockError,
-    StretchError,
-    TimeBackwardsError,
-)
-from haptid.log.checks import all_usable, usable
+from haptid.errors import LogTimeError
+from haptid.log.checks import all_usable, non_finite, repeated_stamps, usable
 
 if TYPE_CHECKING:
     from haptid.log.formats.sniff import Column
@@ -69,7 +60,7 @@ def since_first(path: Path, name: str, raw: Column, scale: float) -> Array:
     Stamps in float64 are overwritten.
 
     Raises:
-        NonFiniteError: the first stamp is missing.
+        LogDataError: the first stamp is missing.
     """
     seconds: Array
     if raw.dtype.kind in "iu":
@@ -80,7 +71,7 @@ def since_first(path: Path, name: str, raw: Column, scale: float) -> Array:
             own = raw.dtype == np.float64 and raw.flags.writeable
             seconds = np.subtract(raw, raw[0], out=raw if own else None, dtype=np.float64)
     else:
-        raise NonFiniteError(path, name, int(np.count_nonzero(~usable(raw))), 0, None)
+        raise non_finite(path, name, int(np.count_nonzero(~usable(raw))), 0, None)
     seconds *= scale
     return seconds
 
@@ -89,13 +80,20 @@ def part(path: Path, seconds: Array, stretch: tuple[float, float] | None) -> sli
     """Rows from the first to the last stamp inside a time range.
 
     Raises:
-        StretchError: no stamp is inside.
+        LogTimeError: no stamp is inside.
     """
     if stretch is None:
         return slice(0, seconds.size)
     inside = np.flatnonzero((seconds >= stretch[0]) & (seconds <= stretch[1]))
     if inside.size == 0:
-        raise StretchError(path, stretch, float(np.nanmax(seconds)))
+        last = float(np.nanmax(seconds))
+        raise LogTimeError(
+            f"{path}: no samples from {stretch[0]:g} to {stretch[1]:g} s.",
+            where="stretch",
+            found=stretch,
+            limit=(0.0, last),
+            advice=f"The log runs from 0 to {last:g} s, counted from its first sample; give (from, to) inside it.",
+        )
     return slice(int(inside[0]), int(inside[-1]) + 1)
 
 
@@ -124,7 +122,13 @@ def _has_places(raw: Column, place: int, largest: float) -> bool:
 def check_length(path: Path, samples: int) -> None:
     """Refuse fewer than `FEWEST_SAMPLES`."""
     if samples < FEWEST_SAMPLES:
-        raise LogTooShortError(path, samples, FEWEST_SAMPLES)
+        raise LogTimeError(
+            f"{path}: {samples} samples, below the limit of {FEWEST_SAMPLES}.",
+            where=path,
+            found=samples,
+            limit=FEWEST_SAMPLES,
+            advice="Record longer, or widen `stretch`.",
+        )
 
 
 def from_rate(path: Path, rows: slice, rate_hz: float) -> TimeBase:
@@ -143,25 +147,29 @@ def from_stamps(path: Path, name: str, seconds: Array, fineness: float) -> TimeB
         fineness: resolution of the stamps, s.
 
     Raises:
-        NonFiniteError: a stamp is missing.
-        TimeBackwardsError: a stamp is earlier than the one before.
-        RepeatedStampError: too many stamps equal the one before.
-        GapError: a hole of more than `LONGEST_GAP` steps.
-        MissingSamplesError: too many short holes.
-        LogTooShortError: fewer than `FEWEST_SAMPLES`.
-        SlowClockError: the sampling period is longer than `SLOWEST`.
+        LogDataError: a stamp is missing.
+        LogTimeError: a stamp is earlier than the one before, or too many equal the one before; a gap of more than
+            `LONGEST_GAP` steps, or too many short ones; fewer than `FEWEST_SAMPLES`; a sampling period above `SLOWEST`.
     """
     check_length(path, seconds.size)
     _check_order(path, name, seconds)
     step = float(np.median(np.diff(seconds[:PIECE])))
     if step > SLOWEST:
-        raise SlowClockError(path, name, step, SLOWEST)
+        raise LogTimeError(
+            f"{path}: the time channel {name!r} implies a sampling period of {step:.3g} s (maximum {SLOWEST:g} s).",
+            where=name,
+            found=step,
+            limit=SLOWEST,
+            advice="Give the channel's `time_unit`: 'ms', 'us' or 'ns'.",
+        )
     repeated = np.flatnonzero(seconds[1:] == seconds[:-1]) + 1
     notes: list[str] = []
     if repeated.size:
         if repeated.size > REPEATED_LIMIT * seconds.size:
             first = int(repeated[0])
-            raise RepeatedStampError(path, repeated.size, seconds.size, first, float(seconds[first]), None)
+            share = repeated.size / seconds.size
+            why = f"that is {100 * share:.2g} % of the samples, above the limit of {100 * REPEATED_LIMIT:g} %"
+            raise repeated_stamps(path, repeated.size, first, float(seconds[first]), why)
         notes.append(
             f"{repeated.size} samples repeat the one before, first at t = {seconds[repeated[0]]:.6g} s: dropped"
         )
@@ -174,11 +182,18 @@ def from_stamps(path: Path, name: str, seconds: Array, fineness: float) -> TimeB
 def _check_order(path: Path, name: str, seconds: Array) -> None:
     if not all_usable(seconds):
         bad = ~usable(seconds)
-        raise NonFiniteError(path, name, int(np.count_nonzero(bad)), int(np.argmax(bad)), None)
+        raise non_finite(path, name, int(np.count_nonzero(bad)), int(np.argmax(bad)), None)
     back = np.flatnonzero(seconds[1:] < seconds[:-1])
     if back.size:
         k = int(back[0])
-        raise TimeBackwardsError(path, k + 1, float(seconds[k]), float(seconds[k + 1]), back.size)
+        more = f", and at {back.size - 1} more places" if back.size > 1 else ""
+        raise LogTimeError(
+            f"{path}: time decreases at sample {k + 1}, from {seconds[k]:.9g} to {seconds[k + 1]:.9g} s{more}.",
+            where=k + 1,
+            found=(float(seconds[k]), float(seconds[k + 1])),
+            advice="Either two recordings are in one file (split them, or keep one with `stretch`), a counter of the "
+            "clock overflowed, or rows are out of order.",
+        )
 
 
 def _grid(path: Path, seconds: Array, fineness: float) -> tuple[Array, Array, bool, list[str]]:
@@ -248,11 +263,27 @@ def _missing(path: Path, seconds: Array, steps: Array, gaps: NDArray[np.intp], o
     long = gaps[steps[gaps] > LONGEST_GAP * ordinary]
     if long.size:
         k = long[0]
-        raise GapError(path, float(seconds[k]), float(steps[k]), ordinary, long.size, LONGEST_GAP)
+        more = f" It is the first of {long.size}." if long.size > 1 else ""
+        raise LogTimeError(
+            f"{path}: no samples for {steps[k]:.4g} s from t = {seconds[k]:.6g} s, {steps[k] / ordinary:.0f} steps of "
+            f"{ordinary:.4g} s; at most {LONGEST_GAP:.0f} steps are filled.{more}",
+            where=float(seconds[k]),
+            found=float(steps[k]),
+            limit=LONGEST_GAP * ordinary,
+            advice="Keep a part without it with `stretch`, or split the log there.",
+        )
     missing = int(np.maximum(np.rint(steps[gaps] / ordinary) - 1, 1).sum())
     samples = seconds.size + missing
     if missing > MISSING_LIMIT * samples:
-        raise MissingSamplesError(path, missing, samples, gaps.size, MISSING_LIMIT)
+        raise LogTimeError(
+            f"{path}: {missing} samples are missing in {gaps.size} short gaps, {100 * missing / samples:.2g} % of "
+            f"the log; at most {100 * MISSING_LIMIT:g} % are filled.",
+            where=path,
+            found=missing / samples,
+            limit=MISSING_LIMIT,
+            advice="Keep a part without them with `stretch`, or leave `time` out and give `rate_hz` if the samples are "
+            "regular and only their stamps are not.",
+        )
     return missing
 
 

@@ -6,7 +6,7 @@ import difflib
 import math
 from typing import Literal
 
-from haptid.errors import UnknownUnitError, WrongKindOfUnitError
+from haptid.errors import LogChannelError
 
 Quantity = Literal["position", "torque", "time"]
 
@@ -73,13 +73,25 @@ def scale(unit: str, quantity: Quantity) -> tuple[str, float]:
     """SI unit and the factor to it.
 
     Raises:
-        WrongKindOfUnitError: a unit of another quantity.
-        UnknownUnitError: a unit of none.
+        LogChannelError: the unit is not known, or of another quantity.
     """
     if unit in TABLES[quantity]:
         return TABLES[quantity][unit]
     known = tuple(TABLES[quantity])
     for other, table in TABLES.items():
         if unit in table:
-            raise WrongKindOfUnitError(unit, quantity, other, known)
-    raise UnknownUnitError(unit, quantity, known, closest_unit(unit, quantity))
+            raise LogChannelError(
+                f"unit {unit!r} of the {quantity} is a unit of {other}.",
+                where=quantity,
+                found=unit,
+                limit=known,
+                advice=f"Units of {quantity}: {', '.join(known)}. Check that the two signals are not exchanged.",
+            )
+    close = closest_unit(unit, quantity)
+    raise LogChannelError(
+        f"unit {unit!r} of the {quantity} is not known.",
+        where=quantity,
+        found=unit,
+        limit=known,
+        advice=(f"Write {close!r}. " if close else "") + f"Known: {', '.join(known)}.",
+    )

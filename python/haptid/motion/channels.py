@@ -8,7 +8,7 @@ import numpy as np
 
 from haptid._internal.arrays import Array
 from haptid.device import Device
-from haptid.errors import ChannelCountError, CommandUnitError
+from haptid.errors import LogMismatchError
 from haptid.log import Log, check_against
 from haptid.motion.treatment import Motion
 
@@ -17,15 +17,15 @@ def check_log(device: Device, log: Log) -> tuple[str, ...]:
     """Check a log against the device's joints; returns a note for each joint outside its limits.
 
     Raises:
-        ChannelCountError: more or fewer channels than the device has coordinates or motors.
-        LooksLikeDegreesError, LooksLikeRadiansError, SwappedChannelsError: positions that do not fit the joints.
+        LogMismatchError: more or fewer channels than the device has coordinates or motors, or positions that do not fit
+            the joints.
     """
     for kind, count, names in (
         ("position", log.position.shape[1], position_channels(device, log.channels.position.side)),
         ("torque", log.torque.shape[1], torque_channels(device, log.channels.torque.side)),
     ):
         if count != len(names):
-            raise ChannelCountError(kind, count, names)
+            raise _wrong_count(kind, count, names)
     joints = [device.joints[k] for k in device.active]
     ranges = [joint.position_limits for joint in joints]
     return check_against(log, ranges, [joint.prismatic for joint in joints], [joint.name for joint in joints])
@@ -55,8 +55,8 @@ def coordinates(device: Device, motion: Motion, start: int, stop: int) -> tuple[
     """Position, velocity and acceleration of the device's coordinates, each (coordinates, stop - start).
 
     Raises:
-        ChannelCountError: the motion has more or fewer position channels than the device has coordinates.
-        NoAccelerationError: velocity is by a causal differentiator.
+        LogMismatchError: the motion has more or fewer position channels than the device has coordinates.
+        MissingAccelerationError: velocity is by a causal differentiator.
     """
     q, qd, qdd = motion.kinematics(start, stop)
     change = position_map(device, motion)
@@ -67,7 +67,7 @@ def state(device: Device, motion: Motion, start: int, stop: int) -> tuple[Array,
     """Position and velocity of the device's coordinates, each (coordinates, stop - start).
 
     Raises:
-        ChannelCountError: the motion has more or fewer position channels than the device has coordinates.
+        LogMismatchError: the motion has more or fewer position channels than the device has coordinates.
     """
     q, qd = motion.state(start, stop)
     change = position_map(device, motion)
@@ -79,7 +79,7 @@ def position_map(device: Device, motion: Motion) -> Callable[[Array], Array]:
     side = motion.log.channels.position.side if motion.log else "joint"
     names = position_channels(device, side)
     if motion.q.shape[1] != len(names):
-        raise ChannelCountError("position", motion.q.shape[1], names)
+        raise _wrong_count("position", motion.q.shape[1], names)
     change = np.asarray(device.frame)
     if side == "motor":
         shafts = np.diag([1.0 / drive.gear for drive in device.drives])
@@ -95,13 +95,13 @@ def coordinate_torque(device: Device, motion: Motion, start: int, stop: int) -> 
     A motion without a log holds the coordinates' torques; a log holds the motors' commands, or joint torques.
 
     Raises:
-        ChannelCountError: the motion has more or fewer torque channels than the device has motors.
-        CommandUnitError: the log's unit of torque is not the unit of the device's command.
+        LogMismatchError: the motion has more or fewer torque channels than the device has motors.
+        LogMismatchError: the log's unit of torque is not the unit of the device's command.
     """
     known = [name for name, measured in zip(device.row_names, device.measured, strict=True) if measured]
     names = torque_channels(device, motion.log.channels.torque.side) if motion.log else known
     if motion.tau.shape[1] != len(names):
-        raise ChannelCountError("torque", motion.tau.shape[1], names)
+        raise _wrong_count("torque", motion.tau.shape[1], names)
     measured = np.ascontiguousarray(motion.tau[start:stop].T)
     if motion.log is None:
         tau = np.zeros((len(device.drives), stop - start))
@@ -116,11 +116,33 @@ def torque_map(device: Device, log: Log) -> Array:
     if log.channels.torque.side == "motor":
         for drive in device.motors:
             if unit != drive.unit:
-                raise CommandUnitError(drive.name, unit, drive.unit, "motor")
+                raise _wrong_unit(drive.name, unit, drive.unit, "motor")
         moved = device.drive_rates[[drive.motorised for drive in device.drives]]
         return np.asarray(moved.T * [drive.gear * drive.gain for drive in device.motors])
     for k, j in enumerate(device.active):
         wanted = "N" if device.joints[j].prismatic else "N m"
         if _joint_measured(device)[k] and unit != wanted:
-            raise CommandUnitError(device.joints[j].name, unit, wanted, "joint")
+            raise _wrong_unit(device.joints[j].name, unit, wanted, "joint")
     return np.asarray(np.linalg.inv(device.frame).T[:, _joint_measured(device)])
+
+
+def _wrong_count(kind: str, got: int, names: list[str]) -> LogMismatchError:
+    """Error of too many or too few channels."""
+    return LogMismatchError(
+        f"the log has {got} {kind} channels, and the device requires {len(names)}: {', '.join(names)}.",
+        where=kind,
+        found=got,
+        limit=len(names),
+        advice="Map one channel for each, in this order.",
+    )
+
+
+def _wrong_unit(name: str, got: str, wanted: str, side: str) -> LogMismatchError:
+    """Error of a torque in another unit than the device's command."""
+    return LogMismatchError(
+        f"the torque channel of {name} is in {got!r} at the {side} side, and the device file has {wanted!r}.",
+        where=name,
+        found=got,
+        limit=wanted,
+        advice="Give the channel that unit, or change the motor's `unit` and `gain` in the device file.",
+    )

@@ -15,7 +15,7 @@ import numpy as np
 from scipy import optimize, signal
 
 from haptid._internal.arrays import Array, expect, freeze, positive, read_only, whole
-from haptid.errors import CutoffError, TreatmentValueError
+from haptid.errors import TreatmentError
 
 # Central differences of order eight. Relative error of their gain at a frequency f: (2 pi f dt)^8 / 630.
 DIFFERENCES = (1 / 280, -4 / 105, 1 / 5, -4 / 5, 0.0, 4 / 5, -1 / 5, 4 / 105, -1 / 280)
@@ -172,7 +172,7 @@ class Causal:
 
     def __post_init__(self) -> None:
         if not (whole(self.order) and 1 <= self.order <= 12):
-            raise TreatmentValueError("parallel_shape.order", self.order, "a whole number from 1 to 12")
+            raise bad_setting("parallel_shape.order", self.order, "a whole number from 1 to 12")
 
     def reach(self, cutoff: float, decimation: int) -> float:
         """Approximate half length in samples, from its slowest pole; the cut-off in cycles per sample."""
@@ -185,7 +185,7 @@ class Causal:
         For order one, slope = omega (unit impulse - taps) to rounding, whatever the truncation.
 
         Raises:
-            CutoffError, TreatmentValueError: the cut-off is too high or far too low for the sampling rate.
+            TreatmentError: the cut-off is too high or far too low for the sampling rate.
         """
         expect_carried("parallel_cutoff_hz", cutoff_hz, dt)
         zeros, poles, gain = signal.butter(self.order, 2 * np.pi * cutoff_hz, analog=True, output="zpk")
@@ -216,13 +216,13 @@ class HighPass:
 
     def __post_init__(self) -> None:
         if not positive(self.cutoff_hz):
-            raise TreatmentValueError("velocity.cutoff_hz", self.cutoff_hz, "a finite number above zero")
+            raise bad_setting("velocity.cutoff_hz", self.cutoff_hz, "a finite number above zero")
 
     def coefficients(self, dt: float) -> tuple[float, float]:
         """b and a of v[n] = b (q[n] - q[n-1]) + a v[n-1], b in 1/s.
 
         Raises:
-            CutoffError, TreatmentValueError: the cut-off is too high or far too low for the sampling rate.
+            TreatmentError: the cut-off is too high or far too low for the sampling rate.
         """
         expect_carried("velocity.cutoff_hz", self.cutoff_hz, dt)
         x = 2 * np.pi * self.cutoff_hz * dt
@@ -244,6 +244,22 @@ def expect_carried(name: str, cutoff_hz: float, dt: float) -> None:
     """Raise unless a cut-off lies between LOWEST and half the sampling rate."""
     nyquist = 0.5 / dt
     if cutoff_hz >= nyquist:
-        raise CutoffError(name, cutoff_hz, nyquist)
+        raise high_cutoff(name, cutoff_hz, nyquist)
     if cutoff_hz < LOWEST * nyquist:
-        raise TreatmentValueError(name, cutoff_hz, f"at least {LOWEST * nyquist:g} Hz at this rate")
+        raise bad_setting(name, cutoff_hz, f"at least {LOWEST * nyquist:g} Hz at this rate")
+
+
+def high_cutoff(name: str, cutoff_hz: float, limit_hz: float) -> TreatmentError:
+    """Error of a cut-off at or above the Nyquist frequency after decimation."""
+    return TreatmentError(
+        f"{name} is {cutoff_hz:g} Hz, and must be well below {limit_hz:g} Hz, half the rate of samples or rows.",
+        where=name,
+        found=cutoff_hz,
+        limit=limit_hz,
+        advice=f"Lower {name}, or reduce the decimation.",
+    )
+
+
+def bad_setting(name: str, value: object, wanted: str) -> TreatmentError:
+    """Error of a treatment's setting."""
+    return TreatmentError(f"treatment {name} is {value!r}; write {wanted}.", where=name, found=value, limit=wanted)

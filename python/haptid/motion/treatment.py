@@ -19,7 +19,7 @@ import numpy as np
 from scipy import ndimage, signal
 
 from haptid._internal.arrays import Array, expect, freeze, positive, read_only, whole
-from haptid.errors import CutoffError, MotionTooShortError, NoAccelerationError, TreatmentValueError
+from haptid.errors import MissingAccelerationError, MotionTooShortError
 from haptid.log import Log, OnDisk, as_array
 from haptid.motion.filters import (
     DIFFERENCES,
@@ -30,7 +30,9 @@ from haptid.motion.filters import (
     HighPass,
     ParallelFilter,
     Shape,
+    bad_setting,
     centred,
+    high_cutoff,
 )
 from haptid.motion.streaming import Late, delayed, filtered, lost
 
@@ -89,7 +91,7 @@ class Treatment:
         self._expect("decimation", lambda v: whole(v) and v >= 1, "a whole number, 1 or more")
         many = self.low_speed if isinstance(self.low_speed, tuple) else (self.low_speed,)
         if not many or not all(v == 0 or positive(v) for v in many):
-            raise TreatmentValueError("low_speed", self.low_speed, "finite speeds, 0 or more")
+            raise bad_setting("low_speed", self.low_speed, "finite speeds, 0 or more")
         self._expect("accelerations", lambda v: v in ("differences", "momentum"), '"differences" or "momentum"')
         self._expect("velocity", lambda v: v is None or isinstance(v, HighPass), "None or a HighPass")
         self._check_together()
@@ -98,7 +100,7 @@ class Treatment:
         """Refuse combinations of settings that contradict each other."""
         if self.velocity is not None:
             if not self.momentum:
-                raise NoAccelerationError("accelerations = 'differences'")
+                raise _no_accelerations("accelerations = 'differences'")
             self._expect("cutoff_hz", lambda v: v is None, "None: `velocity` takes positions as they are")
 
     @property
@@ -109,7 +111,7 @@ class Treatment:
     def _expect(self, name: str, fits: Callable[[Any], bool], wanted: str) -> None:
         value = getattr(self, name)
         if not fits(value):
-            raise TreatmentValueError(name, value, wanted)
+            raise bad_setting(name, value, wanted)
 
     def position_filter(self, dt: float) -> Array | None:
         """Second-order sections of one pass; two passes together are -3 dB at `cutoff_hz`. None for no filter."""
@@ -120,9 +122,9 @@ class Treatment:
         widening = (np.sqrt(2.0) - 1.0) ** (-0.5 / self.order)
         one_pass = 2 * np.arctan(widening * np.tan(0.5 * np.pi * self.cutoff_hz / nyquist)) / np.pi
         if self.cutoff_hz >= nyquist or one_pass > 0.98:
-            raise CutoffError("cutoff_hz", self.cutoff_hz, nyquist)
+            raise high_cutoff("cutoff_hz", self.cutoff_hz, nyquist)
         if one_pass < LOWEST:
-            raise TreatmentValueError("cutoff_hz", self.cutoff_hz, f"at least {LOWEST * nyquist:g} Hz at this rate")
+            raise bad_setting("cutoff_hz", self.cutoff_hz, f"at least {LOWEST * nyquist:g} Hz at this rate")
         return low_pass(self.order, one_pass).copy()  # SciPy's filters refuse read-only sections
 
     def parallel(self, dt: float) -> float | None:
@@ -131,7 +133,7 @@ class Treatment:
             return None if self.decimation == 1 else self.parallel_shape.share * 0.5 / dt / self.decimation
         limit = 0.5 / dt / self.decimation
         if self.parallel_cutoff_hz >= limit:
-            raise CutoffError("parallel_cutoff_hz", self.parallel_cutoff_hz, limit)
+            raise high_cutoff("parallel_cutoff_hz", self.parallel_cutoff_hz, limit)
         return self.parallel_cutoff_hz
 
     def reach(self, dt: float) -> float:
@@ -143,7 +145,7 @@ class Treatment:
         """The parallel filter of torque and columns, of one sample where there is none.
 
         Raises:
-            CutoffError: its cut-off is too high for the sampling rate or the decimation.
+            TreatmentError: its cut-off is too high for the sampling rate or the decimation.
         """
         cutoff = self.parallel(dt)
         if cutoff is None:
@@ -202,7 +204,7 @@ class Motion:
             for name, array in (("q", self.q), ("tau", self.tau)):
                 if not np.isfinite(array).all():
                     first = int(np.argmin(np.isfinite(array).all(axis=1)))
-                    raise TreatmentValueError(f"{name} at sample {first}", array[first].tolist(), "finite numbers")
+                    raise bad_setting(f"{name} at sample {first}", array[first].tolist(), "finite numbers")
         if self.rates is not None:
             rates = tuple(read_only(rate) for rate in self.rates)
             for name, rate in zip(("qd", "qdd"), rates, strict=True):
@@ -233,7 +235,7 @@ class Motion:
         """Accelerations, (n, coordinates); ends as for `qd`.
 
         Raises:
-            NoAccelerationError: velocity is by a causal differentiator.
+            MissingAccelerationError: velocity is by a causal differentiator.
         """
         start, stop = self._known
         return freeze(self._whole(self.kinematics(start, stop)[2]))
@@ -258,12 +260,12 @@ class Motion:
         if self.treatment.velocity is not None:
             start = shifted + self.treatment.velocity.memory(self.dt, SETTLED)
             if len(self) - start - shifted < 2:
-                raise MotionTooShortError(len(self) * self.dt, start * self.dt, "the differentiator's start")
+                raise too_short(len(self) * self.dt, start * self.dt, "the differentiator's start")
             return start, len(self) - shifted
         sections = self.treatment.position_filter(self.dt)
         edge = shifted + SIDE + (0 if sections is None else settling(sections, len(self)))
         if len(self) - 2 * edge < 2:
-            raise MotionTooShortError(len(self) * self.dt, 2 * edge * self.dt, "the position filter's ends")
+            raise too_short(len(self) * self.dt, 2 * edge * self.dt, "the position filter's ends")
         return edge, len(self) - edge
 
     def state(self, start: int, stop: int) -> tuple[Array, Array]:
@@ -281,13 +283,13 @@ class Motion:
         """Positions, velocities and accelerations of samples start..stop, each (coordinates, stop - start).
 
         Raises:
-            NoAccelerationError: velocity is by a causal differentiator.
+            MissingAccelerationError: velocity is by a causal differentiator.
         """
         q, qd = self.state(start, stop)
         if self.rates is not None:
             return q, qd, np.ascontiguousarray(self.rates[1][start:stop].T)
         if self.treatment.velocity is not None:
-            raise NoAccelerationError("this call")
+            raise _no_accelerations("this call")
         return q, qd, self._differences(start, stop, SECOND_DIFFERENCES, self.dt**2)
 
     def _differences(self, start: int, stop: int, weights: tuple[float, ...], unit: float) -> Array:
@@ -322,7 +324,7 @@ def treat(log: Log, treatment: Treatment | None = None) -> Motion:
         treatment: settings; the default where None.
 
     Raises:
-        CutoffError: a cut-off is at or above half the sampling rate.
+        TreatmentError: a cut-off is at or above half the sampling rate.
         MotionTooShortError: the log is shorter than the filter's transients.
     """
     treatment = treatment or Treatment()
@@ -330,7 +332,7 @@ def treat(log: Log, treatment: Treatment | None = None) -> Motion:
     sections = treatment.position_filter(dt)
     n = len(log.t)
     if sections is not None and n <= 3 * (2 * len(sections) + 1):
-        raise MotionTooShortError(n * dt, 3 * (2 * len(sections) + 1) * dt, "the position filter")
+        raise too_short(n * dt, 3 * (2 * len(sections) + 1) * dt, "the position filter")
     q = log.position if sections is None else filtered(log.position, sections)
     motion = Motion(dt, q, log.torque, treatment, log, float(log.t[0]))
     return with_delay(motion, treatment.torque_delay)
@@ -350,3 +352,22 @@ def with_delay(motion: Motion, seconds: float) -> Motion:
     made = replace(motion, tau=torque, treatment=treatment)
     made.usable  # noqa: B018 - raises here if the log is too short for its filter
     return made
+
+
+def too_short(seconds: float, needed: float, what: str) -> MotionTooShortError:
+    """Error of a motion that is shorter than the transients of its filters."""
+    return MotionTooShortError(
+        f"the motion lasts {seconds:.3g} s, and {what} alone take {needed:.3g} s.",
+        found=seconds,
+        limit=needed,
+        advice="Record a longer motion, raise the cut-off, or reduce the decimation.",
+    )
+
+
+def _no_accelerations(what: str) -> MissingAccelerationError:
+    """Error of accelerations that a causal differentiator does not provide."""
+    return MissingAccelerationError(
+        f"{what} requires accelerations, and `velocity` by a high-pass provides none.",
+        where="velocity",
+        advice="Choose accelerations = 'momentum', or leave `velocity` out.",
+    )

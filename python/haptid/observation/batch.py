@@ -44,7 +44,7 @@ def observe_all(
         progress: called with a motion and the share of its rows that are done, 0 to 1.
 
     Raises:
-        WorkerLostError: a part was lost with one worker after the other.
+        ExecutorError: a part was lost with one worker after the other.
         HaptidError: as `observe`.
     """
     for motion in motions:

@@ -11,7 +11,7 @@ from haptid.device import INERTIAL
 from haptid.device.priors import Body, inertial_parameters
 from haptid.dynamics.inverse import core_torque, raw_parameters
 from haptid.dynamics.model import DynamicModel
-from haptid.errors import LoadSymmetryError, UnknownLinkError
+from haptid.errors import DeviceError, UnknownNameError, suggestion
 from haptid.log import Log, OnDisk, as_array
 from haptid.motion.channels import coordinates, torque_map
 from haptid.motion.streaming import delayed, lost
@@ -40,12 +40,19 @@ def load_shift(model: DynamicModel, link: str, body: Body) -> Array:
         body: in the link frame of the device file's convention; a point mass where its inertia is None.
 
     Raises:
-        UnknownLinkError: there is no such link.
-        LoadSymmetryError: the device file sets a parameter to zero, or equal to another, and the payload does not
+        UnknownNameError: there is no such link.
+        DeviceError: the device file sets a parameter to zero, or equal to another, and the payload does not
             comply.
     """
     if link not in model.device.joint_names:
-        raise UnknownLinkError(link, model.device.joint_names)
+        names = model.device.joint_names
+        raise UnknownNameError(
+            f"no link {link!r} with free inertial parameters.",
+            where="link",
+            found=link,
+            limit=names,
+            advice=suggestion(link, names),
+        )
     joint, free = model.device.joints[model.device.joint_names.index(link)], model.device.parameters
     solid = body if body.inertia is not None else replace(body, inertia=np.zeros((3, 3)))
     values = dict(zip((kind + link for kind in INERTIAL), inertial_parameters(solid, joint), strict=True))
@@ -53,7 +60,13 @@ def load_shift(model: DynamicModel, link: str, body: Body) -> Array:
     given = {name: value for name, value in values.items() if abs(value) > np.finfo(float).eps * size}
     shared = [name for name in given if name not in free.index or len(free.members[free.index[name]]) > 1]
     if shared:
-        raise LoadSymmetryError(link, shared)
+        raise DeviceError(
+            f"a payload on link {link} has {', '.join(shared)}, which the device file sets to zero or equal to another "
+            "parameter.",
+            where=link,
+            found=tuple(shared),
+            advice="Remove these symmetries from the file, or fix the payload so that they hold.",
+        )
     chi = np.zeros(len(free.names))
     for name, value in given.items():
         chi[free.index[name]] = value
@@ -71,8 +84,8 @@ def without_load(model: DynamicModel, motion: Motion, link: str, body: Body) -> 
         link, body: as for `load_shift`.
 
     Raises:
-        UnknownLinkError, LoadSymmetryError: as `load_shift`.
-        NoAccelerationError: velocity is by a causal differentiator.
+        UnknownNameError, DeviceError: as `load_shift`.
+        MissingAccelerationError: velocity is by a causal differentiator.
     """
     chi = raw_parameters(model, load_shift(model, link, body))
     channels = np.eye(len(model.device.measured))[list(model.device.measured)]
@@ -94,8 +107,8 @@ def log_without_load(model: DynamicModel, log: Log, treatment: Treatment, load: 
         load: the payload.
 
     Raises:
-        UnknownLinkError, LoadSymmetryError: as `load_shift`.
-        NoAccelerationError: velocity is by a causal differentiator.
+        UnknownNameError, DeviceError: as `load_shift`.
+        MissingAccelerationError: velocity is by a causal differentiator.
     """
     chi = raw_parameters(model, load_shift(model, load.link, load.body))
     channels = np.asarray(np.linalg.pinv(torque_map(model.device, log)), dtype=np.float64)

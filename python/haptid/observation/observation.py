@@ -17,7 +17,7 @@ import numpy as np
 from haptid._internal.arrays import Array, expect, freeze, read_only
 from haptid.dynamics.base_parameters import BaseParameters
 from haptid.dynamics.model import DynamicModel
-from haptid.errors import DifferentModelError, MotorNameError, NoRowsError, SameRowsError
+from haptid.errors import ModelMismatchError, NoRowsError, SharedRowsError, UnknownNameError, suggestion
 from haptid.motion.channels import check_log
 from haptid.motion.treatment import Motion
 from haptid.observation.plan import Block, Plan, RFactors
@@ -111,14 +111,20 @@ class Observation:
         """Rows of both.
 
         Raises:
-            DifferentModelError: they are of different devices.
-            SameRowsError: they share rows.
+            ModelMismatchError: they are of different devices.
+            SharedRowsError: they share rows.
         """
         if not other.model.is_same_as(self.model):
-            raise DifferentModelError(self.model.device.name, other.model.device.name)
+            raise different_models(self.model, other.model)
         shared = self.shares_rows_with(other)
         if shared is not None:
-            raise SameRowsError(shared.log, shared.start, shared.stop)
+            raise SharedRowsError(
+                f"both observations contain the rows from {shared.start:.3f} to {shared.stop:.3f} s of log "
+                f"{shared.log[:12]}: counted twice, they would make every variance too small.",
+                where=shared.log,
+                found=(shared.start, shared.stop),
+                advice="Leave one out.",
+            )
         motors = tuple(
             replace(a, triangles=freeze(np.concatenate([a.triangles, b.triangles])), rows=np.append(a.rows, b.rows))
             for a, b in zip(self.motors, other.motors, strict=True)
@@ -168,11 +174,17 @@ class Observation:
         """Rows of one motor, given by name.
 
         Raises:
-            MotorNameError: there is none of that name.
+            UnknownNameError: there is none of that name.
         """
         names = [m.name for m in self.motors]
         if motor not in names:
-            raise MotorNameError(motor, names)
+            raise UnknownNameError(
+                f"the observation has no rows of motor {motor!r}; it has rows of {', '.join(names)}.",
+                where="motor",
+                found=motor,
+                limit=tuple(names),
+                advice=suggestion(motor, names),
+            )
         return replace(self, motors=(self.motors[names.index(motor)],))
 
 
@@ -187,11 +199,11 @@ def observe(
         progress: called with the share of the work done, 0 to 1.
 
     Raises:
-        ChannelCountError: the log has more or fewer channels than the device has coordinates or motors.
-        LooksLikeDegreesError, LooksLikeRadiansError, SwappedChannelsError: positions that do not fit the joints.
+        LogMismatchError: the log has more or fewer channels than the device has coordinates or motors, or positions
+            that do not fit the joints.
         MotionTooShortError: not one row fits between the filters' ends.
         NoRowsError: every row of a motor was dropped as too slow, and no joint is locked.
-        SameRowsError: two motions share rows.
+        SharedRowsError: two motions share rows.
     """
     motions = (motion, *others)
     for one in motions:
@@ -220,7 +232,14 @@ def assemble(plan: Plan, parts: Sequence[RFactors]) -> Observation:
     rows = np.concatenate([many for _, many in parts], axis=1)
     has_rows = rows.any(axis=1)
     if not has_rows.any() or not (has_rows.all() or locked(motion)):
-        raise NoRowsError(model.device.row_names[int(np.argmin(has_rows))], motion.treatment.low_speed)
+        motor, speed = model.device.row_names[int(np.argmin(has_rows))], motion.treatment.low_speed
+        raise NoRowsError(
+            f"every row of motor {motor} is slower than low_speed = {speed}, so none is left.",
+            where=motor,
+            found=0,
+            limit=speed,
+            advice="Lower `low_speed`, or record motion that moves this joint faster.",
+        )
     motors = tuple(
         MotorRows(
             model.device.row_names[k],
@@ -241,3 +260,13 @@ def locked(motion: Motion) -> bool:
     if motion.log:
         return any(low == high for low, high in motion.log.spans)
     return bool((np.ptp(motion.q, axis=0) == 0).any())
+
+
+def different_models(one: DynamicModel, other: DynamicModel) -> ModelMismatchError:
+    """Error of values of two devices that are combined."""
+    names = one.device.name, other.device.name
+    return ModelMismatchError(
+        f"these are of two devices, {names[0]!r} and {names[1]!r}, or of one device read twice.",
+        found=names,
+        advice="Read the device once, and use it for every observation.",
+    )

@@ -12,10 +12,9 @@ import numpy as np
 from haptid._internal.arrays import Array
 from haptid.dynamics.model import DynamicModel
 from haptid.dynamics.regressor import external
-from haptid.errors import MotionTooShortError, TreatmentValueError
 from haptid.motion.channels import coordinate_torque, coordinates, state
-from haptid.motion.filters import ParallelFilter
-from haptid.motion.treatment import Motion
+from haptid.motion.filters import ParallelFilter, bad_setting
+from haptid.motion.treatment import Motion, too_short
 from haptid.observation.r_factor import triangle
 
 # Samples passed to the core at a time: enough for all its threads, little memory compared with a log.
@@ -81,12 +80,12 @@ class Plan:
 
         Raises:
             MotionTooShortError: not one row fits.
-            TreatmentValueError: `low_speed` has neither one value nor one for each coordinate.
+            TreatmentError: `low_speed` has neither one value nor one for each coordinate.
         """
         treatment, (low, high) = motion.treatment, motion.usable
         if np.size(treatment.low_speed) not in (1, len(model.device.row_names)):
             wanted = f"one value, or {len(model.device.row_names)}: one for each row of torque"
-            raise TreatmentValueError("low_speed", treatment.low_speed, wanted)
+            raise bad_setting("low_speed", treatment.low_speed, wanted)
         shared = shared_filter(motion)
         rows = (high - low - len(shared)) // treatment.decimation + 1
         block = max(1, round(min(treatment.block / (treatment.decimation * motion.dt), rows / LEAST_BLOCKS)))
@@ -213,4 +212,4 @@ def shared_filter(motion: Motion) -> ParallelFilter:
             return made
         length = len(made)
     needed = (len(motion) - (high - low) + length) * motion.dt
-    raise MotionTooShortError(len(motion) * motion.dt, needed, "the filters' ends")
+    raise too_short(len(motion) * motion.dt, needed, "the filters' ends")

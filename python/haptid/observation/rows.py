@@ -149,8 +149,8 @@ def chunks(model: DynamicModel, motion: Motion) -> Iterator[Chunk]:
     """All rows of a motion.
 
     Raises:
-        ChannelCountError: the motion has more or fewer channels than the device has coordinates or motors.
-        CommandUnitError: the log's unit of torque is not the unit of the device's command.
+        LogMismatchError: the motion has more or fewer channels than the device has coordinates or motors, or its torque
+            is not in the unit of the device's command.
         MotionTooShortError: not one row fits between the filters' ends.
     """
     plan = Plan.of(model, motion)

@@ -14,7 +14,7 @@ import numpy as np
 from haptid._internal.arrays import Array, freeze
 from haptid.dynamics.forward import ForwardDynamics
 from haptid.dynamics.model import DynamicModel
-from haptid.errors import SimulationLostError
+from haptid.errors import SimulationError
 from haptid.motion.channels import position_map, state
 from haptid.motion.treatment import Motion
 from haptid.simulation.control import PID, ControllerState, InitialState, reference
@@ -140,9 +140,8 @@ def closed_loop(forward: ForwardDynamics, law: PID, motion: Motion, place: int, 
         stretches: the segments.
 
     Raises:
-        SimulationLostError: the simulation diverges.
-        MasslessError: a mass matrix cannot be inverted.
-        ControllerError: the controller does not fit the device or the motion.
+        SimulationError: the simulation diverges, or a mass matrix cannot be inverted.
+        SettingError: the controller does not fit the device or the motion.
     """
     model, sets, per = forward.model, len(forward.chi), law.periods(motion.dt)
     target = reference(law, model, motion, place)
@@ -171,7 +170,7 @@ def open_loop(
         stretches: the segments.
 
     Raises:
-        SimulationLostError, MasslessError: as for `closed_loop`.
+        SimulationError: as for `closed_loop`.
     """
     sets = len(forward.chi)
     applied = np.tile(np.ascontiguousarray(np.moveaxis(torque[:, stretches.sample], 0, 1)), sets)
@@ -234,11 +233,19 @@ def _step(
     return c + h / 6 * (cd + 2 * v2 + 2 * v3 + v4), cd + h / 6 * (a1 + 2 * a2 + 2 * a3 + a4)
 
 
-def _diverged(model: DynamicModel, motion: Motion, stretches: Stretches, step: int, cd: Array) -> SimulationLostError:
+def _diverged(model: DynamicModel, motion: Motion, stretches: Stretches, step: int, cd: Array) -> SimulationError:
     """Error of a simulation that diverges at this step."""
     row, column = np.unravel_index(int(np.argmax(np.nan_to_num(np.abs(cd), nan=np.inf))), cd.shape)
     time = motion.t0 + motion.dt * int(stretches.sample[step, int(column) % stretches.count])
-    return SimulationLostError(time, model.device.row_labels[int(row)], float(abs(cd[row, column])), FASTEST)
+    label, speed = model.device.row_labels[int(row)], float(abs(cd[row, column]))
+    return SimulationError(
+        f"the simulated model diverges: at {time:.3f} s {label} moves at {speed:.3g} rad/s or m/s (limit {FASTEST:g}).",
+        where=time,
+        found=speed,
+        limit=FASTEST,
+        advice="Check the controller's gains and reference, or start from physically consistent parameters, such as "
+        "those of Consistent().",
+    )
 
 
 def smooth(model: DynamicModel, motions: Sequence[Motion], share: float) -> DynamicModel:

@@ -9,7 +9,7 @@ import numpy as np
 
 from haptid._internal.arrays import Array, expect, positive
 from haptid.dynamics.model import DynamicModel
-from haptid.errors import ControllerError
+from haptid.errors import SettingError
 from haptid.log import Log, Signal, read_log
 from haptid.motion.channels import position_map
 from haptid.motion.treatment import Motion
@@ -45,29 +45,29 @@ class PID:
         for name in ("rate_hz", "velocity_cutoff_hz"):
             value = getattr(self, name)
             if value is not None and not positive(value):
-                raise ControllerError(name, value, "a finite number above zero, or leave it out")
+                raise _setting(name, value, "a finite number above zero, or leave it out")
 
     def figures(self, name: str, model: DynamicModel) -> Array:
         """A setting as one value for each motor, (motors,).
 
         Raises:
-            ControllerError: neither one value nor one for each motor, or one that is not finite.
+            SettingError: neither one value nor one for each motor, or one that is not finite.
         """
         values, motors = np.atleast_1d(np.asarray(getattr(self, name), dtype=float)), len(model.device.motors)
         if values.shape not in ((1,), (motors,)) or not np.isfinite(values).all():
             wanted = f"one finite value, or one for each of {', '.join(m.name for m in model.device.motors)}"
-            raise ControllerError(name, values.tolist(), wanted)
+            raise _setting(name, values.tolist(), wanted)
         return np.ascontiguousarray(np.broadcast_to(values, (motors,)))
 
     def periods(self, dt: float) -> int:
         """Control periods per sampling period dt, s.
 
         Raises:
-            ControllerError: not a whole number.
+            SettingError: not a whole number.
         """
         ratio = 1.0 if self.rate_hz is None else self.rate_hz * dt
         if abs(ratio - round(ratio)) > 1e-3 or round(ratio) < 1:
-            raise ControllerError("rate_hz", self.rate_hz, f"a multiple of the log's {1 / dt:g} Hz")
+            raise _setting("rate_hz", self.rate_hz, f"a multiple of the log's {1 / dt:g} Hz")
         return round(ratio)
 
 
@@ -81,7 +81,7 @@ def reference(law: PID, model: DynamicModel, motion: Motion, place: int) -> Arra
         place: index of the motion in the observation.
 
     Raises:
-        ControllerError: the log has no file to read them from, or the number of arrays is wrong.
+        SettingError: the log has no file to read them from, or the number of arrays is wrong.
         LogError: the channels cannot be read.
     """
     if law.reference is None:
@@ -89,10 +89,10 @@ def reference(law: PID, model: DynamicModel, motion: Motion, place: int) -> Arra
         return position_map(model.device, motion)(q)
     if isinstance(law.reference, Signal):
         if motion.log is None or not motion.log.sha256:
-            raise ControllerError("reference", "channels of a log", "arrays: this motion comes from no file")
+            raise _setting("reference", "channels of a log", "arrays: this motion comes from no file")
         return np.asarray(model.device.frame @ recorded(motion.log, law.reference))
     if place >= len(law.reference):
-        raise ControllerError("reference", f"{len(law.reference)} arrays", "one for each motion of the observation")
+        raise _setting("reference", f"{len(law.reference)} arrays", "one for each motion of the observation")
     given = np.asarray(law.reference[place], dtype=float)
     expect("reference", given.shape, (len(motion), len(model.device.active)))
     return np.asarray(model.device.frame @ given.T)
@@ -181,3 +181,8 @@ class ControllerState:
 def _each(gains: Array, values: Array) -> Array:
     """Every motor's values multiplied by its gain."""
     return gains.reshape(-1, *[1] * (values.ndim - 1)) * values
+
+
+def _setting(name: str, value: object, wanted: str) -> SettingError:
+    """Error of a controller's setting."""
+    return SettingError(f"controller: {name} is {value}; write {wanted}.", where=name, found=value, limit=wanted)

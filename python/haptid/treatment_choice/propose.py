@@ -16,9 +16,10 @@ from scipy import signal
 
 from haptid._internal.arrays import Array
 from haptid.dynamics.model import DynamicModel
-from haptid.errors import MotionTooShortError, NoRowsError, TooFewRowsError, TreatmentValueError, UnexcitedError
+from haptid.errors import IdentifiabilityError, MotionTooShortError, NoRowsError
 from haptid.log import Log
 from haptid.motion.channels import check_log, state
+from haptid.motion.filters import bad_setting
 from haptid.motion.treatment import Treatment, treat
 from haptid.observation.plan import Plan
 from haptid.treatment_choice.delay_estimate import find_delay
@@ -73,8 +74,7 @@ def propose(model: DynamicModel, *logs: Log, **given: Any) -> Proposal:
         given: settings of `Treatment` that are fixed.
 
     Raises:
-        TreatmentValueError: a given setting is impossible.
-        CutoffError: a given cut-off is too high for the sampling rate.
+        TreatmentError: a given setting is impossible, or a given cut-off too high for the sampling rate.
         HaptidError: as `observe` where a log does not fit the device.
     """
     if given.get("velocity") is not None:  # it takes unfiltered positions
@@ -82,7 +82,7 @@ def propose(model: DynamicModel, *logs: Log, **given: Any) -> Proposal:
     unknown = set(given) - {field.name for field in fields(Treatment)}
     if unknown or not logs:
         wanted = f"one of {', '.join(field.name for field in fields(Treatment))}" if unknown else "one log at least"
-        raise TreatmentValueError("setting" if unknown else "logs", ", ".join(sorted(unknown)), wanted)
+        raise bad_setting("setting" if unknown else "logs", ", ".join(sorted(unknown)), wanted)
     Treatment(**given)  # impossible settings are an error before any work
     for log in logs:
         check_log(model.device, log)
@@ -276,7 +276,7 @@ def _timed(model: DynamicModel, logs: Sequence[Log], treatment: Treatment, given
         plain = replace(treatment, velocity=None, cutoff_hz=cutoff)
     try:
         delay = find_delay(model, logs, plain)
-    except (NoRowsError, TooFewRowsError, UnexcitedError, MotionTooShortError):
+    except (NoRowsError, IdentifiabilityError, MotionTooShortError):
         delay = None
     if delay is None or delay.sd > KNOWN * dt:
         return treatment, ("The torque delay is not identifiable from the logs; none is assumed.",)

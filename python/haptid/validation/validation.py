@@ -6,10 +6,10 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from haptid.errors import DifferentModelError, SeenRowsError
+from haptid.errors import SharedRowsError
 from haptid.estimation import Estimate
 from haptid.motion.treatment import Motion
-from haptid.observation.observation import Observation, observe
+from haptid.observation.observation import Observation, different_models, observe
 
 
 @dataclass(frozen=True)
@@ -77,14 +77,20 @@ def validate(estimate: Estimate, unseen: Motion | Observation) -> Validation:
         unseen: a motion of the same device, or an observation of one.
 
     Raises:
-        SeenRowsError: rows of the observation were fitted.
-        DifferentModelError: the observation is of another device.
+        SharedRowsError: rows of the observation were fitted.
+        ModelMismatchError: the observation is of another device.
     """
     if isinstance(unseen, Motion):
         unseen = observe(estimate.model, unseen)
     shared = unseen.shares_rows_with(estimate.observation)
     if shared is not None:
-        raise SeenRowsError(shared.log, shared.start, shared.stop)
+        raise SharedRowsError(
+            f"the rows from {shared.start:.3f} to {shared.stop:.3f} s of log {shared.log[:12]} were fitted, so their "
+            "errors do not validate the model.",
+            where=shared.log,
+            found=(shared.start, shared.stop),
+            advice="Validate on another log, or hold blocks of this one out before the fit.",
+        )
     return compare(estimate, unseen, seen=False)
 
 
@@ -96,7 +102,7 @@ def direct(estimate: Estimate, observation: Observation | None = None) -> Valida
 def compare(estimate: Estimate, observation: Observation, seen: bool) -> Validation:
     """Errors by motor, from R factors alone."""
     if not observation.model.is_same_as(estimate.model):
-        raise DifferentModelError(estimate.model.device.name, observation.model.device.name)
+        raise different_models(estimate.model, observation.model)
     errors = (
         MotorError(m.name, m.label, m.unit, m.residual(estimate.beta), m.norm, int(m.rows.sum()))
         for m in observation.motors

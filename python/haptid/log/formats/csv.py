@@ -12,16 +12,8 @@ import numpy as np
 import pyarrow as pa
 from pyarrow import csv as arrow
 
-from haptid.errors import (
-    CorruptLogError,
-    EmptyLogError,
-    LogError,
-    NoHeaderError,
-    RaggedRowError,
-    RepeatedNameError,
-    TextCellError,
-)
-from haptid.log.formats.sniff import Column, opened, require
+from haptid.errors import LogError, LogFileError
+from haptid.log.formats.sniff import Column, corrupt, empty, opened, repeated_name, require
 
 KIND = "CSV"
 SEPARATORS = (";", "\t", ",")
@@ -63,16 +55,15 @@ def columns(path: Path, wanted: Sequence[str]) -> dict[str, Column]:
     """The wanted columns that exist in the file, each (n,) float64; a missing cell is NaN.
 
     Raises:
-        NoHeaderError: the first line holds no names.
-        RaggedRowError: a line with more or fewer cells than the header.
-        TextCellError: a cell of a wanted column is not a number.
+        LogFileError: the first line holds no names, a line has more or fewer cells than the header, or a cell of a
+            wanted column is not a number.
     """
     with opened(path, KIND):
         dialect = _dialect(path)
     indices = {name: dialect.names.index(name) for name in wanted if name in dialect.names}
     for name in indices:
         if dialect.names.count(name) > 1:
-            raise RepeatedNameError(path, name)
+            raise repeated_name(path, name)
     if not indices:
         return {}
     bound = _row_bound(path, dialect)
@@ -84,7 +75,7 @@ def columns(path: Path, wanted: Sequence[str]) -> dict[str, Column]:
                 column[row : row + batch.num_rows] = batch.column(k).to_numpy(zero_copy_only=False)
             row += batch.num_rows
     except (pa.ArrowInvalid, ValueError) as error:
-        raise _fault(path, dialect, indices) or CorruptLogError(path, KIND, str(error)) from error
+        raise _fault(path, dialect, indices) or corrupt(path, KIND, str(error)) from error
     return {name: column[:row] for name, column in out.items()}
 
 
@@ -131,8 +122,13 @@ def _dialect(path: Path) -> Dialect:
             separator, header = _separate(COMMENT.sub("", texts[commented], count=1), [texts[k], *body])
             if len(header) == len(_cells(texts[k], separator)):
                 return _found(header, separator, [texts[k], *body], k, offset + sum(map(len, lines[:k])))
-        raise NoHeaderError(path, texts[k])
-    raise EmptyLogError(path, "no header and no rows")
+        raise LogFileError(
+            f"{path} has no header: its first line is `{texts[k][:60]}`.",
+            where=path,
+            found=texts[k],
+            advice="Write the names of the columns in the first line, separated by commas, semicolons or tabs.",
+        )
+    raise empty(path, "no header and no rows")
 
 
 def _found(header: list[str], separator: str, body: list[str], lines: int, start: int) -> Dialect:
@@ -161,7 +157,7 @@ def _row_bound(path: Path, dialect: Dialect) -> int:
     """Upper bound of the number of rows: blank lines are counted too.
 
     Raises:
-        EmptyLogError: a header without rows.
+        LogFileError: a header without rows.
     """
     newlines, returns, blank, last = 0, 0, True, b""
     with path.open("rb") as file:
@@ -172,7 +168,7 @@ def _row_bound(path: Path, dialect: Dialect) -> int:
             blank = blank and not block.strip()
             last = block[-1:]
     if blank:
-        raise EmptyLogError(path, "a header and no rows")
+        raise empty(path, "a header and no rows")
     return max(newlines, returns) + (last not in b"\r\n")
 
 
@@ -187,10 +183,30 @@ def _fault(path: Path, dialect: Dialect, indices: dict[str, int]) -> LogError | 
                 continue
             if len(row) != width:
                 last = next((False for later in rows if later), True)
-                return RaggedRowError(path, line, len(row), width, last)
+                return _ragged(path, line, len(row), width, last)
             for name, k in indices.items():
                 cell = row[k].strip()
                 number = cell if dialect.decimal == "." else cell.replace(",", ".")
                 if cell not in MISSING and not NUMBER.fullmatch(number):
-                    return TextCellError(path, line, name, cell)
+                    return LogFileError(
+                        f"{path}, line {line}: {name} is `{cell[:40]}`, not a number.",
+                        where=(line, name),
+                        found=cell,
+                        advice="Correct the cell, or end the log before it; decimal commas require semicolons or tabs "
+                        "as separators.",
+                    )
     return None
+
+
+def _ragged(path: Path, line: int, got: int, wanted: int, last: bool) -> LogFileError:
+    """Error of a line with more or fewer cells than the header."""
+    advice = "Correct this line; the separator is that of the header."
+    if last:
+        advice = "It is the last line, so the recording was cut short: delete this line."
+    return LogFileError(
+        f"{path}, line {line}: {got} cells where the header has {wanted}.",
+        where=line,
+        found=got,
+        limit=wanted,
+        advice=advice,
+    )

@@ -9,8 +9,8 @@ from typing import Any
 import h5py
 import numpy as np
 
-from haptid.errors import ForeignDataError, NotNumericError
-from haptid.log.formats.sniff import Address, Column, addresses, collect, guard, numeric, opened, require
+from haptid.errors import LogFileError
+from haptid.log.formats.sniff import Address, Column, addresses, collect, guard, not_numeric, numeric, opened, require
 
 KIND = "HDF5"
 # Classes of MATLAB that are stored as integers and are not numbers.
@@ -31,9 +31,8 @@ def columns(path: Path, wanted: Sequence[str]) -> dict[str, Column]:
     are the same as in a MAT 5 file.
 
     Raises:
-        NotNumericError: a wanted dataset holds texts, objects or records.
-        ForeignDataError: a wanted dataset is a view of another file.
-        OversizedLogError: a dataset declares far more than is stored of it.
+        LogFileError: a wanted dataset holds texts, objects or records, is a view of another file, or declares far more
+            than is stored of it.
     """
     require(path, KIND, "HDF5", "MAT 7.3")
     with opened(path, KIND), h5py.File(path, "r", locking=False) as file:
@@ -59,9 +58,13 @@ def _columns(path: Path, file: h5py.File, wanted: Sequence[str]) -> Iterator[tup
         if not requested:
             continue
         if not _numbers(dataset):
-            raise NotNumericError(path, name, f"values of type {dataset.dtype}")
+            raise not_numeric(path, name, f"values of type {dataset.dtype}")
         if dataset.external or dataset.is_virtual:
-            raise ForeignDataError(path, name)
+            raise LogFileError(
+                f"{path}: the samples of {name} are in another file, which the SHA-256 of this one does not cover.",
+                where=name,
+                advice="Store the samples in the file itself.",
+            )
         guard(path, f"dataset {name!r}", dataset.size * dataset.dtype.itemsize, dataset.id.get_storage_size())
         yield from ((w, np.asarray(dataset[found[w]])) for w in requested if w in found)
 

@@ -12,8 +12,7 @@ import pyarrow as pa
 from pyarrow import parquet, types
 
 from haptid._internal.arrays import Array
-from haptid.errors import NotNumericError, RepeatedNameError
-from haptid.log.formats.sniff import Column, collect, guard, opened, require
+from haptid.log.formats.sniff import Column, collect, guard, not_numeric, opened, repeated_name, require
 
 KIND = "Parquet"
 BATCH_ROWS = 2**16
@@ -34,8 +33,7 @@ def columns(path: Path, wanted: Sequence[str]) -> dict[str, Column]:
     """The wanted columns that exist in the file, each (n,), read one after the other; a null is NaN.
 
     Raises:
-        NotNumericError: a wanted column holds texts, dates or lists.
-        OversizedLogError: a column declares far more rows than its bytes can hold.
+        LogFileError: a wanted column holds texts, dates or lists, or declares far more rows than its bytes can hold.
     """
     require(path, KIND, "Parquet")
     with opened(path, KIND), parquet.ParquetFile(path, **SPARING) as file:
@@ -74,9 +72,9 @@ def _columns(path: Path, file: parquet.ParquetFile, wanted: Sequence[str]) -> It
     room: Array | None = None
     for k, name in enumerate(there):
         if schema.names.count(name) > 1:
-            raise RepeatedNameError(path, name)
+            raise repeated_name(path, name)
         if not _numeric(schema.field(name).type):
-            raise NotNumericError(path, name, str(schema.field(name).type))
+            raise not_numeric(path, name, str(schema.field(name).type))
         guard(path, f"column {name!r}", 8 * count, stored)
         room = np.empty((len(there), count)) if room is None else room
         yield name, _column(file, name, schema.field(name).type, room[k])

@@ -11,7 +11,7 @@ from typing import Any, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from haptid.errors import ChannelGuessError, CorruptLogError, LogError, OversizedLogError, WrongContentError
+from haptid.errors import LogChannelError, LogError, LogFileError, listed
 from haptid.log.log import Channels, Signal
 
 Column: TypeAlias = NDArray[Any]
@@ -59,11 +59,17 @@ def require(path: Path, kind: str, *wanted: str) -> str:
     """Kind of content of a file, which must be one of those wanted.
 
     Raises:
-        WrongContentError: it holds something else.
+        LogFileError: it holds something else.
     """
     found = content(path)
     if found not in wanted:
-        raise WrongContentError(path, kind, found)
+        raise LogFileError(
+            f"{path} is named as {kind}, but it holds {found}.",
+            where=path,
+            found=found,
+            limit=kind,
+            advice="Rename it, or export it again.",
+        )
     return found
 
 
@@ -71,15 +77,22 @@ def guard(path: Path, name: str, declared: int, stored: int) -> None:
     """Refuse a member that unpacks to far more bytes than are stored.
 
     Raises:
-        OversizedLogError: more than `SIZE_LIMIT` bytes, and more than `RATIO_LIMIT` times the stored ones.
+        LogFileError: more than `SIZE_LIMIT` bytes, and more than `RATIO_LIMIT` times the stored ones.
     """
     if declared > SIZE_LIMIT and declared > RATIO_LIMIT * stored:
-        raise OversizedLogError(path, name, declared, stored, SIZE_LIMIT, RATIO_LIMIT)
+        raise LogFileError(
+            f"{path}: {name} declares {declared / 2**20:.0f} MiB from {stored} stored bytes; above "
+            f"{SIZE_LIMIT / 2**20:.0f} MiB at most {RATIO_LIMIT:.0f} times the stored size is accepted.",
+            where=name,
+            found=declared,
+            limit=max(SIZE_LIMIT, RATIO_LIMIT * stored),
+            advice="If the file is yours, save it without compression.",
+        )
 
 
 @contextmanager
 def opened(path: Path, kind: str) -> Iterator[None]:
-    """Convert any exception of a format's library into CorruptLogError; haptid's own errors pass.
+    """Convert any exception of a format's library into LogFileError; haptid's own errors pass.
 
     Libraries raise nearly any class over damaged bytes (ValueError, KeyError, struct.error, zlib.error,
     RuntimeError, ...).
@@ -89,10 +102,42 @@ def opened(path: Path, kind: str) -> Iterator[None]:
     except LogError:
         raise
     except MemoryError as error:
-        raise CorruptLogError(path, kind, "it requires more memory than is available") from error
+        raise corrupt(path, kind, "it requires more memory than is available") from error
     except Exception as error:
         why = str(error).splitlines()[0] if str(error).strip() else type(error).__name__
-        raise CorruptLogError(path, kind, why) from error
+        raise corrupt(path, kind, why) from error
+
+
+def corrupt(path: Path, kind: str, why: str) -> LogFileError:
+    """Error of a file whose content cannot be read."""
+    return LogFileError(
+        f"{path} is damaged or cut short: its {kind} content cannot be read ({why.strip().rstrip('.')}).",
+        where=path,
+        limit=kind,
+        advice="Copy or export it again.",
+    )
+
+
+def empty(path: Path, what: str) -> LogFileError:
+    """Error of a file without samples."""
+    return LogFileError(
+        f"{path} has {what}, so it contains no motion.", where=path, advice="Record or export the log again."
+    )
+
+
+def not_numeric(path: Path, name: str, found: str) -> LogFileError:
+    """Error of a channel that holds no real numbers."""
+    return LogFileError(
+        f"{path}: channel {name!r} holds {found}, not real numbers.",
+        where=name,
+        found=found,
+        advice="Save it as floats or integers (calendar stamps as integers, with time_unit).",
+    )
+
+
+def repeated_name(path: Path, name: str) -> LogFileError:
+    """Error of two columns with one name."""
+    return LogFileError(f"{path}: two columns are named {name!r}.", where=name, advice="Rename one of them.")
 
 
 def numeric(dtype: np.dtype[Any]) -> bool:
@@ -167,12 +212,12 @@ def guess(path: Path, names: Sequence[str]) -> tuple[Channels, str]:
     """Channels by their names, in rad and N m at the joints, and a note of what was chosen.
 
     Raises:
-        ChannelGuessError: there are none, or the choice is not unique.
+        LogChannelError: there are none, or the choice is not unique.
     """
     times = [(name, match) for name in names if (match := TIME.fullmatch(name))]
     if len(times) != 1:
         found = "no time channel" if not times else f"{len(times)} time channels ({', '.join(n for n, _ in times)})"
-        raise ChannelGuessError(path, f"{found} found by name", names)
+        raise _not_guessed(path, f"{found} found by name", names)
     (time, match) = times[0]
     position = _numbered(path, names, POSITION, "position")
     torque = _numbered(path, names, TORQUE, "torque")
@@ -192,18 +237,29 @@ def _numbered(path: Path, names: Sequence[str], pattern: re.Pattern[str], kind: 
         if match := pattern.fullmatch(name):
             family = families.setdefault((match["where"], match["family"].lower()), {})
             if family.setdefault(int(match["number"]), name) != name:
-                raise ChannelGuessError(path, f"{family[int(match['number'])]} and {name} have one number", names)
+                raise _not_guessed(path, f"{family[int(match['number'])]} and {name} have one number", names)
     if not families:
         alone = [name for name in names if name.rpartition(".")[2].lower() in SINGLE[kind]]
         if len(alone) == 1:
             return (alone[0],)
-        raise ChannelGuessError(path, f"no {kind} channels found by name", names)
+        raise _not_guessed(path, f"no {kind} channels found by name", names)
     if len(families) > 1:
         firsts = ", ".join(family[min(family)] for family in families.values())
-        raise ChannelGuessError(path, f"more than one set of {kind} channels ({firsts}, ...) found by name", names)
+        raise _not_guessed(path, f"more than one set of {kind} channels ({firsts}, ...) found by name", names)
     (family,) = families.values()
     order = sorted(family)
     if order[0] > 1 or order[-1] - order[0] + 1 != len(order):
         found = ", ".join(family[k] for k in order)
-        raise ChannelGuessError(path, f"{kind} channels {found} are not numbered without a gap from 1", names)
+        raise _not_guessed(path, f"{kind} channels {found} are not numbered without a gap from 1", names)
     return tuple(family[k] for k in order)
+
+
+def _not_guessed(path: Path, what: str, names: Sequence[str]) -> LogChannelError:
+    """Error of a file whose channels' names are not conventional."""
+    return LogChannelError(
+        f"{path}: {what}.",
+        where=path,
+        found=tuple(names),
+        advice="Without `channels`, haptid takes t or time, q1..qn (or pos1, position1) and tau1..taun (or torque1, "
+        f"u1). Name the channels with haptid.Channels. Channels of this file: {listed(names)}.",
+    )
