@@ -7,7 +7,7 @@ import pytest
 
 import haptid
 from haptid.observation.batch import observe_all
-from haptid.observation.cache import Kept, fingerprint
+from haptid.observation.cache import RFactorCache, fingerprint
 from haptid.observation.plan import Plan
 from small_study import DEVICE, write_study
 
@@ -68,7 +68,7 @@ def test_signals_that_differ_late_have_another_name(model, motion, what, where):
 
 
 def test_a_run_does_not_take_what_another_load_left(model, motion, tmp_path):
-    kept = Kept(tmp_path / "kept", least=1)
+    kept = RFactorCache(tmp_path / "kept", least=1)
     heavy = model.loaded(np.ones(len(model.base)))
     observe_all(model, [motion], kept=kept)
     (found,) = observe_all(heavy, [motion], kept=kept)

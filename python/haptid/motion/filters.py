@@ -81,7 +81,7 @@ def centred(taps: Array, dt: float, differentiated: bool) -> ParallelFilter:
 
 
 @dataclass(frozen=True)
-class Bell:
+class KaiserSmoother:
     """Kaiser window (beta 8, side lobes 58 dB down) as the filter itself, 0.4 / cutoff to either side.
 
     Zero phase, -3 dB at its cut-off. Its step response has no overshoot, so that a disturbed sample (a reversal, an
@@ -121,7 +121,7 @@ def kaiser(half: float) -> Array:
 
 
 @dataclass(frozen=True)
-class Sharp:
+class WindowedSinc:
     """Windowed sinc, the usual decimation filter: zero phase, -3 dB at its cut-off, 50 dB down soon above it.
 
     Source: Gautier, Janot and Vandanjon (2013), section III.
@@ -149,8 +149,8 @@ class Sharp:
         return design(float(optimize.brentq(excess, 0.5 * cutoff, highest, xtol=1e-9 * cutoff)))
 
 
-Shape = Bell | Sharp
-SHAPES: dict[str, Shape] = {shape.name: shape for shape in (Bell(), Sharp())}
+Shape = KaiserSmoother | WindowedSinc
+SHAPES: dict[str, Shape] = {shape.name: shape for shape in (KaiserSmoother(), WindowedSinc())}
 
 
 @dataclass(frozen=True)

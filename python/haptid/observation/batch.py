@@ -5,11 +5,11 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 
-from haptid._internal.workers import Here, Workers
+from haptid._internal.workers import SerialExecutor, Executor
 from haptid.dynamics.model import DynamicModel
 from haptid.motion.channels import check_log
 from haptid.motion.treatment import Motion
-from haptid.observation.cache import Kept, Part
+from haptid.observation.cache import RFactorCache, Part
 from haptid.observation.observation import Observation, assemble
 from haptid.observation.plan import Plan, RFactors
 
@@ -30,8 +30,8 @@ class Reducer:
 def observe_all(
     model: DynamicModel,
     motions: Sequence[Motion],
-    workers: Workers | None = None,
-    kept: Kept | None = None,
+    workers: Executor | None = None,
+    kept: RFactorCache | None = None,
     progress: Progress | None = None,
 ) -> tuple[Observation, ...]:
     """The observation of each motion, as by `observe`, computed part by part by workers.
@@ -53,7 +53,7 @@ def observe_all(
     plans = tuple(Plan.of(model, motion) for motion in motions)
     parts = [(k, start, stop) for k, plan in enumerate(plans) for start, stop in plan.segments()]
     rows, done = [0] * len(plans), {}
-    for k, made in _reduced(plans, parts, workers or Here(), kept):
+    for k, made in _reduced(plans, parts, workers or SerialExecutor(), kept):
         done[k] = made
         which, start, stop = parts[k]
         rows[which] += stop - start
@@ -66,7 +66,7 @@ def observe_all(
 
 
 def _reduced(
-    plans: tuple[Plan, ...], parts: list[Part], workers: Workers, kept: Kept | None
+    plans: tuple[Plan, ...], parts: list[Part], workers: Executor, kept: RFactorCache | None
 ) -> Iterator[tuple[int, RFactors]]:
     """Index of a part and its R factors: first those from the cache, then the others as workers finish them."""
     files = kept.files(plans, parts) if kept else [None] * len(parts)

@@ -29,7 +29,7 @@ Part = tuple[int, int, int]
 
 
 @dataclass(frozen=True)
-class Kept:
+class RFactorCache:
     """R factors of parts of motions in a folder, one file for each part; files are written atomically.
 
     Attributes:

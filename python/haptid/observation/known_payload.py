@@ -19,7 +19,7 @@ from haptid.motion.treatment import Motion, Treatment, treat
 
 
 @dataclass(frozen=True, eq=False)
-class Load:
+class Payload:
     """Payload: a known body fixed to a link.
 
     Attributes:
@@ -31,7 +31,7 @@ class Load:
     body: Body
 
 
-def load_shift(model: DynamicModel, link: str, body: Body) -> Array:
+def payload_torque(model: DynamicModel, link: str, body: Body) -> Array:
     """Increment of the base parameters by a body fixed to a link, (p,), SI.
 
     Args:
@@ -73,7 +73,7 @@ def load_shift(model: DynamicModel, link: str, body: Body) -> Array:
     return freeze(model.base.of(chi))
 
 
-def without_load(model: DynamicModel, motion: Motion, link: str, body: Body) -> Motion:
+def without_payload(model: DynamicModel, motion: Motion, link: str, body: Body) -> Motion:
     """Motion with the torque of a payload subtracted, that was fixed to a link during the recording.
 
     Logs with known payloads and logs without then serve one estimate: their observations add.
@@ -81,20 +81,20 @@ def without_load(model: DynamicModel, motion: Motion, link: str, body: Body) -> 
     Args:
         model: the dynamic model.
         motion: recorded with the payload.
-        link, body: as for `load_shift`.
+        link, body: as for `payload_torque`.
 
     Raises:
-        UnknownNameError, DeviceError: as `load_shift`.
+        UnknownNameError, DeviceError: as `payload_torque`.
         MissingAccelerationError: velocity is by a causal differentiator.
     """
-    chi = raw_parameters(model, load_shift(model, link, body))
+    chi = raw_parameters(model, payload_torque(model, link, body))
     channels = np.eye(len(model.device.measured))[list(model.device.measured)]
     if motion.log is not None:
         channels = np.asarray(np.linalg.pinv(torque_map(model.device, motion.log)), dtype=np.float64)
     return replace(motion, tau=PayloadFreeTorque(model, motion, chi, channels, motion.tau, 0.0).samples())
 
 
-def log_without_load(model: DynamicModel, log: Log, treatment: Treatment, load: Load) -> Log:
+def log_without_payload(model: DynamicModel, log: Log, treatment: Treatment, load: Payload) -> Log:
     """Log with the torque of a payload subtracted, that was fixed to a link during the recording.
 
     The payload's torque is computed from the treated positions and delayed by the treatment's torque delay. At the
@@ -107,13 +107,13 @@ def log_without_load(model: DynamicModel, log: Log, treatment: Treatment, load: 
         load: the payload.
 
     Raises:
-        UnknownNameError, DeviceError: as `load_shift`.
+        UnknownNameError, DeviceError: as `payload_torque`.
         MissingAccelerationError: velocity is by a causal differentiator.
     """
-    chi = raw_parameters(model, load_shift(model, load.link, load.body))
+    chi = raw_parameters(model, payload_torque(model, load.link, load.body))
     channels = np.asarray(np.linalg.pinv(torque_map(model.device, log)), dtype=np.float64)
     motion = treat(log, treatment)
-    torque = PayloadFreeTorque(model, motion, chi, channels, log.torque, treatment.torque_delay / motion.dt).samples()
+    torque = PayloadFreeTorque(model, motion, chi, channels, log.torque, treatment.torque_delay_s / motion.dt).samples()
     note = f"A payload of {load.body.mass:g} kg on link {load.link} is subtracted from the torque: {_data(load.body)}."
     return replace(log, torque=torque, notes=(*log.notes, note))
 

@@ -232,13 +232,13 @@ def assemble(plan: Plan, parts: Sequence[RFactors]) -> Observation:
     rows = np.concatenate([many for _, many in parts], axis=1)
     has_rows = rows.any(axis=1)
     if not has_rows.any() or not (has_rows.all() or locked(motion)):
-        motor, speed = model.device.row_names[int(np.argmin(has_rows))], motion.treatment.low_speed
+        motor, speed = model.device.row_names[int(np.argmin(has_rows))], motion.treatment.reversal_speed
         raise NoRowsError(
-            f"every row of motor {motor} is slower than low_speed = {speed}, so none is left.",
+            f"every row of motor {motor} is slower than reversal_speed = {speed}, so none is left.",
             where=motor,
             found=0,
             limit=speed,
-            advice="Lower `low_speed`, or record motion that moves this joint faster.",
+            advice="Lower `reversal_speed`, or record motion that moves this joint faster.",
         )
     motors = tuple(
         MotorRows(

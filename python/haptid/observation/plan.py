@@ -80,12 +80,12 @@ class Plan:
 
         Raises:
             MotionTooShortError: not one row fits.
-            TreatmentError: `low_speed` has neither one value nor one for each coordinate.
+            TreatmentError: `reversal_speed` has neither one value nor one for each coordinate.
         """
         treatment, (low, high) = motion.treatment, motion.usable
-        if np.size(treatment.low_speed) not in (1, len(model.device.row_names)):
+        if np.size(treatment.reversal_speed) not in (1, len(model.device.row_names)):
             wanted = f"one value, or {len(model.device.row_names)}: one for each row of torque"
-            raise bad_setting("low_speed", treatment.low_speed, wanted)
+            raise bad_setting("reversal_speed", treatment.reversal_speed, wanted)
         shared = shared_filter(motion)
         rows = (high - low - len(shared)) // treatment.decimation + 1
         block = max(1, round(min(treatment.block / (treatment.decimation * motion.dt), rows / LEAST_BLOCKS)))
@@ -181,9 +181,9 @@ class Plan:
         """
         model, treatment = self.model, self.motion.treatment
         weights = np.ones((len(model.device.row_names), stop - start))
-        if not np.any(treatment.low_speed):
+        if not np.any(treatment.reversal_speed):
             return weights
-        speeds = np.broadcast_to(np.asarray(treatment.low_speed, dtype=float), (len(model.device.row_names),))
+        speeds = np.broadcast_to(np.asarray(treatment.reversal_speed, dtype=float), (len(model.device.row_names),))
         centres = self.first + treatment.decimation * np.arange(start, stop)
         low, high = self.motion.usable
         back, ahead = self.guard

@@ -33,11 +33,11 @@ class Delay:
 
     Attributes:
         seconds: the acting torque at a sample is the channel's of so much earlier, s.
-        sd: its standard error, by a jackknife over tenths of the log, s.
+        se: its standard error, by a jackknife over tenths of the log, s.
     """
 
     seconds: float
-    sd: float
+    se: float
 
 
 def find_delay(model: DynamicModel, logs: Sequence[Log], treatment: Treatment) -> Delay | None:
@@ -46,12 +46,12 @@ def find_delay(model: DynamicModel, logs: Sequence[Log], treatment: Treatment) -
     Args:
         model: the dynamic model.
         logs: recorded by one instrument, at one rate.
-        treatment: settings; its own `torque_delay` is ignored.
+        treatment: settings; its own `torque_delay_s` is ignored.
 
     Raises:
         HaptidError: as `treat` and `observe`.
     """
-    dt, motions = float(logs[0].dt), [treat(log, replace(treatment, torque_delay=0.0)) for log in logs]
+    dt, motions = float(logs[0].dt), [treat(log, replace(treatment, torque_delay_s=0.0)) for log in logs]
     guess, step = 0.0, STEPS[0]
     trio: list[Observation] = []
     for step in STEPS:

@@ -192,9 +192,9 @@ def _noise_sentence(logs: Sequence[Log], treatment: Treatment) -> str:
 
 
 def _slow(model: DynamicModel, logs: Sequence[Log], treatment: Treatment, given: Mapping[str, Any]) -> Step:
-    """With `low_speed`: the speed below which the sign of a motor's dry friction is uncertain."""
+    """With `reversal_speed`: the speed below which the sign of a motor's dry friction is uncertain."""
     rows = len(model.device.row_names)
-    if "low_speed" in given or not any(model.coulomb_terms(row) for row in range(rows)):
+    if "reversal_speed" in given or not any(model.coulomb_terms(row) for row in range(rows)):
         return treatment, ()
     speeds = np.full(rows, np.inf)
     states = [_states(model, log, treatment) for log in logs]
@@ -204,7 +204,7 @@ def _slow(model: DynamicModel, logs: Sequence[Log], treatment: Treatment, given:
             power = sum(float(np.sum(model.speed(term, c, cd) ** 2)) for c, cd in states) / samples
             speeds[row] = min(speeds[row], SLOW * float(np.sqrt(power)))
     low = tuple(float(f"{v:.2g}") if np.isfinite(v) else 0.0 for v in speeds)
-    return replace(treatment, low_speed=low), ()
+    return replace(treatment, reversal_speed=low), ()
 
 
 def _states(model: DynamicModel, log: Log, treatment: Treatment) -> tuple[Array, Array]:
@@ -215,7 +215,7 @@ def _states(model: DynamicModel, log: Log, treatment: Treatment) -> tuple[Array,
 
 def _wide_enough(model: DynamicModel, logs: Sequence[Log], treatment: Treatment, given: Mapping[str, Any]) -> Step:
     """With a parallel filter short enough for each motor to keep a share KEPT of its rows between reversals."""
-    if not np.any(treatment.low_speed):
+    if not np.any(treatment.reversal_speed):
         return treatment, ()
     narrow, dt = treatment, max(float(log.dt) for log in logs)
     before = shares = _shares(model, logs, treatment)
@@ -223,14 +223,14 @@ def _wide_enough(model: DynamicModel, logs: Sequence[Log], treatment: Treatment,
         wider = WIDER * (treatment.parallel_cutoff_hz or 0.0)
         if min(shares) >= KEPT or wider > _ceiling(dt, given):
             break
-        treatment = _with_parallel(wider, dt, {**given, "low_speed": treatment.low_speed})
+        treatment = _with_parallel(wider, dt, {**given, "reversal_speed": treatment.reversal_speed})
         shares = _shares(model, logs, treatment)
     reasons = []
     if min(shares) < KEPT:  # widening did not help, and lets more noise through
         treatment, shares = narrow, before
         reasons.append(
             f"Less than {100 * KEPT:.0f} % of a motor's rows are clear of reversals with any filter: record motion "
-            f"with fewer reversals, or lower `low_speed`."
+            f"with fewer reversals, or lower `reversal_speed`."
         )
     elif treatment is not narrow:
         reasons.append(
@@ -239,7 +239,7 @@ def _wide_enough(model: DynamicModel, logs: Sequence[Log], treatment: Treatment,
             f"its rows between the reversals."
         )
     kept = ", ".join(f"{100 * share:.0f}" for share in shares)
-    speeds = ", ".join(f"{v:.2g}" for v in np.atleast_1d(treatment.low_speed))
+    speeds = ", ".join(f"{v:.2g}" for v in np.atleast_1d(treatment.reversal_speed))
     reasons.append(
         f"Rows whose filter window contains motion slower than {speeds} (of each motor, SI) are dropped, because dry "
         f"friction is discontinuous at reversals. {kept} % of the motors' rows are kept."
@@ -262,13 +262,13 @@ def _shares(model: DynamicModel, logs: Sequence[Log], treatment: Treatment) -> l
 
 
 def _timed(model: DynamicModel, logs: Sequence[Log], treatment: Treatment, given: Mapping[str, Any]) -> Step:
-    """With `torque_delay`."""
-    if "torque_delay" in given:
+    """With `torque_delay_s`."""
+    if "torque_delay_s" in given:
         return treatment, ()
     rates = sorted({f"{log.rate_hz:.4g}" for log in logs})
     if len(rates) > 1:
         many = " and ".join(rates)
-        return treatment, (f"The torque delay was not estimated: the logs have {many} Hz. Set `torque_delay`.",)
+        return treatment, (f"The torque delay was not estimated: the logs have {many} Hz. Set `torque_delay_s`.",)
     dt = float(logs[0].dt)
     plain = treatment
     if treatment.velocity is not None:  # the lag of a differentiator is not a delay of the torque
@@ -278,13 +278,13 @@ def _timed(model: DynamicModel, logs: Sequence[Log], treatment: Treatment, given
         delay = find_delay(model, logs, plain)
     except (NoRowsError, IdentifiabilityError, MotionTooShortError):
         delay = None
-    if delay is None or delay.sd > KNOWN * dt:
+    if delay is None or delay.se > KNOWN * dt:
         return treatment, ("The torque delay is not identifiable from the logs; none is assumed.",)
-    found = f"{1e3 * delay.seconds:.3g} ms (standard error {1e3 * delay.sd:.1g} ms)"
-    near = NEAR * dt + 2 * delay.sd
+    found = f"{1e3 * delay.seconds:.3g} ms (standard error {1e3 * delay.se:.1g} ms)"
+    near = NEAR * dt + 2 * delay.se
     if abs(delay.seconds) < near:
         return treatment, (f"The torque delay is zero within its uncertainty: {found}.",)
     if abs(delay.seconds - dt / 2) < near:
         hold = f"Torque delay: {found}: half a sampling period, as of a command with zero-order hold."
-        return replace(treatment, torque_delay=dt / 2), (hold,)
-    return replace(treatment, torque_delay=delay.seconds), (f"Torque delay: {found}: compensated.",)
+        return replace(treatment, torque_delay_s=dt / 2), (hold,)
+    return replace(treatment, torque_delay_s=delay.seconds), (f"Torque delay: {found}: compensated.",)
