@@ -14,7 +14,7 @@ from haptid.errors import (
     NoAccelerationError,
     TreatmentValueError,
 )
-from haptid.motion.filters import KaiserSmoother, Causal, HighPass, WindowedSinc
+from haptid.motion.filters import Causal, HighPass, KaiserSmoother, WindowedSinc
 
 MOMENTUM = {"accelerations": "momentum"}
 RAW = {

@@ -25,9 +25,9 @@ from haptid.motion.filters import (
     DIFFERENCES,
     LOWEST,
     SECOND_DIFFERENCES,
-    KaiserSmoother,
     Causal,
     HighPass,
+    KaiserSmoother,
     ParallelFilter,
     Shape,
     bad_setting,
@@ -53,7 +53,7 @@ class Treatment:
         parallel_cutoff_hz: -3 dB frequency of the parallel filter of torque and columns, Hz; None is a share of the
             decimated Nyquist frequency, and no filter where `decimation` is 1.
         parallel_shape: of that filter: `KaiserSmoother()`, `WindowedSinc()` as in published methods, or `Causal()`.
-        reversal_speed: a motor's row is dropped where a coordinate with Coulomb friction moves slower than this anywhere
+        reversal_speed: a motor's row is dropped where a coordinate with Coulomb friction is slower than this anywhere
             within `guard` of the row, rad/s or m/s; one value, or one for each row of torque.
         guard: s; None is the length of the parallel filter without its negligible ends.
         block: length of a time block, s.

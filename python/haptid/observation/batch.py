@@ -5,11 +5,11 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 
-from haptid._internal.workers import SerialExecutor, Executor
+from haptid._internal.workers import Executor, SerialExecutor
 from haptid.dynamics.model import DynamicModel
 from haptid.motion.channels import check_log
 from haptid.motion.treatment import Motion
-from haptid.observation.cache import RFactorCache, Part
+from haptid.observation.cache import Part, RFactorCache
 from haptid.observation.observation import Observation, assemble
 from haptid.observation.plan import Plan, RFactors
 
