@@ -166,7 +166,7 @@ def test_the_closed_loop_is_that_of_the_bench(name):
     away = []
     for share in (0.05, 0.01):
         made, motion, _, forward, steps = simulated(name, share)
-        exact = forward.model.frame @ made.q[:, list(forward.model.active)].T
+        exact = forward.model.device.row_map @ made.q[:, list(forward.model.device.active)].T
         away.append(np.sqrt(((steps.course(motion).c - exact) ** 2).mean()))
     assert away[1] < 0.6 * away[0]
     assert away[1] < 2e-4  # 1.1e-4 rad of the arm: what friction that turns over within 1 % of the speed leaves

@@ -63,7 +63,7 @@ def test_a_sweep_is_drawn_and_starts_and_ends_at_its_poses(folder, tmp_path):
     assert done.exit_code == 0, done.output
     assert done.stdout == ""
     rows = table(tmp_path / "s")
-    names = haptid.DynamicModel(haptid.read_device("phantom_premium_15")).joint_names
+    names = haptid.DynamicModel(haptid.read_device("phantom_premium_15")).device.joint_names
     assert [[float(row[f"{name} [rad]"]) for name in names[:1]] for row in (rows[0], rows[-1])] == [[0.0], [0.0]]
     assert (tmp_path / "s" / "masses.png").stat().st_size > 10_000
 
