@@ -1,0 +1,198 @@
+//! One link in lanes: its motion from its parent's, and its wrench contracted with an axis.
+//!
+//! The wrench of a link's ten unit parameters is linear in a few numbers of its motion, and so is an entry of the rows in
+//! the axis: the numbers are found once for a link, and an entry takes three to five products of them with the axis.
+
+use crate::batch::Batch;
+use crate::batch::sink::{Known, Sink};
+use crate::linalg::vector::{Vector, cycle, dot, zero};
+use crate::mechanism::closure::Rate;
+use crate::mechanism::transform::JointMotion;
+use crate::memory::slot::{Slot, load, store};
+use crate::simd::lane::Lane;
+
+/// Numbers of a link's motion, in its own frame, and where its parts begin: angular velocity and acceleration,
+pub(crate) const LINK_NUMBERS: usize = 24;
+pub(crate) const W: usize = 0;
+pub(crate) const WD: usize = 3;
+/// acceleration of the origin less gravity,
+pub(crate) const A: usize = 6;
+/// `skew(wd) + skew(w)^2`, row-major,
+pub(crate) const B: usize = 9;
+/// products `w1 w2, w2 w0, w0 w1`, and differences `w1^2 - w2^2, w2^2 - w0^2, w0^2 - w1^2`.
+const P: usize = 18;
+const D: usize = 21;
+
+/// Motions of one link at a batch of samples. Parts are read when they are needed: few fit into the registers.
+#[derive(Clone, Copy)]
+pub(crate) struct LinkMotions(pub(crate) *mut Slot);
+
+/// # Safety
+/// Of every method: the pointer is to [`LINK_NUMBERS`] slots, and a lane from `k` on is inside them.
+impl LinkMotions {
+    #[inline(always)]
+    pub(crate) unsafe fn part<T: Lane, const N: usize>(&self, part: usize, k: usize) -> [T; N] {
+        unsafe { load(self.0.add(part), k) }
+    }
+
+    /// Forward recursion of Newton and Euler in the link's frame (Khalil and Dombre 2002, section 9.5), from the
+    /// parent's motion; `joint` moves with `v` and `acceleration`.
+    #[inline(always)]
+    pub(crate) unsafe fn follow<T: Lane>(
+        &self,
+        parent: LinkMotions,
+        joint: &JointMotion<T>,
+        (v, acceleration): (T, T),
+        k: usize,
+    ) {
+        unsafe {
+            let (w, wd) = (joint.rotate(parent.part(W, k)), joint.rotate(parent.part(WD, k)));
+            let a = joint.carry_field(parent.part(A, k), || parent.part(B, k));
+            self.set(joint, (w, wd, a), (v, acceleration), k);
+        }
+    }
+
+    /// The motion of a link on the base, which gravity accelerates.
+    #[inline(always)]
+    pub(crate) unsafe fn begin<T: Lane>(
+        &self,
+        gravity: [f64; 3],
+        joint: &JointMotion<T>,
+        (v, acceleration): (T, T),
+        k: usize,
+    ) {
+        let a = joint.rotate(gravity.map(|g| T::splat(-g)));
+        unsafe { self.set(joint, (zero(), zero(), a), (v, acceleration), k) }
+    }
+
+    /// Add the joint's own motion, and keep the numbers.
+    #[inline(always)]
+    unsafe fn set<T: Lane>(
+        &self,
+        joint: &JointMotion<T>,
+        (mut w, mut wd, mut a): (Vector<T>, Vector<T>, Vector<T>),
+        (v, acceleration): (T, T),
+        k: usize,
+    ) {
+        if joint.slides() {
+            let twice = v.add(v);
+            a = [w[1].fma(twice, a[0]), w[0].fnma(twice, a[1]), a[2].add(acceleration)];
+        } else {
+            wd = [w[1].fma(v, wd[0]), w[0].fnma(v, wd[1]), wd[2].add(acceleration)];
+            w[2] = w[2].add(v);
+        }
+        let s = w.map(|w| w.mul(w));
+        let p = [w[1].mul(w[2]), w[2].mul(w[0]), w[0].mul(w[1])];
+        let b = [
+            s[1].add(s[2]).neg(),
+            p[2].sub(wd[2]),
+            p[1].add(wd[1]),
+            p[2].add(wd[2]),
+            s[0].add(s[2]).neg(),
+            p[0].sub(wd[0]),
+            p[1].sub(wd[1]),
+            p[0].add(wd[0]),
+            s[0].add(s[1]).neg(),
+        ];
+        unsafe {
+            store(self.0.add(W), k, w);
+            store(self.0.add(WD), k, wd);
+            store(self.0.add(A), k, a);
+            store(self.0.add(B), k, b);
+            store(self.0.add(P), k, p);
+            store(self.0.add(D), k, [s[1].sub(s[2]), s[2].sub(s[0]), s[0].sub(s[1])]);
+        }
+    }
+
+    /// The wanted entries of an axis along the link's own z, about which it turns.
+    #[inline(always)]
+    pub(crate) unsafe fn contract_turn<T: Lane, const SET: u32>(&self, batch: Batch, rate: Rate, sink: &Sink) {
+        let sink = sink.of::<SET>();
+        for k in batch.lanes::<T>() {
+            unsafe {
+                let rate: T = batch.rate(rate, k);
+                let n = |number: usize| -> T { self.part::<T, 1>(number, k)[0] };
+                let back = rate.neg();
+                sink.put(0, k, n(P + 2).mul(back));
+                sink.put(1, k, n(D + 2).mul(rate));
+                sink.put(2, k, n(B + 5).mul(back));
+                sink.put(3, k, n(P + 2).mul(rate));
+                sink.put(4, k, n(B + 2).mul(rate));
+                sink.put(5, k, n(WD + 2).mul(rate));
+                sink.put(6, k, n(A + 1).mul(rate));
+                sink.put(7, k, n(A).mul(back));
+                sink.put(8, k, T::splat(0.0));
+                sink.put(9, k, T::splat(0.0));
+            }
+        }
+    }
+
+    /// The wanted entries of an axis along the link's own z, along which it slides.
+    #[inline(always)]
+    pub(crate) unsafe fn contract_slide<T: Lane, const SET: u32>(&self, batch: Batch, rate: Rate, sink: &Sink) {
+        let sink = sink.of::<SET>();
+        for k in batch.lanes::<T>() {
+            unsafe {
+                let rate: T = batch.rate(rate, k);
+                let n = |number: usize| -> T { self.part::<T, 1>(number, k)[0] };
+                for p in 0..6 {
+                    sink.put(p, k, T::splat(0.0));
+                }
+                for e in 0..3 {
+                    sink.put(6 + e, k, n(B + 6 + e).mul(rate));
+                }
+                sink.put(9, k, n(A + 2).mul(rate));
+            }
+        }
+    }
+
+    /// The wanted entries of an axis. Each is stored before the next one is found: so they all stay in the registers.
+    #[inline(always)]
+    pub(crate) unsafe fn contract<T: Lane, const SET: u32>(
+        &self,
+        (x, u): (Vector<T>, Vector<T>),
+        sink: &Known<SET>,
+        k: usize,
+    ) {
+        unsafe {
+            sink.put(0, k, self.square(0, x, k));
+            sink.put(1, k, self.mixed(2, x, k));
+            sink.put(2, k, self.mixed(1, x, k));
+            sink.put(3, k, self.square(1, x, k));
+            sink.put(4, k, self.mixed(0, x, k));
+            sink.put(5, k, self.square(2, x, k));
+            for i in 0..3 {
+                sink.put(6 + i, k, self.moment(i, (x, u), k));
+            }
+            sink.put(9, k, dot(u, self.part(A, k)));
+        }
+    }
+
+    /// Entry of the parameter of component i, i of the tensor.
+    #[inline(always)]
+    unsafe fn square<T: Lane>(&self, i: usize, x: Vector<T>, k: usize) -> T {
+        let ([_, j, l], p) = (cycle(i), |e: usize| unsafe { self.number::<T>(P + e, k) });
+        x[l].fnma(p(l), x[j].fma(p(j), x[i].mul(unsafe { self.number(WD + i, k) })))
+    }
+
+    /// Entry of the parameter of the two components other than i.
+    #[inline(always)]
+    unsafe fn mixed<T: Lane>(&self, i: usize, x: Vector<T>, k: usize) -> T {
+        let ([_, j, l], b) = (cycle(i), |e: usize| unsafe { self.number::<T>(B + 3 * i + e, k) });
+        x[j].fnma(b(j), x[l].fma(b(l), x[i].mul(unsafe { self.number(D + i, k) })))
+    }
+
+    /// Entry of component i of the first moments.
+    #[inline(always)]
+    unsafe fn moment<T: Lane>(&self, i: usize, (x, u): (Vector<T>, Vector<T>), k: usize) -> T {
+        let ([_, j, l], n) = (cycle(i), |e: usize| unsafe { self.number::<T>(e, k) });
+        let moved = u[2].fma(n(B + 6 + i), u[1].fma(n(B + 3 + i), u[0].mul(n(B + i))));
+        x[j].fnma(n(A + l), x[l].fma(n(A + j), moved))
+    }
+
+    /// One number of the motion.
+    #[inline(always)]
+    unsafe fn number<T: Lane>(&self, number: usize, k: usize) -> T {
+        unsafe { self.part::<T, 1>(number, k)[0] }
+    }
+}

@@ -1,0 +1,157 @@
+//! One link's momentum in lanes: its velocity from its parent's, contracted with an axis and with the axis's own rate.
+//!
+//! With the axes s_i^a of the coordinates carried to the links, generalised momentum is `p_a = sum_i s_i^a . h_i`, and
+//! `tau_a = d/dt p_a - sum_i (d/dt s_i^a) . h_i + gravity`: no acceleration is left. In the link's own frame the rate
+//! of an axis follows the recursion of the axis itself, `sd_i = X_i sd_parent + v_i x (G[i, a] z)` (Featherstone 2008,
+//! section 2.9); where G changes with position, `dG/dt[i, a] z` is added there.
+
+use crate::batch::Batch;
+use crate::batch::axis::get_axis;
+use crate::batch::link::LINK_NUMBERS;
+use crate::batch::sink::Sink;
+use crate::linalg::vector::{Vector, cross, cross_add, cycle, dot};
+use crate::mechanism::LINK_PARAMETERS;
+use crate::mechanism::transform::JointMotion;
+use crate::memory::slot::{Slot, load, store};
+use crate::simd::lane::Lane;
+
+/// Numbers of a link's velocity, in its own frame, and where its parts begin: angular velocity, velocity of the origin,
+pub(crate) const VELOCITY_NUMBERS: usize = 9;
+const _: () = assert!(VELOCITY_NUMBERS <= LINK_NUMBERS, "the slots of a link hold its velocity");
+const W: usize = 0;
+const V: usize = 3;
+/// acceleration of the base less gravity: minus gravity, seen from the link.
+const A: usize = 6;
+
+/// Velocities of one link at a batch of samples.
+#[derive(Clone, Copy)]
+pub(crate) struct LinkVelocities(pub(crate) *mut Slot);
+
+/// # Safety
+/// Of every method: the pointer is to [`VELOCITY_NUMBERS`] slots, a lane from `k` on is inside them, and so it is inside
+/// the slots of axes and the places of entries.
+impl LinkVelocities {
+    #[inline(always)]
+    unsafe fn part<T: Lane, const N: usize>(&self, part: usize, k: usize) -> [T; N] {
+        unsafe { load(self.0.add(part), k) }
+    }
+
+    /// Angular velocity, velocity of the origin, and minus gravity.
+    #[inline(always)]
+    pub(crate) unsafe fn get<T: Lane>(&self, k: usize) -> [Vector<T>; 3] {
+        unsafe { [self.part(W, k), self.part(V, k), self.part(A, k)] }
+    }
+
+    #[inline(always)]
+    unsafe fn set<T: Lane>(&self, (w, v, a): (Vector<T>, Vector<T>, Vector<T>), k: usize) {
+        unsafe {
+            store(self.0.add(W), k, w);
+            store(self.0.add(V), k, v);
+            store(self.0.add(A), k, a);
+        }
+    }
+
+    /// The velocity of a link whose joint moves with `rate`, from the parent's.
+    #[inline(always)]
+    pub(crate) unsafe fn follow<T: Lane>(&self, parent: LinkVelocities, joint: &JointMotion<T>, rate: T, k: usize) {
+        unsafe {
+            let (w, v) = joint.moved(joint.carry((parent.part(W, k), parent.part(V, k))), rate);
+            self.set((w, v, joint.rotate(parent.part(A, k))), k)
+        }
+    }
+
+    /// The velocity of a link on the base.
+    #[inline(always)]
+    pub(crate) unsafe fn begin<T: Lane>(&self, gravity: [f64; 3], joint: &JointMotion<T>, rate: T, k: usize) {
+        let (w, v) = joint.own(rate);
+        unsafe { self.set((w, v, joint.rotate(gravity.map(|g| T::splat(-g)))), k) }
+    }
+
+    /// What the link's velocity adds to the rate of change of an axis, when its joint moves with it at `rate`: of an
+    /// angular axis both parts turn.
+    #[inline(always)]
+    pub(crate) unsafe fn turn_axis<T: Lane>(
+        &self,
+        slides: bool,
+        (x, u): (Vector<T>, Vector<T>),
+        rate: T,
+        k: usize,
+    ) -> (Vector<T>, Vector<T>) {
+        let (w, v) = unsafe { (self.part(W, k), self.part(V, k)) };
+        match slides {
+            true => (x, about_z(w, rate, u)),
+            false => (about_z(w, rate, x), about_z(v, rate, u)),
+        }
+    }
+
+    /// The momentum of the link's ten unit parameters, contracted with an axis: wanted entries only.
+    #[inline(always)]
+    pub(crate) unsafe fn contract<T: Lane, const SET: u32>(&self, batch: Batch, axis: *const Slot, sink: &Sink) {
+        let sink = sink.of::<SET>();
+        for k in batch.lanes::<T>() {
+            unsafe {
+                let (x, u): (Vector<T>, Vector<T>) = get_axis(axis, k);
+                let velocity: (Vector<T>, Vector<T>) = (self.part(W, k), self.part(V, k));
+                for (p, entry) in contract_momentum(velocity, (x, u)).into_iter().enumerate() {
+                    sink.put(p, k, entry);
+                }
+            }
+        }
+    }
+
+    /// What is left of a link's torque beside the change of its momentum, wanted entries only: gravity on the axis, less
+    /// the momentum contracted with the axis's rate of change.
+    #[inline(always)]
+    pub(crate) unsafe fn contract_rest<T: Lane, const SET: u32>(
+        &self,
+        batch: Batch,
+        (axis, rate): (*const Slot, *const Slot),
+        sink: &Sink,
+    ) {
+        let sink = sink.of::<SET>();
+        for k in batch.lanes::<T>() {
+            unsafe {
+                let (x, u): (Vector<T>, Vector<T>) = get_axis(axis, k);
+                let (xd, ud) = get_axis(rate, k);
+                let (velocity, a): (_, Vector<T>) = ((self.part(W, k), self.part(V, k)), self.part(A, k));
+                let mut left = contract_momentum(velocity, (xd.map(T::neg), ud.map(T::neg)));
+                for i in 0..3 {
+                    let [_, j, l] = cycle(i);
+                    left[6 + i] = a[l].fnma(x[j], a[j].fma(x[l], left[6 + i]));
+                }
+                left[9] = left[9].add(dot(u, a));
+                for (p, entry) in left.into_iter().enumerate() {
+                    sink.put(p, k, entry);
+                }
+            }
+        }
+    }
+}
+
+/// `c + rate * (a x z)`
+#[inline(always)]
+fn about_z<T: Lane>(a: Vector<T>, rate: T, c: Vector<T>) -> Vector<T> {
+    [a[1].fma(rate, c[0]), a[0].fnma(rate, c[1]), c[2]]
+}
+
+/// The momentum of a link's ten unit parameters at a velocity (angular w, linear v), contracted with an axis.
+#[inline(always)]
+pub(crate) fn contract_momentum<T: Lane>(
+    (w, v): (Vector<T>, Vector<T>),
+    (x, u): (Vector<T>, Vector<T>),
+) -> [T; LINK_PARAMETERS] {
+    let moments = cross_add(v, x, cross(u, w));
+    let mixed = |i: usize, j: usize| x[i].fma(w[j], x[j].mul(w[i]));
+    [
+        x[0].mul(w[0]),
+        mixed(0, 1),
+        mixed(0, 2),
+        x[1].mul(w[1]),
+        mixed(1, 2),
+        x[2].mul(w[2]),
+        moments[0],
+        moments[1],
+        moments[2],
+        dot(u, v),
+    ]
+}

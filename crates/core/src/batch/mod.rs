@@ -1,0 +1,148 @@
+//! A batch of samples on its way through the mechanism: their channels, and how joints and terms follow them.
+//!
+//! Control flow runs once for a batch, arithmetic once for a lane: the inner loops run over the lanes of a batch and
+//! know everything else beforehand. A batch is small enough that a link, its parent and their axes stay in the first cache.
+
+pub(crate) mod axis;
+pub(crate) mod link;
+pub(crate) mod link_velocity;
+pub(crate) mod sink;
+pub(crate) mod sweep;
+
+use crate::mechanism::Mechanism;
+use crate::mechanism::closure::{Course, Rate};
+use crate::mechanism::motion::Motion;
+use crate::memory::slot::grow;
+use crate::memory::slot::{BATCH, Slot, store};
+use crate::simd::lane::{Lane, MAX_WIDTH};
+
+/// The channels of a motion: coordinates' positions, velocities, accelerations, external columns, then loops. Where the
+/// samples are no whole lanes, or a channel is not there, they are copies.
+#[derive(Default)]
+pub(crate) struct Channels {
+    first: Vec<*const f64>,
+    copies: Vec<Slot>,
+}
+
+impl Channels {
+    pub(crate) fn grow(&mut self, mechanism: &Mechanism) {
+        let many = 3 * mechanism.coordinates + mechanism.externals + mechanism.loops;
+        grow(&mut self.first, many, core::ptr::null());
+        grow(&mut self.copies, many, Slot::ZERO);
+    }
+
+    /// Point at samples `from..from + count`, at most a batch of them.
+    pub(crate) fn turn_to(&mut self, mechanism: &Mechanism, motion: &Motion, from: usize, count: usize) {
+        debug_assert!(0 < count && count <= BATCH && from + count <= motion.samples);
+        let (na, n) = (mechanism.coordinates, motion.samples);
+        let acceleration = motion.acceleration.unwrap_or_default();
+        let own = [(motion.external, mechanism.externals), (motion.loops, mechanism.loops)];
+        let groups = [(motion.position, na), (motion.velocity, na), (acceleration, na)].into_iter().chain(own);
+        let channels = groups.flat_map(|(data, many)| (0..many).map(move |a| (data, a * n + from)));
+        for (((data, at), first), copy) in channels.zip(&mut self.first).zip(&mut self.copies) {
+            let copy = &mut copy.0;
+            // Accelerations that are not there are zero; the last sample is repeated up to a whole lane.
+            *first = match data.get(at..at + count) {
+                Some(source) if count.is_multiple_of(MAX_WIDTH) => source.as_ptr(),
+                Some(source) => {
+                    copy[..count].copy_from_slice(source);
+                    copy[count..].fill(source[count - 1]);
+                    copy.as_ptr()
+                }
+                None => {
+                    copy.fill(0.0);
+                    copy.as_ptr()
+                }
+            };
+        }
+    }
+
+    /// The samples of a channel; valid for whole lanes until the next turn.
+    #[inline(always)]
+    pub(crate) fn channel(&self, channel: usize) -> *const f64 {
+        self.first[channel]
+    }
+}
+
+/// Position, velocity and acceleration of what follows the coordinates, for every sample of a batch.
+#[derive(Clone, Copy)]
+pub(crate) struct Followed([*const f64; 3]);
+
+impl Followed {
+    /// # Safety
+    /// A lane from `k` on is inside the batch.
+    #[inline(always)]
+    pub(crate) unsafe fn at<T: Lane>(&self, k: usize) -> [T; 3] {
+        self.0.map(|first| unsafe { T::load(first.add(k)) })
+    }
+}
+
+/// The samples of a batch: whole lanes of them, from 0 on.
+#[derive(Clone, Copy)]
+pub(crate) struct Batch<'a> {
+    pub(crate) mechanism: &'a Mechanism,
+    pub(crate) channels: &'a Channels,
+    pub(crate) samples: usize,
+}
+
+impl Batch<'_> {
+    /// First samples of the lanes.
+    #[inline(always)]
+    pub(crate) fn lanes<T: Lane>(&self) -> impl Iterator<Item = usize> {
+        // A plain range is unrolled better than `step_by`.
+        (0..self.samples.div_ceil(T::WIDTH)).map(|lane| lane * T::WIDTH)
+    }
+
+    /// A lane of a rate.
+    ///
+    /// # Safety
+    /// A lane from `k` on is inside the batch.
+    #[inline(always)]
+    pub(crate) unsafe fn rate<T: Lane>(&self, rate: Rate, k: usize) -> T {
+        match rate {
+            Rate::Constant(rate) => T::splat(rate),
+            Rate::Given { rate, .. } => unsafe { T::load(self.channels.channel(rate).add(k)) },
+        }
+    }
+
+    /// A lane of a rate's change, where there is one.
+    ///
+    /// # Safety
+    /// As for [`Batch::rate`].
+    #[inline(always)]
+    pub(crate) unsafe fn change<T: Lane>(&self, rate: Rate, k: usize) -> Option<T> {
+        match rate {
+            Rate::Constant(_) => None,
+            Rate::Given { change, .. } => Some(unsafe { T::load(self.channels.channel(change).add(k)) }),
+        }
+    }
+
+    /// Follow a course: in place where it is a coordinate itself, else into `slots`.
+    ///
+    /// # Safety
+    /// `slots` are nobody else's.
+    #[inline(always)]
+    pub(crate) unsafe fn follow<T: Lane>(&self, course: &Course, slots: &mut [Slot; 3]) -> Followed {
+        let na = self.mechanism.coordinates;
+        if let (None, 0.0, [(a, Rate::Constant(1.0))]) = (course.given, course.offset, &course.rates[..]) {
+            return Followed([0, 1, 2].map(|order| self.channels.channel(order * na + a)));
+        }
+        for k in self.lanes::<T>() {
+            let mut x = [T::splat(course.offset), T::splat(0.0), T::splat(0.0)];
+            for &(a, rate) in &course.rates {
+                let weight: T = unsafe { self.rate(rate, k) };
+                for (order, x) in x.iter_mut().enumerate() {
+                    *x = unsafe { T::load(self.channels.channel(order * na + a).add(k)) }.fma(weight, *x);
+                }
+                if let Some(change) = unsafe { self.change::<T>(rate, k) } {
+                    x[2] = unsafe { T::load(self.channels.channel(na + a).add(k)) }.fma(change, x[2]);
+                }
+            }
+            if let Some(position) = course.given {
+                x[0] = unsafe { T::load(self.channels.channel(position).add(k)) };
+            }
+            unsafe { store(slots.as_mut_ptr(), k, x) };
+        }
+        Followed(core::array::from_fn(|order| slots[order].0.as_ptr()))
+    }
+}

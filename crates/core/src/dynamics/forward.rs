@@ -1,0 +1,233 @@
+//! Direct dynamics: accelerations from torques, and the mass matrix for itself.
+
+use crate::batch::Batch;
+use crate::batch::sweep::{Passing, each_batch, put_rows, stage};
+use crate::dynamics::crba::{masses, place, turns};
+use crate::dynamics::rnea::torques;
+use crate::error::{Error, expect_length};
+use crate::mechanism::Mechanism;
+use crate::mechanism::motion::Motion;
+use crate::mechanism::parameters::Sets;
+use crate::memory::shared::Shared;
+use crate::memory::slot::{Slot, load, store};
+use crate::simd::dispatch::dispatched;
+use crate::simd::lane::Lane;
+use std::sync::atomic::{AtomicUsize, Ordering};
+
+/// A mass matrix is positive definite where every pivot exceeds this share of its diagonal entry: less is rounding.
+const LEAST: f64 = f64::EPSILON;
+
+/// Mass matrices, coordinates x coordinates for every sample, from positions and loops alone; parameters as for
+/// [`crate::torque`].
+pub fn mass_matrix(mechanism: &Mechanism, motion: &Motion, chi: &[f64], out: &mut [f64]) -> Result<(), Error> {
+    let na = mechanism.coordinates;
+    motion.check_poses(mechanism)?;
+    expect_length("out", out.len(), na * na * motion.samples)?;
+    let (sets, shared) = (Sets::new(mechanism, motion.samples, chi)?, Shared::new(out));
+    each_batch(mechanism, motion, &sets, |batch, from, bodies, passing| {
+        // SAFETY: the workspace has grown to the mechanism; nobody else writes these samples.
+        unsafe {
+            turns(mechanism.backend, batch, passing);
+            masses(mechanism.backend, batch, bodies, passing);
+            for a in 0..na {
+                for b in 0..na {
+                    let entry = &passing.mass[place(a, b)].0[..batch.samples];
+                    for (k, &x) in entry.iter().enumerate() {
+                        shared.at(((from + k) * na + a) * na + b).write(x);
+                    }
+                }
+            }
+        }
+    });
+    Ok(())
+}
+
+/// Accelerations of the coordinates under torques (coordinates x samples): `out[a * samples + k]`. Parameters as for
+/// [`crate::torque`]; the motion's own accelerations do not count.
+///
+/// Returns the first sample whose mass matrix is not positive definite, if there is one: its numbers mean nothing.
+pub fn acceleration(
+    mechanism: &Mechanism,
+    motion: &Motion,
+    torque: &[f64],
+    chi: &[f64],
+    out: &mut [f64],
+) -> Result<Option<usize>, Error> {
+    let (motion, n, na) = (&Motion { acceleration: None, ..*motion }, motion.samples, mechanism.coordinates);
+    motion.check(mechanism)?;
+    expect_length("torque", torque.len(), na * n)?;
+    expect_length("out", out.len(), na * n)?;
+    let (sets, shared) = (Sets::new(mechanism, n, chi)?, Shared::new(out));
+    let failed = AtomicUsize::new(usize::MAX);
+    each_batch(mechanism, motion, &sets, |batch, from, bodies, passing| {
+        let count = batch.samples;
+        for (a, slot) in passing.other[..na].iter_mut().enumerate() {
+            stage(slot, &torque[a * n + from..][..count]);
+        }
+        // SAFETY: the workspace has grown to the mechanism; nobody else writes these samples.
+        unsafe {
+            torques(mechanism.backend, batch, bodies, passing);
+            masses(mechanism.backend, batch, bodies, passing);
+            solve(mechanism.backend, batch, passing);
+            put_rows(&passing.other[..na], (from, count), n, shared);
+        }
+        if let Some(k) = passing.margin.0[..count].iter().position(|&margin| margin <= 0.0) {
+            failed.fetch_min(from + k, Ordering::Relaxed);
+        }
+    });
+    let failed = failed.into_inner();
+    Ok((failed < n).then_some(failed))
+}
+
+dispatched! {
+    /// From torques in `other` to accelerations there.
+    ///
+    /// # Safety
+    /// Mass matrix and bias are there.
+    unsafe fn solve = solve_in_lanes(batch: Batch, passing: &mut Passing)
+}
+
+#[inline(always)]
+unsafe fn solve_in_lanes<T: Lane>(batch: Batch, passing: &mut Passing) {
+    let Passing { mass, torque, other, margin, .. } = passing;
+    let other = &mut other[..batch.mechanism.coordinates];
+    for k in batch.lanes::<T>() {
+        unsafe {
+            for (asked, bias) in other.iter_mut().zip(torque.iter()) {
+                store(asked, k, [lane::<T>(asked, k).sub(lane(bias, k))]);
+            }
+            let least = solve_lane::<T>(mass, other, k);
+            store(margin, k, [least]);
+        }
+    }
+}
+
+#[inline(always)]
+unsafe fn lane<T: Lane>(slot: &Slot, k: usize) -> T {
+    let [x] = unsafe { load(slot, k) };
+    x
+}
+
+/// Solve with the factors `L D L'` of a symmetric matrix, given as its lower triangle, which they replace: the inverses
+/// of the pivots stand on the diagonal. Returns the least of what a pivot has above what rounding may leave of it.
+#[inline(always)]
+unsafe fn solve_lane<T: Lane>(mass: &mut [Slot], right: &mut [Slot], k: usize) -> T {
+    let mut least = T::splat(f64::MAX);
+    unsafe {
+        for i in 0..right.len() {
+            let (above, row) = mass.split_at_mut(i * (i + 1) / 2);
+            for j in 0..i {
+                let other = &above[j * (j + 1) / 2..];
+                let mut entry = lane::<T>(&row[j], k);
+                for m in 0..j {
+                    entry = lane::<T>(&row[m], k).fnma(lane(&other[m], k), entry);
+                }
+                store(&mut row[j], k, [entry]);
+            }
+            let (whole, mut x): (T, T) = (lane(&row[i], k), lane(&right[i], k));
+            let mut pivot = whole;
+            for j in 0..i {
+                let entry = lane::<T>(&row[j], k);
+                let factor = entry.mul(lane(&above[place(j, j)], k));
+                (pivot, x) = (entry.fnma(factor, pivot), factor.fnma(lane(&right[j], k), x));
+                store(&mut row[j], k, [factor]);
+            }
+            let margin = whole.fnma(T::splat(LEAST), pivot);
+            least = T::select_gt(least, margin, margin, least);
+            store(&mut row[i], k, [T::splat(1.0).div(pivot)]);
+            store(&mut right[i], k, [x]);
+        }
+        for i in (0..right.len()).rev() {
+            let mut x = lane::<T>(&right[i], k).mul(lane(&mass[place(i, i)], k));
+            for j in i + 1..right.len() {
+                x = lane::<T>(&mass[place(j, i)], k).fnma(lane(&right[j], k), x);
+            }
+            store(&mut right[i], k, [x]);
+        }
+    }
+    least
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::dynamics::rnea::torque;
+    use crate::mechanism::closure::Closure;
+    use crate::mechanism::terms::{Law, Term};
+    use crate::mechanism::{Joint, Mechanism};
+    use crate::regressor::regressor;
+    use crate::simd::dispatch::Backend;
+
+    const SAMPLES: usize = 45;
+
+    /// Four links, one of which slides and each of which is placed by another turn, that follow three coordinates.
+    fn mechanism(backend: Backend) -> Mechanism {
+        let (s, c) = 0.4_f64.sin_cos();
+        let turns = [
+            [c, -s, 0.0, s, c, 0.0, 0.0, 0.0, 1.0],
+            [1.0, 0.0, 0.0, 0.0, 0.0, -1.0, 0.0, 1.0, 0.0],
+            [1.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0, -1.0, 0.0],
+            [1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0],
+        ];
+        let joint = |i: usize| Joint {
+            parent: [None, Some(0), Some(1), Some(1)][i],
+            rotation: turns[i],
+            translation: if i == 2 { [0.0; 3] } else { [0.1, -0.2, 0.3] },
+            prismatic: i == 1,
+        };
+        let rates = vec![1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0, 0.5, 0.0, -1.0];
+        let closure = Closure { rates, offset: vec![0.1; 4], given: Vec::new() };
+        let term = |law| Term { law, weights: vec![(0, 1.0), (2, -0.5)], offset: 0.2, joint: None };
+        let laws = [Law::Rotor, Law::Coulomb { width: 0.1 }, Law::Spring { rest: 0.3 }];
+        let joints: Vec<Joint> = (0..4).map(joint).collect();
+        Mechanism::new(&joints, &closure, [0.0, 1.0, -9.81], &laws.map(term), backend).expect("a tree")
+    }
+
+    fn numbers(order: usize) -> Vec<f64> {
+        (0..3 * SAMPLES).map(|k| (k as f64 * 0.37 + order as f64).sin()).collect()
+    }
+
+    fn near(got: &[f64], wanted: &[f64], backend: Backend) {
+        let size = wanted.iter().fold(1.0_f64, |most, x| most.max(x.abs()));
+        for (k, (got, wanted)) in got.iter().zip(wanted).enumerate() {
+            assert!((got - wanted).abs() <= 1e-12 * size, "{backend:?} at {k}: {got}, not {wanted}");
+        }
+    }
+
+    #[test]
+    fn torques_are_rows_times_parameters_and_accelerations_undo_them() {
+        let (position, velocity, acceleration) = (numbers(0), numbers(1), numbers(2));
+        let body = [0.3, 0.01, -0.02, 0.3, 0.03, 0.3, 0.1, -0.2, 0.15, 1.5];
+        let chi: Vec<f64> = body.repeat(4).into_iter().chain([0.2, 0.5, 3.0]).collect();
+        for backend in Backend::available() {
+            let mechanism = mechanism(backend);
+            let motion = |acceleration| Motion {
+                samples: SAMPLES,
+                position: &position,
+                velocity: &velocity,
+                acceleration,
+                external: &[],
+                loops: &[],
+            };
+            let columns: Vec<usize> = (0..chi.len()).collect();
+            for motion in [motion(Some(&acceleration[..])), motion(None)] {
+                let rows = motion.sets() * 3;
+                let (mut y, mut tau) = (vec![0.0; rows * chi.len() * SAMPLES], vec![0.0; rows * SAMPLES]);
+                regressor(&mechanism, &motion, &columns, &mut y).expect("shapes");
+                torque(&mechanism, &motion, &chi, &mut tau).expect("shapes");
+                let entry = |row: usize, k: usize| -> f64 {
+                    let each = chi.iter().enumerate();
+                    each.map(|(c, x)| x * y[(row * chi.len() + c) * SAMPLES + k]).sum()
+                };
+                let wanted: Vec<f64> = (0..rows * SAMPLES).map(|at| entry(at / SAMPLES, at % SAMPLES)).collect();
+                near(&tau, &wanted, backend);
+                if motion.acceleration.is_some() {
+                    let mut back = vec![0.0; 3 * SAMPLES];
+                    let failed = super::acceleration(&mechanism, &motion, &tau, &chi, &mut back).expect("shapes");
+                    assert_eq!(failed, None);
+                    near(&back, &acceleration, backend);
+                }
+            }
+        }
+    }
+}

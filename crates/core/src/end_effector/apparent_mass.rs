@@ -1,0 +1,266 @@
+//! The masses that a hand feels at many poses: principal values of `M = (J A^-1 J')^-1`, and how uncertain they are.
+//!
+//! With `A = L L'` the singular values s of `J L^-T` give the masses `1 / s^2` and, as left singular vectors v, their
+//! directions; where the handle has fewer freedoms than rows, those it has. Rates `w = m A^-1 J' v` move the handle at unit
+//! speed along v, and a mass changes with parameters as the kinetic energy does: `dm = w' dA w`, exactly in the first
+//! order (Khatib 1987, section III; perturbation of a simple eigenvalue). No eigenvalue is taken of a squared matrix.
+
+use crate::batch::link_velocity::contract_momentum;
+use crate::end_effector::jacobian::{
+    Bodies, Grip, Group, Model, Poses, Slot, check_indices, each_share, load, store, weighted,
+};
+use crate::error::{Error, expect_length};
+use crate::linalg::jacobi_svd::Principal;
+use crate::mechanism::{LINK_PARAMETERS, Mechanism};
+use crate::simd::dispatch::dispatched;
+use crate::simd::lane::{Lane, MAX_WIDTH};
+
+/// What is asked of the poses.
+#[derive(Debug, Clone, Copy)]
+pub struct View<'a> {
+    /// Components of the handle's velocity, of six.
+    pub rows: &'a [usize],
+    /// Coordinates that may move; the others are held.
+    pub moving: &'a [usize],
+    /// Condition number of the Jacobian beyond which a pose gets no masses.
+    pub worst: f64,
+    /// Columns whose outer products sum to the covariance of the parameters: (ten for each link, one for each rotor) x
+    /// `directions`, row-major. Empty for no covariance.
+    pub spread: &'a [f64],
+    pub directions: usize,
+}
+
+impl View<'_> {
+    /// Masses at a pose.
+    pub fn masses(&self) -> usize {
+        self.rows.len().min(self.moving.len())
+    }
+
+    /// Numbers for a pose: condition number, masses, largest first, their directions, and the upper triangle of their
+    /// covariance, row by row.
+    pub fn width(&self) -> usize {
+        let r = self.masses();
+        1 + r + r * self.rows.len() + r * (r + 1) / 2
+    }
+}
+
+/// The masses felt, as [`View::width`] numbers for each pose. They are NaN where the Jacobian is badly conditioned or the
+/// mass matrix not positive definite.
+pub fn felt_mass(
+    mechanism: &Mechanism,
+    poses: &Poses,
+    grip: &Grip,
+    bodies: &Bodies,
+    view: &View,
+    out: &mut [f64],
+) -> Result<(), Error> {
+    let model = Model::new(mechanism, poses, grip, bodies)?;
+    check_indices("row", view.rows, 6)?;
+    check_indices("coordinate", view.moving, mechanism.coordinates)?;
+    let columns = bodies.chi.len() + bodies.inertia.len();
+    expect_length("spread", view.spread.len(), columns * view.directions)?;
+    expect_length("out", out.len(), poses.samples * view.width())?;
+    if out.is_empty() {
+        return Ok(());
+    }
+    each_share(&model, out, view.width(), || Felt::new(&model, view), |group, felt, out| felt.fill(&model, group, out));
+    Ok(())
+}
+
+/// One thread's buffers.
+struct Felt<'a> {
+    view: &'a View<'a>,
+    small: Principal,
+    /// Rates that move the handle at unit speed along each direction, masses x coordinates.
+    rates: Vec<Slot>,
+    /// Change of each mass with each direction of the covariance, masses x directions.
+    change: Vec<Slot>,
+    /// Columns of each link, then of the rotors, with any doubt.
+    doubtful: Vec<Vec<(usize, usize)>>,
+}
+
+impl<'a> Felt<'a> {
+    fn new(model: &Model, view: &'a View<'a>) -> Felt<'a> {
+        let r = view.masses();
+        let inertial = model.bodies().chi.len();
+        let doubt = |c: usize| view.spread[c * view.directions..][..view.directions].iter().any(|&x| x != 0.0);
+        let group = |from: usize, to: usize| (from..to).filter(|&c| doubt(c)).map(|c| (c - from, c)).collect();
+        let mut doubtful: Vec<Vec<_>> =
+            (0..inertial).step_by(LINK_PARAMETERS).map(|c| group(c, c + LINK_PARAMETERS)).collect();
+        doubtful.push(group(inertial, inertial + model.bodies().inertia.len()));
+        Felt {
+            view,
+            small: Principal::new(view.rows.len(), view.moving.len()),
+            rates: vec![[0.0; MAX_WIDTH]; r * model.mechanism.coordinates],
+            change: vec![[0.0; MAX_WIDTH]; r * view.directions],
+            doubtful,
+        }
+    }
+
+    fn fill(&mut self, model: &Model, group: &Group, out: &mut [f64]) {
+        let (view, na) = (self.view, model.mechanism.coordinates);
+        let (r, m) = (view.masses(), view.rows.len());
+        for (k, out) in out.chunks_exact_mut(view.width()).enumerate() {
+            let jacobian = |row: usize, a: usize| group.jacobian[view.rows[row] * na + view.moving[a]][k];
+            let mass = |a: usize, b: usize| group.mass[view.moving[a] * na + view.moving[b]][k];
+            out.fill(f64::NAN);
+            out[0] = self.small.condition(jacobian);
+            let known = out[0] <= view.worst && self.small.solve(jacobian, mass);
+            for e in 0..r {
+                for (a, &coordinate) in view.moving.iter().enumerate() {
+                    self.rates[e * na + coordinate][k] =
+                        if known { self.small.rates[e * view.moving.len() + a] } else { 0.0 };
+                }
+            }
+            if known {
+                out[1..][..r].copy_from_slice(&self.small.masses);
+                out[1 + r..][..r * m].copy_from_slice(&self.small.directions);
+            }
+        }
+        if view.directions > 0 {
+            // SAFETY: every slot has room for the widest lane.
+            unsafe { changes(model.mechanism.backend, model, group, self) };
+            self.covariance(out);
+        }
+    }
+
+    /// Of the masses, at every pose that has them.
+    fn covariance(&self, out: &mut [f64]) {
+        let (r, m, s) = (self.view.masses(), self.view.rows.len(), self.view.directions);
+        let pairs = (0..r).flat_map(|i| (i..r).map(move |j| (i, j)));
+        for (at, (i, j)) in pairs.enumerate() {
+            let mut sum = [0.0; MAX_WIDTH];
+            for (left, right) in self.change[i * s..][..s].iter().zip(&self.change[j * s..][..s]) {
+                for k in 0..MAX_WIDTH {
+                    sum[k] += left[k] * right[k];
+                }
+            }
+            for (k, out) in out.chunks_exact_mut(self.view.width()).enumerate() {
+                if !out[1].is_nan() {
+                    out[1 + r + r * m + at] = sum[k];
+                }
+            }
+        }
+    }
+}
+
+dispatched! {
+    unsafe fn changes = changes_in_lanes(model: &Model, group: &Group, felt: &mut Felt)
+}
+
+#[inline(always)]
+unsafe fn changes_in_lanes<T: Lane>(model: &Model, group: &Group, felt: &mut Felt) {
+    felt.change.fill([0.0; MAX_WIDTH]);
+    let (na, s) = (model.mechanism.coordinates, felt.view.directions);
+    for k in (0..MAX_WIDTH).step_by(T::WIDTH) {
+        for (rates, change) in felt.rates.chunks_exact(na).zip(felt.change.chunks_exact_mut(s)) {
+            for (i, columns) in felt.doubtful.iter().enumerate().filter(|(_, columns)| !columns.is_empty()) {
+                // SAFETY: k leaves room for a lane.
+                let energies: Energies<T> = if i < model.mechanism.links.len() {
+                    let velocity = unsafe { weighted::<T>(model, group, i, rates, k) };
+                    Energies::Link(contract_momentum(velocity, velocity))
+                } else {
+                    Energies::Rotors
+                };
+                for &(place, column) in columns {
+                    let energy = match &energies {
+                        Energies::Link(of) => of[place],
+                        Energies::Rotors => unsafe {
+                            rotor_energy(&model.bodies().rotors[place * na..][..na], rates, k)
+                        },
+                    };
+                    let spread = &felt.view.spread[column * s..][..s];
+                    for (slot, &share) in change.iter_mut().zip(spread) {
+                        // SAFETY: as above.
+                        unsafe { store(slot, k, energy.fma(T::splat(share), load::<T>(slot, k))) };
+                    }
+                }
+            }
+        }
+    }
+}
+
+/// Twice the kinetic energy of unit parameters, where rates move the handle at unit speed.
+enum Energies<T> {
+    Link([T; LINK_PARAMETERS]),
+    Rotors,
+}
+
+#[inline(always)]
+unsafe fn rotor_energy<T: Lane>(weights: &[f64], rates: &[Slot], k: usize) -> T {
+    let mut speed = T::splat(0.0);
+    for (&weight, rate) in weights.iter().zip(rates) {
+        // SAFETY: the caller's promise about k.
+        speed = unsafe { load::<T>(rate, k) }.fma(T::splat(weight), speed);
+    }
+    speed.mul(speed)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::mechanism::Joint;
+    use crate::mechanism::closure::Closure;
+    use crate::simd::dispatch::Backend;
+
+    /// Two bars of length one in a plane, each a point mass at its end, held at the end of the second.
+    fn arm(backend: Backend) -> Mechanism {
+        let eye = [1., 0., 0., 0., 1., 0., 0., 0., 1.];
+        let bar = |parent, x| Joint { parent, rotation: eye, translation: [x, 0., 0.], prismatic: false };
+        let joints = [bar(None, 0.0), bar(Some(0), 1.0)];
+        Mechanism::new(&joints, &Closure::open(2), [0.; 3], &[], backend).unwrap()
+    }
+
+    fn masses(backend: Backend, q: &[f64], worst: f64) -> Vec<f64> {
+        let mechanism = arm(backend);
+        let (first, second): ([f64; 10], [f64; 10]) = (point(2.0), point(3.0));
+        let chi: Vec<f64> = first.into_iter().chain(second).collect();
+        // A deviation of 0.1 kg of the second mass alone.
+        let mut spread = vec![0.0; 20];
+        for (k, share) in point(0.1).into_iter().enumerate() {
+            spread[10 + k] = share;
+        }
+        let poses = Poses { samples: q.len() / 2, position: q, rates: &[1., 0., 0., 1.] };
+        let view = View { rows: &[0, 1], moving: &[0, 1], worst, spread: &spread, directions: 1 };
+        let bodies = Bodies { chi: &chi, rotors: &[], inertia: &[] };
+        let mut out = vec![0.0; poses.samples * view.width()];
+        felt_mass(&mechanism, &poses, &Grip { link: 1, point: [1., 0., 0.] }, &bodies, &view, &mut out).unwrap();
+        out
+    }
+
+    /// A point mass at the end of a bar of length one.
+    fn point(m: f64) -> [f64; 10] {
+        [0., 0., 0., m, 0., m, m, 0., 0., m]
+    }
+
+    #[test]
+    fn at_a_right_angle_one_mass_is_felt_along_the_second_bar_and_one_across() {
+        for backend in Backend::available() {
+            // Along the second bar both masses move; across it only the second.
+            let out = masses(backend, &[0.3, std::f64::consts::FRAC_PI_2], 100.0);
+            let wanted = [5.0, 3.0];
+            for (got, wanted) in out[1..3].iter().zip(wanted) {
+                assert!((got - wanted).abs() < 1e-12, "{backend:?}: {out:?}");
+            }
+            // Both change with the second mass alone, one for one.
+            assert!(out[7..].iter().all(|v| (v - 0.01).abs() < 1e-12), "{backend:?}: {out:?}");
+        }
+    }
+
+    #[test]
+    fn a_stretched_arm_has_no_masses() {
+        let out = masses(Backend::best(), &[0.3, 0.0], 100.0);
+        assert!(out[0] > 1e10 && out[1..].iter().all(|x| x.is_nan()), "{out:?}");
+    }
+
+    #[test]
+    fn many_poses_on_many_threads_are_those_of_one_at_a_time() {
+        let n = 5003;
+        let q: Vec<f64> = (0..2 * n).map(|k| 0.4 + 1e-4 * k as f64).collect();
+        let all = masses(Backend::best(), &q, 100.0);
+        let width = all.len() / n;
+        for k in [0, 7, 8, 511, 512, 4999, n - 1] {
+            assert_eq!(masses(Backend::best(), &[q[k], q[n + k]], 100.0), all[k * width..][..width]);
+        }
+    }
+}

@@ -1,0 +1,218 @@
+//! Small least squares by Householder reflections: what the gaps of cuts settle, how well, and on which side.
+
+use crate::simd::real::Real;
+
+/// Sum of products.
+#[inline(always)]
+pub(crate) fn dot<N: Real>(x: &[N], y: &[N]) -> N {
+    sum(x, y, N::plus)
+}
+
+/// Sum of what `plus` makes of pairs, four at a time: additions that wait for each other take longer than the products.
+#[inline(always)]
+fn sum<N: Real, Y: Copy>(x: &[N], y: &[Y], plus: impl Fn(N, N, Y) -> N) -> N {
+    let ((fours, rest), (others, last)) = (x.as_chunks::<4>(), y.as_chunks::<4>());
+    let mut sums = [N::of(0.0); 4];
+    for (x, y) in fours.iter().zip(others) {
+        for ((sum, &x), &y) in sums.iter_mut().zip(x).zip(y) {
+            *sum = plus(*sum, x, y);
+        }
+    }
+    let mut left = N::of(0.0);
+    for (&x, &y) in rest.iter().zip(last) {
+        left = plus(left, x, y);
+    }
+    (sums[0] + sums[2]) + (sums[1] + sums[3]) + left
+}
+
+/// A tall matrix A = Q R, column by column; the reflections stand below the diagonal.
+#[derive(Debug, Clone)]
+pub(crate) struct Factor<N> {
+    rows: usize,
+    columns: usize,
+    entries: Vec<N>,
+    diagonal: Vec<N>,
+    /// One over each of the diagonal.
+    inverse: Vec<N>,
+    /// Two over the squared length of each reflection's vector.
+    weights: Vec<N>,
+}
+
+impl<N: Real> Factor<N> {
+    pub(crate) fn new(rows: usize, columns: usize) -> Factor<N> {
+        let zeros = |len| vec![N::of(0.0); len];
+        Factor {
+            rows,
+            columns,
+            entries: zeros(rows * columns),
+            diagonal: zeros(columns),
+            inverse: zeros(columns),
+            weights: zeros(columns),
+        }
+    }
+
+    /// Decompose a matrix given column by column.
+    #[inline(always)]
+    pub(crate) fn decompose(&mut self, matrix: &[N]) {
+        let (m, none) = (self.rows, N::of(0.0));
+        self.entries.copy_from_slice(matrix);
+        for k in 0..self.columns {
+            let (done, after) = self.entries.split_at_mut((k + 1) * m);
+            let vector = &mut done[k * m + k..];
+            let length = dot(vector, vector).root();
+            let diagonal = N::select(vector[0], none, none - length, length);
+            vector[0] = vector[0] - diagonal;
+            let both = (diagonal * vector[0]).inverse();
+            (self.diagonal[k], self.inverse[k]) = (diagonal, both * vector[0]);
+            self.weights[k] = N::select(length, none, none - both, none);
+            for column in after.chunks_exact_mut(m) {
+                reflect(vector, self.weights[k], &mut column[k..]);
+            }
+        }
+    }
+
+    /// The x for which A x is nearest to the right side; it takes the first places there. Not finite where A is singular.
+    #[inline(always)]
+    pub(crate) fn solve(&self, right: &mut [N]) {
+        let (m, n) = (self.rows, self.columns);
+        for k in 0..n {
+            reflect(&self.entries[k * m + k..(k + 1) * m], self.weights[k], &mut right[k..]);
+        }
+        for k in (0..n).rev() {
+            right[k] = right[k] * self.inverse[k];
+            let (above, known) = right.split_at_mut(k);
+            for (x, &entry) in above.iter_mut().zip(&self.entries[k * m..]) {
+                *x = x.minus(entry, known[0]);
+            }
+        }
+    }
+
+    /// Whether the least singular value of A, its columns scaled to unit length, is above a limit: whether the Gram matrix
+    /// stays positive definite with its diagonal reduced by the limit squared. The matrix is n x n of scratch.
+    #[inline(always)]
+    pub(crate) fn is_open(&self, limit: f64, gram: &mut [N]) -> bool {
+        let n = self.columns;
+        for i in 0..n {
+            for k in 0..=i {
+                let (one, other) = (self.column(i), self.column(k));
+                let last = if i == k { self.diagonal[k] } else { one[k] };
+                gram[i * n + k] = dot(&one[..k], &other[..k]).plus(last, self.diagonal[k]);
+            }
+            gram[i * n + i] = gram[i * n + i].times(1.0 - limit * limit);
+        }
+        is_positive(gram, n)
+    }
+
+    #[inline(always)]
+    fn column(&self, k: usize) -> &[N] {
+        &self.entries[k * self.rows..][..self.rows]
+    }
+}
+
+#[inline(always)]
+fn reflect<N: Real>(vector: &[N], weight: N, x: &mut [N]) {
+    let along = weight * dot(vector, x);
+    for (x, &v) in x.iter_mut().zip(vector) {
+        *x = x.minus(along, v);
+    }
+}
+
+/// Whether a symmetric matrix, its lower triangle given, is positive definite: by Cholesky, in place. Once a pivot is not
+/// positive, all after it are minus infinity or no numbers; the last one tells.
+#[inline(always)]
+fn is_positive<N: Real>(matrix: &mut [N], n: usize) -> bool {
+    let mut pivot = N::of(1.0);
+    for i in 0..n {
+        let (before, row) = matrix.split_at_mut(i * n);
+        for k in 0..i {
+            let other = &before[k * n..];
+            row[k] = (row[k] - dot(&row[..k], &other[..k])) * other[k];
+        }
+        pivot = row[i] - dot(&row[..i], &row[..i]);
+        row[i] = pivot.root().inverse();
+    }
+    pivot.exceeds(0.0)
+}
+
+/// Whether B, both matrices given column by column, is on the side of singular ones on which A is, and near enough to
+/// tell: whether all leading minors of A' B, so that its determinant too, are positive. They are where B differs from A
+/// by less than the least singular value, whatever the columns' lengths. `product` is n x n of scratch.
+#[inline(always)]
+pub(crate) fn same_side<N: Real>(a: &[f64], b: &[N], rows: usize, product: &mut [N]) -> bool {
+    let n = a.len() / rows;
+    let product = &mut product[..n * n];
+    for (i, a) in a.chunks_exact(rows).enumerate() {
+        for (k, b) in b.chunks_exact(rows).enumerate() {
+            product[i * n + k] = sum(b, a, N::plus_times);
+        }
+    }
+    let mut good = N::of(1.0);
+    for k in 0..n {
+        let (above, below) = product.split_at_mut((k + 1) * n);
+        let row = &above[k * n..];
+        good = N::select(row[k], N::of(0.0), good, N::of(0.0));
+        let inverse = row[k].inverse();
+        for other in below.chunks_exact_mut(n) {
+            let share = other[k] * inverse;
+            for (x, &y) in other[k..].iter_mut().zip(&row[k..]) {
+                *x = x.minus(share, y);
+            }
+        }
+    }
+    good.exceeds(0.0)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Three columns of length five.
+    const A: [f64; 15] = [1., 2., 0., -1., 3., 0.5, -1., 2., 0., 1., 0., 0., 1., 4., -2.];
+
+    #[test]
+    fn least_squares_leave_what_is_across_all_columns() {
+        let mut factor = Factor::new(5, 3);
+        factor.decompose(&A);
+        let right = [1., -2., 0.3, 0.7, 2.];
+        let mut x = right;
+        factor.solve(&mut x);
+        for column in A.chunks_exact(5) {
+            let left = (0..5).map(|e| column[e] * (right[e] - (0..3).map(|k| A[5 * k + e] * x[k]).sum::<f64>()));
+            assert!(left.sum::<f64>().abs() < 1e-14);
+        }
+    }
+
+    #[test]
+    fn openness_is_the_least_singular_value_of_unit_columns() {
+        // Two columns at an angle: singular values sqrt(1 +- cos).
+        let (angle, mut gram) = (0.1_f64, [0.0; 4]);
+        let mut factor = Factor::new(3, 2);
+        factor.decompose(&[2., 0., 0., 5. * angle.cos(), 0., 5. * angle.sin()]);
+        let least = (1.0 - angle.cos()).sqrt();
+        assert!(factor.is_open(least * (1.0 - 1e-9), &mut gram) && !factor.is_open(least * (1.0 + 1e-9), &mut gram));
+        factor.decompose(&[1., 0., 0., 1., 0., 0.]);
+        assert!(!factor.is_open(1e-6, &mut gram));
+        factor.decompose(&[0., 0., 0., 1., 0., 0.]);
+        assert!(!factor.is_open(1e-6, &mut gram));
+    }
+
+    #[test]
+    fn sides_change_with_the_sign_of_a_column_and_with_an_exchange() {
+        // Room for more than is needed.
+        let mut product = [0.0; 12];
+        assert!(same_side(&A, &A, 5, &mut product));
+        let (s, c) = 0.5_f64.sin_cos();
+        let mut other = A;
+        for e in 0..5 {
+            (other[5 + e], other[10 + e]) = (c * A[5 + e] - s * A[10 + e], s * A[5 + e] + c * A[10 + e]);
+        }
+        assert!(same_side(&A, &other, 5, &mut product));
+        other[5..10].iter_mut().for_each(|x| *x = -*x);
+        assert!(!same_side(&A, &other, 5, &mut product));
+        other = A;
+        (0..5).for_each(|e| other.swap(e, 10 + e));
+        assert!(!same_side(&A, &other, 5, &mut product));
+        other[..5].fill(0.0);
+        assert!(!same_side(&A, &other, 5, &mut product));
+    }
+}

@@ -1,0 +1,108 @@
+//! Damped Gauss-Newton steps.
+
+use crate::error::{Error, expect_length};
+use crate::loops::cut::{Loops, SHARE};
+use crate::loops::gap::Shape;
+use rayon::prelude::*;
+
+/// Largest step of a joint towards closed cuts, rad, or m per m of size.
+const STRIDE: f64 = 0.7;
+/// Damping of such steps, relative: far below what slows the last ones down.
+const DAMPING: f64 = 1e-13;
+
+impl Loops {
+    /// Move the unknown joints of every sample, samples x joints, until the cuts are as closed as they can be: damped
+    /// Gauss-Newton steps, at most `steps`, until one is no longer than `settled`.
+    pub fn close(&self, q: &mut [f64], unknown: &[usize], steps: usize, settled: f64) -> Result<(), Error> {
+        let n = self.joints.len();
+        expect_length("q", q.len(), q.len().checked_div(n).unwrap_or(0) * n)?;
+        if let Some(&got) = unknown.iter().find(|&&j| j >= n) {
+            return Err(Error::Index { name: "unknown joint", got, limit: n });
+        }
+        q.par_chunks_mut(SHARE * n.max(1)).for_each(|q| {
+            let (mut shape, mut system) = (self.shape::<f64>(), System::new(unknown.len()));
+            for q in q.chunks_exact_mut(n) {
+                for _ in 0..steps {
+                    self.measure(q, &mut shape);
+                    system.assemble(&shape, n, unknown);
+                    let step = system.solve();
+                    let longest = step.iter().fold(0.0_f64, |longest, x| longest.max(x.abs()));
+                    let share = (STRIDE / longest.max(STRIDE)).min(1.0);
+                    unknown.iter().zip(step).for_each(|(&j, x)| q[j] -= share * x);
+                    if longest <= settled {
+                        break;
+                    }
+                }
+            }
+        });
+        Ok(())
+    }
+}
+/// The damped normal equations of one step: small, and solved again and again, so that their error does not stay.
+struct System {
+    size: usize,
+    matrix: Vec<f64>,
+    right: Vec<f64>,
+}
+
+impl System {
+    fn new(size: usize) -> System {
+        System { size, matrix: vec![0.0; size * size], right: vec![0.0; size] }
+    }
+
+    fn assemble(&mut self, shape: &Shape<f64>, joints: usize, unknown: &[usize]) {
+        self.matrix.fill(0.0);
+        self.right.fill(0.0);
+        for (row, gap) in shape.jacobian.chunks_exact(joints).zip(&shape.gaps) {
+            for (i, &a) in unknown.iter().enumerate() {
+                self.right[i] += row[a] * gap;
+                for (k, &b) in unknown[..=i].iter().enumerate() {
+                    self.matrix[i * self.size + k] += row[a] * row[b];
+                }
+            }
+        }
+        let trace: f64 = (0..self.size).map(|i| self.matrix[i * (self.size + 1)]).sum();
+        (0..self.size).for_each(|i| self.matrix[i * (self.size + 1)] += DAMPING * trace.max(1e-100));
+    }
+
+    /// By L D L', the lower triangle in place; a pivot that rounding took stays at the damping.
+    fn solve(&mut self) -> &[f64] {
+        let (n, l, x) = (self.size, &mut self.matrix, &mut self.right);
+        let least = DAMPING * (0..n).map(|i| l[i * (n + 1)]).sum::<f64>();
+        for i in 0..n {
+            for k in 0..i {
+                let known: f64 = (0..k).map(|e| l[i * n + e] * l[k * n + e] * l[e * (n + 1)]).sum();
+                l[i * n + k] = (l[i * n + k] - known) / l[k * (n + 1)];
+            }
+            let known: f64 = (0..i).map(|e| l[i * n + e] * l[i * n + e] * l[e * (n + 1)]).sum();
+            l[i * (n + 1)] = (l[i * (n + 1)] - known).max(least);
+            x[i] -= (0..i).map(|e| l[i * n + e] * x[e]).sum::<f64>();
+        }
+        for i in (0..n).rev() {
+            x[i] = x[i] / l[i * (n + 1)] - (i + 1..n).map(|e| l[e * n + i] * x[e]).sum::<f64>();
+        }
+        x
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::loops::cut::{Cut, Frame};
+    use crate::mechanism::Joint;
+
+    #[test]
+    fn two_bars_meet_where_the_law_of_cosines_says() {
+        let eye = [1., 0., 0., 0., 1., 0., 0., 0., 1.];
+        let bar = |x| Joint { parent: None, rotation: eye, translation: [x, 0., 0.], prismatic: false };
+        let tip = |link, x| Frame { link: Some(link), rotation: eye, translation: [x, 0.0, 0.0] };
+        let cut = Cut { prismatic: false, frame: tip(0, 0.5), twin: tip(1, 0.4) };
+        let loops = Loops::new(&[bar(0.0), bar(0.6)], &[cut], 0.6).expect("two bars");
+        let mut q = [0.5, 2.0].repeat(300);
+        loops.close(&mut q, &[0, 1], 60, 1e-12).expect("shapes");
+        let (first, second) = ((0.25 + 0.36 - 0.16_f64) / 0.6, (0.16 + 0.36 - 0.25_f64) / 0.48);
+        for q in q.chunks_exact(2) {
+            assert!((q[0].cos() - first).abs() < 1e-10 && (-q[1].cos() - second).abs() < 1e-10, "{q:?}");
+        }
+    }
+}

@@ -1,0 +1,10 @@
+//! Loops.
+
+pub(crate) mod assembly;
+pub(crate) mod continuation;
+pub(crate) mod cut;
+pub(crate) mod gap;
+pub(crate) mod gauss_newton;
+pub(crate) mod newton;
+pub(crate) mod pose;
+pub(crate) mod segment;

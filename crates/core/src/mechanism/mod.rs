@@ -1,0 +1,229 @@
+//! A tree of links, the closure that ties its joints to a few coordinates, and the terms beside link inertia.
+
+pub(crate) mod closure;
+pub(crate) mod layout;
+pub(crate) mod motion;
+pub(crate) mod parameters;
+pub(crate) mod shape;
+pub(crate) mod terms;
+pub(crate) mod transform;
+
+use crate::error::{Error, expect_length};
+use crate::mechanism::closure::Closure;
+use crate::mechanism::closure::{Course, Rate};
+use crate::mechanism::layout::Last;
+use crate::mechanism::shape::{Shape, Turn, Way};
+use crate::mechanism::terms::{Column, Law, Term};
+use crate::simd::dispatch::Backend;
+
+/// Parameters of a link: XX XY XZ YY YZ ZZ MX MY MZ M, in the link's frame, Khalil's signs (XY = -integral of xy dm).
+pub const LINK_PARAMETERS: usize = 10;
+
+/// One joint and the link it carries, in normal form: the joint's frame is placed in the parent's link frame, then
+/// the link turns about, or slides along, its own z.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Joint {
+    /// The parent link; `None` is the base.
+    pub parent: Option<usize>,
+    /// Rotation from the joint's frame to the parent's, row-major.
+    pub rotation: [f64; 9],
+    /// Origin of the joint's frame in the parent's, m.
+    pub translation: [f64; 3],
+    pub prismatic: bool,
+}
+
+/// A link as the kernel wants it.
+#[derive(Debug, Clone)]
+pub(crate) struct Link {
+    pub parent: Option<usize>,
+    /// Rotation from the parent's frame to the joint's, row-major.
+    pub inverse: [f64; 9],
+    pub shape: Shape,
+    pub translation: [f64; 3],
+    /// How the joint follows the coordinates.
+    pub course: Course,
+    /// The coordinates that move this link, and where their axes are in the workspace.
+    pub axes: Vec<Axis>,
+    /// Where this link's first axis is in the workspace.
+    pub first: usize,
+}
+
+/// The motion of one link due to one coordinate.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Axis {
+    pub coordinate: usize,
+    /// The same coordinate's axis on the parent, if it moves the parent.
+    pub above: Option<usize>,
+    /// Rate of this link's own joint with the coordinate.
+    pub rate: Rate,
+}
+
+/// A tree or closed chain, ready for the kernels.
+#[derive(Debug, Clone)]
+pub struct Mechanism {
+    pub(crate) links: Vec<Link>,
+    pub(crate) coordinates: usize,
+    pub(crate) axes: usize,
+    pub(crate) gravity: [f64; 3],
+    pub(crate) terms: Vec<Column>,
+    pub(crate) externals: usize,
+    /// Channels that the motion brings for loops that are not linear.
+    pub(crate) loops: usize,
+    pub(crate) backend: Backend,
+    pub(crate) last: Last,
+}
+
+impl Mechanism {
+    /// Check the parts and put them together. `gravity` is in the base frame, m/s^2.
+    pub fn new(
+        joints: &[Joint],
+        closure: &Closure,
+        gravity: [f64; 3],
+        wanted: &[Term],
+        backend: Backend,
+    ) -> Result<Mechanism, Error> {
+        let n = joints.len();
+        expect_length("closure offset", closure.offset.len(), n)?;
+        let coordinates = closure.rates.len().checked_div(n).unwrap_or(0);
+        expect_length("closure rates", closure.rates.len(), n * coordinates)?;
+        if !closure.given.is_empty() {
+            expect_length("closure given", closure.given.len(), n * coordinates)?;
+        }
+        check_finite("closure", closure.rates.iter().chain(&closure.offset))?;
+        check_finite("gravity", &gravity)?;
+        for term in wanted {
+            term.check(coordinates)?;
+        }
+        let externals = wanted.iter().filter(|t| t.law == Law::External).count();
+        let (links, terms, loops, last) = (Vec::new(), Vec::new(), 0, Last::default());
+        let mut mechanism = Mechanism { links, coordinates, axes: 0, gravity, terms, externals, loops, backend, last };
+        for (i, joint) in joints.iter().enumerate() {
+            let course = mechanism.course(closure, i);
+            mechanism.append(joint, course)?;
+        }
+        mechanism.terms = wanted.iter().map(|term| mechanism.column(term)).collect::<Result<_, _>>()?;
+        Ok(mechanism)
+    }
+
+    /// How joint `i` follows the coordinates; where the motion brings that, its channels are taken.
+    fn course(&mut self, closure: &Closure, i: usize) -> Course {
+        let row = i * self.coordinates..(i + 1) * self.coordinates;
+        let rates = &closure.rates[row.clone()];
+        match closure.given.get(row) {
+            Some(given) if given.contains(&true) => {
+                let first = 3 * self.coordinates + self.externals;
+                let (course, end) = Course::given(first + self.loops, rates, given);
+                self.loops = end - first;
+                course
+            }
+            _ => Course::linear(closure.offset[i], rates.iter().copied().enumerate()),
+        }
+    }
+
+    fn column(&self, term: &Term) -> Result<Column, Error> {
+        let course = match term.joint {
+            None => Course::linear(term.offset, term.weights.iter().copied()),
+            Some(got) => match self.links.get(got) {
+                Some(link) => link.course.clone(),
+                None => return Err(Error::Index { name: "term joint", got, limit: self.links.len() }),
+            },
+        };
+        Ok(Column { law: term.law, course })
+    }
+
+    fn append(&mut self, joint: &Joint, course: Course) -> Result<(), Error> {
+        let index = self.links.len();
+        if let Some(parent) = joint.parent.filter(|&p| p >= index) {
+            return Err(Error::Index { name: "parent", got: parent, limit: index });
+        }
+        check_finite("placement", joint.rotation.iter().chain(&joint.translation))?;
+        check_rotation(&joint.rotation)?;
+        let above = |a| joint.parent.and_then(|p| self.links[p].axis(a));
+        let axes: Vec<Axis> = (0..self.coordinates)
+            .map(|a| Axis { coordinate: a, above: above(a), rate: course.rate(a) })
+            .filter(|axis| axis.above.is_some() || !axis.rate.is_zero())
+            .collect();
+        let r = &joint.rotation;
+        let inverse = [r[0], r[3], r[6], r[1], r[4], r[7], r[2], r[5], r[8]];
+        let first = self.axes;
+        self.axes += axes.len();
+        self.links.push(Link {
+            parent: joint.parent,
+            inverse,
+            shape: Shape { turn: Turn::of(&inverse), way: Way::of(joint) },
+            translation: joint.translation,
+            course,
+            axes,
+            first,
+        });
+        Ok(())
+    }
+
+    /// Number of coordinates, which is also the number of torque rows.
+    pub fn coordinates(&self) -> usize {
+        self.coordinates
+    }
+
+    /// Number of columns that the caller computes itself.
+    pub fn externals(&self) -> usize {
+        self.externals
+    }
+
+    /// Channels of a motion: positions, velocities and accelerations, the caller's own columns, then those of loops.
+    pub fn channels(&self) -> usize {
+        3 * self.coordinates + self.externals + self.loops
+    }
+
+    /// All columns of the regressor: ten for each link, then one for each term.
+    pub fn columns(&self) -> usize {
+        self.inertial_columns() + self.terms.len()
+    }
+
+    pub(crate) fn inertial_columns(&self) -> usize {
+        LINK_PARAMETERS * self.links.len()
+    }
+
+    /// Whether a column can differ from zero in the row of coordinate `a`.
+    pub(crate) fn reaches(&self, a: usize, column: usize) -> bool {
+        match column.checked_sub(self.inertial_columns()) {
+            Some(t) => !self.terms[t].course.rate(a).is_zero(),
+            None => self.links[column / LINK_PARAMETERS].axis(a).is_some(),
+        }
+    }
+
+    /// Whether a column's parameter carries momentum: those of the links and of rotors do.
+    pub(crate) fn has_momentum(&self, column: usize) -> bool {
+        column.checked_sub(self.inertial_columns()).is_none_or(|t| self.terms[t].law == Law::Rotor)
+    }
+}
+
+impl Link {
+    pub(crate) fn slides(&self) -> bool {
+        self.shape.way == Way::Slides
+    }
+
+    /// Where the axis of coordinate `a` is in the workspace, if it moves this link.
+    fn axis(&self, a: usize) -> Option<usize> {
+        self.axes.iter().position(|axis| axis.coordinate == a).map(|k| self.first + k)
+    }
+}
+
+fn check_finite<'a>(name: &'static str, values: impl IntoIterator<Item = &'a f64>) -> Result<(), Error> {
+    match values.into_iter().find(|x| !x.is_finite()) {
+        Some(&got) => Err(Error::Value { name, got, wanted: "a finite number" }),
+        None => Ok(()),
+    }
+}
+
+/// Rows are orthonormal and right-handed to 1e-9: anything else is not a rotation.
+fn check_rotation(r: &[f64; 9]) -> Result<(), Error> {
+    let row = |i: usize| [r[3 * i], r[3 * i + 1], r[3 * i + 2]];
+    let dot = |a: [f64; 3], b: [f64; 3]| a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
+    let (x, y, z) = (row(0), row(1), row(2));
+    let normal = [x[1] * y[2] - x[2] * y[1], x[2] * y[0] - x[0] * y[2], x[0] * y[1] - x[1] * y[0]];
+    let errors = [dot(x, x) - 1.0, dot(y, y) - 1.0, dot(x, y), dot(normal, z) - 1.0];
+    match errors.into_iter().find(|e| e.abs() > 1e-9) {
+        Some(got) => Err(Error::Value { name: "rotation", got, wanted: "an orthonormal, right-handed matrix" }),
+        None => Ok(()),
+    }
+}

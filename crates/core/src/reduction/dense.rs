@@ -1,0 +1,51 @@
+//! The triangle of rows that are already there.
+
+use crate::error::{Error, expect_length};
+use crate::linalg::tsqr::fold;
+use crate::memory::aligned::Aligned;
+use crate::simd::dispatch::Backend;
+use crate::simd::lane::MAX_WIDTH;
+
+/// Rows folded at a time, and how far apart the columns of such a block are: see `reduce`.
+const FOLD: usize = 256;
+const STRIDE: usize = FOLD + MAX_WIDTH;
+
+/// The square upper triangle R with R'R = A'A, row-major, of rows A of so many columns, row-major. There may be fewer rows
+/// than columns, or none.
+pub fn triangle(rows: &[f64], columns: usize, out: &mut [f64]) -> Result<(), Error> {
+    let many = rows.len().checked_div(columns).unwrap_or(0);
+    expect_length("rows", rows.len(), many * columns)?;
+    expect_length("out", out.len(), columns * columns)?;
+    let (mut r, mut block, mut panels) = (vec![0.0; columns * columns], Aligned::default(), Vec::new());
+    for rows in rows.chunks(FOLD * columns.max(1)) {
+        block.clear(columns * STRIDE);
+        for (k, row) in rows.chunks_exact(columns).enumerate() {
+            row.iter().enumerate().for_each(|(c, &x)| block[c * STRIDE + k] = x);
+        }
+        fold(Backend::best(), &mut r, columns, (&mut block, rows.len() / columns, STRIDE), &mut panels);
+    }
+    out.iter_mut().enumerate().for_each(|(k, x)| *x = r[k % columns * columns + k / columns]);
+    Ok(())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_triangle_keeps_the_inner_products_whatever_the_number_of_rows() {
+        let columns = 5;
+        for many in [0, 1, 4, 5, 8, 256, 600] {
+            let rows: Vec<f64> = (0..many * columns).map(|k| (k as f64 * 0.7).sin() + 0.1 * (k % 7) as f64).collect();
+            let mut r = vec![f64::NAN; columns * columns];
+            triangle(&rows, columns, &mut r).expect("shapes");
+            let product = |a: &[f64], i: usize, j: usize| -> f64 { a.chunks(columns).map(|x| x[i] * x[j]).sum() };
+            for (i, j) in (0..columns).flat_map(|i| (0..columns).map(move |j| (i, j))) {
+                assert!((product(&rows, i, j) - product(&r, i, j)).abs() < 1e-12 * (1 + many) as f64, "{many} {i} {j}");
+                assert!(i <= j || r[i * columns + j] == 0.0);
+            }
+        }
+        assert!(triangle(&[1.0; 7], 5, &mut [0.0; 25]).is_err());
+        assert!(triangle(&[], 0, &mut []).is_ok());
+    }
+}

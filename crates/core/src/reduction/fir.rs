@@ -1,0 +1,92 @@
+//! One finite filter with decimation, the same for the torques and for every column of W.
+//!
+//! Being finite it has no state: a row needs only the samples under its window, so blocks, threads and machines can make
+//! their rows independently. A filter that is symmetric about its centre has no delay; one whose later half is zero is
+//! causal, about its last sample.
+
+use crate::error::Error;
+use crate::simd::dispatch::{Backend, dispatched};
+use crate::simd::lane::{Lane, MAX_WIDTH};
+
+/// The taps, padded with zeros to whole lanes, and those that give the filtered signal's rate of change, if wanted.
+#[derive(Debug, Clone)]
+pub(crate) struct Filter {
+    pub(crate) taps: Vec<f64>,
+    pub(crate) slope: Vec<f64>,
+    length: usize,
+    pub(crate) decimation: usize,
+}
+
+impl Filter {
+    pub(crate) fn new(taps: &[f64], slope: &[f64], decimation: usize) -> Result<Filter, Error> {
+        if taps.len().is_multiple_of(2) {
+            return Err(Error::Length { name: "taps (an odd number)", got: taps.len(), wanted: taps.len() + 1 });
+        }
+        if decimation == 0 {
+            return Err(Error::Value { name: "decimation", got: 0.0, wanted: "1 or more" });
+        }
+        let padded = |taps: &[f64]| {
+            let mut padded = taps.to_vec();
+            padded.resize(taps.len().next_multiple_of(MAX_WIDTH), 0.0);
+            padded
+        };
+        Ok(Filter { taps: padded(taps), slope: padded(slope), length: taps.len(), decimation })
+    }
+
+    /// Neither filter nor decimation, nor anything to differentiate.
+    pub(crate) fn is_identity(&self) -> bool {
+        self.decimation == 1 && self.length == 1 && self.taps[0] == 1.0 && self.slope.is_empty()
+    }
+
+    /// Samples on either side of the centre.
+    pub(crate) fn half(&self) -> usize {
+        self.length / 2
+    }
+
+    /// Numbers read after the first sample of a window.
+    pub(crate) fn reach(&self) -> usize {
+        self.taps.len()
+    }
+
+    /// Add `sum_k taps[k] x[start + i * decimation + k]` to `out[i]`; the taps are the filter's own, or its slope.
+    ///
+    /// # Panics
+    /// When `x` ends before the last padded window.
+    pub(crate) fn add(&self, backend: Backend, taps: &[f64], x: &[f64], start: usize, out: &mut [f64]) {
+        let Some(last) = out.len().checked_sub(1) else { return };
+        assert!(start + last * self.decimation + taps.len() <= x.len());
+        // SAFETY: the last window ends inside x.
+        unsafe { add_raw(backend, taps, self.decimation, x.as_ptr().add(start), out) }
+    }
+}
+
+dispatched! {
+    unsafe fn add_raw = add_in_lanes(taps: &[f64], decimation: usize, x: *const f64, out: &mut [f64])
+}
+
+#[inline(always)]
+unsafe fn add_in_lanes<T: Lane>(taps: &[f64], decimation: usize, x: *const f64, out: &mut [f64]) {
+    // Four windows hide the latency of the fused multiply-add, and share the taps. How they are grouped changes no sum.
+    let (fours, rest) = out.as_chunks_mut::<4>();
+    let alone = 4 * fours.len();
+    for (i, out) in fours.iter_mut().enumerate() {
+        unsafe { add_some::<T, 4>(taps, decimation, x.add(4 * i * decimation), out) };
+    }
+    for (i, out) in (alone..).zip(rest) {
+        unsafe { add_some::<T, 1>(taps, decimation, x.add(i * decimation), core::array::from_mut(out)) };
+    }
+}
+
+#[inline(always)]
+unsafe fn add_some<T: Lane, const N: usize>(taps: &[f64], decimation: usize, x: *const f64, out: &mut [f64; N]) {
+    let mut sums = [T::splat(0.0); N];
+    let mut k = 0;
+    while k < taps.len() {
+        let tap = unsafe { T::load(taps.as_ptr().add(k)) };
+        for (i, sum) in sums.iter_mut().enumerate() {
+            *sum = tap.fma(unsafe { T::load(x.add(i * decimation + k)) }, *sum);
+        }
+        k += T::WIDTH;
+    }
+    out.iter_mut().zip(sums).for_each(|(out, sum)| *out += sum.sum());
+}

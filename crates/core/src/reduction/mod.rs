@@ -1,0 +1,5 @@
+//! Reduction.
+
+pub(crate) mod dense;
+pub(crate) mod fir;
+pub(crate) mod reduce;

@@ -1,0 +1,352 @@
+//! Rows made, filtered, decimated and folded into one triangle per motor and time block, in one pass.
+
+use crate::batch::sink::Runs;
+use crate::error::{Error, expect_length};
+use crate::linalg::tsqr::{Compact, fold, merge};
+use crate::mechanism::Mechanism;
+use crate::mechanism::layout::Places;
+use crate::mechanism::layout::{check_columns, reach};
+use crate::mechanism::motion::Motion;
+use crate::memory::aligned::Aligned;
+use crate::reduction::fir::Filter;
+use crate::regressor::rows::{Workspace, rows};
+use crate::simd::lane::MAX_WIDTH;
+use rayon::prelude::*;
+use std::mem::take;
+use std::ops::Range;
+
+/// Samples made at a time, and rows folded at a time.
+const CHUNK: usize = 256;
+const FOLD: usize = CHUNK;
+/// Starting threads costs more than this many samples' work.
+const SINGLE_THREAD: usize = 2000;
+/// Rows of a long block that are folded in one go; what is made of them is merged.
+const PIECE: usize = 2048;
+/// Runs are padded so that their distance is no multiple of 4 KiB.
+const PAD: usize = MAX_WIDTH;
+
+/// What to reduce, and into which blocks.
+#[derive(Debug, Clone, Copy)]
+pub struct Reduction<'a> {
+    /// The chosen columns of the regressor.
+    pub columns: &'a [usize],
+    /// Torques, channel major like the motion.
+    pub torque: &'a [f64],
+    /// A filter, odd in length; `[1.0]` for none.
+    pub taps: &'a [f64],
+    /// Of the filtered momenta, the rate of change: as many taps, where the motion has no accelerations; else none.
+    pub slope: &'a [f64],
+    pub decimation: usize,
+    /// Sample at the centre of the first row; row r is centred `decimation * r` samples later.
+    pub first: usize,
+    /// Number of rows per motor.
+    pub rows: usize,
+    /// Rows of a time block; the last block may have fewer.
+    pub block: usize,
+    /// Weight of each row, coordinates x rows, channel major; a zero drops the row. Empty for all ones.
+    pub weights: &'a [f64],
+}
+
+/// The triangles of one motor.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Triangles {
+    /// Which of the chosen columns the motor can reach, ascending; the torque is the last column of the triangle.
+    pub columns: Vec<usize>,
+    /// Per block an upper triangle [R z; 0 rest], row-major, (columns + 1) x (columns + 1).
+    pub blocks: Vec<Vec<f64>>,
+}
+
+/// Reduce the motion to one triangle per coordinate and block. The result does not depend on the number of threads.
+pub fn reduce(mechanism: &Mechanism, motion: &Motion, reduction: &Reduction) -> Result<Vec<Triangles>, Error> {
+    let filter = check(mechanism, motion, reduction)?;
+    let reached = reach(mechanism, reduction.columns)?;
+    let p = reduction.columns.len();
+    let rows_of: Vec<Vec<usize>> =
+        (0..mechanism.coordinates()).map(|a| (0..p).filter(|&c| reached[a * p + c]).collect()).collect();
+    let pieces = pieces(reduction);
+    let threads = if reduction.rows * reduction.decimation < SINGLE_THREAD { 1 } else { rayon::current_num_threads() };
+    // A few parts per thread even out the load; each part reads one window more than its own samples.
+    let parts = if threads == 1 { 1 } else { (4 * threads).min(pieces.len().max(1)) };
+    let part = |k: usize| &pieces[k * pieces.len() / parts..(k + 1) * pieces.len() / parts];
+    let run = |k: usize| {
+        Workspace::with(mechanism, |workspace| {
+            let mut reducer = Reducer::new(mechanism, motion, reduction, &filter, &rows_of, workspace);
+            part(k).iter().map(|piece| reducer.piece(piece.clone())).collect::<Vec<_>>()
+        })
+    };
+    let done: Vec<Vec<Vec<Vec<f64>>>> =
+        if parts == 1 { vec![run(0)] } else { (0..parts).into_par_iter().map(run).collect() };
+    let made: Vec<Vec<Vec<f64>>> = done.into_iter().flatten().collect();
+    Ok(rows_of
+        .into_iter()
+        .enumerate()
+        .map(|(a, columns)| gather(mechanism, reduction, &pieces, &made, a, columns))
+        .collect())
+}
+
+/// Rows of every block in pieces of a fixed size, so that long blocks are shared out too.
+fn pieces(reduction: &Reduction) -> Vec<Range<usize>> {
+    let Reduction { rows, block, .. } = *reduction;
+    let of_block = |begin: usize| {
+        let end = begin.saturating_add(block).min(rows);
+        (begin..end).step_by(PIECE).map(move |from| from..end.min(from + PIECE))
+    };
+    (0..rows).step_by(block).flat_map(of_block).collect()
+}
+
+/// One motor's triangles, row-major, its pieces merged into blocks.
+fn gather(
+    mechanism: &Mechanism,
+    reduction: &Reduction,
+    pieces: &[Range<usize>],
+    made: &[Vec<Vec<f64>>],
+    a: usize,
+    columns: Vec<usize>,
+) -> Triangles {
+    let (size, mut rows) = (columns.len() + 1, Vec::new());
+    let mut blocks: Vec<Vec<f64>> = Vec::new();
+    for (piece, made) in pieces.iter().zip(made) {
+        match blocks.last_mut() {
+            Some(block) if !piece.start.is_multiple_of(reduction.block) => {
+                merge(mechanism.backend, block, &made[a], size, &mut rows)
+            }
+            _ => blocks.push(made[a].clone()),
+        }
+    }
+    Triangles { columns, blocks: blocks.iter().map(|block| transpose(block, size)).collect() }
+}
+
+fn check(mechanism: &Mechanism, motion: &Motion, reduction: &Reduction) -> Result<Filter, Error> {
+    motion.check(mechanism)?;
+    check_columns(mechanism, reduction.columns)?;
+    let na = mechanism.coordinates();
+    expect_length("torque", reduction.torque.len(), na * motion.samples)?;
+    if !reduction.weights.is_empty() {
+        expect_length("weights", reduction.weights.len(), na * reduction.rows)?;
+    }
+    if reduction.block == 0 {
+        return Err(Error::Value { name: "block", got: 0.0, wanted: "at least one row" });
+    }
+    let slopes = if motion.acceleration.is_some() { 0 } else { reduction.taps.len() };
+    expect_length("slope", reduction.slope.len(), slopes)?;
+    let filter = Filter::new(reduction.taps, reduction.slope, reduction.decimation)?;
+    let half = filter.half();
+    let Reduction { first, rows, decimation, .. } = *reduction;
+    let last = rows.saturating_sub(1).checked_mul(decimation).and_then(|n| n.checked_add(first));
+    let fits = first >= half && last.and_then(|n| n.checked_add(half)).is_some_and(|n| n < motion.samples);
+    if rows > 0 && !fits {
+        return Err(Error::Window { first, rows, half, decimation, samples: motion.samples });
+    }
+    Ok(filter)
+}
+
+/// One thread's buffers: the raw columns under the filter's window, and the decimated rows to be folded.
+struct Reducer<'a> {
+    mechanism: &'a Mechanism,
+    motion: &'a Motion<'a>,
+    reduction: &'a Reduction<'a>,
+    filter: &'a Filter,
+    reached: &'a [Vec<usize>],
+    workspace: &'a mut Workspace,
+    raw: Raw,
+    /// Decimated rows, FOLD + PAD apart, in the order of the raw runs.
+    decimated: Aligned,
+    panels: Vec<Compact>,
+}
+
+/// Raw columns, one run per entry (motor, reached column or torque), holding samples `from..from + held`; without
+/// accelerations more runs follow, of the momenta that belong to those entries.
+struct Raw {
+    numbers: Aligned,
+    run: usize,
+    from: usize,
+    held: usize,
+    sets: Vec<Places>,
+    /// First run of each motor, and one past the last.
+    motors: Vec<usize>,
+    /// Entries whose momenta follow, in their order.
+    moving: Vec<usize>,
+}
+
+impl Raw {
+    fn new(
+        mechanism: &Mechanism,
+        sets: usize,
+        columns: &[usize],
+        reached: &[Vec<usize>],
+        filter: &Filter,
+        mut numbers: Aligned,
+    ) -> Raw {
+        let (na, all) = (mechanism.coordinates(), mechanism.columns());
+        let longest = filter.reach() + CHUNK;
+        let run = if filter.is_identity() { FOLD + PAD } else { longest.next_multiple_of(MAX_WIDTH) + PAD };
+        let entries = 1 + reached.iter().map(|reached| reached.len() + 1).sum::<usize>();
+        let mut place = vec![None; sets * na * all];
+        let (mut motors, mut moving) = (vec![1], Vec::new());
+        for (a, reached) in reached.iter().enumerate() {
+            for (entry, &c) in (motors[a]..).zip(reached) {
+                let column = columns[c];
+                // With two sets the first one holds the momenta.
+                place[((sets - 1) * na + a) * all + column] = Some(entry);
+                if sets == 2 && mechanism.has_momentum(column) {
+                    place[a * all + column] = Some(entries + moving.len());
+                    moving.push(entry);
+                }
+            }
+            motors.push(motors[a] + reached.len() + 1);
+        }
+        let sets = (0..sets).map(|set| Places::new(mechanism, |a, c| place[(set * na + a) * all + c])).collect();
+        numbers.clear((entries + moving.len()) * run);
+        Raw { numbers, run, from: 0, held: 0, sets, motors, moving }
+    }
+
+    fn entry(&self, entry: usize) -> &[f64] {
+        &self.numbers[entry * self.run..][..self.run]
+    }
+
+    /// Forget the samples before `from`.
+    fn drop_before(&mut self, from: usize) {
+        let gone = from.saturating_sub(self.from).min(self.held);
+        if gone > 0 {
+            let kept = self.held - gone;
+            for run in self.numbers.chunks_exact_mut(self.run) {
+                run.copy_within(gone..gone + kept, 0);
+            }
+            self.held = kept;
+        }
+        self.from = if self.held == 0 { from } else { self.from + gone };
+    }
+
+    /// Append the next samples, at most a chunk of them and none from `end` on.
+    fn extend(&mut self, reducer: (&Mechanism, &Motion, &Reduction), end: usize, workspace: &mut Workspace) {
+        let (mechanism, motion, reduction) = reducer;
+        let next = self.from + self.held;
+        let count = CHUNK.min(end - next);
+        // SAFETY: a run has room for what the filter reaches back to, a chunk, and a lane.
+        unsafe {
+            let out = Runs { first: self.numbers.as_mut_ptr(), apart: self.run }.from(self.held);
+            rows(mechanism, motion, next, count, &self.sets, out, workspace);
+        }
+        for (a, motor) in self.motors.windows(2).enumerate() {
+            let torque = &reduction.torque[a * motion.samples + next..][..count];
+            self.numbers[(motor[1] - 1) * self.run + self.held..][..count].copy_from_slice(torque);
+        }
+        self.held += count;
+    }
+}
+
+impl<'a> Reducer<'a> {
+    fn new(
+        mechanism: &'a Mechanism,
+        motion: &'a Motion<'a>,
+        reduction: &'a Reduction<'a>,
+        filter: &'a Filter,
+        reached: &'a [Vec<usize>],
+        workspace: &'a mut Workspace,
+    ) -> Reducer<'a> {
+        let (numbers, mut decimated) = (take(&mut workspace.raw), take(&mut workspace.decimated));
+        let raw = Raw::new(mechanism, motion.sets(), reduction.columns, reached, filter, numbers);
+        decimated.clear(raw.motors[raw.motors.len() - 1] * (FOLD + PAD));
+        Reducer { mechanism, motion, reduction, filter, reached, workspace, raw, decimated, panels: Vec::new() }
+    }
+
+    /// The triangles of some rows, one per motor, column-major.
+    fn piece(&mut self, piece: Range<usize>) -> Vec<Vec<f64>> {
+        let mut triangles: Vec<Vec<f64>> = self.reached.iter().map(|c| vec![0.0; (c.len() + 1).pow(2)]).collect();
+        for from in piece.clone().step_by(FOLD) {
+            let to = piece.end.min(from + FOLD);
+            self.decimate(from, to);
+            self.weigh(from, to);
+            for (a, triangle) in triangles.iter_mut().enumerate() {
+                let motor = self.raw.motors[a] * (FOLD + PAD)..self.raw.motors[a + 1] * (FOLD + PAD);
+                let columns = self.reached[a].len() + 1;
+                let rows = (&mut self.decimated[motor], to - from, FOLD + PAD);
+                fold(self.mechanism.backend, triangle, columns, rows, &mut self.panels);
+            }
+        }
+        triangles
+    }
+
+    /// Rows `from..to`, filtered, into `decimated`, with zeros up to a whole lane after them.
+    fn decimate(&mut self, from: usize, to: usize) {
+        if self.filter.is_identity() {
+            self.copy(from, to)
+        } else {
+            self.filter(from, to)
+        }
+        for decimated in self.decimated.chunks_exact_mut(FOLD + PAD) {
+            decimated[to - from..(to - from).next_multiple_of(MAX_WIDTH)].fill(0.0);
+        }
+    }
+
+    /// Without a filter the raw columns are the rows: no need to copy them.
+    fn copy(&mut self, from: usize, to: usize) {
+        (self.raw.from, self.raw.held) = (self.reduction.first + from, 0);
+        let reducer = (self.mechanism, self.motion, self.reduction);
+        self.raw.extend(reducer, self.reduction.first + to, self.workspace);
+        std::mem::swap(&mut self.raw.numbers, &mut self.decimated);
+    }
+
+    fn filter(&mut self, from: usize, to: usize) {
+        let Reduction { first, .. } = *self.reduction;
+        let (d, half) = (self.filter.decimation, self.filter.half());
+        let centre = |row: usize| first + row * d;
+        let samples = centre(to - 1) + half + 1;
+        let mut row = from;
+        while row < to {
+            self.raw.drop_before(centre(row) - half);
+            let reducer = (self.mechanism, self.motion, self.reduction);
+            self.raw.extend(reducer, samples, self.workspace);
+            let seen = self.raw.from + self.raw.held;
+            let ready = if seen < centre(row) + half + 1 { row } else { (seen - half - 1 - first) / d + 1 };
+            let ready = ready.clamp(row, to);
+            let start = centre(row) - half - self.raw.from;
+            self.add(start, row - from..ready - from);
+            row = ready;
+        }
+    }
+
+    /// The filtered columns and torques into some of the decimated rows, the rates of change of the momenta added.
+    fn add(&mut self, start: usize, rows: Range<usize>) {
+        let (backend, filter, raw) = (self.mechanism.backend, self.filter, &self.raw);
+        for (entry, decimated) in self.decimated.chunks_exact_mut(FOLD + PAD).enumerate().skip(1) {
+            decimated[rows.clone()].fill(0.0);
+            filter.add(backend, &filter.taps, raw.entry(entry), start, &mut decimated[rows.clone()]);
+        }
+        let entries = raw.motors[raw.motors.len() - 1];
+        for (momentum, &entry) in (entries..).zip(&raw.moving) {
+            let decimated = &mut self.decimated[entry * (FOLD + PAD)..][rows.clone()];
+            filter.add(backend, &filter.slope, raw.entry(momentum), start, decimated);
+        }
+    }
+
+    fn weigh(&mut self, from: usize, to: usize) {
+        if self.reduction.weights.is_empty() {
+            return;
+        }
+        for (a, motor) in self.raw.motors.windows(2).enumerate() {
+            let weights = &self.reduction.weights[a * self.reduction.rows..][from..to];
+            if weights.iter().all(|&w| w == 1.0) {
+                continue;
+            }
+            for run in motor[0]..motor[1] {
+                let column = &mut self.decimated[run * (FOLD + PAD)..][..weights.len()];
+                // Selected, not multiplied: a row that does not count may hold anything.
+                column.iter_mut().zip(weights).for_each(|(x, &w)| *x = if w == 0.0 { 0.0 } else { *x * w });
+            }
+        }
+    }
+}
+
+impl Drop for Reducer<'_> {
+    /// Leave the memory to the thread's next reducer.
+    fn drop(&mut self) {
+        self.workspace.raw = take(&mut self.raw.numbers);
+        self.workspace.decimated = take(&mut self.decimated);
+    }
+}
+
+/// A column-major upper triangle as row-major.
+fn transpose(square: &[f64], size: usize) -> Vec<f64> {
+    (0..size * size).map(|k| square[(k % size) * size + k / size]).collect()
+}

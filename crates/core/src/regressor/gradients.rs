@@ -1,0 +1,113 @@
+//! Slopes by every channel of a motion, sample by sample: of torques, and of what is made of the rows in a search.
+//!
+//! A sample's rows are made of its own channels only, so all slopes are found by one sweep back (see `back`).
+
+use crate::batch::Batch;
+use crate::batch::sink::Runs;
+use crate::error::{Error, expect_length};
+use crate::mechanism::Mechanism;
+use crate::mechanism::layout::check_columns;
+use crate::mechanism::motion::Motion;
+use crate::memory::shared::Shared;
+use crate::memory::slot::BATCH;
+use crate::regressor::adjoint::{Weights, forward, sweep};
+use crate::regressor::gram::Entries;
+use crate::regressor::in_parts;
+use crate::regressor::quadratic_forms::{Form, apply};
+use crate::regressor::rows::{Workspace, rows};
+use std::ops::Range;
+
+/// Slopes of every row's torque, of the chosen columns' parameters `chi`: `out[(r * channels + c) * samples + k]`, row r
+/// by channel c, which are in the order of [`Motion`]'s fields.
+pub fn torque_slopes(
+    mechanism: &Mechanism,
+    motion: &Motion,
+    columns: &[usize],
+    chi: &[f64],
+    out: &mut [f64],
+) -> Result<(), Error> {
+    check(mechanism, motion, columns)?;
+    expect_length("chi", chi.len(), columns.len())?;
+    let (n, na, channels) = (motion.samples, mechanism.coordinates, mechanism.channels());
+    expect_length("out", out.len(), na * channels * n)?;
+    let mut run = vec![0; mechanism.columns()];
+    columns.iter().enumerate().for_each(|(c, &column)| run[column] = c + 1);
+    let of_row = |row: usize| Weights::new(mechanism, |a, column| if a == row { run[column] } else { 0 });
+    let weights: Vec<Weights> = (0..na).map(of_row).collect();
+    let shared = Shared::new(out);
+    in_parts(mechanism, n, |part, workspace| {
+        let tile = workspace.tile((columns.len() + 1) * BATCH);
+        // SAFETY: the tile was just made so large.
+        let runs = unsafe { core::slice::from_raw_parts_mut(tile, (columns.len() + 1) * BATCH) };
+        for (run, &weight) in runs.chunks_exact_mut(BATCH).zip([0.0].iter().chain(chi)) {
+            run.fill(weight);
+        }
+        for samples in batches(part) {
+            let Workspace { channels: at, slots, back, .. } = &mut *workspace;
+            at.turn_to(mechanism, motion, samples.start, samples.len());
+            let batch = Batch { mechanism, channels: at, samples: samples.len() };
+            // SAFETY: every run has a batch; no other part writes these samples.
+            unsafe {
+                forward(mechanism.backend, batch, slots);
+                for (row, weights) in weights.iter().enumerate() {
+                    sweep(batch, weights, tile, slots, back);
+                    back.copy(mechanism, row * channels, shared, n, samples.clone());
+                }
+            }
+        }
+    });
+    Ok(())
+}
+
+/// Slopes of the sum over rows and samples of `y' F y`, y being a row's chosen entries at a sample, F a form of each
+/// row's own, coordinates x chosen x chosen: `out[c * samples + k]`, by channel c at sample k.
+pub fn form_slopes(
+    mechanism: &Mechanism,
+    motion: &Motion,
+    columns: &[usize],
+    forms: &[f64],
+    out: &mut [f64],
+) -> Result<(), Error> {
+    check(mechanism, motion, columns)?;
+    let (n, na, p) = (motion.samples, mechanism.coordinates, columns.len());
+    expect_length("forms", forms.len(), na * p * p)?;
+    expect_length("out", out.len(), mechanism.channels() * n)?;
+    let entries = Entries::new(mechanism, columns);
+    let weights = Weights::new(mechanism, |a, column| entries.run(a, column));
+    let places = [entries.places(mechanism)];
+    let form = |row: usize| Form::new(&forms[row * p * p..][..p * p], p, &entries.reached[row]);
+    let forms: Vec<Form> = (0..na).map(form).collect();
+    let shared = Shared::new(out);
+    in_parts(mechanism, n, |part, workspace| {
+        let tile = workspace.tile(2 * entries.many() * BATCH);
+        for samples in batches(part) {
+            // SAFETY: the tile has room for entries, and then for their weights; no other part writes these samples.
+            unsafe {
+                let first = tile.add(entries.many() * BATCH);
+                first.write_bytes(0, BATCH);
+                let runs = Runs { first: tile, apart: BATCH };
+                rows(mechanism, motion, samples.start, samples.len(), &places, runs, workspace);
+                for (row, form) in forms.iter().enumerate() {
+                    let at = entries.of_row(row).start * BATCH;
+                    apply(mechanism.backend, form, tile.add(at), first.add(at));
+                }
+                let Workspace { channels: at, slots, back, .. } = &mut *workspace;
+                let batch = Batch { mechanism, channels: at, samples: samples.len() };
+                forward(mechanism.backend, batch, slots);
+                sweep(batch, &weights, first, slots, back);
+                back.copy(mechanism, 0, shared, n, samples);
+            }
+        }
+    });
+    Ok(())
+}
+
+fn check(mechanism: &Mechanism, motion: &Motion, columns: &[usize]) -> Result<(), Error> {
+    motion.check_accelerations(mechanism)?;
+    check_columns(mechanism, columns)
+}
+
+/// Samples a batch at a time.
+fn batches(samples: Range<usize>) -> impl Iterator<Item = Range<usize>> {
+    samples.clone().step_by(BATCH).map(move |from| from..samples.end.min(from + BATCH))
+}

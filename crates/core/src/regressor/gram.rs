@@ -1,0 +1,198 @@
+//! Inner products of the regressor's columns, row by row of torque, without the regressor: a tile of samples at a time.
+//!
+//! They lose half the digits that triangles keep (see `triangle`): enough to steer a search, not to estimate from.
+
+use crate::batch::sink::Runs;
+use crate::error::{Error, expect_length};
+use crate::mechanism::Mechanism;
+use crate::mechanism::layout::Places;
+use crate::mechanism::layout::check_columns;
+use crate::mechanism::motion::{Motion, PART};
+use crate::regressor::rows::{Workspace, rows};
+use crate::simd::dispatch::dispatched;
+use crate::simd::lane::{Lane, MAX_WIDTH};
+use rayon::prelude::*;
+use std::ops::Range;
+
+/// Samples of a tile, and how far apart the runs of a tile are: see `regressor`.
+const TILE: usize = 128;
+const RUN: usize = TILE + MAX_WIDTH;
+
+/// Which of the chosen columns each row can reach, and the number of an entry's run in a tile. Run 0 is all zeros.
+pub(crate) struct Entries {
+    pub(crate) reached: Vec<Vec<usize>>,
+    first: Vec<usize>,
+    runs: Vec<usize>,
+    all: usize,
+}
+
+impl Entries {
+    pub(crate) fn new(mechanism: &Mechanism, columns: &[usize]) -> Entries {
+        let (na, all) = (mechanism.coordinates, mechanism.columns());
+        let (mut reached, mut first, mut runs) = (Vec::with_capacity(na), vec![1], vec![0; na * all]);
+        for a in 0..na {
+            let row: Vec<usize> = (0..columns.len()).filter(|&c| mechanism.reaches(a, columns[c])).collect();
+            row.iter().enumerate().for_each(|(k, &c)| runs[a * all + columns[c]] = first[a] + k);
+            first.push(first[a] + row.len());
+            reached.push(row);
+        }
+        Entries { reached, first, runs, all }
+    }
+
+    /// The run of an entry; 0 where it is not chosen, or always zero.
+    pub(crate) fn run(&self, row: usize, column: usize) -> usize {
+        self.runs[row * self.all + column]
+    }
+
+    /// Number of runs.
+    pub(crate) fn many(&self) -> usize {
+        self.first[self.reached.len()]
+    }
+
+    /// Runs of a row.
+    pub(crate) fn of_row(&self, row: usize) -> Range<usize> {
+        self.first[row]..self.first[row + 1]
+    }
+
+    /// In which run each entry of the rows goes.
+    pub(crate) fn places(&self, mechanism: &Mechanism) -> Places {
+        Places::new(mechanism, |a, column| Some(self.run(a, column)).filter(|&run| run != 0))
+    }
+}
+
+/// Inner products over the samples of each row's entries, coordinates x chosen x chosen, row-major.
+pub fn inner_products(mechanism: &Mechanism, motion: &Motion, columns: &[usize], out: &mut [f64]) -> Result<(), Error> {
+    motion.check_accelerations(mechanism)?;
+    check_columns(mechanism, columns)?;
+    let p = columns.len();
+    expect_length("out", out.len(), mechanism.coordinates * p * p)?;
+    let entries = Entries::new(mechanism, columns);
+    let part = |from: usize| {
+        let samples = from..motion.samples.min(from + PART);
+        Workspace::with(mechanism, |workspace| of_part(mechanism, motion, &entries, samples, workspace))
+    };
+    let starts = (0..motion.samples).step_by(PART);
+    // Starting threads costs more than a few parts; the sum does not depend on them.
+    let made: Vec<Vec<f64>> = match starts.len() {
+        0..=2 => starts.map(part).collect(),
+        _ => starts.collect::<Vec<_>>().into_par_iter().map(part).collect(),
+    };
+    out.fill(0.0);
+    for made in &made {
+        let mut rest = &made[..];
+        for (reached, out) in entries.reached.iter().zip(out.chunks_exact_mut((p * p).max(1))) {
+            let own;
+            (own, rest) = rest.split_at(reached.len().pow(2));
+            add_triangle(own, reached, out, p);
+        }
+    }
+    Ok(())
+}
+
+/// Add a lower triangle of reached columns to a symmetric matrix of all `p`.
+fn add_triangle(triangle: &[f64], reached: &[usize], out: &mut [f64], p: usize) {
+    for (i, row) in triangle.chunks_exact(reached.len().max(1)).enumerate() {
+        for (j, product) in row[..=i].iter().enumerate() {
+            out[reached[i] * p + reached[j]] += product;
+            if i != j {
+                out[reached[j] * p + reached[i]] += product;
+            }
+        }
+    }
+}
+
+/// The lower triangles of some samples, row after row of torque, reached x reached each.
+fn of_part(
+    mechanism: &Mechanism,
+    motion: &Motion,
+    entries: &Entries,
+    samples: Range<usize>,
+    workspace: &mut Workspace,
+) -> Vec<f64> {
+    let places = [entries.places(mechanism)];
+    let mut sums = vec![0.0; entries.reached.iter().map(|reached| reached.len().pow(2)).sum()];
+    let tile = workspace.tile(entries.many() * RUN);
+    // SAFETY: the tile has room for all runs, the first of which stands for columns that are not there.
+    let runs = unsafe { core::slice::from_raw_parts_mut(tile, entries.many() * RUN) };
+    runs[..RUN].fill(0.0);
+    for from in samples.clone().step_by(TILE) {
+        let count = TILE.min(samples.end - from);
+        // SAFETY: every run has room for a tile and a lane.
+        unsafe { rows(mechanism, motion, from, count, &places, Runs { first: tile, apart: RUN }, workspace) };
+        let whole = count.next_multiple_of(MAX_WIDTH);
+        runs.chunks_exact_mut(RUN).for_each(|run| run[count..whole].fill(0.0));
+        let mut rest = &mut sums[..];
+        for row in 0..mechanism.coordinates {
+            let (of_row, m) = (entries.of_row(row), entries.of_row(row).len());
+            let own;
+            (own, rest) = rest.split_at_mut(m * m);
+            // SAFETY: the row's runs are inside the tile, and whole lanes of them were written.
+            unsafe { multiply(mechanism.backend, runs.as_ptr(), of_row, whole, own) };
+        }
+    }
+    sums
+}
+
+dispatched! {
+    /// Add the inner products of some runs to a lower triangle.
+    unsafe fn multiply = multiply_in_lanes(tile: *const f64, runs: Range<usize>, samples: usize, sums: &mut [f64])
+}
+
+#[inline(always)]
+unsafe fn multiply_in_lanes<T: Lane>(tile: *const f64, runs: Range<usize>, samples: usize, sums: &mut [f64]) {
+    // As many as keep their products in the registers.
+    unsafe {
+        match T::PANEL {
+            2 => multiply_panels::<T, 2>(tile, runs, samples, sums),
+            3 => multiply_panels::<T, 3>(tile, runs, samples, sums),
+            _ => multiply_panels::<T, 4>(tile, runs, samples, sums),
+        }
+    }
+}
+
+#[inline(always)]
+unsafe fn multiply_panels<T: Lane, const P: usize>(
+    tile: *const f64,
+    runs: Range<usize>,
+    samples: usize,
+    sums: &mut [f64],
+) {
+    let m = runs.len();
+    // Behind the last column stands run 0, whose products nobody keeps.
+    let panel = |i: usize| -> [*const f64; P] {
+        core::array::from_fn(|e| unsafe { tile.add(if i + e < m { (runs.start + i + e) * RUN } else { 0 }) })
+    };
+    for i in (0..m).step_by(P) {
+        for j in (0..=i).step_by(P) {
+            let made = unsafe { panel_products::<T, P>(panel(i), panel(j), samples) };
+            for (i, made) in (i..m).zip(made) {
+                sums[i * m..][..m].iter_mut().skip(j).zip(made).for_each(|(sum, made)| *sum += made);
+            }
+        }
+    }
+}
+
+#[inline(always)]
+unsafe fn panel_products<T: Lane, const P: usize>(
+    left: [*const f64; P],
+    right: [*const f64; P],
+    samples: usize,
+) -> [[f64; P]; P] {
+    let mut sums = [[T::splat(0.0); P]; P];
+    let mut k = 0;
+    while k < samples {
+        let right: [T; P] = core::array::from_fn(|j| unsafe { T::load(right[j].add(k)) });
+        for (sums, left) in sums.iter_mut().zip(left) {
+            let left = unsafe { T::load(left.add(k)) };
+            for (sum, right) in sums.iter_mut().zip(right) {
+                *sum = left.fma(right, *sum);
+            }
+        }
+        k += T::WIDTH;
+    }
+    let mut made = [[0.0; P]; P];
+    for (made, sums) in made.iter_mut().flatten().zip(sums.iter().flatten()) {
+        *made = sums.sum();
+    }
+    made
+}

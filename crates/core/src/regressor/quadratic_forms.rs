@@ -1,0 +1,58 @@
+//! What a sum over samples of forms `y' F y`, y being a row's entries, weighs the entries with: `(F + F') y`.
+
+use crate::memory::slot::BATCH;
+use crate::simd::dispatch::dispatched;
+use crate::simd::lane::Lane;
+
+/// Weights, and lanes of each, that are found together: as many as stay in the registers.
+const PANEL: usize = 3;
+const LANES: usize = 4;
+
+/// `F + F'` of the columns that a row reaches, in panels of its rows, column after column.
+pub(crate) struct Form {
+    columns: usize,
+    panels: Vec<[f64; PANEL]>,
+}
+
+impl Form {
+    /// Of a form of `all` columns, row-major.
+    pub(crate) fn new(form: &[f64], all: usize, reached: &[usize]) -> Form {
+        let both = |r: usize, c: usize| form[r * all + c] + form[c * all + r];
+        let panel = |rows: &[usize], c| core::array::from_fn(|e| rows.get(e).map_or(0.0, |&r| both(r, c)));
+        let of_rows = |rows| reached.iter().map(move |&c| panel(rows, c));
+        Form { columns: reached.len(), panels: reached.chunks(PANEL).flat_map(of_rows).collect() }
+    }
+}
+
+dispatched! {
+    /// Weights of a batch of a row's entries, run after run.
+    ///
+    /// # Safety
+    /// `entries` and `weights` have a batch for each of the form's columns, and nobody else uses the weights.
+    pub(crate) unsafe fn apply = apply_in_lanes(form: &Form, entries: *const f64, weights: *mut f64)
+}
+
+#[inline(always)]
+unsafe fn apply_in_lanes<T: Lane>(form: &Form, entries: *const f64, weights: *mut f64) {
+    let columns = form.columns.max(1);
+    for (first, panel) in form.panels.chunks_exact(columns).enumerate() {
+        for k in (0..BATCH).step_by(LANES * T::WIDTH) {
+            let mut sums = [[T::splat(0.0); LANES]; PANEL];
+            for (c, factors) in panel.iter().enumerate() {
+                let run = unsafe { entries.add(c * BATCH + k) };
+                let y: [T; LANES] = core::array::from_fn(|lane| unsafe { T::load(run.add(lane * T::WIDTH)) });
+                for (sums, &factor) in sums.iter_mut().zip(factors) {
+                    let factor = T::splat(factor);
+                    for (sum, y) in sums.iter_mut().zip(y) {
+                        *sum = y.fma(factor, *sum);
+                    }
+                }
+            }
+            for (column, sums) in (first * PANEL..form.columns).zip(sums) {
+                for (lane, sum) in sums.into_iter().enumerate() {
+                    unsafe { sum.store(weights.add(column * BATCH + k + lane * T::WIDTH)) };
+                }
+            }
+        }
+    }
+}

@@ -1,0 +1,290 @@
+//! Rows of the observation matrix, a batch of samples at a time, by axes carried forward.
+//!
+//! The axis of every coordinate is carried from link to link in the links' own frames and contracted there with the
+//! link's wrench, `Y[a, i] = s_i^a . A_i(v_i, a_i)`; the 6 x 10 map A_i is never written out. Carrying the axes of
+//! the *coordinates* rather than of the joints, `s_i^a = X_i s_parent^a + G[i, a] z`, projects a closed chain's
+//! torques onto its motors at no cost (Khalil and Dombre 2002, chapter 10, done without forming the tree's rows).
+//!
+//! Without accelerations there are two rows for each coordinate in place of one: generalised momentum, and the rest of
+//! the torque beside its rate of change (see `momentum_rows`).
+//!
+//! Safety: [`rows`] is the one door. Behind it channels have whole lanes, slots hold a batch, and the caller's places have
+//! room for whole lanes; every unsafe function relies on just that.
+
+use crate::batch::axis::{AxisSlots, get_axis, put_axis, turn};
+use crate::batch::link::{LINK_NUMBERS, LinkMotions};
+use crate::batch::sink::{Runs, Sink, for_set};
+use crate::batch::{Batch, Channels, Followed};
+use crate::linalg::vector::Vector;
+use crate::mechanism::closure::Rate;
+use crate::mechanism::layout::Places;
+use crate::mechanism::motion::Motion;
+use crate::mechanism::shape::{Shape, Turn, Way, for_shape};
+use crate::mechanism::terms::Law;
+use crate::mechanism::transform::{JointMotion, JointSlots};
+use crate::mechanism::{Axis, Link, Mechanism};
+use crate::memory::aligned::Aligned;
+use crate::memory::slot::grow;
+use crate::memory::slot::{BATCH, Slot};
+use crate::regressor::adjoint::Back;
+use crate::regressor::momentum::momenta;
+use crate::simd::dispatch::dispatched;
+use crate::simd::lane::Lane;
+use std::cell::Cell;
+
+/// What one thread needs to make rows: it grows to what a mechanism needs, and is kept for the next batch and call.
+#[derive(Default)]
+pub(crate) struct Workspace {
+    pub(crate) channels: Channels,
+    pub(crate) slots: Slots,
+    /// Slopes on their way back through the mechanism.
+    pub(crate) back: Back,
+    /// Runs of entries on their way to memory.
+    tile: Aligned,
+    /// Runs of entries on their way to triangles, before and after the filter.
+    pub(crate) raw: Aligned,
+    pub(crate) decimated: Aligned,
+}
+
+/// Links and axes at a batch of samples.
+#[derive(Default)]
+pub(crate) struct Slots {
+    pub(crate) followed: [Slot; 3],
+    pub(crate) joint: JointSlots,
+    /// Motions of the links, or their velocities.
+    pub(crate) links: Vec<[Slot; LINK_NUMBERS]>,
+    pub(crate) axes: Vec<AxisSlots>,
+    /// Rates of change of the axes, where there are no accelerations.
+    pub(crate) axis_rates: Vec<AxisSlots>,
+}
+
+thread_local! {
+    static KEPT: Cell<Option<Box<Workspace>>> = const { Cell::new(None) };
+}
+
+impl Workspace {
+    /// Work with the thread's own workspace, which is large enough for the mechanism.
+    pub(crate) fn with<R>(mechanism: &Mechanism, work: impl FnOnce(&mut Workspace) -> R) -> R {
+        let mut workspace = KEPT.take().unwrap_or_default();
+        workspace.grow(mechanism);
+        let done = work(&mut workspace);
+        KEPT.set(Some(workspace));
+        done
+    }
+
+    fn grow(&mut self, mechanism: &Mechanism) {
+        self.channels.grow(mechanism);
+        grow(&mut self.slots.links, mechanism.links.len(), [Slot::ZERO; LINK_NUMBERS]);
+        grow(&mut self.slots.axes, mechanism.axes, [Slot::ZERO; 6]);
+        grow(&mut self.slots.axis_rates, mechanism.axes, [Slot::ZERO; 6]);
+    }
+
+    /// The tile, with room for so many numbers; it holds what was last written there.
+    pub(crate) fn tile(&mut self, numbers: usize) -> *mut f64 {
+        self.tile.grow(numbers);
+        self.tile.as_mut_ptr()
+    }
+}
+
+/// Make the rows of samples `from..from + count`. Entry (row, column) of sample `from + k` is written to number
+/// k of its run in `out`, for each of the sets of places: torques, or momenta and then the rest of the torques.
+///
+/// # Safety
+/// Every run has room for `count` rounded up to whole lanes of [`crate::simd::lane::MAX_WIDTH`].
+pub(crate) unsafe fn rows(
+    mechanism: &Mechanism,
+    motion: &Motion,
+    from: usize,
+    count: usize,
+    sets: &[Places],
+    out: Runs,
+    workspace: &mut Workspace,
+) {
+    debug_assert!(sets.len() == motion.sets());
+    let Workspace { channels, slots, .. } = workspace;
+    for done in (0..count).step_by(BATCH) {
+        let samples = BATCH.min(count - done);
+        channels.turn_to(mechanism, motion, from + done, samples);
+        let batch = Batch { mechanism, channels, samples };
+        unsafe {
+            match sets {
+                [torque] => torques(mechanism.backend, batch, torque, out.from(done), slots),
+                [momentum, rest] => momenta(mechanism.backend, batch, momentum, rest, out.from(done), slots),
+                _ => unreachable!("a motion has one set of rows or two"),
+            }
+        }
+    }
+}
+
+dispatched! {
+    unsafe fn torques = torques_in_lanes(batch: Batch, places: &Places, out: Runs, slots: &mut Slots)
+}
+
+#[inline(always)]
+unsafe fn torques_in_lanes<T: Lane>(batch: Batch, places: &Places, out: Runs, slots: &mut Slots) {
+    for (i, link) in batch.mechanism.links.iter().enumerate() {
+        unsafe {
+            let followed = batch.follow::<T>(&link.course, &mut slots.followed);
+            turn::<T>(batch, link, followed, &mut slots.joint);
+            for_shape!(link.shape, shape => move_link::<T>(batch, (shape, i), followed, slots));
+            let motions = LinkMotions(slots.links[i].as_mut_ptr());
+            for (own, axis) in (link.first..).zip(&link.axes) {
+                let (axes, joint) = (slots.axes.as_mut_ptr(), slots.joint.as_ptr());
+                let row = Row { link, axis, motions, joint, to: axes.add(own).cast(), sink: places.axis(own, out) };
+                match axis.above {
+                    None => own_rows::<T>(batch, &row),
+                    Some(above) => carried_rows(batch.mechanism.backend, batch, &row, axes.add(above).cast()),
+                }
+            }
+        }
+    }
+    unsafe { term_rows::<T>(batch, false, places, out, &mut slots.followed) };
+}
+
+/// One coordinate's rows of one link: where its axis goes, and where its entries.
+struct Row<'a> {
+    link: &'a Link,
+    axis: &'a Axis,
+    motions: LinkMotions,
+    joint: *const Slot,
+    to: *mut Slot,
+    sink: Sink<'a>,
+}
+
+/// A coordinate that moves this link's joint and no joint before it. Its axis is kept only where it varies.
+#[inline(always)]
+unsafe fn own_rows<T: Lane>(batch: Batch, row: &Row) {
+    let (link, rate) = (row.link, row.axis.rate);
+    unsafe {
+        if let Rate::Given { .. } = rate {
+            let rest = JointMotion::<T>::rest(link.shape, link);
+            batch.lanes::<T>().for_each(|k| put_axis(row.to, k, rest.own(batch.rate(rate, k))));
+        }
+        for_set!(row.sink, SET => match link.slides() {
+            false => row.motions.contract_turn::<T, SET>(batch, rate, &row.sink),
+            true => row.motions.contract_slide::<T, SET>(batch, rate, &row.sink),
+        });
+    }
+}
+
+dispatched! {
+    /// A coordinate that moves the parent too.
+    ///
+    /// # Safety
+    /// As for [`rows`]; `above` is the axis on the parent, where it varies.
+    unsafe fn carried_rows = carried_rows_in_lanes(batch: Batch, row: &Row, above: *const Slot)
+}
+
+#[inline(always)]
+unsafe fn carried_rows_in_lanes<T: Lane>(batch: Batch, row: &Row, above: *const Slot) {
+    let link = row.link;
+    unsafe {
+        if let Some(above) = constant_above::<T>(batch.mechanism, row) {
+            let rest = JointMotion::<T>::rest(link.shape, link);
+            if link.slides() {
+                return for_set!(row.sink, SET => {
+                    put_rows::<T, SET>(batch, row, |k| rest.kept(row.joint, k).carry(above))
+                });
+            }
+            // Carried to the joint at rest, it has only to turn in place.
+            let above = rest.carry(above);
+            let turn = JointMotion::<T>::rest(Shape { turn: Turn::Identity, way: Way::TurnsInPlace }, link);
+            for_set!(row.sink, SET => put_rows::<T, SET>(batch, row, |k| turn.kept(row.joint, k).carry(above)))
+        } else {
+            for_shape!(link.shape, shape => {
+                let rest = JointMotion::<T>::rest(shape, link);
+                for_set!(row.sink, SET => {
+                    put_rows::<T, SET>(batch, row, |k| rest.kept(row.joint, k).carry(get_axis(above, k)))
+                });
+            })
+        }
+    }
+}
+
+/// The axis on the parent, in its frame, where it is the same at every sample: that of the parent's own joint.
+#[inline(always)]
+fn constant_above<T: Lane>(mechanism: &Mechanism, row: &Row) -> Option<(Vector<T>, Vector<T>)> {
+    let parent = &mechanism.links[row.link.parent?];
+    let axis = &parent.axes[row.axis.above? - parent.first];
+    match (axis.above, axis.rate) {
+        (None, Rate::Constant(rate)) => Some(JointMotion::rest(parent.shape, parent).own(T::splat(rate))),
+        _ => None,
+    }
+}
+
+/// Carry an axis to every lane, keep it, and put its entries where they belong: it stays in the registers meanwhile.
+#[inline(always)]
+unsafe fn put_rows<T: Lane, const SET: u32>(
+    batch: Batch,
+    row: &Row,
+    carried: impl Fn(usize) -> (Vector<T>, Vector<T>),
+) {
+    let (sink, rest) = (row.sink.of::<SET>(), JointMotion::<T>::rest(row.link.shape, row.link));
+    for k in batch.lanes::<T>() {
+        unsafe {
+            let mut axis = carried(k);
+            if !row.axis.rate.is_zero() {
+                axis = rest.moved(axis, batch.rate(row.axis.rate, k));
+            }
+            put_axis(row.to, k, axis);
+            row.motions.contract(axis, &sink, k);
+        }
+    }
+}
+
+/// The link's motion, from the parent's.
+#[inline(always)]
+pub(crate) unsafe fn move_link<T: Lane>(
+    batch: Batch,
+    (shape, i): (Shape, usize),
+    followed: Followed,
+    slots: &mut Slots,
+) {
+    let link = &batch.mechanism.links[i];
+    let (rest, kept) = (JointMotion::<T>::rest(shape, link), slots.joint.as_ptr());
+    let parent = link.parent.map(|p| LinkMotions(slots.links[p].as_mut_ptr()));
+    let own = LinkMotions(slots.links[i].as_mut_ptr());
+    for k in batch.lanes::<T>() {
+        unsafe {
+            let [_, v, acceleration] = followed.at(k);
+            let joint = rest.kept(kept, k);
+            match parent {
+                Some(parent) => own.follow(parent, &joint, (v, acceleration), k),
+                None => own.begin(batch.mechanism.gravity, &joint, (v, acceleration), k),
+            }
+        }
+    }
+}
+
+/// The columns of the terms; without those of rotors where `momentum` is wanted of them.
+#[inline(always)]
+pub(crate) unsafe fn term_rows<T: Lane>(
+    batch: Batch,
+    momentum: bool,
+    places: &Places,
+    out: Runs,
+    slots: &mut [Slot; 3],
+) {
+    let mut external = 3 * batch.mechanism.coordinates;
+    let mut first = 0;
+    for term in &batch.mechanism.terms {
+        let own = if term.law == Law::External { external } else { 0 };
+        external += usize::from(term.law == Law::External);
+        let places_of = |rate: usize| places.term(first + rate).map(|place| out.at(place));
+        let wanted = (0..term.course.rates.len()).any(|rate| places_of(rate).is_some());
+        if wanted && !(momentum && term.law == Law::Rotor) {
+            unsafe {
+                let (followed, own) = (batch.follow::<T>(&term.course, slots), batch.channels.channel(own));
+                for k in batch.lanes::<T>() {
+                    let [x, v, a] = followed.at(k);
+                    let column: T = term.law.column(x, v, a, T::load(own.add(k)));
+                    for (rate, &(_, weight)) in term.course.rates.iter().enumerate() {
+                        let Some(place) = places_of(rate) else { continue };
+                        column.mul(batch.rate(weight, k)).store(place.add(k));
+                    }
+                }
+            }
+        }
+        first += term.course.rates.len();
+    }
+}

@@ -1,0 +1,101 @@
+//! Which instructions to use, found once at run time, so that one portable binary is as fast as a native build.
+
+use crate::error::Error;
+use std::sync::OnceLock;
+
+/// A set of instructions the kernels are compiled for. Only detection makes one: where a value exists, the machine
+/// can run it.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Backend(pub(crate) Kind);
+
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) enum Kind {
+    #[cfg(target_arch = "x86_64")]
+    Avx512,
+    #[cfg(target_arch = "x86_64")]
+    Avx2,
+    #[cfg(target_arch = "aarch64")]
+    Neon,
+    Portable,
+}
+
+impl Backend {
+    /// Every backend this machine can run, fastest first.
+    pub fn available() -> Vec<Backend> {
+        let mut found = Vec::new();
+        #[cfg(target_arch = "x86_64")]
+        {
+            let avx2 = is_x86_feature_detected!("avx2") && is_x86_feature_detected!("fma");
+            if avx2 && is_x86_feature_detected!("avx512f") && is_x86_feature_detected!("avx512dq") {
+                found.push(Backend(Kind::Avx512));
+            }
+            if avx2 {
+                found.push(Backend(Kind::Avx2));
+            }
+        }
+        #[cfg(target_arch = "aarch64")]
+        found.push(Backend(Kind::Neon));
+        found.push(Backend(Kind::Portable));
+        found
+    }
+
+    /// The fastest backend of this machine.
+    pub fn best() -> Backend {
+        static BEST: OnceLock<Backend> = OnceLock::new();
+        *BEST.get_or_init(|| Backend::available()[0])
+    }
+
+    pub fn name(self) -> &'static str {
+        match self.0 {
+            #[cfg(target_arch = "x86_64")]
+            Kind::Avx512 => "avx512",
+            #[cfg(target_arch = "x86_64")]
+            Kind::Avx2 => "avx2",
+            #[cfg(target_arch = "aarch64")]
+            Kind::Neon => "neon",
+            Kind::Portable => "portable",
+        }
+    }
+
+    /// The backend of that name, if this machine can run it.
+    pub fn named(name: &str) -> Result<Backend, Error> {
+        let found = Backend::available().into_iter().find(|b| b.name() == name);
+        found.ok_or_else(|| Error::Backend { name: name.to_owned() })
+    }
+}
+
+/// Compile `$generic::<Lane>` once per backend, and choose between the clones at run time.
+/// `$generic` and all it calls must be `inline(always)`, so that they are compiled with the clone's instructions.
+macro_rules! dispatched {
+    ($(#[$doc:meta])* $visibility:vis unsafe fn $name:ident = $generic:ident($($arg:ident: $kind:ty),* $(,)?)) => {
+        $(#[$doc])*
+        #[allow(clippy::too_many_arguments)]
+        $visibility unsafe fn $name(backend: $crate::simd::dispatch::Backend, $($arg: $kind),*) {
+            #[cfg(target_arch = "x86_64")]
+            #[target_feature(enable = "avx512f,avx512dq,avx2,fma")]
+            #[allow(clippy::too_many_arguments)]
+            unsafe fn avx512($($arg: $kind),*) {
+                unsafe { $generic::<$crate::simd::x86::Avx512>($($arg),*) }
+            }
+            #[cfg(target_arch = "x86_64")]
+            #[target_feature(enable = "avx2,fma")]
+            #[allow(clippy::too_many_arguments)]
+            unsafe fn avx2($($arg: $kind),*) {
+                unsafe { $generic::<$crate::simd::x86::Avx2>($($arg),*) }
+            }
+            // SAFETY: a backend value exists only where its instructions were detected; the rest is the caller's promise.
+            unsafe {
+                match backend.0 {
+                    #[cfg(target_arch = "x86_64")]
+                    $crate::simd::dispatch::Kind::Avx512 => avx512($($arg),*),
+                    #[cfg(target_arch = "x86_64")]
+                    $crate::simd::dispatch::Kind::Avx2 => avx2($($arg),*),
+                    #[cfg(target_arch = "aarch64")]
+                    $crate::simd::dispatch::Kind::Neon => $generic::<$crate::simd::portable::Plain<true>>($($arg),*),
+                    $crate::simd::dispatch::Kind::Portable => $generic::<$crate::simd::portable::Plain<false>>($($arg),*),
+                }
+            }
+        }
+    };
+}
+pub(crate) use dispatched;

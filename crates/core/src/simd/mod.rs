@@ -1,0 +1,9 @@
+//! SIMD lanes.
+
+pub(crate) mod dispatch;
+pub(crate) mod elementary;
+pub(crate) mod lane;
+pub(crate) mod portable;
+pub(crate) mod real;
+#[cfg(target_arch = "x86_64")]
+pub(crate) mod x86;
