@@ -6,7 +6,8 @@
 //! accelerations), `-torque`, `-mass` or `-acceleration` (of given parameters).
 
 use haptid_core::{
-    Backend, Closure, Joint, Mechanism, Motion, Reduction, acceleration, mass_matrix, reduce, regressor, torque,
+    Backend, Closure, Joint, Mechanism, Motion, Reduction, forward_dynamics, inverse_dynamics, mass_matrix, reduce,
+    regressor,
 };
 use std::time::Instant;
 
@@ -50,12 +51,12 @@ fn reducing<'a>(
     decimation: usize,
 ) -> Box<dyn FnMut() + 'a> {
     let rows = (motion.samples + decimation - taps.len()) / decimation;
-    let slope = if motion.acceleration.is_some() { &[][..] } else { taps };
+    let derivative_taps = if motion.acceleration.is_some() { &[][..] } else { taps };
     let reduction = Reduction {
         columns,
         torque: &numbers.torque,
         taps,
-        slope,
+        derivative_taps,
         decimation,
         first: taps.len() / 2,
         rows,
@@ -73,12 +74,13 @@ fn dynamics<'a>(work: &str, mechanism: &'a Mechanism, numbers: &'a Numbers) -> B
     match work {
         "torque" => {
             out.truncate(na * motion.samples);
-            Box::new(move || torque(mechanism, &motion, &chi, &mut out).expect("shapes"))
+            Box::new(move || inverse_dynamics(mechanism, &motion, &chi, &mut out).expect("shapes"))
         }
         "mass" => Box::new(move || mass_matrix(mechanism, &motion, &chi, &mut out).expect("shapes")),
         "acceleration" => {
             out.truncate(na * motion.samples);
-            let mut run = move || acceleration(mechanism, &motion, &numbers.torque, &chi, &mut out).expect("shapes");
+            let mut run =
+                move || forward_dynamics(mechanism, &motion, &numbers.torque, &chi, &mut out).expect("shapes");
             Box::new(move || assert!(run().is_none()))
         }
         _ => panic!("unknown work {work}"),

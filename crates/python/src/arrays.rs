@@ -1,6 +1,6 @@
 //! Arrays in and out.
 
-use haptid_core::Triangles;
+use haptid_core::RFactors;
 use numpy::{
     IntoPyArray, PyArray1, PyArray3, PyArrayMethods, PyReadonlyArray1, PyReadonlyArray2, PyReadonlyArray3,
     PyReadonlyArrayDyn, PyUntypedArrayMethods,
@@ -111,7 +111,7 @@ impl Deref for Columns {
 }
 
 /// A motor's columns, and its triangles as one array (blocks, columns + 1, columns + 1).
-pub fn square_stack(py: Python<'_>, motor: Triangles) -> PyResult<(Vec<usize>, Bound<'_, PyArray3<f64>>)> {
+pub fn square_stack(py: Python<'_>, motor: RFactors) -> PyResult<(Vec<usize>, Bound<'_, PyArray3<f64>>)> {
     let (blocks, size) = (motor.blocks.len(), motor.columns.len() + 1);
     let stack = motor.blocks.concat().into_pyarray(py).reshape([blocks, size, size])?;
     Ok((motor.columns, stack))

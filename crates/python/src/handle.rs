@@ -3,7 +3,7 @@
 use crate::arrays::row_major;
 use crate::threads::detached;
 use crate::{PyMechanism, to_python};
-use haptid_core::{Bodies, Grip, Poses, View};
+use haptid_core::{ApparentMassQuery, BodyParameters, EndEffector, Poses};
 use numpy::{IntoPyArray, PyArray2, PyArrayMethods, PyReadonlyArray1, PyReadonlyArray2, PyUntypedArrayMethods};
 use pyo3::prelude::*;
 
@@ -22,9 +22,9 @@ impl Borrowed<'_> {
         Ok(Poses { samples: self.position.shape()[1], position, rates })
     }
 
-    fn bodies(&self) -> PyResult<Bodies<'_>> {
+    fn bodies(&self) -> PyResult<BodyParameters<'_>> {
         let (chi, inertia) = (self.chi.as_slice()?, self.inertia.as_slice()?);
-        Ok(Bodies { chi, rotors: row_major(&self.rotors)?, inertia })
+        Ok(BodyParameters { chi, rotors: row_major(&self.rotors)?, inertia })
     }
 }
 
@@ -43,11 +43,11 @@ pub fn handle_dynamics<'py>(
     rows: Vec<usize>,
 ) -> PyResult<Bound<'py, PyArray2<f64>>> {
     let borrowed = Borrowed { position, rates, chi, rotors, inertia };
-    let (poses, bodies, grip) = (borrowed.poses()?, borrowed.bodies()?, Grip { link, point });
+    let (poses, bodies, end_effector) = (borrowed.poses()?, borrowed.bodies()?, EndEffector { link, point });
     let na = mechanism.0.coordinates();
     let shape = [poses.samples, (rows.len() + na) * na];
     let mut out = vec![0.0; shape.iter().product()];
-    detached(py, || haptid_core::handle_dynamics(&mechanism.0, &poses, &grip, &bodies, &rows, &mut out))
+    detached(py, || haptid_core::end_effector_dynamics(&mechanism.0, &poses, &end_effector, &bodies, &rows, &mut out))
         .map_err(to_python)?;
     out.into_pyarray(py).reshape(shape)
 }
@@ -70,12 +70,17 @@ pub fn felt_mass<'py>(
     spread: PyReadonlyArray2<'py, f64>,
 ) -> PyResult<Bound<'py, PyArray2<f64>>> {
     let borrowed = Borrowed { position, rates, chi, rotors, inertia };
-    let (poses, bodies, grip) = (borrowed.poses()?, borrowed.bodies()?, Grip { link, point });
-    let directions = spread.shape()[1];
-    let view = View { rows: &rows, moving: &moving, worst, spread: row_major(&spread)?, directions };
-    let shape = [poses.samples, view.width()];
+    let (poses, bodies, end_effector) = (borrowed.poses()?, borrowed.bodies()?, EndEffector { link, point });
+    let query = ApparentMassQuery {
+        rows: &rows,
+        free: &moving,
+        max_condition: worst,
+        covariance_factor: row_major(&spread)?,
+        factor_columns: spread.shape()[1],
+    };
+    let shape = [poses.samples, query.width()];
     let mut out = vec![0.0; shape.iter().product()];
-    detached(py, || haptid_core::felt_mass(&mechanism.0, &poses, &grip, &bodies, &view, &mut out))
+    detached(py, || haptid_core::apparent_mass(&mechanism.0, &poses, &end_effector, &bodies, &query, &mut out))
         .map_err(to_python)?;
     out.into_pyarray(py).reshape(shape)
 }

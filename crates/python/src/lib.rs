@@ -164,7 +164,7 @@ impl PyMechanism {
         let (motion, chi) = (borrowed.motion()?, sets(&chi, self.0.columns())?);
         let shape = [self.0.coordinates(), motion.samples];
         let mut out = room(shape.iter().product())?;
-        detached(py, || haptid_core::torque(&self.0, &motion, chi, &mut out)).map_err(to_python)?;
+        detached(py, || haptid_core::inverse_dynamics(&self.0, &motion, chi, &mut out)).map_err(to_python)?;
         out.into_pyarray(py).reshape(shape)
     }
 
@@ -207,8 +207,8 @@ impl PyMechanism {
             (borrowed.motion()?, of_samples("torque", &torque, borrowed.position.as_array().ncols())?);
         let (shape, chi) = ([self.0.coordinates(), motion.samples], sets(&chi, self.0.columns())?);
         let mut out = room(shape.iter().product())?;
-        let failed =
-            detached(py, || haptid_core::acceleration(&self.0, &motion, torque, chi, &mut out)).map_err(to_python)?;
+        let failed = detached(py, || haptid_core::forward_dynamics(&self.0, &motion, torque, chi, &mut out))
+            .map_err(to_python)?;
         Ok((out.into_pyarray(py).reshape(shape)?, failed))
     }
 
@@ -244,7 +244,7 @@ impl PyMechanism {
         let (motion, chi) = (borrowed.motion()?, sets(&chi, self.0.columns())?);
         let shape = [motion.sets(), self.0.coordinates(), motion.samples];
         let mut out = room(shape.iter().product())?;
-        detached(py, || haptid_core::torque(&self.0, &motion, chi, &mut out)).map_err(to_python)?;
+        detached(py, || haptid_core::inverse_dynamics(&self.0, &motion, chi, &mut out)).map_err(to_python)?;
         out.into_pyarray(py).reshape(shape)
     }
 
@@ -264,7 +264,7 @@ impl PyMechanism {
         let motion = borrowed.motion()?;
         let shape = [self.0.coordinates(), columns.len(), columns.len()];
         let mut out = room(shape.iter().product())?;
-        detached(py, || haptid_core::inner_products(&self.0, &motion, &columns, &mut out)).map_err(to_python)?;
+        detached(py, || haptid_core::gram_matrices(&self.0, &motion, &columns, &mut out)).map_err(to_python)?;
         out.into_pyarray(py).reshape(shape)
     }
 
@@ -287,7 +287,8 @@ impl PyMechanism {
         let forms = stack(&forms, wanted)?;
         let shape = [self.0.channels(), motion.samples];
         let mut out = room(shape.iter().product())?;
-        detached(py, || haptid_core::form_slopes(&self.0, &motion, &columns, forms, &mut out)).map_err(to_python)?;
+        detached(py, || haptid_core::quadratic_form_gradients(&self.0, &motion, &columns, forms, &mut out))
+            .map_err(to_python)?;
         out.into_pyarray(py).reshape(shape)
     }
 
@@ -308,13 +309,14 @@ impl PyMechanism {
         let motion = borrowed.motion()?;
         let shape = [self.0.coordinates(), self.0.channels(), motion.samples];
         let mut out = room(shape.iter().product())?;
-        detached(py, || haptid_core::torque_slopes(&self.0, &motion, &columns, &chi, &mut out)).map_err(to_python)?;
+        detached(py, || haptid_core::torque_gradients(&self.0, &motion, &columns, &chi, &mut out))
+            .map_err(to_python)?;
         out.into_pyarray(py).reshape(shape)
     }
 
     /// Which of the chosen columns each coordinate's row can reach.
     fn reach(&self, columns: Columns) -> PyResult<Vec<Vec<bool>>> {
-        let flat = haptid_core::reach(&self.0, &columns).map_err(to_python)?;
+        let flat = haptid_core::structural_nonzeros(&self.0, &columns).map_err(to_python)?;
         Ok((0..self.0.coordinates()).map(|a| flat[a * columns.len()..][..columns.len()].to_vec()).collect())
     }
 
@@ -344,7 +346,7 @@ impl PyMechanism {
             columns: &columns,
             torque: of_samples("torque", &torque, motion.samples)?,
             taps: taps.as_slice()?,
-            slope: slope.as_ref().map_or(Ok(&[][..]), |slope| slope.as_slice())?,
+            derivative_taps: slope.as_ref().map_or(Ok(&[][..]), |slope| slope.as_slice())?,
             decimation,
             first,
             rows,
@@ -366,7 +368,7 @@ fn triangles<'py>(py: Python<'py>, rows: PyReadonlyArray3<'py, f64>) -> PyResult
     detached(py, || {
         let (many, square) = ((shape[1] * columns).max(1), (columns * columns).max(1));
         let stacks = numbers.chunks_exact(many).zip(out.chunks_exact_mut(square));
-        stacks.into_iter().try_for_each(|(rows, out)| haptid_core::triangle(rows, columns, out))
+        stacks.into_iter().try_for_each(|(rows, out)| haptid_core::r_factor(rows, columns, out))
     })
     .map_err(to_python)?;
     out.into_pyarray(py).reshape([stacks, columns, columns])

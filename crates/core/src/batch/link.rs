@@ -4,10 +4,10 @@
 //! the axis: the numbers are found once for a link, and an entry takes three to five products of them with the axis.
 
 use crate::batch::Batch;
-use crate::batch::sink::{Known, Sink};
+use crate::batch::sink::{ConstSink, EntrySink};
 use crate::linalg::vector::{Vector, cycle, dot, zero};
 use crate::mechanism::closure::Rate;
-use crate::mechanism::transform::JointMotion;
+use crate::mechanism::transform::JointTransform;
 use crate::memory::slot::{Slot, load, store};
 use crate::simd::lane::Lane;
 
@@ -38,26 +38,26 @@ impl LinkMotions {
     /// Forward recursion of Newton and Euler in the link's frame (Khalil and Dombre 2002, section 9.5), from the
     /// parent's motion; `joint` moves with `v` and `acceleration`.
     #[inline(always)]
-    pub(crate) unsafe fn follow<T: Lane>(
+    pub(crate) unsafe fn propagate<T: Lane>(
         &self,
         parent: LinkMotions,
-        joint: &JointMotion<T>,
+        joint: &JointTransform<T>,
         (v, acceleration): (T, T),
         k: usize,
     ) {
         unsafe {
             let (w, wd) = (joint.rotate(parent.part(W, k)), joint.rotate(parent.part(WD, k)));
-            let a = joint.carry_field(parent.part(A, k), || parent.part(B, k));
+            let a = joint.transform_field(parent.part(A, k), || parent.part(B, k));
             self.set(joint, (w, wd, a), (v, acceleration), k);
         }
     }
 
     /// The motion of a link on the base, which gravity accelerates.
     #[inline(always)]
-    pub(crate) unsafe fn begin<T: Lane>(
+    pub(crate) unsafe fn begin_at_base<T: Lane>(
         &self,
         gravity: [f64; 3],
-        joint: &JointMotion<T>,
+        joint: &JointTransform<T>,
         (v, acceleration): (T, T),
         k: usize,
     ) {
@@ -69,12 +69,12 @@ impl LinkMotions {
     #[inline(always)]
     unsafe fn set<T: Lane>(
         &self,
-        joint: &JointMotion<T>,
+        joint: &JointTransform<T>,
         (mut w, mut wd, mut a): (Vector<T>, Vector<T>, Vector<T>),
         (v, acceleration): (T, T),
         k: usize,
     ) {
-        if joint.slides() {
+        if joint.is_prismatic() {
             let twice = v.add(v);
             a = [w[1].fma(twice, a[0]), w[0].fnma(twice, a[1]), a[2].add(acceleration)];
         } else {
@@ -106,7 +106,7 @@ impl LinkMotions {
 
     /// The wanted entries of an axis along the link's own z, about which it turns.
     #[inline(always)]
-    pub(crate) unsafe fn contract_turn<T: Lane, const SET: u32>(&self, batch: Batch, rate: Rate, sink: &Sink) {
+    pub(crate) unsafe fn contract_turn<T: Lane, const SET: u32>(&self, batch: Batch, rate: Rate, sink: &EntrySink) {
         let sink = sink.of::<SET>();
         for k in batch.lanes::<T>() {
             unsafe {
@@ -127,9 +127,9 @@ impl LinkMotions {
         }
     }
 
-    /// The wanted entries of an axis along the link's own z, along which it slides.
+    /// The wanted entries of an axis along the link's own z, along which it prismatic.
     #[inline(always)]
-    pub(crate) unsafe fn contract_slide<T: Lane, const SET: u32>(&self, batch: Batch, rate: Rate, sink: &Sink) {
+    pub(crate) unsafe fn contract_slide<T: Lane, const SET: u32>(&self, batch: Batch, rate: Rate, sink: &EntrySink) {
         let sink = sink.of::<SET>();
         for k in batch.lanes::<T>() {
             unsafe {
@@ -151,7 +151,7 @@ impl LinkMotions {
     pub(crate) unsafe fn contract<T: Lane, const SET: u32>(
         &self,
         (x, u): (Vector<T>, Vector<T>),
-        sink: &Known<SET>,
+        sink: &ConstSink<SET>,
         k: usize,
     ) {
         unsafe {

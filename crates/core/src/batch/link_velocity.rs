@@ -6,12 +6,12 @@
 //! section 2.9); where G changes with position, `dG/dt[i, a] z` is added there.
 
 use crate::batch::Batch;
-use crate::batch::axis::get_axis;
+use crate::batch::axis::load_axis;
 use crate::batch::link::LINK_NUMBERS;
-use crate::batch::sink::Sink;
+use crate::batch::sink::EntrySink;
 use crate::linalg::vector::{Vector, cross, cross_add, cycle, dot};
 use crate::mechanism::LINK_PARAMETERS;
-use crate::mechanism::transform::JointMotion;
+use crate::mechanism::transform::JointTransform;
 use crate::memory::slot::{Slot, load, store};
 use crate::simd::lane::Lane;
 
@@ -53,17 +53,29 @@ impl LinkVelocities {
 
     /// The velocity of a link whose joint moves with `rate`, from the parent's.
     #[inline(always)]
-    pub(crate) unsafe fn follow<T: Lane>(&self, parent: LinkVelocities, joint: &JointMotion<T>, rate: T, k: usize) {
+    pub(crate) unsafe fn propagate<T: Lane>(
+        &self,
+        parent: LinkVelocities,
+        joint: &JointTransform<T>,
+        rate: T,
+        k: usize,
+    ) {
         unsafe {
-            let (w, v) = joint.moved(joint.carry((parent.part(W, k), parent.part(V, k))), rate);
+            let (w, v) = joint.add_joint_rate(joint.transform_axis((parent.part(W, k), parent.part(V, k))), rate);
             self.set((w, v, joint.rotate(parent.part(A, k))), k)
         }
     }
 
     /// The velocity of a link on the base.
     #[inline(always)]
-    pub(crate) unsafe fn begin<T: Lane>(&self, gravity: [f64; 3], joint: &JointMotion<T>, rate: T, k: usize) {
-        let (w, v) = joint.own(rate);
+    pub(crate) unsafe fn begin_at_base<T: Lane>(
+        &self,
+        gravity: [f64; 3],
+        joint: &JointTransform<T>,
+        rate: T,
+        k: usize,
+    ) {
+        let (w, v) = joint.joint_axis(rate);
         unsafe { self.set((w, v, joint.rotate(gravity.map(|g| T::splat(-g)))), k) }
     }
 
@@ -72,13 +84,13 @@ impl LinkVelocities {
     #[inline(always)]
     pub(crate) unsafe fn turn_axis<T: Lane>(
         &self,
-        slides: bool,
+        prismatic: bool,
         (x, u): (Vector<T>, Vector<T>),
         rate: T,
         k: usize,
     ) -> (Vector<T>, Vector<T>) {
         let (w, v) = unsafe { (self.part(W, k), self.part(V, k)) };
-        match slides {
+        match prismatic {
             true => (x, about_z(w, rate, u)),
             false => (about_z(w, rate, x), about_z(v, rate, u)),
         }
@@ -86,11 +98,11 @@ impl LinkVelocities {
 
     /// The momentum of the link's ten unit parameters, contracted with an axis: wanted entries only.
     #[inline(always)]
-    pub(crate) unsafe fn contract<T: Lane, const SET: u32>(&self, batch: Batch, axis: *const Slot, sink: &Sink) {
+    pub(crate) unsafe fn contract<T: Lane, const SET: u32>(&self, batch: Batch, axis: *const Slot, sink: &EntrySink) {
         let sink = sink.of::<SET>();
         for k in batch.lanes::<T>() {
             unsafe {
-                let (x, u): (Vector<T>, Vector<T>) = get_axis(axis, k);
+                let (x, u): (Vector<T>, Vector<T>) = load_axis(axis, k);
                 let velocity: (Vector<T>, Vector<T>) = (self.part(W, k), self.part(V, k));
                 for (p, entry) in contract_momentum(velocity, (x, u)).into_iter().enumerate() {
                     sink.put(p, k, entry);
@@ -106,13 +118,13 @@ impl LinkVelocities {
         &self,
         batch: Batch,
         (axis, rate): (*const Slot, *const Slot),
-        sink: &Sink,
+        sink: &EntrySink,
     ) {
         let sink = sink.of::<SET>();
         for k in batch.lanes::<T>() {
             unsafe {
-                let (x, u): (Vector<T>, Vector<T>) = get_axis(axis, k);
-                let (xd, ud) = get_axis(rate, k);
+                let (x, u): (Vector<T>, Vector<T>) = load_axis(axis, k);
+                let (xd, ud) = load_axis(rate, k);
                 let (velocity, a): (_, Vector<T>) = ((self.part(W, k), self.part(V, k)), self.part(A, k));
                 let mut left = contract_momentum(velocity, (xd.map(T::neg), ud.map(T::neg)));
                 for i in 0..3 {

@@ -10,7 +10,7 @@ pub(crate) mod sink;
 pub(crate) mod sweep;
 
 use crate::mechanism::Mechanism;
-use crate::mechanism::closure::{Course, Rate};
+use crate::mechanism::closure::{JointMap, Rate};
 use crate::mechanism::motion::Motion;
 use crate::memory::slot::grow;
 use crate::memory::slot::{BATCH, Slot, store};
@@ -32,7 +32,7 @@ impl Channels {
     }
 
     /// Point at samples `from..from + count`, at most a batch of them.
-    pub(crate) fn turn_to(&mut self, mechanism: &Mechanism, motion: &Motion, from: usize, count: usize) {
+    pub(crate) fn advance_to(&mut self, mechanism: &Mechanism, motion: &Motion, from: usize, count: usize) {
         debug_assert!(0 < count && count <= BATCH && from + count <= motion.samples);
         let (na, n) = (mechanism.coordinates, motion.samples);
         let acceleration = motion.acceleration.unwrap_or_default();
@@ -66,9 +66,9 @@ impl Channels {
 
 /// Position, velocity and acceleration of what follows the coordinates, for every sample of a batch.
 #[derive(Clone, Copy)]
-pub(crate) struct Followed([*const f64; 3]);
+pub(crate) struct JointChannels([*const f64; 3]);
 
-impl Followed {
+impl JointChannels {
     /// # Safety
     /// A lane from `k` on is inside the batch.
     #[inline(always)]
@@ -101,7 +101,7 @@ impl Batch<'_> {
     pub(crate) unsafe fn rate<T: Lane>(&self, rate: Rate, k: usize) -> T {
         match rate {
             Rate::Constant(rate) => T::splat(rate),
-            Rate::Given { rate, .. } => unsafe { T::load(self.channels.channel(rate).add(k)) },
+            Rate::Varying { rate, .. } => unsafe { T::load(self.channels.channel(rate).add(k)) },
         }
     }
 
@@ -110,10 +110,10 @@ impl Batch<'_> {
     /// # Safety
     /// As for [`Batch::rate`].
     #[inline(always)]
-    pub(crate) unsafe fn change<T: Lane>(&self, rate: Rate, k: usize) -> Option<T> {
+    pub(crate) unsafe fn rate_derivative<T: Lane>(&self, rate: Rate, k: usize) -> Option<T> {
         match rate {
             Rate::Constant(_) => None,
-            Rate::Given { change, .. } => Some(unsafe { T::load(self.channels.channel(change).add(k)) }),
+            Rate::Varying { derivative, .. } => Some(unsafe { T::load(self.channels.channel(derivative).add(k)) }),
         }
     }
 
@@ -122,27 +122,27 @@ impl Batch<'_> {
     /// # Safety
     /// `slots` are nobody else's.
     #[inline(always)]
-    pub(crate) unsafe fn follow<T: Lane>(&self, course: &Course, slots: &mut [Slot; 3]) -> Followed {
+    pub(crate) unsafe fn follow<T: Lane>(&self, joint_map: &JointMap, slots: &mut [Slot; 3]) -> JointChannels {
         let na = self.mechanism.coordinates;
-        if let (None, 0.0, [(a, Rate::Constant(1.0))]) = (course.given, course.offset, &course.rates[..]) {
-            return Followed([0, 1, 2].map(|order| self.channels.channel(order * na + a)));
+        if let (None, 0.0, [(a, Rate::Constant(1.0))]) = (joint_map.given, joint_map.offset, &joint_map.rates[..]) {
+            return JointChannels([0, 1, 2].map(|order| self.channels.channel(order * na + a)));
         }
         for k in self.lanes::<T>() {
-            let mut x = [T::splat(course.offset), T::splat(0.0), T::splat(0.0)];
-            for &(a, rate) in &course.rates {
+            let mut x = [T::splat(joint_map.offset), T::splat(0.0), T::splat(0.0)];
+            for &(a, rate) in &joint_map.rates {
                 let weight: T = unsafe { self.rate(rate, k) };
                 for (order, x) in x.iter_mut().enumerate() {
                     *x = unsafe { T::load(self.channels.channel(order * na + a).add(k)) }.fma(weight, *x);
                 }
-                if let Some(change) = unsafe { self.change::<T>(rate, k) } {
+                if let Some(change) = unsafe { self.rate_derivative::<T>(rate, k) } {
                     x[2] = unsafe { T::load(self.channels.channel(na + a).add(k)) }.fma(change, x[2]);
                 }
             }
-            if let Some(position) = course.given {
+            if let Some(position) = joint_map.given {
                 x[0] = unsafe { T::load(self.channels.channel(position).add(k)) };
             }
             unsafe { store(slots.as_mut_ptr(), k, x) };
         }
-        Followed(core::array::from_fn(|order| slots[order].0.as_ptr()))
+        JointChannels(core::array::from_fn(|order| slots[order].0.as_ptr()))
     }
 }

@@ -1,17 +1,17 @@
 //! Where the entries of the rows go, and which are wanted at all.
 
 use crate::mechanism::LINK_PARAMETERS;
-use crate::mechanism::layout::{LinkPlaces, Places};
+use crate::mechanism::layout::{EntryMap, LinkEntries};
 use crate::simd::lane::Lane;
 
-/// Runs of numbers, equally far apart: an entry's run by its number.
+/// EntryRuns of numbers, equally far apart: an entry's run by its number.
 #[derive(Clone, Copy)]
-pub(crate) struct Runs {
+pub(crate) struct EntryRuns {
     pub(crate) first: *mut f64,
     pub(crate) apart: usize,
 }
 
-impl Runs {
+impl EntryRuns {
     /// Where run number `place` begins; nowhere for no place.
     #[inline(always)]
     pub(crate) fn at(self, place: usize) -> *mut f64 {
@@ -20,35 +20,35 @@ impl Runs {
 
     /// The same runs from their number `k` on.
     #[inline(always)]
-    pub(crate) fn from(self, k: usize) -> Runs {
-        Runs { first: self.first.wrapping_add(k), apart: self.apart }
+    pub(crate) fn from(self, k: usize) -> EntryRuns {
+        EntryRuns { first: self.first.wrapping_add(k), apart: self.apart }
     }
 }
 
 /// Takes the entries of one link and axis that somebody wants.
 #[derive(Clone, Copy)]
-pub(crate) struct Sink<'a> {
-    places: &'a LinkPlaces,
+pub(crate) struct EntrySink<'a> {
+    places: &'a LinkEntries,
     /// One bit for each parameter.
     pub(crate) wanted: u32,
-    out: Runs,
+    out: EntryRuns,
 }
 
-impl Sink<'_> {
+impl EntrySink<'_> {
     /// The same with a set that is a constant: that of the sink, or [`ANY`].
     #[inline(always)]
-    pub(crate) fn of<const SET: u32>(&self) -> Known<SET> {
-        Known { places: self.places.map(|place| self.out.at(place)), wanted: self.wanted }
+    pub(crate) fn of<const SET: u32>(&self) -> ConstSink<SET> {
+        ConstSink { places: self.places.map(|place| self.out.at(place)), wanted: self.wanted }
     }
 }
 
 /// Takes the entries of a set that the compiler knows: what is not in it is not computed.
-pub(crate) struct Known<const SET: u32> {
+pub(crate) struct ConstSink<const SET: u32> {
     places: [*mut f64; LINK_PARAMETERS],
     wanted: u32,
 }
 
-impl<const SET: u32> Known<SET> {
+impl<const SET: u32> ConstSink<SET> {
     /// # Safety
     /// The entry's place has room for a lane from number `k` on.
     #[inline(always)]
@@ -85,10 +85,10 @@ macro_rules! for_set {
 }
 pub(crate) use for_set;
 
-impl Places {
-    /// Places of an axis's entries.
-    pub(crate) fn axis(&self, axis: usize, out: Runs) -> Sink<'_> {
+impl EntryMap {
+    /// EntryMap of an axis's entries.
+    pub(crate) fn axis(&self, axis: usize, out: EntryRuns) -> EntrySink<'_> {
         let (places, wanted) = &self.axes[axis];
-        Sink { places, wanted: *wanted, out }
+        EntrySink { places, wanted: *wanted, out }
     }
 }

@@ -1,21 +1,21 @@
-//! Direct dynamics: accelerations from torques, and the mass matrix for itself.
+//! Direct dynamics: accelerations from rnea, and the mass matrix for itself.
 
 use crate::batch::Batch;
-use crate::batch::sweep::{Passing, each_batch, put_rows, stage};
-use crate::dynamics::crba::{masses, place, turns};
-use crate::dynamics::rnea::torques;
+use crate::batch::sweep::{RecursionState, for_each_batch, stage_slot, write_rows};
+use crate::dynamics::crba::{crba, joint_transforms, triangular_index};
+use crate::dynamics::rnea::rnea;
 use crate::error::{Error, expect_length};
 use crate::mechanism::Mechanism;
 use crate::mechanism::motion::Motion;
-use crate::mechanism::parameters::Sets;
-use crate::memory::shared::Shared;
+use crate::mechanism::parameters::ParameterSets;
+use crate::memory::shared::SharedOutput;
 use crate::memory::slot::{Slot, load, store};
 use crate::simd::dispatch::dispatched;
 use crate::simd::lane::Lane;
 use std::sync::atomic::{AtomicUsize, Ordering};
 
 /// A mass matrix is positive definite where every pivot exceeds this share of its diagonal entry: less is rounding.
-const LEAST: f64 = f64::EPSILON;
+const MIN_PIVOT: f64 = f64::EPSILON;
 
 /// Mass matrices, coordinates x coordinates for every sample, from positions and loops alone; parameters as for
 /// [`crate::torque`].
@@ -23,15 +23,15 @@ pub fn mass_matrix(mechanism: &Mechanism, motion: &Motion, chi: &[f64], out: &mu
     let na = mechanism.coordinates;
     motion.check_poses(mechanism)?;
     expect_length("out", out.len(), na * na * motion.samples)?;
-    let (sets, shared) = (Sets::new(mechanism, motion.samples, chi)?, Shared::new(out));
-    each_batch(mechanism, motion, &sets, |batch, from, bodies, passing| {
+    let (sets, shared) = (ParameterSets::new(mechanism, motion.samples, chi)?, SharedOutput::new(out));
+    for_each_batch(mechanism, motion, &sets, |batch, from, bodies, state| {
         // SAFETY: the workspace has grown to the mechanism; nobody else writes these samples.
         unsafe {
-            turns(mechanism.backend, batch, passing);
-            masses(mechanism.backend, batch, bodies, passing);
+            joint_transforms(mechanism.backend, batch, state);
+            crba(mechanism.backend, batch, bodies, state);
             for a in 0..na {
                 for b in 0..na {
-                    let entry = &passing.mass[place(a, b)].0[..batch.samples];
+                    let entry = &state.mass[triangular_index(a, b)].0[..batch.samples];
                     for (k, &x) in entry.iter().enumerate() {
                         shared.at(((from + k) * na + a) * na + b).write(x);
                     }
@@ -42,11 +42,11 @@ pub fn mass_matrix(mechanism: &Mechanism, motion: &Motion, chi: &[f64], out: &mu
     Ok(())
 }
 
-/// Accelerations of the coordinates under torques (coordinates x samples): `out[a * samples + k]`. Parameters as for
+/// Accelerations of the coordinates tensor_times rnea (coordinates x samples): `out[a * samples + k]`. Parameters as for
 /// [`crate::torque`]; the motion's own accelerations do not count.
 ///
 /// Returns the first sample whose mass matrix is not positive definite, if there is one: its numbers mean nothing.
-pub fn acceleration(
+pub fn forward_dynamics(
     mechanism: &Mechanism,
     motion: &Motion,
     torque: &[f64],
@@ -57,21 +57,21 @@ pub fn acceleration(
     motion.check(mechanism)?;
     expect_length("torque", torque.len(), na * n)?;
     expect_length("out", out.len(), na * n)?;
-    let (sets, shared) = (Sets::new(mechanism, n, chi)?, Shared::new(out));
+    let (sets, shared) = (ParameterSets::new(mechanism, n, chi)?, SharedOutput::new(out));
     let failed = AtomicUsize::new(usize::MAX);
-    each_batch(mechanism, motion, &sets, |batch, from, bodies, passing| {
+    for_each_batch(mechanism, motion, &sets, |batch, from, bodies, state| {
         let count = batch.samples;
-        for (a, slot) in passing.other[..na].iter_mut().enumerate() {
-            stage(slot, &torque[a * n + from..][..count]);
+        for (a, slot) in state.other[..na].iter_mut().enumerate() {
+            stage_slot(slot, &torque[a * n + from..][..count]);
         }
         // SAFETY: the workspace has grown to the mechanism; nobody else writes these samples.
         unsafe {
-            torques(mechanism.backend, batch, bodies, passing);
-            masses(mechanism.backend, batch, bodies, passing);
-            solve(mechanism.backend, batch, passing);
-            put_rows(&passing.other[..na], (from, count), n, shared);
+            rnea(mechanism.backend, batch, bodies, state);
+            crba(mechanism.backend, batch, bodies, state);
+            solve(mechanism.backend, batch, state);
+            write_rows(&state.other[..na], (from, count), n, shared);
         }
-        if let Some(k) = passing.margin.0[..count].iter().position(|&margin| margin <= 0.0) {
+        if let Some(k) = state.margin.0[..count].iter().position(|&margin| margin <= 0.0) {
             failed.fetch_min(from + k, Ordering::Relaxed);
         }
     });
@@ -80,16 +80,16 @@ pub fn acceleration(
 }
 
 dispatched! {
-    /// From torques in `other` to accelerations there.
+    /// From rnea in `other` to accelerations there.
     ///
     /// # Safety
     /// Mass matrix and bias are there.
-    unsafe fn solve = solve_in_lanes(batch: Batch, passing: &mut Passing)
+    unsafe fn solve = solve_in_lanes(batch: Batch, state: &mut RecursionState)
 }
 
 #[inline(always)]
-unsafe fn solve_in_lanes<T: Lane>(batch: Batch, passing: &mut Passing) {
-    let Passing { mass, torque, other, margin, .. } = passing;
+unsafe fn solve_in_lanes<T: Lane>(batch: Batch, state: &mut RecursionState) {
+    let RecursionState { mass, torque, other, margin, .. } = state;
     let other = &mut other[..batch.mechanism.coordinates];
     for k in batch.lanes::<T>() {
         unsafe {
@@ -128,19 +128,19 @@ unsafe fn solve_lane<T: Lane>(mass: &mut [Slot], right: &mut [Slot], k: usize) -
             let mut pivot = whole;
             for j in 0..i {
                 let entry = lane::<T>(&row[j], k);
-                let factor = entry.mul(lane(&above[place(j, j)], k));
+                let factor = entry.mul(lane(&above[triangular_index(j, j)], k));
                 (pivot, x) = (entry.fnma(factor, pivot), factor.fnma(lane(&right[j], k), x));
                 store(&mut row[j], k, [factor]);
             }
-            let margin = whole.fnma(T::splat(LEAST), pivot);
+            let margin = whole.fnma(T::splat(MIN_PIVOT), pivot);
             least = T::select_gt(least, margin, margin, least);
             store(&mut row[i], k, [T::splat(1.0).div(pivot)]);
             store(&mut right[i], k, [x]);
         }
         for i in (0..right.len()).rev() {
-            let mut x = lane::<T>(&right[i], k).mul(lane(&mass[place(i, i)], k));
+            let mut x = lane::<T>(&right[i], k).mul(lane(&mass[triangular_index(i, i)], k));
             for j in i + 1..right.len() {
-                x = lane::<T>(&mass[place(j, i)], k).fnma(lane(&right[j], k), x);
+                x = lane::<T>(&mass[triangular_index(j, i)], k).fnma(lane(&right[j], k), x);
             }
             store(&mut right[i], k, [x]);
         }
@@ -151,7 +151,7 @@ unsafe fn solve_lane<T: Lane>(mass: &mut [Slot], right: &mut [Slot], k: usize) -
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::dynamics::rnea::torque;
+    use crate::dynamics::rnea::inverse_dynamics;
     use crate::mechanism::closure::Closure;
     use crate::mechanism::terms::{Law, Term};
     use crate::mechanism::{Joint, Mechanism};
@@ -160,10 +160,10 @@ mod tests {
 
     const SAMPLES: usize = 45;
 
-    /// Four links, one of which slides and each of which is placed by another turn, that follow three coordinates.
+    /// Four links, one of which prismatic and each of which is placed by another turn, that follow three coordinates.
     fn mechanism(backend: Backend) -> Mechanism {
         let (s, c) = 0.4_f64.sin_cos();
-        let turns = [
+        let joint_transforms = [
             [c, -s, 0.0, s, c, 0.0, 0.0, 0.0, 1.0],
             [1.0, 0.0, 0.0, 0.0, 0.0, -1.0, 0.0, 1.0, 0.0],
             [1.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0, -1.0, 0.0],
@@ -171,7 +171,7 @@ mod tests {
         ];
         let joint = |i: usize| Joint {
             parent: [None, Some(0), Some(1), Some(1)][i],
-            rotation: turns[i],
+            rotation: joint_transforms[i],
             translation: if i == 2 { [0.0; 3] } else { [0.1, -0.2, 0.3] },
             prismatic: i == 1,
         };
@@ -214,7 +214,7 @@ mod tests {
                 let rows = motion.sets() * 3;
                 let (mut y, mut tau) = (vec![0.0; rows * chi.len() * SAMPLES], vec![0.0; rows * SAMPLES]);
                 regressor(&mechanism, &motion, &columns, &mut y).expect("shapes");
-                torque(&mechanism, &motion, &chi, &mut tau).expect("shapes");
+                inverse_dynamics(&mechanism, &motion, &chi, &mut tau).expect("shapes");
                 let entry = |row: usize, k: usize| -> f64 {
                     let each = chi.iter().enumerate();
                     each.map(|(c, x)| x * y[(row * chi.len() + c) * SAMPLES + k]).sum()
@@ -223,7 +223,7 @@ mod tests {
                 near(&tau, &wanted, backend);
                 if motion.acceleration.is_some() {
                     let mut back = vec![0.0; 3 * SAMPLES];
-                    let failed = super::acceleration(&mechanism, &motion, &tau, &chi, &mut back).expect("shapes");
+                    let failed = forward_dynamics(&mechanism, &motion, &tau, &chi, &mut back).expect("shapes");
                     assert_eq!(failed, None);
                     near(&back, &acceleration, backend);
                 }

@@ -7,33 +7,34 @@
 
 use crate::batch::link_velocity::contract_momentum;
 use crate::end_effector::jacobian::{
-    Bodies, Grip, Group, Model, Poses, Slot, check_indices, each_share, load, store, weighted,
+    BodyParameters, EndEffector, EndEffectorModel, PoseGroup, PoseSlot, Poses, check_indices, for_each_group,
+    link_velocity, load_pose, store_pose,
 };
 use crate::error::{Error, expect_length};
-use crate::linalg::jacobi_svd::Principal;
+use crate::linalg::jacobi_svd::JacobiSvd;
 use crate::mechanism::{LINK_PARAMETERS, Mechanism};
 use crate::simd::dispatch::dispatched;
 use crate::simd::lane::{Lane, MAX_WIDTH};
 
 /// What is asked of the poses.
 #[derive(Debug, Clone, Copy)]
-pub struct View<'a> {
+pub struct ApparentMassQuery<'a> {
     /// Components of the handle's velocity, of six.
     pub rows: &'a [usize],
     /// Coordinates that may move; the others are held.
-    pub moving: &'a [usize],
+    pub free: &'a [usize],
     /// Condition number of the Jacobian beyond which a pose gets no masses.
-    pub worst: f64,
+    pub max_condition: f64,
     /// Columns whose outer products sum to the covariance of the parameters: (ten for each link, one for each rotor) x
     /// `directions`, row-major. Empty for no covariance.
-    pub spread: &'a [f64],
-    pub directions: usize,
+    pub covariance_factor: &'a [f64],
+    pub factor_columns: usize,
 }
 
-impl View<'_> {
+impl ApparentMassQuery<'_> {
     /// Masses at a pose.
     pub fn masses(&self) -> usize {
-        self.rows.len().min(self.moving.len())
+        self.rows.len().min(self.free.len())
     }
 
     /// Numbers for a pose: condition number, masses, largest first, their directions, and the upper triangle of their
@@ -44,80 +45,88 @@ impl View<'_> {
     }
 }
 
-/// The masses felt, as [`View::width`] numbers for each pose. They are NaN where the Jacobian is badly conditioned or the
+/// The masses state, as [`ApparentMassQuery::width`] numbers for each pose. They are NaN where the Jacobian is badly conditioned or the
 /// mass matrix not positive definite.
-pub fn felt_mass(
+pub fn apparent_mass(
     mechanism: &Mechanism,
     poses: &Poses,
-    grip: &Grip,
-    bodies: &Bodies,
-    view: &View,
+    end_effector: &EndEffector,
+    bodies: &BodyParameters,
+    query: &ApparentMassQuery,
     out: &mut [f64],
 ) -> Result<(), Error> {
-    let model = Model::new(mechanism, poses, grip, bodies)?;
-    check_indices("row", view.rows, 6)?;
-    check_indices("coordinate", view.moving, mechanism.coordinates)?;
+    let model = EndEffectorModel::new(mechanism, poses, end_effector, bodies)?;
+    check_indices("row", query.rows, 6)?;
+    check_indices("coordinate", query.free, mechanism.coordinates)?;
     let columns = bodies.chi.len() + bodies.inertia.len();
-    expect_length("spread", view.spread.len(), columns * view.directions)?;
-    expect_length("out", out.len(), poses.samples * view.width())?;
+    expect_length("spread", query.covariance_factor.len(), columns * query.factor_columns)?;
+    expect_length("out", out.len(), poses.samples * query.width())?;
     if out.is_empty() {
         return Ok(());
     }
-    each_share(&model, out, view.width(), || Felt::new(&model, view), |group, felt, out| felt.fill(&model, group, out));
+    for_each_group(
+        &model,
+        out,
+        query.width(),
+        || ApparentMassState::new(&model, query),
+        |group, state, out| state.fill(&model, group, out),
+    );
     Ok(())
 }
 
 /// One thread's buffers.
-struct Felt<'a> {
-    view: &'a View<'a>,
-    small: Principal,
+struct ApparentMassState<'a> {
+    query: &'a ApparentMassQuery<'a>,
+    svd: JacobiSvd,
     /// Rates that move the handle at unit speed along each direction, masses x coordinates.
-    rates: Vec<Slot>,
+    rates: Vec<PoseSlot>,
     /// Change of each mass with each direction of the covariance, masses x directions.
-    change: Vec<Slot>,
+    change: Vec<PoseSlot>,
     /// Columns of each link, then of the rotors, with any doubt.
-    doubtful: Vec<Vec<(usize, usize)>>,
+    uncertain: Vec<Vec<(usize, usize)>>,
 }
 
-impl<'a> Felt<'a> {
-    fn new(model: &Model, view: &'a View<'a>) -> Felt<'a> {
-        let r = view.masses();
+impl<'a> ApparentMassState<'a> {
+    fn new(model: &EndEffectorModel, query: &'a ApparentMassQuery<'a>) -> ApparentMassState<'a> {
+        let r = query.masses();
         let inertial = model.bodies().chi.len();
-        let doubt = |c: usize| view.spread[c * view.directions..][..view.directions].iter().any(|&x| x != 0.0);
+        let doubt = |c: usize| {
+            query.covariance_factor[c * query.factor_columns..][..query.factor_columns].iter().any(|&x| x != 0.0)
+        };
         let group = |from: usize, to: usize| (from..to).filter(|&c| doubt(c)).map(|c| (c - from, c)).collect();
-        let mut doubtful: Vec<Vec<_>> =
+        let mut uncertain: Vec<Vec<_>> =
             (0..inertial).step_by(LINK_PARAMETERS).map(|c| group(c, c + LINK_PARAMETERS)).collect();
-        doubtful.push(group(inertial, inertial + model.bodies().inertia.len()));
-        Felt {
-            view,
-            small: Principal::new(view.rows.len(), view.moving.len()),
+        uncertain.push(group(inertial, inertial + model.bodies().inertia.len()));
+        ApparentMassState {
+            query,
+            svd: JacobiSvd::new(query.rows.len(), query.free.len()),
             rates: vec![[0.0; MAX_WIDTH]; r * model.mechanism.coordinates],
-            change: vec![[0.0; MAX_WIDTH]; r * view.directions],
-            doubtful,
+            change: vec![[0.0; MAX_WIDTH]; r * query.factor_columns],
+            uncertain,
         }
     }
 
-    fn fill(&mut self, model: &Model, group: &Group, out: &mut [f64]) {
-        let (view, na) = (self.view, model.mechanism.coordinates);
-        let (r, m) = (view.masses(), view.rows.len());
-        for (k, out) in out.chunks_exact_mut(view.width()).enumerate() {
-            let jacobian = |row: usize, a: usize| group.jacobian[view.rows[row] * na + view.moving[a]][k];
-            let mass = |a: usize, b: usize| group.mass[view.moving[a] * na + view.moving[b]][k];
+    fn fill(&mut self, model: &EndEffectorModel, group: &PoseGroup, out: &mut [f64]) {
+        let (query, na) = (self.query, model.mechanism.coordinates);
+        let (r, m) = (query.masses(), query.rows.len());
+        for (k, out) in out.chunks_exact_mut(query.width()).enumerate() {
+            let jacobian = |row: usize, a: usize| group.jacobian[query.rows[row] * na + query.free[a]][k];
+            let mass = |a: usize, b: usize| group.mass[query.free[a] * na + query.free[b]][k];
             out.fill(f64::NAN);
-            out[0] = self.small.condition(jacobian);
-            let known = out[0] <= view.worst && self.small.solve(jacobian, mass);
+            out[0] = self.svd.condition_number(jacobian);
+            let known = out[0] <= query.max_condition && self.svd.solve(jacobian, mass);
             for e in 0..r {
-                for (a, &coordinate) in view.moving.iter().enumerate() {
+                for (a, &coordinate) in query.free.iter().enumerate() {
                     self.rates[e * na + coordinate][k] =
-                        if known { self.small.rates[e * view.moving.len() + a] } else { 0.0 };
+                        if known { self.svd.rates[e * query.free.len() + a] } else { 0.0 };
                 }
             }
             if known {
-                out[1..][..r].copy_from_slice(&self.small.masses);
-                out[1 + r..][..r * m].copy_from_slice(&self.small.directions);
+                out[1..][..r].copy_from_slice(&self.svd.masses);
+                out[1 + r..][..r * m].copy_from_slice(&self.svd.directions);
             }
         }
-        if view.directions > 0 {
+        if query.factor_columns > 0 {
             // SAFETY: every slot has room for the widest lane.
             unsafe { changes(model.mechanism.backend, model, group, self) };
             self.covariance(out);
@@ -126,7 +135,7 @@ impl<'a> Felt<'a> {
 
     /// Of the masses, at every pose that has them.
     fn covariance(&self, out: &mut [f64]) {
-        let (r, m, s) = (self.view.masses(), self.view.rows.len(), self.view.directions);
+        let (r, m, s) = (self.query.masses(), self.query.rows.len(), self.query.factor_columns);
         let pairs = (0..r).flat_map(|i| (i..r).map(move |j| (i, j)));
         for (at, (i, j)) in pairs.enumerate() {
             let mut sum = [0.0; MAX_WIDTH];
@@ -135,7 +144,7 @@ impl<'a> Felt<'a> {
                     sum[k] += left[k] * right[k];
                 }
             }
-            for (k, out) in out.chunks_exact_mut(self.view.width()).enumerate() {
+            for (k, out) in out.chunks_exact_mut(self.query.width()).enumerate() {
                 if !out[1].is_nan() {
                     out[1 + r + r * m + at] = sum[k];
                 }
@@ -145,34 +154,34 @@ impl<'a> Felt<'a> {
 }
 
 dispatched! {
-    unsafe fn changes = changes_in_lanes(model: &Model, group: &Group, felt: &mut Felt)
+    unsafe fn changes = changes_in_lanes(model: &EndEffectorModel, group: &PoseGroup, state: &mut ApparentMassState)
 }
 
 #[inline(always)]
-unsafe fn changes_in_lanes<T: Lane>(model: &Model, group: &Group, felt: &mut Felt) {
-    felt.change.fill([0.0; MAX_WIDTH]);
-    let (na, s) = (model.mechanism.coordinates, felt.view.directions);
+unsafe fn changes_in_lanes<T: Lane>(model: &EndEffectorModel, group: &PoseGroup, state: &mut ApparentMassState) {
+    state.change.fill([0.0; MAX_WIDTH]);
+    let (na, s) = (model.mechanism.coordinates, state.query.factor_columns);
     for k in (0..MAX_WIDTH).step_by(T::WIDTH) {
-        for (rates, change) in felt.rates.chunks_exact(na).zip(felt.change.chunks_exact_mut(s)) {
-            for (i, columns) in felt.doubtful.iter().enumerate().filter(|(_, columns)| !columns.is_empty()) {
+        for (rates, change) in state.rates.chunks_exact(na).zip(state.change.chunks_exact_mut(s)) {
+            for (i, columns) in state.uncertain.iter().enumerate().filter(|(_, columns)| !columns.is_empty()) {
                 // SAFETY: k leaves room for a lane.
-                let energies: Energies<T> = if i < model.mechanism.links.len() {
-                    let velocity = unsafe { weighted::<T>(model, group, i, rates, k) };
-                    Energies::Link(contract_momentum(velocity, velocity))
+                let energies: UnitEnergy<T> = if i < model.mechanism.links.len() {
+                    let velocity = unsafe { link_velocity::<T>(model, group, i, rates, k) };
+                    UnitEnergy::Link(contract_momentum(velocity, velocity))
                 } else {
-                    Energies::Rotors
+                    UnitEnergy::Rotors
                 };
                 for &(place, column) in columns {
                     let energy = match &energies {
-                        Energies::Link(of) => of[place],
-                        Energies::Rotors => unsafe {
+                        UnitEnergy::Link(of) => of[place],
+                        UnitEnergy::Rotors => unsafe {
                             rotor_energy(&model.bodies().rotors[place * na..][..na], rates, k)
                         },
                     };
-                    let spread = &felt.view.spread[column * s..][..s];
+                    let spread = &state.query.covariance_factor[column * s..][..s];
                     for (slot, &share) in change.iter_mut().zip(spread) {
                         // SAFETY: as above.
-                        unsafe { store(slot, k, energy.fma(T::splat(share), load::<T>(slot, k))) };
+                        unsafe { store_pose(slot, k, energy.fma(T::splat(share), load_pose::<T>(slot, k))) };
                     }
                 }
             }
@@ -181,17 +190,17 @@ unsafe fn changes_in_lanes<T: Lane>(model: &Model, group: &Group, felt: &mut Fel
 }
 
 /// Twice the kinetic energy of unit parameters, where rates move the handle at unit speed.
-enum Energies<T> {
+enum UnitEnergy<T> {
     Link([T; LINK_PARAMETERS]),
     Rotors,
 }
 
 #[inline(always)]
-unsafe fn rotor_energy<T: Lane>(weights: &[f64], rates: &[Slot], k: usize) -> T {
+unsafe fn rotor_energy<T: Lane>(weights: &[f64], rates: &[PoseSlot], k: usize) -> T {
     let mut speed = T::splat(0.0);
     for (&weight, rate) in weights.iter().zip(rates) {
         // SAFETY: the caller's promise about k.
-        speed = unsafe { load::<T>(rate, k) }.fma(T::splat(weight), speed);
+        speed = unsafe { load_pose::<T>(rate, k) }.fma(T::splat(weight), speed);
     }
     speed.mul(speed)
 }
@@ -211,7 +220,7 @@ mod tests {
         Mechanism::new(&joints, &Closure::open(2), [0.; 3], &[], backend).unwrap()
     }
 
-    fn masses(backend: Backend, q: &[f64], worst: f64) -> Vec<f64> {
+    fn masses(backend: Backend, q: &[f64], max_condition: f64) -> Vec<f64> {
         let mechanism = arm(backend);
         let (first, second): ([f64; 10], [f64; 10]) = (point(2.0), point(3.0));
         let chi: Vec<f64> = first.into_iter().chain(second).collect();
@@ -221,10 +230,17 @@ mod tests {
             spread[10 + k] = share;
         }
         let poses = Poses { samples: q.len() / 2, position: q, rates: &[1., 0., 0., 1.] };
-        let view = View { rows: &[0, 1], moving: &[0, 1], worst, spread: &spread, directions: 1 };
-        let bodies = Bodies { chi: &chi, rotors: &[], inertia: &[] };
-        let mut out = vec![0.0; poses.samples * view.width()];
-        felt_mass(&mechanism, &poses, &Grip { link: 1, point: [1., 0., 0.] }, &bodies, &view, &mut out).unwrap();
+        let query = ApparentMassQuery {
+            rows: &[0, 1],
+            free: &[0, 1],
+            max_condition,
+            covariance_factor: &spread,
+            factor_columns: 1,
+        };
+        let bodies = BodyParameters { chi: &chi, rotors: &[], inertia: &[] };
+        let mut out = vec![0.0; poses.samples * query.width()];
+        apparent_mass(&mechanism, &poses, &EndEffector { link: 1, point: [1., 0., 0.] }, &bodies, &query, &mut out)
+            .unwrap();
         out
     }
 

@@ -6,7 +6,7 @@
 
 use crate::error::{Error, expect_length};
 use crate::linalg::vector::{Vector, cross_add, dot, zero};
-use crate::mechanism::transform::JointMotion;
+use crate::mechanism::transform::JointTransform;
 use crate::mechanism::{LINK_PARAMETERS, Mechanism};
 use crate::simd::dispatch::dispatched;
 use crate::simd::lane::{Lane, MAX_WIDTH};
@@ -20,7 +20,7 @@ const SINGLE_THREAD: usize = 2000;
 const COMPONENTS: usize = 6;
 
 /// One quantity at a group of poses.
-pub(crate) type Slot = [f64; MAX_WIDTH];
+pub(crate) type PoseSlot = [f64; MAX_WIDTH];
 
 /// Joint positions and rates of the poses, channel major.
 #[derive(Debug, Clone, Copy)]
@@ -34,7 +34,7 @@ pub struct Poses<'a> {
 
 /// Where the hand holds the mechanism.
 #[derive(Debug, Clone, Copy)]
-pub struct Grip {
+pub struct EndEffector {
     pub link: usize,
     /// In the link's frame, m.
     pub point: [f64; 3],
@@ -42,7 +42,7 @@ pub struct Grip {
 
 /// What moves.
 #[derive(Debug, Clone, Copy)]
-pub struct Bodies<'a> {
+pub struct BodyParameters<'a> {
     /// Ten parameters of each link.
     pub chi: &'a [f64],
     /// How rotors turn with the coordinates, rotors x coordinates, row-major.
@@ -52,25 +52,25 @@ pub struct Bodies<'a> {
 }
 
 /// Everything about the poses' mechanism that does not change from one to the next.
-pub(crate) struct Model<'a> {
+pub(crate) struct EndEffectorModel<'a> {
     pub mechanism: &'a Mechanism,
     poses: Poses<'a>,
-    grip: Grip,
-    bodies: Bodies<'a>,
+    end_effector: EndEffector,
+    bodies: BodyParameters<'a>,
     /// Whether each link carries the handle, and whether it has mass.
     carries: Vec<bool>,
-    heavy: Vec<bool>,
+    has_mass: Vec<bool>,
     /// The rotors' part of the mass matrix, coordinates x coordinates.
     rotor_mass: Vec<f64>,
 }
 
-impl<'a> Model<'a> {
+impl<'a> EndEffectorModel<'a> {
     pub(crate) fn new(
         mechanism: &'a Mechanism,
         poses: &Poses<'a>,
-        grip: &Grip,
-        bodies: &Bodies<'a>,
-    ) -> Result<Model<'a>, Error> {
+        end_effector: &EndEffector,
+        bodies: &BodyParameters<'a>,
+    ) -> Result<EndEffectorModel<'a>, Error> {
         let (n, na) = (mechanism.links.len(), mechanism.coordinates);
         expect_length("position", poses.position.len(), n * poses.samples)?;
         if poses.rates.len() != n * na {
@@ -78,47 +78,55 @@ impl<'a> Model<'a> {
         }
         expect_length("chi", bodies.chi.len(), LINK_PARAMETERS * n)?;
         expect_length("rotors", bodies.rotors.len(), bodies.inertia.len() * na)?;
-        if grip.link >= n {
-            return Err(Error::Index { name: "handle link", got: grip.link, limit: n });
+        if end_effector.link >= n {
+            return Err(Error::Index { name: "handle link", got: end_effector.link, limit: n });
         }
         let mut carries = vec![false; n];
-        let mut link = Some(grip.link);
+        let mut link = Some(end_effector.link);
         while let Some(i) = link {
             carries[i] = true;
             link = mechanism.links[i].parent;
         }
-        let heavy = bodies.chi.chunks_exact(LINK_PARAMETERS).map(|chi| chi.iter().any(|&x| x != 0.0)).collect();
+        let has_mass = bodies.chi.chunks_exact(LINK_PARAMETERS).map(|chi| chi.iter().any(|&x| x != 0.0)).collect();
         let mut rotor_mass = vec![0.0; na * na];
         for (weights, inertia) in bodies.rotors.chunks_exact(na).zip(bodies.inertia) {
             for (k, entry) in rotor_mass.iter_mut().enumerate() {
                 *entry += inertia * weights[k / na] * weights[k % na];
             }
         }
-        Ok(Model { mechanism, poses: *poses, grip: *grip, bodies: *bodies, carries, heavy, rotor_mass })
+        Ok(EndEffectorModel {
+            mechanism,
+            poses: *poses,
+            end_effector: *end_effector,
+            bodies: *bodies,
+            carries,
+            has_mass,
+            rotor_mass,
+        })
     }
 
-    pub(crate) fn bodies(&self) -> &Bodies<'a> {
+    pub(crate) fn bodies(&self) -> &BodyParameters<'a> {
         &self.bodies
     }
 }
 
 /// What one thread needs for a group of poses; made once.
-pub(crate) struct Group {
-    position: Vec<Slot>,
-    rates: Vec<Slot>,
+pub(crate) struct PoseGroup {
+    position: Vec<PoseSlot>,
+    rates: Vec<PoseSlot>,
     /// Angular and linear part of every axis, in its link's frame.
-    pub axes: Vec<[Slot; 6]>,
+    pub axes: Vec<[PoseSlot; 6]>,
     /// Components x coordinates.
-    pub jacobian: Vec<Slot>,
+    pub jacobian: Vec<PoseSlot>,
     /// Coordinates x coordinates.
-    pub mass: Vec<Slot>,
+    pub mass: Vec<PoseSlot>,
 }
 
-impl Group {
-    pub(crate) fn new(model: &Model) -> Group {
+impl PoseGroup {
+    pub(crate) fn new(model: &EndEffectorModel) -> PoseGroup {
         let (n, na) = (model.mechanism.links.len(), model.mechanism.coordinates);
         let zero = [0.0; MAX_WIDTH];
-        Group {
+        PoseGroup {
             position: vec![zero; n],
             rates: vec![zero; n * na],
             axes: vec![[zero; 6]; model.mechanism.axes],
@@ -128,9 +136,9 @@ impl Group {
     }
 
     /// The poses `from..from + count`, at most [`MAX_WIDTH`]; the last one is repeated up to a whole lane.
-    pub(crate) fn make(&mut self, model: &Model, from: usize, count: usize) {
+    pub(crate) fn evaluate(&mut self, model: &EndEffectorModel, from: usize, count: usize) {
         let samples = model.poses.samples;
-        let stage = |slots: &mut [Slot], data: &[f64]| {
+        let stage = |slots: &mut [PoseSlot], data: &[f64]| {
             for (slot, channel) in slots.iter_mut().zip(data.chunks_exact(samples)) {
                 let source = &channel[from..from + count];
                 slot.fill(source[count - 1]);
@@ -149,11 +157,11 @@ impl Group {
 }
 
 dispatched! {
-    unsafe fn carry = carry_in_lanes(model: &Model, group: &mut Group)
+    unsafe fn carry = carry_in_lanes(model: &EndEffectorModel, group: &mut PoseGroup)
 }
 
 #[inline(always)]
-unsafe fn carry_in_lanes<T: Lane>(model: &Model, group: &mut Group) {
+unsafe fn carry_in_lanes<T: Lane>(model: &EndEffectorModel, group: &mut PoseGroup) {
     for k in (0..MAX_WIDTH).step_by(T::WIDTH) {
         // SAFETY: slots are as wide as the widest lane.
         unsafe { carry_lane::<T>(model, group, k) };
@@ -163,65 +171,67 @@ unsafe fn carry_in_lanes<T: Lane>(model: &Model, group: &mut Group) {
 /// # Safety
 /// `k + T::WIDTH` is at most [`MAX_WIDTH`], as for everything below.
 #[inline(always)]
-pub(crate) unsafe fn load<T: Lane>(slot: &Slot, k: usize) -> T {
+pub(crate) unsafe fn load_pose<T: Lane>(slot: &PoseSlot, k: usize) -> T {
     debug_assert!(k + T::WIDTH <= MAX_WIDTH);
     unsafe { T::load(slot.as_ptr().add(k)) }
 }
 
 #[inline(always)]
-pub(crate) unsafe fn store<T: Lane>(slot: &mut Slot, k: usize, lane: T) {
+pub(crate) unsafe fn store_pose<T: Lane>(slot: &mut PoseSlot, k: usize, lane: T) {
     debug_assert!(k + T::WIDTH <= MAX_WIDTH);
     unsafe { lane.store(slot.as_mut_ptr().add(k)) };
 }
 
 #[inline(always)]
-pub(crate) unsafe fn load_axis<T: Lane>(axis: &[Slot; 6], k: usize) -> (Vector<T>, Vector<T>) {
-    let part = |e: usize| unsafe { load::<T>(&axis[e], k) };
+pub(crate) unsafe fn load_pose_axis<T: Lane>(axis: &[PoseSlot; 6], k: usize) -> (Vector<T>, Vector<T>) {
+    let part = |e: usize| unsafe { load_pose::<T>(&axis[e], k) };
     ([part(0), part(1), part(2)], [part(3), part(4), part(5)])
 }
 
 #[inline(always)]
-unsafe fn carry_lane<T: Lane>(model: &Model, group: &mut Group, k: usize) {
+unsafe fn carry_lane<T: Lane>(model: &EndEffectorModel, group: &mut PoseGroup, k: usize) {
     let na = model.mechanism.coordinates;
     // SAFETY: the caller's promise about k.
     unsafe {
         for (slot, &entry) in group.mass.iter_mut().zip(&model.rotor_mass) {
-            store(slot, k, T::splat(entry));
+            store_pose(slot, k, T::splat(entry));
         }
         let one = |e: usize| core::array::from_fn(|f| T::splat(if e == f { 1.0 } else { 0.0 }));
         // The base frame's axes, seen from the link.
         let mut base: [Vector<T>; 3] = [one(0), one(1), one(2)];
         for (i, link) in model.mechanism.links.iter().enumerate() {
-            let joint = JointMotion::rest(link.shape, link).at(load::<T>(&group.position[i], k));
+            let joint = JointTransform::at_zero(link.shape, link).at(load_pose::<T>(&group.position[i], k));
             for (slot, axis) in (link.first..).zip(&link.axes) {
-                let rate = load::<T>(&group.rates[i * na + axis.coordinate], k);
+                let rate = load_pose::<T>(&group.rates[i * na + axis.coordinate], k);
                 let (x, u) = match axis.above {
-                    Some(above) => joint.moved(joint.carry(load_axis::<T>(&group.axes[above], k)), rate),
-                    None => joint.own(rate),
+                    Some(above) => {
+                        joint.add_joint_rate(joint.transform_axis(load_pose_axis::<T>(&group.axes[above], k)), rate)
+                    }
+                    None => joint.joint_axis(rate),
                 };
                 for (e, part) in x.into_iter().chain(u).enumerate() {
-                    store(&mut group.axes[slot][e], k, part);
+                    store_pose(&mut group.axes[slot][e], k, part);
                 }
             }
             if model.carries[i] {
                 base = base.map(|axis| joint.rotate(axis));
             }
-            if model.heavy[i] {
+            if model.has_mass[i] {
                 add_body::<T>(model, group, i, k);
             }
         }
-        hold::<T>(model, group, &base, k);
+        end_effector_rows::<T>(model, group, &base, k);
     }
 }
 
 /// One body's part of the mass matrix: its momentum under every axis, contracted with every axis.
 #[inline(always)]
-unsafe fn add_body<T: Lane>(model: &Model, group: &mut Group, i: usize, k: usize) {
+unsafe fn add_body<T: Lane>(model: &EndEffectorModel, group: &mut PoseGroup, i: usize, k: usize) {
     let (link, na) = (&model.mechanism.links[i], model.mechanism.coordinates);
     let c: [T; LINK_PARAMETERS] = core::array::from_fn(|e| T::splat(model.bodies.chi[LINK_PARAMETERS * i + e]));
     for (b, right) in link.axes.iter().enumerate() {
         // SAFETY: the caller's promise about k.
-        let (x, u) = unsafe { load_axis::<T>(&group.axes[link.first + b], k) };
+        let (x, u) = unsafe { load_pose_axis::<T>(&group.axes[link.first + b], k) };
         let first = [c[6], c[7], c[8]];
         let turned = [
             c[0].fma(x[0], c[1].fma(x[1], c[2].mul(x[2]))),
@@ -231,13 +241,13 @@ unsafe fn add_body<T: Lane>(model: &Model, group: &mut Group, i: usize, k: usize
         let angular = cross_add(first, u, turned);
         let linear = cross_add(x, first, u.map(|u| u.mul(c[9])));
         for (a, left) in link.axes[..=b].iter().enumerate() {
-            let (x, u) = unsafe { load_axis::<T>(&group.axes[link.first + a], k) };
+            let (x, u) = unsafe { load_pose_axis::<T>(&group.axes[link.first + a], k) };
             let entry = dot(x, angular).add(dot(u, linear));
             let (a, b) = (left.coordinate, right.coordinate);
             let both = [a * na + b, b * na + a];
             for &at in &both[..if a == b { 1 } else { 2 }] {
                 let slot = &mut group.mass[at];
-                unsafe { store(slot, k, load::<T>(slot, k).add(entry)) };
+                unsafe { store_pose(slot, k, load_pose::<T>(slot, k).add(entry)) };
             }
         }
     }
@@ -245,34 +255,34 @@ unsafe fn add_body<T: Lane>(model: &Model, group: &mut Group, i: usize, k: usize
 
 /// The handle's velocity under every axis of its link, in the base frame.
 #[inline(always)]
-unsafe fn hold<T: Lane>(model: &Model, group: &mut Group, base: &[Vector<T>; 3], k: usize) {
-    let (link, na) = (&model.mechanism.links[model.grip.link], model.mechanism.coordinates);
-    let point = model.grip.point.map(T::splat);
+unsafe fn end_effector_rows<T: Lane>(model: &EndEffectorModel, group: &mut PoseGroup, base: &[Vector<T>; 3], k: usize) {
+    let (link, na) = (&model.mechanism.links[model.end_effector.link], model.mechanism.coordinates);
+    let point = model.end_effector.point.map(T::splat);
     for (slot, axis) in (link.first..).zip(&link.axes) {
         // SAFETY: the caller's promise about k.
-        let (x, u) = unsafe { load_axis::<T>(&group.axes[slot], k) };
+        let (x, u) = unsafe { load_pose_axis::<T>(&group.axes[slot], k) };
         let velocity = cross_add(x, point, u);
         for (row, &along) in base.iter().enumerate() {
             for (row, vector) in [(row, velocity), (row + 3, x)] {
-                unsafe { store(&mut group.jacobian[row * na + axis.coordinate], k, dot(along, vector)) };
+                unsafe { store_pose(&mut group.jacobian[row * na + axis.coordinate], k, dot(along, vector)) };
             }
         }
     }
 }
 
 /// Work on groups of poses, one thread or many; `out` has `width` numbers for each pose, and `work` fills those of one.
-pub(crate) fn each_share<S>(
-    model: &Model,
+pub(crate) fn for_each_group<S>(
+    model: &EndEffectorModel,
     out: &mut [f64],
     width: usize,
     start: impl Fn() -> S + Sync,
-    work: impl Fn(&Group, &mut S, &mut [f64]) + Sync,
+    work: impl Fn(&PoseGroup, &mut S, &mut [f64]) + Sync,
 ) {
     let share = |(index, part): (usize, &mut [f64])| {
-        let (mut group, mut state) = (Group::new(model), start());
+        let (mut group, mut state) = (PoseGroup::new(model), start());
         for (g, rows) in part.chunks_mut(MAX_WIDTH * width).enumerate() {
             let (from, count) = (index * SHARE + g * MAX_WIDTH, rows.len() / width);
-            group.make(model, from, count);
+            group.evaluate(model, from, count);
             work(&group, &mut state, rows);
         }
     };
@@ -285,15 +295,15 @@ pub(crate) fn each_share<S>(
 
 /// The chosen rows of the handle's Jacobian (rows x coordinates), then the mass matrix (coordinates x coordinates), in
 /// one row of `out` for each pose.
-pub fn handle_dynamics(
+pub fn end_effector_dynamics(
     mechanism: &Mechanism,
     poses: &Poses,
-    grip: &Grip,
-    bodies: &Bodies,
+    end_effector: &EndEffector,
+    bodies: &BodyParameters,
     rows: &[usize],
     out: &mut [f64],
 ) -> Result<(), Error> {
-    let model = Model::new(mechanism, poses, grip, bodies)?;
+    let model = EndEffectorModel::new(mechanism, poses, end_effector, bodies)?;
     check_indices("row", rows, COMPONENTS)?;
     let na = mechanism.coordinates;
     let width = (rows.len() + na) * na;
@@ -301,7 +311,7 @@ pub fn handle_dynamics(
     if out.is_empty() {
         return Ok(());
     }
-    let work = |group: &Group, _: &mut (), out: &mut [f64]| {
+    let work = |group: &PoseGroup, _: &mut (), out: &mut [f64]| {
         let chosen = rows.iter().flat_map(|&row| &group.jacobian[row * na..][..na]);
         for (e, slot) in chosen.chain(&group.mass).enumerate() {
             for (pose, &number) in out.chunks_exact_mut(width).zip(slot) {
@@ -309,7 +319,7 @@ pub fn handle_dynamics(
             }
         }
     };
-    each_share(&model, out, width, || (), work);
+    for_each_group(&model, out, width, || (), work);
     Ok(())
 }
 
@@ -328,11 +338,11 @@ pub(crate) fn check_indices(name: &'static str, indices: &[usize], limit: usize)
 
 /// A sum of axes with these weights: the velocity of a link.
 #[inline(always)]
-pub(crate) unsafe fn weighted<T: Lane>(
-    model: &Model,
-    group: &Group,
+pub(crate) unsafe fn link_velocity<T: Lane>(
+    model: &EndEffectorModel,
+    group: &PoseGroup,
     i: usize,
-    weights: &[Slot],
+    weights: &[PoseSlot],
     k: usize,
 ) -> (Vector<T>, Vector<T>) {
     let link = &model.mechanism.links[i];
@@ -340,7 +350,7 @@ pub(crate) unsafe fn weighted<T: Lane>(
     for (slot, axis) in (link.first..).zip(&link.axes) {
         // SAFETY: the caller's promise about k.
         let ((dx, du), weight) =
-            unsafe { (load_axis::<T>(&group.axes[slot], k), load::<T>(&weights[axis.coordinate], k)) };
+            unsafe { (load_pose_axis::<T>(&group.axes[slot], k), load_pose::<T>(&weights[axis.coordinate], k)) };
         x = core::array::from_fn(|e| dx[e].fma(weight, x[e]));
         u = core::array::from_fn(|e| du[e].fma(weight, u[e]));
     }

@@ -1,12 +1,12 @@
 //! The algebra of one pose: singular values and vectors of `J L^-T`, where `A = L L'`, by rotations.
 
 /// Rounds of rotations at most; five are usual.
-const ROUNDS: usize = 30;
+const MAX_SWEEPS: usize = 30;
 /// Vectors count as orthogonal where the cosine of their angle is below this.
-const ORTHOGONAL: f64 = 1e-15;
+const ORTHOGONALITY: f64 = 1e-15;
 
 /// Masses, directions and rates of one pose: m rows, n coordinates, r = min(m, n).
-pub(crate) struct Principal {
+pub(crate) struct JacobiSvd {
     m: usize,
     n: usize,
     /// Cholesky factor of A, n x n.
@@ -15,26 +15,26 @@ pub(crate) struct Principal {
     columns: Vec<f64>,
     /// The vectors that are made orthogonal, and the rotations that do it.
     vectors: Vec<f64>,
-    turned: Vec<f64>,
+    rotations: Vec<f64>,
     /// Singular values, and where they are from the smallest on.
-    lengths: Vec<f64>,
+    singular_values: Vec<f64>,
     order: Vec<usize>,
     pub masses: Vec<f64>,
     pub directions: Vec<f64>,
     pub rates: Vec<f64>,
 }
 
-impl Principal {
-    pub(crate) fn new(m: usize, n: usize) -> Principal {
+impl JacobiSvd {
+    pub(crate) fn new(m: usize, n: usize) -> JacobiSvd {
         let (r, zeros) = (m.min(n), |len| vec![0.0; len]);
-        Principal {
+        JacobiSvd {
             m,
             n,
             factor: zeros(n * n),
             columns: zeros(m * n),
             vectors: zeros(m * n),
-            turned: zeros(r * r),
-            lengths: zeros(r),
+            rotations: zeros(r * r),
+            singular_values: zeros(r),
             order: (0..r).collect(),
             masses: zeros(r),
             directions: zeros(r * m),
@@ -43,15 +43,15 @@ impl Principal {
     }
 
     /// Ratio of the largest and the smallest singular value of J; infinite where it has less than full rank.
-    pub(crate) fn condition(&mut self, jacobian: impl Fn(usize, usize) -> f64) -> f64 {
+    pub(crate) fn condition_number(&mut self, jacobian: impl Fn(usize, usize) -> f64) -> f64 {
         for row in 0..self.m {
             for a in 0..self.n {
                 self.columns[row * self.n + a] = jacobian(row, a);
             }
         }
         self.orthogonalise();
-        let lengths = (0..self.order.len()).map(|e| self.length(e));
-        let (low, high) = lengths.fold((f64::INFINITY, 0.0), |(low, high), s| (s.min(low), s.max(high)));
+        let singular_values = (0..self.order.len()).map(|e| self.norm(e));
+        let (low, high) = singular_values.fold((f64::INFINITY, 0.0), |(low, high), s| (s.min(low), s.max(high)));
         if low > 0.0 { high / low } else { f64::INFINITY }
     }
 
@@ -69,26 +69,26 @@ impl Principal {
         }
         self.orthogonalise();
         for e in 0..self.order.len() {
-            self.lengths[e] = self.length(e);
+            self.singular_values[e] = self.norm(e);
         }
-        let lengths = &self.lengths;
-        self.order.sort_unstable_by(|&a, &b| lengths[a].total_cmp(&lengths[b]));
+        let singular_values = &self.singular_values;
+        self.order.sort_unstable_by(|&a, &b| singular_values[a].total_cmp(&singular_values[b]));
         for place in 0..self.order.len() {
             let e = self.order[place];
-            let s = self.lengths[e];
+            let s = self.singular_values[e];
             self.masses[place] = 1.0 / (s * s);
             for row in 0..m {
                 self.directions[place * m + row] =
-                    if m <= n { self.turned[row * m + e] } else { self.vectors[e * m + row] / s };
+                    if m <= n { self.rotations[row * m + e] } else { self.vectors[e * m + row] / s };
             }
-            self.set_upright(place);
-            self.unit_speed(place);
+            self.fix_sign(place);
+            self.unit_speed_rates(place);
         }
         true
     }
 
     /// Of a direction's two ways, the one in which its largest component is positive.
-    fn set_upright(&mut self, place: usize) {
+    fn fix_sign(&mut self, place: usize) {
         let direction = &mut self.directions[place * self.m..][..self.m];
         let largest = direction.iter().copied().fold(0.0, |a: f64, b| if b.abs() > a.abs() { b } else { a });
         if largest < 0.0 {
@@ -118,7 +118,7 @@ impl Principal {
     }
 
     /// Rates of the coordinates along one direction: m A^-1 J' v = m L^-T (L^-1 J') v.
-    fn unit_speed(&mut self, place: usize) {
+    fn unit_speed_rates(&mut self, place: usize) {
         let (m, n) = (self.m, self.n);
         for a in (0..n).rev() {
             let along: f64 = (0..m).map(|row| self.columns[row * n + a] * self.directions[place * m + row]).sum();
@@ -128,32 +128,32 @@ impl Principal {
     }
 
     /// Length of the vectors that are made orthogonal.
-    fn long(&self) -> usize {
+    fn vector_length(&self) -> usize {
         self.m.max(self.n)
     }
 
-    fn length(&self, e: usize) -> f64 {
-        let long = self.long();
+    fn norm(&self, e: usize) -> f64 {
+        let long = self.vector_length();
         self.vectors[e * long..][..long].iter().map(|x| x * x).sum::<f64>().sqrt()
     }
 
-    /// One-sided Jacobi rotations (Hestenes 1958): the fewer of rows and columns, made orthogonal in pairs. Their lengths
+    /// One-sided Jacobi rotations (Hestenes 1958): the fewer of rows and columns, made orthogonal in pairs. Their singular_values
     /// are the singular values.
     fn orthogonalise(&mut self) {
-        let (m, n, r, long) = (self.m, self.n, self.order.len(), self.long());
+        let (m, n, r, long) = (self.m, self.n, self.order.len(), self.vector_length());
         for e in 0..r {
             for k in 0..long {
                 self.vectors[e * long + k] = if m <= n { self.columns[e * n + k] } else { self.columns[k * n + e] };
             }
             for f in 0..r {
-                self.turned[e * r + f] = if e == f { 1.0 } else { 0.0 };
+                self.rotations[e * r + f] = if e == f { 1.0 } else { 0.0 };
             }
         }
-        for _ in 0..ROUNDS {
+        for _ in 0..MAX_SWEEPS {
             let mut turned = false;
             for e in 0..r {
                 for f in e + 1..r {
-                    turned |= self.turn(e, f, long);
+                    turned |= self.rotate_pair(e, f, long);
                 }
             }
             if !turned {
@@ -162,8 +162,8 @@ impl Principal {
         }
     }
 
-    /// Turn two vectors in their plane until they are orthogonal; false where they are.
-    fn turn(&mut self, e: usize, f: usize, long: usize) -> bool {
+    /// Rotation two vectors in their plane until they are orthogonal; false where they are.
+    fn rotate_pair(&mut self, e: usize, f: usize, long: usize) -> bool {
         let r = self.order.len();
         let (head, tail) = self.vectors.split_at_mut(f * long);
         let (p, q) = (&mut head[e * long..][..long], &mut tail[..long]);
@@ -171,7 +171,7 @@ impl Principal {
         for (p, q) in p.iter().zip(q.iter()) {
             (pp, qq, pq) = (pp + p * p, qq + q * q, pq + p * q);
         }
-        if pq * pq <= ORTHOGONAL * ORTHOGONAL * pp * qq {
+        if pq * pq <= ORTHOGONALITY * ORTHOGONALITY * pp * qq {
             return false;
         }
         let zeta = (qq - pp) / (2.0 * pq);
@@ -181,7 +181,7 @@ impl Principal {
         for (p, q) in p.iter_mut().zip(q.iter_mut()) {
             (*p, *q) = (c * *p - s * *q, s * *p + c * *q);
         }
-        for row in self.turned.chunks_exact_mut(r) {
+        for row in self.rotations.chunks_exact_mut(r) {
             (row[e], row[f]) = (c * row[e] - s * row[f], s * row[e] + c * row[f]);
         }
         true

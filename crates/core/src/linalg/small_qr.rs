@@ -5,20 +5,20 @@ use crate::simd::real::Real;
 /// Sum of products.
 #[inline(always)]
 pub(crate) fn dot<N: Real>(x: &[N], y: &[N]) -> N {
-    sum(x, y, N::plus)
+    sum(x, y, N::add_product)
 }
 
 /// Sum of what `plus` makes of pairs, four at a time: additions that wait for each other take longer than the products.
 #[inline(always)]
 fn sum<N: Real, Y: Copy>(x: &[N], y: &[Y], plus: impl Fn(N, N, Y) -> N) -> N {
     let ((fours, rest), (others, last)) = (x.as_chunks::<4>(), y.as_chunks::<4>());
-    let mut sums = [N::of(0.0); 4];
+    let mut sums = [N::constant(0.0); 4];
     for (x, y) in fours.iter().zip(others) {
         for ((sum, &x), &y) in sums.iter_mut().zip(x).zip(y) {
             *sum = plus(*sum, x, y);
         }
     }
-    let mut left = N::of(0.0);
+    let mut left = N::constant(0.0);
     for (&x, &y) in rest.iter().zip(last) {
         left = plus(left, x, y);
     }
@@ -27,7 +27,7 @@ fn sum<N: Real, Y: Copy>(x: &[N], y: &[Y], plus: impl Fn(N, N, Y) -> N) -> N {
 
 /// A tall matrix A = Q R, column by column; the reflections stand below the diagonal.
 #[derive(Debug, Clone)]
-pub(crate) struct Factor<N> {
+pub(crate) struct QrFactor<N> {
     rows: usize,
     columns: usize,
     entries: Vec<N>,
@@ -38,10 +38,10 @@ pub(crate) struct Factor<N> {
     weights: Vec<N>,
 }
 
-impl<N: Real> Factor<N> {
-    pub(crate) fn new(rows: usize, columns: usize) -> Factor<N> {
-        let zeros = |len| vec![N::of(0.0); len];
-        Factor {
+impl<N: Real> QrFactor<N> {
+    pub(crate) fn new(rows: usize, columns: usize) -> QrFactor<N> {
+        let zeros = |len| vec![N::constant(0.0); len];
+        QrFactor {
             rows,
             columns,
             entries: zeros(rows * columns),
@@ -54,15 +54,15 @@ impl<N: Real> Factor<N> {
     /// Decompose a matrix given column by column.
     #[inline(always)]
     pub(crate) fn decompose(&mut self, matrix: &[N]) {
-        let (m, none) = (self.rows, N::of(0.0));
+        let (m, none) = (self.rows, N::constant(0.0));
         self.entries.copy_from_slice(matrix);
         for k in 0..self.columns {
             let (done, after) = self.entries.split_at_mut((k + 1) * m);
             let vector = &mut done[k * m + k..];
-            let length = dot(vector, vector).root();
+            let length = dot(vector, vector).sqrt();
             let diagonal = N::select(vector[0], none, none - length, length);
             vector[0] = vector[0] - diagonal;
-            let both = (diagonal * vector[0]).inverse();
+            let both = (diagonal * vector[0]).recip();
             (self.diagonal[k], self.inverse[k]) = (diagonal, both * vector[0]);
             self.weights[k] = N::select(length, none, none - both, none);
             for column in after.chunks_exact_mut(m) {
@@ -82,7 +82,7 @@ impl<N: Real> Factor<N> {
             right[k] = right[k] * self.inverse[k];
             let (above, known) = right.split_at_mut(k);
             for (x, &entry) in above.iter_mut().zip(&self.entries[k * m..]) {
-                *x = x.minus(entry, known[0]);
+                *x = x.sub_product(entry, known[0]);
             }
         }
     }
@@ -90,17 +90,17 @@ impl<N: Real> Factor<N> {
     /// Whether the least singular value of A, its columns scaled to unit length, is above a limit: whether the Gram matrix
     /// stays positive definite with its diagonal reduced by the limit squared. The matrix is n x n of scratch.
     #[inline(always)]
-    pub(crate) fn is_open(&self, limit: f64, gram: &mut [N]) -> bool {
+    pub(crate) fn is_well_conditioned(&self, limit: f64, gram: &mut [N]) -> bool {
         let n = self.columns;
         for i in 0..n {
             for k in 0..=i {
                 let (one, other) = (self.column(i), self.column(k));
                 let last = if i == k { self.diagonal[k] } else { one[k] };
-                gram[i * n + k] = dot(&one[..k], &other[..k]).plus(last, self.diagonal[k]);
+                gram[i * n + k] = dot(&one[..k], &other[..k]).add_product(last, self.diagonal[k]);
             }
-            gram[i * n + i] = gram[i * n + i].times(1.0 - limit * limit);
+            gram[i * n + i] = gram[i * n + i].scale(1.0 - limit * limit);
         }
-        is_positive(gram, n)
+        is_positive_definite(gram, n)
     }
 
     #[inline(always)]
@@ -113,15 +113,15 @@ impl<N: Real> Factor<N> {
 fn reflect<N: Real>(vector: &[N], weight: N, x: &mut [N]) {
     let along = weight * dot(vector, x);
     for (x, &v) in x.iter_mut().zip(vector) {
-        *x = x.minus(along, v);
+        *x = x.sub_product(along, v);
     }
 }
 
 /// Whether a symmetric matrix, its lower triangle given, is positive definite: by Cholesky, in place. Once a pivot is not
 /// positive, all after it are minus infinity or no numbers; the last one tells.
 #[inline(always)]
-fn is_positive<N: Real>(matrix: &mut [N], n: usize) -> bool {
-    let mut pivot = N::of(1.0);
+fn is_positive_definite<N: Real>(matrix: &mut [N], n: usize) -> bool {
+    let mut pivot = N::constant(1.0);
     for i in 0..n {
         let (before, row) = matrix.split_at_mut(i * n);
         for k in 0..i {
@@ -129,37 +129,37 @@ fn is_positive<N: Real>(matrix: &mut [N], n: usize) -> bool {
             row[k] = (row[k] - dot(&row[..k], &other[..k])) * other[k];
         }
         pivot = row[i] - dot(&row[..i], &row[..i]);
-        row[i] = pivot.root().inverse();
+        row[i] = pivot.sqrt().recip();
     }
-    pivot.exceeds(0.0)
+    pivot.all_greater(0.0)
 }
 
 /// Whether B, both matrices given column by column, is on the side of singular ones on which A is, and near enough to
 /// tell: whether all leading minors of A' B, so that its determinant too, are positive. They are where B differs from A
 /// by less than the least singular value, whatever the columns' lengths. `product` is n x n of scratch.
 #[inline(always)]
-pub(crate) fn same_side<N: Real>(a: &[f64], b: &[N], rows: usize, product: &mut [N]) -> bool {
+pub(crate) fn same_orientation<N: Real>(a: &[f64], b: &[N], rows: usize, product: &mut [N]) -> bool {
     let n = a.len() / rows;
     let product = &mut product[..n * n];
     for (i, a) in a.chunks_exact(rows).enumerate() {
         for (k, b) in b.chunks_exact(rows).enumerate() {
-            product[i * n + k] = sum(b, a, N::plus_times);
+            product[i * n + k] = sum(b, a, N::add_scaled);
         }
     }
-    let mut good = N::of(1.0);
+    let mut good = N::constant(1.0);
     for k in 0..n {
         let (above, below) = product.split_at_mut((k + 1) * n);
         let row = &above[k * n..];
-        good = N::select(row[k], N::of(0.0), good, N::of(0.0));
-        let inverse = row[k].inverse();
+        good = N::select(row[k], N::constant(0.0), good, N::constant(0.0));
+        let inverse = row[k].recip();
         for other in below.chunks_exact_mut(n) {
             let share = other[k] * inverse;
             for (x, &y) in other[k..].iter_mut().zip(&row[k..]) {
-                *x = x.minus(share, y);
+                *x = x.sub_product(share, y);
             }
         }
     }
-    good.exceeds(0.0)
+    good.all_greater(0.0)
 }
 
 #[cfg(test)]
@@ -171,7 +171,7 @@ mod tests {
 
     #[test]
     fn least_squares_leave_what_is_across_all_columns() {
-        let mut factor = Factor::new(5, 3);
+        let mut factor = QrFactor::new(5, 3);
         factor.decompose(&A);
         let right = [1., -2., 0.3, 0.7, 2.];
         let mut x = right;
@@ -186,33 +186,36 @@ mod tests {
     fn openness_is_the_least_singular_value_of_unit_columns() {
         // Two columns at an angle: singular values sqrt(1 +- cos).
         let (angle, mut gram) = (0.1_f64, [0.0; 4]);
-        let mut factor = Factor::new(3, 2);
+        let mut factor = QrFactor::new(3, 2);
         factor.decompose(&[2., 0., 0., 5. * angle.cos(), 0., 5. * angle.sin()]);
         let least = (1.0 - angle.cos()).sqrt();
-        assert!(factor.is_open(least * (1.0 - 1e-9), &mut gram) && !factor.is_open(least * (1.0 + 1e-9), &mut gram));
+        assert!(
+            factor.is_well_conditioned(least * (1.0 - 1e-9), &mut gram)
+                && !factor.is_well_conditioned(least * (1.0 + 1e-9), &mut gram)
+        );
         factor.decompose(&[1., 0., 0., 1., 0., 0.]);
-        assert!(!factor.is_open(1e-6, &mut gram));
+        assert!(!factor.is_well_conditioned(1e-6, &mut gram));
         factor.decompose(&[0., 0., 0., 1., 0., 0.]);
-        assert!(!factor.is_open(1e-6, &mut gram));
+        assert!(!factor.is_well_conditioned(1e-6, &mut gram));
     }
 
     #[test]
     fn sides_change_with_the_sign_of_a_column_and_with_an_exchange() {
         // Room for more than is needed.
         let mut product = [0.0; 12];
-        assert!(same_side(&A, &A, 5, &mut product));
+        assert!(same_orientation(&A, &A, 5, &mut product));
         let (s, c) = 0.5_f64.sin_cos();
         let mut other = A;
         for e in 0..5 {
             (other[5 + e], other[10 + e]) = (c * A[5 + e] - s * A[10 + e], s * A[5 + e] + c * A[10 + e]);
         }
-        assert!(same_side(&A, &other, 5, &mut product));
+        assert!(same_orientation(&A, &other, 5, &mut product));
         other[5..10].iter_mut().for_each(|x| *x = -*x);
-        assert!(!same_side(&A, &other, 5, &mut product));
+        assert!(!same_orientation(&A, &other, 5, &mut product));
         other = A;
         (0..5).for_each(|e| other.swap(e, 10 + e));
-        assert!(!same_side(&A, &other, 5, &mut product));
+        assert!(!same_orientation(&A, &other, 5, &mut product));
         other[..5].fill(0.0);
-        assert!(!same_side(&A, &other, 5, &mut product));
+        assert!(!same_orientation(&A, &other, 5, &mut product));
     }
 }

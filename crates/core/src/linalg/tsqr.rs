@@ -16,7 +16,7 @@ use crate::simd::lane::{Lane, MAX_WIDTH};
 const MAX_PANEL: usize = 4;
 
 /// The upper triangle of a panel's compact form I - V T V', where column k of V is that of A below a unit in row k of R.
-pub(crate) type Compact = [[f64; MAX_PANEL]; MAX_PANEL];
+pub(crate) type CompactPanel = [[f64; MAX_PANEL]; MAX_PANEL];
 
 /// Fold `rows` rows into the triangle: R becomes the triangle of [R; A]. A is overwritten, and so is `panels`.
 ///
@@ -30,7 +30,7 @@ pub(crate) fn fold(
     r: &mut [f64],
     columns: usize,
     (a, rows, stride): (&mut [f64], usize, usize),
-    panels: &mut Vec<Compact>,
+    panels: &mut Vec<CompactPanel>,
 ) {
     let padded = rows.next_multiple_of(MAX_WIDTH);
     assert!(r.len() >= columns * columns && padded <= stride && a.len() >= columns * stride);
@@ -74,11 +74,11 @@ impl Block<'_> {
 }
 
 dispatched! {
-    unsafe fn fold_raw = fold_in_lanes(block: Block, panels: &mut Vec<Compact>)
+    unsafe fn fold_raw = fold_in_lanes(block: Block, panels: &mut Vec<CompactPanel>)
 }
 
 #[inline(always)]
-unsafe fn fold_in_lanes<T: Lane>(block: Block, panels: &mut Vec<Compact>) {
+unsafe fn fold_in_lanes<T: Lane>(block: Block, panels: &mut Vec<CompactPanel>) {
     // SAFETY: the caller's promise.
     unsafe {
         match T::PANEL {
@@ -90,7 +90,7 @@ unsafe fn fold_in_lanes<T: Lane>(block: Block, panels: &mut Vec<Compact>) {
 }
 
 #[inline(always)]
-unsafe fn fold_panels<T: Lane, const P: usize>(mut block: Block, panels: &mut Vec<Compact>) {
+unsafe fn fold_panels<T: Lane, const P: usize>(mut block: Block, panels: &mut Vec<CompactPanel>) {
     panels.clear();
     let block = &mut block;
     let mut first = 0;
@@ -118,7 +118,11 @@ unsafe fn fold_panels<T: Lane, const P: usize>(mut block: Block, panels: &mut Ve
 
 /// One panel of N columns, from all before it.
 #[inline(always)]
-unsafe fn finish<T: Lane, const P: usize, const N: usize>(block: &mut Block, panels: &mut Vec<Compact>, first: usize) {
+unsafe fn finish<T: Lane, const P: usize, const N: usize>(
+    block: &mut Block,
+    panels: &mut Vec<CompactPanel>,
+    first: usize,
+) {
     unsafe {
         reflect::<T, P, N, 1>(block, panels, 0, first);
         panels.push(factor::<T, N>(block, first));
@@ -130,7 +134,7 @@ unsafe fn finish<T: Lane, const P: usize, const N: usize>(block: &mut Block, pan
 #[inline(always)]
 unsafe fn reflect<T: Lane, const P: usize, const N: usize, const G: usize>(
     block: &mut Block,
-    panels: &[Compact],
+    panels: &[CompactPanel],
     begin: usize,
     c: usize,
 ) {
@@ -143,28 +147,28 @@ unsafe fn reflect<T: Lane, const P: usize, const N: usize, const G: usize>(
         let mut v = block.some::<P>(begin * P);
         let mut weights = [none; G];
         for g in 0..G {
-            let sums = exchange::<T, P, N, false, true>(v, &none, v, x[g], block.rows);
-            weights[g] = weigh(block, &panels[begin], begin * P, c + g * N, &sums);
+            let sums = reflect_and_project::<T, P, N, false, true>(v, &none, v, x[g], block.rows);
+            weights[g] = reflection_weights(block, &panels[begin], begin * P, c + g * N, &sums);
         }
         for (j, panel) in panels.iter().enumerate().skip(begin + 1) {
             let next = block.some::<P>(j * P);
             for g in 0..G {
-                let sums = exchange::<T, P, N, true, true>(v, &weights[g], next, x[g], block.rows);
-                weights[g] = weigh(block, panel, j * P, c + g * N, &sums);
+                let sums = reflect_and_project::<T, P, N, true, true>(v, &weights[g], next, x[g], block.rows);
+                weights[g] = reflection_weights(block, panel, j * P, c + g * N, &sums);
             }
             v = next;
         }
         for (weights, x) in weights.iter().zip(x) {
-            exchange::<T, P, N, true, false>(v, weights, v, x, block.rows);
+            reflect_and_project::<T, P, N, true, false>(v, weights, v, x, block.rows);
         }
     }
 }
 
 /// What is taken out of N columns along each reflector, and out of their heads in R.
 #[inline(always)]
-fn weigh<T: Lane, const P: usize, const N: usize>(
+fn reflection_weights<T: Lane, const P: usize, const N: usize>(
     block: &mut Block,
-    panel: &Compact,
+    panel: &CompactPanel,
     first: usize,
     c: usize,
     sums: &[[T; N]; P],
@@ -184,7 +188,7 @@ fn weigh<T: Lane, const P: usize, const N: usize>(
 
 /// Take one panel's reflections out of N columns, if `TAKE`; if `SUM`, return their inner products with the next panel.
 #[inline(always)]
-unsafe fn exchange<T: Lane, const P: usize, const N: usize, const TAKE: bool, const SUM: bool>(
+unsafe fn reflect_and_project<T: Lane, const P: usize, const N: usize, const TAKE: bool, const SUM: bool>(
     v: [*mut f64; P],
     weights: &[[T; N]; P],
     next: [*mut f64; P],
@@ -223,12 +227,12 @@ unsafe fn exchange<T: Lane, const P: usize, const N: usize, const TAKE: bool, co
 ///
 /// The step that takes a reflection out of the columns after it finds the inner products of the next one with them all.
 #[inline(always)]
-unsafe fn factor<T: Lane, const W: usize>(block: &mut Block, first: usize) -> Compact {
+unsafe fn factor<T: Lane, const W: usize>(block: &mut Block, first: usize) -> CompactPanel {
     let (columns, rows) = (block.columns, block.rows);
     let mut t = [[0.0; MAX_PANEL]; MAX_PANEL];
     // The column to be reflected, those after it, then those before it.
     let mut x = unsafe { block.some::<W>(first) };
-    let mut products = unsafe { take_out::<T, W, 0>(x, (1.0, [0.0; W]), rows) };
+    let mut products = unsafe { subtract_reflection::<T, W, 0>(x, (1.0, [0.0; W]), rows) };
     for k in 0..W {
         let (mut scale, mut taken) = (0.0, [0.0; W]);
         let diagonal = (first + k) * columns + first + k;
@@ -251,7 +255,7 @@ unsafe fn factor<T: Lane, const W: usize>(block: &mut Block, first: usize) -> Co
                 row[k] = -tau * (j..k).map(|l| row[l] * inner(l)).sum::<f64>();
             }
         }
-        products = unsafe { take_out::<T, W, 1>(x, (scale, taken), rows) };
+        products = unsafe { subtract_reflection::<T, W, 1>(x, (scale, taken), rows) };
         x.rotate_left(1);
         products.rotate_left(1);
     }
@@ -260,7 +264,7 @@ unsafe fn factor<T: Lane, const W: usize>(block: &mut Block, first: usize) -> Co
 
 /// Scale the first column, take it out of the others, and return their inner products with column NEXT.
 #[inline(always)]
-unsafe fn take_out<T: Lane, const W: usize, const NEXT: usize>(
+unsafe fn subtract_reflection<T: Lane, const W: usize, const NEXT: usize>(
     x: [*mut f64; W],
     (scale, taken): (f64, [f64; W]),
     rows: usize,

@@ -24,13 +24,13 @@ pub struct Frame {
 
 /// A joint cut, and the frames that it brings together.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Cut {
+pub struct CutJoint {
     pub prismatic: bool,
-    pub frame: Frame,
-    pub twin: Frame,
+    pub frame_a: Frame,
+    pub frame_b: Frame,
 }
 
-impl Cut {
+impl CutJoint {
     pub(crate) fn gaps(&self) -> usize {
         if self.prismatic { 8 } else { 6 }
     }
@@ -38,13 +38,13 @@ impl Cut {
 
 /// A tree and the joints cut out of its loops.
 #[derive(Debug, Clone)]
-pub struct Loops {
+pub struct LoopClosure {
     pub(crate) joints: Vec<Joint>,
-    pub(crate) cuts: Vec<Cut>,
-    pub(crate) size: f64,
-    /// Where each joint stands on its parent, and each cut's frame and twin on their links.
-    pub(crate) stands: Vec<Placement>,
-    pub(crate) cut_stands: Vec<[Placement; 2]>,
+    pub(crate) cuts: Vec<CutJoint>,
+    pub(crate) length_scale: f64,
+    /// Where each joint joint_placements on its parent, and each cut's frame and twin on their links.
+    pub(crate) joint_placements: Vec<Placement>,
+    pub(crate) frame_placements: Vec<[Placement; 2]>,
     /// For each cut the joints that carry its frames, and which of both they carry.
     pub(crate) carriers: Vec<Vec<Carrier>>,
 }
@@ -57,9 +57,9 @@ pub(crate) struct Carrier {
     pub(crate) twin: bool,
 }
 
-impl Loops {
+impl LoopClosure {
     /// Check the parts and put them together; `size` weighs directions, m.
-    pub fn new(joints: &[Joint], cuts: &[Cut], size: f64) -> Result<Loops, Error> {
+    pub fn new(joints: &[Joint], cuts: &[CutJoint], length_scale: f64) -> Result<LoopClosure, Error> {
         let n = joints.len();
         let mut above = vec![false; n * n];
         for (i, joint) in joints.iter().enumerate() {
@@ -71,42 +71,50 @@ impl Loops {
             }
             above[i * n + i] = true;
         }
-        let links = cuts.iter().flat_map(|cut| [cut.frame.link, cut.twin.link]).flatten();
+        let links = cuts.iter().flat_map(|cut| [cut.frame_a.link, cut.frame_b.link]).flatten();
         if let Some(got) = links.max().filter(|&link| link >= n) {
             return Err(Error::Index { name: "link of a cut", got, limit: n });
         }
-        if !(size.is_finite() && size > 0.0) {
-            return Err(Error::Value { name: "size", got: size, wanted: "a finite number above zero" });
+        if !(length_scale.is_finite() && length_scale > 0.0) {
+            return Err(Error::Value { name: "size", got: length_scale, wanted: "a finite number above zero" });
         }
         let carries = |j: usize, frame: &Frame| frame.link.is_some_and(|link| above[link * n + j]);
-        let carriers = |cut: &Cut| {
+        let carriers = |cut: &CutJoint| {
             let both = (0..n).map(|joint| Carrier {
                 joint,
-                frame: carries(joint, &cut.frame),
-                twin: carries(joint, &cut.twin),
+                frame: carries(joint, &cut.frame_a),
+                twin: carries(joint, &cut.frame_b),
             });
             both.filter(|carrier| carrier.frame || carrier.twin).collect()
         };
         let carriers = cuts.iter().map(carriers).collect();
-        let stands = joints.iter().map(|joint| Placement::new(joint.rotation, joint.translation)).collect();
-        let frames = |cut: &Cut| [cut.frame, cut.twin].map(|frame| Placement::new(frame.rotation, frame.translation));
-        let cut_stands = cuts.iter().map(frames).collect();
-        Ok(Loops { joints: joints.to_vec(), cuts: cuts.to_vec(), size, stands, cut_stands, carriers })
+        let joint_placements = joints.iter().map(|joint| Placement::new(joint.rotation, joint.translation)).collect();
+        let frames =
+            |cut: &CutJoint| [cut.frame_a, cut.frame_b].map(|frame| Placement::new(frame.rotation, frame.translation));
+        let frame_placements = cuts.iter().map(frames).collect();
+        Ok(LoopClosure {
+            joints: joints.to_vec(),
+            cuts: cuts.to_vec(),
+            length_scale,
+            joint_placements,
+            frame_placements,
+            carriers,
+        })
     }
 
     /// What a joint's move is measured by: rad where it turns, the mechanism's size where it slides, m.
-    pub(crate) fn unit(&self, joint: usize) -> f64 {
-        if self.joints[joint].prismatic { self.size } else { 1.0 }
+    pub(crate) fn joint_scale(&self, joint: usize) -> f64 {
+        if self.joints[joint].prismatic { self.length_scale } else { 1.0 }
     }
 
     /// What directions are weighed with, m.
-    pub(crate) fn size(&self) -> f64 {
-        self.size
+    pub(crate) fn length_scale(&self) -> f64 {
+        self.length_scale
     }
 
     /// Number of gaps.
     pub fn gaps(&self) -> usize {
-        self.cuts.iter().map(Cut::gaps).sum()
+        self.cuts.iter().map(CutJoint::gaps).sum()
     }
 
     /// Number of joints.

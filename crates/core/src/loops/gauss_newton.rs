@@ -1,16 +1,16 @@
 //! Damped Gauss-Newton steps.
 
 use crate::error::{Error, expect_length};
-use crate::loops::cut::{Loops, SHARE};
-use crate::loops::gap::Shape;
+use crate::loops::cut::{LoopClosure, SHARE};
+use crate::loops::gap::LoopState;
 use rayon::prelude::*;
 
 /// Largest step of a joint towards closed cuts, rad, or m per m of size.
-const STRIDE: f64 = 0.7;
+const MAX_STEP: f64 = 0.7;
 /// Damping of such steps, relative: far below what slows the last ones down.
 const DAMPING: f64 = 1e-13;
 
-impl Loops {
+impl LoopClosure {
     /// Move the unknown joints of every sample, samples x joints, until the cuts are as closed as they can be: damped
     /// Gauss-Newton steps, at most `steps`, until one is no longer than `settled`.
     pub fn close(&self, q: &mut [f64], unknown: &[usize], steps: usize, settled: f64) -> Result<(), Error> {
@@ -20,14 +20,14 @@ impl Loops {
             return Err(Error::Index { name: "unknown joint", got, limit: n });
         }
         q.par_chunks_mut(SHARE * n.max(1)).for_each(|q| {
-            let (mut shape, mut system) = (self.shape::<f64>(), System::new(unknown.len()));
+            let (mut shape, mut system) = (self.shape::<f64>(), NormalEquations::new(unknown.len()));
             for q in q.chunks_exact_mut(n) {
                 for _ in 0..steps {
                     self.measure(q, &mut shape);
                     system.assemble(&shape, n, unknown);
                     let step = system.solve();
                     let longest = step.iter().fold(0.0_f64, |longest, x| longest.max(x.abs()));
-                    let share = (STRIDE / longest.max(STRIDE)).min(1.0);
+                    let share = (MAX_STEP / longest.max(MAX_STEP)).min(1.0);
                     unknown.iter().zip(step).for_each(|(&j, x)| q[j] -= share * x);
                     if longest <= settled {
                         break;
@@ -39,18 +39,18 @@ impl Loops {
     }
 }
 /// The damped normal equations of one step: small, and solved again and again, so that their error does not stay.
-struct System {
+struct NormalEquations {
     size: usize,
     matrix: Vec<f64>,
     right: Vec<f64>,
 }
 
-impl System {
-    fn new(size: usize) -> System {
-        System { size, matrix: vec![0.0; size * size], right: vec![0.0; size] }
+impl NormalEquations {
+    fn new(size: usize) -> NormalEquations {
+        NormalEquations { size, matrix: vec![0.0; size * size], right: vec![0.0; size] }
     }
 
-    fn assemble(&mut self, shape: &Shape<f64>, joints: usize, unknown: &[usize]) {
+    fn assemble(&mut self, shape: &LoopState<f64>, joints: usize, unknown: &[usize]) {
         self.matrix.fill(0.0);
         self.right.fill(0.0);
         for (row, gap) in shape.jacobian.chunks_exact(joints).zip(&shape.gaps) {
@@ -88,7 +88,7 @@ impl System {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::loops::cut::{Cut, Frame};
+    use crate::loops::cut::{CutJoint, Frame};
     use crate::mechanism::Joint;
 
     #[test]
@@ -96,8 +96,8 @@ mod tests {
         let eye = [1., 0., 0., 0., 1., 0., 0., 0., 1.];
         let bar = |x| Joint { parent: None, rotation: eye, translation: [x, 0., 0.], prismatic: false };
         let tip = |link, x| Frame { link: Some(link), rotation: eye, translation: [x, 0.0, 0.0] };
-        let cut = Cut { prismatic: false, frame: tip(0, 0.5), twin: tip(1, 0.4) };
-        let loops = Loops::new(&[bar(0.0), bar(0.6)], &[cut], 0.6).expect("two bars");
+        let cut = CutJoint { prismatic: false, frame_a: tip(0, 0.5), frame_b: tip(1, 0.4) };
+        let loops = LoopClosure::new(&[bar(0.0), bar(0.6)], &[cut], 0.6).expect("two bars");
         let mut q = [0.5, 2.0].repeat(300);
         loops.close(&mut q, &[0, 1], 60, 1e-12).expect("shapes");
         let (first, second) = ((0.25 + 0.36 - 0.16_f64) / 0.6, (0.16 + 0.36 - 0.25_f64) / 0.48);

@@ -1,4 +1,4 @@
-//! Loops.
+//! LoopClosure.
 
 pub(crate) mod assembly;
 pub(crate) mod continuation;

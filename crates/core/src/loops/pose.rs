@@ -24,11 +24,11 @@ pub(crate) struct Pose<N> {
     pub(crate) origin: Vector<N>,
 }
 
-// No closure stands between these and the lanes: one that is not inlined would pass them through memory.
+// No closure joint_placements between these and the lanes: one that is not inlined would pass them through memory.
 
 #[inline(always)]
 pub(crate) fn dot<N: Number>(a: Vector<N>, b: Vector<N>) -> N {
-    (a[0] * b[0]).plus(a[1], b[1]).plus(a[2], b[2])
+    (a[0] * b[0]).add_product(a[1], b[1]).add_product(a[2], b[2])
 }
 
 #[inline(always)]
@@ -38,52 +38,56 @@ pub(crate) fn sub<N: Number>(a: Vector<N>, b: Vector<N>) -> Vector<N> {
 
 #[inline(always)]
 pub(crate) fn cross<N: Number>(a: Vector<N>, b: Vector<N>) -> Vector<N> {
-    [(a[1] * b[2]).minus(a[2], b[1]), (a[2] * b[0]).minus(a[0], b[2]), (a[0] * b[1]).minus(a[1], b[0])]
+    [
+        (a[1] * b[2]).sub_product(a[2], b[1]),
+        (a[2] * b[0]).sub_product(a[0], b[2]),
+        (a[0] * b[1]).sub_product(a[1], b[0]),
+    ]
 }
 
 #[inline(always)]
-pub(crate) fn times<N: Number>(a: Vector<N>, x: N) -> Vector<N> {
+pub(crate) fn scale<N: Number>(a: Vector<N>, x: N) -> Vector<N> {
     [a[0] * x, a[1] * x, a[2] * x]
 }
 
 /// a + b x
 #[inline(always)]
-pub(crate) fn plus<N: Number>(a: Vector<N>, b: Vector<N>, x: N) -> Vector<N> {
-    [a[0].plus(b[0], x), a[1].plus(b[1], x), a[2].plus(b[2], x)]
+pub(crate) fn add_product<N: Number>(a: Vector<N>, b: Vector<N>, x: N) -> Vector<N> {
+    [a[0].add_product(b[0], x), a[1].add_product(b[1], x), a[2].add_product(b[2], x)]
 }
 
 /// a - b x
 #[inline(always)]
-pub(crate) fn minus<N: Number>(a: Vector<N>, b: Vector<N>, x: N) -> Vector<N> {
-    [a[0].minus(b[0], x), a[1].minus(b[1], x), a[2].minus(b[2], x)]
+pub(crate) fn sub_product<N: Number>(a: Vector<N>, b: Vector<N>, x: N) -> Vector<N> {
+    [a[0].sub_product(b[0], x), a[1].sub_product(b[1], x), a[2].sub_product(b[2], x)]
 }
 
 /// a + b x, where x is constant.
 #[inline(always)]
-pub(crate) fn plus_times<N: Number>(a: Vector<N>, b: Vector<N>, x: f64) -> Vector<N> {
-    [a[0].plus_times(b[0], x), a[1].plus_times(b[1], x), a[2].plus_times(b[2], x)]
+pub(crate) fn add_scaled<N: Number>(a: Vector<N>, b: Vector<N>, x: f64) -> Vector<N> {
+    [a[0].add_scaled(b[0], x), a[1].add_scaled(b[1], x), a[2].add_scaled(b[2], x)]
 }
 
 impl<N: Number> Pose<N> {
     #[inline(always)]
     pub(crate) fn base() -> Self {
-        let (one, none) = (N::of(1.0), N::of(0.0));
+        let (one, none) = (N::constant(1.0), N::constant(0.0));
         Pose { axes: [[one, none, none], [none, one, none], [none, none, one]], origin: [none; 3] }
     }
 
-    /// Rates of a frame that stands still.
+    /// Rates of a frame that joint_placements still.
     #[inline(always)]
-    pub(crate) fn still() -> Self {
-        let zero = [N::of(0.0); 3];
+    pub(crate) fn zero() -> Self {
+        let zero = [N::constant(0.0); 3];
         Pose { axes: [zero; 3], origin: zero }
     }
 
     /// Rates of the axes and the origin with a joint that carries them, whose link is given.
     #[inline(always)]
-    pub(crate) fn turned_by(&self, link: &Pose<N>, prismatic: bool) -> Self {
+    pub(crate) fn rates_by(&self, link: &Pose<N>, prismatic: bool) -> Self {
         let ([x, y, z], about) = (self.axes, link.axes[2]);
         if prismatic {
-            return Pose { origin: about, ..Pose::still() };
+            return Pose { origin: about, ..Pose::zero() };
         }
         let axes = [cross(about, x), cross(about, y), cross(about, z)];
         Pose { axes, origin: cross(about, sub(self.origin, link.origin)) }
@@ -93,13 +97,13 @@ impl<N: Number> Pose<N> {
     #[inline(always)]
     pub(crate) fn along(&self, from: Vector<N>, x: [f64; 3]) -> Vector<N> {
         let [a, b, c] = self.axes;
-        plus_times(plus_times(plus_times(from, a, x[0]), b, x[1]), c, x[2])
+        add_scaled(add_scaled(add_scaled(from, a, x[0]), b, x[1]), c, x[2])
     }
 
-    /// A frame that stands in this one.
+    /// A frame that joint_placements in this one.
     #[inline(always)]
-    pub(crate) fn placed(&self, at: &Placement) -> Self {
-        let (origin, none) = (self.along(self.origin, at.shift), [N::of(0.0); 3]);
+    pub(crate) fn place(&self, at: &Placement) -> Self {
+        let (origin, none) = (self.along(self.origin, at.shift), [N::constant(0.0); 3]);
         let axes = match at.rotation {
             None => self.axes,
             Some([a, b, c, d, e, f, g, h, i]) => {
@@ -111,12 +115,12 @@ impl<N: Number> Pose<N> {
 
     /// Turned about, or moved along, its own z.
     #[inline(always)]
-    pub(crate) fn moved(&self, prismatic: bool, q: N) -> Self {
+    pub(crate) fn move_joint(&self, prismatic: bool, q: N) -> Self {
         let [x, y, z] = self.axes;
         if prismatic {
-            return Pose { axes: self.axes, origin: plus(self.origin, z, q) };
+            return Pose { axes: self.axes, origin: add_product(self.origin, z, q) };
         }
         let (s, c) = q.sin_cos();
-        Pose { axes: [plus(times(x, c), y, s), minus(times(y, c), x, s), z], origin: self.origin }
+        Pose { axes: [add_product(scale(x, c), y, s), sub_product(scale(y, c), x, s), z], origin: self.origin }
     }
 }

@@ -1,18 +1,18 @@
-//! Part of a motion, followed in lanes: a few samples at once, each reached in one step from the one before them all.
+//! Segment of a motion, followed in lanes: a few samples at once, each reached in one step from the one before them all.
 
-use crate::loops::assembly::{Branch, Stop};
-use crate::loops::continuation::{March, Stand};
-use crate::loops::newton::Tried;
+use crate::loops::assembly::{AssemblyMode, ContinuationStop};
+use crate::loops::continuation::{ClosedConfiguration, Continuation};
+use crate::loops::newton::NewtonIterate;
 use crate::simd::dispatch::Kind;
-use crate::simd::real::Real;
 #[cfg(target_arch = "x86_64")]
-use crate::simd::real::Wide;
+use crate::simd::real::LaneNumber;
+use crate::simd::real::Real;
 #[cfg(target_arch = "x86_64")]
 use crate::simd::x86::{Avx2, Avx512};
 use std::ops::Range;
 
 /// Samples that follow each other, and what is found for them.
-pub(crate) struct Part<'a> {
+pub(crate) struct Segment<'a> {
     pub first: usize,
     pub position: &'a [f64],
     pub velocity: &'a [f64],
@@ -21,83 +21,87 @@ pub(crate) struct Part<'a> {
     pub change: &'a mut [f64],
 }
 
-impl Part<'_> {
+impl Segment<'_> {
     /// Follow the part from the start; none where that does not lead to it. Returns where it ends.
-    pub(crate) fn guessed(&mut self, branch: &Branch) -> Option<Result<Stand, Stop>> {
-        let mut march = March::new(branch);
-        let found = march.go(&self.position[..branch.active()]).then(|| self.follow(&mut march));
-        found.map(|led| led.map(|()| march.stand))
+    pub(crate) fn follow_from_start(
+        &mut self,
+        mode: &AssemblyMode,
+    ) -> Option<Result<ClosedConfiguration, ContinuationStop>> {
+        let mut continuation = Continuation::new(mode);
+        let found = continuation.advance_to(&self.position[..mode.active()]).then(|| self.follow(&mut continuation));
+        found.map(|led| led.map(|()| continuation.configuration))
     }
 
-    /// Follow the part with a march that stands at its first sample, and is left at its last: in the processor's own
+    /// Follow the part with a continuation that joint_placements at its first sample, and is left at its last: in the processor's own
     /// vectors where it has wide ones, else sample by sample.
-    pub(crate) fn follow(&mut self, march: &mut March) -> Result<(), Stop> {
+    pub(crate) fn follow(&mut self, continuation: &mut Continuation) -> Result<(), ContinuationStop> {
         #[cfg(target_arch = "x86_64")]
         #[target_feature(enable = "avx512f,avx512dq,avx2,fma")]
-        fn avx512(part: &mut Part, march: &mut March) -> Result<(), Stop> {
-            follow_in_lanes::<Wide<Avx512>>(part, march)
+        fn avx512(part: &mut Segment, continuation: &mut Continuation) -> Result<(), ContinuationStop> {
+            follow_in_lanes::<LaneNumber<Avx512>>(part, continuation)
         }
         #[cfg(target_arch = "x86_64")]
         #[target_feature(enable = "avx2,fma")]
-        fn avx2(part: &mut Part, march: &mut March) -> Result<(), Stop> {
-            follow_in_lanes::<Wide<Avx2>>(part, march)
+        fn avx2(part: &mut Segment, continuation: &mut Continuation) -> Result<(), ContinuationStop> {
+            follow_in_lanes::<LaneNumber<Avx2>>(part, continuation)
         }
-        match march.branch.backend.0 {
+        match continuation.mode.backend.0 {
             // SAFETY: a backend value exists only where its instructions were detected.
             #[cfg(target_arch = "x86_64")]
-            Kind::Avx512 => unsafe { avx512(self, march) },
+            Kind::Avx512 => unsafe { avx512(self, continuation) },
             #[cfg(target_arch = "x86_64")]
-            Kind::Avx2 => unsafe { avx2(self, march) },
+            Kind::Avx2 => unsafe { avx2(self, continuation) },
             #[cfg(target_arch = "aarch64")]
-            Kind::Neon => follow_in_lanes::<f64>(self, march),
-            Kind::Portable => follow_in_lanes::<f64>(self, march),
+            Kind::Neon => follow_in_lanes::<f64>(self, continuation),
+            Kind::Portable => follow_in_lanes::<f64>(self, continuation),
         }
     }
 
     /// Follow some samples one after the other.
-    fn one_by_one(&mut self, march: &mut March, samples: Range<usize>) -> Result<(), Stop> {
-        let (n, a) = (march.branch.joints(), march.branch.active());
+    fn one_by_one(&mut self, continuation: &mut Continuation, samples: Range<usize>) -> Result<(), ContinuationStop> {
+        let (n, a) = (continuation.mode.joints(), continuation.mode.active());
         for k in samples {
-            if !march.go_on(&self.position[k * a..][..a]) {
-                return Err(march.stop(self.first + k));
+            if !continuation.advance_or_restart(&self.position[k * a..][..a]) {
+                return Err(continuation.stop(self.first + k));
             }
-            self.q[k * n..][..n].copy_from_slice(&march.stand.q);
+            self.q[k * n..][..n].copy_from_slice(&continuation.configuration.q);
         }
         Ok(())
     }
 }
 
 #[inline(always)]
-fn follow_in_lanes<N: Real>(part: &mut Part, march: &mut March) -> Result<(), Stop> {
-    let (branch, a) = (march.branch, march.branch.active());
-    let (mut tried, mut velocity) = (Tried::<N>::new(branch), vec![N::of(0.0); a]);
+fn follow_in_lanes<N: Real>(part: &mut Segment, continuation: &mut Continuation) -> Result<(), ContinuationStop> {
+    let (mode, a) = (continuation.mode, continuation.mode.active());
+    let (mut iterate, mut velocity) = (NewtonIterate::<N>::new(mode), vec![N::constant(0.0); a]);
     for from in (0..part.position.len() / a).step_by(N::WIDTH) {
         let samples = from..(part.position.len() / a).min(from + N::WIDTH);
         let mut targets = part.position[samples.start * a..samples.end * a].chunks_exact(a);
-        gather(part.position, &samples, &mut tried.at);
-        let together = targets.all(|target| march.is_near(target)) && tried.step(branch, &march.stand);
+        gather(part.position, &samples, &mut iterate.at);
+        let together =
+            targets.all(|target| continuation.is_near(target)) && iterate.step(mode, &continuation.configuration);
         if together {
-            scatter(&tried.q, &samples, part.q);
+            scatter(&iterate.q, &samples, part.q);
         } else {
-            part.one_by_one(march, samples.clone())?;
-            gather(part.q, &samples, &mut tried.q);
+            part.one_by_one(continuation, samples.clone())?;
+            gather(part.q, &samples, &mut iterate.q);
         }
         if !part.rates.is_empty() {
-            tried.measure(branch);
+            iterate.evaluate(mode);
         }
         if together || !part.rates.is_empty() {
-            tried.follow(branch);
+            iterate.solve_rates(mode);
         }
         if together {
-            march.stand.move_to(branch, &tried, samples.len() - 1);
+            continuation.configuration.adopt(mode, &iterate, samples.len() - 1);
         }
         if !part.rates.is_empty() {
-            scatter(&tried.rates, &samples, part.rates);
+            scatter(&iterate.rates, &samples, part.rates);
         }
         if !part.change.is_empty() {
             gather(part.velocity, &samples, &mut velocity);
-            tried.follow_on(branch, &velocity);
-            scatter(&tried.change, &samples, part.change);
+            iterate.solve_rate_derivatives(mode, &velocity);
+            scatter(&iterate.change, &samples, part.change);
         }
     }
     Ok(())

@@ -30,9 +30,9 @@ impl Closure {
 pub(crate) enum Rate {
     Constant(f64),
     /// Staged channels of the rate, and of its own rate of change with time.
-    Given {
+    Varying {
         rate: usize,
-        change: usize,
+        derivative: usize,
     },
 }
 
@@ -44,7 +44,7 @@ impl Rate {
 
 /// A position as a function of the coordinates.
 #[derive(Debug, Clone, PartialEq)]
-pub(crate) struct Course {
+pub(crate) struct JointMap {
     /// Staged channel of the position, where the motion brings it.
     pub given: Option<usize>,
     /// Position at zero coordinates, where it does not.
@@ -53,27 +53,27 @@ pub(crate) struct Course {
     pub rates: Vec<(usize, Rate)>,
 }
 
-impl Course {
-    pub(crate) fn linear(offset: f64, rates: impl IntoIterator<Item = (usize, f64)>) -> Course {
+impl JointMap {
+    pub(crate) fn linear(offset: f64, rates: impl IntoIterator<Item = (usize, f64)>) -> JointMap {
         let rates = rates.into_iter().filter(|r| r.1 != 0.0).map(|(a, rate)| (a, Rate::Constant(rate))).collect();
-        Course { given: None, offset, rates }
+        JointMap { given: None, offset, rates }
     }
 
     /// The course of a joint that the motion brings: from `next` on its position, its given rates, and their changes.
     /// Returns the first channel after them.
-    pub(crate) fn given(next: usize, rates: &[f64], given: &[bool]) -> (Course, usize) {
+    pub(crate) fn given(next: usize, rates: &[f64], given: &[bool]) -> (JointMap, usize) {
         let many = given.iter().filter(|&&g| g).count();
         let mut rate = next + 1;
         let mut found = Vec::new();
         for (a, (&constant, &given)) in rates.iter().zip(given).enumerate() {
             if given {
-                found.push((a, Rate::Given { rate, change: rate + many }));
+                found.push((a, Rate::Varying { rate, derivative: rate + many }));
                 rate += 1;
             } else if constant != 0.0 {
                 found.push((a, Rate::Constant(constant)));
             }
         }
-        (Course { given: Some(next), offset: 0.0, rates: found }, rate + many)
+        (JointMap { given: Some(next), offset: 0.0, rates: found }, rate + many)
     }
 
     /// The rate with a coordinate.

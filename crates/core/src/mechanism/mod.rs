@@ -10,9 +10,9 @@ pub(crate) mod transform;
 
 use crate::error::{Error, expect_length};
 use crate::mechanism::closure::Closure;
-use crate::mechanism::closure::{Course, Rate};
-use crate::mechanism::layout::Last;
-use crate::mechanism::shape::{Shape, Turn, Way};
+use crate::mechanism::closure::{JointMap, Rate};
+use crate::mechanism::layout::LayoutCache;
+use crate::mechanism::shape::{JointShape, JointType, Rotation};
 use crate::mechanism::terms::{Column, Law, Term};
 use crate::simd::dispatch::Backend;
 
@@ -20,7 +20,7 @@ use crate::simd::dispatch::Backend;
 pub const LINK_PARAMETERS: usize = 10;
 
 /// One joint and the link it carries, in normal form: the joint's frame is placed in the parent's link frame, then
-/// the link turns about, or slides along, its own z.
+/// the link turns about, or prismatic along, its own z.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Joint {
     /// The parent link; `None` is the base.
@@ -38,10 +38,10 @@ pub(crate) struct Link {
     pub parent: Option<usize>,
     /// Rotation from the parent's frame to the joint's, row-major.
     pub inverse: [f64; 9],
-    pub shape: Shape,
+    pub shape: JointShape,
     pub translation: [f64; 3],
     /// How the joint follows the coordinates.
-    pub course: Course,
+    pub joint_map: JointMap,
     /// The coordinates that move this link, and where their axes are in the workspace.
     pub axes: Vec<Axis>,
     /// Where this link's first axis is in the workspace.
@@ -70,7 +70,7 @@ pub struct Mechanism {
     /// Channels that the motion brings for loops that are not linear.
     pub(crate) loops: usize,
     pub(crate) backend: Backend,
-    pub(crate) last: Last,
+    pub(crate) layout_cache: LayoutCache,
 }
 
 impl Mechanism {
@@ -95,43 +95,44 @@ impl Mechanism {
             term.check(coordinates)?;
         }
         let externals = wanted.iter().filter(|t| t.law == Law::External).count();
-        let (links, terms, loops, last) = (Vec::new(), Vec::new(), 0, Last::default());
-        let mut mechanism = Mechanism { links, coordinates, axes: 0, gravity, terms, externals, loops, backend, last };
+        let (links, terms, loops, layout_cache) = (Vec::new(), Vec::new(), 0, LayoutCache::default());
+        let mut mechanism =
+            Mechanism { links, coordinates, axes: 0, gravity, terms, externals, loops, backend, layout_cache };
         for (i, joint) in joints.iter().enumerate() {
-            let course = mechanism.course(closure, i);
-            mechanism.append(joint, course)?;
+            let joint_map = mechanism.joint_map(closure, i);
+            mechanism.append(joint, joint_map)?;
         }
         mechanism.terms = wanted.iter().map(|term| mechanism.column(term)).collect::<Result<_, _>>()?;
         Ok(mechanism)
     }
 
     /// How joint `i` follows the coordinates; where the motion brings that, its channels are taken.
-    fn course(&mut self, closure: &Closure, i: usize) -> Course {
+    fn joint_map(&mut self, closure: &Closure, i: usize) -> JointMap {
         let row = i * self.coordinates..(i + 1) * self.coordinates;
         let rates = &closure.rates[row.clone()];
         match closure.given.get(row) {
             Some(given) if given.contains(&true) => {
                 let first = 3 * self.coordinates + self.externals;
-                let (course, end) = Course::given(first + self.loops, rates, given);
+                let (joint_map, end) = JointMap::given(first + self.loops, rates, given);
                 self.loops = end - first;
-                course
+                joint_map
             }
-            _ => Course::linear(closure.offset[i], rates.iter().copied().enumerate()),
+            _ => JointMap::linear(closure.offset[i], rates.iter().copied().enumerate()),
         }
     }
 
     fn column(&self, term: &Term) -> Result<Column, Error> {
-        let course = match term.joint {
-            None => Course::linear(term.offset, term.weights.iter().copied()),
+        let joint_map = match term.joint {
+            None => JointMap::linear(term.offset, term.weights.iter().copied()),
             Some(got) => match self.links.get(got) {
-                Some(link) => link.course.clone(),
+                Some(link) => link.joint_map.clone(),
                 None => return Err(Error::Index { name: "term joint", got, limit: self.links.len() }),
             },
         };
-        Ok(Column { law: term.law, course })
+        Ok(Column { law: term.law, joint_map })
     }
 
-    fn append(&mut self, joint: &Joint, course: Course) -> Result<(), Error> {
+    fn append(&mut self, joint: &Joint, joint_map: JointMap) -> Result<(), Error> {
         let index = self.links.len();
         if let Some(parent) = joint.parent.filter(|&p| p >= index) {
             return Err(Error::Index { name: "parent", got: parent, limit: index });
@@ -140,7 +141,7 @@ impl Mechanism {
         check_rotation(&joint.rotation)?;
         let above = |a| joint.parent.and_then(|p| self.links[p].axis(a));
         let axes: Vec<Axis> = (0..self.coordinates)
-            .map(|a| Axis { coordinate: a, above: above(a), rate: course.rate(a) })
+            .map(|a| Axis { coordinate: a, above: above(a), rate: joint_map.rate(a) })
             .filter(|axis| axis.above.is_some() || !axis.rate.is_zero())
             .collect();
         let r = &joint.rotation;
@@ -150,9 +151,9 @@ impl Mechanism {
         self.links.push(Link {
             parent: joint.parent,
             inverse,
-            shape: Shape { turn: Turn::of(&inverse), way: Way::of(joint) },
+            shape: JointShape { rotation: Rotation::of(&inverse), joint_type: JointType::of(joint) },
             translation: joint.translation,
-            course,
+            joint_map,
             axes,
             first,
         });
@@ -184,9 +185,9 @@ impl Mechanism {
     }
 
     /// Whether a column can differ from zero in the row of coordinate `a`.
-    pub(crate) fn reaches(&self, a: usize, column: usize) -> bool {
+    pub(crate) fn is_structural_nonzero(&self, a: usize, column: usize) -> bool {
         match column.checked_sub(self.inertial_columns()) {
-            Some(t) => !self.terms[t].course.rate(a).is_zero(),
+            Some(t) => !self.terms[t].joint_map.rate(a).is_zero(),
             None => self.links[column / LINK_PARAMETERS].axis(a).is_some(),
         }
     }
@@ -198,8 +199,8 @@ impl Mechanism {
 }
 
 impl Link {
-    pub(crate) fn slides(&self) -> bool {
-        self.shape.way == Way::Slides
+    pub(crate) fn is_prismatic(&self) -> bool {
+        self.shape.joint_type == JointType::Prismatic
     }
 
     /// Where the axis of coordinate `a` is in the workspace, if it moves this link.

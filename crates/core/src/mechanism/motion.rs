@@ -23,7 +23,7 @@ pub struct Motion<'a> {
 }
 
 impl Motion<'_> {
-    /// Sets of rows, each as many as coordinates.
+    /// ParameterSets of rows, each as many as coordinates.
     pub fn sets(&self) -> usize {
         if self.acceleration.is_some() { 1 } else { 2 }
     }

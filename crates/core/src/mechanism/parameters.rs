@@ -6,56 +6,56 @@ use crate::memory::slot::grow;
 use crate::memory::slot::{BATCH, Slot, load};
 use crate::simd::lane::{Lane, MAX_WIDTH};
 
-/// Sets of parameters, one after another; the samples are shared out among them evenly, in order.
-pub(crate) struct Sets<'a> {
+/// ParameterSets of parameters, one after another; the samples are shared out among them evenly, in order.
+pub(crate) struct ParameterSets<'a> {
     chi: &'a [f64],
     columns: usize,
     /// Samples of a set.
     per: usize,
     /// Links and terms of which a parameter is not zero in every set.
-    heavy: Vec<bool>,
-    wanted: Vec<bool>,
+    has_mass: Vec<bool>,
+    used: Vec<bool>,
 }
 
-impl<'a> Sets<'a> {
-    pub(crate) fn new(mechanism: &Mechanism, samples: usize, chi: &'a [f64]) -> Result<Sets<'a>, Error> {
+impl<'a> ParameterSets<'a> {
+    pub(crate) fn new(mechanism: &Mechanism, samples: usize, chi: &'a [f64]) -> Result<ParameterSets<'a>, Error> {
         let (columns, links) = (mechanism.columns(), mechanism.links.len());
         let count = chi.len().checked_div(columns).unwrap_or(1).max(1);
         expect_length("chi", chi.len(), count * columns)?;
         let per = samples / count;
         expect_length("samples of equally large sets", samples, per * count)?;
-        let mut sets = Sets { chi, columns, per, heavy: vec![false; links], wanted: vec![false; columns] };
+        let mut sets = ParameterSets { chi, columns, per, has_mass: vec![false; links], used: vec![false; columns] };
         for set in chi.chunks_exact(columns.max(1)) {
-            sets.wanted.iter_mut().zip(set).for_each(|(wanted, &x)| *wanted |= x != 0.0);
+            sets.used.iter_mut().zip(set).for_each(|(wanted, &x)| *wanted |= x != 0.0);
         }
-        let terms = sets.wanted.split_off(LINK_PARAMETERS * links);
-        for (heavy, link) in sets.heavy.iter_mut().zip(sets.wanted.chunks_exact(LINK_PARAMETERS)) {
-            *heavy = link.contains(&true);
+        let terms = sets.used.split_off(LINK_PARAMETERS * links);
+        for (has_mass, link) in sets.has_mass.iter_mut().zip(sets.used.chunks_exact(LINK_PARAMETERS)) {
+            *has_mass = link.contains(&true);
         }
-        sets.wanted = terms;
+        sets.used = terms;
         Ok(sets)
     }
 
     /// Whether a link's bodies have any parameters.
-    pub(crate) fn heavy(&self, link: usize) -> bool {
-        self.heavy[link]
+    pub(crate) fn has_mass(&self, link: usize) -> bool {
+        self.has_mass[link]
     }
 
     /// Whether a term has a parameter.
-    pub(crate) fn wanted(&self, term: usize) -> bool {
-        self.wanted[term]
+    pub(crate) fn is_used(&self, term: usize) -> bool {
+        self.used[term]
     }
 }
 
 /// The parameters of a batch of samples. Where all have the same, only a lane of each is there.
 #[derive(Default)]
-pub(crate) struct Held {
+pub(crate) struct ParameterSlots {
     slots: Vec<Slot>,
     /// The set of all the batch's samples, if it is one.
     set: Option<usize>,
 }
 
-impl Held {
+impl ParameterSlots {
     pub(crate) fn grow(&mut self, mechanism: &Mechanism) {
         grow(&mut self.slots, mechanism.columns(), Slot::ZERO);
     }
@@ -66,7 +66,7 @@ impl Held {
     }
 
     /// The parameters of samples `from..from + count`, at most a batch of them.
-    pub(crate) fn turn_to(&mut self, sets: &Sets, from: usize, count: usize) {
+    pub(crate) fn advance_to(&mut self, sets: &ParameterSets, from: usize, count: usize) {
         let set = from / sets.per;
         if (from + count - 1) / sets.per != set {
             self.set = None;
@@ -103,7 +103,7 @@ impl Held {
     /// The parameter of a column.
     ///
     /// # Safety
-    /// As for [`Held::link`].
+    /// As for [`ParameterSlots::link`].
     #[inline(always)]
     pub(crate) unsafe fn column<T: Lane>(&self, column: usize, k: usize) -> T {
         let [x] = unsafe { load(&self.slots[column], self.at(k)) };

@@ -4,7 +4,7 @@ use crate::mechanism::Joint;
 
 /// How a constant rotation acts, so that the kernel can skip multiplications by 0 and 1.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub(crate) enum Turn {
+pub(crate) enum Rotation {
     Identity,
     /// The child's y is the parent's z.
     AboutX,
@@ -15,27 +15,27 @@ pub(crate) enum Turn {
 
 /// What a joint does beside the constant rotation.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub(crate) enum Way {
+pub(crate) enum JointType {
     /// It turns about an axis through the parent's origin.
-    TurnsInPlace,
+    RevoluteInPlace,
     /// It turns about an axis away from the parent's origin.
-    Turns,
-    Slides,
+    Revolute,
+    Prismatic,
 }
 
 /// What the kernels know of a joint before they see a sample.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub(crate) struct Shape {
-    pub turn: Turn,
-    pub way: Way,
+pub(crate) struct JointShape {
+    pub rotation: Rotation,
+    pub joint_type: JointType,
 }
 
 /// Evaluate an expression with a shape that is a constant in it, so that it is compiled once for every shape.
 macro_rules! for_shape {
     ($shape:expr, $name:ident => $body:expr) => {
-        $crate::mechanism::shape::for_case!($shape.turn, [Turn::Identity, Turn::AboutX, Turn::AboutMinusX, Turn::General], turn =>
-            $crate::mechanism::shape::for_case!($shape.way, [Way::TurnsInPlace, Way::Turns, Way::Slides], way => {
-                let $name = $crate::mechanism::shape::Shape { turn, way };
+        $crate::mechanism::shape::for_case!($shape.rotation, [Rotation::Identity, Rotation::AboutX, Rotation::AboutMinusX, Rotation::General], rotation =>
+            $crate::mechanism::shape::for_case!($shape.joint_type, [JointType::RevoluteInPlace, JointType::Revolute, JointType::Prismatic], joint_type => {
+                let $name = $crate::mechanism::shape::JointShape { rotation, joint_type };
                 $body
             })
         )
@@ -55,28 +55,28 @@ macro_rules! for_case {
 }
 pub(crate) use for_case;
 
-impl Turn {
-    pub(crate) fn of(inverse: &[f64; 9]) -> Turn {
+impl Rotation {
+    pub(crate) fn of(inverse: &[f64; 9]) -> Rotation {
         // The bound is far below any effect on a torque and above the rounding of cos(pi/2).
         let is = |wanted: [f64; 9]| inverse.iter().zip(wanted).all(|(x, y)| (x - y).abs() < 1e-15);
         if is([1., 0., 0., 0., 1., 0., 0., 0., 1.]) {
-            Turn::Identity
+            Rotation::Identity
         } else if is([1., 0., 0., 0., 0., 1., 0., -1., 0.]) {
-            Turn::AboutX
+            Rotation::AboutX
         } else if is([1., 0., 0., 0., 0., -1., 0., 1., 0.]) {
-            Turn::AboutMinusX
+            Rotation::AboutMinusX
         } else {
-            Turn::General
+            Rotation::General
         }
     }
 }
 
-impl Way {
-    pub(crate) fn of(joint: &Joint) -> Way {
+impl JointType {
+    pub(crate) fn of(joint: &Joint) -> JointType {
         match joint.prismatic {
-            true => Way::Slides,
-            false if joint.translation == [0.0; 3] => Way::TurnsInPlace,
-            false => Way::Turns,
+            true => JointType::Prismatic,
+            false if joint.translation == [0.0; 3] => JointType::RevoluteInPlace,
+            false => JointType::Revolute,
         }
     }
 }

@@ -1,7 +1,7 @@
 //! Terms beside link inertia: columns that are linear in one parameter and depend on one coordinate's motion.
 
 use crate::error::Error;
-use crate::mechanism::closure::Course;
+use crate::mechanism::closure::JointMap;
 use crate::simd::lane::Lane;
 
 /// What a column is, as a function of its coordinate's position x, velocity v and acceleration.
@@ -43,7 +43,7 @@ pub struct Term {
 #[derive(Debug, Clone, PartialEq)]
 pub(crate) struct Column {
     pub law: Law,
-    pub course: Course,
+    pub joint_map: JointMap,
 }
 
 impl Term {
@@ -111,7 +111,7 @@ fn sign_slope<T: Lane>(v: T, width: f64) -> T {
 /// exp(-(|v| / velocity)^exponent), and its slope; at rest what that is multiplied by is zero.
 #[inline(always)]
 fn fading<T: Lane>(v: T, velocity: f64, exponent: f64) -> (T, T) {
-    let (size, zero) = (v.flip(v), T::splat(0.0));
+    let (size, zero) = (v.xor_sign(v), T::splat(0.0));
     let share = size.mul(T::splat(1.0 / velocity)).power(exponent);
     let fading = share.neg().exp();
     let slope = share.mul(T::splat(-exponent)).div(v).mul(fading);

@@ -1,7 +1,7 @@
 //! One joint in lanes: how vectors and axes of the parent's frame look in the link's.
 
 use crate::linalg::vector::{Vector, cross, cross_add, zero};
-use crate::mechanism::shape::{Shape, Turn, Way};
+use crate::mechanism::shape::{JointShape, JointType, Rotation};
 use crate::mechanism::{LINK_PARAMETERS, Link};
 use crate::memory::slot::{Slot, load, store};
 use crate::simd::elementary::sin_cos;
@@ -9,8 +9,8 @@ use crate::simd::lane::Lane;
 
 /// A joint at one position. Where its shape is a constant to the compiler, so is what need not be computed.
 #[derive(Clone, Copy)]
-pub(crate) struct JointMotion<T> {
-    pub(crate) shape: Shape,
+pub(crate) struct JointTransform<T> {
+    pub(crate) shape: JointShape,
     /// Rotation from the parent's frame to the joint's, row-major.
     pub(crate) inverse: [f64; 9],
     pub(crate) cosine: T,
@@ -19,20 +19,20 @@ pub(crate) struct JointMotion<T> {
     pub(crate) origin: Vector<T>,
 }
 
-/// What a joint's position changes, at a batch of samples: cosine and sine, or the origin of a link that slides.
-pub(crate) type JointSlots = [Slot; 3];
+/// What a joint's position changes, at a batch of samples: cosine and sine, or the origin of a link that prismatic.
+pub(crate) type TransformSlots = [Slot; 3];
 
-impl<T: Lane> JointMotion<T> {
+impl<T: Lane> JointTransform<T> {
     /// The joint at position zero; `shape` is the link's, as a constant where it is one.
     #[inline(always)]
-    pub(crate) fn rest(shape: Shape, link: &Link) -> Self {
+    pub(crate) fn at_zero(shape: JointShape, link: &Link) -> Self {
         let (cosine, sine) = (T::splat(1.0), T::splat(0.0));
-        JointMotion { shape, inverse: link.inverse, cosine, sine, origin: link.translation.map(T::splat) }
+        JointTransform { shape, inverse: link.inverse, cosine, sine, origin: link.translation.map(T::splat) }
     }
 
     #[inline(always)]
     pub(crate) fn at(mut self, q: T) -> Self {
-        if self.slides() {
+        if self.is_prismatic() {
             // The joint's z in the parent's frame is the last row of the inverse rotation.
             self.origin = core::array::from_fn(|e| T::splat(self.inverse[6 + e]).fma(q, self.origin[e]));
         } else {
@@ -46,9 +46,9 @@ impl<T: Lane> JointMotion<T> {
     /// # Safety
     /// A lane from `k` on is inside the slots.
     #[inline(always)]
-    pub(crate) unsafe fn keep(&self, slots: *mut Slot, k: usize) {
+    pub(crate) unsafe fn store(&self, slots: *mut Slot, k: usize) {
         unsafe {
-            match self.slides() {
+            match self.is_prismatic() {
                 true => store(slots, k, self.origin),
                 false => store(slots, k, [self.cosine, self.sine]),
             }
@@ -58,11 +58,11 @@ impl<T: Lane> JointMotion<T> {
     /// The joint where it was kept.
     ///
     /// # Safety
-    /// As for [`JointMotion::keep`].
+    /// As for [`JointTransform::keep`].
     #[inline(always)]
-    pub(crate) unsafe fn kept(mut self, slots: *const Slot, k: usize) -> Self {
+    pub(crate) unsafe fn load(mut self, slots: *const Slot, k: usize) -> Self {
         unsafe {
-            match self.slides() {
+            match self.is_prismatic() {
                 true => self.origin = load(slots, k),
                 false => [self.cosine, self.sine] = load(slots, k),
             }
@@ -71,8 +71,8 @@ impl<T: Lane> JointMotion<T> {
     }
 
     #[inline(always)]
-    pub(crate) fn slides(&self) -> bool {
-        self.shape.way == Way::Slides
+    pub(crate) fn is_prismatic(&self) -> bool {
+        self.shape.joint_type == JointType::Prismatic
     }
 
     /// A vector of the parent's frame in the link's.
@@ -80,13 +80,13 @@ impl<T: Lane> JointMotion<T> {
     pub(crate) fn rotate(&self, v: Vector<T>) -> Vector<T> {
         let r = |k: usize| T::splat(self.inverse[k]);
         let row = |k: usize| v[2].fma(r(k + 2), v[1].fma(r(k + 1), v[0].mul(r(k))));
-        let [x, y, z] = match self.shape.turn {
-            Turn::Identity => v,
-            Turn::AboutX => [v[0], v[2], v[1].neg()],
-            Turn::AboutMinusX => [v[0], v[2].neg(), v[1]],
-            Turn::General => [row(0), row(3), row(6)],
+        let [x, y, z] = match self.shape.rotation {
+            Rotation::Identity => v,
+            Rotation::AboutX => [v[0], v[2], v[1].neg()],
+            Rotation::AboutMinusX => [v[0], v[2].neg(), v[1]],
+            Rotation::General => [row(0), row(3), row(6)],
         };
-        if self.slides() {
+        if self.is_prismatic() {
             return [x, y, z];
         }
         [x.fma(self.cosine, y.mul(self.sine)), x.fnma(self.sine, y.mul(self.cosine)), z]
@@ -94,15 +94,16 @@ impl<T: Lane> JointMotion<T> {
 
     /// The parent's axis of a coordinate (angular x, linear u) carried to this link.
     #[inline(always)]
-    pub(crate) fn carry(&self, (x, u): (Vector<T>, Vector<T>)) -> (Vector<T>, Vector<T>) {
-        let at_origin = if self.shape.way == Way::TurnsInPlace { u } else { cross_add(x, self.origin, u) };
+    pub(crate) fn transform_axis(&self, (x, u): (Vector<T>, Vector<T>)) -> (Vector<T>, Vector<T>) {
+        let at_origin =
+            if self.shape.joint_type == JointType::RevoluteInPlace { u } else { cross_add(x, self.origin, u) };
         (self.rotate(x), self.rotate(at_origin))
     }
 
     /// The vector, at the parent's origin, that a field `b r + a` has at the link's, in the link's frame.
     #[inline(always)]
-    pub(crate) fn carry_field(&self, a: Vector<T>, b: impl FnOnce() -> [T; 9]) -> Vector<T> {
-        if self.shape.way == Way::TurnsInPlace {
+    pub(crate) fn transform_field(&self, a: Vector<T>, b: impl FnOnce() -> [T; 9]) -> Vector<T> {
+        if self.shape.joint_type == JointType::RevoluteInPlace {
             return self.rotate(a);
         }
         let (b, p) = (b(), self.origin);
@@ -112,64 +113,47 @@ impl<T: Lane> JointMotion<T> {
 
     /// Where the joint's z points in the parent's frame.
     #[inline(always)]
-    pub(crate) fn along(&self) -> Vector<T> {
+    pub(crate) fn axis_in_parent(&self) -> Vector<T> {
         core::array::from_fn(|e| T::splat(self.inverse[6 + e]))
     }
 
     /// Origin of the link in the parent's frame; none where it is the parent's own.
     #[inline(always)]
-    pub(crate) fn moved_by(&self) -> Option<Vector<T>> {
-        (self.shape.way != Way::TurnsInPlace).then_some(self.origin)
-    }
-
-    /// A vector of the link's frame in the parent's: [`JointMotion::rotate`] backwards.
-    #[inline(always)]
-    pub(crate) fn rotate_back(&self, v: Vector<T>) -> Vector<T> {
-        let [x, y, z] = match self.slides() {
-            true => v,
-            false => [v[1].fnma(self.sine, v[0].mul(self.cosine)), v[1].fma(self.cosine, v[0].mul(self.sine)), v[2]],
-        };
-        let r = |k: usize| T::splat(self.inverse[k]);
-        let column = |k: usize| z.fma(r(k + 6), y.fma(r(k + 3), x.mul(r(k))));
-        match self.shape.turn {
-            Turn::Identity => [x, y, z],
-            Turn::AboutX => [x, z.neg(), y],
-            Turn::AboutMinusX => [x, z, y.neg()],
-            Turn::General => [column(0), column(1), column(2)],
-        }
+    pub(crate) fn offset(&self) -> Option<Vector<T>> {
+        (self.shape.joint_type != JointType::RevoluteInPlace).then_some(self.origin)
     }
 
     /// An axis with the joint's own motion added, at a rate.
     #[inline(always)]
-    pub(crate) fn moved(&self, (mut x, mut u): (Vector<T>, Vector<T>), rate: T) -> (Vector<T>, Vector<T>) {
-        let own = if self.slides() { &mut u[2] } else { &mut x[2] };
+    pub(crate) fn add_joint_rate(&self, (mut x, mut u): (Vector<T>, Vector<T>), rate: T) -> (Vector<T>, Vector<T>) {
+        let own = if self.is_prismatic() { &mut u[2] } else { &mut x[2] };
         *own = own.add(rate);
         (x, u)
     }
 
     /// The axis of a coordinate that moves this joint and no joint before it.
     #[inline(always)]
-    pub(crate) fn own(&self, rate: T) -> (Vector<T>, Vector<T>) {
+    pub(crate) fn joint_axis(&self, rate: T) -> (Vector<T>, Vector<T>) {
         let along = [T::splat(0.0), T::splat(0.0), rate];
-        if self.slides() { (zero(), along) } else { (along, zero()) }
+        if self.is_prismatic() { (zero(), along) } else { (along, zero()) }
     }
 }
 
 /// Angular velocity and acceleration of a link, and acceleration of its origin less gravity, in its own frame.
-pub(crate) type Moving<T> = [Vector<T>; 3];
+pub(crate) type SpatialMotion<T> = [Vector<T>; 3];
 
 /// A symmetric tensor: XX XY XZ YY YZ ZZ.
 type Tensor<T> = [T; 6];
 
-impl<T: Lane> JointMotion<T> {
+impl<T: Lane> JointTransform<T> {
     #[inline(always)]
     fn in_place(&self) -> bool {
-        self.shape.way == Way::TurnsInPlace
+        self.shape.joint_type == JointType::RevoluteInPlace
     }
 
     /// The motion that a link would have if its joint stood still, from the parent's.
     #[inline(always)]
-    pub(crate) fn carry_motion(&self, [w, wd, a]: Moving<T>) -> Moving<T> {
+    pub(crate) fn transform_motion(&self, [w, wd, a]: SpatialMotion<T>) -> SpatialMotion<T> {
         let p = self.origin;
         let a = if self.in_place() { a } else { cross_add(wd, p, cross_add(w, cross(w, p), a)) };
         [self.rotate(w), self.rotate(wd), self.rotate(a)]
@@ -177,40 +161,44 @@ impl<T: Lane> JointMotion<T> {
 
     /// A vector of the link's frame in the parent's.
     #[inline(always)]
-    pub(crate) fn unrotate(&self, v: Vector<T>) -> Vector<T> {
+    pub(crate) fn rotate_to_parent(&self, v: Vector<T>) -> Vector<T> {
         let (c, s, [x, y, z]) = (self.cosine, self.sine, v);
-        let v = if self.slides() { v } else { [s.fnma(y, x.mul(c)), s.fma(x, y.mul(c)), z] };
+        let v = if self.is_prismatic() { v } else { [s.fnma(y, x.mul(c)), s.fma(x, y.mul(c)), z] };
         let r = |k: usize| T::splat(self.inverse[k]);
         let column = |k: usize| v[2].fma(r(k + 6), v[1].fma(r(k + 3), v[0].mul(r(k))));
-        match self.shape.turn {
-            Turn::Identity => v,
-            Turn::AboutX => [v[0], v[2].neg(), v[1]],
-            Turn::AboutMinusX => [v[0], v[2], v[1].neg()],
-            Turn::General => [column(0), column(1), column(2)],
+        match self.shape.rotation {
+            Rotation::Identity => v,
+            Rotation::AboutX => [v[0], v[2].neg(), v[1]],
+            Rotation::AboutMinusX => [v[0], v[2], v[1].neg()],
+            Rotation::General => [column(0), column(1), column(2)],
         }
     }
 
     /// A wrench on the link, moment and force, seen from the parent.
     #[inline(always)]
-    pub(crate) fn carry_wrench(&self, (n, f): (Vector<T>, Vector<T>)) -> (Vector<T>, Vector<T>) {
-        let (n, f) = (self.unrotate(n), self.unrotate(f));
+    pub(crate) fn wrench_to_parent(&self, (n, f): (Vector<T>, Vector<T>)) -> (Vector<T>, Vector<T>) {
+        let (n, f) = (self.rotate_to_parent(n), self.rotate_to_parent(f));
         (if self.in_place() { n } else { cross_add(self.origin, f, n) }, f)
     }
 
     /// The ten parameters of a body of the link, seen from the parent.
     #[inline(always)]
-    pub(crate) fn carry_body(&self, body: [T; LINK_PARAMETERS]) -> [T; LINK_PARAMETERS] {
+    pub(crate) fn inertia_to_parent(&self, body: [T; LINK_PARAMETERS]) -> [T; LINK_PARAMETERS] {
         let [xx, xy, xz, yy, yz, zz, x, y, z, m] = body;
-        let first = self.unrotate([x, y, z]);
-        let tensor = self.unturn(if self.slides() { [xx, xy, xz, yy, yz, zz] } else { self.unspin(&body) });
-        let (tensor, first) = if self.in_place() { (tensor, first) } else { self.shifted(tensor, first, m) };
+        let first = self.rotate_to_parent([x, y, z]);
+        let tensor = self.unrotate_constant(if self.is_prismatic() {
+            [xx, xy, xz, yy, yz, zz]
+        } else {
+            self.unrotate_about_z(&body)
+        });
+        let (tensor, first) = if self.in_place() { (tensor, first) } else { self.shift_inertia(tensor, first, m) };
         let ([xx, xy, xz, yy, yz, zz], [x, y, z]) = (tensor, first);
         [xx, xy, xz, yy, yz, zz, x, y, z, m]
     }
 
     /// The tensor before the joint's own turn about z.
     #[inline(always)]
-    fn unspin(&self, [xx, xy, xz, yy, yz, zz, ..]: &[T; LINK_PARAMETERS]) -> Tensor<T> {
+    fn unrotate_about_z(&self, [xx, xy, xz, yy, yz, zz, ..]: &[T; LINK_PARAMETERS]) -> Tensor<T> {
         let (c, s) = (self.cosine, self.sine);
         // Sum of xx and yy stays; c t - xy is the new xy, as 2 c^2 - 1 is the cosine of twice the angle.
         let t = s.fma(xx.sub(*yy), c.add(c).mul(*xy));
@@ -220,13 +208,13 @@ impl<T: Lane> JointMotion<T> {
 
     /// The tensor before the joint's constant rotation.
     #[inline(always)]
-    fn unturn(&self, tensor: Tensor<T>) -> Tensor<T> {
+    fn unrotate_constant(&self, tensor: Tensor<T>) -> Tensor<T> {
         let [xx, xy, xz, yy, yz, zz] = tensor;
-        match self.shape.turn {
-            Turn::Identity => tensor,
-            Turn::AboutX => [xx, xz.neg(), xy, zz, yz.neg(), yy],
-            Turn::AboutMinusX => [xx, xz, xy.neg(), zz, yz.neg(), yy],
-            Turn::General => {
+        match self.shape.rotation {
+            Rotation::Identity => tensor,
+            Rotation::AboutX => [xx, xz.neg(), xy, zz, yz.neg(), yy],
+            Rotation::AboutMinusX => [xx, xz, xy.neg(), zz, yz.neg(), yy],
+            Rotation::General => {
                 // Rows of the tensor times the rotation's transpose, whose rows are columns of the inverse.
                 let r = |k: usize| T::splat(self.inverse[k]);
                 let along = |v: Vector<T>, k: usize| v[2].fma(r(k + 6), v[1].fma(r(k + 3), v[0].mul(r(k))));
@@ -240,7 +228,7 @@ impl<T: Lane> JointMotion<T> {
 
     /// Tensor and first moments about the parent's origin, from those about the link's.
     #[inline(always)]
-    fn shifted(&self, tensor: Tensor<T>, first: Vector<T>, m: T) -> (Tensor<T>, Vector<T>) {
+    fn shift_inertia(&self, tensor: Tensor<T>, first: Vector<T>, m: T) -> (Tensor<T>, Vector<T>) {
         let (p, [xx, xy, xz, yy, yz, zz], half) = (self.origin, tensor, m.mul(T::splat(0.5)));
         // The shift adds 2 (g . p) - g p' - p g', with g halfway between the first moments before and after.
         let g: Vector<T> = core::array::from_fn(|e| half.fma(p[e], first[e]));

@@ -2,15 +2,15 @@
 
 /// An array that threads write to, each its own numbers.
 #[derive(Clone, Copy)]
-pub(crate) struct Shared(*mut f64);
+pub(crate) struct SharedOutput(*mut f64);
 
 // SAFETY: whoever writes promises that nobody else writes the same numbers.
-unsafe impl Send for Shared {}
-unsafe impl Sync for Shared {}
+unsafe impl Send for SharedOutput {}
+unsafe impl Sync for SharedOutput {}
 
-impl Shared {
-    pub(crate) fn new(numbers: &mut [f64]) -> Shared {
-        Shared(numbers.as_mut_ptr())
+impl SharedOutput {
+    pub(crate) fn new(numbers: &mut [f64]) -> SharedOutput {
+        SharedOutput(numbers.as_mut_ptr())
     }
 
     /// # Safety

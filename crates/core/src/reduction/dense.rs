@@ -12,7 +12,7 @@ const STRIDE: usize = FOLD + MAX_WIDTH;
 
 /// The square upper triangle R with R'R = A'A, row-major, of rows A of so many columns, row-major. There may be fewer rows
 /// than columns, or none.
-pub fn triangle(rows: &[f64], columns: usize, out: &mut [f64]) -> Result<(), Error> {
+pub fn r_factor(rows: &[f64], columns: usize, out: &mut [f64]) -> Result<(), Error> {
     let many = rows.len().checked_div(columns).unwrap_or(0);
     expect_length("rows", rows.len(), many * columns)?;
     expect_length("out", out.len(), columns * columns)?;
@@ -38,14 +38,14 @@ mod tests {
         for many in [0, 1, 4, 5, 8, 256, 600] {
             let rows: Vec<f64> = (0..many * columns).map(|k| (k as f64 * 0.7).sin() + 0.1 * (k % 7) as f64).collect();
             let mut r = vec![f64::NAN; columns * columns];
-            triangle(&rows, columns, &mut r).expect("shapes");
+            r_factor(&rows, columns, &mut r).expect("shapes");
             let product = |a: &[f64], i: usize, j: usize| -> f64 { a.chunks(columns).map(|x| x[i] * x[j]).sum() };
             for (i, j) in (0..columns).flat_map(|i| (0..columns).map(move |j| (i, j))) {
                 assert!((product(&rows, i, j) - product(&r, i, j)).abs() < 1e-12 * (1 + many) as f64, "{many} {i} {j}");
                 assert!(i <= j || r[i * columns + j] == 0.0);
             }
         }
-        assert!(triangle(&[1.0; 7], 5, &mut [0.0; 25]).is_err());
-        assert!(triangle(&[], 0, &mut []).is_ok());
+        assert!(r_factor(&[1.0; 7], 5, &mut [0.0; 25]).is_err());
+        assert!(r_factor(&[], 0, &mut []).is_ok());
     }
 }

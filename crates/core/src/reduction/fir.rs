@@ -10,15 +10,15 @@ use crate::simd::lane::{Lane, MAX_WIDTH};
 
 /// The taps, padded with zeros to whole lanes, and those that give the filtered signal's rate of change, if wanted.
 #[derive(Debug, Clone)]
-pub(crate) struct Filter {
+pub(crate) struct FirFilter {
     pub(crate) taps: Vec<f64>,
-    pub(crate) slope: Vec<f64>,
+    pub(crate) derivative_taps: Vec<f64>,
     length: usize,
     pub(crate) decimation: usize,
 }
 
-impl Filter {
-    pub(crate) fn new(taps: &[f64], slope: &[f64], decimation: usize) -> Result<Filter, Error> {
+impl FirFilter {
+    pub(crate) fn new(taps: &[f64], derivative_taps: &[f64], decimation: usize) -> Result<FirFilter, Error> {
         if taps.len().is_multiple_of(2) {
             return Err(Error::Length { name: "taps (an odd number)", got: taps.len(), wanted: taps.len() + 1 });
         }
@@ -30,12 +30,12 @@ impl Filter {
             padded.resize(taps.len().next_multiple_of(MAX_WIDTH), 0.0);
             padded
         };
-        Ok(Filter { taps: padded(taps), slope: padded(slope), length: taps.len(), decimation })
+        Ok(FirFilter { taps: padded(taps), derivative_taps: padded(derivative_taps), length: taps.len(), decimation })
     }
 
     /// Neither filter nor decimation, nor anything to differentiate.
     pub(crate) fn is_identity(&self) -> bool {
-        self.decimation == 1 && self.length == 1 && self.taps[0] == 1.0 && self.slope.is_empty()
+        self.decimation == 1 && self.length == 1 && self.taps[0] == 1.0 && self.derivative_taps.is_empty()
     }
 
     /// Samples on either side of the centre.
@@ -44,11 +44,11 @@ impl Filter {
     }
 
     /// Numbers read after the first sample of a window.
-    pub(crate) fn reach(&self) -> usize {
+    pub(crate) fn padded_length(&self) -> usize {
         self.taps.len()
     }
 
-    /// Add `sum_k taps[k] x[start + i * decimation + k]` to `out[i]`; the taps are the filter's own, or its slope.
+    /// Add `sum_k taps[k] x[start + i * decimation + k]` to `out[i]`; the taps are the filter's own, or its derivative_taps.
     ///
     /// # Panics
     /// When `x` ends before the last padded window.

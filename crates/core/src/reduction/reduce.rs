@@ -1,14 +1,14 @@
 //! Rows made, filtered, decimated and folded into one triangle per motor and time block, in one pass.
 
-use crate::batch::sink::Runs;
+use crate::batch::sink::EntryRuns;
 use crate::error::{Error, expect_length};
-use crate::linalg::tsqr::{Compact, fold, merge};
+use crate::linalg::tsqr::{CompactPanel, fold, merge};
 use crate::mechanism::Mechanism;
-use crate::mechanism::layout::Places;
-use crate::mechanism::layout::{check_columns, reach};
+use crate::mechanism::layout::EntryMap;
+use crate::mechanism::layout::{check_columns, structural_nonzeros};
 use crate::mechanism::motion::Motion;
 use crate::memory::aligned::Aligned;
-use crate::reduction::fir::Filter;
+use crate::reduction::fir::FirFilter;
 use crate::regressor::rows::{Workspace, rows};
 use crate::simd::lane::MAX_WIDTH;
 use rayon::prelude::*;
@@ -22,7 +22,7 @@ const FOLD: usize = CHUNK;
 const SINGLE_THREAD: usize = 2000;
 /// Rows of a long block that are folded in one go; what is made of them is merged.
 const PIECE: usize = 2048;
-/// Runs are padded so that their distance is no multiple of 4 KiB.
+/// EntryRuns are padded so that their distance is no multiple of 4 KiB.
 const PAD: usize = MAX_WIDTH;
 
 /// What to reduce, and into which blocks.
@@ -35,7 +35,7 @@ pub struct Reduction<'a> {
     /// A filter, odd in length; `[1.0]` for none.
     pub taps: &'a [f64],
     /// Of the filtered momenta, the rate of change: as many taps, where the motion has no accelerations; else none.
-    pub slope: &'a [f64],
+    pub derivative_taps: &'a [f64],
     pub decimation: usize,
     /// Sample at the centre of the first row; row r is centred `decimation * r` samples later.
     pub first: usize,
@@ -49,17 +49,17 @@ pub struct Reduction<'a> {
 
 /// The triangles of one motor.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Triangles {
-    /// Which of the chosen columns the motor can reach, ascending; the torque is the last column of the triangle.
+pub struct RFactors {
+    /// Which of the chosen columns the motor can structural_nonzeros, ascending; the torque is the last column of the triangle.
     pub columns: Vec<usize>,
     /// Per block an upper triangle [R z; 0 rest], row-major, (columns + 1) x (columns + 1).
     pub blocks: Vec<Vec<f64>>,
 }
 
 /// Reduce the motion to one triangle per coordinate and block. The result does not depend on the number of threads.
-pub fn reduce(mechanism: &Mechanism, motion: &Motion, reduction: &Reduction) -> Result<Vec<Triangles>, Error> {
+pub fn reduce(mechanism: &Mechanism, motion: &Motion, reduction: &Reduction) -> Result<Vec<RFactors>, Error> {
     let filter = check(mechanism, motion, reduction)?;
-    let reached = reach(mechanism, reduction.columns)?;
+    let reached = structural_nonzeros(mechanism, reduction.columns)?;
     let p = reduction.columns.len();
     let rows_of: Vec<Vec<usize>> =
         (0..mechanism.coordinates()).map(|a| (0..p).filter(|&c| reached[a * p + c]).collect()).collect();
@@ -102,7 +102,7 @@ fn gather(
     made: &[Vec<Vec<f64>>],
     a: usize,
     columns: Vec<usize>,
-) -> Triangles {
+) -> RFactors {
     let (size, mut rows) = (columns.len() + 1, Vec::new());
     let mut blocks: Vec<Vec<f64>> = Vec::new();
     for (piece, made) in pieces.iter().zip(made) {
@@ -113,10 +113,10 @@ fn gather(
             _ => blocks.push(made[a].clone()),
         }
     }
-    Triangles { columns, blocks: blocks.iter().map(|block| transpose(block, size)).collect() }
+    RFactors { columns, blocks: blocks.iter().map(|block| transpose(block, size)).collect() }
 }
 
-fn check(mechanism: &Mechanism, motion: &Motion, reduction: &Reduction) -> Result<Filter, Error> {
+fn check(mechanism: &Mechanism, motion: &Motion, reduction: &Reduction) -> Result<FirFilter, Error> {
     motion.check(mechanism)?;
     check_columns(mechanism, reduction.columns)?;
     let na = mechanism.coordinates();
@@ -127,9 +127,9 @@ fn check(mechanism: &Mechanism, motion: &Motion, reduction: &Reduction) -> Resul
     if reduction.block == 0 {
         return Err(Error::Value { name: "block", got: 0.0, wanted: "at least one row" });
     }
-    let slopes = if motion.acceleration.is_some() { 0 } else { reduction.taps.len() };
-    expect_length("slope", reduction.slope.len(), slopes)?;
-    let filter = Filter::new(reduction.taps, reduction.slope, reduction.decimation)?;
+    let derivative_length = if motion.acceleration.is_some() { 0 } else { reduction.taps.len() };
+    expect_length("derivative_taps", reduction.derivative_taps.len(), derivative_length)?;
+    let filter = FirFilter::new(reduction.taps, reduction.derivative_taps, reduction.decimation)?;
     let half = filter.half();
     let Reduction { first, rows, decimation, .. } = *reduction;
     let last = rows.saturating_sub(1).checked_mul(decimation).and_then(|n| n.checked_add(first));
@@ -145,40 +145,40 @@ struct Reducer<'a> {
     mechanism: &'a Mechanism,
     motion: &'a Motion<'a>,
     reduction: &'a Reduction<'a>,
-    filter: &'a Filter,
+    filter: &'a FirFilter,
     reached: &'a [Vec<usize>],
     workspace: &'a mut Workspace,
-    raw: Raw,
+    raw: RawRows,
     /// Decimated rows, FOLD + PAD apart, in the order of the raw runs.
     decimated: Aligned,
-    panels: Vec<Compact>,
+    panels: Vec<CompactPanel>,
 }
 
-/// Raw columns, one run per entry (motor, reached column or torque), holding samples `from..from + held`; without
+/// RawRows columns, one run per entry (motor, reached column or torque), holding samples `from..from + held`; without
 /// accelerations more runs follow, of the momenta that belong to those entries.
-struct Raw {
+struct RawRows {
     numbers: Aligned,
     run: usize,
     from: usize,
     held: usize,
-    sets: Vec<Places>,
+    sets: Vec<EntryMap>,
     /// First run of each motor, and one past the last.
     motors: Vec<usize>,
     /// Entries whose momenta follow, in their order.
     moving: Vec<usize>,
 }
 
-impl Raw {
+impl RawRows {
     fn new(
         mechanism: &Mechanism,
         sets: usize,
         columns: &[usize],
         reached: &[Vec<usize>],
-        filter: &Filter,
+        filter: &FirFilter,
         mut numbers: Aligned,
-    ) -> Raw {
+    ) -> RawRows {
         let (na, all) = (mechanism.coordinates(), mechanism.columns());
-        let longest = filter.reach() + CHUNK;
+        let longest = filter.padded_length() + CHUNK;
         let run = if filter.is_identity() { FOLD + PAD } else { longest.next_multiple_of(MAX_WIDTH) + PAD };
         let entries = 1 + reached.iter().map(|reached| reached.len() + 1).sum::<usize>();
         let mut place = vec![None; sets * na * all];
@@ -195,9 +195,9 @@ impl Raw {
             }
             motors.push(motors[a] + reached.len() + 1);
         }
-        let sets = (0..sets).map(|set| Places::new(mechanism, |a, c| place[(set * na + a) * all + c])).collect();
+        let sets = (0..sets).map(|set| EntryMap::new(mechanism, |a, c| place[(set * na + a) * all + c])).collect();
         numbers.clear((entries + moving.len()) * run);
-        Raw { numbers, run, from: 0, held: 0, sets, motors, moving }
+        RawRows { numbers, run, from: 0, held: 0, sets, motors, moving }
     }
 
     fn entry(&self, entry: usize) -> &[f64] {
@@ -224,7 +224,7 @@ impl Raw {
         let count = CHUNK.min(end - next);
         // SAFETY: a run has room for what the filter reaches back to, a chunk, and a lane.
         unsafe {
-            let out = Runs { first: self.numbers.as_mut_ptr(), apart: self.run }.from(self.held);
+            let out = EntryRuns { first: self.numbers.as_mut_ptr(), apart: self.run }.from(self.held);
             rows(mechanism, motion, next, count, &self.sets, out, workspace);
         }
         for (a, motor) in self.motors.windows(2).enumerate() {
@@ -240,12 +240,12 @@ impl<'a> Reducer<'a> {
         mechanism: &'a Mechanism,
         motion: &'a Motion<'a>,
         reduction: &'a Reduction<'a>,
-        filter: &'a Filter,
+        filter: &'a FirFilter,
         reached: &'a [Vec<usize>],
         workspace: &'a mut Workspace,
     ) -> Reducer<'a> {
         let (numbers, mut decimated) = (take(&mut workspace.raw), take(&mut workspace.decimated));
-        let raw = Raw::new(mechanism, motion.sets(), reduction.columns, reached, filter, numbers);
+        let raw = RawRows::new(mechanism, motion.sets(), reduction.columns, reached, filter, numbers);
         decimated.clear(raw.motors[raw.motors.len() - 1] * (FOLD + PAD));
         Reducer { mechanism, motion, reduction, filter, reached, workspace, raw, decimated, panels: Vec::new() }
     }
@@ -316,7 +316,7 @@ impl<'a> Reducer<'a> {
         let entries = raw.motors[raw.motors.len() - 1];
         for (momentum, &entry) in (entries..).zip(&raw.moving) {
             let decimated = &mut self.decimated[entry * (FOLD + PAD)..][rows.clone()];
-            filter.add(backend, &filter.slope, raw.entry(momentum), start, decimated);
+            filter.add(backend, &filter.derivative_taps, raw.entry(momentum), start, decimated);
         }
     }
 

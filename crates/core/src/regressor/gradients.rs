@@ -3,23 +3,23 @@
 //! A sample's rows are made of its own channels only, so all slopes are found by one sweep back (see `back`).
 
 use crate::batch::Batch;
-use crate::batch::sink::Runs;
+use crate::batch::sink::EntryRuns;
 use crate::error::{Error, expect_length};
 use crate::mechanism::Mechanism;
 use crate::mechanism::layout::check_columns;
 use crate::mechanism::motion::Motion;
-use crate::memory::shared::Shared;
+use crate::memory::shared::SharedOutput;
 use crate::memory::slot::BATCH;
-use crate::regressor::adjoint::{Weights, forward, sweep};
-use crate::regressor::gram::Entries;
-use crate::regressor::in_parts;
-use crate::regressor::quadratic_forms::{Form, apply};
+use crate::regressor::adjoint::{Weights, forward_sweep, reverse_sweep};
+use crate::regressor::for_each_part;
+use crate::regressor::gram::NonzeroEntries;
+use crate::regressor::quadratic_forms::{QuadraticForm, quadratic_form_weights};
 use crate::regressor::rows::{Workspace, rows};
 use std::ops::Range;
 
 /// Slopes of every row's torque, of the chosen columns' parameters `chi`: `out[(r * channels + c) * samples + k]`, row r
 /// by channel c, which are in the order of [`Motion`]'s fields.
-pub fn torque_slopes(
+pub fn torque_gradients(
     mechanism: &Mechanism,
     motion: &Motion,
     columns: &[usize],
@@ -34,8 +34,8 @@ pub fn torque_slopes(
     columns.iter().enumerate().for_each(|(c, &column)| run[column] = c + 1);
     let of_row = |row: usize| Weights::new(mechanism, |a, column| if a == row { run[column] } else { 0 });
     let weights: Vec<Weights> = (0..na).map(of_row).collect();
-    let shared = Shared::new(out);
-    in_parts(mechanism, n, |part, workspace| {
+    let shared = SharedOutput::new(out);
+    for_each_part(mechanism, n, |part, workspace| {
         let tile = workspace.tile((columns.len() + 1) * BATCH);
         // SAFETY: the tile was just made so large.
         let runs = unsafe { core::slice::from_raw_parts_mut(tile, (columns.len() + 1) * BATCH) };
@@ -43,15 +43,15 @@ pub fn torque_slopes(
             run.fill(weight);
         }
         for samples in batches(part) {
-            let Workspace { channels: at, slots, back, .. } = &mut *workspace;
-            at.turn_to(mechanism, motion, samples.start, samples.len());
+            let Workspace { channels: at, slots, adjoint, .. } = &mut *workspace;
+            at.advance_to(mechanism, motion, samples.start, samples.len());
             let batch = Batch { mechanism, channels: at, samples: samples.len() };
             // SAFETY: every run has a batch; no other part writes these samples.
             unsafe {
-                forward(mechanism.backend, batch, slots);
+                forward_sweep(mechanism.backend, batch, slots);
                 for (row, weights) in weights.iter().enumerate() {
-                    sweep(batch, weights, tile, slots, back);
-                    back.copy(mechanism, row * channels, shared, n, samples.clone());
+                    reverse_sweep(batch, weights, tile, slots, adjoint);
+                    adjoint.copy(mechanism, row * channels, shared, n, samples.clone());
                 }
             }
         }
@@ -61,7 +61,7 @@ pub fn torque_slopes(
 
 /// Slopes of the sum over rows and samples of `y' F y`, y being a row's chosen entries at a sample, F a form of each
 /// row's own, coordinates x chosen x chosen: `out[c * samples + k]`, by channel c at sample k.
-pub fn form_slopes(
+pub fn quadratic_form_gradients(
     mechanism: &Mechanism,
     motion: &Motion,
     columns: &[usize],
@@ -72,30 +72,30 @@ pub fn form_slopes(
     let (n, na, p) = (motion.samples, mechanism.coordinates, columns.len());
     expect_length("forms", forms.len(), na * p * p)?;
     expect_length("out", out.len(), mechanism.channels() * n)?;
-    let entries = Entries::new(mechanism, columns);
+    let entries = NonzeroEntries::new(mechanism, columns);
     let weights = Weights::new(mechanism, |a, column| entries.run(a, column));
-    let places = [entries.places(mechanism)];
-    let form = |row: usize| Form::new(&forms[row * p * p..][..p * p], p, &entries.reached[row]);
-    let forms: Vec<Form> = (0..na).map(form).collect();
-    let shared = Shared::new(out);
-    in_parts(mechanism, n, |part, workspace| {
-        let tile = workspace.tile(2 * entries.many() * BATCH);
+    let places = [entries.entry_map(mechanism)];
+    let form = |row: usize| QuadraticForm::new(&forms[row * p * p..][..p * p], p, &entries.reached[row]);
+    let forms: Vec<QuadraticForm> = (0..na).map(form).collect();
+    let shared = SharedOutput::new(out);
+    for_each_part(mechanism, n, |part, workspace| {
+        let tile = workspace.tile(2 * entries.count() * BATCH);
         for samples in batches(part) {
             // SAFETY: the tile has room for entries, and then for their weights; no other part writes these samples.
             unsafe {
-                let first = tile.add(entries.many() * BATCH);
+                let first = tile.add(entries.count() * BATCH);
                 first.write_bytes(0, BATCH);
-                let runs = Runs { first: tile, apart: BATCH };
+                let runs = EntryRuns { first: tile, apart: BATCH };
                 rows(mechanism, motion, samples.start, samples.len(), &places, runs, workspace);
                 for (row, form) in forms.iter().enumerate() {
-                    let at = entries.of_row(row).start * BATCH;
-                    apply(mechanism.backend, form, tile.add(at), first.add(at));
+                    let at = entries.row_runs(row).start * BATCH;
+                    quadratic_form_weights(mechanism.backend, form, tile.add(at), first.add(at));
                 }
-                let Workspace { channels: at, slots, back, .. } = &mut *workspace;
+                let Workspace { channels: at, slots, adjoint, .. } = &mut *workspace;
                 let batch = Batch { mechanism, channels: at, samples: samples.len() };
-                forward(mechanism.backend, batch, slots);
-                sweep(batch, &weights, first, slots, back);
-                back.copy(mechanism, 0, shared, n, samples);
+                forward_sweep(mechanism.backend, batch, slots);
+                reverse_sweep(batch, &weights, first, slots, adjoint);
+                adjoint.copy(mechanism, 0, shared, n, samples);
             }
         }
     });

@@ -2,10 +2,10 @@
 //!
 //! They lose half the digits that triangles keep (see `triangle`): enough to steer a search, not to estimate from.
 
-use crate::batch::sink::Runs;
+use crate::batch::sink::EntryRuns;
 use crate::error::{Error, expect_length};
 use crate::mechanism::Mechanism;
-use crate::mechanism::layout::Places;
+use crate::mechanism::layout::EntryMap;
 use crate::mechanism::layout::check_columns;
 use crate::mechanism::motion::{Motion, PART};
 use crate::regressor::rows::{Workspace, rows};
@@ -19,24 +19,25 @@ const TILE: usize = 128;
 const RUN: usize = TILE + MAX_WIDTH;
 
 /// Which of the chosen columns each row can reach, and the number of an entry's run in a tile. Run 0 is all zeros.
-pub(crate) struct Entries {
+pub(crate) struct NonzeroEntries {
     pub(crate) reached: Vec<Vec<usize>>,
     first: Vec<usize>,
     runs: Vec<usize>,
     all: usize,
 }
 
-impl Entries {
-    pub(crate) fn new(mechanism: &Mechanism, columns: &[usize]) -> Entries {
+impl NonzeroEntries {
+    pub(crate) fn new(mechanism: &Mechanism, columns: &[usize]) -> NonzeroEntries {
         let (na, all) = (mechanism.coordinates, mechanism.columns());
         let (mut reached, mut first, mut runs) = (Vec::with_capacity(na), vec![1], vec![0; na * all]);
         for a in 0..na {
-            let row: Vec<usize> = (0..columns.len()).filter(|&c| mechanism.reaches(a, columns[c])).collect();
+            let row: Vec<usize> =
+                (0..columns.len()).filter(|&c| mechanism.is_structural_nonzero(a, columns[c])).collect();
             row.iter().enumerate().for_each(|(k, &c)| runs[a * all + columns[c]] = first[a] + k);
             first.push(first[a] + row.len());
             reached.push(row);
         }
-        Entries { reached, first, runs, all }
+        NonzeroEntries { reached, first, runs, all }
     }
 
     /// The run of an entry; 0 where it is not chosen, or always zero.
@@ -45,31 +46,31 @@ impl Entries {
     }
 
     /// Number of runs.
-    pub(crate) fn many(&self) -> usize {
+    pub(crate) fn count(&self) -> usize {
         self.first[self.reached.len()]
     }
 
-    /// Runs of a row.
-    pub(crate) fn of_row(&self, row: usize) -> Range<usize> {
+    /// EntryRuns of a row.
+    pub(crate) fn row_runs(&self, row: usize) -> Range<usize> {
         self.first[row]..self.first[row + 1]
     }
 
     /// In which run each entry of the rows goes.
-    pub(crate) fn places(&self, mechanism: &Mechanism) -> Places {
-        Places::new(mechanism, |a, column| Some(self.run(a, column)).filter(|&run| run != 0))
+    pub(crate) fn entry_map(&self, mechanism: &Mechanism) -> EntryMap {
+        EntryMap::new(mechanism, |a, column| Some(self.run(a, column)).filter(|&run| run != 0))
     }
 }
 
 /// Inner products over the samples of each row's entries, coordinates x chosen x chosen, row-major.
-pub fn inner_products(mechanism: &Mechanism, motion: &Motion, columns: &[usize], out: &mut [f64]) -> Result<(), Error> {
+pub fn gram_matrices(mechanism: &Mechanism, motion: &Motion, columns: &[usize], out: &mut [f64]) -> Result<(), Error> {
     motion.check_accelerations(mechanism)?;
     check_columns(mechanism, columns)?;
     let p = columns.len();
     expect_length("out", out.len(), mechanism.coordinates * p * p)?;
-    let entries = Entries::new(mechanism, columns);
+    let entries = NonzeroEntries::new(mechanism, columns);
     let part = |from: usize| {
         let samples = from..motion.samples.min(from + PART);
-        Workspace::with(mechanism, |workspace| of_part(mechanism, motion, &entries, samples, workspace))
+        Workspace::with(mechanism, |workspace| part_gram(mechanism, motion, &entries, samples, workspace))
     };
     let starts = (0..motion.samples).step_by(PART);
     // Starting threads costs more than a few parts; the sum does not depend on them.
@@ -102,32 +103,32 @@ fn add_triangle(triangle: &[f64], reached: &[usize], out: &mut [f64], p: usize) 
 }
 
 /// The lower triangles of some samples, row after row of torque, reached x reached each.
-fn of_part(
+fn part_gram(
     mechanism: &Mechanism,
     motion: &Motion,
-    entries: &Entries,
+    entries: &NonzeroEntries,
     samples: Range<usize>,
     workspace: &mut Workspace,
 ) -> Vec<f64> {
-    let places = [entries.places(mechanism)];
+    let places = [entries.entry_map(mechanism)];
     let mut sums = vec![0.0; entries.reached.iter().map(|reached| reached.len().pow(2)).sum()];
-    let tile = workspace.tile(entries.many() * RUN);
+    let tile = workspace.tile(entries.count() * RUN);
     // SAFETY: the tile has room for all runs, the first of which stands for columns that are not there.
-    let runs = unsafe { core::slice::from_raw_parts_mut(tile, entries.many() * RUN) };
+    let runs = unsafe { core::slice::from_raw_parts_mut(tile, entries.count() * RUN) };
     runs[..RUN].fill(0.0);
     for from in samples.clone().step_by(TILE) {
         let count = TILE.min(samples.end - from);
         // SAFETY: every run has room for a tile and a lane.
-        unsafe { rows(mechanism, motion, from, count, &places, Runs { first: tile, apart: RUN }, workspace) };
+        unsafe { rows(mechanism, motion, from, count, &places, EntryRuns { first: tile, apart: RUN }, workspace) };
         let whole = count.next_multiple_of(MAX_WIDTH);
         runs.chunks_exact_mut(RUN).for_each(|run| run[count..whole].fill(0.0));
         let mut rest = &mut sums[..];
         for row in 0..mechanism.coordinates {
-            let (of_row, m) = (entries.of_row(row), entries.of_row(row).len());
+            let (row_runs, m) = (entries.row_runs(row), entries.row_runs(row).len());
             let own;
             (own, rest) = rest.split_at_mut(m * m);
             // SAFETY: the row's runs are inside the tile, and whole lanes of them were written.
-            unsafe { multiply(mechanism.backend, runs.as_ptr(), of_row, whole, own) };
+            unsafe { multiply(mechanism.backend, runs.as_ptr(), row_runs, whole, own) };
         }
     }
     sums

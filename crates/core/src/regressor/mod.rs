@@ -7,12 +7,12 @@ pub(crate) mod momentum;
 pub(crate) mod quadratic_forms;
 pub(crate) mod rows;
 
-use crate::batch::sink::Runs;
+use crate::batch::sink::EntryRuns;
 use crate::error::{Error, expect_length};
 use crate::mechanism::Mechanism;
-use crate::mechanism::layout::Plan;
+use crate::mechanism::layout::ColumnLayout;
 use crate::mechanism::motion::{Motion, PART};
-use crate::memory::shared::Shared;
+use crate::memory::shared::SharedOutput;
 use crate::memory::stream;
 use crate::regressor::rows::{Workspace, rows};
 use crate::simd::lane::MAX_WIDTH;
@@ -23,28 +23,28 @@ use std::ops::Range;
 /// column c, sample k.
 pub fn regressor(mechanism: &Mechanism, motion: &Motion, columns: &[usize], out: &mut [f64]) -> Result<(), Error> {
     motion.check(mechanism)?;
-    let plan = mechanism.plan(motion.sets(), columns)?;
+    let layout = mechanism.column_layout(motion.sets(), columns)?;
     let n = motion.samples;
-    expect_length("out", out.len(), plan.all * n)?;
+    expect_length("out", out.len(), layout.entries * n)?;
     if columns.is_empty() {
         return Ok(());
     }
-    let shared = Shared::new(out);
-    if plan.all * n <= CACHED {
-        in_parts(mechanism, n, |part, workspace| {
+    let shared = SharedOutput::new(out);
+    if layout.entries * n <= CACHED {
+        for_each_part(mechanism, n, |part, workspace| {
             let whole = part.len() - part.len() % MAX_WIDTH;
             // SAFETY: the part is inside every entry, and no other part writes it; these are whole lanes of it.
             unsafe {
-                let runs = Runs { first: shared.at(part.start), apart: n };
-                rows(mechanism, motion, part.start, whole, &plan.spread, runs, workspace);
-                plan.empty.iter().for_each(|&entry| runs.at(entry).write_bytes(0, whole));
-                tiled(mechanism, motion, &plan, part.start + whole..part.end, shared, workspace);
+                let runs = EntryRuns { first: shared.at(part.start), apart: n };
+                rows(mechanism, motion, part.start, whole, &layout.in_place, runs, workspace);
+                layout.zero.iter().for_each(|&entry| runs.at(entry).write_bytes(0, whole));
+                tiled(mechanism, motion, &layout, part.start + whole..part.end, shared, workspace);
             }
         });
     } else {
-        in_parts(mechanism, n, |part, workspace| {
+        for_each_part(mechanism, n, |part, workspace| {
             // SAFETY: the part is inside every entry, and no other part writes it.
-            unsafe { tiled(mechanism, motion, &plan, part, shared, workspace) };
+            unsafe { tiled(mechanism, motion, &layout, part, shared, workspace) };
         });
     }
     Ok(())
@@ -60,32 +60,32 @@ const CACHED: usize = 1 << 20;
 unsafe fn tiled(
     mechanism: &Mechanism,
     motion: &Motion,
-    plan: &Plan,
+    layout: &ColumnLayout,
     samples: Range<usize>,
-    out: Shared,
+    out: SharedOutput,
     workspace: &mut Workspace,
 ) {
     if samples.is_empty() {
         return;
     }
-    let tile = Runs { first: workspace.tile(plan.filled.len() * RUN), apart: RUN };
+    let tile = EntryRuns { first: workspace.tile(layout.nonzero.len() * RUN), apart: RUN };
     for from in samples.clone().step_by(TILE) {
         let count = TILE.min(samples.end - from);
         // SAFETY: every run has room for a tile and a lane; the rest is the caller's promise.
         unsafe {
-            rows(mechanism, motion, from, count, &plan.packed, tile, workspace);
+            rows(mechanism, motion, from, count, &layout.packed, tile, workspace);
             let send = |run: *const f64, entry: usize| {
                 stream::copy(mechanism.backend, run, out.at(entry * motion.samples + from), count);
             };
-            plan.filled.iter().enumerate().for_each(|(index, &entry)| send(tile.at(index), entry));
-            plan.empty.iter().for_each(|&entry| send(ZEROS.as_ptr(), entry));
+            layout.nonzero.iter().enumerate().for_each(|(index, &entry)| send(tile.at(index), entry));
+            layout.zero.iter().for_each(|&entry| send(ZEROS.as_ptr(), entry));
         }
     }
     stream::settle();
 }
 
 /// Do the work for every part of some samples, on one thread where they are few.
-pub(crate) fn in_parts(mechanism: &Mechanism, samples: usize, work: impl Fn(Range<usize>, &mut Workspace) + Sync) {
+pub(crate) fn for_each_part(mechanism: &Mechanism, samples: usize, work: impl Fn(Range<usize>, &mut Workspace) + Sync) {
     let part = |k: usize| k * PART..samples.min((k + 1) * PART);
     let parts = samples.div_ceil(PART);
     if parts <= 2 {
@@ -108,7 +108,7 @@ mod tests {
     use crate::mechanism::closure::Closure;
     use crate::simd::dispatch::Backend;
 
-    /// Four joints, one of which slides and one of which turns in place; every link is placed by another turn.
+    /// Four joints, one of which prismatic and one of which turns in place; every link is placed by another turn.
     fn mechanism(backend: Backend) -> Mechanism {
         let (s, c) = 0.4_f64.sin_cos();
         let turns = [

@@ -9,18 +9,18 @@ const PANEL: usize = 3;
 const LANES: usize = 4;
 
 /// `F + F'` of the columns that a row reaches, in panels of its rows, column after column.
-pub(crate) struct Form {
+pub(crate) struct QuadraticForm {
     columns: usize,
     panels: Vec<[f64; PANEL]>,
 }
 
-impl Form {
+impl QuadraticForm {
     /// Of a form of `all` columns, row-major.
-    pub(crate) fn new(form: &[f64], all: usize, reached: &[usize]) -> Form {
+    pub(crate) fn new(form: &[f64], all: usize, reached: &[usize]) -> QuadraticForm {
         let both = |r: usize, c: usize| form[r * all + c] + form[c * all + r];
         let panel = |rows: &[usize], c| core::array::from_fn(|e| rows.get(e).map_or(0.0, |&r| both(r, c)));
         let of_rows = |rows| reached.iter().map(move |&c| panel(rows, c));
-        Form { columns: reached.len(), panels: reached.chunks(PANEL).flat_map(of_rows).collect() }
+        QuadraticForm { columns: reached.len(), panels: reached.chunks(PANEL).flat_map(of_rows).collect() }
     }
 }
 
@@ -29,11 +29,11 @@ dispatched! {
     ///
     /// # Safety
     /// `entries` and `weights` have a batch for each of the form's columns, and nobody else uses the weights.
-    pub(crate) unsafe fn apply = apply_in_lanes(form: &Form, entries: *const f64, weights: *mut f64)
+    pub(crate) unsafe fn quadratic_form_weights = quadratic_form_weights_in_lanes(form: &QuadraticForm, entries: *const f64, weights: *mut f64)
 }
 
 #[inline(always)]
-unsafe fn apply_in_lanes<T: Lane>(form: &Form, entries: *const f64, weights: *mut f64) {
+unsafe fn quadratic_form_weights_in_lanes<T: Lane>(form: &QuadraticForm, entries: *const f64, weights: *mut f64) {
     let columns = form.columns.max(1);
     for (first, panel) in form.panels.chunks_exact(columns).enumerate() {
         for k in (0..BATCH).step_by(LANES * T::WIDTH) {

@@ -11,23 +11,23 @@
 //! Safety: [`rows`] is the one door. Behind it channels have whole lanes, slots hold a batch, and the caller's places have
 //! room for whole lanes; every unsafe function relies on just that.
 
-use crate::batch::axis::{AxisSlots, get_axis, put_axis, turn};
+use crate::batch::axis::{AxisSlots, load_axis, store_axis, store_transform};
 use crate::batch::link::{LINK_NUMBERS, LinkMotions};
-use crate::batch::sink::{Runs, Sink, for_set};
-use crate::batch::{Batch, Channels, Followed};
+use crate::batch::sink::{EntryRuns, EntrySink, for_set};
+use crate::batch::{Batch, Channels, JointChannels};
 use crate::linalg::vector::Vector;
 use crate::mechanism::closure::Rate;
-use crate::mechanism::layout::Places;
+use crate::mechanism::layout::EntryMap;
 use crate::mechanism::motion::Motion;
-use crate::mechanism::shape::{Shape, Turn, Way, for_shape};
+use crate::mechanism::shape::{JointShape, JointType, Rotation, for_shape};
 use crate::mechanism::terms::Law;
-use crate::mechanism::transform::{JointMotion, JointSlots};
+use crate::mechanism::transform::{JointTransform, TransformSlots};
 use crate::mechanism::{Axis, Link, Mechanism};
 use crate::memory::aligned::Aligned;
 use crate::memory::slot::grow;
 use crate::memory::slot::{BATCH, Slot};
-use crate::regressor::adjoint::Back;
-use crate::regressor::momentum::momenta;
+use crate::regressor::adjoint::Adjoint;
+use crate::regressor::momentum::momentum_rows;
 use crate::simd::dispatch::dispatched;
 use crate::simd::lane::Lane;
 use std::cell::Cell;
@@ -36,21 +36,21 @@ use std::cell::Cell;
 #[derive(Default)]
 pub(crate) struct Workspace {
     pub(crate) channels: Channels,
-    pub(crate) slots: Slots,
+    pub(crate) slots: KinematicSlots,
     /// Slopes on their way back through the mechanism.
-    pub(crate) back: Back,
-    /// Runs of entries on their way to memory.
+    pub(crate) adjoint: Adjoint,
+    /// EntryRuns of entries on their way to memory.
     tile: Aligned,
-    /// Runs of entries on their way to triangles, before and after the filter.
+    /// EntryRuns of entries on their way to triangles, before and after the filter.
     pub(crate) raw: Aligned,
     pub(crate) decimated: Aligned,
 }
 
 /// Links and axes at a batch of samples.
 #[derive(Default)]
-pub(crate) struct Slots {
+pub(crate) struct KinematicSlots {
     pub(crate) followed: [Slot; 3],
-    pub(crate) joint: JointSlots,
+    pub(crate) joint: TransformSlots,
     /// Motions of the links, or their velocities.
     pub(crate) links: Vec<[Slot; LINK_NUMBERS]>,
     pub(crate) axes: Vec<AxisSlots>,
@@ -59,16 +59,16 @@ pub(crate) struct Slots {
 }
 
 thread_local! {
-    static KEPT: Cell<Option<Box<Workspace>>> = const { Cell::new(None) };
+    static WORKSPACE: Cell<Option<Box<Workspace>>> = const { Cell::new(None) };
 }
 
 impl Workspace {
     /// Work with the thread's own workspace, which is large enough for the mechanism.
     pub(crate) fn with<R>(mechanism: &Mechanism, work: impl FnOnce(&mut Workspace) -> R) -> R {
-        let mut workspace = KEPT.take().unwrap_or_default();
+        let mut workspace = WORKSPACE.take().unwrap_or_default();
         workspace.grow(mechanism);
         let done = work(&mut workspace);
-        KEPT.set(Some(workspace));
+        WORKSPACE.set(Some(workspace));
         done
     }
 
@@ -96,20 +96,20 @@ pub(crate) unsafe fn rows(
     motion: &Motion,
     from: usize,
     count: usize,
-    sets: &[Places],
-    out: Runs,
+    sets: &[EntryMap],
+    out: EntryRuns,
     workspace: &mut Workspace,
 ) {
     debug_assert!(sets.len() == motion.sets());
     let Workspace { channels, slots, .. } = workspace;
     for done in (0..count).step_by(BATCH) {
         let samples = BATCH.min(count - done);
-        channels.turn_to(mechanism, motion, from + done, samples);
+        channels.advance_to(mechanism, motion, from + done, samples);
         let batch = Batch { mechanism, channels, samples };
         unsafe {
             match sets {
                 [torque] => torques(mechanism.backend, batch, torque, out.from(done), slots),
-                [momentum, rest] => momenta(mechanism.backend, batch, momentum, rest, out.from(done), slots),
+                [momentum, rest] => momentum_rows(mechanism.backend, batch, momentum, rest, out.from(done), slots),
                 _ => unreachable!("a motion has one set of rows or two"),
             }
         }
@@ -117,23 +117,23 @@ pub(crate) unsafe fn rows(
 }
 
 dispatched! {
-    unsafe fn torques = torques_in_lanes(batch: Batch, places: &Places, out: Runs, slots: &mut Slots)
+    unsafe fn torques = torques_in_lanes(batch: Batch, places: &EntryMap, out: EntryRuns, slots: &mut KinematicSlots)
 }
 
 #[inline(always)]
-unsafe fn torques_in_lanes<T: Lane>(batch: Batch, places: &Places, out: Runs, slots: &mut Slots) {
+unsafe fn torques_in_lanes<T: Lane>(batch: Batch, places: &EntryMap, out: EntryRuns, slots: &mut KinematicSlots) {
     for (i, link) in batch.mechanism.links.iter().enumerate() {
         unsafe {
-            let followed = batch.follow::<T>(&link.course, &mut slots.followed);
-            turn::<T>(batch, link, followed, &mut slots.joint);
-            for_shape!(link.shape, shape => move_link::<T>(batch, (shape, i), followed, slots));
+            let followed = batch.follow::<T>(&link.joint_map, &mut slots.followed);
+            store_transform::<T>(batch, link, followed, &mut slots.joint);
+            for_shape!(link.shape, shape => propagate_motion::<T>(batch, (shape, i), followed, slots));
             let motions = LinkMotions(slots.links[i].as_mut_ptr());
             for (own, axis) in (link.first..).zip(&link.axes) {
                 let (axes, joint) = (slots.axes.as_mut_ptr(), slots.joint.as_ptr());
                 let row = Row { link, axis, motions, joint, to: axes.add(own).cast(), sink: places.axis(own, out) };
                 match axis.above {
                     None => own_rows::<T>(batch, &row),
-                    Some(above) => carried_rows(batch.mechanism.backend, batch, &row, axes.add(above).cast()),
+                    Some(above) => inherited_rows(batch.mechanism.backend, batch, &row, axes.add(above).cast()),
                 }
             }
         }
@@ -148,7 +148,7 @@ struct Row<'a> {
     motions: LinkMotions,
     joint: *const Slot,
     to: *mut Slot,
-    sink: Sink<'a>,
+    sink: EntrySink<'a>,
 }
 
 /// A coordinate that moves this link's joint and no joint before it. Its axis is kept only where it varies.
@@ -156,11 +156,11 @@ struct Row<'a> {
 unsafe fn own_rows<T: Lane>(batch: Batch, row: &Row) {
     let (link, rate) = (row.link, row.axis.rate);
     unsafe {
-        if let Rate::Given { .. } = rate {
-            let rest = JointMotion::<T>::rest(link.shape, link);
-            batch.lanes::<T>().for_each(|k| put_axis(row.to, k, rest.own(batch.rate(rate, k))));
+        if let Rate::Varying { .. } = rate {
+            let rest = JointTransform::<T>::at_zero(link.shape, link);
+            batch.lanes::<T>().for_each(|k| store_axis(row.to, k, rest.joint_axis(batch.rate(rate, k))));
         }
-        for_set!(row.sink, SET => match link.slides() {
+        for_set!(row.sink, SET => match link.is_prismatic() {
             false => row.motions.contract_turn::<T, SET>(batch, rate, &row.sink),
             true => row.motions.contract_slide::<T, SET>(batch, rate, &row.sink),
         });
@@ -172,29 +172,32 @@ dispatched! {
     ///
     /// # Safety
     /// As for [`rows`]; `above` is the axis on the parent, where it varies.
-    unsafe fn carried_rows = carried_rows_in_lanes(batch: Batch, row: &Row, above: *const Slot)
+    unsafe fn inherited_rows = inherited_rows_in_lanes(batch: Batch, row: &Row, above: *const Slot)
 }
 
 #[inline(always)]
-unsafe fn carried_rows_in_lanes<T: Lane>(batch: Batch, row: &Row, above: *const Slot) {
+unsafe fn inherited_rows_in_lanes<T: Lane>(batch: Batch, row: &Row, above: *const Slot) {
     let link = row.link;
     unsafe {
-        if let Some(above) = constant_above::<T>(batch.mechanism, row) {
-            let rest = JointMotion::<T>::rest(link.shape, link);
-            if link.slides() {
+        if let Some(above) = constant_parent_axis::<T>(batch.mechanism, row) {
+            let rest = JointTransform::<T>::at_zero(link.shape, link);
+            if link.is_prismatic() {
                 return for_set!(row.sink, SET => {
-                    put_rows::<T, SET>(batch, row, |k| rest.kept(row.joint, k).carry(above))
+                    put_rows::<T, SET>(batch, row, |k| rest.load(row.joint, k).transform_axis(above))
                 });
             }
             // Carried to the joint at rest, it has only to turn in place.
-            let above = rest.carry(above);
-            let turn = JointMotion::<T>::rest(Shape { turn: Turn::Identity, way: Way::TurnsInPlace }, link);
-            for_set!(row.sink, SET => put_rows::<T, SET>(batch, row, |k| turn.kept(row.joint, k).carry(above)))
+            let above = rest.transform_axis(above);
+            let turn = JointTransform::<T>::at_zero(
+                JointShape { rotation: Rotation::Identity, joint_type: JointType::RevoluteInPlace },
+                link,
+            );
+            for_set!(row.sink, SET => put_rows::<T, SET>(batch, row, |k| turn.load(row.joint, k).transform_axis(above)))
         } else {
             for_shape!(link.shape, shape => {
-                let rest = JointMotion::<T>::rest(shape, link);
+                let rest = JointTransform::<T>::at_zero(shape, link);
                 for_set!(row.sink, SET => {
-                    put_rows::<T, SET>(batch, row, |k| rest.kept(row.joint, k).carry(get_axis(above, k)))
+                    put_rows::<T, SET>(batch, row, |k| rest.load(row.joint, k).transform_axis(load_axis(above, k)))
                 });
             })
         }
@@ -203,11 +206,11 @@ unsafe fn carried_rows_in_lanes<T: Lane>(batch: Batch, row: &Row, above: *const 
 
 /// The axis on the parent, in its frame, where it is the same at every sample: that of the parent's own joint.
 #[inline(always)]
-fn constant_above<T: Lane>(mechanism: &Mechanism, row: &Row) -> Option<(Vector<T>, Vector<T>)> {
+fn constant_parent_axis<T: Lane>(mechanism: &Mechanism, row: &Row) -> Option<(Vector<T>, Vector<T>)> {
     let parent = &mechanism.links[row.link.parent?];
     let axis = &parent.axes[row.axis.above? - parent.first];
     match (axis.above, axis.rate) {
-        (None, Rate::Constant(rate)) => Some(JointMotion::rest(parent.shape, parent).own(T::splat(rate))),
+        (None, Rate::Constant(rate)) => Some(JointTransform::at_zero(parent.shape, parent).joint_axis(T::splat(rate))),
         _ => None,
     }
 }
@@ -219,14 +222,14 @@ unsafe fn put_rows<T: Lane, const SET: u32>(
     row: &Row,
     carried: impl Fn(usize) -> (Vector<T>, Vector<T>),
 ) {
-    let (sink, rest) = (row.sink.of::<SET>(), JointMotion::<T>::rest(row.link.shape, row.link));
+    let (sink, rest) = (row.sink.of::<SET>(), JointTransform::<T>::at_zero(row.link.shape, row.link));
     for k in batch.lanes::<T>() {
         unsafe {
             let mut axis = carried(k);
             if !row.axis.rate.is_zero() {
-                axis = rest.moved(axis, batch.rate(row.axis.rate, k));
+                axis = rest.add_joint_rate(axis, batch.rate(row.axis.rate, k));
             }
-            put_axis(row.to, k, axis);
+            store_axis(row.to, k, axis);
             row.motions.contract(axis, &sink, k);
         }
     }
@@ -234,23 +237,23 @@ unsafe fn put_rows<T: Lane, const SET: u32>(
 
 /// The link's motion, from the parent's.
 #[inline(always)]
-pub(crate) unsafe fn move_link<T: Lane>(
+pub(crate) unsafe fn propagate_motion<T: Lane>(
     batch: Batch,
-    (shape, i): (Shape, usize),
-    followed: Followed,
-    slots: &mut Slots,
+    (shape, i): (JointShape, usize),
+    followed: JointChannels,
+    slots: &mut KinematicSlots,
 ) {
     let link = &batch.mechanism.links[i];
-    let (rest, kept) = (JointMotion::<T>::rest(shape, link), slots.joint.as_ptr());
+    let (rest, kept) = (JointTransform::<T>::at_zero(shape, link), slots.joint.as_ptr());
     let parent = link.parent.map(|p| LinkMotions(slots.links[p].as_mut_ptr()));
     let own = LinkMotions(slots.links[i].as_mut_ptr());
     for k in batch.lanes::<T>() {
         unsafe {
             let [_, v, acceleration] = followed.at(k);
-            let joint = rest.kept(kept, k);
+            let joint = rest.load(kept, k);
             match parent {
-                Some(parent) => own.follow(parent, &joint, (v, acceleration), k),
-                None => own.begin(batch.mechanism.gravity, &joint, (v, acceleration), k),
+                Some(parent) => own.propagate(parent, &joint, (v, acceleration), k),
+                None => own.begin_at_base(batch.mechanism.gravity, &joint, (v, acceleration), k),
             }
         }
     }
@@ -261,8 +264,8 @@ pub(crate) unsafe fn move_link<T: Lane>(
 pub(crate) unsafe fn term_rows<T: Lane>(
     batch: Batch,
     momentum: bool,
-    places: &Places,
-    out: Runs,
+    places: &EntryMap,
+    out: EntryRuns,
     slots: &mut [Slot; 3],
 ) {
     let mut external = 3 * batch.mechanism.coordinates;
@@ -271,20 +274,20 @@ pub(crate) unsafe fn term_rows<T: Lane>(
         let own = if term.law == Law::External { external } else { 0 };
         external += usize::from(term.law == Law::External);
         let places_of = |rate: usize| places.term(first + rate).map(|place| out.at(place));
-        let wanted = (0..term.course.rates.len()).any(|rate| places_of(rate).is_some());
+        let wanted = (0..term.joint_map.rates.len()).any(|rate| places_of(rate).is_some());
         if wanted && !(momentum && term.law == Law::Rotor) {
             unsafe {
-                let (followed, own) = (batch.follow::<T>(&term.course, slots), batch.channels.channel(own));
+                let (followed, own) = (batch.follow::<T>(&term.joint_map, slots), batch.channels.channel(own));
                 for k in batch.lanes::<T>() {
                     let [x, v, a] = followed.at(k);
                     let column: T = term.law.column(x, v, a, T::load(own.add(k)));
-                    for (rate, &(_, weight)) in term.course.rates.iter().enumerate() {
+                    for (rate, &(_, weight)) in term.joint_map.rates.iter().enumerate() {
                         let Some(place) = places_of(rate) else { continue };
                         column.mul(batch.rate(weight, k)).store(place.add(k));
                     }
                 }
             }
         }
-        first += term.course.rates.len();
+        first += term.joint_map.rates.len();
     }
 }

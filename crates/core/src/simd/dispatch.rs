@@ -91,8 +91,8 @@ macro_rules! dispatched {
                     #[cfg(target_arch = "x86_64")]
                     $crate::simd::dispatch::Kind::Avx2 => avx2($($arg),*),
                     #[cfg(target_arch = "aarch64")]
-                    $crate::simd::dispatch::Kind::Neon => $generic::<$crate::simd::portable::Plain<true>>($($arg),*),
-                    $crate::simd::dispatch::Kind::Portable => $generic::<$crate::simd::portable::Plain<false>>($($arg),*),
+                    $crate::simd::dispatch::Kind::Neon => $generic::<$crate::simd::portable::Portable<true>>($($arg),*),
+                    $crate::simd::dispatch::Kind::Portable => $generic::<$crate::simd::portable::Portable<false>>($($arg),*),
                 }
             }
         }

@@ -34,7 +34,7 @@ pub(crate) fn exp<T: Lane>(x: T) -> T {
     let power = tail.fma(r.mul(r), r).add(s(1.0));
     let half = k.fma(s(0.5), s(EXPONENT));
     let rest = k.sub(half.sub(s(EXPONENT))).add(s(EXPONENT));
-    power.mul(half.raise::<52>()).mul(rest.raise::<52>())
+    power.mul(half.shift_left::<52>()).mul(rest.shift_left::<52>())
 }
 
 /// Where tanh goes from one form to the other.
@@ -44,7 +44,7 @@ const BEND: f64 = 0.625;
 /// 1 - 2 / (exp(2x) + 1).
 #[inline(always)]
 pub(crate) fn tanh<T: Lane>(x: T) -> T {
-    let (s, a) = (T::splat, x.flip(x));
+    let (s, a) = (T::splat, x.xor_sign(x));
     let z = a.mul(a);
     let above = z
         .fma(s(-9.643_991_794_250_523e-1), s(-9.928_772_310_019_186e1))
@@ -55,7 +55,7 @@ pub(crate) fn tanh<T: Lane>(x: T) -> T {
         z.add(s(1.128_116_784_916_329_3e2)).fma(z, s(2.235_488_390_601_004_5e3)).fma(z, s(4.844_063_053_251_255e3));
     let far = |yes, no| T::select_gt(a, s(BEND), yes, no);
     let share = far(s(-2.0), above).div(far(a.add(a).exp().add(s(1.0)), below));
-    far(s(1.0), a).add(share).flip(x)
+    far(s(1.0), a).add(share).xor_sign(x)
 }
 
 /// Added to a number, it leaves the nearest whole number in the lowest bits (for |x| below 2^50).
@@ -89,8 +89,8 @@ pub fn sin_cos<T: Lane>(x: T) -> (T, T) {
         .mul(z.mul(z))
         .add(z.fnma(s(0.5), s(1.0)));
     // The lowest bit of k, as a sign: sine and cosine change places; the next one: the sine is negative.
-    let (odd, half) = (quarters.raise::<63>(), quarters.raise::<62>());
-    (T::select_sign(odd, cosine, sine).flip(half), T::select_sign(odd, sine, cosine).flip(half.xor(odd)))
+    let (odd, half) = (quarters.shift_left::<63>(), quarters.shift_left::<62>());
+    (T::select_sign(odd, cosine, sine).xor_sign(half), T::select_sign(odd, sine, cosine).xor_sign(half.xor(odd)))
 }
 
 #[cfg(test)]

@@ -39,13 +39,13 @@ pub trait Lane: Copy {
     /// `a > b ? x : y`, sample by sample.
     fn select_gt(a: Self, b: Self, x: Self, y: Self) -> Self;
     /// The bits, moved up by `BY`; zeros follow.
-    fn raise<const BY: u32>(self) -> Self;
+    fn shift_left<const BY: u32>(self) -> Self;
     /// The bits that differ.
     fn xor(self, b: Self) -> Self;
     /// `mask` below zero or -0 ? x : y, sample by sample.
     fn select_sign(mask: Self, x: Self, y: Self) -> Self;
     /// The number with its sign flipped where that of `sign` is minus.
-    fn flip(self, sign: Self) -> Self;
+    fn xor_sign(self, sign: Self) -> Self;
     /// Sum over the samples of the lane.
     fn sum(self) -> f64;
 

@@ -9,9 +9,9 @@ const SIGN: u64 = 1 << 63;
 /// `FUSED` says whether the target has a fused multiply-add; without one, `mul_add` would be a library call.
 #[derive(Clone, Copy)]
 #[repr(C, align(64))]
-pub struct Plain<const FUSED: bool>([f64; 8]);
+pub struct Portable<const FUSED: bool>([f64; 8]);
 
-impl<const FUSED: bool> Plain<FUSED> {
+impl<const FUSED: bool> Portable<FUSED> {
     #[inline(always)]
     fn with(mut self, b: Self, f: impl Fn(f64, f64) -> f64) -> Self {
         for (x, y) in self.0.iter_mut().zip(b.0) {
@@ -21,18 +21,18 @@ impl<const FUSED: bool> Plain<FUSED> {
     }
 }
 
-impl<const FUSED: bool> Lane for Plain<FUSED> {
+impl<const FUSED: bool> Lane for Portable<FUSED> {
     const WIDTH: usize = 8;
     const PANEL: usize = 2;
 
     #[inline(always)]
     fn splat(x: f64) -> Self {
-        Plain([x; 8])
+        Portable([x; 8])
     }
     #[inline(always)]
     unsafe fn load(p: *const f64) -> Self {
         // SAFETY: the caller's promise; the array type asks only for the alignment of f64.
-        Plain(unsafe { *p.cast::<[f64; 8]>() })
+        Portable(unsafe { *p.cast::<[f64; 8]>() })
     }
     #[inline(always)]
     unsafe fn store(self, p: *mut f64) {
@@ -79,8 +79,8 @@ impl<const FUSED: bool> Lane for Plain<FUSED> {
         y
     }
     #[inline(always)]
-    fn raise<const BY: u32>(self) -> Self {
-        Plain(self.0.map(|x| f64::from_bits(x.to_bits() << BY)))
+    fn shift_left<const BY: u32>(self) -> Self {
+        Portable(self.0.map(|x| f64::from_bits(x.to_bits() << BY)))
     }
     #[inline(always)]
     fn xor(self, b: Self) -> Self {
@@ -94,7 +94,7 @@ impl<const FUSED: bool> Lane for Plain<FUSED> {
         y
     }
     #[inline(always)]
-    fn flip(self, sign: Self) -> Self {
+    fn xor_sign(self, sign: Self) -> Self {
         self.with(sign, |x, sign| f64::from_bits(x.to_bits() ^ (sign.to_bits() & SIGN)))
     }
     #[inline(always)]

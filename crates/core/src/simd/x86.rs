@@ -10,7 +10,7 @@ pub struct Avx512(__m512d);
 
 macro_rules! intrinsic {
     ($name:ident, $width:literal, $panel:literal, $splat:ident, $load:ident, $store:ident, $stream:ident, $add:ident, $sub:ident, $mul:ident,
-     $div:ident, $fma:ident, $fnma:ident, $select:expr, $raise:expr, $xor:ident, $select_sign:expr, $flip:expr, $sum:expr) => {
+     $div:ident, $fma:ident, $fnma:ident, $select:expr, $shift_left:expr, $xor:ident, $select_sign:expr, $xor_sign:expr, $sum:expr) => {
         impl Lane for $name {
             const WIDTH: usize = $width;
             const PANEL: usize = $panel;
@@ -59,8 +59,8 @@ macro_rules! intrinsic {
                 unsafe { $name($select(a.0, b.0, x.0, y.0)) }
             }
             #[inline(always)]
-            fn raise<const BY: u32>(self) -> Self {
-                unsafe { $name($raise(self.0, BY)) }
+            fn shift_left<const BY: u32>(self) -> Self {
+                unsafe { $name($shift_left(self.0, BY)) }
             }
             #[inline(always)]
             fn xor(self, b: Self) -> Self {
@@ -71,8 +71,8 @@ macro_rules! intrinsic {
                 unsafe { $name($select_sign(mask.0, x.0, y.0)) }
             }
             #[inline(always)]
-            fn flip(self, sign: Self) -> Self {
-                unsafe { $name($flip(self.0, sign.0)) }
+            fn xor_sign(self, sign: Self) -> Self {
+                unsafe { $name($xor_sign(self.0, sign.0)) }
             }
             #[inline(always)]
             fn sum(self) -> f64 {
