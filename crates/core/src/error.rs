@@ -1,21 +1,22 @@
-//! What can be wrong with the numbers a caller hands to the core.
+//! Errors: arguments that the core refuses.
 
 use std::fmt;
 
-/// A misuse of the core. Numerical outcomes are values, not errors.
+/// An invalid argument. Numerical outcomes (a singular mass matrix, a pose that cannot be assembled) are values, not
+/// errors.
 #[derive(Debug, Clone, PartialEq)]
 pub enum Error {
     /// A slice whose length does not fit the other arguments.
     Length { name: &'static str, got: usize, wanted: usize },
-    /// An index outside what it points into.
+    /// An index out of range.
     Index { name: &'static str, got: usize, limit: usize },
-    /// An index that stands twice where each may stand once.
+    /// An index that occurs twice where it may occur once.
     Repeated { name: &'static str, got: usize },
-    /// A number that must be finite, or inside a range, and is not.
+    /// A number that is not finite, or outside its range.
     Value { name: &'static str, got: f64, wanted: &'static str },
-    /// Rows asked for that the filter cannot make from the samples given.
+    /// Output rows that the filter cannot compute from the samples available.
     Window { first: usize, rows: usize, half: usize, decimation: usize, samples: usize },
-    /// A backend that this machine does not have.
+    /// A back end that this machine does not have.
     Backend { name: String },
 }
 
@@ -38,7 +39,7 @@ impl fmt::Display for Error {
 
 impl std::error::Error for Error {}
 
-/// The slice has the length wanted, or an error that names it.
+/// Check the length of a slice.
 pub(crate) fn expect_length(name: &'static str, got: usize, wanted: usize) -> Result<(), Error> {
     if got == wanted { Ok(()) } else { Err(Error::Length { name, got, wanted }) }
 }

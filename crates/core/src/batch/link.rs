@@ -1,7 +1,8 @@
-//! One link in lanes: its motion from its parent's, and its wrench contracted with an axis.
+//! Motion of one link in lanes: the forward recursion, and the contraction of its inertial forces with an axis.
 //!
-//! The wrench of a link's ten unit parameters is linear in a few numbers of its motion, and so is an entry of the rows in
-//! the axis: the numbers are found once for a link, and an entry takes three to five products of them with the axis.
+//! The wrench of unit inertial parameters is linear in a few products of the link's motion, and an entry of the
+//! regressor is linear in these and in the axis. The products are computed once per link; an entry then takes three to
+//! five multiplications with the axis.
 
 use crate::batch::Batch;
 use crate::batch::sink::{ConstSink, EntrySink};
@@ -11,11 +12,11 @@ use crate::mechanism::transform::JointTransform;
 use crate::memory::slot::{Slot, load, store};
 use crate::simd::lane::Lane;
 
-/// Numbers of a link's motion, in its own frame, and where its parts begin: angular velocity and acceleration,
+/// Layout of a link's motion, in its own frame: angular velocity and acceleration,
 pub(crate) const LINK_NUMBERS: usize = 24;
 pub(crate) const W: usize = 0;
 pub(crate) const WD: usize = 3;
-/// acceleration of the origin less gravity,
+/// acceleration of the origin minus gravity,
 pub(crate) const A: usize = 6;
 /// `skew(wd) + skew(w)^2`, row-major,
 pub(crate) const B: usize = 9;
@@ -23,20 +24,24 @@ pub(crate) const B: usize = 9;
 const P: usize = 18;
 const D: usize = 21;
 
-/// Motions of one link at a batch of samples. Parts are read when they are needed: few fit into the registers.
+/// Motions of one link at a batch of samples, by pointer to its slots. Parts are loaded when needed, as few fit into
+/// registers.
 #[derive(Clone, Copy)]
 pub(crate) struct LinkMotions(pub(crate) *mut Slot);
 
 /// # Safety
-/// Of every method: the pointer is to [`LINK_NUMBERS`] slots, and a lane from `k` on is inside them.
+///
+/// Of all methods: the pointer is to [`LINK_NUMBERS`] slots of a workspace, which nobody else uses meanwhile, and `k +
+/// T::WIDTH <= BATCH`, or the batch is as in [`crate::batch`].
 impl LinkMotions {
     #[inline(always)]
     pub(crate) unsafe fn part<T: Lane, const N: usize>(&self, part: usize, k: usize) -> [T; N] {
+        // SAFETY: parts lie inside the slots that the caller promises.
         unsafe { load(self.0.add(part), k) }
     }
 
     /// Forward recursion of Newton and Euler in the link's frame (Khalil and Dombre 2002, section 9.5), from the
-    /// parent's motion; `joint` moves with `v` and `acceleration`.
+    /// parent's motion; the joint moves with velocity `v` and `acceleration`.
     #[inline(always)]
     pub(crate) unsafe fn propagate<T: Lane>(
         &self,
@@ -45,6 +50,7 @@ impl LinkMotions {
         (v, acceleration): (T, T),
         k: usize,
     ) {
+        // SAFETY: the caller's promise about both links.
         unsafe {
             let (w, wd) = (joint.rotate(parent.part(W, k)), joint.rotate(parent.part(WD, k)));
             let a = joint.transform_field(parent.part(A, k), || parent.part(B, k));
@@ -52,7 +58,7 @@ impl LinkMotions {
         }
     }
 
-    /// The motion of a link on the base, which gravity accelerates.
+    /// The motion of a link whose parent is the base; gravity enters as an acceleration of the base.
     #[inline(always)]
     pub(crate) unsafe fn begin_at_base<T: Lane>(
         &self,
@@ -62,10 +68,11 @@ impl LinkMotions {
         k: usize,
     ) {
         let a = joint.rotate(gravity.map(|g| T::splat(-g)));
+        // SAFETY: the caller's promise.
         unsafe { self.set(joint, (zero(), zero(), a), (v, acceleration), k) }
     }
 
-    /// Add the joint's own motion, and keep the numbers.
+    /// Add the joint's own motion, and store the motion with its products.
     #[inline(always)]
     unsafe fn set<T: Lane>(
         &self,
@@ -94,6 +101,7 @@ impl LinkMotions {
             p[0].add(wd[0]),
             s[0].add(s[1]).neg(),
         ];
+        // SAFETY: all parts lie inside the slots that the caller promises.
         unsafe {
             store(self.0.add(W), k, w);
             store(self.0.add(WD), k, wd);
@@ -104,11 +112,12 @@ impl LinkMotions {
         }
     }
 
-    /// The wanted entries of an axis along the link's own z, about which it turns.
+    /// Requested entries of an axis along the z of a revolute link.
     #[inline(always)]
     pub(crate) unsafe fn contract_turn<T: Lane, const SET: u32>(&self, batch: Batch, rate: Rate, sink: &EntrySink) {
         let sink = sink.of::<SET>();
         for k in batch.lanes::<T>() {
+            // SAFETY: `lanes` leaves room for a lane in slots, channels and output runs.
             unsafe {
                 let rate: T = batch.rate(rate, k);
                 let n = |number: usize| -> T { self.part::<T, 1>(number, k)[0] };
@@ -127,11 +136,12 @@ impl LinkMotions {
         }
     }
 
-    /// The wanted entries of an axis along the link's own z, along which it prismatic.
+    /// Requested entries of an axis along the z of a prismatic link.
     #[inline(always)]
     pub(crate) unsafe fn contract_slide<T: Lane, const SET: u32>(&self, batch: Batch, rate: Rate, sink: &EntrySink) {
         let sink = sink.of::<SET>();
         for k in batch.lanes::<T>() {
+            // SAFETY: as in `contract_turn`.
             unsafe {
                 let rate: T = batch.rate(rate, k);
                 let n = |number: usize| -> T { self.part::<T, 1>(number, k)[0] };
@@ -146,7 +156,7 @@ impl LinkMotions {
         }
     }
 
-    /// The wanted entries of an axis. Each is stored before the next one is found: so they all stay in the registers.
+    /// Requested entries of an axis. Each is stored before the next is computed, so that all fits into registers.
     #[inline(always)]
     pub(crate) unsafe fn contract<T: Lane, const SET: u32>(
         &self,
@@ -154,6 +164,7 @@ impl LinkMotions {
         sink: &ConstSink<SET>,
         k: usize,
     ) {
+        // SAFETY: the caller's promise, for the slots and for the output runs.
         unsafe {
             sink.put(0, k, self.square(0, x, k));
             sink.put(1, k, self.mixed(2, x, k));
@@ -168,23 +179,28 @@ impl LinkMotions {
         }
     }
 
-    /// Entry of the parameter of component i, i of the tensor.
+    /// Entry of the diagonal tensor component i.
     #[inline(always)]
     unsafe fn square<T: Lane>(&self, i: usize, x: Vector<T>, k: usize) -> T {
+        // SAFETY: the caller's promise; `number` stays inside the slots.
         let ([_, j, l], p) = (cycle(i), |e: usize| unsafe { self.number::<T>(P + e, k) });
+        // SAFETY: as above.
         x[l].fnma(p(l), x[j].fma(p(j), x[i].mul(unsafe { self.number(WD + i, k) })))
     }
 
-    /// Entry of the parameter of the two components other than i.
+    /// Entry of the off-diagonal tensor component of the two indices other than i.
     #[inline(always)]
     unsafe fn mixed<T: Lane>(&self, i: usize, x: Vector<T>, k: usize) -> T {
+        // SAFETY: the caller's promise; `number` stays inside the slots.
         let ([_, j, l], b) = (cycle(i), |e: usize| unsafe { self.number::<T>(B + 3 * i + e, k) });
+        // SAFETY: as above.
         x[j].fnma(b(j), x[l].fma(b(l), x[i].mul(unsafe { self.number(D + i, k) })))
     }
 
     /// Entry of component i of the first moments.
     #[inline(always)]
     unsafe fn moment<T: Lane>(&self, i: usize, (x, u): (Vector<T>, Vector<T>), k: usize) -> T {
+        // SAFETY: the caller's promise; `number` stays inside the slots.
         let ([_, j, l], n) = (cycle(i), |e: usize| unsafe { self.number::<T>(e, k) });
         let moved = u[2].fma(n(B + 6 + i), u[1].fma(n(B + 3 + i), u[0].mul(n(B + i))));
         x[j].fnma(n(A + l), x[l].fma(n(A + j), moved))
@@ -193,6 +209,7 @@ impl LinkMotions {
     /// One number of the motion.
     #[inline(always)]
     unsafe fn number<T: Lane>(&self, number: usize, k: usize) -> T {
+        // SAFETY: the caller's promise.
         unsafe { self.part::<T, 1>(number, k)[0] }
     }
 }

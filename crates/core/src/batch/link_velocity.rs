@@ -1,9 +1,9 @@
-//! One link's momentum in lanes: its velocity from its parent's, contracted with an axis and with the axis's own rate.
+//! Velocity of one link in lanes, and the contraction of its momentum with an axis and with the axis's rate.
 //!
-//! With the axes s_i^a of the coordinates carried to the links, generalised momentum is `p_a = sum_i s_i^a . h_i`, and
-//! `tau_a = d/dt p_a - sum_i (d/dt s_i^a) . h_i + gravity`: no acceleration is left. In the link's own frame the rate
-//! of an axis follows the recursion of the axis itself, `sd_i = X_i sd_parent + v_i x (G[i, a] z)` (Featherstone 2008,
-//! section 2.9); where G changes with position, `dG/dt[i, a] z` is added there.
+//! With the axes s_i^a of the coordinates transformed to the links, the generalised momentum is `p_a = sum_i s_i^a .
+//! h_i`, and `tau_a = d/dt p_a - sum_i (d/dt s_i^a) . h_i + gravity`: no acceleration remains. In the link's own frame
+//! the rate of an axis follows the recursion of the axis itself, `sd_i = X_i sd_parent + v_i x (G[i, a] z)`
+//! (Featherstone 2008, section 2.9); where G varies with the pose, `dG/dt[i, a] z` is added.
 
 use crate::batch::Batch;
 use crate::batch::axis::load_axis;
@@ -15,35 +15,39 @@ use crate::mechanism::transform::JointTransform;
 use crate::memory::slot::{Slot, load, store};
 use crate::simd::lane::Lane;
 
-/// Numbers of a link's velocity, in its own frame, and where its parts begin: angular velocity, velocity of the origin,
+/// Layout of a link's velocity, in its own frame: angular velocity, velocity of the origin,
 pub(crate) const VELOCITY_NUMBERS: usize = 9;
 const _: () = assert!(VELOCITY_NUMBERS <= LINK_NUMBERS, "the slots of a link hold its velocity");
 const W: usize = 0;
 const V: usize = 3;
-/// acceleration of the base less gravity: minus gravity, seen from the link.
+/// acceleration of the base minus gravity, that is minus gravity, in the link's frame.
 const A: usize = 6;
 
-/// Velocities of one link at a batch of samples.
+/// Velocities of one link at a batch of samples, by pointer to its slots.
 #[derive(Clone, Copy)]
 pub(crate) struct LinkVelocities(pub(crate) *mut Slot);
 
 /// # Safety
-/// Of every method: the pointer is to [`VELOCITY_NUMBERS`] slots, a lane from `k` on is inside them, and so it is inside
-/// the slots of axes and the places of entries.
+///
+/// Of all methods: the pointer is to [`VELOCITY_NUMBERS`] slots of a workspace, which nobody else uses meanwhile, and
+/// `k + T::WIDTH <= BATCH`, or the batch, axes and output runs are as in [`crate::batch`].
 impl LinkVelocities {
     #[inline(always)]
     unsafe fn part<T: Lane, const N: usize>(&self, part: usize, k: usize) -> [T; N] {
+        // SAFETY: parts lie inside the slots that the caller promises.
         unsafe { load(self.0.add(part), k) }
     }
 
     /// Angular velocity, velocity of the origin, and minus gravity.
     #[inline(always)]
     pub(crate) unsafe fn get<T: Lane>(&self, k: usize) -> [Vector<T>; 3] {
+        // SAFETY: the caller's promise.
         unsafe { [self.part(W, k), self.part(V, k), self.part(A, k)] }
     }
 
     #[inline(always)]
     unsafe fn set<T: Lane>(&self, (w, v, a): (Vector<T>, Vector<T>, Vector<T>), k: usize) {
+        // SAFETY: the three parts lie inside the slots that the caller promises.
         unsafe {
             store(self.0.add(W), k, w);
             store(self.0.add(V), k, v);
@@ -51,7 +55,7 @@ impl LinkVelocities {
         }
     }
 
-    /// The velocity of a link whose joint moves with `rate`, from the parent's.
+    /// The velocity of a link from its parent's; the joint moves with `rate`.
     #[inline(always)]
     pub(crate) unsafe fn propagate<T: Lane>(
         &self,
@@ -60,13 +64,14 @@ impl LinkVelocities {
         rate: T,
         k: usize,
     ) {
+        // SAFETY: the caller's promise about both links.
         unsafe {
             let (w, v) = joint.add_joint_rate(joint.transform_axis((parent.part(W, k), parent.part(V, k))), rate);
             self.set((w, v, joint.rotate(parent.part(A, k))), k)
         }
     }
 
-    /// The velocity of a link on the base.
+    /// The velocity of a link whose parent is the base.
     #[inline(always)]
     pub(crate) unsafe fn begin_at_base<T: Lane>(
         &self,
@@ -76,11 +81,12 @@ impl LinkVelocities {
         k: usize,
     ) {
         let (w, v) = joint.joint_axis(rate);
+        // SAFETY: the caller's promise.
         unsafe { self.set((w, v, joint.rotate(gravity.map(|g| T::splat(-g)))), k) }
     }
 
-    /// What the link's velocity adds to the rate of change of an axis, when its joint moves with it at `rate`: of an
-    /// angular axis both parts turn.
+    /// Rate of change of an axis due to the link's velocity, where the joint moves with the coordinate at `rate`; for a
+    /// revolute joint both parts of the axis rotate.
     #[inline(always)]
     pub(crate) unsafe fn turn_axis<T: Lane>(
         &self,
@@ -89,6 +95,7 @@ impl LinkVelocities {
         rate: T,
         k: usize,
     ) -> (Vector<T>, Vector<T>) {
+        // SAFETY: the caller's promise.
         let (w, v) = unsafe { (self.part(W, k), self.part(V, k)) };
         match prismatic {
             true => (x, about_z(w, rate, u)),
@@ -96,11 +103,12 @@ impl LinkVelocities {
         }
     }
 
-    /// The momentum of the link's ten unit parameters, contracted with an axis: wanted entries only.
+    /// Contraction of the momentum of unit inertial parameters with an axis, requested entries only.
     #[inline(always)]
     pub(crate) unsafe fn contract<T: Lane, const SET: u32>(&self, batch: Batch, axis: *const Slot, sink: &EntrySink) {
         let sink = sink.of::<SET>();
         for k in batch.lanes::<T>() {
+            // SAFETY: `lanes` leaves room for a lane in slots, axes and output runs.
             unsafe {
                 let (x, u): (Vector<T>, Vector<T>) = load_axis(axis, k);
                 let velocity: (Vector<T>, Vector<T>) = (self.part(W, k), self.part(V, k));
@@ -111,8 +119,8 @@ impl LinkVelocities {
         }
     }
 
-    /// What is left of a link's torque beside the change of its momentum, wanted entries only: gravity on the axis, less
-    /// the momentum contracted with the axis's rate of change.
+    /// The remainder of the torque, requested entries only: gravity on the axis, minus the momentum contracted with the
+    /// axis's rate.
     #[inline(always)]
     pub(crate) unsafe fn contract_rest<T: Lane, const SET: u32>(
         &self,
@@ -122,6 +130,7 @@ impl LinkVelocities {
     ) {
         let sink = sink.of::<SET>();
         for k in batch.lanes::<T>() {
+            // SAFETY: as in `contract`.
             unsafe {
                 let (x, u): (Vector<T>, Vector<T>) = load_axis(axis, k);
                 let (xd, ud) = load_axis(rate, k);
@@ -146,7 +155,8 @@ fn about_z<T: Lane>(a: Vector<T>, rate: T, c: Vector<T>) -> Vector<T> {
     [a[1].fma(rate, c[0]), a[0].fnma(rate, c[1]), c[2]]
 }
 
-/// The momentum of a link's ten unit parameters at a velocity (angular w, linear v), contracted with an axis.
+/// Momentum of unit inertial parameters at a velocity (angular w, linear v), contracted with an axis (angular x, linear
+/// u).
 #[inline(always)]
 pub(crate) fn contract_momentum<T: Lane>(
     (w, v): (Vector<T>, Vector<T>),

@@ -1,5 +1,5 @@
-//! What recursions over the tree need, outward from the base and back: a batch of samples at a time, part by part of a
-//! motion.
+//! Recursions over the tree, from the base to the end links and back: their state, and the division of a motion into
+//! batches.
 
 use crate::batch::{Batch, Channels};
 use crate::mechanism::motion::{Motion, PART};
@@ -13,10 +13,10 @@ use crate::simd::lane::MAX_WIDTH;
 use rayon::prelude::*;
 use std::cell::Cell;
 
-/// Numbers of a link's motion: see [`crate::mechanism::transform::SpatialMotion`].
+/// Numbers of a link's motion, see [`crate::mechanism::transform::SpatialMotion`]; a link's velocity takes as many.
 const MOTION_NUMBERS: usize = 9;
 
-/// A thread's workspace: it grows to what a mechanism needs, and is kept for the next batch and call.
+/// Workspace of a thread: it grows to what a mechanism needs, and is reused by later batches and calls.
 #[derive(Default)]
 struct Workspace {
     channels: Channels,
@@ -24,27 +24,27 @@ struct Workspace {
     state: RecursionState,
 }
 
-/// A tree's links at a batch of samples.
+/// State of a recursion at a batch of samples.
 #[derive(Default)]
 pub(crate) struct RecursionState {
     pub(crate) followed: [Slot; 3],
     pub(crate) joints: Vec<TransformSlots>,
     pub(crate) motions: Vec<[Slot; MOTION_NUMBERS]>,
-    /// Moment and force; or a momentum, angular and linear.
+    /// Moment and force of each link; or its momentum, angular and linear.
     pub(crate) wrenches: Vec<[Slot; 6]>,
-    /// Weights, where momenta stand among the wrenches.
+    /// Gravity wrenches, where `wrenches` holds momenta.
     pub(crate) weights: Vec<[Slot; 6]>,
-    /// A link with all that it carries.
+    /// Composite bodies: a link with all that it carries.
     pub(crate) bodies: Vec<[Slot; LINK_PARAMETERS]>,
-    /// A wrench on its way to the base.
+    /// Wrench that is propagated to the base.
     pub(crate) force: [Slot; 6],
-    /// Torques of the coordinates, or what is left of them beside momenta.
+    /// Torques of the coordinates, or their remainder in addition to the rate of momentum.
     pub(crate) torque: Vec<Slot>,
-    /// Momenta of the coordinates; or torques that are given, then accelerations.
+    /// Momenta of the coordinates; or given torques, then accelerations.
     pub(crate) other: Vec<Slot>,
     /// Lower triangle of the mass matrix, row by row.
     pub(crate) mass: Vec<Slot>,
-    /// How far the mass matrix is from one that is not positive definite; zero or less where it is not.
+    /// Smallest margin of the mass matrix's pivots over rounding error; zero or less where it is not positive definite.
     pub(crate) margin: Slot,
 }
 
@@ -69,15 +69,15 @@ impl Workspace {
     }
 }
 
-/// Parameters of a batch of samples.
+/// Parameters at a batch of samples.
 #[derive(Clone, Copy)]
 pub(crate) struct BatchParameters<'a> {
     pub(crate) sets: &'a ParameterSets<'a>,
     pub(crate) slots: &'a ParameterSlots,
 }
 
-/// Work on every batch of a motion, on one thread where samples are few; `work` has the batch, its first sample, its
-/// parameters, and what it may write to.
+/// Evaluate `work` on every batch of a motion, by several threads where samples are many. Its arguments are the batch,
+/// its first sample, its parameters, and a state that has grown to the mechanism.
 pub(crate) fn for_each_batch(
     mechanism: &Mechanism,
     motion: &Motion,
@@ -106,14 +106,16 @@ pub(crate) fn for_each_batch(
 /// Write a batch's rows to `out`, channel major with `n` samples.
 ///
 /// # Safety
-/// `out` has `n` numbers for every row, and nobody else uses those of these samples.
+///
+/// `out` has `n` numbers for every row, and nobody else uses those of samples `from..from + count`.
 pub(crate) unsafe fn write_rows(rows: &[Slot], (from, count): (usize, usize), n: usize, out: SharedOutput) {
     for (a, row) in rows.iter().enumerate() {
+        // SAFETY: the caller's promise; a slot holds a batch, of which `count` is a part.
         unsafe { out.at(a * n + from).copy_from_nonoverlapping(row.0.as_ptr(), count) };
     }
 }
 
-/// Numbers of a batch, the last one repeated up to a whole lane.
+/// Stage samples in a slot; the last one is repeated up to a whole lane.
 pub(crate) fn stage_slot(slot: &mut Slot, source: &[f64]) {
     let (count, last) = (source.len(), source[source.len() - 1]);
     slot.0[..count].copy_from_slice(source);

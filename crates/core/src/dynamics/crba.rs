@@ -1,8 +1,12 @@
-//! The mass matrix, by composite bodies: each link with all that it carries.
+//! Composite-rigid-body algorithm (CRBA): the mass matrix, from composite bodies that consist of a link and all that it
+//! carries.
 //!
-//! The wrench that moves a composite body at unit rate of its joint is passed down to the base, and what it does along
-//! each joint on its way is an entry of the tree's mass matrix (Walker and Orin 1982, method 3; Featherstone 2008, section
-//! 6.2). The joints' rates take the entry to the coordinates: `M[a, b] = sum_jk G[j, a] G[k, b] H[j, k]`.
+//! The wrench that moves a composite body at unit rate of its joint is propagated to the base; its component along each
+//! joint on the way is an entry of the tree's mass matrix (Walker and Orin 1982, method 3; Featherstone 2008, section
+//! 6.2). The joints' rates reduce these entries to the coordinates: `M[a, b] = sum_jk G[j, a] G[k, b] H[j, k]`.
+//!
+//! Safety: all functions take a batch as described in [`crate::batch`], and a state and parameters that have grown to
+//! its mechanism, so that every link, coordinate and column has its slots.
 
 use crate::batch::Batch;
 use crate::batch::axis::{load_axis, store_axis, store_transform};
@@ -17,16 +21,18 @@ use crate::simd::dispatch::dispatched;
 use crate::simd::lane::Lane;
 
 dispatched! {
-    /// Where the joints are at a batch: all that mass matrices need of its channels.
+    /// Transforms of all joints at a batch: all that the mass matrix needs of its channels.
     ///
     /// # Safety
-    /// Workspace and parameters are large enough for the mechanism, as for everything below.
+    ///
+    /// As in the head of the file.
     pub(crate) unsafe fn joint_transforms = joint_transforms_in_lanes(batch: Batch, state: &mut RecursionState)
 }
 
 #[inline(always)]
 unsafe fn joint_transforms_in_lanes<T: Lane>(batch: Batch, state: &mut RecursionState) {
     for (link, joint) in batch.mechanism.links.iter().zip(&mut state.joints) {
+        // SAFETY: batch and state are as in the head of the file.
         unsafe {
             let followed = batch.follow::<T>(&link.joint_map, &mut state.followed);
             store_transform::<T>(batch, link, followed, joint);
@@ -35,16 +41,18 @@ unsafe fn joint_transforms_in_lanes<T: Lane>(batch: Batch, state: &mut Recursion
 }
 
 dispatched! {
-    /// Mass matrices of a batch, where the joints' joint_transforms are known.
+    /// Mass matrices of a batch, after [`joint_transforms`].
     ///
     /// # Safety
-    /// As for [`joint_transforms`].
+    ///
+    /// As in the head of the file.
     pub(crate) unsafe fn crba = crba_in_lanes(batch: Batch, bodies: BatchParameters, state: &mut RecursionState)
 }
 
 #[inline(always)]
 unsafe fn crba_in_lanes<T: Lane>(batch: Batch, bodies: BatchParameters, state: &mut RecursionState) {
     let (mechanism, na) = (batch.mechanism, batch.mechanism.coordinates);
+    // SAFETY: batch and state are as in the head of the file; a parent is another link than its child.
     unsafe {
         clear::<T>(batch, &mut state.mass[..na * (na + 1) / 2]);
         for i in 0..mechanism.links.len() {
@@ -71,6 +79,7 @@ unsafe fn crba_in_lanes<T: Lane>(batch: Batch, bodies: BatchParameters, state: &
 #[inline(always)]
 unsafe fn unit_rate_wrench<T: Lane>(batch: Batch, link: &Link, body: &[Slot; LINK_PARAMETERS], force: &mut [Slot; 6]) {
     for k in batch.lanes::<T>() {
+        // SAFETY: `lanes` leaves room for a lane in the slots of body and force.
         unsafe {
             let [_, _, xz, _, yz, zz, x, y, _, m]: [T; LINK_PARAMETERS] = load(body.as_ptr(), k);
             let none = T::splat(0.0);
@@ -83,15 +92,17 @@ unsafe fn unit_rate_wrench<T: Lane>(batch: Batch, link: &Link, body: &[Slot; LIN
     }
 }
 
-/// Pass the wrench of link `i` down to the base, and add the entries of its joint with those on the way.
+/// Propagate the wrench of link `i` to the base, and add the entries of its joint with those on the way.
 #[inline(always)]
 unsafe fn propagate_to_base<T: Lane>(batch: Batch, i: usize, state: &mut RecursionState) {
     let links = &batch.mechanism.links;
     let mut at = i;
     loop {
+        // SAFETY: batch and state are as in the head of the file.
         unsafe { add_entry::<T>(batch, (&links[i], &links[at]), i == at, state) };
         let Some(parent) = links[at].parent else { break };
         let (link, joint, force) = (&links[at], &state.joints[at], state.force.as_mut_ptr());
+        // SAFETY: as above; the six slots of the force are borrowed by nobody else.
         for_shape!(link.shape, shape => unsafe { carry_force::<T>(batch, (shape, link), joint, force) });
         at = parent;
     }
@@ -106,29 +117,31 @@ unsafe fn carry_force<T: Lane>(
 ) {
     let rest = JointTransform::<T>::at_zero(shape, link);
     for k in batch.lanes::<T>() {
+        // SAFETY: `lanes` leaves room for a lane in the slots of joint and force.
         unsafe { store_axis(force, k, rest.load(joint.as_ptr(), k).wrench_to_parent(load_axis(force, k))) };
     }
 }
 
-/// Where an entry of a symmetric matrix is in its lower triangle, row by row.
+/// Index of an entry of a symmetric matrix in its lower triangle, row by row.
 #[inline(always)]
 pub(crate) fn triangular_index(a: usize, b: usize) -> usize {
     let (low, high) = (a.min(b), a.max(b));
     high * (high + 1) / 2 + low
 }
 
-/// Add what the wrench does along the joint of `other` to the coordinates' entries.
+/// Add the component of the wrench along the joint of `other` to the coordinates' entries.
 #[inline(always)]
 unsafe fn add_entry<T: Lane>(batch: Batch, (own, other): (&Link, &Link), same: bool, state: &mut RecursionState) {
     let along = &state.force[if other.is_prismatic() { 5 } else { 2 }];
     for &(a, left) in &own.joint_map.rates {
         for &(b, right) in &other.joint_map.rates {
-            // Of a joint with itself both orders of two coordinates are met; else one, and the matrix has both.
+            // A joint with itself meets both orders of two coordinates; two joints meet one, and the matrix has both.
             if same && a < b {
                 continue;
             }
             let (entry, times) = (&mut state.mass[triangular_index(a, b)], if !same && a == b { 2.0 } else { 1.0 });
             for k in batch.lanes::<T>() {
+                // SAFETY: `lanes` leaves room for a lane in slots and channels.
                 unsafe {
                     let ([along], [sum]): ([T; 1], [T; 1]) = (load(along, k), load(entry, k));
                     let rates = batch.rate::<T>(left, k).mul(batch.rate(right, k)).mul(T::splat(times));
@@ -139,7 +152,7 @@ unsafe fn add_entry<T: Lane>(batch: Batch, (own, other): (&Link, &Link), same: b
     }
 }
 
-/// Add a body to its parent's.
+/// Add a body's inertia to its parent's.
 #[inline(always)]
 unsafe fn add_inertia_to_parent<T: Lane>(
     batch: Batch,
@@ -150,6 +163,7 @@ unsafe fn add_inertia_to_parent<T: Lane>(
 ) {
     let rest = JointTransform::<T>::at_zero(shape, link);
     for k in batch.lanes::<T>() {
+        // SAFETY: the caller's pointers are to the slots of two different links, with room for a lane.
         unsafe {
             let carried = rest.load(joint.as_ptr(), k).inertia_to_parent(load(from, k));
             let sum: [T; LINK_PARAMETERS] = load(to, k);
@@ -169,6 +183,7 @@ unsafe fn add_rotors<T: Lane>(batch: Batch, bodies: BatchParameters, state: &mut
             for &(b, right) in term.joint_map.rates.iter().filter(|rate| rate.0 <= a) {
                 let entry = &mut state.mass[triangular_index(a, b)];
                 for k in batch.lanes::<T>() {
+                    // SAFETY: `lanes` leaves room for a lane in slots and channels.
                     unsafe {
                         let ([sum], rotor): (_, T) = (load(entry, k), bodies.slots.column(first + t, k));
                         let rates = batch.rate::<T>(left, k).mul(batch.rate(right, k));

@@ -1,4 +1,4 @@
-//! Direct dynamics: accelerations from rnea, and the mass matrix for itself.
+//! Forward dynamics: accelerations from torques; and the mass matrix.
 
 use crate::batch::Batch;
 use crate::batch::sweep::{RecursionState, for_each_batch, stage_slot, write_rows};
@@ -14,18 +14,20 @@ use crate::simd::dispatch::dispatched;
 use crate::simd::lane::Lane;
 use std::sync::atomic::{AtomicUsize, Ordering};
 
-/// A mass matrix is positive definite where every pivot exceeds this share of its diagonal entry: less is rounding.
+/// The mass matrix counts as positive definite where every pivot exceeds this share of its diagonal entry; less is
+/// rounding error.
 const MIN_PIVOT: f64 = f64::EPSILON;
 
-/// Mass matrices, coordinates x coordinates for every sample, from positions and loops alone; parameters as for
-/// [`crate::torque`].
+/// Mass matrices, samples x coordinates x coordinates, kg m^2 or kg, by the composite-rigid-body algorithm. Only
+/// positions and loops of the motion are read; parameters as for [`crate::inverse_dynamics`].
 pub fn mass_matrix(mechanism: &Mechanism, motion: &Motion, chi: &[f64], out: &mut [f64]) -> Result<(), Error> {
     let na = mechanism.coordinates;
     motion.check_poses(mechanism)?;
     expect_length("out", out.len(), na * na * motion.samples)?;
     let (sets, shared) = (ParameterSets::new(mechanism, motion.samples, chi)?, SharedOutput::new(out));
     for_each_batch(mechanism, motion, &sets, |batch, from, bodies, state| {
-        // SAFETY: the workspace has grown to the mechanism; nobody else writes these samples.
+        // SAFETY: [`for_each_batch`] gives a batch and a state of the mechanism; batches are disjoint ranges of
+        // samples, whose entries of `out` only this call writes.
         unsafe {
             joint_transforms(mechanism.backend, batch, state);
             crba(mechanism.backend, batch, bodies, state);
@@ -42,10 +44,11 @@ pub fn mass_matrix(mechanism: &Mechanism, motion: &Motion, chi: &[f64], out: &mu
     Ok(())
 }
 
-/// Accelerations of the coordinates tensor_times rnea (coordinates x samples): `out[a * samples + k]`. Parameters as for
-/// [`crate::torque`]; the motion's own accelerations do not count.
+/// Accelerations of the coordinates, `out[a * samples + k]`, under given torques (coordinates x samples): `M^-1 (torque
+/// - bias)`. Parameters as for [`crate::inverse_dynamics`]; the motion's own accelerations are ignored.
 ///
-/// Returns the first sample whose mass matrix is not positive definite, if there is one: its numbers mean nothing.
+/// Returns the first sample whose mass matrix is not positive definite, if there is one; its accelerations are
+/// meaningless.
 pub fn forward_dynamics(
     mechanism: &Mechanism,
     motion: &Motion,
@@ -64,7 +67,8 @@ pub fn forward_dynamics(
         for (a, slot) in state.other[..na].iter_mut().enumerate() {
             stage_slot(slot, &torque[a * n + from..][..count]);
         }
-        // SAFETY: the workspace has grown to the mechanism; nobody else writes these samples.
+        // SAFETY: [`for_each_batch`] gives a batch and a state of the mechanism; batches are disjoint ranges of
+        // samples, which only this call writes.
         unsafe {
             rnea(mechanism.backend, batch, bodies, state);
             crba(mechanism.backend, batch, bodies, state);
@@ -80,10 +84,11 @@ pub fn forward_dynamics(
 }
 
 dispatched! {
-    /// From rnea in `other` to accelerations there.
+    /// Solve for the accelerations: `other` holds torques, and then accelerations.
     ///
     /// # Safety
-    /// Mass matrix and bias are there.
+    ///
+    /// Batch and state as in [`crate::dynamics::crba`].
     unsafe fn solve = solve_in_lanes(batch: Batch, state: &mut RecursionState)
 }
 
@@ -92,6 +97,7 @@ unsafe fn solve_in_lanes<T: Lane>(batch: Batch, state: &mut RecursionState) {
     let RecursionState { mass, torque, other, margin, .. } = state;
     let other = &mut other[..batch.mechanism.coordinates];
     for k in batch.lanes::<T>() {
+        // SAFETY: `lanes` leaves room for a lane in the slots.
         unsafe {
             for (asked, bias) in other.iter_mut().zip(torque.iter()) {
                 store(asked, k, [lane::<T>(asked, k).sub(lane(bias, k))]);
@@ -104,15 +110,17 @@ unsafe fn solve_in_lanes<T: Lane>(batch: Batch, state: &mut RecursionState) {
 
 #[inline(always)]
 unsafe fn lane<T: Lane>(slot: &Slot, k: usize) -> T {
+    // SAFETY: the caller promises room for a lane from k on.
     let [x] = unsafe { load(slot, k) };
     x
 }
 
-/// Solve with the factors `L D L'` of a symmetric matrix, given as its lower triangle, which they replace: the inverses
-/// of the pivots stand on the diagonal. Returns the least of what a pivot has above what rounding may leave of it.
+/// Solve by `L D L'` factorisation of a symmetric matrix, given as its lower triangle, which the factors replace; the
+/// reciprocals of the pivots stand on the diagonal. Returns the smallest margin of a pivot over its rounding error.
 #[inline(always)]
 unsafe fn solve_lane<T: Lane>(mass: &mut [Slot], right: &mut [Slot], k: usize) -> T {
     let mut least = T::splat(f64::MAX);
+    // SAFETY: the caller promises room for a lane from k on, in every slot.
     unsafe {
         for i in 0..right.len() {
             let (above, row) = mass.split_at_mut(i * (i + 1) / 2);
@@ -160,7 +168,7 @@ mod tests {
 
     const SAMPLES: usize = 45;
 
-    /// Four links, one of which prismatic and each of which is placed by another turn, that follow three coordinates.
+    /// Four links, one prismatic, with all constant rotations, that follow three coordinates.
     fn mechanism(backend: Backend) -> Mechanism {
         let (s, c) = 0.4_f64.sin_cos();
         let joint_transforms = [

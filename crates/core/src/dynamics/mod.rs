@@ -1,4 +1,5 @@
-//! Dynamics.
+//! Dynamics by recursion, without the regressor: inverse dynamics (RNEA), mass matrix (CRBA), forward dynamics,
+//! momentum.
 
 pub(crate) mod crba;
 pub(crate) mod forward;

@@ -1,8 +1,11 @@
-//! Momenta of given parameters, by recursion, and the rest of the torque beside their rates of change.
+//! Generalised momenta of given parameters, by recursion, and the remainder of the torque.
 //!
-//! With the momentum h of a link and all that it carries, in the link's frame, a joint's momentum is that along its axis,
-//! and what its torque is beside the rate of that is `v x* h`, and weight, along the axis (Featherstone 2008, section
-//! 2.9). Of coordinates whose rates G change it is less by `(dG/dt)' p`: see also `momentum`.
+//! With the momentum h of a link and all that it carries, in the link's frame, a joint's momentum is the component
+//! along its axis, and the remainder of its torque, in addition to the momentum's rate, is the component of `v x* h`
+//! and of the weight (Featherstone 2008, section 2.9). Where the rates G vary, the remainder of the coordinates is
+//! smaller by `(dG/dt)' p`: see also [`crate::batch::link_velocity`].
+//!
+//! Safety: as in [`crate::dynamics::crba`].
 
 use crate::batch::Batch;
 use crate::batch::axis::{load_axis, store_axis, store_transform};
@@ -22,16 +25,18 @@ use crate::simd::lane::Lane;
 type Wrench<T> = (Vector<T>, Vector<T>);
 
 dispatched! {
-    /// Momenta of a batch, and the rest of its rnea.
+    /// Momenta of a batch, and the remainder of its torques.
     ///
     /// # Safety
-    /// Workspace and parameters are large enough for the mechanism, as for everything below.
+    ///
+    /// As in [`crate::dynamics::crba`].
     pub(crate) unsafe fn momentum_recursion = momentum_recursion_in_lanes(batch: Batch, bodies: BatchParameters, state: &mut RecursionState)
 }
 
 #[inline(always)]
 unsafe fn momentum_recursion_in_lanes<T: Lane>(batch: Batch, bodies: BatchParameters, state: &mut RecursionState) {
     let na = batch.mechanism.coordinates;
+    // SAFETY: batch and state are as in the head of the file; a parent is another link than its child.
     unsafe {
         for i in 0..batch.mechanism.links.len() {
             propagate_motion::<T>(batch, bodies, i, state);
@@ -52,11 +57,12 @@ unsafe fn momentum_recursion_in_lanes<T: Lane>(batch: Batch, bodies: BatchParame
     }
 }
 
-/// The link's velocity from the parent's, its momentum and its weight.
+/// Velocity of the link from its parent's, its momentum and its weight.
 #[inline(always)]
 unsafe fn propagate_motion<T: Lane>(batch: Batch, bodies: BatchParameters, i: usize, state: &mut RecursionState) {
     let link = &batch.mechanism.links[i];
     let rest = JointTransform::<T>::at_zero(link.shape, link);
+    // SAFETY: batch and state are as in the head of the file.
     unsafe {
         let followed = batch.follow::<T>(&link.joint_map, &mut state.followed);
         store_transform::<T>(batch, link, followed, &mut state.joints[i]);
@@ -75,7 +81,7 @@ unsafe fn propagate_motion<T: Lane>(batch: Batch, bodies: BatchParameters, i: us
     }
 }
 
-/// Momentum of a body at a velocity (angular w, linear v), and what holds it against gravity.
+/// Momentum of a body at a velocity (angular w, linear v), and the wrench that balances its weight.
 #[inline(always)]
 fn carried<T: Lane>([w, v, a]: [Vector<T>; 3], c: [T; LINK_PARAMETERS]) -> (Wrench<T>, Wrench<T>) {
     let first = [c[6], c[7], c[8]];
@@ -83,11 +89,12 @@ fn carried<T: Lane>([w, v, a]: [Vector<T>; 3], c: [T; LINK_PARAMETERS]) -> (Wren
     (momentum, (cross(first, a), a.map(|a| a.mul(c[9]))))
 }
 
-/// Add a joint's momentum, and the rest of its torque, to the coordinates that move it.
+/// Add a joint's momentum, and the remainder of its torque, to the coordinates that move it.
 #[inline(always)]
 unsafe fn project<T: Lane>(batch: Batch, link: &Link, i: usize, state: &mut RecursionState) {
     let velocities = LinkVelocities(state.motions[i].as_mut_ptr());
     for k in batch.lanes::<T>() {
+        // SAFETY: `lanes` leaves room for a lane in slots and channels.
         unsafe {
             let [w, v, _] = velocities.get::<T>(k);
             let (angular, linear) = load_axis(state.wrenches[i].as_ptr(), k);
@@ -103,7 +110,8 @@ unsafe fn project<T: Lane>(batch: Batch, link: &Link, i: usize, state: &mut Recu
 }
 
 /// # Safety
-/// A lane from `k` on is inside the batch.
+///
+/// `k` is one of the batch's lanes.
 #[inline(always)]
 unsafe fn add_to_coordinates<T: Lane>(
     batch: Batch,
@@ -113,6 +121,7 @@ unsafe fn add_to_coordinates<T: Lane>(
     state: &mut RecursionState,
 ) {
     for &(a, rate) in &joint_map.rates {
+        // SAFETY: slots and channels have room for every lane of the batch.
         unsafe {
             let (p, rest) = (&mut state.other[a], &mut state.torque[a]);
             let ([sum], [rest_sum]): ([T; 1], [T; 1]) = (load(p, k), load(rest, k));
@@ -124,7 +133,7 @@ unsafe fn add_to_coordinates<T: Lane>(
     }
 }
 
-/// Rotors have momentum, and a rest where a rate changes.
+/// Momenta of the rotors, and their remainder where a rate varies.
 #[inline(always)]
 unsafe fn add_rotors<T: Lane>(batch: Batch, bodies: BatchParameters, state: &mut RecursionState) {
     let first = batch.mechanism.inertial_columns();
@@ -132,6 +141,7 @@ unsafe fn add_rotors<T: Lane>(batch: Batch, bodies: BatchParameters, state: &mut
         if term.law != Law::Rotor || !bodies.sets.is_used(t) {
             continue;
         }
+        // SAFETY: batch and state are as in the head of the file.
         unsafe {
             let followed = batch.follow::<T>(&term.joint_map, &mut state.followed);
             for k in batch.lanes::<T>() {

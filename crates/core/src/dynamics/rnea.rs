@@ -1,8 +1,11 @@
-//! Torques of given parameters, by recursion: motions of the links outward from the base, their wrenches back to it.
+//! Inverse dynamics by the recursive Newton-Euler algorithm (RNEA): motions of the links from the base outward, their
+//! wrenches back to it.
 //!
-//! Every link's wrench is that of its ten parameters in its own frame (Khalil and Dombre 2002, section 9.5). What acts on
-//! a joint is projected on the coordinates by the joint's rates, `tau_a = sum_j G[j, a] n_j`: a closed chain's tree is
-//! opened, and its rnea add up at the coordinates.
+//! Each link's wrench is that of its ten parameters in its own frame (Khalil and Dombre 2002, section 9.5). The joint
+//! torques are projected on the coordinates by the joints' rates, `tau_a = sum_j G[j, a] n_j`: a closed chain is opened
+//! to a tree, whose torques add up at the coordinates.
+//!
+//! Safety: as in [`crate::dynamics::crba`].
 
 use crate::batch::axis::{load_axis, store_axis, store_transform};
 use crate::batch::sweep::{BatchParameters, RecursionState};
@@ -25,15 +28,17 @@ use crate::simd::dispatch::dispatched;
 use crate::simd::lane::Lane;
 
 dispatched! {
-    /// Torques of a batch: the acceleration of its channels counts.
+    /// Torques of a batch, with the accelerations of its channels.
     ///
     /// # Safety
-    /// Workspace and parameters are large enough for the mechanism, as for everything below.
+    ///
+    /// As in [`crate::dynamics::crba`].
     pub(crate) unsafe fn rnea = rnea_in_lanes(batch: Batch, bodies: BatchParameters, state: &mut RecursionState)
 }
 
 #[inline(always)]
 unsafe fn rnea_in_lanes<T: Lane>(batch: Batch, bodies: BatchParameters, state: &mut RecursionState) {
+    // SAFETY: batch and state are as in the head of the file; a parent is another link than its child.
     unsafe {
         for (i, link) in batch.mechanism.links.iter().enumerate() {
             let followed = batch.follow::<T>(&link.joint_map, &mut state.followed);
@@ -53,15 +58,16 @@ unsafe fn rnea_in_lanes<T: Lane>(batch: Batch, bodies: BatchParameters, state: &
     }
 }
 
-/// Zeros.
+/// Set slots to zero.
 #[inline(always)]
 pub(crate) unsafe fn clear<T: Lane>(batch: Batch, slots: &mut [Slot]) {
     for slot in slots {
+        // SAFETY: `lanes` leaves room for a lane in the slot.
         batch.lanes::<T>().for_each(|k| unsafe { store(slot, k, [T::splat(0.0)]) });
     }
 }
 
-/// The link's motion from the parent's, and the wrench that it takes.
+/// Motion of the link from its parent's, and its inertial wrench.
 #[inline(always)]
 unsafe fn propagate_motion<T: Lane>(
     batch: Batch,
@@ -73,6 +79,7 @@ unsafe fn propagate_motion<T: Lane>(
     let (link, has_mass) = (&batch.mechanism.links[i], bodies.sets.has_mass(i));
     let rest = JointTransform::<T>::at_zero(shape, link);
     for k in batch.lanes::<T>() {
+        // SAFETY: batch and state are as in the head of the file.
         unsafe {
             let joint = rest.load(state.joints[i].as_ptr(), k);
             let [_, v, acceleration] = followed.at(k);
@@ -90,16 +97,18 @@ unsafe fn propagate_motion<T: Lane>(
 
 #[inline(always)]
 unsafe fn load_motion<T: Lane>(slots: *const Slot, k: usize) -> SpatialMotion<T> {
+    // SAFETY: the caller promises nine slots with room for a lane from k on.
     let m: [T; 9] = unsafe { load(slots, k) };
     [[m[0], m[1], m[2]], [m[3], m[4], m[5]], [m[6], m[7], m[8]]]
 }
 
 #[inline(always)]
 unsafe fn store_motion<T: Lane>(slots: *mut Slot, k: usize, [w, wd, a]: SpatialMotion<T>) {
+    // SAFETY: the caller promises nine slots with room for a lane from k on.
     unsafe { store(slots, k, [w[0], w[1], w[2], wd[0], wd[1], wd[2], a[0], a[1], a[2]]) }
 }
 
-/// The motion with that of the joint itself.
+/// Add the joint's own motion.
 #[inline(always)]
 fn add_joint_rate<T: Lane>(
     joint: &JointTransform<T>,
@@ -116,7 +125,7 @@ fn add_joint_rate<T: Lane>(
     [w, wd, a]
 }
 
-/// A vector tensor_times a body's tensor.
+/// Product of a body's inertia tensor and a vector.
 #[inline(always)]
 pub(crate) fn tensor_times<T: Lane>(c: &[T; LINK_PARAMETERS], x: Vector<T>) -> Vector<T> {
     [
@@ -126,7 +135,7 @@ pub(crate) fn tensor_times<T: Lane>(c: &[T; LINK_PARAMETERS], x: Vector<T>) -> V
     ]
 }
 
-/// Moment at the origin and force that a body takes to move so.
+/// Inertial wrench of a body, about the origin of its frame.
 #[inline(always)]
 fn wrench<T: Lane>([w, wd, a]: SpatialMotion<T>, c: [T; LINK_PARAMETERS]) -> (Vector<T>, Vector<T>) {
     let first = [c[6], c[7], c[8]];
@@ -135,12 +144,13 @@ fn wrench<T: Lane>([w, wd, a]: SpatialMotion<T>, c: [T; LINK_PARAMETERS]) -> (Ve
     (n, f)
 }
 
-/// Add what acts along a joint to the coordinates that move it.
+/// Add the joint's component of a wrench to the coordinates that move it.
 #[inline(always)]
 unsafe fn project<T: Lane>(batch: Batch, link: &Link, wrench: &[Slot; 6], torque: &mut [Slot]) {
     let along = &wrench[if link.is_prismatic() { 5 } else { 2 }];
     for &(a, rate) in &link.joint_map.rates {
         for k in batch.lanes::<T>() {
+            // SAFETY: `lanes` leaves room for a lane in slots and channels.
             unsafe {
                 let ([own], [sum]): ([T; 1], [T; 1]) = (load(along, k), load(&torque[a], k));
                 store(&mut torque[a], k, [own.fma(batch.rate(rate, k), sum)]);
@@ -160,6 +170,7 @@ pub(crate) unsafe fn add_wrench_to_parent<T: Lane>(
 ) {
     let rest = JointTransform::<T>::at_zero(shape, link);
     for k in batch.lanes::<T>() {
+        // SAFETY: the caller's pointers are to the six slots of two different links, with room for a lane.
         unsafe {
             let (n, f) = rest.load(joint.as_ptr(), k).wrench_to_parent(load_axis(from, k));
             let (sum_n, sum_f): (Vector<T>, Vector<T>) = load_axis(to, k);
@@ -169,7 +180,7 @@ pub(crate) unsafe fn add_wrench_to_parent<T: Lane>(
     }
 }
 
-/// Add the rnea of those terms that the caller chooses by their laws.
+/// Add the torques of the terms whose laws are chosen.
 #[inline(always)]
 pub(crate) unsafe fn add_terms<T: Lane>(
     batch: Batch,
@@ -185,6 +196,7 @@ pub(crate) unsafe fn add_terms<T: Lane>(
         if !bodies.sets.is_used(t) || !chosen(term.law) || term.joint_map.rates.is_empty() {
             continue;
         }
+        // SAFETY: batch and state are as in the head of the file; an external term has a channel of its own.
         unsafe {
             let followed = batch.follow::<T>(&term.joint_map, &mut state.followed);
             let own = batch.channels.channel(own);
@@ -201,11 +213,11 @@ pub(crate) unsafe fn add_terms<T: Lane>(
     }
 }
 
-/// Torques of parameters `chi` of all columns: `out[r * samples + k]`, rows as in [`crate::regressor`], momentum_recursion and what
-/// is left of the rnea where there are no accelerations.
+/// Inverse dynamics: torques of the parameters `chi` of all columns, `out[r * samples + k]`, rows as in
+/// [`crate::regressor()`]: torques, N m or N; without accelerations momenta and the remainder of the torques.
 ///
-/// There may be several sets of parameters, one after another: the samples are shared out among them evenly, in order. Of
-/// terms whose parameters are all zero nothing is read.
+/// Several sets of parameters may follow each other: the samples are divided among them evenly, in order. Terms whose
+/// parameters are zero in all sets are not evaluated.
 pub fn inverse_dynamics(mechanism: &Mechanism, motion: &Motion, chi: &[f64], out: &mut [f64]) -> Result<(), Error> {
     let (n, na, backend) = (motion.samples, mechanism.coordinates, mechanism.backend);
     motion.check(mechanism)?;
@@ -213,7 +225,8 @@ pub fn inverse_dynamics(mechanism: &Mechanism, motion: &Motion, chi: &[f64], out
     let (sets, shared) = (ParameterSets::new(mechanism, n, chi)?, SharedOutput::new(out));
     for_each_batch(mechanism, motion, &sets, |batch, from, bodies, state| {
         let samples = (from, batch.samples);
-        // SAFETY: the workspace has grown to the mechanism; nobody else writes these samples.
+        // SAFETY: [`for_each_batch`] gives a batch and a state of the mechanism; batches are disjoint ranges of
+        // samples, which only this call writes.
         unsafe {
             if motion.acceleration.is_some() {
                 rnea(backend, batch, bodies, state);

@@ -1,11 +1,13 @@
-//! The algebra of one pose: singular values and vectors of `J L^-T`, where `A = L L'`, by rotations.
+//! Singular values and vectors of `J L^-T` with `A = L L'` (J the Jacobian, A the mass matrix of one pose), by
+//! one-sided Jacobi rotations.
 
-/// Rounds of rotations at most; five are usual.
+/// Maximum number of Jacobi sweeps; five are usual.
 const MAX_SWEEPS: usize = 30;
-/// Vectors count as orthogonal where the cosine of their angle is below this.
+/// Vectors are orthogonal if the cosine of their angle is below this.
 const ORTHOGONALITY: f64 = 1e-15;
 
-/// Masses, directions and rates of one pose: m rows, n coordinates, r = min(m, n).
+/// Decomposition at one pose, of m rows and n coordinates: r = min(m, n) apparent masses, their directions, and the
+/// coordinate rates that move the end effector along them.
 pub(crate) struct JacobiSvd {
     m: usize,
     n: usize,
@@ -13,15 +15,18 @@ pub(crate) struct JacobiSvd {
     factor: Vec<f64>,
     /// J, then L^-1 J': m vectors of length n.
     columns: Vec<f64>,
-    /// The vectors that are made orthogonal, and the rotations that do it.
+    /// The vectors that are orthogonalised, and the accumulated rotations.
     vectors: Vec<f64>,
     rotations: Vec<f64>,
-    /// Singular values, and where they are from the smallest on.
+    /// Singular values, and their indices in ascending order.
     singular_values: Vec<f64>,
     order: Vec<usize>,
-    pub masses: Vec<f64>,
-    pub directions: Vec<f64>,
-    pub rates: Vec<f64>,
+    /// Apparent masses 1 / s^2, largest first, r.
+    pub(crate) masses: Vec<f64>,
+    /// Unit directions of the masses, r x m.
+    pub(crate) directions: Vec<f64>,
+    /// Coordinate rates that move the end effector at unit speed along each direction, r x n.
+    pub(crate) rates: Vec<f64>,
 }
 
 impl JacobiSvd {
@@ -42,7 +47,7 @@ impl JacobiSvd {
         }
     }
 
-    /// Ratio of the largest and the smallest singular value of J; infinite where it has less than full rank.
+    /// Condition number of J: the ratio of its largest and smallest singular value, infinite if the rank is deficient.
     pub(crate) fn condition_number(&mut self, jacobian: impl Fn(usize, usize) -> f64) -> f64 {
         for row in 0..self.m {
             for a in 0..self.n {
@@ -55,7 +60,7 @@ impl JacobiSvd {
         if low > 0.0 { high / low } else { f64::INFINITY }
     }
 
-    /// Masses, directions and rates; false where A is not positive definite.
+    /// Determine masses, directions and rates; false where A is not positive definite.
     pub(crate) fn solve(&mut self, jacobian: impl Fn(usize, usize) -> f64, mass: impl Fn(usize, usize) -> f64) -> bool {
         if !self.decompose(mass) {
             return false;
@@ -87,7 +92,7 @@ impl JacobiSvd {
         true
     }
 
-    /// Of a direction's two ways, the one in which its largest component is positive.
+    /// Choose the sign of a direction: its component of largest magnitude is positive.
     fn fix_sign(&mut self, place: usize) {
         let direction = &mut self.directions[place * self.m..][..self.m];
         let largest = direction.iter().copied().fold(0.0, |a: f64, b| if b.abs() > a.abs() { b } else { a });
@@ -96,7 +101,7 @@ impl JacobiSvd {
         }
     }
 
-    /// A = L L'.
+    /// Cholesky decomposition A = L L'; false where A is not positive definite.
     fn decompose(&mut self, mass: impl Fn(usize, usize) -> f64) -> bool {
         let n = self.n;
         for a in 0..n {
@@ -104,7 +109,7 @@ impl JacobiSvd {
                 let known: f64 = (0..b).map(|c| self.factor[a * n + c] * self.factor[b * n + c]).sum();
                 let rest = mass(a, b) - known;
                 if a == b {
-                    // What is left of a pivot after cancellation below rounding is not known to be positive.
+                    // A pivot that cancellation has reduced to rounding error is not known to be positive.
                     if rest.is_nan() || rest <= 1e-14 * mass(a, a).abs() {
                         return false;
                     }
@@ -117,7 +122,7 @@ impl JacobiSvd {
         true
     }
 
-    /// Rates of the coordinates along one direction: m A^-1 J' v = m L^-T (L^-1 J') v.
+    /// Coordinate rates for one direction v: m A^-1 J' v = m L^-T (L^-1 J') v.
     fn unit_speed_rates(&mut self, place: usize) {
         let (m, n) = (self.m, self.n);
         for a in (0..n).rev() {
@@ -127,7 +132,7 @@ impl JacobiSvd {
         }
     }
 
-    /// Length of the vectors that are made orthogonal.
+    /// Length of the vectors that are orthogonalised.
     fn vector_length(&self) -> usize {
         self.m.max(self.n)
     }
@@ -137,8 +142,8 @@ impl JacobiSvd {
         self.vectors[e * long..][..long].iter().map(|x| x * x).sum::<f64>().sqrt()
     }
 
-    /// One-sided Jacobi rotations (Hestenes 1958): the fewer of rows and columns, made orthogonal in pairs. Their singular_values
-    /// are the singular values.
+    /// One-sided Jacobi rotations (Hestenes 1958): of rows and columns the fewer are orthogonalised pair by pair. Their
+    /// norms are the singular values.
     fn orthogonalise(&mut self) {
         let (m, n, r, long) = (self.m, self.n, self.order.len(), self.vector_length());
         for e in 0..r {
@@ -162,7 +167,7 @@ impl JacobiSvd {
         }
     }
 
-    /// Rotation two vectors in their plane until they are orthogonal; false where they are.
+    /// Rotate two vectors in their plane until they are orthogonal; false where they are already.
     fn rotate_pair(&mut self, e: usize, f: usize, long: usize) -> bool {
         let r = self.order.len();
         let (head, tail) = self.vectors.split_at_mut(f * long);

@@ -1,4 +1,5 @@
-//! Linear algebra.
+//! Linear algebra: QR of long stacks of rows (TSQR), least squares in lanes, singular values of one pose,
+//! three-vectors.
 
 pub(crate) mod jacobi_svd;
 pub(crate) mod small_qr;

@@ -1,14 +1,16 @@
-//! Small least squares by Householder reflections: what the gaps of cuts settle, how well, and on which side.
+//! Small least-squares problems by Householder QR, for the loop-closure equations: solution, conditioning, and the sign
+//! of the determinant relative to a reference.
 
 use crate::simd::real::Real;
 
-/// Sum of products.
+/// Inner product.
 #[inline(always)]
 pub(crate) fn dot<N: Real>(x: &[N], y: &[N]) -> N {
     sum(x, y, N::add_product)
 }
 
-/// Sum of what `plus` makes of pairs, four at a time: additions that wait for each other take longer than the products.
+/// Sum of `plus` over pairs, in four partial sums: the latency of dependent additions would exceed the time of the
+/// products.
 #[inline(always)]
 fn sum<N: Real, Y: Copy>(x: &[N], y: &[Y], plus: impl Fn(N, N, Y) -> N) -> N {
     let ((fours, rest), (others, last)) = (x.as_chunks::<4>(), y.as_chunks::<4>());
@@ -25,16 +27,16 @@ fn sum<N: Real, Y: Copy>(x: &[N], y: &[Y], plus: impl Fn(N, N, Y) -> N) -> N {
     (sums[0] + sums[2]) + (sums[1] + sums[3]) + left
 }
 
-/// A tall matrix A = Q R, column by column; the reflections stand below the diagonal.
+/// Householder QR A = Q R of a tall matrix, stored by columns; the reflection vectors stand below the diagonal.
 #[derive(Debug, Clone)]
 pub(crate) struct QrFactor<N> {
     rows: usize,
     columns: usize,
     entries: Vec<N>,
     diagonal: Vec<N>,
-    /// One over each of the diagonal.
+    /// Reciprocals of the diagonal of R.
     inverse: Vec<N>,
-    /// Two over the squared length of each reflection's vector.
+    /// 2 / |v|^2 of each reflection vector v.
     weights: Vec<N>,
 }
 
@@ -51,7 +53,7 @@ impl<N: Real> QrFactor<N> {
         }
     }
 
-    /// Decompose a matrix given column by column.
+    /// Decompose a matrix given by columns.
     #[inline(always)]
     pub(crate) fn decompose(&mut self, matrix: &[N]) {
         let (m, none) = (self.rows, N::constant(0.0));
@@ -71,7 +73,7 @@ impl<N: Real> QrFactor<N> {
         }
     }
 
-    /// The x for which A x is nearest to the right side; it takes the first places there. Not finite where A is singular.
+    /// Least-squares solution of A x = right, written to the first entries of `right`. Not finite where A is singular.
     #[inline(always)]
     pub(crate) fn solve(&self, right: &mut [N]) {
         let (m, n) = (self.rows, self.columns);
@@ -87,8 +89,8 @@ impl<N: Real> QrFactor<N> {
         }
     }
 
-    /// Whether the least singular value of A, its columns scaled to unit length, is above a limit: whether the Gram matrix
-    /// stays positive definite with its diagonal reduced by the limit squared. The matrix is n x n of scratch.
+    /// Whether the smallest singular value of A, its columns scaled to unit length, exceeds a limit: whether the Gram
+    /// matrix remains positive definite after its diagonal is reduced by the limit squared. `gram` is scratch, n x n.
     #[inline(always)]
     pub(crate) fn is_well_conditioned(&self, limit: f64, gram: &mut [N]) -> bool {
         let n = self.columns;
@@ -117,8 +119,8 @@ fn reflect<N: Real>(vector: &[N], weight: N, x: &mut [N]) {
     }
 }
 
-/// Whether a symmetric matrix, its lower triangle given, is positive definite: by Cholesky, in place. Once a pivot is not
-/// positive, all after it are minus infinity or no numbers; the last one tells.
+/// Whether a symmetric matrix, given by its lower triangle, is positive definite: Cholesky in place. After a pivot that
+/// is not positive all later ones are -inf or NaN, so that the last one decides.
 #[inline(always)]
 fn is_positive_definite<N: Real>(matrix: &mut [N], n: usize) -> bool {
     let mut pivot = N::constant(1.0);
@@ -134,9 +136,9 @@ fn is_positive_definite<N: Real>(matrix: &mut [N], n: usize) -> bool {
     pivot.all_greater(0.0)
 }
 
-/// Whether B, both matrices given column by column, is on the side of singular ones on which A is, and near enough to
-/// tell: whether all leading minors of A' B, so that its determinant too, are positive. They are where B differs from A
-/// by less than the least singular value, whatever the columns' lengths. `product` is n x n of scratch.
+/// Whether B lies on the same side of the singular matrices as A, and close to it: all leading minors of A' B, and so
+/// its determinant, are positive. This holds where B differs from A by less than the smallest singular value, whatever
+/// the column lengths. Both are given by columns; `product` is scratch, n x n.
 #[inline(always)]
 pub(crate) fn same_orientation<N: Real>(a: &[f64], b: &[N], rows: usize, product: &mut [N]) -> bool {
     let n = a.len() / rows;
@@ -184,7 +186,7 @@ mod tests {
 
     #[test]
     fn openness_is_the_least_singular_value_of_unit_columns() {
-        // Two columns at an angle: singular values sqrt(1 +- cos).
+        // Two columns at an angle: the singular values are sqrt(1 +- cos).
         let (angle, mut gram) = (0.1_f64, [0.0; 4]);
         let mut factor = QrFactor::new(3, 2);
         factor.decompose(&[2., 0., 0., 5. * angle.cos(), 0., 5. * angle.sin()]);
@@ -201,7 +203,7 @@ mod tests {
 
     #[test]
     fn sides_change_with_the_sign_of_a_column_and_with_an_exchange() {
-        // Room for more than is needed.
+        // Larger than needed.
         let mut product = [0.0; 12];
         assert!(same_orientation(&A, &A, 5, &mut product));
         let (s, c) = 0.5_f64.sin_cos();

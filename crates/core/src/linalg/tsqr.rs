@@ -1,30 +1,34 @@
-//! A small upper triangle that takes up blocks of rows: Householder QR of [R; A], a panel of columns at a time.
+//! Sequential TSQR: Householder QR of [R; A] updates an upper triangle R by a block of rows A, a panel of columns at a
+//! time.
 //!
-//! A panel is worked on when its turn comes, by all panels before it: the step that takes one panel's reflections out of
-//! its columns finds their inner products with the next panel's too, so that a column is read and written once for both.
-//! (Reflections in compact form: Schreiber and Van Loan 1989, SIAM J. Sci. Stat. Comput. 10(1), eq. 3.)
+//! The algorithm is left-looking: a panel is updated, by all panels before it, when its turn comes. The pass that
+//! applies one panel's reflections to its columns also computes their inner products with the next panel's vectors, so
+//! that each column is read and written once for both. (Compact WY form: Schreiber and Van Loan 1989, SIAM J. Sci.
+//! Stat. Comput. 10(1), eq. 3.)
 //!
-//! Never the normal equations: they lose one to three digits at the condition numbers of this field.
+//! The normal equations would lose one to three digits at the condition numbers of dynamic identification.
 //!
-//! Safety: [`fold`] checks that R and A are as large as their shape says, with rows padded to whole lanes. Every unsafe
-//! function below takes columns of that A by pointer, and reads and writes whole lanes inside their `stride`.
+//! Safety: [`fold`] checks the sizes of R and A, whose rows are padded to whole lanes. Every unsafe function below
+//! relies on this block: column indices are below `columns`, and lanes are read and written at multiples of the lane
+//! width below `rows`, hence inside a column's `stride` numbers.
 
 use crate::simd::dispatch::{Backend, dispatched};
 use crate::simd::lane::{Lane, MAX_WIDTH};
 
-/// Widest panel of any back end.
+/// Width of the widest panel of any back end.
 const MAX_PANEL: usize = 4;
 
-/// The upper triangle of a panel's compact form I - V T V', where column k of V is that of A below a unit in row k of R.
+/// T of a panel's compact WY form I - V T V'; column k of V is column k of the panel below a unit in row k of R.
 pub(crate) type CompactPanel = [[f64; MAX_PANEL]; MAX_PANEL];
 
-/// Fold `rows` rows into the triangle: R becomes the triangle of [R; A]. A is overwritten, and so is `panels`.
+/// Fold rows into a triangle: R becomes the R factor of [R; A]. A is overwritten; `panels` is a buffer.
 ///
-/// `r` is `columns` x `columns`, column-major, upper. Column c of A is at `a[c * stride..]`; its numbers from `rows`
+/// `r` is `columns` x `columns`, column-major, upper. Column c of A begins at `a[c * stride]`; its numbers from `rows`
 /// to the next whole lane must be zero.
 ///
 /// # Panics
-/// When a slice is shorter than its shape says.
+///
+/// If a slice is shorter than its shape requires.
 pub(crate) fn fold(
     backend: Backend,
     r: &mut [f64],
@@ -36,7 +40,7 @@ pub(crate) fn fold(
     assert!(r.len() >= columns * columns && padded <= stride && a.len() >= columns * stride);
     if rows > 0 {
         let block = Block { r, columns, a: a.as_mut_ptr(), rows: padded, stride };
-        // SAFETY: checked above: R and A are as large as the kernel takes them to be.
+        // SAFETY: the assertion above makes R and A as large as the head of the file requires.
         unsafe { fold_raw(backend, block, panels) }
     }
 }
@@ -52,7 +56,7 @@ pub(crate) fn merge(backend: Backend, r: &mut [f64], other: &[f64], columns: usi
     fold(backend, r, columns, (rows, columns, stride), &mut Vec::new());
 }
 
-/// The triangle and the rows it takes up.
+/// A triangle R and the rows A to be folded into it, by pointer: several columns are written at a time.
 struct Block<'a> {
     r: &'a mut [f64],
     columns: usize,
@@ -64,11 +68,13 @@ struct Block<'a> {
 impl Block<'_> {
     #[inline(always)]
     unsafe fn column(&self, c: usize) -> *mut f64 {
+        // SAFETY: c < columns, so that the column begins inside A.
         unsafe { self.a.add(c * self.stride) }
     }
 
     #[inline(always)]
     unsafe fn some<const N: usize>(&self, first: usize) -> [*mut f64; N] {
+        // SAFETY: as for `column`, for columns `first..first + N`.
         core::array::from_fn(|k| unsafe { self.column(first + k) })
     }
 }
@@ -79,7 +85,7 @@ dispatched! {
 
 #[inline(always)]
 unsafe fn fold_in_lanes<T: Lane>(block: Block, panels: &mut Vec<CompactPanel>) {
-    // SAFETY: the caller's promise.
+    // SAFETY: the caller's promise about the block.
     unsafe {
         match T::PANEL {
             2 => fold_panels::<T, 2>(block, panels),
@@ -94,7 +100,7 @@ unsafe fn fold_panels<T: Lane, const P: usize>(mut block: Block, panels: &mut Ve
     panels.clear();
     let block = &mut block;
     let mut first = 0;
-    // SAFETY: columns up to `first`, and those taken next, are columns of A.
+    // SAFETY: the loops take columns `first..first + N` only while they are below `columns`.
     unsafe {
         while first + 2 * P <= block.columns {
             reflect::<T, P, P, 2>(block, panels, 0, first);
@@ -116,21 +122,22 @@ unsafe fn fold_panels<T: Lane, const P: usize>(mut block: Block, panels: &mut Ve
     }
 }
 
-/// One panel of N columns, from all before it.
+/// Update and factorise one panel of N columns.
 #[inline(always)]
 unsafe fn finish<T: Lane, const P: usize, const N: usize>(
     block: &mut Block,
     panels: &mut Vec<CompactPanel>,
     first: usize,
 ) {
+    // SAFETY: the caller promises that columns `first..first + N` exist.
     unsafe {
         reflect::<T, P, N, 1>(block, panels, 0, first);
         panels.push(factor::<T, N>(block, first));
     }
 }
 
-/// Apply the panels from `begin` on to G times N columns. While one N of them is worked on, the weights of the next are
-/// found: a sum across a lane takes long to come.
+/// Apply the panels from `begin` on to G groups of N columns. The groups are interleaved: the horizontal sums of one
+/// overlap with the passes of the next.
 #[inline(always)]
 unsafe fn reflect<T: Lane, const P: usize, const N: usize, const G: usize>(
     block: &mut Block,
@@ -141,6 +148,8 @@ unsafe fn reflect<T: Lane, const P: usize, const N: usize, const G: usize>(
     if begin == panels.len() {
         return;
     }
+    // SAFETY: columns `c..c + G N` exist by the caller's promise, and those of a panel that is factorised do too;
+    // `exchange` stays inside `rows`.
     unsafe {
         let none = [[T::splat(0.0); N]; P];
         let x: [[*mut f64; N]; G] = core::array::from_fn(|g| block.some(c + g * N));
@@ -164,7 +173,7 @@ unsafe fn reflect<T: Lane, const P: usize, const N: usize, const G: usize>(
     }
 }
 
-/// What is taken out of N columns along each reflector, and out of their heads in R.
+/// Weights with which the panel's vectors are subtracted from N columns, whose entries in R are updated here.
 #[inline(always)]
 fn reflection_weights<T: Lane, const P: usize, const N: usize>(
     block: &mut Block,
@@ -186,7 +195,8 @@ fn reflection_weights<T: Lane, const P: usize, const N: usize>(
     weights
 }
 
-/// Take one panel's reflections out of N columns, if `TAKE`; if `SUM`, return their inner products with the next panel.
+/// Subtract the vectors `v` with their weights from N columns (if `TAKE`), and return the inner products of the result
+/// with the vectors `next` (if `SUM`).
 #[inline(always)]
 unsafe fn reflect_and_project<T: Lane, const P: usize, const N: usize, const TAKE: bool, const SUM: bool>(
     v: [*mut f64; P],
@@ -198,20 +208,25 @@ unsafe fn reflect_and_project<T: Lane, const P: usize, const N: usize, const TAK
     let mut sums = [[T::splat(0.0); N]; P];
     let mut i = 0;
     while i < rows {
+        // SAFETY: i < rows, a multiple of the lane width: the lane is inside the column, as for all accesses of the
+        // loop.
         let mut lanes: [T; N] = core::array::from_fn(|j| unsafe { T::load(x[j].add(i)) });
         if TAKE {
             for (v, weights) in v.iter().zip(weights) {
+                // SAFETY: as above.
                 let v = unsafe { T::load(v.add(i)) };
                 for (lane, &weight) in lanes.iter_mut().zip(weights) {
                     *lane = v.fnma(weight, *lane);
                 }
             }
             for (lane, x) in lanes.iter().zip(x) {
+                // SAFETY: as above.
                 unsafe { lane.store(x.add(i)) };
             }
         }
         if SUM {
             for (v, sums) in next.iter().zip(&mut sums) {
+                // SAFETY: as above.
                 let v = unsafe { T::load(v.add(i)) };
                 for (sum, &lane) in sums.iter_mut().zip(&lanes) {
                     *sum = v.fma(lane, *sum);
@@ -223,22 +238,23 @@ unsafe fn reflect_and_project<T: Lane, const P: usize, const N: usize, const TAK
     sums
 }
 
-/// Reflect a panel's columns onto R.
+/// Factorise a panel: reflect its columns onto R one after the other.
 ///
-/// The step that takes a reflection out of the columns after it finds the inner products of the next one with them all.
+/// The pass that applies a reflection to the columns after it also computes the inner products of the next column with
+/// all of them.
 #[inline(always)]
 unsafe fn factor<T: Lane, const W: usize>(block: &mut Block, first: usize) -> CompactPanel {
     let (columns, rows) = (block.columns, block.rows);
     let mut t = [[0.0; MAX_PANEL]; MAX_PANEL];
     // The column to be reflected, those after it, then those before it.
     let mut x = unsafe { block.some::<W>(first) };
+    // SAFETY: the columns are inside the block, as below.
     let mut products = unsafe { subtract_reflection::<T, W, 0>(x, (1.0, [0.0; W]), rows) };
     for k in 0..W {
         let (mut scale, mut taken) = (0.0, [0.0; W]);
         let diagonal = (first + k) * columns + first + k;
         let (alpha, below) = (block.r[diagonal], products[0]);
-        // Below this the column is zero beside its diagonal, and its square may not be told from zero. What is not a number
-        // stays none.
+        // Below this the column is zero compared with its diagonal, and its square may underflow. NaN propagates.
         if below >= f64::MIN_POSITIVE || below.is_nan() {
             let beta = -(alpha * alpha + below).sqrt().copysign(alpha);
             let tau = (beta - alpha) / beta;
@@ -255,6 +271,7 @@ unsafe fn factor<T: Lane, const W: usize>(block: &mut Block, first: usize) -> Co
                 row[k] = -tau * (j..k).map(|l| row[l] * inner(l)).sum::<f64>();
             }
         }
+        // SAFETY: as above.
         products = unsafe { subtract_reflection::<T, W, 1>(x, (scale, taken), rows) };
         x.rotate_left(1);
         products.rotate_left(1);
@@ -262,7 +279,7 @@ unsafe fn factor<T: Lane, const W: usize>(block: &mut Block, first: usize) -> Co
     t
 }
 
-/// Scale the first column, take it out of the others, and return their inner products with column NEXT.
+/// Scale the first column, subtract it from the others, and return their inner products with column NEXT.
 #[inline(always)]
 unsafe fn subtract_reflection<T: Lane, const W: usize, const NEXT: usize>(
     x: [*mut f64; W],
@@ -272,6 +289,7 @@ unsafe fn subtract_reflection<T: Lane, const W: usize, const NEXT: usize>(
     let (scale, taken, mut sums) = (T::splat(scale), taken.map(T::splat), [T::splat(0.0); W]);
     let mut i = 0;
     while i < rows {
+        // SAFETY: i < rows, a multiple of the lane width: the lane is inside the column, as below.
         let mut lanes: [T; W] = core::array::from_fn(|c| unsafe { T::load(x[c].add(i)) });
         lanes[0] = lanes[0].mul(scale);
         for c in 1..W {
@@ -281,6 +299,7 @@ unsafe fn subtract_reflection<T: Lane, const W: usize, const NEXT: usize>(
             *sum = lanes[NEXT % W].fma(lane, *sum);
         }
         for (lane, x) in lanes.iter().zip(x) {
+            // SAFETY: as above.
             unsafe { lane.store(x.add(i)) };
         }
         i += T::WIDTH;
@@ -292,7 +311,7 @@ unsafe fn subtract_reflection<T: Lane, const W: usize, const NEXT: usize>(
 mod tests {
     use super::*;
 
-    /// A few pseudo-random numbers in -1..1, the same on every machine.
+    /// Pseudo-random numbers in -1..1, the same on every machine.
     fn numbers(count: usize, seed: u64) -> Vec<f64> {
         let mut state = seed.wrapping_mul(0x9E37_79B9_7F4A_7C15) | 1;
         let next = |_| {
@@ -304,7 +323,7 @@ mod tests {
         (0..count).map(next).collect()
     }
 
-    /// R'R equals A'A on every backend, for shapes around the panel and lane widths.
+    /// R'R equals A'A on every back end, for shapes around the panel and lane widths.
     #[test]
     fn the_triangle_keeps_the_inner_products() {
         for backend in Backend::available() {
@@ -330,7 +349,7 @@ mod tests {
         }
     }
 
-    /// A triangle merged into another is that of all the rows.
+    /// Merging two triangles gives that of all rows.
     #[test]
     fn merged_triangles_are_that_of_all_rows() {
         for backend in Backend::available() {

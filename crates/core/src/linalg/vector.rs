@@ -2,44 +2,48 @@
 
 use crate::simd::lane::Lane;
 
-pub type Vector<T> = [T; 3];
+/// A three-vector.
+pub(crate) type Vector<T> = [T; 3];
 
-/// A component of a vector, and the two after it.
+/// Index i and the two after it, cyclically.
 #[inline(always)]
-pub fn cycle(i: usize) -> [usize; 3] {
+pub(crate) fn cycle(i: usize) -> [usize; 3] {
     [i, (i + 1) % 3, (i + 2) % 3]
 }
 
+/// The zero vector.
 #[inline(always)]
-pub fn zero<T: Lane>() -> Vector<T> {
+pub(crate) fn zero<T: Lane>() -> Vector<T> {
     [T::splat(0.0); 3]
 }
 
+/// Inner product.
 #[inline(always)]
-pub fn dot<T: Lane>(a: Vector<T>, b: Vector<T>) -> T {
+pub(crate) fn dot<T: Lane>(a: Vector<T>, b: Vector<T>) -> T {
     a[2].fma(b[2], a[1].fma(b[1], a[0].mul(b[0])))
 }
 
+/// Cross product `a x b`.
 #[inline(always)]
-pub fn cross<T: Lane>(a: Vector<T>, b: Vector<T>) -> Vector<T> {
+pub(crate) fn cross<T: Lane>(a: Vector<T>, b: Vector<T>) -> Vector<T> {
     [a[2].fnma(b[1], a[1].mul(b[2])), a[0].fnma(b[2], a[2].mul(b[0])), a[1].fnma(b[0], a[0].mul(b[1]))]
 }
 
 /// `a + b`
 #[inline(always)]
-pub fn add<T: Lane>(a: Vector<T>, b: Vector<T>) -> Vector<T> {
+pub(crate) fn add<T: Lane>(a: Vector<T>, b: Vector<T>) -> Vector<T> {
     core::array::from_fn(|e| a[e].add(b[e]))
 }
 
 /// `s a + c`
 #[inline(always)]
-pub fn scale_add<T: Lane>(a: Vector<T>, s: T, c: Vector<T>) -> Vector<T> {
+pub(crate) fn scale_add<T: Lane>(a: Vector<T>, s: T, c: Vector<T>) -> Vector<T> {
     core::array::from_fn(|e| a[e].fma(s, c[e]))
 }
 
 /// `c + a x b`
 #[inline(always)]
-pub fn cross_add<T: Lane>(a: Vector<T>, b: Vector<T>, c: Vector<T>) -> Vector<T> {
+pub(crate) fn cross_add<T: Lane>(a: Vector<T>, b: Vector<T>, c: Vector<T>) -> Vector<T> {
     [
         a[2].fnma(b[1], a[1].fma(b[2], c[0])),
         a[0].fnma(b[2], a[2].fma(b[0], c[1])),

@@ -1,16 +1,16 @@
-//! How a joint, or what a term acts on, follows the coordinates: linearly, or as the motion brings it with every sample.
+//! How joints follow the coordinates: linearly, or as a motion prescribes sample by sample.
 
-/// How the tree's joints follow the coordinates: `q = G c + offset`.
+/// Joint positions as functions of the independent coordinates c: `q = G c + offset`.
 ///
-/// Of loops that are not linear the motion brings, with every sample, the position of each joint that has a given rate,
-/// its given rates `G = dq/dc`, and their changes `dG/dt`: see [`crate::Motion::loops`].
+/// For loops with varying rates a motion brings, with every sample, the position of each joint that has a given rate,
+/// those rates `G = dq/dc`, and their derivatives `dG/dt`: see [`crate::Motion::loops`].
 #[derive(Debug, Clone, PartialEq)]
 pub struct Closure {
     /// Rates `dq/dc`, joints x coordinates, row-major.
     pub rates: Vec<f64>,
     /// Joint positions at zero coordinates, rad or m.
     pub offset: Vec<f64>,
-    /// Which rates come with the motion, joints x coordinates, row-major; empty for none.
+    /// Rates that come with the motion, joints x coordinates, row-major; empty for none.
     pub given: Vec<bool>,
 }
 
@@ -25,11 +25,11 @@ impl Closure {
     }
 }
 
-/// A rate with one coordinate.
+/// Rate of a joint with respect to one coordinate.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(crate) enum Rate {
     Constant(f64),
-    /// Staged channels of the rate, and of its own rate of change with time.
+    /// Channels of the rate and of its time derivative.
     Varying {
         rate: usize,
         derivative: usize,
@@ -42,14 +42,14 @@ impl Rate {
     }
 }
 
-/// A position as a function of the coordinates.
+/// Position of a joint, or of the displacement that a term acts on, as a function of the coordinates.
 #[derive(Debug, Clone, PartialEq)]
 pub(crate) struct JointMap {
-    /// Staged channel of the position, where the motion brings it.
+    /// Channel of the position, where the motion prescribes it.
     pub given: Option<usize>,
-    /// Position at zero coordinates, where it does not.
+    /// Position at zero coordinates, where the motion does not.
     pub offset: f64,
-    /// The coordinates that move it; no rate is zero.
+    /// Coordinates and rates; no rate is zero.
     pub rates: Vec<(usize, Rate)>,
 }
 
@@ -59,8 +59,8 @@ impl JointMap {
         JointMap { given: None, offset, rates }
     }
 
-    /// The course of a joint that the motion brings: from `next` on its position, its given rates, and their changes.
-    /// Returns the first channel after them.
+    /// The map of a joint that a motion prescribes: channel `next` is its position; its given rates and their
+    /// derivatives follow. Returns the first channel after them.
     pub(crate) fn given(next: usize, rates: &[f64], given: &[bool]) -> (JointMap, usize) {
         let many = given.iter().filter(|&&g| g).count();
         let mut rate = next + 1;
@@ -76,7 +76,7 @@ impl JointMap {
         (JointMap { given: Some(next), offset: 0.0, rates: found }, rate + many)
     }
 
-    /// The rate with a coordinate.
+    /// The rate with respect to a coordinate.
     pub(crate) fn rate(&self, coordinate: usize) -> Rate {
         self.rates.iter().find(|r| r.0 == coordinate).map_or(Rate::Constant(0.0), |r| r.1)
     }

@@ -1,27 +1,26 @@
-//! Where the entries of a regressor go, found once for the columns that are asked for again and again.
+//! Layout of the regressor's entries: which are structurally nonzero, and where each is written.
 
 use crate::error::Error;
 use crate::mechanism::{LINK_PARAMETERS, Mechanism};
 use std::sync::{Arc, Mutex, PoisonError};
 
-/// No place: an entry that nobody wants is not computed.
+/// Index of an entry that is not requested, and so not computed.
 const NOWHERE: usize = usize::MAX;
 
-/// EntryRuns of the ten entries of one axis.
+/// Output runs of the ten entries of one axis.
 pub(crate) type LinkEntries = [usize; LINK_PARAMETERS];
 
-/// One set of rows: entry by entry the run where its samples go.
+/// Output run of every entry of one set of rows.
 #[derive(Debug, Clone)]
 pub(crate) struct EntryMap {
-    /// By axis of the mechanism; with one bit for each entry that is wanted.
+    /// Per axis of the mechanism: the runs, and a bit for each requested entry.
     pub(crate) axes: Vec<(LinkEntries, u32)>,
-    /// By term, and by the coordinates that move it.
+    /// Per term, and per coordinate that it acts on.
     terms: Vec<usize>,
 }
 
 impl EntryMap {
-    /// Ask `place` for every entry that can differ from zero, by row and column; it answers with the entry's run,
-    /// if the entry is wanted.
+    /// `place(row, column)` gives the run of an entry that can differ from zero, `None` if it is not requested.
     pub(crate) fn new(mechanism: &Mechanism, mut place: impl FnMut(usize, usize) -> Option<usize>) -> EntryMap {
         let mut axes = Vec::with_capacity(mechanism.axes);
         for (i, link) in mechanism.links.iter().enumerate() {
@@ -42,13 +41,14 @@ impl EntryMap {
         EntryMap { axes, terms }
     }
 
-    /// The place of a term's entry, by the number of its rate among all terms'.
+    /// The run of a term's entry; `rate` counts the rates of all terms.
     pub(crate) fn term(&self, rate: usize) -> Option<usize> {
         Some(self.terms[rate]).filter(|&place| place != NOWHERE)
     }
 }
 
-/// Which of the chosen columns each row can structural_nonzeros: coordinates x columns, row-major. The rest is structurally zero.
+/// Which of the chosen columns can differ from zero in each row: coordinates x columns, row-major. All other entries of
+/// the regressor are zero by structure: the link does not move with the coordinate, or the term does not act on it.
 pub fn structural_nonzeros(mechanism: &Mechanism, columns: &[usize]) -> Result<Vec<bool>, Error> {
     check_columns(mechanism, columns)?;
     let na = mechanism.coordinates;
@@ -67,18 +67,18 @@ pub(crate) fn check_columns(mechanism: &Mechanism, columns: &[usize]) -> Result<
     Ok(())
 }
 
-/// The entries of all rows and chosen columns, by number: row * chosen + column, set after set.
+/// Layout of the chosen columns of all rows. Entry numbers are row * chosen + column, set after set.
 #[derive(Debug)]
 pub(crate) struct ColumnLayout {
     columns: Vec<usize>,
     /// Number of entries.
     pub(crate) entries: usize,
-    /// Entries that can differ from zero, in the order in which they are packed; and those that cannot.
+    /// Entries that can differ from zero, in packed order, and those that cannot.
     pub(crate) nonzero: Vec<usize>,
     pub(crate) zero: Vec<usize>,
     /// Every entry in the run of its own number.
     pub(crate) in_place: Vec<EntryMap>,
-    /// Filled entries, one run after the other.
+    /// Nonzero entries only, one run after the other.
     pub(crate) packed: Vec<EntryMap>,
 }
 
@@ -88,7 +88,7 @@ impl ColumnLayout {
         let mut chosen = vec![None; mechanism.columns()];
         columns.iter().enumerate().for_each(|(c, &column)| chosen[column] = Some(c));
         let entry = |set: usize, a: usize, column: usize| {
-            // With two sets the first one holds the momenta.
+            // Of two sets the first holds the momenta.
             let there = set + 1 == sets || mechanism.has_momentum(column);
             chosen[column].filter(|_| there).map(|c| (set * na + a) * p + c)
         };
@@ -107,7 +107,8 @@ impl ColumnLayout {
     }
 }
 
-/// The plan that was asked for last; a mechanism that is cloned begins without one.
+/// The layout that was used last: a caller usually evaluates the same columns again. A cloned mechanism starts without
+/// one.
 #[derive(Debug, Default)]
 pub(crate) struct LayoutCache(Mutex<Option<Arc<ColumnLayout>>>);
 
@@ -118,7 +119,7 @@ impl Clone for LayoutCache {
 }
 
 impl Mechanism {
-    /// The plan of some columns, with one set of rows or two.
+    /// The layout of these columns, with one set of rows or two.
     pub(crate) fn column_layout(&self, sets: usize, columns: &[usize]) -> Result<Arc<ColumnLayout>, Error> {
         let mut last = self.layout_cache.0.lock().unwrap_or_else(PoisonError::into_inner);
         match last.as_ref().filter(|layout| layout.columns == columns && layout.packed.len() == sets) {

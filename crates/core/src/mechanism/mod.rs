@@ -1,4 +1,5 @@
-//! A tree of links, the closure that ties its joints to a few coordinates, and the terms beside link inertia.
+//! Mechanism: a tree of links, the closure that reduces its joints to independent coordinates, and terms in addition to
+//! link inertia (friction, springs, rotors).
 
 pub(crate) mod closure;
 pub(crate) mod layout;
@@ -16,49 +17,51 @@ use crate::mechanism::shape::{JointShape, JointType, Rotation};
 use crate::mechanism::terms::{Column, Law, Term};
 use crate::simd::dispatch::Backend;
 
-/// Parameters of a link: XX XY XZ YY YZ ZZ MX MY MZ M, in the link's frame, Khalil's signs (XY = -integral of xy dm).
+/// Inertial parameters of a link: XX XY XZ YY YZ ZZ MX MY MZ M, in the link's frame, with Khalil's signs (XY =
+/// -integral of x y dm).
 pub const LINK_PARAMETERS: usize = 10;
 
-/// One joint and the link it carries, in normal form: the joint's frame is placed in the parent's link frame, then
-/// the link turns about, or prismatic along, its own z.
+/// A joint and the link it carries, in normal form: a constant placement of the joint's frame in the parent's link
+/// frame, then rotation about, or translation along, the joint's own z.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Joint {
     /// The parent link; `None` is the base.
     pub parent: Option<usize>,
-    /// Rotation from the joint's frame to the parent's, row-major.
+    /// Rotation matrix from the joint's frame to the parent's, row-major.
     pub rotation: [f64; 9],
     /// Origin of the joint's frame in the parent's, m.
     pub translation: [f64; 3],
+    /// Whether the joint slides along its z; otherwise it turns about it.
     pub prismatic: bool,
 }
 
-/// A link as the kernel wants it.
+/// A link in the form that the kernels use.
 #[derive(Debug, Clone)]
 pub(crate) struct Link {
     pub parent: Option<usize>,
-    /// Rotation from the parent's frame to the joint's, row-major.
+    /// Rotation matrix from the parent's frame to the joint's, row-major.
     pub inverse: [f64; 9],
     pub shape: JointShape,
     pub translation: [f64; 3],
     /// How the joint follows the coordinates.
     pub joint_map: JointMap,
-    /// The coordinates that move this link, and where their axes are in the workspace.
+    /// The coordinates that move this link, with the indices of their axes in the workspace.
     pub axes: Vec<Axis>,
-    /// Where this link's first axis is in the workspace.
+    /// Index of this link's first axis in the workspace.
     pub first: usize,
 }
 
-/// The motion of one link due to one coordinate.
+/// The axis (motion vector) of one coordinate on one link.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Axis {
     pub coordinate: usize,
     /// The same coordinate's axis on the parent, if it moves the parent.
     pub above: Option<usize>,
-    /// Rate of this link's own joint with the coordinate.
+    /// Rate of this link's own joint with respect to the coordinate.
     pub rate: Rate,
 }
 
-/// A tree or closed chain, ready for the kernels.
+/// A tree or closed chain in the form that the kernels use.
 #[derive(Debug, Clone)]
 pub struct Mechanism {
     pub(crate) links: Vec<Link>,
@@ -67,7 +70,7 @@ pub struct Mechanism {
     pub(crate) gravity: [f64; 3],
     pub(crate) terms: Vec<Column>,
     pub(crate) externals: usize,
-    /// Channels that the motion brings for loops that are not linear.
+    /// Channels that a motion brings for loops with varying rates.
     pub(crate) loops: usize,
     pub(crate) backend: Backend,
     pub(crate) layout_cache: LayoutCache,
@@ -106,7 +109,7 @@ impl Mechanism {
         Ok(mechanism)
     }
 
-    /// How joint `i` follows the coordinates; where the motion brings that, its channels are taken.
+    /// How joint `i` follows the coordinates; a joint that the motion prescribes takes the next channels.
     fn joint_map(&mut self, closure: &Closure, i: usize) -> JointMap {
         let row = i * self.coordinates..(i + 1) * self.coordinates;
         let rates = &closure.rates[row.clone()];
@@ -160,7 +163,7 @@ impl Mechanism {
         Ok(())
     }
 
-    /// Number of coordinates, which is also the number of torque rows.
+    /// Number of independent coordinates, which is also the number of torque rows.
     pub fn coordinates(&self) -> usize {
         self.coordinates
     }
@@ -170,12 +173,13 @@ impl Mechanism {
         self.externals
     }
 
-    /// Channels of a motion: positions, velocities and accelerations, the caller's own columns, then those of loops.
+    /// Number of channels of a motion: positions, velocities and accelerations of the coordinates, external columns,
+    /// then those of loops.
     pub fn channels(&self) -> usize {
         3 * self.coordinates + self.externals + self.loops
     }
 
-    /// All columns of the regressor: ten for each link, then one for each term.
+    /// Number of columns of the regressor: ten for each link, then one for each term.
     pub fn columns(&self) -> usize {
         self.inertial_columns() + self.terms.len()
     }
@@ -192,7 +196,7 @@ impl Mechanism {
         }
     }
 
-    /// Whether a column's parameter carries momentum: those of the links and of rotors do.
+    /// Whether a column contributes to the generalised momentum: those of links and rotors do.
     pub(crate) fn has_momentum(&self, column: usize) -> bool {
         column.checked_sub(self.inertial_columns()).is_none_or(|t| self.terms[t].law == Law::Rotor)
     }
@@ -203,7 +207,7 @@ impl Link {
         self.shape.joint_type == JointType::Prismatic
     }
 
-    /// Where the axis of coordinate `a` is in the workspace, if it moves this link.
+    /// Index of the axis of coordinate `a` in the workspace, if it moves this link.
     fn axis(&self, a: usize) -> Option<usize> {
         self.axes.iter().position(|axis| axis.coordinate == a).map(|k| self.first + k)
     }
@@ -216,7 +220,7 @@ fn check_finite<'a>(name: &'static str, values: impl IntoIterator<Item = &'a f64
     }
 }
 
-/// Rows are orthonormal and right-handed to 1e-9: anything else is not a rotation.
+/// Check that the rows are orthonormal and right-handed to 1e-9.
 fn check_rotation(r: &[f64; 9]) -> Result<(), Error> {
     let row = |i: usize| [r[3 * i], r[3 * i + 1], r[3 * i + 2]];
     let dot = |a: [f64; 3], b: [f64; 3]| a[0] * b[0] + a[1] * b[1] + a[2] * b[2];

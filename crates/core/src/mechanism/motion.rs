@@ -1,34 +1,39 @@
-//! Motions.
+//! Motions: the samples that kernels are evaluated at.
 
 use crate::error::{Error, expect_length};
 use crate::mechanism::Mechanism;
 
-/// Samples that one thread takes at a time, a multiple of any lane; starting threads costs more than a few of these.
+/// Samples per task of a thread, a multiple of any lane. Starting threads costs more than two of them.
 pub(crate) const PART: usize = 1024;
 
-/// Positions, velocities and accelerations of the coordinates, and the caller's own columns, channel major:
-/// sample `k` of coordinate `a` is at `a * samples + k`.
+/// Samples of a motion, channel major: sample `k` of coordinate `a` is at `a * samples + k`.
 ///
-/// Without accelerations there are two sets of rows: generalised momenta, then what is left of the torque beside their
-/// rate of change. Both are free of accelerations, and `Y(q, qd, qdd) = d/dt momenta + rest`.
+/// Without accelerations the regressor has two sets of rows in place of one, the generalised momenta and the remainder
+/// of the torque: `Y(q, qd, qdd) = d/dt momenta + remainder`. Neither depends on accelerations.
 #[derive(Debug, Clone, Copy)]
 pub struct Motion<'a> {
+    /// Number of samples.
     pub samples: usize,
+    /// Positions of the coordinates, rad or m, coordinates x samples.
     pub position: &'a [f64],
+    /// Velocities, rad/s or m/s, coordinates x samples.
     pub velocity: &'a [f64],
+    /// Accelerations, rad/s^2 or m/s^2, coordinates x samples.
     pub acceleration: Option<&'a [f64]>,
+    /// Columns of the terms with [`crate::Law::External`], externals x samples.
     pub external: &'a [f64],
-    /// For each joint with given rates, in order: its position, those rates, then their changes; see [`crate::Closure`].
+    /// For each joint with given rates, in order: its position, those rates, then their time derivatives, channels x
+    /// samples; see [`crate::Closure`].
     pub loops: &'a [f64],
 }
 
 impl Motion<'_> {
-    /// ParameterSets of rows, each as many as coordinates.
+    /// Number of sets of rows: one with accelerations, two without. Each has a row for every coordinate.
     pub fn sets(&self) -> usize {
         if self.acceleration.is_some() { 1 } else { 2 }
     }
 
-    /// The same of a motion that must have accelerations.
+    /// Check the shapes of a motion that must have accelerations.
     pub(crate) fn check_accelerations(&self, mechanism: &Mechanism) -> Result<(), Error> {
         let wanted = self.samples * mechanism.coordinates;
         expect_length("acceleration", self.acceleration.map_or(0, <[f64]>::len), wanted)?;
@@ -43,7 +48,7 @@ impl Motion<'_> {
         self.check_poses(mechanism)
     }
 
-    /// Check what says where the links are.
+    /// Check the shapes of what determines the pose.
     pub(crate) fn check_poses(&self, mechanism: &Mechanism) -> Result<(), Error> {
         expect_length("position", self.position.len(), self.samples * mechanism.coordinates)?;
         expect_length("loops", self.loops.len(), self.samples * mechanism.loops)

@@ -1,4 +1,4 @@
-//! Parameters of all columns, in one set for all samples or in several.
+//! Parameters of all columns: one set for all samples, or several sets.
 
 use crate::error::{Error, expect_length};
 use crate::mechanism::{LINK_PARAMETERS, Mechanism};
@@ -6,13 +6,13 @@ use crate::memory::slot::grow;
 use crate::memory::slot::{BATCH, Slot, load};
 use crate::simd::lane::{Lane, MAX_WIDTH};
 
-/// ParameterSets of parameters, one after another; the samples are shared out among them evenly, in order.
+/// Sets of parameters, one after another. The samples are divided among them evenly, in order.
 pub(crate) struct ParameterSets<'a> {
     chi: &'a [f64],
     columns: usize,
-    /// Samples of a set.
+    /// Samples per set.
     per: usize,
-    /// Links and terms of which a parameter is not zero in every set.
+    /// Links with a nonzero parameter in any set, and terms.
     has_mass: Vec<bool>,
     used: Vec<bool>,
 }
@@ -36,22 +36,22 @@ impl<'a> ParameterSets<'a> {
         Ok(sets)
     }
 
-    /// Whether a link's bodies have any parameters.
+    /// Whether a link has a nonzero parameter.
     pub(crate) fn has_mass(&self, link: usize) -> bool {
         self.has_mass[link]
     }
 
-    /// Whether a term has a parameter.
+    /// Whether a term has a nonzero parameter.
     pub(crate) fn is_used(&self, term: usize) -> bool {
         self.used[term]
     }
 }
 
-/// The parameters of a batch of samples. Where all have the same, only a lane of each is there.
+/// The parameters at a batch of samples. Where all samples share one set, only the first lane of each slot is valid.
 #[derive(Default)]
 pub(crate) struct ParameterSlots {
     slots: Vec<Slot>,
-    /// The set of all the batch's samples, if it is one.
+    /// The set of all samples of the batch, if there is only one.
     set: Option<usize>,
 }
 
@@ -60,12 +60,12 @@ impl ParameterSlots {
         grow(&mut self.slots, mechanism.columns(), Slot::ZERO);
     }
 
-    /// Forget what an earlier motion left.
+    /// Invalidate what an earlier motion has left.
     pub(crate) fn clear(&mut self) {
         self.set = None;
     }
 
-    /// The parameters of samples `from..from + count`, at most a batch of them.
+    /// Load the parameters of samples `from..from + count`, at most a batch.
     pub(crate) fn advance_to(&mut self, sets: &ParameterSets, from: usize, count: usize) {
         let set = from / sets.per;
         if (from + count - 1) / sets.per != set {
@@ -83,7 +83,7 @@ impl ParameterSlots {
         }
     }
 
-    /// Where a lane of parameters begins, for samples from `k` on.
+    /// First sample of the lane of parameters that belongs to samples from `k` on.
     #[inline(always)]
     fn at(&self, k: usize) -> usize {
         debug_assert!(k < BATCH);
@@ -93,19 +93,23 @@ impl ParameterSlots {
     /// The ten parameters of a link.
     ///
     /// # Safety
-    /// A lane from `k` on is inside the batch.
+    ///
+    /// `k + T::WIDTH <= BATCH`.
     #[inline(always)]
     pub(crate) unsafe fn link<T: Lane>(&self, link: usize, k: usize) -> [T; LINK_PARAMETERS] {
         let slots = &self.slots[LINK_PARAMETERS * link..][..LINK_PARAMETERS];
+        // SAFETY: `at` is 0 or k; both leave room for a lane in the slots of the link.
         unsafe { load(slots.as_ptr(), self.at(k)) }
     }
 
     /// The parameter of a column.
     ///
     /// # Safety
+    ///
     /// As for [`ParameterSlots::link`].
     #[inline(always)]
     pub(crate) unsafe fn column<T: Lane>(&self, column: usize, k: usize) -> T {
+        // SAFETY: as in `link`.
         let [x] = unsafe { load(&self.slots[column], self.at(k)) };
         x
     }

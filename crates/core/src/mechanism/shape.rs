@@ -1,8 +1,8 @@
-//! Shapes of joints.
+//! Joint shapes: special cases of a joint's geometry that the kernels are specialised for.
 
 use crate::mechanism::Joint;
 
-/// How a constant rotation acts, so that the kernel can skip multiplications by 0 and 1.
+/// Special cases of the constant rotation between links, in which multiplications by 0 and 1 are skipped.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(crate) enum Rotation {
     Identity,
@@ -13,12 +13,12 @@ pub(crate) enum Rotation {
     General,
 }
 
-/// What a joint does beside the constant rotation.
+/// Type of a joint.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(crate) enum JointType {
-    /// It turns about an axis through the parent's origin.
+    /// Revolute, with the axis through the parent's origin.
     RevoluteInPlace,
-    /// It turns about an axis away from the parent's origin.
+    /// Revolute, with the axis away from the parent's origin.
     Revolute,
     Prismatic,
 }
@@ -30,7 +30,7 @@ pub(crate) struct JointShape {
     pub joint_type: JointType,
 }
 
-/// Evaluate an expression with a shape that is a constant in it, so that it is compiled once for every shape.
+/// Evaluate an expression with the shape as a compile-time constant: it is compiled once for every shape.
 macro_rules! for_shape {
     ($shape:expr, $name:ident => $body:expr) => {
         $crate::mechanism::shape::for_case!($shape.rotation, [Rotation::Identity, Rotation::AboutX, Rotation::AboutMinusX, Rotation::General], rotation =>

@@ -1,45 +1,48 @@
-//! Terms beside link inertia: columns that are linear in one parameter and depend on one coordinate's motion.
+//! Terms: columns of the regressor in addition to link inertia, each linear in one parameter and a function of one
+//! displacement.
 
 use crate::error::Error;
 use crate::mechanism::closure::JointMap;
 use crate::simd::lane::Lane;
 
-/// What a column is, as a function of its coordinate's position x, velocity v and acceleration.
+/// The function that a term's column is, of its displacement x, velocity v and acceleration.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Law {
     /// Rotor inertia: the acceleration.
     Rotor,
-    /// The velocity.
+    /// Viscous friction: the velocity.
     Viscous,
-    /// sgn v, or tanh(v / width) where a width is given.
+    /// Coulomb friction: sgn v, or tanh(v / width) where the width is not zero.
     Coulomb { width: f64 },
     /// Coulomb friction of forward motion only: sgn v where v > 0.
     CoulombForward { width: f64 },
     /// Coulomb friction of backward motion only: sgn v where v < 0.
     CoulombBackward { width: f64 },
-    /// sgn(v) exp(-(|v| / velocity)^exponent).
+    /// Stribeck friction: sgn(v) exp(-(|v| / velocity)^exponent).
     Stribeck { velocity: f64, exponent: f64, width: f64 },
-    /// One.
+    /// Constant torque: one.
     Offset,
-    /// x - rest.
+    /// Spring: x - rest.
     Spring { rest: f64 },
-    /// Computed by the caller, sample by sample.
+    /// A column that the caller computes: a channel of [`crate::Motion::external`].
     External,
 }
 
-/// A column: its law, and what it acts on, a joint or a linear combination of the mechanism's coordinates.
+/// A term: its law, and the joint, or the linear combination of coordinates, that it acts on.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Term {
+    /// The column as a function of the displacement.
     pub law: Law,
-    /// Coordinates and their weights; no weight is zero.
+    /// Coordinates and their weights in the displacement; no weight is zero.
     pub weights: Vec<(usize, f64)>,
-    /// Position of the term's coordinate at zero coordinates, rad or m.
+    /// Displacement at zero coordinates, rad or m.
     pub offset: f64,
-    /// The joint it acts on, in place of weights and offset; needed where the motion brings the joint's position.
+    /// The joint that the term acts on, in place of weights and offset; necessary where the motion prescribes the
+    /// joint's position.
     pub joint: Option<usize>,
 }
 
-/// A column as the kernel wants it.
+/// A term in the form that the kernels use.
 #[derive(Debug, Clone, PartialEq)]
 pub(crate) struct Column {
     pub law: Law,
@@ -88,7 +91,7 @@ impl Term {
     }
 }
 
-/// sgn v, or tanh(v / width) where a width is given; 0 at rest, where Coulomb friction is not known.
+/// sgn v, or tanh(v / width) where the width is not zero; 0 at rest.
 #[inline(always)]
 fn sign<T: Lane>(v: T, width: f64) -> T {
     if width > 0.0 {
@@ -98,7 +101,7 @@ fn sign<T: Lane>(v: T, width: f64) -> T {
     T::select_gt(zero, v, one.neg(), T::select_gt(v, zero, one, zero))
 }
 
-/// Slope of [`sign`]; none where it jumps.
+/// Derivative of [`sign`]; zero where it jumps.
 #[inline(always)]
 fn sign_slope<T: Lane>(v: T, width: f64) -> T {
     if width == 0.0 {
@@ -108,7 +111,7 @@ fn sign_slope<T: Lane>(v: T, width: f64) -> T {
     sign.fnma(sign, T::splat(1.0)).mul(T::splat(1.0 / width))
 }
 
-/// exp(-(|v| / velocity)^exponent), and its slope; at rest what that is multiplied by is zero.
+/// exp(-(|v| / velocity)^exponent) and its derivative; zero at rest, where it is multiplied by zero.
 #[inline(always)]
 fn fading<T: Lane>(v: T, velocity: f64, exponent: f64) -> (T, T) {
     let (size, zero) = (v.xor_sign(v), T::splat(0.0));
@@ -116,12 +119,12 @@ fn fading<T: Lane>(v: T, velocity: f64, exponent: f64) -> (T, T) {
     let fading = share.neg().exp();
     let slope = share.mul(T::splat(-exponent)).div(v).mul(fading);
     let moves = T::select_gt(size, zero, slope, zero);
-    // Where all has faded the share may be infinite.
+    // Where the exponential vanishes the power may be infinite.
     (fading, T::select_gt(fading, zero, moves, zero))
 }
 
 impl Law {
-    /// The column for one lane. `external` is the caller's own column, read only by [`Law::External`].
+    /// The column, for one lane. `external` is read only by [`Law::External`].
     #[inline(always)]
     pub(crate) fn column<T: Lane>(self, x: T, v: T, a: T, external: T) -> T {
         match self {
@@ -137,7 +140,7 @@ impl Law {
         }
     }
 
-    /// Slopes of the column by x, v and a; a jump has none.
+    /// Derivatives of the column with respect to x, v and a; zero at jumps.
     #[inline(always)]
     pub(crate) fn slopes<T: Lane>(self, v: T) -> [T; 3] {
         let (zero, one) = (T::splat(0.0), T::splat(1.0));

@@ -1,4 +1,5 @@
-//! One joint in lanes: how vectors and axes of the parent's frame look in the link's.
+//! Coordinate transforms of one joint, in lanes: motion vectors from the parent's frame to the link's (X), wrenches and
+//! inertias from the link's to the parent's (X').
 
 use crate::linalg::vector::{Vector, cross, cross_add, zero};
 use crate::mechanism::shape::{JointShape, JointType, Rotation};
@@ -7,11 +8,12 @@ use crate::memory::slot::{Slot, load, store};
 use crate::simd::elementary::sin_cos;
 use crate::simd::lane::Lane;
 
-/// A joint at one position. Where its shape is a constant to the compiler, so is what need not be computed.
+/// The transform of a joint at one position. Where `shape` is a compile-time constant, multiplications by 0 and 1 are
+/// removed.
 #[derive(Clone, Copy)]
 pub(crate) struct JointTransform<T> {
     pub(crate) shape: JointShape,
-    /// Rotation from the parent's frame to the joint's, row-major.
+    /// Rotation matrix from the parent's frame to the joint's, row-major.
     pub(crate) inverse: [f64; 9],
     pub(crate) cosine: T,
     pub(crate) sine: T,
@@ -19,17 +21,19 @@ pub(crate) struct JointTransform<T> {
     pub(crate) origin: Vector<T>,
 }
 
-/// What a joint's position changes, at a batch of samples: cosine and sine, or the origin of a link that prismatic.
+/// The part of a transform that depends on the position, at a batch of samples: cosine and sine, or the origin of a
+/// prismatic link.
 pub(crate) type TransformSlots = [Slot; 3];
 
 impl<T: Lane> JointTransform<T> {
-    /// The joint at position zero; `shape` is the link's, as a constant where it is one.
+    /// The transform at position zero. `shape` is the link's, as a compile-time constant where it is one.
     #[inline(always)]
     pub(crate) fn at_zero(shape: JointShape, link: &Link) -> Self {
         let (cosine, sine) = (T::splat(1.0), T::splat(0.0));
         JointTransform { shape, inverse: link.inverse, cosine, sine, origin: link.translation.map(T::splat) }
     }
 
+    /// The transform at position `q`.
     #[inline(always)]
     pub(crate) fn at(mut self, q: T) -> Self {
         if self.is_prismatic() {
@@ -41,12 +45,14 @@ impl<T: Lane> JointTransform<T> {
         self
     }
 
-    /// Keep what the position changes.
+    /// Store what depends on the position.
     ///
     /// # Safety
-    /// A lane from `k` on is inside the slots.
+    ///
+    /// `slots` are [`TransformSlots`], and `k + T::WIDTH <= BATCH`.
     #[inline(always)]
     pub(crate) unsafe fn store(&self, slots: *mut Slot, k: usize) {
+        // SAFETY: at most three slots are written, which the caller promises.
         unsafe {
             match self.is_prismatic() {
                 true => store(slots, k, self.origin),
@@ -55,12 +61,14 @@ impl<T: Lane> JointTransform<T> {
         }
     }
 
-    /// The joint where it was kept.
+    /// Load what depends on the position.
     ///
     /// # Safety
-    /// As for [`JointTransform::keep`].
+    ///
+    /// As for [`JointTransform::store`].
     #[inline(always)]
     pub(crate) unsafe fn load(mut self, slots: *const Slot, k: usize) -> Self {
+        // SAFETY: at most three slots are read, which the caller promises.
         unsafe {
             match self.is_prismatic() {
                 true => self.origin = load(slots, k),
@@ -75,7 +83,7 @@ impl<T: Lane> JointTransform<T> {
         self.shape.joint_type == JointType::Prismatic
     }
 
-    /// A vector of the parent's frame in the link's.
+    /// Rotate a vector of the parent's frame to the link's.
     #[inline(always)]
     pub(crate) fn rotate(&self, v: Vector<T>) -> Vector<T> {
         let r = |k: usize| T::splat(self.inverse[k]);
@@ -92,7 +100,7 @@ impl<T: Lane> JointTransform<T> {
         [x.fma(self.cosine, y.mul(self.sine)), x.fnma(self.sine, y.mul(self.cosine)), z]
     }
 
-    /// The parent's axis of a coordinate (angular x, linear u) carried to this link.
+    /// Transform an axis (angular x, linear u) from the parent to this link.
     #[inline(always)]
     pub(crate) fn transform_axis(&self, (x, u): (Vector<T>, Vector<T>)) -> (Vector<T>, Vector<T>) {
         let at_origin =
@@ -100,7 +108,7 @@ impl<T: Lane> JointTransform<T> {
         (self.rotate(x), self.rotate(at_origin))
     }
 
-    /// The vector, at the parent's origin, that a field `b r + a` has at the link's, in the link's frame.
+    /// Value at the link's origin of the field `b r + a` about the parent's origin, in the link's frame.
     #[inline(always)]
     pub(crate) fn transform_field(&self, a: Vector<T>, b: impl FnOnce() -> [T; 9]) -> Vector<T> {
         if self.shape.joint_type == JointType::RevoluteInPlace {
@@ -111,19 +119,19 @@ impl<T: Lane> JointTransform<T> {
         self.rotate([row(0), row(1), row(2)])
     }
 
-    /// Where the joint's z points in the parent's frame.
+    /// The joint's z axis in the parent's frame.
     #[inline(always)]
     pub(crate) fn axis_in_parent(&self) -> Vector<T> {
         core::array::from_fn(|e| T::splat(self.inverse[6 + e]))
     }
 
-    /// Origin of the link in the parent's frame; none where it is the parent's own.
+    /// Origin of the link in the parent's frame; `None` where it coincides with the parent's.
     #[inline(always)]
     pub(crate) fn offset(&self) -> Option<Vector<T>> {
         (self.shape.joint_type != JointType::RevoluteInPlace).then_some(self.origin)
     }
 
-    /// An axis with the joint's own motion added, at a rate.
+    /// Add the joint's own motion, at a rate, to an axis.
     #[inline(always)]
     pub(crate) fn add_joint_rate(&self, (mut x, mut u): (Vector<T>, Vector<T>), rate: T) -> (Vector<T>, Vector<T>) {
         let own = if self.is_prismatic() { &mut u[2] } else { &mut x[2] };
@@ -131,7 +139,7 @@ impl<T: Lane> JointTransform<T> {
         (x, u)
     }
 
-    /// The axis of a coordinate that moves this joint and no joint before it.
+    /// The axis of a coordinate that moves this joint and none before it.
     #[inline(always)]
     pub(crate) fn joint_axis(&self, rate: T) -> (Vector<T>, Vector<T>) {
         let along = [T::splat(0.0), T::splat(0.0), rate];
@@ -139,7 +147,7 @@ impl<T: Lane> JointTransform<T> {
     }
 }
 
-/// Angular velocity and acceleration of a link, and acceleration of its origin less gravity, in its own frame.
+/// Angular velocity and acceleration of a link, and acceleration of its origin minus gravity, in its own frame.
 pub(crate) type SpatialMotion<T> = [Vector<T>; 3];
 
 /// A symmetric tensor: XX XY XZ YY YZ ZZ.
@@ -151,7 +159,7 @@ impl<T: Lane> JointTransform<T> {
         self.shape.joint_type == JointType::RevoluteInPlace
     }
 
-    /// The motion that a link would have if its joint stood still, from the parent's.
+    /// The motion that the link would have with its joint locked, from the parent's.
     #[inline(always)]
     pub(crate) fn transform_motion(&self, [w, wd, a]: SpatialMotion<T>) -> SpatialMotion<T> {
         let p = self.origin;
@@ -159,7 +167,7 @@ impl<T: Lane> JointTransform<T> {
         [self.rotate(w), self.rotate(wd), self.rotate(a)]
     }
 
-    /// A vector of the link's frame in the parent's.
+    /// Rotate a vector of the link's frame to the parent's.
     #[inline(always)]
     pub(crate) fn rotate_to_parent(&self, v: Vector<T>) -> Vector<T> {
         let (c, s, [x, y, z]) = (self.cosine, self.sine, v);
@@ -174,14 +182,14 @@ impl<T: Lane> JointTransform<T> {
         }
     }
 
-    /// A wrench on the link, moment and force, seen from the parent.
+    /// A wrench on the link, moment and force, at the parent's origin in the parent's frame.
     #[inline(always)]
     pub(crate) fn wrench_to_parent(&self, (n, f): (Vector<T>, Vector<T>)) -> (Vector<T>, Vector<T>) {
         let (n, f) = (self.rotate_to_parent(n), self.rotate_to_parent(f));
         (if self.in_place() { n } else { cross_add(self.origin, f, n) }, f)
     }
 
-    /// The ten parameters of a body of the link, seen from the parent.
+    /// The ten inertial parameters of a body on the link, about the parent's origin in the parent's frame.
     #[inline(always)]
     pub(crate) fn inertia_to_parent(&self, body: [T; LINK_PARAMETERS]) -> [T; LINK_PARAMETERS] {
         let [xx, xy, xz, yy, yz, zz, x, y, z, m] = body;
@@ -196,17 +204,18 @@ impl<T: Lane> JointTransform<T> {
         [xx, xy, xz, yy, yz, zz, x, y, z, m]
     }
 
-    /// The tensor before the joint's own turn about z.
+    /// Tensor before the joint's rotation about z.
     #[inline(always)]
     fn unrotate_about_z(&self, [xx, xy, xz, yy, yz, zz, ..]: &[T; LINK_PARAMETERS]) -> Tensor<T> {
         let (c, s) = (self.cosine, self.sine);
-        // Sum of xx and yy stays; c t - xy is the new xy, as 2 c^2 - 1 is the cosine of twice the angle.
+        // The trace of the first block is invariant; c t - xy is the new xy, since 2 c^2 - 1 is the cosine of twice the
+        // angle.
         let t = s.fma(xx.sub(*yy), c.add(c).mul(*xy));
         let (xz, yz) = (s.fnma(*yz, c.mul(*xz)), s.fma(*xz, c.mul(*yz)));
         [s.fnma(t, *xx), c.fma(t, xy.neg()), xz, s.fma(t, *yy), yz, *zz]
     }
 
-    /// The tensor before the joint's constant rotation.
+    /// Tensor before the constant rotation.
     #[inline(always)]
     fn unrotate_constant(&self, tensor: Tensor<T>) -> Tensor<T> {
         let [xx, xy, xz, yy, yz, zz] = tensor;
@@ -215,7 +224,7 @@ impl<T: Lane> JointTransform<T> {
             Rotation::AboutX => [xx, xz.neg(), xy, zz, yz.neg(), yy],
             Rotation::AboutMinusX => [xx, xz, xy.neg(), zz, yz.neg(), yy],
             Rotation::General => {
-                // Rows of the tensor times the rotation's transpose, whose rows are columns of the inverse.
+                // Rows of the tensor times the transpose of the rotation, whose rows are columns of the inverse.
                 let r = |k: usize| T::splat(self.inverse[k]);
                 let along = |v: Vector<T>, k: usize| v[2].fma(r(k + 6), v[1].fma(r(k + 3), v[0].mul(r(k))));
                 let turned = |row: Vector<T>| [along(row, 0), along(row, 1), along(row, 2)];
@@ -226,11 +235,11 @@ impl<T: Lane> JointTransform<T> {
         }
     }
 
-    /// Tensor and first moments about the parent's origin, from those about the link's.
+    /// Parallel-axis theorem: tensor and first moments about the parent's origin, from those about the link's.
     #[inline(always)]
     fn shift_inertia(&self, tensor: Tensor<T>, first: Vector<T>, m: T) -> (Tensor<T>, Vector<T>) {
         let (p, [xx, xy, xz, yy, yz, zz], half) = (self.origin, tensor, m.mul(T::splat(0.5)));
-        // The shift adds 2 (g . p) - g p' - p g', with g halfway between the first moments before and after.
+        // The shift adds 2 (g . p) - g p' - p g', with g halfway between the first moments before and after it.
         let g: Vector<T> = core::array::from_fn(|e| half.fma(p[e], first[e]));
         let twice = p.map(|p| p.add(p));
         let diagonal = |x: T, i: usize, j: usize| g[i].fma(twice[i], g[j].fma(twice[j], x));

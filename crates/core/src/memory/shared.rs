@@ -1,11 +1,13 @@
 //! An output array that several threads fill.
 
-/// An array that threads write to, each its own numbers.
+/// Pointer to an output array of which each thread writes its own numbers. Only `unsafe` methods give access to them.
 #[derive(Clone, Copy)]
 pub(crate) struct SharedOutput(*mut f64);
 
-// SAFETY: whoever writes promises that nobody else writes the same numbers.
+// SAFETY: the pointer is dereferenced only under the promise of [`SharedOutput::at`]'s callers: no number is written by
+// two threads.
 unsafe impl Send for SharedOutput {}
+// SAFETY: as for `Send`.
 unsafe impl Sync for SharedOutput {}
 
 impl SharedOutput {
@@ -14,8 +16,11 @@ impl SharedOutput {
     }
 
     /// # Safety
-    /// `number` is inside the array, or one past it.
+    ///
+    /// `number` is at most the length of the array. What is written there belongs to the calling thread alone, while
+    /// the array is borrowed.
     pub(crate) unsafe fn at(self, number: usize) -> *mut f64 {
+        // SAFETY: the caller's promise keeps the pointer inside the array, or one past it.
         unsafe { self.0.add(number) }
     }
 }

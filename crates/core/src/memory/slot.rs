@@ -2,10 +2,10 @@
 
 use crate::simd::lane::Lane;
 
-/// Samples carried through the mechanism together.
+/// Samples in a batch.
 pub(crate) const BATCH: usize = 32;
 
-/// One quantity of every sample of a batch, where no lane crosses a line of the caches.
+/// One quantity at every sample of a batch, aligned so that no lane crosses a cache line.
 #[derive(Clone, Copy)]
 #[repr(C, align(64))]
 pub(crate) struct Slot(pub(crate) [f64; BATCH]);
@@ -20,25 +20,31 @@ impl Default for Slot {
     }
 }
 
-/// Numbers of a slot, or a channel, as lanes.
+/// Lanes of `N` successive slots, from sample `k` on.
 ///
 /// # Safety
-/// `first` has `N` slots, and a lane from `k` on is inside them.
+///
+/// `first` points to `N` initialised slots that nobody writes meanwhile, and `k + T::WIDTH <= BATCH`.
 #[inline(always)]
 pub(crate) unsafe fn load<T: Lane, const N: usize>(first: *const Slot, k: usize) -> [T; N] {
+    // SAFETY: `e < N` and `k + T::WIDTH <= BATCH` keep the lane inside slot e of those promised.
     core::array::from_fn(|e| unsafe { T::load(first.add(e).cast::<f64>().add(k)) })
 }
 
+/// Write lanes to `N` successive slots, from sample `k` on.
+///
 /// # Safety
-/// As for [`load`], and nobody else reads or writes them.
+///
+/// As for [`load`], and nobody else reads or writes the slots meanwhile.
 #[inline(always)]
 pub(crate) unsafe fn store<T: Lane, const N: usize>(first: *mut Slot, k: usize, lanes: [T; N]) {
     for (e, lane) in lanes.into_iter().enumerate() {
+        // SAFETY: as in [`load`].
         unsafe { lane.store(first.add(e).cast::<f64>().add(k)) };
     }
 }
 
-/// Lengthen a buffer to what is wanted; what is there stays.
+/// Extend a buffer to at least this length; the present items are kept.
 pub(crate) fn grow<X: Clone>(buffer: &mut Vec<X>, wanted: usize, empty: X) {
     if buffer.len() < wanted {
         buffer.resize(wanted, empty);

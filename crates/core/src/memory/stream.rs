@@ -1,20 +1,23 @@
-//! Long runs of numbers to memory that will not be read soon: past the caches, so that lines are not fetched first.
+//! Non-temporal stores: long runs of numbers that are not read again soon bypass the caches, so that their lines are
+//! not fetched first.
 
 use crate::simd::dispatch::{Backend, dispatched};
 use crate::simd::lane::Lane;
 
-/// Copy `count` numbers to where no cache needs them. [`settle`] before anybody else reads them.
+/// Copy `count` numbers past the caches. Call [`fence`] before another thread reads them.
 ///
 /// # Safety
-/// Both are valid for `count` numbers, and do not overlap.
+///
+/// `from` is valid for reading and `to` for writing `count` numbers; they do not overlap.
 pub(crate) unsafe fn copy(backend: Backend, from: *const f64, to: *mut f64, count: usize) {
+    // SAFETY: the caller's promise is that of the kernel.
     unsafe { copy_raw(backend, from, to, count) }
 }
 
-/// Make streamed numbers visible to other threads.
-pub(crate) fn settle() {
+/// Make non-temporal stores visible to other threads.
+pub(crate) fn fence() {
     #[cfg(target_arch = "x86_64")]
-    // SAFETY: every x86-64 machine has this instruction.
+    // SAFETY: `sfence` belongs to SSE, which every x86-64 processor has.
     unsafe {
         core::arch::x86_64::_mm_sfence()
     }
@@ -29,6 +32,8 @@ unsafe fn copy_in_lanes<T: Lane>(from: *const f64, to: *mut f64, count: usize) {
     let bytes = T::WIDTH * size_of::<f64>();
     let aligned = (to.align_offset(bytes)).min(count);
     let whole = aligned + (count - aligned) / T::WIDTH * T::WIDTH;
+    // SAFETY: every access is to numbers `0..count` of both arrays; from `aligned` on `to` is aligned to the lane, as
+    // `stream` requires.
     unsafe {
         core::ptr::copy_nonoverlapping(from, to, aligned);
         let mut k = aligned;

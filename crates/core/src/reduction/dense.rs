@@ -1,4 +1,4 @@
-//! The triangle of rows that are already there.
+//! R factor of rows that are in memory already.
 
 use crate::error::{Error, expect_length};
 use crate::linalg::tsqr::fold;
@@ -6,12 +6,12 @@ use crate::memory::aligned::Aligned;
 use crate::simd::dispatch::Backend;
 use crate::simd::lane::MAX_WIDTH;
 
-/// Rows folded at a time, and how far apart the columns of such a block are: see `reduce`.
+/// Rows per block, and distance of its columns: see `reduce`.
 const FOLD: usize = 256;
 const STRIDE: usize = FOLD + MAX_WIDTH;
 
-/// The square upper triangle R with R'R = A'A, row-major, of rows A of so many columns, row-major. There may be fewer rows
-/// than columns, or none.
+/// The R factor of a matrix A: the upper triangle with R'R = A'A, square and row-major. A has `columns` columns,
+/// row-major, and any number of rows.
 pub fn r_factor(rows: &[f64], columns: usize, out: &mut [f64]) -> Result<(), Error> {
     let many = rows.len().checked_div(columns).unwrap_or(0);
     expect_length("rows", rows.len(), many * columns)?;

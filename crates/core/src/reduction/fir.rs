@@ -1,14 +1,14 @@
-//! One finite filter with decimation, the same for the torques and for every column of W.
+//! FIR filter with decimation, the same for torques and regressor columns.
 //!
-//! Being finite it has no state: a row needs only the samples under its window, so blocks, threads and machines can make
-//! their rows independently. A filter that is symmetric about its centre has no delay; one whose later half is zero is
-//! causal, about its last sample.
+//! A finite impulse response has no state: a row needs only the samples in its window, so that blocks, threads and
+//! machines compute their rows independently. Taps that are symmetric about the centre give no delay; taps whose later
+//! half is zero are causal, about their last sample.
 
 use crate::error::Error;
 use crate::simd::dispatch::{Backend, dispatched};
 use crate::simd::lane::{Lane, MAX_WIDTH};
 
-/// The taps, padded with zeros to whole lanes, and those that give the filtered signal's rate of change, if wanted.
+/// Taps, padded with zeros to whole lanes, and taps that give the derivative of the filtered signal, if required.
 #[derive(Debug, Clone)]
 pub(crate) struct FirFilter {
     pub(crate) taps: Vec<f64>,
@@ -33,7 +33,7 @@ impl FirFilter {
         Ok(FirFilter { taps: padded(taps), derivative_taps: padded(derivative_taps), length: taps.len(), decimation })
     }
 
-    /// Neither filter nor decimation, nor anything to differentiate.
+    /// Whether there is neither filter, decimation nor derivative.
     pub(crate) fn is_identity(&self) -> bool {
         self.decimation == 1 && self.length == 1 && self.taps[0] == 1.0 && self.derivative_taps.is_empty()
     }
@@ -43,19 +43,20 @@ impl FirFilter {
         self.length / 2
     }
 
-    /// Numbers read after the first sample of a window.
+    /// Numbers that a window reads, padding included.
     pub(crate) fn padded_length(&self) -> usize {
         self.taps.len()
     }
 
-    /// Add `sum_k taps[k] x[start + i * decimation + k]` to `out[i]`; the taps are the filter's own, or its derivative_taps.
+    /// Add `sum_k taps[k] x[start + i * decimation + k]` to `out[i]`; `taps` are the filter's own or its derivative's.
     ///
     /// # Panics
-    /// When `x` ends before the last padded window.
+    ///
+    /// If `x` ends before the last padded window.
     pub(crate) fn add(&self, backend: Backend, taps: &[f64], x: &[f64], start: usize, out: &mut [f64]) {
         let Some(last) = out.len().checked_sub(1) else { return };
         assert!(start + last * self.decimation + taps.len() <= x.len());
-        // SAFETY: the last window ends inside x.
+        // SAFETY: the assertion above keeps the last window, and so all of them, inside x.
         unsafe { add_raw(backend, taps, self.decimation, x.as_ptr().add(start), out) }
     }
 }
@@ -66,13 +67,16 @@ dispatched! {
 
 #[inline(always)]
 unsafe fn add_in_lanes<T: Lane>(taps: &[f64], decimation: usize, x: *const f64, out: &mut [f64]) {
-    // Four windows hide the latency of the fused multiply-add, and share the taps. How they are grouped changes no sum.
+    // Four windows at a time hide the latency of the fused multiply-add and share the taps. The grouping changes no
+    // sum.
     let (fours, rest) = out.as_chunks_mut::<4>();
     let alone = 4 * fours.len();
     for (i, out) in fours.iter_mut().enumerate() {
+        // SAFETY: the caller promises x for all windows of `out`.
         unsafe { add_some::<T, 4>(taps, decimation, x.add(4 * i * decimation), out) };
     }
     for (i, out) in (alone..).zip(rest) {
+        // SAFETY: as above.
         unsafe { add_some::<T, 1>(taps, decimation, x.add(i * decimation), core::array::from_mut(out)) };
     }
 }
@@ -82,8 +86,10 @@ unsafe fn add_some<T: Lane, const N: usize>(taps: &[f64], decimation: usize, x: 
     let mut sums = [T::splat(0.0); N];
     let mut k = 0;
     while k < taps.len() {
+        // SAFETY: taps are whole lanes, of which k is a beginning.
         let tap = unsafe { T::load(taps.as_ptr().add(k)) };
         for (i, sum) in sums.iter_mut().enumerate() {
+            // SAFETY: the caller promises that x has the taps' length after each window's beginning.
             *sum = tap.fma(unsafe { T::load(x.add(i * decimation + k)) }, *sum);
         }
         k += T::WIDTH;

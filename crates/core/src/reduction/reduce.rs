@@ -1,4 +1,5 @@
-//! Rows made, filtered, decimated and folded into one triangle per motor and time block, in one pass.
+//! Reduction: rows are computed, filtered, decimated and folded into one triangle per motor and time block, in one
+//! pass.
 
 use crate::batch::sink::EntryRuns;
 use crate::error::{Error, expect_length};
@@ -15,14 +16,14 @@ use rayon::prelude::*;
 use std::mem::take;
 use std::ops::Range;
 
-/// Samples made at a time, and rows folded at a time.
+/// Samples computed at a time, and rows folded at a time.
 const CHUNK: usize = 256;
 const FOLD: usize = CHUNK;
-/// Starting threads costs more than this many samples' work.
+/// Starting threads costs more than the work on this many samples.
 const SINGLE_THREAD: usize = 2000;
-/// Rows of a long block that are folded in one go; what is made of them is merged.
+/// Rows of a long block that are reduced as one task; the triangles of a block's tasks are merged.
 const PIECE: usize = 2048;
-/// EntryRuns are padded so that their distance is no multiple of 4 KiB.
+/// Padding of runs, so that their distance is no multiple of 4 KiB.
 const PAD: usize = MAX_WIDTH;
 
 /// What to reduce, and into which blocks.
@@ -30,33 +31,36 @@ const PAD: usize = MAX_WIDTH;
 pub struct Reduction<'a> {
     /// The chosen columns of the regressor.
     pub columns: &'a [usize],
-    /// Torques, channel major like the motion.
+    /// Torques, coordinates x samples, channel major, N m or N.
     pub torque: &'a [f64],
-    /// A filter, odd in length; `[1.0]` for none.
+    /// Taps of the FIR filter, odd in number; `[1.0]` for none.
     pub taps: &'a [f64],
-    /// Of the filtered momenta, the rate of change: as many taps, where the motion has no accelerations; else none.
+    /// Taps that give the derivative of the filtered momenta, as many as `taps`, for a motion without accelerations;
+    /// empty otherwise.
     pub derivative_taps: &'a [f64],
+    /// Samples from one row to the next.
     pub decimation: usize,
     /// Sample at the centre of the first row; row r is centred `decimation * r` samples later.
     pub first: usize,
     /// Number of rows per motor.
     pub rows: usize,
-    /// Rows of a time block; the last block may have fewer.
+    /// Rows per time block; the last block may have fewer.
     pub block: usize,
-    /// Weight of each row, coordinates x rows, channel major; a zero drops the row. Empty for all ones.
+    /// Weights of the rows, coordinates x rows, channel major; zero drops a row. Empty for all ones.
     pub weights: &'a [f64],
 }
 
-/// The triangles of one motor.
+/// R factors of one motor.
 #[derive(Debug, Clone, PartialEq)]
 pub struct RFactors {
-    /// Which of the chosen columns the motor can structural_nonzeros, ascending; the torque is the last column of the triangle.
+    /// Indices of the chosen columns that are not structurally zero for this motor, ascending; the torque is the last
+    /// column of each factor.
     pub columns: Vec<usize>,
     /// Per block an upper triangle [R z; 0 rest], row-major, (columns + 1) x (columns + 1).
     pub blocks: Vec<Vec<f64>>,
 }
 
-/// Reduce the motion to one triangle per coordinate and block. The result does not depend on the number of threads.
+/// Reduce a motion to one R factor per coordinate and time block. The result does not depend on the number of threads.
 pub fn reduce(mechanism: &Mechanism, motion: &Motion, reduction: &Reduction) -> Result<Vec<RFactors>, Error> {
     let filter = check(mechanism, motion, reduction)?;
     let reached = structural_nonzeros(mechanism, reduction.columns)?;
@@ -65,7 +69,7 @@ pub fn reduce(mechanism: &Mechanism, motion: &Motion, reduction: &Reduction) -> 
         (0..mechanism.coordinates()).map(|a| (0..p).filter(|&c| reached[a * p + c]).collect()).collect();
     let pieces = pieces(reduction);
     let threads = if reduction.rows * reduction.decimation < SINGLE_THREAD { 1 } else { rayon::current_num_threads() };
-    // A few parts per thread even out the load; each part reads one window more than its own samples.
+    // Several parts per thread balance the load; each part reads one window more than its own samples.
     let parts = if threads == 1 { 1 } else { (4 * threads).min(pieces.len().max(1)) };
     let part = |k: usize| &pieces[k * pieces.len() / parts..(k + 1) * pieces.len() / parts];
     let run = |k: usize| {
@@ -84,7 +88,7 @@ pub fn reduce(mechanism: &Mechanism, motion: &Motion, reduction: &Reduction) -> 
         .collect())
 }
 
-/// Rows of every block in pieces of a fixed size, so that long blocks are shared out too.
+/// Rows of every block in tasks of limited length, so that long blocks are divided among threads too.
 fn pieces(reduction: &Reduction) -> Vec<Range<usize>> {
     let Reduction { rows, block, .. } = *reduction;
     let of_block = |begin: usize| {
@@ -94,7 +98,7 @@ fn pieces(reduction: &Reduction) -> Vec<Range<usize>> {
     (0..rows).step_by(block).flat_map(of_block).collect()
 }
 
-/// One motor's triangles, row-major, its pieces merged into blocks.
+/// One motor's factors, row-major, after merging the tasks of each block.
 fn gather(
     mechanism: &Mechanism,
     reduction: &Reduction,
@@ -140,7 +144,7 @@ fn check(mechanism: &Mechanism, motion: &Motion, reduction: &Reduction) -> Resul
     Ok(filter)
 }
 
-/// One thread's buffers: the raw columns under the filter's window, and the decimated rows to be folded.
+/// Buffers of one thread: raw columns under the filter's window, and decimated rows.
 struct Reducer<'a> {
     mechanism: &'a Mechanism,
     motion: &'a Motion<'a>,
@@ -154,8 +158,8 @@ struct Reducer<'a> {
     panels: Vec<CompactPanel>,
 }
 
-/// RawRows columns, one run per entry (motor, reached column or torque), holding samples `from..from + held`; without
-/// accelerations more runs follow, of the momenta that belong to those entries.
+/// Raw columns, one run per entry (motor, nonzero column or torque), with samples `from..from + held`; without
+/// accelerations the momenta of these entries follow in runs of their own.
 struct RawRows {
     numbers: Aligned,
     run: usize,
@@ -164,7 +168,7 @@ struct RawRows {
     sets: Vec<EntryMap>,
     /// First run of each motor, and one past the last.
     motors: Vec<usize>,
-    /// Entries whose momenta follow, in their order.
+    /// Entries whose momenta follow, in this order.
     moving: Vec<usize>,
 }
 
@@ -186,7 +190,7 @@ impl RawRows {
         for (a, reached) in reached.iter().enumerate() {
             for (entry, &c) in (motors[a]..).zip(reached) {
                 let column = columns[c];
-                // With two sets the first one holds the momenta.
+                // Of two sets the first holds the momenta.
                 place[((sets - 1) * na + a) * all + column] = Some(entry);
                 if sets == 2 && mechanism.has_momentum(column) {
                     place[a * all + column] = Some(entries + moving.len());
@@ -204,7 +208,7 @@ impl RawRows {
         &self.numbers[entry * self.run..][..self.run]
     }
 
-    /// Forget the samples before `from`.
+    /// Drop the samples before `from`.
     fn drop_before(&mut self, from: usize) {
         let gone = from.saturating_sub(self.from).min(self.held);
         if gone > 0 {
@@ -222,7 +226,8 @@ impl RawRows {
         let (mechanism, motion, reduction) = reducer;
         let next = self.from + self.held;
         let count = CHUNK.min(end - next);
-        // SAFETY: a run has room for what the filter reaches back to, a chunk, and a lane.
+        // SAFETY: a run has room for what the filter reaches back to, a chunk, and a lane; `numbers` is borrowed by
+        // nobody else.
         unsafe {
             let out = EntryRuns { first: self.numbers.as_mut_ptr(), apart: self.run }.from(self.held);
             rows(mechanism, motion, next, count, &self.sets, out, workspace);
@@ -250,7 +255,7 @@ impl<'a> Reducer<'a> {
         Reducer { mechanism, motion, reduction, filter, reached, workspace, raw, decimated, panels: Vec::new() }
     }
 
-    /// The triangles of some rows, one per motor, column-major.
+    /// Triangles of some rows, one per motor, column-major.
     fn piece(&mut self, piece: Range<usize>) -> Vec<Vec<f64>> {
         let mut triangles: Vec<Vec<f64>> = self.reached.iter().map(|c| vec![0.0; (c.len() + 1).pow(2)]).collect();
         for from in piece.clone().step_by(FOLD) {
@@ -267,7 +272,7 @@ impl<'a> Reducer<'a> {
         triangles
     }
 
-    /// Rows `from..to`, filtered, into `decimated`, with zeros up to a whole lane after them.
+    /// Filter rows `from..to` into `decimated`, with zeros after them up to a whole lane.
     fn decimate(&mut self, from: usize, to: usize) {
         if self.filter.is_identity() {
             self.copy(from, to)
@@ -279,7 +284,7 @@ impl<'a> Reducer<'a> {
         }
     }
 
-    /// Without a filter the raw columns are the rows: no need to copy them.
+    /// Without a filter the raw columns are the rows; they are exchanged, not copied.
     fn copy(&mut self, from: usize, to: usize) {
         (self.raw.from, self.raw.held) = (self.reduction.first + from, 0);
         let reducer = (self.mechanism, self.motion, self.reduction);
@@ -306,7 +311,7 @@ impl<'a> Reducer<'a> {
         }
     }
 
-    /// The filtered columns and torques into some of the decimated rows, the rates of change of the momenta added.
+    /// Filter columns and torques into some of the decimated rows, and add the derivatives of the momenta.
     fn add(&mut self, start: usize, rows: Range<usize>) {
         let (backend, filter, raw) = (self.mechanism.backend, self.filter, &self.raw);
         for (entry, decimated) in self.decimated.chunks_exact_mut(FOLD + PAD).enumerate().skip(1) {
@@ -331,7 +336,7 @@ impl<'a> Reducer<'a> {
             }
             for run in motor[0]..motor[1] {
                 let column = &mut self.decimated[run * (FOLD + PAD)..][..weights.len()];
-                // Selected, not multiplied: a row that does not count may hold anything.
+                // Selected, not multiplied: a row that is dropped may hold NaN.
                 column.iter_mut().zip(weights).for_each(|(x, &w)| *x = if w == 0.0 { 0.0 } else { *x * w });
             }
         }
@@ -339,14 +344,14 @@ impl<'a> Reducer<'a> {
 }
 
 impl Drop for Reducer<'_> {
-    /// Leave the memory to the thread's next reducer.
+    /// Return the buffers to the thread's workspace.
     fn drop(&mut self) {
         self.workspace.raw = take(&mut self.raw.numbers);
         self.workspace.decimated = take(&mut self.decimated);
     }
 }
 
-/// A column-major upper triangle as row-major.
+/// A column-major matrix as row-major.
 fn transpose(square: &[f64], size: usize) -> Vec<f64> {
     (0..size * size).map(|k| square[(k % size) * size + k / size]).collect()
 }

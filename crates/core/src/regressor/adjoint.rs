@@ -1,13 +1,16 @@
-//! Slopes of a weighed sum of entries of the rows, by all channels: the way of [`crate::rows`], gone backwards.
+//! Reverse sweep: gradients of a weighted sum of regressor entries with respect to all channels of a motion.
 //!
-//! An entry is made of an axis and of numbers of the link's motion. How the sum changes with these is found link by link,
-//! the last one first, and carried to the parent as axes and motions were carried from it (reverse accumulation: Griewank
-//! and Walther 2008, section 3.2). So one sweep gives the slopes by all channels, however many there are, and costs about
-//! three times what the entries cost.
+//! An entry is a function of an axis and of a link's motion. The adjoints of these are accumulated link by link, from
+//! the last to the first, and transformed to the parent as axes and motions were transformed from it (reverse
+//! accumulation: Griewank and Walther 2008, section 3.2). One sweep gives the gradients for any number of channels, at
+//! about three times the cost of the entries.
 //!
-//! A closure given to an array's `map` is compiled by itself, without the lane's instructions: there is none here.
+//! A closure that is passed to an array's `map` would be compiled as a function of its own, without the back end's
+//! instructions: there is none here.
 //!
-//! Safety: as in [`crate::rows`]. [`forward`] comes before [`sweep`], for the same batch; weights have a batch in each run.
+//! Safety: batches are as in [`crate::batch`]; [`forward_sweep`] precedes [`reverse_sweep`] with the same batch and
+//! slots, and every run of weights has [`BATCH`] numbers. The slots of the adjoint have grown to the mechanism in
+//! `clear`.
 
 use crate::batch::axis::{AxisSlots, load_axis, store_axis, store_transform};
 use crate::batch::link::{A, B, LinkMotions, W, WD};
@@ -27,22 +30,22 @@ use crate::simd::dispatch::dispatched;
 use crate::simd::lane::Lane;
 use std::ops::Range;
 
-/// Slopes by a link's motion: by angular velocity, angular acceleration, and acceleration of the origin.
+/// Adjoint of a link's motion: with respect to angular velocity, angular acceleration, and acceleration of the origin.
 type LinkAdjoint = [Slot; 9];
 
-/// Slopes by what the rows are made of, at a batch of samples.
+/// Adjoints of what the rows are computed from, at a batch of samples.
 #[derive(Default)]
 pub(crate) struct Adjoint {
     links: Vec<LinkAdjoint>,
     axes: Vec<AxisSlots>,
-    /// By position, velocity and acceleration of the joint, or term, whose turn it is.
+    /// Of position, velocity and acceleration of the joint, or term, in progress.
     joint: [Slot; 3],
-    /// By the channels of the motion.
+    /// Of the channels of the motion.
     pub(crate) channels: Vec<Slot>,
 }
 
 impl Adjoint {
-    /// All slopes that weights lead to zero, and room for those of the mechanism.
+    /// Set to zero what the weights reach, and make room for the mechanism.
     fn clear(&mut self, mechanism: &Mechanism, weights: &Weights) {
         grow(&mut self.links, mechanism.links.len(), [Slot::ZERO; 9]);
         grow(&mut self.axes, mechanism.axes, [Slot::ZERO; 6]);
@@ -53,9 +56,10 @@ impl Adjoint {
         self.channels[..mechanism.channels()].fill(Slot::ZERO);
     }
 
-    /// Copy the channels' slopes to some samples of rows of `n`, the first of which has the given number.
+    /// Copy the channels' gradients to rows of `n` samples, from row `first` on.
     ///
     /// # Safety
+    ///
     /// The rows are inside `out`, and nobody else uses these samples.
     pub(crate) unsafe fn copy(
         &self,
@@ -66,24 +70,26 @@ impl Adjoint {
         samples: Range<usize>,
     ) {
         for (row, slot) in (first..).zip(&self.channels[..mechanism.channels()]) {
+            // SAFETY: the caller promises that the row is inside `out`.
             let to = unsafe { out.at(row * n + samples.start) };
+            // SAFETY: as above; a batch has at least these samples, and the slot is no part of `out`.
             unsafe { core::ptr::copy_nonoverlapping(slot.0.as_ptr(), to, samples.len()) };
         }
     }
 }
 
-/// Where the weights of the entries are: runs of a batch, the first of which is all zeros.
+/// Weights of the entries: runs of [`BATCH`] numbers, the first of which is all zeros.
 pub(crate) struct Weights {
-    /// By axis of the mechanism: runs of its entries, and whether it, or an axis made from it, has a weight.
+    /// Per axis of the mechanism: runs of its entries, and whether it, or an axis computed from it, has a weight.
     axes: Vec<([usize; LINK_PARAMETERS], bool)>,
     /// Whether an entry of the axis itself has a weight.
     own: Vec<bool>,
-    /// By term, and by the coordinates that move it.
+    /// Per term, and per coordinate that it acts on.
     terms: Vec<usize>,
 }
 
 impl Weights {
-    /// `run(row, column)` is the number of an entry's run, 0 where it has no weight.
+    /// `run(row, column)` is the number of an entry's run, 0 for no weight.
     pub(crate) fn new(mechanism: &Mechanism, run: impl Fn(usize, usize) -> usize) -> Weights {
         let (mut axes, mut own, mut terms) = (Vec::new(), Vec::new(), Vec::new());
         for (i, link) in mechanism.links.iter().enumerate() {
@@ -109,13 +115,14 @@ impl Weights {
 }
 
 dispatched! {
-    /// Links and axes of a batch into `slots`.
+    /// Motions of the links and axes at a batch.
     pub(crate) unsafe fn forward_sweep = forward_in_lanes(batch: Batch, slots: &mut KinematicSlots)
 }
 
 #[inline(always)]
 unsafe fn forward_in_lanes<T: Lane>(batch: Batch, slots: &mut KinematicSlots) {
     for (i, link) in batch.mechanism.links.iter().enumerate() {
+        // SAFETY: the batch and its workspace are as in the head of the file.
         unsafe {
             let followed = batch.follow::<T>(&link.joint_map, &mut slots.followed);
             store_transform::<T>(batch, link, followed, &mut slots.joint);
@@ -127,10 +134,11 @@ unsafe fn forward_in_lanes<T: Lane>(batch: Batch, slots: &mut KinematicSlots) {
     }
 }
 
-/// Slopes of the sum over entries of weight times entry, into `adjoint.channels`. `first` is the first run of weights.
+/// Gradients of the weighted sum of entries, to `adjoint.channels`. `first` is the first run of weights.
 ///
 /// # Safety
-/// See the head of the file.
+///
+/// As in the head of the file.
 pub(crate) unsafe fn reverse_sweep(
     batch: Batch,
     weights: &Weights,
@@ -139,6 +147,7 @@ pub(crate) unsafe fn reverse_sweep(
     adjoint: &mut Adjoint,
 ) {
     adjoint.clear(batch.mechanism, weights);
+    // SAFETY: the caller's promise; `clear` has made room in the adjoint.
     unsafe { reverse(batch.mechanism.backend, batch, weights, first, slots, adjoint) };
 }
 
@@ -157,6 +166,7 @@ unsafe fn reverse_in_lanes<T: Lane>(
     adjoint: &mut Adjoint,
 ) {
     for (i, link) in batch.mechanism.links.iter().enumerate().rev() {
+        // SAFETY: the batch, its workspace and the weights are as in the head of the file.
         unsafe {
             let followed = batch.follow::<T>(&link.joint_map, &mut slots.followed);
             store_transform::<T>(batch, link, followed, &mut slots.joint);
@@ -175,34 +185,36 @@ unsafe fn reverse_in_lanes<T: Lane>(
             channel_adjoint::<T>(batch, &link.joint_map, adjoint);
         }
     }
+    // SAFETY: as above.
     unsafe { term_adjoint::<T>(batch, weights, first, &mut slots.followed, adjoint) };
 }
 
-/// Add to what slots hold.
+/// Add to slots.
 #[inline(always)]
 unsafe fn accumulate<T: Lane, const N: usize>(first: *mut Slot, k: usize, by: [T; N]) {
+    // SAFETY: the caller promises N slots with room for a lane from k on.
     unsafe {
         let held: [T; N] = load(first, k);
         store(first, k, core::array::from_fn::<T, N, _>(|e| held[e].add(by[e])));
     }
 }
 
-/// A symmetric matrix, upper triangle row by row, times a vector, and `c` added.
+/// Product of a symmetric matrix, upper triangle row by row, and a vector, plus `c`.
 #[inline(always)]
 fn symmetric<T: Lane>(m: [T; 6], v: Vector<T>, c: Vector<T>) -> Vector<T> {
     let row = |i: usize, j: usize, l: usize, c: T| m[l].fma(v[2], m[j].fma(v[1], m[i].fma(v[0], c)));
     [row(0, 1, 2, c[0]), row(1, 3, 4, c[1]), row(2, 4, 5, c[2])]
 }
 
-/// Slope of `u . (w x (w x p))` by w, and `c` added.
+/// Gradient of `u . (w x (w x p))` with respect to w, plus `c`.
 #[inline(always)]
 fn double_cross_gradient<T: Lane>(w: Vector<T>, u: Vector<T>, p: Vector<T>, c: Vector<T>) -> Vector<T> {
     let back = dot(u, p);
     scale_add(w, back.add(back).neg(), scale_add(p, dot(u, w), scale_add(u, dot(w, p), c)))
 }
 
-/// The entries of one axis: their sum, with weights for parameters of a body of tensor J, first moment m and mass M, is
-/// `x . (J wd + w x J w + m x a) + u . (M a + (skew(wd) + skew(w)^2) m)`.
+/// Adjoints of one axis and its link's motion. With the weights read as a body of tensor J, first moment m and mass M,
+/// the weighted sum of its entries is `x . (J wd + w x J w + m x a) + u . (M a + (skew(wd) + skew(w)^2) m)`.
 #[inline(always)]
 unsafe fn entry_adjoint<T: Lane>(
     batch: Batch,
@@ -213,6 +225,7 @@ unsafe fn entry_adjoint<T: Lane>(
 ) {
     let (links, axes) = (adjoint.links[i].as_mut_ptr(), adjoint.axes[own].as_mut_ptr());
     for k in batch.lanes::<T>() {
+        // SAFETY: `lanes` leaves room for a lane in weights, slots and axes.
         unsafe {
             let tensor: [T; 6] = core::array::from_fn(|p| T::load(runs[p].add(k)));
             let moment: Vector<T> = core::array::from_fn(|p| T::load(runs[6 + p].add(k)));
@@ -237,13 +250,13 @@ unsafe fn entry_adjoint<T: Lane>(
     }
 }
 
-/// Slope by the position of a joint that turns, of a vector in the link's frame and the slopes by it.
+/// Derivative with respect to a revolute joint's position of a vector in the link's frame, times its adjoint, plus `c`.
 #[inline(always)]
 fn rotation_gradient<T: Lane>(v: Vector<T>, by: Vector<T>, c: T) -> T {
     by[1].fnma(v[0], by[0].fma(v[1], c))
 }
 
-/// Slopes by an axis of a link, to the parent's axis, the joint's position and the rate.
+/// Adjoint of an axis, propagated to the parent's axis, the joint's position and the rate.
 #[inline(always)]
 unsafe fn axis_adjoint<T: Lane>(
     batch: Batch,
@@ -256,6 +269,7 @@ unsafe fn axis_adjoint<T: Lane>(
     let (rest, kept) = (JointTransform::<T>::at_zero(shape, link), slots.joint.as_ptr());
     let prismatic = rest.is_prismatic();
     for k in batch.lanes::<T>() {
+        // SAFETY: `lanes` leaves room for a lane; axes and channels have their slots.
         unsafe {
             let joint = rest.load(kept, k);
             let (by_x, by_u) = load_axis::<T>(adjoint.axes[own].as_ptr(), k);
@@ -283,7 +297,7 @@ unsafe fn axis_adjoint<T: Lane>(
     }
 }
 
-/// Slopes by a link's motion, to the parent's and the joint's.
+/// Adjoint of a link's motion, propagated to the parent's and the joint's.
 #[inline(always)]
 unsafe fn motion_adjoint<T: Lane>(
     batch: Batch,
@@ -296,6 +310,7 @@ unsafe fn motion_adjoint<T: Lane>(
     let (rest, kept) = (JointTransform::<T>::at_zero(shape, link), slots.joint.as_ptr());
     let own = LinkMotions(slots.links[i].as_mut_ptr());
     for k in batch.lanes::<T>() {
+        // SAFETY: `lanes` leaves room for a lane; a parent is another link than its child.
         unsafe {
             let (joint, [_, v, _]) = (rest.load(kept, k), followed.at::<T>(k));
             let (w, wd, a): (Vector<T>, Vector<T>, Vector<T>) = (own.part(W, k), own.part(WD, k), own.part(A, k));
@@ -310,7 +325,7 @@ unsafe fn motion_adjoint<T: Lane>(
             } else {
                 let by_v = rotation_gradient(w, by_wd, by_w[2]);
                 by_w = [by_wd[1].fnma(v, by_w[0]), by_wd[0].fma(v, by_w[1]), by_w[2]];
-                // As the parent's acceleration was before the joint's own was added.
+                // The parent's acceleration, before the joint's own was added.
                 let before = [w[1].fnma(v, wd[0]), w[0].fma(v, wd[1]), wd[2]];
                 let by_q = rotation_gradient(
                     w,
@@ -330,7 +345,7 @@ unsafe fn motion_adjoint<T: Lane>(
     }
 }
 
-/// Slopes by the parent's motion as the link's frame has it, added to the parent's; returns that by a sliding position.
+/// Add the adjoint of a link's motion to its parent's; returns that of a prismatic position.
 #[inline(always)]
 unsafe fn carry_to_parent<T: Lane>(
     joint: &JointTransform<T>,
@@ -342,6 +357,7 @@ unsafe fn carry_to_parent<T: Lane>(
     let (mut by_w, mut by_wd, by_a) =
         (joint.rotate_to_parent(by_w), joint.rotate_to_parent(by_wd), joint.rotate_to_parent(by_a));
     let mut by_q = T::splat(0.0);
+    // SAFETY: the caller promises both links' slots, with room for a lane from k on.
     unsafe {
         if let Some(origin) = joint.offset() {
             by_w = double_cross_gradient(parent.part(W, k), by_a, origin, by_w);
@@ -358,11 +374,12 @@ unsafe fn carry_to_parent<T: Lane>(
     by_q
 }
 
-/// Slopes by a joint's motion, or a term's, to the channels that it follows.
+/// Adjoint of a joint's motion, or a term's, propagated to the channels that it follows.
 #[inline(always)]
 unsafe fn channel_adjoint<T: Lane>(batch: Batch, joint_map: &JointMap, adjoint: &mut Adjoint) {
     let na = batch.mechanism.coordinates;
     for k in batch.lanes::<T>() {
+        // SAFETY: `lanes` leaves room for a lane; every channel has its slot.
         unsafe {
             let by: [T; 3] = load(adjoint.joint.as_ptr(), k);
             let channels = adjoint.channels.as_mut_ptr();
@@ -387,7 +404,7 @@ unsafe fn channel_adjoint<T: Lane>(batch: Batch, joint_map: &JointMap, adjoint: 
     }
 }
 
-/// Slopes of the columns of terms.
+/// Adjoints of the terms' columns.
 #[inline(always)]
 unsafe fn term_adjoint<T: Lane>(
     batch: Batch,
@@ -402,6 +419,7 @@ unsafe fn term_adjoint<T: Lane>(
         (own, runs) = runs.split_at(term.joint_map.rates.len());
         let outside = term.law == Law::External;
         if own.iter().any(|&run| run != 0) {
+            // SAFETY: `lanes` leaves room for a lane in weights, slots and channels.
             unsafe {
                 let followed = batch.follow::<T>(&term.joint_map, slots);
                 for k in batch.lanes::<T>() {

@@ -1,6 +1,8 @@
-//! Slopes by every channel of a motion, sample by sample: of torques, and of what is made of the rows in a search.
+//! Gradients with respect to every channel of a motion, sample by sample: of torques, and of quadratic forms in the
+//! rows.
 //!
-//! A sample's rows are made of its own channels only, so all slopes are found by one sweep back (see `back`).
+//! A sample's rows depend on its own channels only, so that one reverse sweep gives all gradients (see
+//! [`crate::regressor::adjoint`]).
 
 use crate::batch::Batch;
 use crate::batch::sink::EntryRuns;
@@ -17,8 +19,8 @@ use crate::regressor::quadratic_forms::{QuadraticForm, quadratic_form_weights};
 use crate::regressor::rows::{Workspace, rows};
 use std::ops::Range;
 
-/// Slopes of every row's torque, of the chosen columns' parameters `chi`: `out[(r * channels + c) * samples + k]`, row r
-/// by channel c, which are in the order of [`Motion`]'s fields.
+/// Gradients of the torques of the chosen columns' parameters `chi`: `out[(r * channels + c) * samples + k]` of row r
+/// with respect to channel c. Channels are in the order of [`Motion`]'s fields; the motion must have accelerations.
 pub fn torque_gradients(
     mechanism: &Mechanism,
     motion: &Motion,
@@ -37,7 +39,7 @@ pub fn torque_gradients(
     let shared = SharedOutput::new(out);
     for_each_part(mechanism, n, |part, workspace| {
         let tile = workspace.tile((columns.len() + 1) * BATCH);
-        // SAFETY: the tile was just made so large.
+        // SAFETY: the tile has just been given this size, and is initialised.
         let runs = unsafe { core::slice::from_raw_parts_mut(tile, (columns.len() + 1) * BATCH) };
         for (run, &weight) in runs.chunks_exact_mut(BATCH).zip([0.0].iter().chain(chi)) {
             run.fill(weight);
@@ -46,7 +48,8 @@ pub fn torque_gradients(
             let Workspace { channels: at, slots, adjoint, .. } = &mut *workspace;
             at.advance_to(mechanism, motion, samples.start, samples.len());
             let batch = Batch { mechanism, channels: at, samples: samples.len() };
-            // SAFETY: every run has a batch; no other part writes these samples.
+            // SAFETY: every run of weights has a batch; parts are disjoint ranges of samples, which only this call
+            // writes.
             unsafe {
                 forward_sweep(mechanism.backend, batch, slots);
                 for (row, weights) in weights.iter().enumerate() {
@@ -59,8 +62,9 @@ pub fn torque_gradients(
     Ok(())
 }
 
-/// Slopes of the sum over rows and samples of `y' F y`, y being a row's chosen entries at a sample, F a form of each
-/// row's own, coordinates x chosen x chosen: `out[c * samples + k]`, by channel c at sample k.
+/// Gradients of the sum over rows and samples of `y' F y`: `out[c * samples + k]` with respect to channel c at sample
+/// k. y are the chosen entries of a row at a sample, and F is the row's form, of coordinates x chosen x chosen,
+/// row-major. The motion must have accelerations.
 pub fn quadratic_form_gradients(
     mechanism: &Mechanism,
     motion: &Motion,
@@ -81,7 +85,8 @@ pub fn quadratic_form_gradients(
     for_each_part(mechanism, n, |part, workspace| {
         let tile = workspace.tile(2 * entries.count() * BATCH);
         for samples in batches(part) {
-            // SAFETY: the tile has room for entries, and then for their weights; no other part writes these samples.
+            // SAFETY: the tile has room for all runs of entries, and then of weights; parts are disjoint ranges of
+            // samples.
             unsafe {
                 let first = tile.add(entries.count() * BATCH);
                 first.write_bytes(0, BATCH);
@@ -107,7 +112,7 @@ fn check(mechanism: &Mechanism, motion: &Motion, columns: &[usize]) -> Result<()
     check_columns(mechanism, columns)
 }
 
-/// Samples a batch at a time.
+/// Split samples into batches.
 fn batches(samples: Range<usize>) -> impl Iterator<Item = Range<usize>> {
     samples.clone().step_by(BATCH).map(move |from| from..samples.end.min(from + BATCH))
 }

@@ -1,6 +1,7 @@
-//! Inner products of the regressor's columns, row by row of torque, without the regressor: a tile of samples at a time.
+//! Gram matrices of the regressor's columns, row by row, without storing the regressor.
 //!
-//! They lose half the digits that triangles keep (see `triangle`): enough to steer a search, not to estimate from.
+//! They lose half the digits that triangles keep (see [`crate::linalg::tsqr`]): enough for an optimisation of
+//! trajectories, not for estimation.
 
 use crate::batch::sink::EntryRuns;
 use crate::error::{Error, expect_length};
@@ -14,11 +15,11 @@ use crate::simd::lane::{Lane, MAX_WIDTH};
 use rayon::prelude::*;
 use std::ops::Range;
 
-/// Samples of a tile, and how far apart the runs of a tile are: see `regressor`.
+/// Samples per tile, and distance of its runs: see [`crate::regressor`].
 const TILE: usize = 128;
 const RUN: usize = TILE + MAX_WIDTH;
 
-/// Which of the chosen columns each row can reach, and the number of an entry's run in a tile. Run 0 is all zeros.
+/// Nonzero entries of the chosen columns in each row, and the number of each entry's run in a tile. Run 0 is all zeros.
 pub(crate) struct NonzeroEntries {
     pub(crate) reached: Vec<Vec<usize>>,
     first: Vec<usize>,
@@ -40,7 +41,7 @@ impl NonzeroEntries {
         NonzeroEntries { reached, first, runs, all }
     }
 
-    /// The run of an entry; 0 where it is not chosen, or always zero.
+    /// The run of an entry; 0 where it is not chosen, or structurally zero.
     pub(crate) fn run(&self, row: usize, column: usize) -> usize {
         self.runs[row * self.all + column]
     }
@@ -50,18 +51,19 @@ impl NonzeroEntries {
         self.first[self.reached.len()]
     }
 
-    /// EntryRuns of a row.
+    /// Runs of a row.
     pub(crate) fn row_runs(&self, row: usize) -> Range<usize> {
         self.first[row]..self.first[row + 1]
     }
 
-    /// In which run each entry of the rows goes.
+    /// Map of each entry to its run.
     pub(crate) fn entry_map(&self, mechanism: &Mechanism) -> EntryMap {
         EntryMap::new(mechanism, |a, column| Some(self.run(a, column)).filter(|&run| run != 0))
     }
 }
 
-/// Inner products over the samples of each row's entries, coordinates x chosen x chosen, row-major.
+/// Gram matrices of the chosen columns: for each row the inner products over the samples, coordinates x chosen x
+/// chosen, row-major. The motion must have accelerations.
 pub fn gram_matrices(mechanism: &Mechanism, motion: &Motion, columns: &[usize], out: &mut [f64]) -> Result<(), Error> {
     motion.check_accelerations(mechanism)?;
     check_columns(mechanism, columns)?;
@@ -73,7 +75,7 @@ pub fn gram_matrices(mechanism: &Mechanism, motion: &Motion, columns: &[usize], 
         Workspace::with(mechanism, |workspace| part_gram(mechanism, motion, &entries, samples, workspace))
     };
     let starts = (0..motion.samples).step_by(PART);
-    // Starting threads costs more than a few parts; the sum does not depend on them.
+    // Starting threads costs more than a few parts; the order of the sum does not depend on them.
     let made: Vec<Vec<f64>> = match starts.len() {
         0..=2 => starts.map(part).collect(),
         _ => starts.collect::<Vec<_>>().into_par_iter().map(part).collect(),
@@ -90,7 +92,7 @@ pub fn gram_matrices(mechanism: &Mechanism, motion: &Motion, columns: &[usize], 
     Ok(())
 }
 
-/// Add a lower triangle of reached columns to a symmetric matrix of all `p`.
+/// Add a lower triangle of nonzero columns to a symmetric matrix of all `p`.
 fn add_triangle(triangle: &[f64], reached: &[usize], out: &mut [f64], p: usize) {
     for (i, row) in triangle.chunks_exact(reached.len().max(1)).enumerate() {
         for (j, product) in row[..=i].iter().enumerate() {
@@ -102,7 +104,7 @@ fn add_triangle(triangle: &[f64], reached: &[usize], out: &mut [f64], p: usize) 
     }
 }
 
-/// The lower triangles of some samples, row after row of torque, reached x reached each.
+/// Lower triangles of some samples, one after the other, nonzero x nonzero each.
 fn part_gram(
     mechanism: &Mechanism,
     motion: &Motion,
@@ -127,7 +129,7 @@ fn part_gram(
             let (row_runs, m) = (entries.row_runs(row), entries.row_runs(row).len());
             let own;
             (own, rest) = rest.split_at_mut(m * m);
-            // SAFETY: the row's runs are inside the tile, and whole lanes of them were written.
+            // SAFETY: the row's runs are inside the tile, and whole lanes of them are initialised.
             unsafe { multiply(mechanism.backend, runs.as_ptr(), row_runs, whole, own) };
         }
     }
@@ -136,12 +138,16 @@ fn part_gram(
 
 dispatched! {
     /// Add the inner products of some runs to a lower triangle.
+    ///
+    /// # Safety
+    ///
+    /// The runs, and run 0, are inside the tile and readable up to `samples`, which are whole lanes.
     unsafe fn multiply = multiply_in_lanes(tile: *const f64, runs: Range<usize>, samples: usize, sums: &mut [f64])
 }
 
 #[inline(always)]
 unsafe fn multiply_in_lanes<T: Lane>(tile: *const f64, runs: Range<usize>, samples: usize, sums: &mut [f64]) {
-    // As many as keep their products in the registers.
+    // As many columns as keep their products in registers.
     unsafe {
         match T::PANEL {
             2 => multiply_panels::<T, 2>(tile, runs, samples, sums),
@@ -159,12 +165,14 @@ unsafe fn multiply_panels<T: Lane, const P: usize>(
     sums: &mut [f64],
 ) {
     let m = runs.len();
-    // Behind the last column stands run 0, whose products nobody keeps.
+    // After the last column stands run 0, whose products are discarded.
     let panel = |i: usize| -> [*const f64; P] {
+        // SAFETY: the runs of the row, and run 0, are inside the tile.
         core::array::from_fn(|e| unsafe { tile.add(if i + e < m { (runs.start + i + e) * RUN } else { 0 }) })
     };
     for i in (0..m).step_by(P) {
         for j in (0..=i).step_by(P) {
+            // SAFETY: both panels are runs of the tile, readable up to `samples`.
             let made = unsafe { panel_products::<T, P>(panel(i), panel(j), samples) };
             for (i, made) in (i..m).zip(made) {
                 sums[i * m..][..m].iter_mut().skip(j).zip(made).for_each(|(sum, made)| *sum += made);
@@ -182,8 +190,10 @@ unsafe fn panel_products<T: Lane, const P: usize>(
     let mut sums = [[T::splat(0.0); P]; P];
     let mut k = 0;
     while k < samples {
+        // SAFETY: the caller promises whole lanes up to `samples`.
         let right: [T; P] = core::array::from_fn(|j| unsafe { T::load(right[j].add(k)) });
         for (sums, left) in sums.iter_mut().zip(left) {
+            // SAFETY: as above.
             let left = unsafe { T::load(left.add(k)) };
             for (sum, right) in sums.iter_mut().zip(right) {
                 *sum = left.fma(right, *sum);

@@ -1,4 +1,4 @@
-//! The regressor over whole motions.
+//! Regressor: its rows over whole motions, their gradients and Gram matrices.
 
 pub(crate) mod adjoint;
 pub(crate) mod gradients;
@@ -19,8 +19,8 @@ use crate::simd::lane::MAX_WIDTH;
 use rayon::prelude::*;
 use std::ops::Range;
 
-/// The regressor of every sample: `out[(r * chosen + c) * samples + k]`, for row r (coordinates, set after set), chosen
-/// column c, sample k.
+/// The regressor of every sample, `out[(r * chosen + c) * samples + k]`, for row r (coordinates, set after set, see
+/// [`Motion::sets`]), chosen column c and sample k.
 pub fn regressor(mechanism: &Mechanism, motion: &Motion, columns: &[usize], out: &mut [f64]) -> Result<(), Error> {
     motion.check(mechanism)?;
     let layout = mechanism.column_layout(motion.sets(), columns)?;
@@ -33,7 +33,7 @@ pub fn regressor(mechanism: &Mechanism, motion: &Motion, columns: &[usize], out:
     if layout.entries * n <= CACHED {
         for_each_part(mechanism, n, |part, workspace| {
             let whole = part.len() - part.len() % MAX_WIDTH;
-            // SAFETY: the part is inside every entry, and no other part writes it; these are whole lanes of it.
+            // SAFETY: parts are disjoint ranges of samples, inside every entry; these are whole lanes of one.
             unsafe {
                 let runs = EntryRuns { first: shared.at(part.start), apart: n };
                 rows(mechanism, motion, part.start, whole, &layout.in_place, runs, workspace);
@@ -43,19 +43,21 @@ pub fn regressor(mechanism: &Mechanism, motion: &Motion, columns: &[usize], out:
         });
     } else {
         for_each_part(mechanism, n, |part, workspace| {
-            // SAFETY: the part is inside every entry, and no other part writes it.
+            // SAFETY: parts are disjoint ranges of samples, inside every entry.
             unsafe { tiled(mechanism, motion, &layout, part, shared, workspace) };
         });
     }
     Ok(())
 }
 
-/// A regressor of so many numbers stays in the caches, and is written where it belongs; a larger one by way of a tile.
+/// A regressor of at most this many numbers stays in the caches and is written in place; a larger one is written
+/// through a tile.
 const CACHED: usize = 1 << 20;
 
-/// Some samples of the regressor, made in a tile and sent to memory in long runs.
+/// Compute some samples of the regressor in a tile, and copy them to memory in long runs.
 ///
 /// # Safety
+///
 /// `out` has `motion.samples` numbers for every entry, and nobody else uses those of these samples.
 unsafe fn tiled(
     mechanism: &Mechanism,
@@ -71,7 +73,7 @@ unsafe fn tiled(
     let tile = EntryRuns { first: workspace.tile(layout.nonzero.len() * RUN), apart: RUN };
     for from in samples.clone().step_by(TILE) {
         let count = TILE.min(samples.end - from);
-        // SAFETY: every run has room for a tile and a lane; the rest is the caller's promise.
+        // SAFETY: every run of the tile has room for a tile and a lane; the caller promises those of `out`.
         unsafe {
             rows(mechanism, motion, from, count, &layout.packed, tile, workspace);
             let send = |run: *const f64, entry: usize| {
@@ -81,7 +83,7 @@ unsafe fn tiled(
             layout.zero.iter().for_each(|&entry| send(ZEROS.as_ptr(), entry));
         }
     }
-    stream::settle();
+    stream::fence();
 }
 
 /// Do the work for every part of some samples, on one thread where they are few.
@@ -95,8 +97,7 @@ pub(crate) fn for_each_part(mechanism: &Mechanism, samples: usize, work: impl Fn
     }
 }
 
-/// Samples of a tile, and how far apart the runs of a tile are: a multiple of 4 KiB would make them
-/// fight for the same cache lines.
+/// Samples per tile, and the distance of its runs: a multiple of 4 KiB would map them to the same cache sets.
 const TILE: usize = 128;
 const RUN: usize = TILE + MAX_WIDTH;
 static ZEROS: [f64; TILE] = [0.0; TILE];
@@ -108,7 +109,8 @@ mod tests {
     use crate::mechanism::closure::Closure;
     use crate::simd::dispatch::Backend;
 
-    /// Four joints, one of which prismatic and one of which turns in place; every link is placed by another turn.
+    /// Four joints, one of them prismatic and one with its axis through the parent's origin, with all constant
+    /// rotations.
     fn mechanism(backend: Backend) -> Mechanism {
         let (s, c) = 0.4_f64.sin_cos();
         let turns = [

@@ -1,5 +1,7 @@
-//! Rows without accelerations, a batch of samples at a time: of every coordinate its momentum, and the rest of its
-//! torque beside the momentum's rate of change. The recursion and its formulas are in `momentum`.
+//! Rows without accelerations: the generalised momentum of every coordinate, and the remainder of its torque. The
+//! recursion and its formulas are in [`crate::batch::link_velocity`].
+//!
+//! Safety: as in [`crate::regressor::rows`].
 
 use crate::batch::axis::{AxisSlots, load_axis, store_axis, store_transform};
 use crate::batch::link_velocity::LinkVelocities;
@@ -17,7 +19,10 @@ use crate::simd::dispatch::dispatched;
 use crate::simd::lane::Lane;
 
 dispatched! {
+    /// Rows of a batch: momenta, and remainders.
+    ///
     /// # Safety
+    ///
     /// As for [`crate::regressor::rows::rows`].
     pub(crate) unsafe fn momentum_rows = momentum_rows_in_lanes(
         batch: Batch, momentum: &EntryMap, rest: &EntryMap, out: EntryRuns, slots: &mut KinematicSlots,
@@ -32,6 +37,7 @@ unsafe fn momentum_rows_in_lanes<T: Lane>(
     out: EntryRuns,
     slots: &mut KinematicSlots,
 ) {
+    // SAFETY: batch, slots and output runs are as in the head of the file.
     unsafe {
         for (i, link) in batch.mechanism.links.iter().enumerate() {
             let followed = batch.follow::<T>(&link.joint_map, &mut slots.followed);
@@ -52,7 +58,7 @@ unsafe fn momentum_rows_in_lanes<T: Lane>(
     }
 }
 
-/// The link's velocity, from the parent's.
+/// Velocity of the link from its parent's.
 #[inline(always)]
 unsafe fn propagate_motion<T: Lane>(
     batch: Batch,
@@ -65,6 +71,7 @@ unsafe fn propagate_motion<T: Lane>(
     let parent = link.parent.map(|p| LinkVelocities(slots.links[p].as_mut_ptr()));
     let own = LinkVelocities(slots.links[i].as_mut_ptr());
     for k in batch.lanes::<T>() {
+        // SAFETY: `lanes` leaves room for a lane; a parent is another link than its child.
         unsafe {
             let ([_, speed, _], joint) = (followed.at(k), rest.load(kept, k));
             match parent {
@@ -75,7 +82,7 @@ unsafe fn propagate_motion<T: Lane>(
     }
 }
 
-/// The axis of a coordinate, from the parent's.
+/// Axis of a coordinate from its parent's.
 #[inline(always)]
 pub(crate) unsafe fn propagate_axis<T: Lane>(
     batch: Batch,
@@ -86,6 +93,7 @@ pub(crate) unsafe fn propagate_axis<T: Lane>(
     joint: &TransformSlots,
 ) {
     let (rest, to) = (JointTransform::<T>::at_zero(link.shape, link), axes[own].as_mut_ptr());
+    // SAFETY: `lanes` leaves room for a lane; an axis on the parent is another than the link's own.
     unsafe {
         if let Some(above) = axis.above {
             let above = axes[above].as_ptr();
@@ -104,10 +112,11 @@ pub(crate) unsafe fn propagate_axis<T: Lane>(
 }
 
 dispatched! {
-    /// An axis, or its rate of change, from the parent's slots to the link's.
+    /// Transform an axis, or its rate, from the parent's slots to the link's.
     ///
     /// # Safety
-    /// As for [`rows`].
+    ///
+    /// As in the head of the file; the slots are those of different axes.
     unsafe fn transform_axis = transform_axis_in_lanes(
         batch: Batch, link: &Link, from: *const Slot, to: *mut Slot, joint: *const Slot,
     )
@@ -124,12 +133,13 @@ unsafe fn transform_axis_in_lanes<T: Lane>(
     for_shape!(link.shape, shape => {
         let rest = JointTransform::<T>::at_zero(shape, link);
         for k in batch.lanes::<T>() {
+            // SAFETY: `lanes` leaves room for a lane in the slots of joint and axes.
             unsafe { store_axis(to, k, rest.load(joint, k).transform_axis(load_axis(from, k))) };
         }
     })
 }
 
-/// The rate of change of a coordinate's axis, from that of its axis on the parent.
+/// Rate of a coordinate's axis from that of its axis on the parent.
 #[inline(always)]
 unsafe fn axis_rate<T: Lane>(
     batch: Batch,
@@ -139,6 +149,7 @@ unsafe fn axis_rate<T: Lane>(
     slots: &mut KinematicSlots,
 ) {
     let (rest, to) = (JointTransform::<T>::at_zero(link.shape, link), slots.axis_rates[own].as_mut_ptr());
+    // SAFETY: batch and slots are as in the head of the file.
     unsafe {
         if let Some(above) = axis.above {
             let (above, joint) = (slots.axis_rates[above].as_ptr(), slots.joint.as_ptr());
@@ -157,8 +168,8 @@ unsafe fn axis_rate<T: Lane>(
     }
 }
 
-/// Of the terms only rotors have momentum; what is left of their torque is that of a rate that changes. The others
-/// have no place among the momenta.
+/// Of the terms only rotors have momentum; the remainder of their torque comes from a varying rate. The other terms
+/// have no entries among the momenta.
 #[inline(always)]
 unsafe fn rotor_momenta<T: Lane>(
     batch: Batch,
@@ -170,6 +181,7 @@ unsafe fn rotor_momenta<T: Lane>(
     for term in &batch.mechanism.terms {
         let rates = &term.joint_map.rates;
         if term.law == Law::Rotor {
+            // SAFETY: batch and output runs are as in the head of the file.
             unsafe {
                 let followed = batch.follow::<T>(&term.joint_map, &mut slots.followed);
                 for (number, &(_, rate)) in (first..).zip(rates) {

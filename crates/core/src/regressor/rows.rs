@@ -1,15 +1,16 @@
-//! Rows of the observation matrix, a batch of samples at a time, by axes carried forward.
+//! Rows of the regressor, a batch of samples at a time, by forward transformation of axes.
 //!
-//! The axis of every coordinate is carried from link to link in the links' own frames and contracted there with the
-//! link's wrench, `Y[a, i] = s_i^a . A_i(v_i, a_i)`; the 6 x 10 map A_i is never written out. Carrying the axes of
-//! the *coordinates* rather than of the joints, `s_i^a = X_i s_parent^a + G[i, a] z`, projects a closed chain's
-//! torques onto its motors at no cost (Khalil and Dombre 2002, chapter 10, done without forming the tree's rows).
+//! The axis of every coordinate is transformed from link to link, in the links' own frames, and contracted there with
+//! the link's inertial wrench, `Y[a, i] = s_i^a . A_i(v_i, a_i)`; the 6 x 10 matrix A_i is never formed. With the axes
+//! of the *coordinates* in place of the joints', `s_i^a = X_i s_parent^a + G[i, a] z`, a closed chain's torques are
+//! projected on its motors at no cost (Khalil and Dombre 2002, chapter 10, without forming the tree's rows).
 //!
-//! Without accelerations there are two rows for each coordinate in place of one: generalised momentum, and the rest of
-//! the torque beside its rate of change (see `momentum_rows`).
+//! Without accelerations there are two rows for each coordinate in place of one: generalised momentum, and the
+//! remainder of the torque (see [`crate::regressor::momentum`]).
 //!
-//! Safety: [`rows`] is the one door. Behind it channels have whole lanes, slots hold a batch, and the caller's places have
-//! room for whole lanes; every unsafe function relies on just that.
+//! Safety: [`rows`] is the only entry. Its batches are as described in [`crate::batch`], `Workspace::grow` has made
+//! slots for every link and axis of the mechanism, and its caller promises output runs with room for whole lanes. Every
+//! unsafe function below relies on this.
 
 use crate::batch::axis::{AxisSlots, load_axis, store_axis, store_transform};
 use crate::batch::link::{LINK_NUMBERS, LinkMotions};
@@ -32,16 +33,16 @@ use crate::simd::dispatch::dispatched;
 use crate::simd::lane::Lane;
 use std::cell::Cell;
 
-/// What one thread needs to make rows: it grows to what a mechanism needs, and is kept for the next batch and call.
+/// Workspace of a thread for rows: it grows to what a mechanism needs, and is reused by later batches and calls.
 #[derive(Default)]
 pub(crate) struct Workspace {
     pub(crate) channels: Channels,
     pub(crate) slots: KinematicSlots,
-    /// Slopes on their way back through the mechanism.
+    /// Adjoints of a reverse sweep.
     pub(crate) adjoint: Adjoint,
-    /// EntryRuns of entries on their way to memory.
+    /// Runs of entries before they are copied to memory.
     tile: Aligned,
-    /// EntryRuns of entries on their way to triangles, before and after the filter.
+    /// Runs of entries before and after the filter.
     pub(crate) raw: Aligned,
     pub(crate) decimated: Aligned,
 }
@@ -54,7 +55,7 @@ pub(crate) struct KinematicSlots {
     /// Motions of the links, or their velocities.
     pub(crate) links: Vec<[Slot; LINK_NUMBERS]>,
     pub(crate) axes: Vec<AxisSlots>,
-    /// Rates of change of the axes, where there are no accelerations.
+    /// Rates of the axes, for rows without accelerations.
     pub(crate) axis_rates: Vec<AxisSlots>,
 }
 
@@ -63,7 +64,7 @@ thread_local! {
 }
 
 impl Workspace {
-    /// Work with the thread's own workspace, which is large enough for the mechanism.
+    /// Work with the thread's own workspace, after it has grown to the mechanism.
     pub(crate) fn with<R>(mechanism: &Mechanism, work: impl FnOnce(&mut Workspace) -> R) -> R {
         let mut workspace = WORKSPACE.take().unwrap_or_default();
         workspace.grow(mechanism);
@@ -79,18 +80,20 @@ impl Workspace {
         grow(&mut self.slots.axis_rates, mechanism.axes, [Slot::ZERO; 6]);
     }
 
-    /// The tile, with room for so many numbers; it holds what was last written there.
+    /// The tile, with room for this many numbers; it holds what was last written there.
     pub(crate) fn tile(&mut self, numbers: usize) -> *mut f64 {
         self.tile.grow(numbers);
         self.tile.as_mut_ptr()
     }
 }
 
-/// Make the rows of samples `from..from + count`. Entry (row, column) of sample `from + k` is written to number
-/// k of its run in `out`, for each of the sets of places: torques, or momenta and then the rest of the torques.
+/// Compute the rows of samples `from..from + count`. Entry (row, column) of sample `from + k` is written to number k of
+/// its run in `out`, for each set of rows: torques; or momenta and then remainders.
 ///
 /// # Safety
-/// Every run has room for `count` rounded up to whole lanes of [`crate::simd::lane::MAX_WIDTH`].
+///
+/// Every run has room for `count` rounded up to whole lanes of [`crate::simd::lane::MAX_WIDTH`], and nobody else uses
+/// it meanwhile.
 pub(crate) unsafe fn rows(
     mechanism: &Mechanism,
     motion: &Motion,
@@ -106,6 +109,8 @@ pub(crate) unsafe fn rows(
         let samples = BATCH.min(count - done);
         channels.advance_to(mechanism, motion, from + done, samples);
         let batch = Batch { mechanism, channels, samples };
+        // SAFETY: the channels have been advanced to the batch, the workspace has grown to the mechanism, and the
+        // caller promises the runs.
         unsafe {
             match sets {
                 [torque] => torques(mechanism.backend, batch, torque, out.from(done), slots),
@@ -123,6 +128,7 @@ dispatched! {
 #[inline(always)]
 unsafe fn torques_in_lanes<T: Lane>(batch: Batch, places: &EntryMap, out: EntryRuns, slots: &mut KinematicSlots) {
     for (i, link) in batch.mechanism.links.iter().enumerate() {
+        // SAFETY: batch, slots and output runs are as in the head of the file; `own` is an axis of the mechanism.
         unsafe {
             let followed = batch.follow::<T>(&link.joint_map, &mut slots.followed);
             store_transform::<T>(batch, link, followed, &mut slots.joint);
@@ -138,10 +144,11 @@ unsafe fn torques_in_lanes<T: Lane>(batch: Batch, places: &EntryMap, out: EntryR
             }
         }
     }
+    // SAFETY: as above.
     unsafe { term_rows::<T>(batch, false, places, out, &mut slots.followed) };
 }
 
-/// One coordinate's rows of one link: where its axis goes, and where its entries.
+/// One coordinate on one link: its axis, and the output of its entries.
 struct Row<'a> {
     link: &'a Link,
     axis: &'a Axis,
@@ -151,10 +158,11 @@ struct Row<'a> {
     sink: EntrySink<'a>,
 }
 
-/// A coordinate that moves this link's joint and no joint before it. Its axis is kept only where it varies.
+/// Entries of a coordinate that moves this link's joint and none before it. The axis is stored only where it varies.
 #[inline(always)]
 unsafe fn own_rows<T: Lane>(batch: Batch, row: &Row) {
     let (link, rate) = (row.link, row.axis.rate);
+    // SAFETY: batch, slots and output runs are as in the head of the file.
     unsafe {
         if let Rate::Varying { .. } = rate {
             let rest = JointTransform::<T>::at_zero(link.shape, link);
@@ -168,16 +176,18 @@ unsafe fn own_rows<T: Lane>(batch: Batch, row: &Row) {
 }
 
 dispatched! {
-    /// A coordinate that moves the parent too.
+    /// Entries of a coordinate that moves the parent too.
     ///
     /// # Safety
-    /// As for [`rows`]; `above` is the axis on the parent, where it varies.
+    ///
+    /// As for [`rows`]; `above` points to the slots of the axis on the parent, where it varies.
     unsafe fn inherited_rows = inherited_rows_in_lanes(batch: Batch, row: &Row, above: *const Slot)
 }
 
 #[inline(always)]
 unsafe fn inherited_rows_in_lanes<T: Lane>(batch: Batch, row: &Row, above: *const Slot) {
     let link = row.link;
+    // SAFETY: batch, slots and output runs are as in the head of the file.
     unsafe {
         if let Some(above) = constant_parent_axis::<T>(batch.mechanism, row) {
             let rest = JointTransform::<T>::at_zero(link.shape, link);
@@ -186,7 +196,7 @@ unsafe fn inherited_rows_in_lanes<T: Lane>(batch: Batch, row: &Row, above: *cons
                     put_rows::<T, SET>(batch, row, |k| rest.load(row.joint, k).transform_axis(above))
                 });
             }
-            // Carried to the joint at rest, it has only to turn in place.
+            // Transformed to the joint at position zero, the axis has only to rotate about z.
             let above = rest.transform_axis(above);
             let turn = JointTransform::<T>::at_zero(
                 JointShape { rotation: Rotation::Identity, joint_type: JointType::RevoluteInPlace },
@@ -204,7 +214,7 @@ unsafe fn inherited_rows_in_lanes<T: Lane>(batch: Batch, row: &Row, above: *cons
     }
 }
 
-/// The axis on the parent, in its frame, where it is the same at every sample: that of the parent's own joint.
+/// The axis on the parent, in its frame, where it is the same at every sample: the parent's own joint axis.
 #[inline(always)]
 fn constant_parent_axis<T: Lane>(mechanism: &Mechanism, row: &Row) -> Option<(Vector<T>, Vector<T>)> {
     let parent = &mechanism.links[row.link.parent?];
@@ -215,7 +225,7 @@ fn constant_parent_axis<T: Lane>(mechanism: &Mechanism, row: &Row) -> Option<(Ve
     }
 }
 
-/// Carry an axis to every lane, keep it, and put its entries where they belong: it stays in the registers meanwhile.
+/// Transform an axis at every lane, store it, and contract it while it is in registers.
 #[inline(always)]
 unsafe fn put_rows<T: Lane, const SET: u32>(
     batch: Batch,
@@ -224,6 +234,7 @@ unsafe fn put_rows<T: Lane, const SET: u32>(
 ) {
     let (sink, rest) = (row.sink.of::<SET>(), JointTransform::<T>::at_zero(row.link.shape, row.link));
     for k in batch.lanes::<T>() {
+        // SAFETY: `lanes` leaves room for a lane in slots, channels and output runs.
         unsafe {
             let mut axis = carried(k);
             if !row.axis.rate.is_zero() {
@@ -235,7 +246,7 @@ unsafe fn put_rows<T: Lane, const SET: u32>(
     }
 }
 
-/// The link's motion, from the parent's.
+/// Motion of the link from its parent's.
 #[inline(always)]
 pub(crate) unsafe fn propagate_motion<T: Lane>(
     batch: Batch,
@@ -248,6 +259,7 @@ pub(crate) unsafe fn propagate_motion<T: Lane>(
     let parent = link.parent.map(|p| LinkMotions(slots.links[p].as_mut_ptr()));
     let own = LinkMotions(slots.links[i].as_mut_ptr());
     for k in batch.lanes::<T>() {
+        // SAFETY: `lanes` leaves room for a lane; a parent is another link than its child.
         unsafe {
             let [_, v, acceleration] = followed.at(k);
             let joint = rest.load(kept, k);
@@ -259,7 +271,7 @@ pub(crate) unsafe fn propagate_motion<T: Lane>(
     }
 }
 
-/// The columns of the terms; without those of rotors where `momentum` is wanted of them.
+/// Columns of the terms; rotors are omitted if the rows have `momentum`.
 #[inline(always)]
 pub(crate) unsafe fn term_rows<T: Lane>(
     batch: Batch,
@@ -276,6 +288,7 @@ pub(crate) unsafe fn term_rows<T: Lane>(
         let places_of = |rate: usize| places.term(first + rate).map(|place| out.at(place));
         let wanted = (0..term.joint_map.rates.len()).any(|rate| places_of(rate).is_some());
         if wanted && !(momentum && term.law == Law::Rotor) {
+            // SAFETY: batch and output runs are as in the head of the file; an external term has a channel of its own.
             unsafe {
                 let (followed, own) = (batch.follow::<T>(&term.joint_map, slots), batch.channels.channel(own));
                 for k in batch.lanes::<T>() {

@@ -1,10 +1,10 @@
-//! Which instructions to use, found once at run time, so that one portable binary is as fast as a native build.
+//! Back ends and their choice at run time, so that one portable binary is as fast as a native build.
 
 use crate::error::Error;
 use std::sync::OnceLock;
 
-/// A set of instructions the kernels are compiled for. Only detection makes one: where a value exists, the machine
-/// can run it.
+/// A back end: the instruction set that the kernels run with. Values come from detection only: where one exists, the
+/// processor can execute its instructions.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Backend(pub(crate) Kind);
 
@@ -20,7 +20,7 @@ pub(crate) enum Kind {
 }
 
 impl Backend {
-    /// Every backend this machine can run, fastest first.
+    /// Every back end that this machine can run, fastest first.
     pub fn available() -> Vec<Backend> {
         let mut found = Vec::new();
         #[cfg(target_arch = "x86_64")]
@@ -39,7 +39,7 @@ impl Backend {
         found
     }
 
-    /// The fastest backend of this machine.
+    /// The fastest back end of this machine.
     pub fn best() -> Backend {
         static BEST: OnceLock<Backend> = OnceLock::new();
         *BEST.get_or_init(|| Backend::available()[0])
@@ -57,15 +57,15 @@ impl Backend {
         }
     }
 
-    /// The backend of that name, if this machine can run it.
+    /// The back end of this name. Errors with [`Error::Backend`] if the machine does not have it.
     pub fn named(name: &str) -> Result<Backend, Error> {
         let found = Backend::available().into_iter().find(|b| b.name() == name);
         found.ok_or_else(|| Error::Backend { name: name.to_owned() })
     }
 }
 
-/// Compile `$generic::<Lane>` once per backend, and choose between the clones at run time.
-/// `$generic` and all it calls must be `inline(always)`, so that they are compiled with the clone's instructions.
+/// Compile `$generic::<Lane>` once per back end, and choose between the instances at run time. `$generic` and
+/// everything it calls must be `inline(always)`, so that they are compiled with the instance's instructions.
 macro_rules! dispatched {
     ($(#[$doc:meta])* $visibility:vis unsafe fn $name:ident = $generic:ident($($arg:ident: $kind:ty),* $(,)?)) => {
         $(#[$doc])*
@@ -75,15 +75,18 @@ macro_rules! dispatched {
             #[target_feature(enable = "avx512f,avx512dq,avx2,fma")]
             #[allow(clippy::too_many_arguments)]
             unsafe fn avx512($($arg: $kind),*) {
+                // SAFETY: the caller's promise, passed on.
                 unsafe { $generic::<$crate::simd::x86::Avx512>($($arg),*) }
             }
             #[cfg(target_arch = "x86_64")]
             #[target_feature(enable = "avx2,fma")]
             #[allow(clippy::too_many_arguments)]
             unsafe fn avx2($($arg: $kind),*) {
+                // SAFETY: the caller's promise, passed on.
                 unsafe { $generic::<$crate::simd::x86::Avx2>($($arg),*) }
             }
-            // SAFETY: a backend value exists only where its instructions were detected; the rest is the caller's promise.
+            // SAFETY: a `Backend` value exists only where its instructions were detected; the other conditions are the
+            // caller's promise.
             unsafe {
                 match backend.0 {
                     #[cfg(target_arch = "x86_64")]

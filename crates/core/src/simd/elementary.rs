@@ -1,17 +1,17 @@
-//! exp and tanh in lanes, made of what every lane has.
+//! exp, tanh, sine and cosine of lanes.
 
 use crate::simd::lane::Lane;
 
-/// Beyond these exp is infinite, or zero.
+/// exp overflows above the first bound and vanishes below the second.
 const HIGHEST: f64 = 710.0;
 const LOWEST: f64 = -746.0;
 /// ln 2 in two parts; the first times a whole number below 2^20 is exact.
 const LN2: [f64; 2] = [6.931_471_803_691_238e-1, 1.908_214_929_270_587_7e-10];
-/// Added to a whole number k, it leaves the exponent of 2^k in the lowest bits.
+/// Added to a whole number k, this leaves the exponent field of 2^k in the lowest bits.
 const EXPONENT: f64 = WHOLE + 1023.0;
 
-/// exp of a lane: 2^k exp(r), |r| below ln(2)/2, by Taylor's polynomial of degree 13. The error is below 2 ulp, also of
-/// results that have fewer digits than others; 2^k goes in two factors, so that neither is out of range.
+/// exp of a lane: 2^k exp(r), |r| < ln(2)/2, by a Taylor polynomial of degree 13. The error is below 2 ulp, for
+/// subnormal results too: 2^k is applied in two factors, so that neither is out of range.
 #[inline(always)]
 pub(crate) fn exp<T: Lane>(x: T) -> T {
     let s = T::splat;
@@ -37,11 +37,11 @@ pub(crate) fn exp<T: Lane>(x: T) -> T {
     power.mul(half.shift_left::<52>()).mul(rest.shift_left::<52>())
 }
 
-/// Where tanh goes from one form to the other.
-const BEND: f64 = 0.625;
+/// Boundary between the two forms of tanh.
+const TANH_BOUNDARY: f64 = 0.625;
 
-/// tanh of a lane, to 2 ulp: below [`BEND`] the rational function of the Cephes library (Moshier 1989), above it
-/// 1 - 2 / (exp(2x) + 1).
+/// tanh of a lane, to 2 ulp: below [`TANH_BOUNDARY`] the rational function of the Cephes library (Moshier 1989), above
+/// it 1 - 2 / (exp(2x) + 1).
 #[inline(always)]
 pub(crate) fn tanh<T: Lane>(x: T) -> T {
     let (s, a) = (T::splat, x.xor_sign(x));
@@ -53,16 +53,16 @@ pub(crate) fn tanh<T: Lane>(x: T) -> T {
         .mul(a);
     let below =
         z.add(s(1.128_116_784_916_329_3e2)).fma(z, s(2.235_488_390_601_004_5e3)).fma(z, s(4.844_063_053_251_255e3));
-    let far = |yes, no| T::select_gt(a, s(BEND), yes, no);
+    let far = |yes, no| T::select_gt(a, s(TANH_BOUNDARY), yes, no);
     let share = far(s(-2.0), above).div(far(a.add(a).exp().add(s(1.0)), below));
     far(s(1.0), a).add(share).xor_sign(x)
 }
 
-/// Added to a number, it leaves the nearest whole number in the lowest bits (for |x| below 2^50).
+/// Added to a number, this leaves the nearest whole number in the lowest bits (for |x| < 2^50).
 pub(crate) const WHOLE: f64 = 6_755_399_441_055_744.0;
 
-/// Sine and cosine of a lane, for |x| below about 1e5: Cody-Waite reduction in three parts and the fdlibm
-/// minimax polynomials; the error is below 2 ulp of 1.
+/// Sine and cosine of a lane, for |x| below about 1e5: Cody-Waite reduction in three parts and the fdlibm minimax
+/// polynomials; the error is below 2 ulp of 1.
 #[inline(always)]
 pub fn sin_cos<T: Lane>(x: T) -> (T, T) {
     let s = T::splat;
@@ -88,7 +88,7 @@ pub fn sin_cos<T: Lane>(x: T) -> (T, T) {
         .fma(z, s(4.166_666_666_666_66e-2))
         .mul(z.mul(z))
         .add(z.fnma(s(0.5), s(1.0)));
-    // The lowest bit of k, as a sign: sine and cosine change places; the next one: the sine is negative.
+    // The lowest bit of k, moved to the sign: sine and cosine are exchanged; the next bit: the sine is negative.
     let (odd, half) = (quarters.shift_left::<63>(), quarters.shift_left::<62>());
     (T::select_sign(odd, cosine, sine).xor_sign(half), T::select_sign(odd, sine, cosine).xor_sign(half.xor(odd)))
 }
@@ -106,7 +106,7 @@ mod tests {
     #[inline(always)]
     unsafe fn evaluate_in_lanes<T: Lane>(x: &[f64], [e, t, s, c]: &mut [Vec<f64>; 4]) {
         for k in (0..x.len()).step_by(T::WIDTH) {
-            // SAFETY: all arrays are equally long, and hold whole lanes.
+            // SAFETY: all arrays have the same length, a multiple of the widest lane.
             unsafe {
                 let x = T::load(x.as_ptr().add(k));
                 x.exp().store(e.as_mut_ptr().add(k));
@@ -118,18 +118,18 @@ mod tests {
         }
     }
 
-    /// exp, tanh, sine and cosine of whole lanes, on every back end.
+    /// exp, tanh, sine and cosine on every back end.
     fn evaluated(x: &[f64]) -> impl Iterator<Item = (Backend, [Vec<f64>; 4])> {
         assert_eq!(x.len() % MAX_WIDTH, 0);
         Backend::available().into_iter().map(move |backend| {
             let mut out = core::array::from_fn(|_| vec![0.0; x.len()]);
-            // SAFETY: all arrays are equally long, and hold whole lanes.
+            // SAFETY: all arrays have the same length, a multiple of the widest lane.
             unsafe { evaluate(backend, x, &mut out) };
             (backend, out)
         })
     }
 
-    /// Distance in units of the last place of what is wanted.
+    /// Error in units in the last place of the expected value.
     fn apart(got: f64, wanted: f64) -> f64 {
         if got == wanted {
             return 0.0;

@@ -1,31 +1,41 @@
-//! Lanes: a few samples side by side, so that one instruction works on all of them.
+//! Lanes: a few samples in one SIMD register.
 //!
-//! The trait is thin on purpose: the kernels are written once, and compiled once per back end (see `dispatch`).
+//! The trait is minimal: kernels are written once over it, and compiled once per back end (see
+//! [`crate::simd::dispatch`]).
 
 use crate::simd::elementary;
 
-/// Widest lane of any back end; buffers leave this much room after their last sample.
+/// Width of the widest lane. Buffers have room for this many numbers after their last sample.
 pub const MAX_WIDTH: usize = 8;
 
-/// A few samples of one quantity. Every method is `inline(always)`: it must end up inside a function that was
-/// compiled for the back end's instructions, never stand alone.
+/// A few samples of one quantity. Every method is `inline(always)`: it must be inlined into a function that is compiled
+/// with the back end's instructions.
 pub trait Lane: Copy {
     const WIDTH: usize;
-    /// Columns that the triangle takes at a time: as many as keep their inner products in the registers.
+    /// Columns of a QR panel: as many as keep their inner products in registers.
     const PANEL: usize;
+    /// The same number in every sample.
     fn splat(x: f64) -> Self;
-    /// # Safety
-    /// `p` is valid for reading `WIDTH` numbers.
-    unsafe fn load(p: *const f64) -> Self;
-    /// # Safety
-    /// `p` is valid for writing `WIDTH` numbers.
-    unsafe fn store(self, p: *mut f64);
-    /// Store past the caches, where the machine can.
+    /// Load a lane.
     ///
     /// # Safety
-    /// As for [`Lane::store`], and `p` is aligned to the lane.
+    ///
+    /// `p` is valid for reading `WIDTH` numbers.
+    unsafe fn load(p: *const f64) -> Self;
+    /// Store a lane.
+    ///
+    /// # Safety
+    ///
+    /// `p` is valid for writing `WIDTH` numbers.
+    unsafe fn store(self, p: *mut f64);
+    /// Store past the caches, where the processor can.
+    ///
+    /// # Safety
+    ///
+    /// As for [`Lane::store`], and `p` is aligned to the size of the lane.
     #[inline(always)]
     unsafe fn stream(self, p: *mut f64) {
+        // SAFETY: the caller's promise includes that of `store`.
         unsafe { self.store(p) }
     }
     fn add(self, b: Self) -> Self;
@@ -36,15 +46,15 @@ pub trait Lane: Copy {
     fn fma(self, b: Self, c: Self) -> Self;
     /// `c - self * b`
     fn fnma(self, b: Self, c: Self) -> Self;
-    /// `a > b ? x : y`, sample by sample.
+    /// `a > b ? x : y`, per sample.
     fn select_gt(a: Self, b: Self, x: Self, y: Self) -> Self;
-    /// The bits, moved up by `BY`; zeros follow.
+    /// The bit patterns shifted to the left by `BY`.
     fn shift_left<const BY: u32>(self) -> Self;
-    /// The bits that differ.
+    /// Exclusive or of the bit patterns.
     fn xor(self, b: Self) -> Self;
-    /// `mask` below zero or -0 ? x : y, sample by sample.
+    /// `sign bit of mask ? x : y`, per sample.
     fn select_sign(mask: Self, x: Self, y: Self) -> Self;
-    /// The number with its sign flipped where that of `sign` is minus.
+    /// The number with its sign flipped where `sign` is negative; `x.xor_sign(x)` is |x|.
     fn xor_sign(self, sign: Self) -> Self;
     /// Sum over the samples of the lane.
     fn sum(self) -> f64;
@@ -62,7 +72,8 @@ pub trait Lane: Copy {
     fn tanh(self) -> Self {
         elementary::tanh(self)
     }
-    /// A power of a number that is not negative; those other than 1 and 2 by the library, sample by sample.
+    /// Power of a number that is not negative. Exponents other than 1 and 2 take the standard library, sample by
+    /// sample.
     #[inline(always)]
     fn power(self, exponent: f64) -> Self {
         match exponent {
@@ -72,7 +83,7 @@ pub trait Lane: Copy {
         }
     }
 
-    /// A scalar function, sample by sample.
+    /// A scalar function of each sample.
     #[inline(always)]
     fn map(self, f: impl Fn(f64) -> f64) -> Self {
         let mut x = [0.0; MAX_WIDTH];

@@ -1,4 +1,5 @@
-//! SIMD lanes.
+//! SIMD: lanes of samples, their back ends and the choice between them, elementary functions, and real numbers in
+//! lanes.
 
 pub(crate) mod dispatch;
 pub(crate) mod elementary;

@@ -2,11 +2,11 @@
 
 use crate::simd::lane::Lane;
 
-/// The sign bit.
+/// The sign bit of f64.
 const SIGN: u64 = 1 << 63;
 
-/// Eight samples as a plain array: safe everywhere, and what the compiler turns into NEON on aarch64.
-/// `FUSED` says whether the target has a fused multiply-add; without one, `mul_add` would be a library call.
+/// Eight samples as a plain array, which the compiler vectorises, to NEON on aarch64. `FUSED`: the target has a fused
+/// multiply-add instruction; without it `mul_add` would be a library call.
 #[derive(Clone, Copy)]
 #[repr(C, align(64))]
 pub struct Portable<const FUSED: bool>([f64; 8]);
@@ -31,7 +31,7 @@ impl<const FUSED: bool> Lane for Portable<FUSED> {
     }
     #[inline(always)]
     unsafe fn load(p: *const f64) -> Self {
-        // SAFETY: the caller's promise; the array type asks only for the alignment of f64.
+        // SAFETY: the caller's promise; `[f64; 8]` needs no more than the alignment of f64.
         Portable(unsafe { *p.cast::<[f64; 8]>() })
     }
     #[inline(always)]

@@ -1,49 +1,51 @@
-//! What the geometry of loops is computed with: plain numbers, a few of them side by side, or either with a rate.
+//! Numbers that the geometry of loops is computed with: f64, a lane of them, or either with its derivative.
 
 use crate::simd::elementary::sin_cos;
 use crate::simd::lane::{Lane, MAX_WIDTH};
 use std::ops::{Add, Mul, Sub};
 
-/// Numbers that positions are made of. As in lanes, what is used there must be `inline(always)`.
+/// Numbers that positions are composed of. As for lanes, every method must be `inline(always)`.
 pub(crate) trait Number: Copy + Add<Output = Self> + Sub<Output = Self> + Mul<Output = Self> {
+    /// A constant.
     fn constant(x: f64) -> Self;
-    /// Times a constant.
+    /// `self * x` with a constant.
     fn scale(self, x: f64) -> Self;
+    /// Sine and cosine.
     fn sin_cos(self) -> (Self, Self);
-    /// Plus a product, rounded once where the processor can.
+    /// `self + a * b`, fused where the processor can.
     #[inline(always)]
     fn add_product(self, a: Self, b: Self) -> Self {
         self + a * b
     }
-    /// Minus a product.
+    /// `self - a * b`, fused where the processor can.
     #[inline(always)]
     fn sub_product(self, a: Self, b: Self) -> Self {
         self - a * b
     }
-    /// Plus a multiple.
+    /// `self + a * x` with a constant.
     #[inline(always)]
     fn add_scaled(self, a: Self, x: f64) -> Self {
         self + a.scale(x)
     }
 }
 
-/// Numbers that equations are solved with.
+/// Numbers that linear equations are solved in.
 pub(crate) trait Real: Number {
-    /// How many stand side by side.
+    /// Number of lanes.
     const WIDTH: usize;
-    /// The k-th is x(k).
+    /// The number whose lane k is x(k).
     fn gather(x: impl Fn(usize) -> f64) -> Self;
-    /// The k-th in place k.
+    /// The lanes as an array.
     fn scatter(self) -> [f64; MAX_WIDTH];
     fn abs(self) -> Self;
     fn sqrt(self) -> Self;
     fn recip(self) -> Self;
     /// `a > b ? x : y`
     fn select(a: Self, b: Self, x: Self, y: Self) -> Self;
-    /// Whether all are greater; what is not a number is not.
+    /// Whether all lanes are greater than a bound; NaN is not.
     fn all_greater(self, least: f64) -> bool;
 
-    /// `good`, or none where the size of the number is not below a limit, as of what is not a number.
+    /// `good` where the absolute value is below a limit, 0 elsewhere; a NaN is not below it.
     #[inline(always)]
     fn if_below(self, limit: f64, good: Self) -> Self {
         Self::select(Self::constant(limit), self.abs(), good, Self::constant(0.0))
@@ -97,7 +99,7 @@ impl Real for f64 {
     }
 }
 
-/// A number and its rate of change.
+/// A dual number: a value and its derivative with respect to time.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Dual<N> {
     pub(crate) value: N,
@@ -228,7 +230,7 @@ impl<T: Lane> Real for LaneNumber<T> {
     #[inline(always)]
     fn scatter(self) -> [f64; MAX_WIDTH] {
         let mut each = [0.0; MAX_WIDTH];
-        // SAFETY: as above.
+        // SAFETY: the array has room for the widest lane.
         unsafe { self.0.store(each.as_mut_ptr()) };
         each
     }

@@ -1,5 +1,6 @@
-//! Thin back ends over the processor's own vectors. Only functions compiled with the matching
-//! `target_feature` use them (see `dispatch`), which is what makes the intrinsics safe to call.
+//! Back ends over the vector registers of x86-64. Values of these types exist only inside functions compiled with the
+//! matching `target_feature`, which a [`crate::simd::dispatch::Backend`] guards: that makes the intrinsics safe to
+//! call.
 use crate::simd::lane::Lane;
 use core::arch::x86_64::*;
 
@@ -16,66 +17,83 @@ macro_rules! intrinsic {
             const PANEL: usize = $panel;
             #[inline(always)]
             fn splat(x: f64) -> Self {
+                // SAFETY: AVX2 and FMA, or AVX-512F and DQ, are there wherever this type is used (see the head of the
+                // file), as for all below.
                 unsafe { $name($splat(x)) }
             }
             #[inline(always)]
             unsafe fn load(p: *const f64) -> Self {
+                // SAFETY: the instructions exist (see `splat`); the caller promises that `p` is readable.
                 unsafe { $name($load(p)) }
             }
             #[inline(always)]
             unsafe fn store(self, p: *mut f64) {
+                // SAFETY: the instructions exist (see `splat`); the caller promises that `p` is writable.
                 unsafe { $store(p, self.0) }
             }
             #[inline(always)]
             unsafe fn stream(self, p: *mut f64) {
+                // SAFETY: as for `store`, and the caller promises the alignment.
                 unsafe { $stream(p, self.0) }
             }
             #[inline(always)]
             fn add(self, b: Self) -> Self {
+                // SAFETY: see `splat`.
                 unsafe { $name($add(self.0, b.0)) }
             }
             #[inline(always)]
             fn sub(self, b: Self) -> Self {
+                // SAFETY: see `splat`.
                 unsafe { $name($sub(self.0, b.0)) }
             }
             #[inline(always)]
             fn mul(self, b: Self) -> Self {
+                // SAFETY: see `splat`.
                 unsafe { $name($mul(self.0, b.0)) }
             }
             #[inline(always)]
             fn div(self, b: Self) -> Self {
+                // SAFETY: see `splat`.
                 unsafe { $name($div(self.0, b.0)) }
             }
             #[inline(always)]
             fn fma(self, b: Self, c: Self) -> Self {
+                // SAFETY: see `splat`.
                 unsafe { $name($fma(self.0, b.0, c.0)) }
             }
             #[inline(always)]
             fn fnma(self, b: Self, c: Self) -> Self {
+                // SAFETY: see `splat`.
                 unsafe { $name($fnma(self.0, b.0, c.0)) }
             }
             #[inline(always)]
             fn select_gt(a: Self, b: Self, x: Self, y: Self) -> Self {
+                // SAFETY: see `splat`.
                 unsafe { $name($select(a.0, b.0, x.0, y.0)) }
             }
             #[inline(always)]
             fn shift_left<const BY: u32>(self) -> Self {
+                // SAFETY: see `splat`.
                 unsafe { $name($shift_left(self.0, BY)) }
             }
             #[inline(always)]
             fn xor(self, b: Self) -> Self {
+                // SAFETY: see `splat`.
                 unsafe { $name($xor(self.0, b.0)) }
             }
             #[inline(always)]
             fn select_sign(mask: Self, x: Self, y: Self) -> Self {
+                // SAFETY: see `splat`.
                 unsafe { $name($select_sign(mask.0, x.0, y.0)) }
             }
             #[inline(always)]
             fn xor_sign(self, sign: Self) -> Self {
+                // SAFETY: see `splat`.
                 unsafe { $name($xor_sign(self.0, sign.0)) }
             }
             #[inline(always)]
             fn sum(self) -> f64 {
+                // SAFETY: see `splat`.
                 unsafe { $sum(self.0) }
             }
         }
