@@ -7,17 +7,57 @@ use std::fmt;
 #[derive(Debug, Clone, PartialEq)]
 pub enum Error {
     /// A slice whose length does not fit the other arguments.
-    Length { name: &'static str, got: usize, wanted: usize },
+    Length {
+        /// The argument.
+        name: &'static str,
+        /// Its length.
+        got: usize,
+        /// The length required.
+        wanted: usize,
+    },
     /// An index out of range.
-    Index { name: &'static str, got: usize, limit: usize },
+    Index {
+        /// What the index refers to.
+        name: &'static str,
+        /// The index.
+        got: usize,
+        /// It must be below this.
+        limit: usize,
+    },
     /// An index that occurs twice where it may occur once.
-    Repeated { name: &'static str, got: usize },
+    Repeated {
+        /// What the index refers to.
+        name: &'static str,
+        /// The index.
+        got: usize,
+    },
     /// A number that is not finite, or outside its range.
-    Value { name: &'static str, got: f64, wanted: &'static str },
+    Value {
+        /// The argument.
+        name: &'static str,
+        /// The number.
+        got: f64,
+        /// The range, in words.
+        wanted: &'static str,
+    },
     /// Output rows that the filter cannot compute from the samples available.
-    Window { first: usize, rows: usize, half: usize, decimation: usize, samples: usize },
+    Window {
+        /// Sample at the centre of the first row.
+        first: usize,
+        /// Number of rows.
+        rows: usize,
+        /// Samples on either side of a row's centre.
+        half: usize,
+        /// Samples from one row to the next.
+        decimation: usize,
+        /// Number of samples.
+        samples: usize,
+    },
     /// A back end that this machine does not have.
-    Backend { name: String },
+    Backend {
+        /// Its name.
+        name: String,
+    },
 }
 
 impl fmt::Display for Error {

@@ -1,14 +1,20 @@
-//! Batched dynamics of trees and closed chains, in lanes of samples.
+//! Batched dynamics of trees and closed chains, in SIMD lanes of samples.
 //!
-//! The observation matrix W is never stored: its rows are made chunk by chunk ([`rows`]), passed through one
-//! finite filter and decimator ([`filter`]), and folded into one small triangle per motor and time block
-//! ([`triangle`], [`reduce`]). Everything works on plain slices; nothing here knows Python, files or clocks.
-//! Without accelerations the rows are those of momentum and of the rest of the torque ([`momentum`]), and the filter
-//! differentiates the former. Torques of given parameters are made by recursion, without rows ([`newton_euler`]), and so are
-//! accelerations from torques ([`direct`]). What a hand feels at many poses has kernels of its own ([`handle`], [`state`]). LoopClosure whose
-//! rates vary with the pose are closed along whole motions ([`mode`]).
+//! The observation matrix W of an identification is never stored: its rows are computed in chunks, passed through one
+//! FIR filter with decimation, and folded into one small R factor per motor and time block ([`reduce`]). Without
+//! accelerations the rows are those of generalised momentum and of the remainder of the torque, and the filter
+//! differentiates the former. Torques of given parameters are computed by recursion, without rows
+//! ([`inverse_dynamics`]), and so are accelerations from torques ([`forward_dynamics`]). Jacobians, mass matrices and
+//! apparent masses at many poses have kernels of their own ([`end_effector_dynamics`], [`apparent_mass()`]). Loops with
+//! varying rates are closed along whole motions by continuation ([`AssemblyMode`]).
 //!
-//! Arrays of samples are "channel major": the samples of one coordinate are contiguous.
+//! Arrays of samples are channel major: the samples of one coordinate are contiguous. Units are SI: rad or m, N m or N,
+//! kg. Everything works on plain slices; nothing here depends on Python, files or clocks.
+//!
+//! Modules form layers, in this order: error, simd, memory, linalg, mechanism, batch, regressor, dynamics, reduction,
+//! loops, end_effector. Each uses only those before it.
+
+#![deny(missing_docs, unreachable_pub, clippy::undocumented_unsafe_blocks)]
 
 mod batch;
 mod dynamics;

@@ -110,7 +110,7 @@ impl PyMechanism {
         }
         let terms: Vec<Term> =
             terms.into_iter().zip(on).map(|(t, joint)| term(t, coordinates, joint)).collect::<PyResult<_>>()?;
-        let backend = backend.map_or(Ok(Backend::best()), Backend::named).map_err(to_python)?;
+        let backend = backend.map_or_else(Backend::selected, Backend::named).map_err(to_python)?;
         Mechanism::new(&joints, &closure, gravity, &terms, backend).map(PyMechanism).map_err(to_python)
     }
 
@@ -364,11 +364,12 @@ fn triangles<'py>(py: Python<'py>, rows: PyReadonlyArray3<'py, f64>) -> PyResult
     let shape = rows.as_array().raw_dim();
     let (stacks, columns) = (shape[0], shape[2]);
     let numbers = stack(&rows, [shape[0], shape[1], shape[2]])?;
+    let backend = Backend::selected().map_err(to_python)?;
     let mut out = vec![0.0; stacks * columns * columns];
     detached(py, || {
         let (many, square) = ((shape[1] * columns).max(1), (columns * columns).max(1));
         let stacks = numbers.chunks_exact(many).zip(out.chunks_exact_mut(square));
-        stacks.into_iter().try_for_each(|(rows, out)| haptid_core::r_factor(rows, columns, out))
+        stacks.into_iter().try_for_each(|(rows, out)| haptid_core::r_factor(backend, rows, columns, out))
     })
     .map_err(to_python)?;
     out.into_pyarray(py).reshape([stacks, columns, columns])

@@ -134,7 +134,7 @@ impl PyBranch {
         let shape = [qa.shape()[0], self.0.joints()];
         let mut q = vec![0.0; shape[0] * shape[1]];
         let path = ActiveTrajectory { position: row_major(&qa)?, velocity: &[] };
-        let out = JointTrajectory { position: &mut q, rates: &mut [], change: &mut [] };
+        let out = JointTrajectory { position: &mut q, rates: &mut [], rate_derivatives: &mut [] };
         let stop = detached(py, || self.0.follow(&path, out)).map_err(to_python)?;
         let stop = stop.map(|stop| (stop.sample, stop.last_pose.into_pyarray(py)));
         Ok((q.into_pyarray(py).reshape(shape)?, stop))
@@ -152,7 +152,7 @@ impl PyBranch {
         let entries = shape.iter().product();
         let (mut q, mut rates, mut change) = (vec![0.0; samples * n], vec![0.0; entries], vec![0.0; entries]);
         let path = ActiveTrajectory { position: row_major(&qa)?, velocity: row_major(&qda)? };
-        let out = JointTrajectory { position: &mut q, rates: &mut rates, change: &mut change };
+        let out = JointTrajectory { position: &mut q, rates: &mut rates, rate_derivatives: &mut change };
         let stop = detached(py, || self.0.follow(&path, out)).map_err(to_python)?;
         let stop = stop.map(|stop| (stop.sample, stop.last_pose.into_pyarray(py)));
         let (rates, change) = (rates.into_pyarray(py).reshape(shape)?, change.into_pyarray(py).reshape(shape)?);

@@ -20,6 +20,28 @@ const MIN_PIVOT: f64 = f64::EPSILON;
 
 /// Mass matrices, samples x coordinates x coordinates, kg m^2 or kg, by the composite-rigid-body algorithm. Only
 /// positions and loops of the motion are read; parameters as for [`crate::inverse_dynamics`].
+///
+/// # Example
+///
+/// ```
+/// # use haptid_core::*;
+/// # let joint = Joint { parent: None, rotation: [1., 0., 0., 0., 1., 0., 0., 0., 1.], translation: [0.; 3], prismatic: false };
+/// # let pendulum = Mechanism::new(&[joint], &Closure::open(1), [0., -9.81, 0.], &[], Backend::best())?;
+/// # let motion = Motion {
+/// #     samples: 3,
+/// #     position: &[0., 1., 2.],
+/// #     velocity: &[0., 0.5, 1.],
+/// #     acceleration: Some(&[1., 0., -1.]),
+/// #     external: &[],
+/// #     loops: &[],
+/// # };
+/// # let chi = [0., 0., 0., 0., 0., 0.5, 1., 0., 0., 2.];
+/// // A pendulum of 2 kg at 0.5 m: ZZ = 0.5 kg m^2, MX = 1 kg m. Gravity acts along -y.
+/// let mut mass = [0.; 3];
+/// mass_matrix(&pendulum, &motion, &chi, &mut mass)?;
+/// assert!(mass.iter().all(|m| (m - 0.5).abs() < 1e-12));
+/// # Ok::<(), haptid_core::Error>(())
+/// ```
 pub fn mass_matrix(mechanism: &Mechanism, motion: &Motion, chi: &[f64], out: &mut [f64]) -> Result<(), Error> {
     let na = mechanism.coordinates;
     motion.check_poses(mechanism)?;
@@ -49,6 +71,28 @@ pub fn mass_matrix(mechanism: &Mechanism, motion: &Motion, chi: &[f64], out: &mu
 ///
 /// Returns the first sample whose mass matrix is not positive definite, if there is one; its accelerations are
 /// meaningless.
+///
+/// # Example
+///
+/// ```
+/// # use haptid_core::*;
+/// # let joint = Joint { parent: None, rotation: [1., 0., 0., 0., 1., 0., 0., 0., 1.], translation: [0.; 3], prismatic: false };
+/// # let pendulum = Mechanism::new(&[joint], &Closure::open(1), [0., -9.81, 0.], &[], Backend::best())?;
+/// # let motion = Motion {
+/// #     samples: 3,
+/// #     position: &[0., 1., 2.],
+/// #     velocity: &[0., 0.5, 1.],
+/// #     acceleration: Some(&[1., 0., -1.]),
+/// #     external: &[],
+/// #     loops: &[],
+/// # };
+/// # let chi = [0., 0., 0., 0., 0., 0.5, 1., 0., 0., 2.];
+/// // A pendulum of 2 kg at 0.5 m: ZZ = 0.5 kg m^2, MX = 1 kg m. Gravity acts along -y.
+/// let mut acceleration = [0.; 3];
+/// let singular = forward_dynamics(&pendulum, &motion, &[9.81 + 0.5, 0., 0.], &chi, &mut acceleration)?;
+/// assert!(singular.is_none() && (acceleration[0] - 1.).abs() < 1e-12);
+/// # Ok::<(), haptid_core::Error>(())
+/// ```
 pub fn forward_dynamics(
     mechanism: &Mechanism,
     motion: &Motion,

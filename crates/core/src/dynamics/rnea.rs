@@ -218,6 +218,28 @@ pub(crate) unsafe fn add_terms<T: Lane>(
 ///
 /// Several sets of parameters may follow each other: the samples are divided among them evenly, in order. Terms whose
 /// parameters are zero in all sets are not evaluated.
+///
+/// # Example
+///
+/// ```
+/// # use haptid_core::*;
+/// # let joint = Joint { parent: None, rotation: [1., 0., 0., 0., 1., 0., 0., 0., 1.], translation: [0.; 3], prismatic: false };
+/// # let pendulum = Mechanism::new(&[joint], &Closure::open(1), [0., -9.81, 0.], &[], Backend::best())?;
+/// # let motion = Motion {
+/// #     samples: 3,
+/// #     position: &[0., 1., 2.],
+/// #     velocity: &[0., 0.5, 1.],
+/// #     acceleration: Some(&[1., 0., -1.]),
+/// #     external: &[],
+/// #     loops: &[],
+/// # };
+/// # let chi = [0., 0., 0., 0., 0., 0.5, 1., 0., 0., 2.];
+/// // A pendulum of 2 kg at 0.5 m: ZZ = 0.5 kg m^2, MX = 1 kg m. Gravity acts along -y.
+/// let mut torque = [0.; 3];
+/// inverse_dynamics(&pendulum, &motion, &chi, &mut torque)?;
+/// assert!((torque[0] - (0.5 + 9.81)).abs() < 1e-12);
+/// # Ok::<(), haptid_core::Error>(())
+/// ```
 pub fn inverse_dynamics(mechanism: &Mechanism, motion: &Motion, chi: &[f64], out: &mut [f64]) -> Result<(), Error> {
     let (n, na, backend) = (motion.samples, mechanism.coordinates, mechanism.backend);
     motion.check(mechanism)?;

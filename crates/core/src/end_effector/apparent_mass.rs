@@ -1,9 +1,11 @@
-//! The masses that a hand feels at many poses: principal values of `M = (J A^-1 J')^-1`, and how uncertain they are.
+//! Apparent mass (Khatib's effective mass) of the end effector at many poses: principal values of `(J A^-1 J')^-1`, and
+//! their uncertainty.
 //!
-//! With `A = L L'` the singular values s of `J L^-T` give the masses `1 / s^2` and, as left singular vectors v, their
-//! directions; where the handle has fewer freedoms than rows, those it has. Rates `w = m A^-1 J' v` move the handle at unit
-//! speed along v, and a mass changes with parameters as the kinetic energy does: `dm = w' dA w`, exactly in the first
-//! order (Khatib 1987, section III; perturbation of a simple eigenvalue). No eigenvalue is taken of a squared matrix.
+//! With `A = L L'` the singular values s of `J L^-T` give the apparent masses `1 / s^2` and, as left singular vectors
+//! v, their directions; with fewer degrees of freedom than rows, those in the range of J. Rates `w = m A^-1 J' v` move
+//! the end effector at unit speed along v, and a mass varies with the parameters as twice the kinetic energy does: `dm
+//! = w' dA w` to first order (Khatib 1987, section III; perturbation of a simple eigenvalue). No squared matrix is
+//! decomposed.
 
 use crate::batch::link_velocity::contract_momentum;
 use crate::end_effector::jacobian::{
@@ -16,37 +18,75 @@ use crate::mechanism::{LINK_PARAMETERS, Mechanism};
 use crate::simd::dispatch::dispatched;
 use crate::simd::lane::{Lane, MAX_WIDTH};
 
-/// What is asked of the poses.
+/// Which apparent masses to compute.
 #[derive(Debug, Clone, Copy)]
 pub struct ApparentMassQuery<'a> {
-    /// Components of the handle's velocity, of six.
+    /// Components of the end-effector velocity, indices below 6: linear, then angular.
     pub rows: &'a [usize],
-    /// Coordinates that may move; the others are held.
+    /// Coordinates that are free to move; the others are constrained.
     pub free: &'a [usize],
-    /// Condition number of the Jacobian beyond which a pose gets no masses.
+    /// Condition number of the Jacobian above which a pose has no masses.
     pub max_condition: f64,
-    /// Columns whose outer products sum to the covariance of the parameters: (ten for each link, one for each rotor) x
-    /// `directions`, row-major. Empty for no covariance.
+    /// Matrix F of the parameters' covariance F F': (ten for each link, one for each rotor) x `factor_columns`,
+    /// row-major. Empty for no covariance.
     pub covariance_factor: &'a [f64],
+    /// Columns of the covariance factor.
     pub factor_columns: usize,
 }
 
 impl ApparentMassQuery<'_> {
-    /// Masses at a pose.
+    /// Number of apparent masses at a pose.
+    ///
+    /// # Example
+    ///
+    /// ```
+    /// use haptid_core::ApparentMassQuery;
+    /// let query =
+    ///     ApparentMassQuery { rows: &[0, 1], free: &[0], max_condition: 100., covariance_factor: &[], factor_columns: 0 };
+    /// assert_eq!(query.masses(), 1);
+    /// ```
     pub fn masses(&self) -> usize {
         self.rows.len().min(self.free.len())
     }
 
-    /// Numbers for a pose: condition number, masses, largest first, their directions, and the upper triangle of their
-    /// covariance, row by row.
+    /// Numbers per pose: condition number, masses in descending order, their directions, and the upper triangle of
+    /// their covariance, row by row.
+    ///
+    /// # Example
+    ///
+    /// ```
+    /// use haptid_core::ApparentMassQuery;
+    /// let query =
+    ///     ApparentMassQuery { rows: &[0, 1], free: &[0], max_condition: 100., covariance_factor: &[], factor_columns: 0 };
+    /// // Condition number, one mass, its direction in the plane, its variance.
+    /// assert_eq!(query.width(), 5);
+    /// ```
     pub fn width(&self) -> usize {
         let r = self.masses();
         1 + r + r * self.rows.len() + r * (r + 1) / 2
     }
 }
 
-/// The masses state, as [`ApparentMassQuery::width`] numbers for each pose. They are NaN where the Jacobian is badly conditioned or the
-/// mass matrix not positive definite.
+/// Apparent masses, kg or kg m^2: [`ApparentMassQuery::width`] numbers for each pose. They are NaN where the condition
+/// number exceeds its limit, or where the mass matrix is not positive definite.
+///
+/// # Example
+///
+/// ```
+/// # use haptid_core::*;
+/// # let joint = Joint { parent: None, rotation: [1., 0., 0., 0., 1., 0., 0., 0., 1.], translation: [0.; 3], prismatic: false };
+/// # let pendulum = Mechanism::new(&[joint], &Closure::open(1), [0., -9.81, 0.], &[], Backend::best())?;
+/// # let chi = [0., 0., 0., 0., 0., 0.5, 1., 0., 0., 2.];
+/// # let poses = Poses { samples: 1, position: &[0.3], rates: &[1.] };
+/// # let end_effector = EndEffector { link: 0, point: [0.5, 0., 0.] };
+/// # let bodies = BodyParameters { chi: &chi, rotors: &[], inertia: &[] };
+/// // A pendulum of 2 kg whose end effector is the mass.
+/// let query = ApparentMassQuery { rows: &[0, 1], free: &[0], max_condition: 100., covariance_factor: &[], factor_columns: 0 };
+/// let mut out = vec![0.; query.width()];
+/// apparent_mass(&pendulum, &poses, &end_effector, &bodies, &query, &mut out)?;
+/// assert!((out[1] - 2.).abs() < 1e-12);
+/// # Ok::<(), haptid_core::Error>(())
+/// ```
 pub fn apparent_mass(
     mechanism: &Mechanism,
     poses: &Poses,
@@ -74,15 +114,15 @@ pub fn apparent_mass(
     Ok(())
 }
 
-/// One thread's buffers.
+/// Buffers of one thread.
 struct ApparentMassState<'a> {
     query: &'a ApparentMassQuery<'a>,
     svd: JacobiSvd,
-    /// Rates that move the handle at unit speed along each direction, masses x coordinates.
+    /// Coordinate rates that move the end effector at unit speed along each direction, masses x coordinates.
     rates: Vec<PoseSlot>,
-    /// Change of each mass with each direction of the covariance, masses x directions.
+    /// Derivative of each mass along each column of the covariance factor, masses x factor columns.
     change: Vec<PoseSlot>,
-    /// Columns of each link, then of the rotors, with any doubt.
+    /// Uncertain columns of each link, then of the rotors.
     uncertain: Vec<Vec<(usize, usize)>>,
 }
 
@@ -127,13 +167,13 @@ impl<'a> ApparentMassState<'a> {
             }
         }
         if query.factor_columns > 0 {
-            // SAFETY: every slot has room for the widest lane.
+            // SAFETY: `fill` has sized the buffers for the query; pose slots have room for the widest lane.
             unsafe { changes(model.mechanism.backend, model, group, self) };
             self.covariance(out);
         }
     }
 
-    /// Of the masses, at every pose that has them.
+    /// Covariance of the masses, at every pose that has them.
     fn covariance(&self, out: &mut [f64]) {
         let (r, m, s) = (self.query.masses(), self.query.rows.len(), self.query.factor_columns);
         let pairs = (0..r).flat_map(|i| (i..r).map(move |j| (i, j)));
@@ -164,8 +204,9 @@ unsafe fn changes_in_lanes<T: Lane>(model: &EndEffectorModel, group: &PoseGroup,
     for k in (0..MAX_WIDTH).step_by(T::WIDTH) {
         for (rates, change) in state.rates.chunks_exact(na).zip(state.change.chunks_exact_mut(s)) {
             for (i, columns) in state.uncertain.iter().enumerate().filter(|(_, columns)| !columns.is_empty()) {
-                // SAFETY: k leaves room for a lane.
+                // SAFETY: the loop over k leaves room for a lane in pose slots, here and below.
                 let energies: UnitEnergy<T> = if i < model.mechanism.links.len() {
+                    // SAFETY: as above.
                     let velocity = unsafe { link_velocity::<T>(model, group, i, rates, k) };
                     UnitEnergy::Link(contract_momentum(velocity, velocity))
                 } else {
@@ -174,6 +215,7 @@ unsafe fn changes_in_lanes<T: Lane>(model: &EndEffectorModel, group: &PoseGroup,
                 for &(place, column) in columns {
                     let energy = match &energies {
                         UnitEnergy::Link(of) => of[place],
+                        // SAFETY: as above.
                         UnitEnergy::Rotors => unsafe {
                             rotor_energy(&model.bodies().rotors[place * na..][..na], rates, k)
                         },
@@ -189,7 +231,7 @@ unsafe fn changes_in_lanes<T: Lane>(model: &EndEffectorModel, group: &PoseGroup,
     }
 }
 
-/// Twice the kinetic energy of unit parameters, where rates move the handle at unit speed.
+/// Twice the kinetic energy of unit parameters, at rates that move the end effector at unit speed.
 enum UnitEnergy<T> {
     Link([T; LINK_PARAMETERS]),
     Rotors,
@@ -199,7 +241,7 @@ enum UnitEnergy<T> {
 unsafe fn rotor_energy<T: Lane>(weights: &[f64], rates: &[PoseSlot], k: usize) -> T {
     let mut speed = T::splat(0.0);
     for (&weight, rate) in weights.iter().zip(rates) {
-        // SAFETY: the caller's promise about k.
+        // SAFETY: the caller promises room for a lane from k on.
         speed = unsafe { load_pose::<T>(rate, k) }.fma(T::splat(weight), speed);
     }
     speed.mul(speed)
@@ -212,7 +254,7 @@ mod tests {
     use crate::mechanism::closure::Closure;
     use crate::simd::dispatch::Backend;
 
-    /// Two bars of length one in a plane, each a point mass at its end, held at the end of the second.
+    /// Two bars of length 1 m in a plane, each a point mass at its end; the end effector is the end of the second.
     fn arm(backend: Backend) -> Mechanism {
         let eye = [1., 0., 0., 0., 1., 0., 0., 0., 1.];
         let bar = |parent, x| Joint { parent, rotation: eye, translation: [x, 0., 0.], prismatic: false };
@@ -224,7 +266,7 @@ mod tests {
         let mechanism = arm(backend);
         let (first, second): ([f64; 10], [f64; 10]) = (point(2.0), point(3.0));
         let chi: Vec<f64> = first.into_iter().chain(second).collect();
-        // A deviation of 0.1 kg of the second mass alone.
+        // Standard deviation of 0.1 kg, of the second mass alone.
         let mut spread = vec![0.0; 20];
         for (k, share) in point(0.1).into_iter().enumerate() {
             spread[10 + k] = share;
@@ -244,7 +286,7 @@ mod tests {
         out
     }
 
-    /// A point mass at the end of a bar of length one.
+    /// A point mass at the end of a bar of length 1 m.
     fn point(m: f64) -> [f64; 10] {
         [0., 0., 0., m, 0., m, m, 0., 0., m]
     }
@@ -252,13 +294,13 @@ mod tests {
     #[test]
     fn at_a_right_angle_one_mass_is_felt_along_the_second_bar_and_one_across() {
         for backend in Backend::available() {
-            // Along the second bar both masses move; across it only the second.
+            // Along the second bar both masses move; perpendicular to it only the second.
             let out = masses(backend, &[0.3, std::f64::consts::FRAC_PI_2], 100.0);
             let wanted = [5.0, 3.0];
             for (got, wanted) in out[1..3].iter().zip(wanted) {
                 assert!((got - wanted).abs() < 1e-12, "{backend:?}: {out:?}");
             }
-            // Both change with the second mass alone, one for one.
+            // Both change with the second mass alone, one to one.
             assert!(out[7..].iter().all(|v| (v - 0.01).abs() < 1e-12), "{backend:?}: {out:?}");
         }
     }

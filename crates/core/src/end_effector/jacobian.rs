@@ -1,8 +1,10 @@
-//! At many poses: the handle's Jacobian and the mass matrix, from joint positions and rates that the caller brings.
+//! Jacobian of the end effector and mass matrix at many poses, from joint positions and rates that the caller provides.
 //!
-//! The axis of every coordinate is carried from link to link in the links' own frames, as for the rows of torque (see
-//! `rows`), and without motion: `A[a, b] = sum_i s_i^a . I_i s_i^b` and the handle's velocity is that of a point on its
-//! link (Featherstone 2008, sections 6.2 and 2.9). Lanes of poses are worked on together.
+//! The axis of every coordinate is transformed from link to link in the links' own frames, as for the rows of the
+//! regressor, without motion: `A[a, b] = sum_i s_i^a . I_i s_i^b`, and the end-effector velocity is that of a point of
+//! its link (Featherstone 2008, sections 6.2 and 2.9). Lanes of poses are computed together.
+//!
+//! Safety: pose slots have [`MAX_WIDTH`] numbers; unsafe functions take a `k` with `k + T::WIDTH <= MAX_WIDTH`.
 
 use crate::error::{Error, expect_length};
 use crate::linalg::vector::{Vector, cross_add, dot, zero};
@@ -12,55 +14,58 @@ use crate::simd::dispatch::dispatched;
 use crate::simd::lane::{Lane, MAX_WIDTH};
 use rayon::prelude::*;
 
-/// Poses that one thread takes at a time.
+/// Poses per task of a thread.
 const SHARE: usize = 512;
-/// Starting threads costs more than this many poses' work.
+/// Starting threads costs more than the work on this many poses.
 const SINGLE_THREAD: usize = 2000;
-/// Components of the handle's velocity: linear, then angular.
+/// Components of the end-effector velocity: linear, then angular.
 const COMPONENTS: usize = 6;
 
 /// One quantity at a group of poses.
 pub(crate) type PoseSlot = [f64; MAX_WIDTH];
 
-/// Joint positions and rates of the poses, channel major.
+/// Joint positions and rates at the poses, channel major.
 #[derive(Debug, Clone, Copy)]
 pub struct Poses<'a> {
+    /// Number of poses.
     pub samples: usize,
-    /// Of every joint of the tree, joints x samples.
+    /// Positions of all joints of the tree, joints x samples, rad or m.
     pub position: &'a [f64],
-    /// Of every joint by every coordinate: joints x coordinates, or joints x coordinates x samples where they vary.
+    /// Rates of all joints with respect to the coordinates: joints x coordinates, or joints x coordinates x samples
+    /// where they vary.
     pub rates: &'a [f64],
 }
 
-/// Where the hand holds the mechanism.
+/// The end effector: a point of a link.
 #[derive(Debug, Clone, Copy)]
 pub struct EndEffector {
+    /// Index of the link.
     pub link: usize,
-    /// In the link's frame, m.
+    /// Point in the link's frame, m.
     pub point: [f64; 3],
 }
 
-/// What moves.
+/// Inertial parameters of links and rotors.
 #[derive(Debug, Clone, Copy)]
 pub struct BodyParameters<'a> {
-    /// Ten parameters of each link.
+    /// Ten parameters of each link, see [`crate::Mechanism::columns`].
     pub chi: &'a [f64],
-    /// How rotors turn with the coordinates, rotors x coordinates, row-major.
+    /// Rotor velocities as combinations of the coordinates' velocities, rotors x coordinates, row-major.
     pub rotors: &'a [f64],
-    /// Inertia of each rotor.
+    /// Inertia of each rotor, kg m^2 or kg.
     pub inertia: &'a [f64],
 }
 
-/// Everything about the poses' mechanism that does not change from one to the next.
+/// What all poses have in common.
 pub(crate) struct EndEffectorModel<'a> {
     pub mechanism: &'a Mechanism,
     poses: Poses<'a>,
     end_effector: EndEffector,
     bodies: BodyParameters<'a>,
-    /// Whether each link carries the handle, and whether it has mass.
+    /// Whether each link carries the end effector, and whether it has mass.
     carries: Vec<bool>,
     has_mass: Vec<bool>,
-    /// The rotors' part of the mass matrix, coordinates x coordinates.
+    /// Contribution of the rotors to the mass matrix, coordinates x coordinates.
     rotor_mass: Vec<f64>,
 }
 
@@ -110,15 +115,15 @@ impl<'a> EndEffectorModel<'a> {
     }
 }
 
-/// What one thread needs for a group of poses; made once.
+/// Buffers of one thread for a group of poses.
 pub(crate) struct PoseGroup {
     position: Vec<PoseSlot>,
     rates: Vec<PoseSlot>,
     /// Angular and linear part of every axis, in its link's frame.
     pub axes: Vec<[PoseSlot; 6]>,
-    /// Components x coordinates.
+    /// Jacobian, components x coordinates.
     pub jacobian: Vec<PoseSlot>,
-    /// Coordinates x coordinates.
+    /// Mass matrix, coordinates x coordinates.
     pub mass: Vec<PoseSlot>,
 }
 
@@ -135,7 +140,7 @@ impl PoseGroup {
         }
     }
 
-    /// The poses `from..from + count`, at most [`MAX_WIDTH`]; the last one is repeated up to a whole lane.
+    /// Evaluate poses `from..from + count`, at most [`MAX_WIDTH`]; the last one is repeated up to a whole lane.
     pub(crate) fn evaluate(&mut self, model: &EndEffectorModel, from: usize, count: usize) {
         let samples = model.poses.samples;
         let stage = |slots: &mut [PoseSlot], data: &[f64]| {
@@ -151,7 +156,7 @@ impl PoseGroup {
         } else {
             stage(&mut self.rates, model.poses.rates);
         }
-        // SAFETY: every slot has room for the widest lane.
+        // SAFETY: the group has been made for the model, so that every link, axis and coordinate has its slots.
         unsafe { carry(model.mechanism.backend, model, self) };
     }
 }
@@ -163,27 +168,33 @@ dispatched! {
 #[inline(always)]
 unsafe fn carry_in_lanes<T: Lane>(model: &EndEffectorModel, group: &mut PoseGroup) {
     for k in (0..MAX_WIDTH).step_by(T::WIDTH) {
-        // SAFETY: slots are as wide as the widest lane.
+        // SAFETY: the loop leaves room for a lane in pose slots.
         unsafe { carry_lane::<T>(model, group, k) };
     }
 }
 
+/// Load a lane of a pose slot.
+///
 /// # Safety
-/// `k + T::WIDTH` is at most [`MAX_WIDTH`], as for everything below.
+///
+/// `k + T::WIDTH <= MAX_WIDTH`.
 #[inline(always)]
 pub(crate) unsafe fn load_pose<T: Lane>(slot: &PoseSlot, k: usize) -> T {
     debug_assert!(k + T::WIDTH <= MAX_WIDTH);
+    // SAFETY: the caller's promise.
     unsafe { T::load(slot.as_ptr().add(k)) }
 }
 
 #[inline(always)]
 pub(crate) unsafe fn store_pose<T: Lane>(slot: &mut PoseSlot, k: usize, lane: T) {
     debug_assert!(k + T::WIDTH <= MAX_WIDTH);
+    // SAFETY: the caller's promise.
     unsafe { lane.store(slot.as_mut_ptr().add(k)) };
 }
 
 #[inline(always)]
 pub(crate) unsafe fn load_pose_axis<T: Lane>(axis: &[PoseSlot; 6], k: usize) -> (Vector<T>, Vector<T>) {
+    // SAFETY: the caller's promise.
     let part = |e: usize| unsafe { load_pose::<T>(&axis[e], k) };
     ([part(0), part(1), part(2)], [part(3), part(4), part(5)])
 }
@@ -197,7 +208,7 @@ unsafe fn carry_lane<T: Lane>(model: &EndEffectorModel, group: &mut PoseGroup, k
             store_pose(slot, k, T::splat(entry));
         }
         let one = |e: usize| core::array::from_fn(|f| T::splat(if e == f { 1.0 } else { 0.0 }));
-        // The base frame's axes, seen from the link.
+        // Axes of the base frame, in the link's frame.
         let mut base: [Vector<T>; 3] = [one(0), one(1), one(2)];
         for (i, link) in model.mechanism.links.iter().enumerate() {
             let joint = JointTransform::at_zero(link.shape, link).at(load_pose::<T>(&group.position[i], k));
@@ -224,13 +235,13 @@ unsafe fn carry_lane<T: Lane>(model: &EndEffectorModel, group: &mut PoseGroup, k
     }
 }
 
-/// One body's part of the mass matrix: its momentum under every axis, contracted with every axis.
+/// Contribution of one body to the mass matrix: its momentum under every axis, contracted with every axis.
 #[inline(always)]
 unsafe fn add_body<T: Lane>(model: &EndEffectorModel, group: &mut PoseGroup, i: usize, k: usize) {
     let (link, na) = (&model.mechanism.links[i], model.mechanism.coordinates);
     let c: [T; LINK_PARAMETERS] = core::array::from_fn(|e| T::splat(model.bodies.chi[LINK_PARAMETERS * i + e]));
     for (b, right) in link.axes.iter().enumerate() {
-        // SAFETY: the caller's promise about k.
+        // SAFETY: the caller's promise about k, here and below.
         let (x, u) = unsafe { load_pose_axis::<T>(&group.axes[link.first + b], k) };
         let first = [c[6], c[7], c[8]];
         let turned = [
@@ -241,36 +252,40 @@ unsafe fn add_body<T: Lane>(model: &EndEffectorModel, group: &mut PoseGroup, i: 
         let angular = cross_add(first, u, turned);
         let linear = cross_add(x, first, u.map(|u| u.mul(c[9])));
         for (a, left) in link.axes[..=b].iter().enumerate() {
+            // SAFETY: as above.
             let (x, u) = unsafe { load_pose_axis::<T>(&group.axes[link.first + a], k) };
             let entry = dot(x, angular).add(dot(u, linear));
             let (a, b) = (left.coordinate, right.coordinate);
             let both = [a * na + b, b * na + a];
             for &at in &both[..if a == b { 1 } else { 2 }] {
                 let slot = &mut group.mass[at];
+                // SAFETY: as above.
                 unsafe { store_pose(slot, k, load_pose::<T>(slot, k).add(entry)) };
             }
         }
     }
 }
 
-/// The handle's velocity under every axis of its link, in the base frame.
+/// Velocity of the end effector under every axis of its link, in the base frame.
 #[inline(always)]
 unsafe fn end_effector_rows<T: Lane>(model: &EndEffectorModel, group: &mut PoseGroup, base: &[Vector<T>; 3], k: usize) {
     let (link, na) = (&model.mechanism.links[model.end_effector.link], model.mechanism.coordinates);
     let point = model.end_effector.point.map(T::splat);
     for (slot, axis) in (link.first..).zip(&link.axes) {
-        // SAFETY: the caller's promise about k.
+        // SAFETY: the caller's promise about k, here and below.
         let (x, u) = unsafe { load_pose_axis::<T>(&group.axes[slot], k) };
         let velocity = cross_add(x, point, u);
         for (row, &along) in base.iter().enumerate() {
             for (row, vector) in [(row, velocity), (row + 3, x)] {
+                // SAFETY: as above.
                 unsafe { store_pose(&mut group.jacobian[row * na + axis.coordinate], k, dot(along, vector)) };
             }
         }
     }
 }
 
-/// Work on groups of poses, one thread or many; `out` has `width` numbers for each pose, and `work` fills those of one.
+/// Evaluate groups of poses, by several threads where poses are many. `out` has `width` numbers for each pose, and
+/// `work` fills those of one group.
 pub(crate) fn for_each_group<S>(
     model: &EndEffectorModel,
     out: &mut [f64],
@@ -293,8 +308,25 @@ pub(crate) fn for_each_group<S>(
     }
 }
 
-/// The chosen rows of the handle's Jacobian (rows x coordinates), then the mass matrix (coordinates x coordinates), in
-/// one row of `out` for each pose.
+/// Chosen rows of the end effector's Jacobian (rows x coordinates), then the mass matrix (coordinates x coordinates),
+/// as one row of `out` for each pose. Rows are velocities in the base frame: 0 to 2 linear, 3 to 5 angular.
+///
+/// # Example
+///
+/// ```
+/// # use haptid_core::*;
+/// # let joint = Joint { parent: None, rotation: [1., 0., 0., 0., 1., 0., 0., 0., 1.], translation: [0.; 3], prismatic: false };
+/// # let pendulum = Mechanism::new(&[joint], &Closure::open(1), [0., -9.81, 0.], &[], Backend::best())?;
+/// # let chi = [0., 0., 0., 0., 0., 0.5, 1., 0., 0., 2.];
+/// // A pendulum of 2 kg whose end effector is the mass, at 0.5 m: J by angular velocity, then ZZ.
+/// let poses = Poses { samples: 1, position: &[0.3], rates: &[1.] };
+/// let end_effector = EndEffector { link: 0, point: [0.5, 0., 0.] };
+/// let bodies = BodyParameters { chi: &chi, rotors: &[], inertia: &[] };
+/// let mut out = [0.; 2];
+/// end_effector_dynamics(&pendulum, &poses, &end_effector, &bodies, &[5], &mut out)?;
+/// assert!((out[0] - 1.).abs() < 1e-12 && (out[1] - 0.5).abs() < 1e-12);
+/// # Ok::<(), haptid_core::Error>(())
+/// ```
 pub fn end_effector_dynamics(
     mechanism: &Mechanism,
     poses: &Poses,
@@ -323,7 +355,7 @@ pub fn end_effector_dynamics(
     Ok(())
 }
 
-/// Indices below a limit, each at most once.
+/// Check that indices are below a limit, each at most once.
 pub(crate) fn check_indices(name: &'static str, indices: &[usize], limit: usize) -> Result<(), Error> {
     for (k, &got) in indices.iter().enumerate() {
         if got >= limit {
@@ -336,7 +368,11 @@ pub(crate) fn check_indices(name: &'static str, indices: &[usize], limit: usize)
     Ok(())
 }
 
-/// A sum of axes with these weights: the velocity of a link.
+/// Velocity of link i: a weighted sum of its axes.
+///
+/// # Safety
+///
+/// `k + T::WIDTH <= MAX_WIDTH`.
 #[inline(always)]
 pub(crate) unsafe fn link_velocity<T: Lane>(
     model: &EndEffectorModel,

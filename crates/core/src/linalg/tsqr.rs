@@ -247,6 +247,7 @@ unsafe fn factor<T: Lane, const W: usize>(block: &mut Block, first: usize) -> Co
     let (columns, rows) = (block.columns, block.rows);
     let mut t = [[0.0; MAX_PANEL]; MAX_PANEL];
     // The column to be reflected, those after it, then those before it.
+    // SAFETY: the caller promises that columns `first..first + W` exist.
     let mut x = unsafe { block.some::<W>(first) };
     // SAFETY: the columns are inside the block, as below.
     let mut products = unsafe { subtract_reflection::<T, W, 0>(x, (1.0, [0.0; W]), rows) };

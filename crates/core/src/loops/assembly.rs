@@ -1,10 +1,11 @@
-//! One of the ways in which loops close: that which leads from a start pose, without a singular pose, along a motion.
+//! Assembly modes: the way in which loops close that is connected to a start pose without passing a singular one.
 //!
-//! Passive joints follow the active ones with rates -A^+ B, where A and B are the Jacobians of the gaps by both, and
-//! these rates change with -A^+ (dJ/dt) G (implicit differentiation). A motion is followed sample by sample, each from
-//! those before it, or from the start where that way is not clear: passive joints go on turning where a walk comes back
-//! to where it was by another way. Threads share a motion in parts, each continuation from the start; where the end of a part
-//! does not lead to the next, that one is followed once more, so that the outcome is that of a single thread.
+//! Passive joints follow the active ones with rates -A^+ B, where A and B are the Jacobians of the gaps with respect to
+//! both, and these rates vary with -A^+ (dJ/dt) G (implicit differentiation). A motion is followed sample by sample by
+//! continuation, each from those before it, or from the start where the direct path is not clear: passive joints keep
+//! turning where a path returns to its beginning another way. Threads follow segments of a motion, each continued from
+//! the start; where the end of a segment does not lead to the next, that one is followed again, so that the result is
+//! that of a single thread.
 
 use crate::error::{Error, expect_length};
 use crate::loops::continuation::{ClosedConfiguration, Continuation, max_or_nan};
@@ -13,42 +14,44 @@ use crate::loops::segment::Segment;
 use crate::simd::dispatch::Backend;
 use rayon::prelude::*;
 
-/// Longest step of an active joint between samples iterate as beginnings of a motion, rad (or mechanism sizes).
+/// Largest distance of an active joint between samples that are tried as beginnings of a motion, rad (or mechanism
+/// sizes).
 const INITIAL_SPACING: f64 = 0.05;
-/// Samples of a part, and poses that a thread takes at a time where each is reached from the start.
+/// Samples per segment, and poses per task of a thread where each is reached from the start.
 const SEGMENT: usize = 512;
 const SHARE: usize = 32;
-/// Two poses of one part's beginning are one where no joint differs by more, rad (or mechanism sizes).
+/// Two poses are the same where no joint differs by more, rad (or mechanism sizes).
 const SAME_POSE: f64 = 1e-6;
 
-/// When a pose counts as closed.
+/// Tolerances of loop closure.
 #[derive(Debug, Clone, Copy)]
 pub struct ClosureTolerances {
-    /// Largest gap, as a share of the mechanism's size.
+    /// Largest gap of a closed pose, relative to the mechanism's length scale.
     pub gap: f64,
-    /// Least singular value of the gaps' Jacobian by the passive joints, its columns of unit length.
+    /// Smallest singular value of the gaps' Jacobian with respect to the passive joints, its columns of unit length,
+    /// that is not singular.
     pub singular_value: f64,
 }
 
-/// How joints follow where cuts do not settle them: positions are constant x active + offset.
+/// Joints that follow the active ones linearly, without cut joints: q = rates x active + offset.
 #[derive(Debug, Clone, Copy)]
 pub struct LinearClosure<'a> {
-    /// Joints x active; rows of the joints that cuts settle are zero.
+    /// Rates, joints x active, row-major; rows of the joints that cut joints determine are zero.
     pub rates: &'a [f64],
-    /// Of each joint.
+    /// Offset of each joint, rad or m.
     pub offset: &'a [f64],
 }
 
-/// A tree with cuts, and the way in which they close.
+/// A loop closure in one of its assembly modes.
 #[derive(Debug, Clone)]
 pub struct AssemblyMode {
     pub(crate) loops: LoopClosure,
     pub(crate) tolerances: ClosureTolerances,
     pub(crate) active: Vec<usize>,
     pub(crate) unknown: Vec<usize>,
-    pub(crate) constant: Vec<f64>,
+    pub(crate) linear_rates: Vec<f64>,
     pub(crate) offset: Vec<f64>,
-    /// Joints that move as `constant` says.
+    /// Joints that follow `linear_rates`.
     pub(crate) driven: Vec<usize>,
     /// Which rates of the unknown joints vary, unknown x active; the others are zero.
     pub(crate) varying: Vec<bool>,
@@ -56,31 +59,57 @@ pub struct AssemblyMode {
     pub(crate) backend: Backend,
 }
 
-/// A motion's samples, samples x active: positions, and velocities or none.
+/// Trajectory of the active joints, samples x active.
 #[derive(Debug, Clone, Copy)]
 pub struct ActiveTrajectory<'a> {
+    /// Positions, rad or m.
     pub position: &'a [f64],
+    /// Velocities; empty if derivatives of the rates are not required.
     pub velocity: &'a [f64],
 }
 
-/// What follows: positions, samples x joints, rates by active joints and their change with time, samples x joints x
-/// active. Rates and change may be empty where they are not wanted.
+/// Trajectory of all joints, to be filled. Rates and their derivatives may be empty where they are not required.
 #[derive(Debug)]
 pub struct JointTrajectory<'a> {
+    /// Positions, samples x joints.
     pub position: &'a mut [f64],
+    /// Rates with respect to the active joints, samples x joints x active.
     pub rates: &'a mut [f64],
-    pub change: &'a mut [f64],
+    /// Time derivatives of the rates, samples x joints x active.
+    pub rate_derivatives: &'a mut [f64],
 }
 
-/// The first sample that is not reached, and the last closed pose on the way there.
+/// The first sample that continuation does not reach.
 #[derive(Debug, Clone, PartialEq)]
 pub struct ContinuationStop {
+    /// Index of the sample.
     pub sample: usize,
+    /// Last closed pose on the way to it, all joints.
     pub last_pose: Vec<f64>,
 }
 
 impl AssemblyMode {
-    /// Check the parts and put them together. The cuts are closed at the start pose, of all joints.
+    /// The assembly mode of a closed start pose (all joints), with the active joints, the unknown ones that the gaps
+    /// determine, the linear motion of all others, and which rates vary (joints x active; the others are taken as zero).
+    /// Runs on [`Backend::selected`]. Errors where shapes do not fit or an index is out of range.
+    ///
+    /// # Example
+    ///
+    /// ```
+    /// # use haptid_core::*;
+    /// # const EYE: [f64; 9] = [1., 0., 0., 0., 1., 0., 0., 0., 1.];
+    /// # let bar = |parent, x| Joint { parent, rotation: EYE, translation: [x, 0., 0.], prismatic: false };
+    /// # let tip = |link, x| Frame { link: Some(link), rotation: EYE, translation: [x, 0., 0.] };
+    /// # let cut = CutJoint { prismatic: false, frame_a: tip(1, 0.4), frame_b: tip(2, 0.3) };
+    /// # let loops = LoopClosure::new(&[bar(None, 0.), bar(Some(0), 0.1), bar(None, 0.4)], &[cut], 0.4)?;
+    /// # let mut start = [1., -0.3, 1.5];
+    /// # loops.close(&mut start, &[1, 2], 60, 1e-12)?;
+    /// // A four-bar linkage: joint 0 is active, joints 1 and 2 are passive.
+    /// let linear = LinearClosure { rates: &[1., 0., 0.], offset: &[0.; 3] };
+    /// let tolerances = ClosureTolerances { gap: 1e-12, singular_value: 1e-3 };
+    /// let mode = AssemblyMode::new(&loops, &[0], &[1, 2], &linear, &start, &[true; 3], tolerances)?;
+    /// # Ok::<(), haptid_core::Error>(())
+    /// ```
     pub fn new(
         loops: &LoopClosure,
         active: &[usize],
@@ -111,35 +140,118 @@ impl AssemblyMode {
             tolerances,
             active: active.to_vec(),
             unknown: unknown.to_vec(),
-            constant: linear.rates.to_vec(),
+            linear_rates: linear.rates.to_vec(),
             offset: linear.offset.to_vec(),
             driven: (0..n).filter(|j| linear.rates[j * a..][..a].iter().any(|&rate| rate != 0.0)).collect(),
             varying: unknown.iter().flat_map(|&j| &varying[j * a..][..a]).copied().collect(),
             start: ClosedConfiguration::new(loops.gaps(), n, a, unknown.len()),
-            backend: Backend::best(),
+            backend: Backend::selected()?,
         };
         mode.start = Continuation::new(&mode).configuration_at(start);
         Ok(mode)
     }
 
+    /// The same assembly mode, computed by another back end.
+    ///
+    /// # Example
+    ///
+    /// ```
+    /// # use haptid_core::*;
+    /// # const EYE: [f64; 9] = [1., 0., 0., 0., 1., 0., 0., 0., 1.];
+    /// # let bar = |parent, x| Joint { parent, rotation: EYE, translation: [x, 0., 0.], prismatic: false };
+    /// # let tip = |link, x| Frame { link: Some(link), rotation: EYE, translation: [x, 0., 0.] };
+    /// # let cut = CutJoint { prismatic: false, frame_a: tip(1, 0.4), frame_b: tip(2, 0.3) };
+    /// # let loops = LoopClosure::new(&[bar(None, 0.), bar(Some(0), 0.1), bar(None, 0.4)], &[cut], 0.4)?;
+    /// # let mut start = [1., -0.3, 1.5];
+    /// # loops.close(&mut start, &[1, 2], 60, 1e-12)?;
+    /// # let linear = LinearClosure { rates: &[1., 0., 0.], offset: &[0.; 3] };
+    /// # let tolerances = ClosureTolerances { gap: 1e-12, singular_value: 1e-3 };
+    /// # let mode = AssemblyMode::new(&loops, &[0], &[1, 2], &linear, &start, &[true; 3], tolerances)?;
+    /// let portable = mode.with_backend(Backend::named("portable")?);
+    /// # Ok::<(), haptid_core::Error>(())
+    /// ```
+    pub fn with_backend(mut self, backend: Backend) -> AssemblyMode {
+        self.backend = backend;
+        self
+    }
+
     /// Number of active joints.
+    ///
+    /// # Example
+    ///
+    /// ```
+    /// # use haptid_core::*;
+    /// # const EYE: [f64; 9] = [1., 0., 0., 0., 1., 0., 0., 0., 1.];
+    /// # let bar = |parent, x| Joint { parent, rotation: EYE, translation: [x, 0., 0.], prismatic: false };
+    /// # let tip = |link, x| Frame { link: Some(link), rotation: EYE, translation: [x, 0., 0.] };
+    /// # let cut = CutJoint { prismatic: false, frame_a: tip(1, 0.4), frame_b: tip(2, 0.3) };
+    /// # let loops = LoopClosure::new(&[bar(None, 0.), bar(Some(0), 0.1), bar(None, 0.4)], &[cut], 0.4)?;
+    /// # let mut start = [1., -0.3, 1.5];
+    /// # loops.close(&mut start, &[1, 2], 60, 1e-12)?;
+    /// # let linear = LinearClosure { rates: &[1., 0., 0.], offset: &[0.; 3] };
+    /// # let tolerances = ClosureTolerances { gap: 1e-12, singular_value: 1e-3 };
+    /// # let mode = AssemblyMode::new(&loops, &[0], &[1, 2], &linear, &start, &[true; 3], tolerances)?;
+    /// assert_eq!(mode.active(), 1);
+    /// # Ok::<(), haptid_core::Error>(())
+    /// ```
     pub fn active(&self) -> usize {
         self.active.len()
     }
 
     /// Number of joints.
+    ///
+    /// # Example
+    ///
+    /// ```
+    /// # use haptid_core::*;
+    /// # const EYE: [f64; 9] = [1., 0., 0., 0., 1., 0., 0., 0., 1.];
+    /// # let bar = |parent, x| Joint { parent, rotation: EYE, translation: [x, 0., 0.], prismatic: false };
+    /// # let tip = |link, x| Frame { link: Some(link), rotation: EYE, translation: [x, 0., 0.] };
+    /// # let cut = CutJoint { prismatic: false, frame_a: tip(1, 0.4), frame_b: tip(2, 0.3) };
+    /// # let loops = LoopClosure::new(&[bar(None, 0.), bar(Some(0), 0.1), bar(None, 0.4)], &[cut], 0.4)?;
+    /// # let mut start = [1., -0.3, 1.5];
+    /// # loops.close(&mut start, &[1, 2], 60, 1e-12)?;
+    /// # let linear = LinearClosure { rates: &[1., 0., 0.], offset: &[0.; 3] };
+    /// # let tolerances = ClosureTolerances { gap: 1e-12, singular_value: 1e-3 };
+    /// # let mode = AssemblyMode::new(&loops, &[0], &[1, 2], &linear, &start, &[true; 3], tolerances)?;
+    /// assert_eq!(mode.joints(), 3);
+    /// # Ok::<(), haptid_core::Error>(())
+    /// ```
     pub fn joints(&self) -> usize {
         self.offset.len()
     }
 
-    /// All joints along a motion, and how they follow, until a sample is not reached.
+    /// Follow a trajectory of the active joints from the start pose: positions of all joints, their rates and the rates'
+    /// derivatives. Returns the first sample that is not reached, if there is one; from there on nothing is written.
+    ///
+    /// # Example
+    ///
+    /// ```
+    /// # use haptid_core::*;
+    /// # const EYE: [f64; 9] = [1., 0., 0., 0., 1., 0., 0., 0., 1.];
+    /// # let bar = |parent, x| Joint { parent, rotation: EYE, translation: [x, 0., 0.], prismatic: false };
+    /// # let tip = |link, x| Frame { link: Some(link), rotation: EYE, translation: [x, 0., 0.] };
+    /// # let cut = CutJoint { prismatic: false, frame_a: tip(1, 0.4), frame_b: tip(2, 0.3) };
+    /// # let loops = LoopClosure::new(&[bar(None, 0.), bar(Some(0), 0.1), bar(None, 0.4)], &[cut], 0.4)?;
+    /// # let mut start = [1., -0.3, 1.5];
+    /// # loops.close(&mut start, &[1, 2], 60, 1e-12)?;
+    /// # let linear = LinearClosure { rates: &[1., 0., 0.], offset: &[0.; 3] };
+    /// # let tolerances = ClosureTolerances { gap: 1e-12, singular_value: 1e-3 };
+    /// # let mode = AssemblyMode::new(&loops, &[0], &[1, 2], &linear, &start, &[true; 3], tolerances)?;
+    /// // A four-bar linkage, at two positions of its crank.
+    /// let path = ActiveTrajectory { position: &[1., 1.1], velocity: &[] };
+    /// let mut q = [0.; 6];
+    /// let out = JointTrajectory { position: &mut q, rates: &mut [], rate_derivatives: &mut [] };
+    /// assert!(mode.follow(&path, out)?.is_none() && q[3] == 1.1);
+    /// # Ok::<(), haptid_core::Error>(())
+    /// ```
     pub fn follow(&self, path: &ActiveTrajectory, out: JointTrajectory) -> Result<Option<ContinuationStop>, Error> {
         let (n, a) = (self.joints(), self.active());
         let samples = self.samples("position", path.position)?;
-        let wanted = if out.change.is_empty() { 0 } else { samples };
+        let wanted = if out.rate_derivatives.is_empty() { 0 } else { samples };
         expect_length("velocity", path.velocity.len(), wanted * a)?;
         expect_length("positions of all joints", out.position.len(), samples * n)?;
-        expect_length("change", out.change.len(), wanted * n * a)?;
+        expect_length("change", out.rate_derivatives.len(), wanted * n * a)?;
         expect_length("rates", out.rates.len(), if out.rates.is_empty() { 0 } else { samples * n * a })?;
         if samples == 0 {
             return Ok(None);
@@ -151,7 +263,28 @@ impl AssemblyMode {
         Ok(self.join_segments(&mut self.segments(path, out), continuation))
     }
 
-    /// Whether each pose, samples x active, is reached on the straight way from the start, and where that way ends.
+    /// Go along a straight line from the start pose to each target (samples x active): the last closed pose on the way
+    /// (samples x joints), and whether it is the target.
+    ///
+    /// # Example
+    ///
+    /// ```
+    /// # use haptid_core::*;
+    /// # const EYE: [f64; 9] = [1., 0., 0., 0., 1., 0., 0., 0., 1.];
+    /// # let bar = |parent, x| Joint { parent, rotation: EYE, translation: [x, 0., 0.], prismatic: false };
+    /// # let tip = |link, x| Frame { link: Some(link), rotation: EYE, translation: [x, 0., 0.] };
+    /// # let cut = CutJoint { prismatic: false, frame_a: tip(1, 0.4), frame_b: tip(2, 0.3) };
+    /// # let loops = LoopClosure::new(&[bar(None, 0.), bar(Some(0), 0.1), bar(None, 0.4)], &[cut], 0.4)?;
+    /// # let mut start = [1., -0.3, 1.5];
+    /// # loops.close(&mut start, &[1, 2], 60, 1e-12)?;
+    /// # let linear = LinearClosure { rates: &[1., 0., 0.], offset: &[0.; 3] };
+    /// # let tolerances = ClosureTolerances { gap: 1e-12, singular_value: 1e-3 };
+    /// # let mode = AssemblyMode::new(&loops, &[0], &[1, 2], &linear, &start, &[true; 3], tolerances)?;
+    /// let (mut q, mut reached) = ([0.; 3], [false]);
+    /// mode.reach_from_start(&[1.1], &mut q, &mut reached)?;
+    /// assert!(reached[0] && q[0] == 1.1);
+    /// # Ok::<(), haptid_core::Error>(())
+    /// ```
     pub fn reach_from_start(&self, targets: &[f64], out: &mut [f64], reached: &mut [bool]) -> Result<(), Error> {
         let (n, a) = (self.joints(), self.active());
         let samples = self.samples("targets", targets)?;
@@ -175,13 +308,14 @@ impl AssemblyMode {
         Ok(samples)
     }
 
-    /// Greatest difference of the active joints' positions, rad (or mechanism sizes).
+    /// Largest difference of the active joints' positions, rad (or mechanism sizes).
     fn distance_between(&self, one: &[f64], other: &[f64]) -> f64 {
         let each = self.active.iter().zip(one.iter().zip(other));
         max_or_nan(each.map(|(&j, (x, y))| ((x - y) / self.loops.joint_scale(j)).abs()))
     }
 
-    /// A continuation at the first sample: from the start, or back from the first sample that is reached from there.
+    /// A continuation at the first sample: from the start, or back from the first sample that is connected to the
+    /// start.
     fn initial_continuation(&self, position: &[f64]) -> Result<Continuation<'_>, ContinuationStop> {
         let a = self.active();
         let target = |k: usize| &position[k * a..][..a];
@@ -205,19 +339,20 @@ impl AssemblyMode {
         let (n, a) = (self.joints(), self.active());
         let positions = path.position.chunks(SEGMENT * a).zip(out.position.chunks_mut(SEGMENT * n)).enumerate();
         let mut velocities = path.velocity.chunks(SEGMENT * a);
-        let (mut rates, mut changes) = (out.rates.chunks_mut(SEGMENT * n * a), out.change.chunks_mut(SEGMENT * n * a));
+        let (mut rates, mut rate_derivatives) =
+            (out.rates.chunks_mut(SEGMENT * n * a), out.rate_derivatives.chunks_mut(SEGMENT * n * a));
         let part = |(k, (position, q))| Segment {
             first: k * SEGMENT,
             position,
             velocity: velocities.next().unwrap_or_default(),
             q,
             rates: rates.next().unwrap_or_default(),
-            change: changes.next().unwrap_or_default(),
+            rate_derivatives: rate_derivatives.next().unwrap_or_default(),
         };
         positions.map(part).collect()
     }
 
-    /// Follow all parts, those after the first as if the start leads to them, and put right those where it does not.
+    /// Follow all segments, those after the first as if the start led to them, and repeat those where it does not.
     fn join_segments(&self, parts: &mut [Segment], mut continuation: Continuation) -> Option<ContinuationStop> {
         let (first, rest) = parts.split_first_mut()?;
         if rest.is_empty() {
@@ -258,7 +393,8 @@ mod tests {
 
     const EYE: [f64; 9] = [1., 0., 0., 0., 1., 0., 0., 0., 1.];
 
-    /// Two cranks on a base line, the active one shorter than the gap, and a rod on it that ends on the other.
+    /// A four-bar linkage: two cranks on a base line, the active one shorter than the base, and a coupler from it that
+    /// ends on the other crank.
     fn four_bar(reach: f64) -> AssemblyMode {
         let bar = |parent, x| Joint { parent, rotation: EYE, translation: [x, 0., 0.], prismatic: false };
         let tip = |link, x| Frame { link: Some(link), rotation: EYE, translation: [x, 0., 0.] };
@@ -276,12 +412,12 @@ mod tests {
 
     fn followed(mode: &AssemblyMode, position: &[f64], velocity: &[f64]) -> Found {
         let mut made = (vec![0.0; 3 * position.len()], vec![0.0; 3 * position.len()], vec![0.0; 3 * position.len()]);
-        let out = JointTrajectory { position: &mut made.0, rates: &mut made.1, change: &mut made.2 };
+        let out = JointTrajectory { position: &mut made.0, rates: &mut made.1, rate_derivatives: &mut made.2 };
         let stop = mode.follow(&ActiveTrajectory { position, velocity }, out).expect("shapes");
         (made.0, made.1, made.2, stop)
     }
 
-    /// A crank that turns round and round.
+    /// A crank that makes full turns.
     fn turns(samples: usize) -> Vec<f64> {
         (0..samples).map(|k| 1.0 + 0.004 * k as f64).collect()
     }
@@ -290,11 +426,11 @@ mod tests {
     fn rates_and_their_change_are_those_of_differences() {
         let (mode, h) = (four_bar(0.4), 1e-5);
         for x in [0.2, 1.0, 2.9] {
-            let (q, rates, change, stop) = followed(&mode, &[x - h, x, x + h], &[2.0; 3]);
+            let (q, rates, rate_derivatives, stop) = followed(&mode, &[x - h, x, x + h], &[2.0; 3]);
             assert!(stop.is_none());
             for j in 0..3 {
                 assert!(((q[6 + j] - q[j]) / (2.0 * h) - rates[3 + j]).abs() < 1e-8);
-                assert!(((rates[6 + j] - rates[j]) / h - change[3 + j]).abs() < 1e-8);
+                assert!(((rates[6 + j] - rates[j]) / h - rate_derivatives[3 + j]).abs() < 1e-8);
             }
         }
     }
@@ -304,12 +440,12 @@ mod tests {
         let (mut mode, position) = (four_bar(0.4), turns(1009));
         let velocity: Vec<f64> = (0..1009).map(|k| (0.01 * f64::from(k)).sin()).collect();
         mode.backend = Backend::named("portable").expect("is everywhere");
-        let (q, rates, change, _) = followed(&mode, &position, &velocity);
+        let (q, rates, rate_derivatives, _) = followed(&mode, &position, &velocity);
         for backend in Backend::available() {
             mode.backend = backend;
             let (other_q, other_rates, other_change, stop) = followed(&mode, &position, &velocity);
             assert!(stop.is_none());
-            for (one, other) in [(&q, other_q), (&rates, other_rates), (&change, other_change)] {
+            for (one, other) in [(&q, other_q), (&rates, other_rates), (&rate_derivatives, other_change)] {
                 assert!(one.iter().zip(&other).all(|(x, y)| (x - y).abs() < 1e-12), "{backend:?}");
             }
         }
@@ -340,7 +476,7 @@ mod tests {
 
     #[test]
     fn what_no_pose_closes_stops_at_its_first_sample_whatever_the_part() {
-        // The rod reaches the other crank's tip only on one side.
+        // The coupler reaches the other crank's tip on one side only.
         let (mode, position) = (four_bar(0.15), turns(3000));
         let stop = followed(&mode, &position, &vec![1.0; 3000]).3.expect("out of reach");
         let far = position[stop.sample];

@@ -1,32 +1,37 @@
-//! Joints cut out of loops: how far their frames are apart, by which joints that changes, and poses that close them.
+//! Cut joints: a tree with the joints that are cut to open its loops.
 //!
-//! Gaps are those of the two frames that a joint brings together: of a turning joint the distance of the origins and the
-//! difference of the z axes; of a sliding one the distance across the twin's z, and the differences of the x and z axes.
-//! Directions are weighed with the mechanism's size, so that all gaps are lengths. A joint j that carries a frame changes
-//! its origin p by z_j x (p - o_j) and its axes R by z_j x R, or by z_j and nothing where it slides.
+//! The gaps of a cut joint are those of the two frames that it brings together: of a revolute joint the distance of the
+//! origins and the difference of the z axes; of a prismatic one the distance perpendicular to the second frame's z, and
+//! the differences of the x and z axes. Directions are weighted by the length scale, so that all gaps are lengths. A
+//! joint j that carries a frame moves its origin p by z_j x (p - o_j) and its axes R by z_j x R, or by z_j and zero if
+//! it is prismatic.
 
 use crate::error::Error;
 use crate::loops::pose::Placement;
 use crate::mechanism::Joint;
 
-/// Samples that one thread takes at a time.
+/// Samples per task of a thread.
 pub(crate) const SHARE: usize = 256;
 
-/// A frame fixed to a link; `None` is the base.
+/// A frame fixed to a link.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Frame {
+    /// The link; `None` is the base.
     pub link: Option<usize>,
-    /// Rotation from the frame to the link's, row-major.
+    /// Rotation matrix from the frame to the link's, row-major.
     pub rotation: [f64; 9],
     /// Origin in the link's frame, m.
     pub translation: [f64; 3],
 }
 
-/// A joint cut, and the frames that it brings together.
+/// A cut joint: the two frames that it brings together.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct CutJoint {
+    /// Whether the joint is prismatic; otherwise it is revolute.
     pub prismatic: bool,
+    /// Frame on one side of the cut.
     pub frame_a: Frame,
+    /// Frame on the other side, along whose axes the gaps of a prismatic joint are measured.
     pub frame_b: Frame,
 }
 
@@ -36,20 +41,20 @@ impl CutJoint {
     }
 }
 
-/// A tree and the joints cut out of its loops.
+/// A tree with cut joints, whose gaps are the loop-closure equations.
 #[derive(Debug, Clone)]
 pub struct LoopClosure {
     pub(crate) joints: Vec<Joint>,
     pub(crate) cuts: Vec<CutJoint>,
     pub(crate) length_scale: f64,
-    /// Where each joint joint_placements on its parent, and each cut's frame and twin on their links.
+    /// Placement of each joint on its parent, and of the frames of each cut joint on their links.
     pub(crate) joint_placements: Vec<Placement>,
     pub(crate) frame_placements: Vec<[Placement; 2]>,
-    /// For each cut the joints that carry its frames, and which of both they carry.
+    /// For each cut joint the joints that carry its frames.
     pub(crate) carriers: Vec<Vec<Carrier>>,
 }
 
-/// A joint that carries a cut's frame, its twin, or both.
+/// A joint that carries one or both frames of a cut joint.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Carrier {
     pub(crate) joint: usize,
@@ -58,7 +63,20 @@ pub(crate) struct Carrier {
 }
 
 impl LoopClosure {
-    /// Check the parts and put them together; `size` weighs directions, m.
+    /// Cut joints of a tree whose joints come after their parents. `length_scale`, m, weights directions. Errors where an
+    /// index or the length scale is out of range.
+    ///
+    /// # Example
+    ///
+    /// ```
+    /// use haptid_core::*;
+    /// const EYE: [f64; 9] = [1., 0., 0., 0., 1., 0., 0., 0., 1.];
+    /// let bar = |x| Joint { parent: None, rotation: EYE, translation: [x, 0., 0.], prismatic: false };
+    /// let tip = |link, x| Frame { link: Some(link), rotation: EYE, translation: [x, 0., 0.] };
+    /// let cut = CutJoint { prismatic: false, frame_a: tip(0, 0.5), frame_b: tip(1, 0.4) };
+    /// let loops = LoopClosure::new(&[bar(0.), bar(0.6)], &[cut], 0.6)?;
+    /// # Ok::<(), haptid_core::Error>(())
+    /// ```
     pub fn new(joints: &[Joint], cuts: &[CutJoint], length_scale: f64) -> Result<LoopClosure, Error> {
         let n = joints.len();
         let mut above = vec![false; n * n];
@@ -102,22 +120,49 @@ impl LoopClosure {
         })
     }
 
-    /// What a joint's move is measured by: rad where it turns, the mechanism's size where it slides, m.
+    /// Unit of a joint's displacement: 1 rad if it is revolute, the length scale, m, if it is prismatic.
     pub(crate) fn joint_scale(&self, joint: usize) -> f64 {
         if self.joints[joint].prismatic { self.length_scale } else { 1.0 }
     }
 
-    /// What directions are weighed with, m.
+    /// Weight of directions, m.
     pub(crate) fn length_scale(&self) -> f64 {
         self.length_scale
     }
 
     /// Number of gaps.
+    ///
+    /// # Example
+    ///
+    /// ```
+    /// # use haptid_core::*;
+    /// # const EYE: [f64; 9] = [1., 0., 0., 0., 1., 0., 0., 0., 1.];
+    /// # let bar = |x| Joint { parent: None, rotation: EYE, translation: [x, 0., 0.], prismatic: false };
+    /// # let tip = |link, x| Frame { link: Some(link), rotation: EYE, translation: [x, 0., 0.] };
+    /// # let cut = CutJoint { prismatic: false, frame_a: tip(0, 0.5), frame_b: tip(1, 0.4) };
+    /// # let loops = LoopClosure::new(&[bar(0.), bar(0.6)], &[cut], 0.6)?;
+    /// // One cut revolute joint: three distances, three differences of directions.
+    /// assert_eq!(loops.gaps(), 6);
+    /// # Ok::<(), haptid_core::Error>(())
+    /// ```
     pub fn gaps(&self) -> usize {
         self.cuts.iter().map(CutJoint::gaps).sum()
     }
 
     /// Number of joints.
+    ///
+    /// # Example
+    ///
+    /// ```
+    /// # use haptid_core::*;
+    /// # const EYE: [f64; 9] = [1., 0., 0., 0., 1., 0., 0., 0., 1.];
+    /// # let bar = |x| Joint { parent: None, rotation: EYE, translation: [x, 0., 0.], prismatic: false };
+    /// # let tip = |link, x| Frame { link: Some(link), rotation: EYE, translation: [x, 0., 0.] };
+    /// # let cut = CutJoint { prismatic: false, frame_a: tip(0, 0.5), frame_b: tip(1, 0.4) };
+    /// # let loops = LoopClosure::new(&[bar(0.), bar(0.6)], &[cut], 0.6)?;
+    /// assert_eq!(loops.joints(), 2);
+    /// # Ok::<(), haptid_core::Error>(())
+    /// ```
     pub fn joints(&self) -> usize {
         self.joints.len()
     }

@@ -1,4 +1,4 @@
-//! Gaps of cut joints and their Jacobian.
+//! Gaps of cut joints, and their Jacobian with respect to all joints.
 
 use crate::error::{Error, expect_length};
 use crate::loops::cut::{LoopClosure, SHARE};
@@ -6,7 +6,7 @@ use crate::loops::pose::{Placement, Pose, Vector, dot, sub};
 use crate::simd::real::Number;
 use rayon::prelude::*;
 
-/// One sample's links, gaps, and their Jacobian, gaps x joints.
+/// Poses of the links, gaps, and their Jacobian (gaps x joints), at one sample.
 pub(crate) struct LoopState<N> {
     pub(crate) links: Vec<Pose<N>>,
     pub(crate) gaps: Vec<N>,
@@ -14,7 +14,7 @@ pub(crate) struct LoopState<N> {
 }
 
 impl<N: Number> LoopState<N> {
-    /// A frame, and where it joint_placements on its link.
+    /// Pose of a frame from its placement on a link.
     #[inline(always)]
     fn pose(&self, link: Option<usize>, at: &Placement) -> Pose<N> {
         match link {
@@ -25,7 +25,8 @@ impl<N: Number> LoopState<N> {
 }
 
 impl LoopClosure {
-    pub(crate) fn shape<N: Number>(&self) -> LoopState<N> {
+    /// A state for one sample, with zero gaps and Jacobian.
+    pub(crate) fn state<N: Number>(&self) -> LoopState<N> {
         let (m, n) = (self.gaps(), self.joints.len());
         LoopState {
             links: vec![Pose::base(); n],
@@ -34,31 +35,30 @@ impl LoopClosure {
         }
     }
 
-    /// Gaps and their Jacobian at positions of the joints; entries of joints that carry no frame stay as they were made.
-
+    /// Evaluate the gaps and their Jacobian. Entries of joints that carry no frame keep their initial zeros.
     #[inline(always)]
-    pub(crate) fn measure<N: Number>(&self, q: &[N], shape: &mut LoopState<N>) {
-        self.place(q, shape);
+    pub(crate) fn measure<N: Number>(&self, q: &[N], state: &mut LoopState<N>) {
+        self.place(q, state);
         let mut first = 0;
         for (k, cut) in self.cuts.iter().enumerate() {
             if cut.prismatic {
-                self.measure_cut::<N, PrismaticCut>(k, first, shape);
+                self.measure_cut::<N, PrismaticCut>(k, first, state);
             } else {
-                self.measure_cut::<N, RevoluteCut>(k, first, shape);
+                self.measure_cut::<N, RevoluteCut>(k, first, state);
             }
             first += cut.gaps();
         }
     }
 
-    /// Gaps alone.
+    /// Evaluate the gaps without their Jacobian.
     #[inline(always)]
-    pub(crate) fn measure_gaps<N: Number>(&self, q: &[N], shape: &mut LoopState<N>) {
-        self.place(q, shape);
+    pub(crate) fn measure_gaps<N: Number>(&self, q: &[N], state: &mut LoopState<N>) {
+        self.place(q, state);
         let mut first = 0;
         for (k, cut) in self.cuts.iter().enumerate() {
-            let [own, twin] = self.frames(k, shape);
+            let [own, twin] = self.frames(k, state);
             let moved = FrameDifference::between(&own, &twin);
-            let gaps = &mut shape.gaps[first..];
+            let gaps = &mut state.gaps[first..];
             if cut.prismatic {
                 PrismaticCut::entries(self.length_scale, &moved.twin, [N::constant(0.0); 3], &moved, gaps, 1);
             } else {
@@ -68,29 +68,29 @@ impl LoopClosure {
         }
     }
 
-    /// Put the links where the joints bring them.
+    /// Forward kinematics of the links.
     #[inline(always)]
-    fn place<N: Number>(&self, q: &[N], shape: &mut LoopState<N>) {
+    fn place<N: Number>(&self, q: &[N], state: &mut LoopState<N>) {
         for (j, joint) in self.joints.iter().enumerate() {
-            shape.links[j] = shape.pose(joint.parent, &self.joint_placements[j]).move_joint(joint.prismatic, q[j]);
+            state.links[j] = state.pose(joint.parent, &self.joint_placements[j]).move_joint(joint.prismatic, q[j]);
         }
     }
 
-    /// Both frames of cut k.
+    /// Both frames of cut joint k.
     #[inline(always)]
-    fn frames<N: Number>(&self, k: usize, shape: &LoopState<N>) -> [Pose<N>; 2] {
+    fn frames<N: Number>(&self, k: usize, state: &LoopState<N>) -> [Pose<N>; 2] {
         let (cut, [own, twin]) = (&self.cuts[k], &self.frame_placements[k]);
-        [shape.pose(cut.frame_a.link, own), shape.pose(cut.frame_b.link, twin)]
+        [state.pose(cut.frame_a.link, own), state.pose(cut.frame_b.link, twin)]
     }
 
-    /// Of cut k, whose gaps begin at `first`.
+    /// Gaps of cut joint k, from `first` on, and their Jacobian.
     #[inline(always)]
-    fn measure_cut<N: Number, K: CutKind>(&self, k: usize, first: usize, shape: &mut LoopState<N>) {
-        let (n, [own, twin]) = (self.joints.len(), self.frames(k, shape));
+    fn measure_cut<N: Number, K: CutKind>(&self, k: usize, first: usize, state: &mut LoopState<N>) {
+        let (n, [own, twin]) = (self.joints.len(), self.frames(k, state));
         let whole = FrameDifference::between(&own, &twin);
-        K::entries(self.length_scale, &twin.axes, [N::constant(0.0); 3], &whole, &mut shape.gaps[first..], 1);
+        K::entries(self.length_scale, &twin.axes, [N::constant(0.0); 3], &whole, &mut state.gaps[first..], 1);
         for carrier in &self.carriers[k] {
-            let (link, prismatic) = (&shape.links[carrier.joint], self.joints[carrier.joint].prismatic);
+            let (link, prismatic) = (&state.links[carrier.joint], self.joints[carrier.joint].prismatic);
             let by_own = if carrier.frame { own.rates_by(link, prismatic) } else { Pose::zero() };
             let by_twin = if carrier.twin { twin.rates_by(link, prismatic) } else { Pose::zero() };
             let change = FrameDifference::between(&by_own, &by_twin);
@@ -99,13 +99,30 @@ impl LoopClosure {
                 &twin.axes,
                 whole.apart,
                 &change,
-                &mut shape.jacobian[first * n + carrier.joint..],
+                &mut state.jacobian[first * n + carrier.joint..],
                 n,
             );
         }
     }
 
-    /// Gaps, samples x gaps, and their Jacobian, samples x gaps x joints, at positions q, samples x joints.
+    /// Evaluate the gaps (samples x gaps, m) and their Jacobian (samples x gaps x joints) at joint positions q (samples x
+    /// joints).
+    ///
+    /// # Example
+    ///
+    /// ```
+    /// # use haptid_core::*;
+    /// # const EYE: [f64; 9] = [1., 0., 0., 0., 1., 0., 0., 0., 1.];
+    /// # let bar = |x| Joint { parent: None, rotation: EYE, translation: [x, 0., 0.], prismatic: false };
+    /// # let tip = |link, x| Frame { link: Some(link), rotation: EYE, translation: [x, 0., 0.] };
+    /// # let cut = CutJoint { prismatic: false, frame_a: tip(0, 0.5), frame_b: tip(1, 0.4) };
+    /// # let loops = LoopClosure::new(&[bar(0.), bar(0.6)], &[cut], 0.6)?;
+    /// // Two bars of 0.5 and 0.4 m, 0.6 m apart, that point at each other.
+    /// let (mut gaps, mut jacobian) = ([0.; 6], [0.; 12]);
+    /// loops.evaluate_gaps(&[0., std::f64::consts::PI], &mut gaps, &mut jacobian)?;
+    /// assert!((gaps[0] - (0.5 - 0.2)).abs() < 1e-12);
+    /// # Ok::<(), haptid_core::Error>(())
+    /// ```
     pub fn evaluate_gaps(&self, q: &[f64], gaps: &mut [f64], jacobian: &mut [f64]) -> Result<(), Error> {
         let (m, n) = (self.gaps(), self.joints.len());
         let samples = q.len().checked_div(n).unwrap_or(0);
@@ -114,19 +131,19 @@ impl LoopClosure {
         expect_length("jacobian", jacobian.len(), samples * m * n)?;
         let shares = q.par_chunks(SHARE * n.max(1)).zip(gaps.par_chunks_mut(SHARE * m.max(1)));
         shares.zip(jacobian.par_chunks_mut(SHARE * (m * n).max(1))).for_each(|((q, gaps), jacobian)| {
-            let mut shape = self.shape::<f64>();
+            let mut state = self.state::<f64>();
             let each = q.chunks_exact(n).zip(gaps.chunks_exact_mut(m.max(1)));
             for ((q, gaps), jacobian) in each.zip(jacobian.chunks_exact_mut((m * n).max(1))) {
-                self.measure(q, &mut shape);
-                gaps.copy_from_slice(&shape.gaps);
-                jacobian.copy_from_slice(&shape.jacobian);
+                self.measure(q, &mut state);
+                gaps.copy_from_slice(&state.gaps);
+                jacobian.copy_from_slice(&state.jacobian);
             }
         });
         Ok(())
     }
 }
 
-/// What moved, or how fast: the distance between the origins, and the axes of both frames.
+/// Difference of two frames, or of their rates: distance of the origins, and the axes of both.
 struct FrameDifference<N> {
     apart: Vector<N>,
     own: [Vector<N>; 3],
@@ -140,9 +157,10 @@ impl<N: Number> FrameDifference<N> {
     }
 }
 
-/// How the gaps of a cut follow from what moved, as far as they are linear in it.
+/// Gaps of a cut joint as a function of the frames' difference, in which they are linear but for the axes along which a
+/// distance is measured.
 trait CutKind {
-    /// Write gap after gap, each so many places after the last, the twin's own turn against a distance added.
+    /// Write the gaps, `after` numbers apart. The derivative of those axes adds the distance `apart` along `moved`.
     fn entries<N: Number>(
         size: f64,
         twin: &[Vector<N>; 3],
@@ -153,10 +171,10 @@ trait CutKind {
     );
 }
 
-/// A joint that turns.
+/// Cut revolute joint.
 struct RevoluteCut;
 
-/// A joint that slides.
+/// Cut prismatic joint.
 struct PrismaticCut;
 
 impl CutKind for RevoluteCut {
@@ -202,7 +220,7 @@ mod tests {
     use crate::mechanism::Joint;
     use crate::simd::real::Dual;
 
-    /// Four bars in a plane, the last joint cut, and a slider beside it.
+    /// Four bars in a plane, the last joint cut, and a prismatic loop in addition.
     fn bars() -> LoopClosure {
         let eye = [1., 0., 0., 0., 1., 0., 0., 0., 1.];
         let aside = [0., 0., 1., 1., 0., 0., 0., 1., 0.];
@@ -238,7 +256,7 @@ mod tests {
                 assert!((slope - jacobian[4 * e + j]).abs() < 1e-8, "gap {e} by joint {j}");
             }
         }
-        let mut moving = loops.shape();
+        let mut moving = loops.state();
         let duals = [0, 1, 2, 3].map(|j| Dual { value: q[j], rate: qd[j] });
         loops.measure(&duals, &mut moving);
         let (ahead, behind) = (shifted(h, &|j| qd[j]).1, shifted(-h, &|j| qd[j]).1);

@@ -1,4 +1,4 @@
-//! LoopClosure.
+//! Loops: gaps of cut joints, assembly by Gauss-Newton, and continuation of assembly modes along motions.
 
 pub(crate) mod assembly;
 pub(crate) mod continuation;

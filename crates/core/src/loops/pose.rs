@@ -4,7 +4,7 @@ use crate::simd::real::Number;
 
 pub(crate) type Vector<N> = [N; 3];
 
-/// A rotation, where there is one, and a shift.
+/// A constant placement: a rotation, if it is not the identity, and a translation.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Placement {
     pub(crate) rotation: Option<[f64; 9]>,
@@ -17,14 +17,14 @@ impl Placement {
     }
 }
 
-/// Where a link or a frame is: axes and origin, seen from the base.
+/// Axes and origin of a link or frame, in the base frame.
 #[derive(Clone, Copy)]
 pub(crate) struct Pose<N> {
     pub(crate) axes: [Vector<N>; 3],
     pub(crate) origin: Vector<N>,
 }
 
-// No closure joint_placements between these and the lanes: one that is not inlined would pass them through memory.
+// These are functions, not closures: a closure that is not inlined would pass the lanes through memory.
 
 #[inline(always)]
 pub(crate) fn dot<N: Number>(a: Vector<N>, b: Vector<N>) -> N {
@@ -62,7 +62,7 @@ pub(crate) fn sub_product<N: Number>(a: Vector<N>, b: Vector<N>, x: N) -> Vector
     [a[0].sub_product(b[0], x), a[1].sub_product(b[1], x), a[2].sub_product(b[2], x)]
 }
 
-/// a + b x, where x is constant.
+/// a + b x with constant x.
 #[inline(always)]
 pub(crate) fn add_scaled<N: Number>(a: Vector<N>, b: Vector<N>, x: f64) -> Vector<N> {
     [a[0].add_scaled(b[0], x), a[1].add_scaled(b[1], x), a[2].add_scaled(b[2], x)]
@@ -75,14 +75,14 @@ impl<N: Number> Pose<N> {
         Pose { axes: [[one, none, none], [none, one, none], [none, none, one]], origin: [none; 3] }
     }
 
-    /// Rates of a frame that joint_placements still.
+    /// Rates of a frame that does not move.
     #[inline(always)]
     pub(crate) fn zero() -> Self {
         let zero = [N::constant(0.0); 3];
         Pose { axes: [zero; 3], origin: zero }
     }
 
-    /// Rates of the axes and the origin with a joint that carries them, whose link is given.
+    /// Rates of axes and origin with respect to a joint that carries them, given its link.
     #[inline(always)]
     pub(crate) fn rates_by(&self, link: &Pose<N>, prismatic: bool) -> Self {
         let ([x, y, z], about) = (self.axes, link.axes[2]);
@@ -93,14 +93,14 @@ impl<N: Number> Pose<N> {
         Pose { axes, origin: cross(about, sub(self.origin, link.origin)) }
     }
 
-    /// A point, and how far it is from there along the axes.
+    /// The point at coordinates `x` along the axes from a point.
     #[inline(always)]
     pub(crate) fn along(&self, from: Vector<N>, x: [f64; 3]) -> Vector<N> {
         let [a, b, c] = self.axes;
         add_scaled(add_scaled(add_scaled(from, a, x[0]), b, x[1]), c, x[2])
     }
 
-    /// A frame that joint_placements in this one.
+    /// A frame placed in this one.
     #[inline(always)]
     pub(crate) fn place(&self, at: &Placement) -> Self {
         let (origin, none) = (self.along(self.origin, at.shift), [N::constant(0.0); 3]);
@@ -113,7 +113,7 @@ impl<N: Number> Pose<N> {
         Pose { axes, origin }
     }
 
-    /// Turned about, or moved along, its own z.
+    /// Rotated about, or translated along, its own z.
     #[inline(always)]
     pub(crate) fn move_joint(&self, prismatic: bool, q: N) -> Self {
         let [x, y, z] = self.axes;

@@ -1,4 +1,5 @@
-//! Segment of a motion, followed in lanes: a few samples at once, each reached in one step from the one before them all.
+//! Segments: parts of a motion followed in lanes, several samples at once, each predicted from the sample before them
+//! all.
 
 use crate::loops::assembly::{AssemblyMode, ContinuationStop};
 use crate::loops::continuation::{ClosedConfiguration, Continuation};
@@ -11,18 +12,19 @@ use crate::simd::real::Real;
 use crate::simd::x86::{Avx2, Avx512};
 use std::ops::Range;
 
-/// Samples that follow each other, and what is found for them.
+/// Consecutive samples, and the results at them.
 pub(crate) struct Segment<'a> {
     pub first: usize,
     pub position: &'a [f64],
     pub velocity: &'a [f64],
     pub q: &'a mut [f64],
     pub rates: &'a mut [f64],
-    pub change: &'a mut [f64],
+    pub rate_derivatives: &'a mut [f64],
 }
 
 impl Segment<'_> {
-    /// Follow the part from the start; none where that does not lead to it. Returns where it ends.
+    /// Follow the segment from the start pose; `None` where that does not lead to it. Returns the configuration at its
+    /// end.
     pub(crate) fn follow_from_start(
         &mut self,
         mode: &AssemblyMode,
@@ -32,8 +34,8 @@ impl Segment<'_> {
         found.map(|led| led.map(|()| continuation.configuration))
     }
 
-    /// Follow the part with a continuation that joint_placements at its first sample, and is left at its last: in the processor's own
-    /// vectors where it has wide ones, else sample by sample.
+    /// Follow the segment with a continuation that is at its first sample, and is left at its last: in the processor's
+    /// vectors where it has wide ones, otherwise sample by sample.
     pub(crate) fn follow(&mut self, continuation: &mut Continuation) -> Result<(), ContinuationStop> {
         #[cfg(target_arch = "x86_64")]
         #[target_feature(enable = "avx512f,avx512dq,avx2,fma")]
@@ -46,10 +48,11 @@ impl Segment<'_> {
             follow_in_lanes::<LaneNumber<Avx2>>(part, continuation)
         }
         match continuation.mode.backend.0 {
-            // SAFETY: a backend value exists only where its instructions were detected.
+            // SAFETY: a `Backend` value exists only where its instructions were detected.
             #[cfg(target_arch = "x86_64")]
             Kind::Avx512 => unsafe { avx512(self, continuation) },
             #[cfg(target_arch = "x86_64")]
+            // SAFETY: as above.
             Kind::Avx2 => unsafe { avx2(self, continuation) },
             #[cfg(target_arch = "aarch64")]
             Kind::Neon => follow_in_lanes::<f64>(self, continuation),
@@ -57,7 +60,7 @@ impl Segment<'_> {
         }
     }
 
-    /// Follow some samples one after the other.
+    /// Follow samples one after the other.
     fn one_by_one(&mut self, continuation: &mut Continuation, samples: Range<usize>) -> Result<(), ContinuationStop> {
         let (n, a) = (continuation.mode.joints(), continuation.mode.active());
         for k in samples {
@@ -77,7 +80,7 @@ fn follow_in_lanes<N: Real>(part: &mut Segment, continuation: &mut Continuation)
     for from in (0..part.position.len() / a).step_by(N::WIDTH) {
         let samples = from..(part.position.len() / a).min(from + N::WIDTH);
         let mut targets = part.position[samples.start * a..samples.end * a].chunks_exact(a);
-        gather(part.position, &samples, &mut iterate.at);
+        gather(part.position, &samples, &mut iterate.target);
         let together =
             targets.all(|target| continuation.is_near(target)) && iterate.step(mode, &continuation.configuration);
         if together {
@@ -98,16 +101,16 @@ fn follow_in_lanes<N: Real>(part: &mut Segment, continuation: &mut Continuation)
         if !part.rates.is_empty() {
             scatter(&iterate.rates, &samples, part.rates);
         }
-        if !part.change.is_empty() {
+        if !part.rate_derivatives.is_empty() {
             gather(part.velocity, &samples, &mut velocity);
             iterate.solve_rate_derivatives(mode, &velocity);
-            scatter(&iterate.change, &samples, part.change);
+            scatter(&iterate.rate_derivatives, &samples, part.rate_derivatives);
         }
     }
     Ok(())
 }
 
-/// Some samples, the last one repeated up to a whole lane, from samples x numbers.
+/// Lanes of consecutive samples, the last one repeated up to a whole lane, from samples x numbers.
 #[inline(always)]
 fn gather<N: Real>(all: &[f64], samples: &Range<usize>, numbers: &mut [N]) {
     let many = numbers.len();
@@ -116,7 +119,7 @@ fn gather<N: Real>(all: &[f64], samples: &Range<usize>, numbers: &mut [N]) {
     }
 }
 
-/// Write some samples where they belong, samples x numbers.
+/// Write lanes back to samples x numbers.
 #[inline(always)]
 fn scatter<N: Real>(numbers: &[N], samples: &Range<usize>, all: &mut [f64]) {
     let all = &mut all[samples.start * numbers.len()..samples.end * numbers.len()];

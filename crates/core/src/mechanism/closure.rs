@@ -15,7 +15,13 @@ pub struct Closure {
 }
 
 impl Closure {
-    /// Every joint is its own coordinate.
+    /// The closure of an open tree: every joint is a coordinate.
+    ///
+    /// # Example
+    ///
+    /// ```
+    /// assert_eq!(haptid_core::Closure::open(2).rates, [1., 0., 0., 1.]);
+    /// ```
     pub fn open(joints: usize) -> Closure {
         let mut rates = vec![0.0; joints * joints];
         for j in 0..joints {

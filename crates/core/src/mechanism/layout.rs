@@ -49,6 +49,18 @@ impl EntryMap {
 
 /// Which of the chosen columns can differ from zero in each row: coordinates x columns, row-major. All other entries of
 /// the regressor are zero by structure: the link does not move with the coordinate, or the term does not act on it.
+///
+/// # Example
+///
+/// ```
+/// # use haptid_core::*;
+/// # const EYE: [f64; 9] = [1., 0., 0., 0., 1., 0., 0., 0., 1.];
+/// # let bar = |parent, x| Joint { parent, rotation: EYE, translation: [x, 0., 0.], prismatic: false };
+/// # let arm = Mechanism::new(&[bar(None, 0.), bar(Some(0), 1.)], &Closure::open(2), [0.; 3], &[], Backend::best())?;
+/// // ZZ of both links of an arm: the first link does not move with the second joint.
+/// assert_eq!(structural_nonzeros(&arm, &[5, 15])?, [true, true, false, true]);
+/// # Ok::<(), haptid_core::Error>(())
+/// ```
 pub fn structural_nonzeros(mechanism: &Mechanism, columns: &[usize]) -> Result<Vec<bool>, Error> {
     check_columns(mechanism, columns)?;
     let na = mechanism.coordinates;

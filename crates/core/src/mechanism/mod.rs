@@ -19,7 +19,7 @@ use crate::simd::dispatch::Backend;
 
 /// Inertial parameters of a link: XX XY XZ YY YZ ZZ MX MY MZ M, in the link's frame, with Khalil's signs (XY =
 /// -integral of x y dm).
-pub const LINK_PARAMETERS: usize = 10;
+pub(crate) const LINK_PARAMETERS: usize = 10;
 
 /// A joint and the link it carries, in normal form: a constant placement of the joint's frame in the parent's link
 /// frame, then rotation about, or translation along, the joint's own z.
@@ -77,7 +77,20 @@ pub struct Mechanism {
 }
 
 impl Mechanism {
-    /// Check the parts and put them together. `gravity` is in the base frame, m/s^2.
+    /// A mechanism of joints in an order in which parents precede their children. `gravity` is in the base frame, m/s^2.
+    /// Errors where shapes do not fit, an index is out of range, a rotation is not orthonormal, or a number not finite.
+    ///
+    /// # Example
+    ///
+    /// ```
+    /// use haptid_core::{Backend, Closure, Joint, Law, Mechanism, Term};
+    /// const EYE: [f64; 9] = [1., 0., 0., 0., 1., 0., 0., 0., 1.];
+    /// let joint = Joint { parent: None, rotation: EYE, translation: [0.; 3], prismatic: false };
+    /// let friction = Term { law: Law::Viscous, weights: vec![(0, 1.)], offset: 0., joint: None };
+    /// let pendulum = Mechanism::new(&[joint], &Closure::open(1), [0., -9.81, 0.], &[friction], Backend::best())?;
+    /// assert_eq!(pendulum.columns(), 11);
+    /// # Ok::<(), haptid_core::Error>(())
+    /// ```
     pub fn new(
         joints: &[Joint],
         closure: &Closure,
@@ -164,22 +177,47 @@ impl Mechanism {
     }
 
     /// Number of independent coordinates, which is also the number of torque rows.
+    ///
+    /// # Example
+    ///
+    /// ```
+    /// # use haptid_core::*;
+    /// # let joint = Joint { parent: None, rotation: [1., 0., 0., 0., 1., 0., 0., 0., 1.], translation: [0.; 3], prismatic: false };
+    /// # let pendulum = Mechanism::new(&[joint], &Closure::open(1), [0., -9.81, 0.], &[], Backend::best())?;
+    /// assert_eq!(pendulum.coordinates(), 1);
+    /// # Ok::<(), haptid_core::Error>(())
+    /// ```
     pub fn coordinates(&self) -> usize {
         self.coordinates
     }
 
-    /// Number of columns that the caller computes itself.
-    pub fn externals(&self) -> usize {
-        self.externals
-    }
-
     /// Number of channels of a motion: positions, velocities and accelerations of the coordinates, external columns,
     /// then those of loops.
+    ///
+    /// # Example
+    ///
+    /// ```
+    /// # use haptid_core::*;
+    /// # let joint = Joint { parent: None, rotation: [1., 0., 0., 0., 1., 0., 0., 0., 1.], translation: [0.; 3], prismatic: false };
+    /// # let pendulum = Mechanism::new(&[joint], &Closure::open(1), [0., -9.81, 0.], &[], Backend::best())?;
+    /// assert_eq!(pendulum.channels(), 3);
+    /// # Ok::<(), haptid_core::Error>(())
+    /// ```
     pub fn channels(&self) -> usize {
         3 * self.coordinates + self.externals + self.loops
     }
 
     /// Number of columns of the regressor: ten for each link, then one for each term.
+    ///
+    /// # Example
+    ///
+    /// ```
+    /// # use haptid_core::*;
+    /// # let joint = Joint { parent: None, rotation: [1., 0., 0., 0., 1., 0., 0., 0., 1.], translation: [0.; 3], prismatic: false };
+    /// # let pendulum = Mechanism::new(&[joint], &Closure::open(1), [0., -9.81, 0.], &[], Backend::best())?;
+    /// assert_eq!(pendulum.columns(), 10);
+    /// # Ok::<(), haptid_core::Error>(())
+    /// ```
     pub fn columns(&self) -> usize {
         self.inertial_columns() + self.terms.len()
     }

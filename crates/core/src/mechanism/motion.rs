@@ -29,6 +29,14 @@ pub struct Motion<'a> {
 
 impl Motion<'_> {
     /// Number of sets of rows: one with accelerations, two without. Each has a row for every coordinate.
+    ///
+    /// # Example
+    ///
+    /// ```
+    /// use haptid_core::Motion;
+    /// let motion = Motion { samples: 1, position: &[0.], velocity: &[0.], acceleration: None, external: &[], loops: &[] };
+    /// assert_eq!(motion.sets(), 2);
+    /// ```
     pub fn sets(&self) -> usize {
         if self.acceleration.is_some() { 1 } else { 2 }
     }

@@ -13,17 +13,36 @@ pub enum Law {
     /// Viscous friction: the velocity.
     Viscous,
     /// Coulomb friction: sgn v, or tanh(v / width) where the width is not zero.
-    Coulomb { width: f64 },
+    Coulomb {
+        /// Width of the transition, rad/s or m/s; zero for none.
+        width: f64,
+    },
     /// Coulomb friction of forward motion only: sgn v where v > 0.
-    CoulombForward { width: f64 },
+    CoulombForward {
+        /// As for [`Law::Coulomb`].
+        width: f64,
+    },
     /// Coulomb friction of backward motion only: sgn v where v < 0.
-    CoulombBackward { width: f64 },
+    CoulombBackward {
+        /// As for [`Law::Coulomb`].
+        width: f64,
+    },
     /// Stribeck friction: sgn(v) exp(-(|v| / velocity)^exponent).
-    Stribeck { velocity: f64, exponent: f64, width: f64 },
+    Stribeck {
+        /// Stribeck velocity, rad/s or m/s.
+        velocity: f64,
+        /// Exponent of the velocity ratio.
+        exponent: f64,
+        /// As for [`Law::Coulomb`].
+        width: f64,
+    },
     /// Constant torque: one.
     Offset,
     /// Spring: x - rest.
-    Spring { rest: f64 },
+    Spring {
+        /// Displacement at rest, rad or m.
+        rest: f64,
+    },
     /// A column that the caller computes: a channel of [`crate::Motion::external`].
     External,
 }

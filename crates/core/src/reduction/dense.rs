@@ -12,7 +12,17 @@ const STRIDE: usize = FOLD + MAX_WIDTH;
 
 /// The R factor of a matrix A: the upper triangle with R'R = A'A, square and row-major. A has `columns` columns,
 /// row-major, and any number of rows.
-pub fn r_factor(rows: &[f64], columns: usize, out: &mut [f64]) -> Result<(), Error> {
+///
+/// # Example
+///
+/// ```
+/// use haptid_core::{Backend, r_factor};
+/// let mut r = [0.];
+/// r_factor(Backend::best(), &[3., 4.], 1, &mut r)?;
+/// assert!((r[0].abs() - 5.).abs() < 1e-12);
+/// # Ok::<(), haptid_core::Error>(())
+/// ```
+pub fn r_factor(backend: Backend, rows: &[f64], columns: usize, out: &mut [f64]) -> Result<(), Error> {
     let many = rows.len().checked_div(columns).unwrap_or(0);
     expect_length("rows", rows.len(), many * columns)?;
     expect_length("out", out.len(), columns * columns)?;
@@ -22,7 +32,7 @@ pub fn r_factor(rows: &[f64], columns: usize, out: &mut [f64]) -> Result<(), Err
         for (k, row) in rows.chunks_exact(columns).enumerate() {
             row.iter().enumerate().for_each(|(c, &x)| block[c * STRIDE + k] = x);
         }
-        fold(Backend::best(), &mut r, columns, (&mut block, rows.len() / columns, STRIDE), &mut panels);
+        fold(backend, &mut r, columns, (&mut block, rows.len() / columns, STRIDE), &mut panels);
     }
     out.iter_mut().enumerate().for_each(|(k, x)| *x = r[k % columns * columns + k / columns]);
     Ok(())
@@ -38,14 +48,14 @@ mod tests {
         for many in [0, 1, 4, 5, 8, 256, 600] {
             let rows: Vec<f64> = (0..many * columns).map(|k| (k as f64 * 0.7).sin() + 0.1 * (k % 7) as f64).collect();
             let mut r = vec![f64::NAN; columns * columns];
-            r_factor(&rows, columns, &mut r).expect("shapes");
+            r_factor(Backend::best(), &rows, columns, &mut r).expect("shapes");
             let product = |a: &[f64], i: usize, j: usize| -> f64 { a.chunks(columns).map(|x| x[i] * x[j]).sum() };
             for (i, j) in (0..columns).flat_map(|i| (0..columns).map(move |j| (i, j))) {
                 assert!((product(&rows, i, j) - product(&r, i, j)).abs() < 1e-12 * (1 + many) as f64, "{many} {i} {j}");
                 assert!(i <= j || r[i * columns + j] == 0.0);
             }
         }
-        assert!(r_factor(&[1.0; 7], 5, &mut [0.0; 25]).is_err());
-        assert!(r_factor(&[], 0, &mut []).is_ok());
+        assert!(r_factor(Backend::best(), &[1.0; 7], 5, &mut [0.0; 25]).is_err());
+        assert!(r_factor(Backend::best(), &[], 0, &mut []).is_ok());
     }
 }

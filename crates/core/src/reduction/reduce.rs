@@ -61,6 +61,41 @@ pub struct RFactors {
 }
 
 /// Reduce a motion to one R factor per coordinate and time block. The result does not depend on the number of threads.
+///
+/// # Example
+///
+/// ```
+/// # use haptid_core::*;
+/// # let joint = Joint { parent: None, rotation: [1., 0., 0., 0., 1., 0., 0., 0., 1.], translation: [0.; 3], prismatic: false };
+/// # let pendulum = Mechanism::new(&[joint], &Closure::open(1), [0., -9.81, 0.], &[], Backend::best())?;
+/// # let motion = Motion {
+/// #     samples: 3,
+/// #     position: &[0., 1., 2.],
+/// #     velocity: &[0., 0.5, 1.],
+/// #     acceleration: Some(&[1., 0., -1.]),
+/// #     external: &[],
+/// #     loops: &[],
+/// # };
+/// # let chi = [0., 0., 0., 0., 0., 0.5, 1., 0., 0., 2.];
+/// # let mut torque = [0.; 3];
+/// # inverse_dynamics(&pendulum, &motion, &chi, &mut torque)?;
+/// // A pendulum whose torques its columns ZZ and MX explain exactly: three rows, in one block.
+/// let reduction = Reduction {
+///     columns: &[5, 6],
+///     torque: &torque,
+///     taps: &[1.],
+///     derivative_taps: &[],
+///     decimation: 1,
+///     first: 0,
+///     rows: 3,
+///     block: 3,
+///     weights: &[],
+/// };
+/// let factors = reduce(&pendulum, &motion, &reduction)?;
+/// // [R z; 0 rest], and the rest is zero.
+/// assert!(factors[0].blocks[0][8].abs() < 1e-12);
+/// # Ok::<(), haptid_core::Error>(())
+/// ```
 pub fn reduce(mechanism: &Mechanism, motion: &Motion, reduction: &Reduction) -> Result<Vec<RFactors>, Error> {
     let filter = check(mechanism, motion, reduction)?;
     let reached = structural_nonzeros(mechanism, reduction.columns)?;

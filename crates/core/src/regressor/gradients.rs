@@ -21,6 +21,28 @@ use std::ops::Range;
 
 /// Gradients of the torques of the chosen columns' parameters `chi`: `out[(r * channels + c) * samples + k]` of row r
 /// with respect to channel c. Channels are in the order of [`Motion`]'s fields; the motion must have accelerations.
+///
+/// # Example
+///
+/// ```
+/// # use haptid_core::*;
+/// # let joint = Joint { parent: None, rotation: [1., 0., 0., 0., 1., 0., 0., 0., 1.], translation: [0.; 3], prismatic: false };
+/// # let pendulum = Mechanism::new(&[joint], &Closure::open(1), [0., -9.81, 0.], &[], Backend::best())?;
+/// # let motion = Motion {
+/// #     samples: 3,
+/// #     position: &[0., 1., 2.],
+/// #     velocity: &[0., 0.5, 1.],
+/// #     acceleration: Some(&[1., 0., -1.]),
+/// #     external: &[],
+/// #     loops: &[],
+/// # };
+/// // A pendulum of 2 kg at 0.5 m: ZZ = 0.5 kg m^2, MX = 1 kg m. Gravity acts along -y.
+/// let mut out = [0.; 9];
+/// torque_gradients(&pendulum, &motion, &[5, 6], &[0.5, 1.], &mut out)?;
+/// // With respect to the acceleration, the last of three channels, it is ZZ.
+/// assert!((out[6] - 0.5).abs() < 1e-12);
+/// # Ok::<(), haptid_core::Error>(())
+/// ```
 pub fn torque_gradients(
     mechanism: &Mechanism,
     motion: &Motion,
@@ -65,6 +87,27 @@ pub fn torque_gradients(
 /// Gradients of the sum over rows and samples of `y' F y`: `out[c * samples + k]` with respect to channel c at sample
 /// k. y are the chosen entries of a row at a sample, and F is the row's form, of coordinates x chosen x chosen,
 /// row-major. The motion must have accelerations.
+///
+/// # Example
+///
+/// ```
+/// # use haptid_core::*;
+/// # let joint = Joint { parent: None, rotation: [1., 0., 0., 0., 1., 0., 0., 0., 1.], translation: [0.; 3], prismatic: false };
+/// # let pendulum = Mechanism::new(&[joint], &Closure::open(1), [0., -9.81, 0.], &[], Backend::best())?;
+/// # let motion = Motion {
+/// #     samples: 3,
+/// #     position: &[0., 1., 2.],
+/// #     velocity: &[0., 0.5, 1.],
+/// #     acceleration: Some(&[1., 0., -1.]),
+/// #     external: &[],
+/// #     loops: &[],
+/// # };
+/// // A pendulum; the form is the square of its column ZZ, which is the acceleration.
+/// let mut out = [0.; 9];
+/// quadratic_form_gradients(&pendulum, &motion, &[5], &[1.], &mut out)?;
+/// assert!((out[6] - 2.).abs() < 1e-12 && out[0] == 0.);
+/// # Ok::<(), haptid_core::Error>(())
+/// ```
 pub fn quadratic_form_gradients(
     mechanism: &Mechanism,
     motion: &Motion,

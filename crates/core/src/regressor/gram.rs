@@ -64,6 +64,27 @@ impl NonzeroEntries {
 
 /// Gram matrices of the chosen columns: for each row the inner products over the samples, coordinates x chosen x
 /// chosen, row-major. The motion must have accelerations.
+///
+/// # Example
+///
+/// ```
+/// # use haptid_core::*;
+/// # let joint = Joint { parent: None, rotation: [1., 0., 0., 0., 1., 0., 0., 0., 1.], translation: [0.; 3], prismatic: false };
+/// # let pendulum = Mechanism::new(&[joint], &Closure::open(1), [0., -9.81, 0.], &[], Backend::best())?;
+/// # let motion = Motion {
+/// #     samples: 3,
+/// #     position: &[0., 1., 2.],
+/// #     velocity: &[0., 0.5, 1.],
+/// #     acceleration: Some(&[1., 0., -1.]),
+/// #     external: &[],
+/// #     loops: &[],
+/// # };
+/// // A pendulum; its columns ZZ, which is the acceleration, and MX.
+/// let mut gram = [0.; 4];
+/// gram_matrices(&pendulum, &motion, &[5, 6], &mut gram)?;
+/// assert!((gram[0] - 2.).abs() < 1e-12 && gram[1] == gram[2]);
+/// # Ok::<(), haptid_core::Error>(())
+/// ```
 pub fn gram_matrices(mechanism: &Mechanism, motion: &Motion, columns: &[usize], out: &mut [f64]) -> Result<(), Error> {
     motion.check_accelerations(mechanism)?;
     check_columns(mechanism, columns)?;
@@ -115,14 +136,15 @@ fn part_gram(
     let places = [entries.entry_map(mechanism)];
     let mut sums = vec![0.0; entries.reached.iter().map(|reached| reached.len().pow(2)).sum()];
     let tile = workspace.tile(entries.count() * RUN);
-    // SAFETY: the tile has room for all runs, the first of which stands for columns that are not there.
-    let runs = unsafe { core::slice::from_raw_parts_mut(tile, entries.count() * RUN) };
-    runs[..RUN].fill(0.0);
+    // SAFETY: the tile has room for all runs, the first of which stands for columns after the last one.
+    unsafe { tile.write_bytes(0, RUN) };
     for from in samples.clone().step_by(TILE) {
         let count = TILE.min(samples.end - from);
         // SAFETY: every run has room for a tile and a lane.
         unsafe { rows(mechanism, motion, from, count, &places, EntryRuns { first: tile, apart: RUN }, workspace) };
         let whole = count.next_multiple_of(MAX_WIDTH);
+        // SAFETY: the tile has been given this size, is initialised, and nothing else points to it here.
+        let runs = unsafe { core::slice::from_raw_parts_mut(tile, entries.count() * RUN) };
         runs.chunks_exact_mut(RUN).for_each(|run| run[count..whole].fill(0.0));
         let mut rest = &mut sums[..];
         for row in 0..mechanism.coordinates {
@@ -148,6 +170,7 @@ dispatched! {
 #[inline(always)]
 unsafe fn multiply_in_lanes<T: Lane>(tile: *const f64, runs: Range<usize>, samples: usize, sums: &mut [f64]) {
     // As many columns as keep their products in registers.
+    // SAFETY: the caller's promise, passed on.
     unsafe {
         match T::PANEL {
             2 => multiply_panels::<T, 2>(tile, runs, samples, sums),

@@ -21,6 +21,27 @@ use std::ops::Range;
 
 /// The regressor of every sample, `out[(r * chosen + c) * samples + k]`, for row r (coordinates, set after set, see
 /// [`Motion::sets`]), chosen column c and sample k.
+///
+/// # Example
+///
+/// ```
+/// # use haptid_core::*;
+/// # let joint = Joint { parent: None, rotation: [1., 0., 0., 0., 1., 0., 0., 0., 1.], translation: [0.; 3], prismatic: false };
+/// # let pendulum = Mechanism::new(&[joint], &Closure::open(1), [0., -9.81, 0.], &[], Backend::best())?;
+/// # let motion = Motion {
+/// #     samples: 3,
+/// #     position: &[0., 1., 2.],
+/// #     velocity: &[0., 0.5, 1.],
+/// #     acceleration: Some(&[1., 0., -1.]),
+/// #     external: &[],
+/// #     loops: &[],
+/// # };
+/// // A pendulum; its columns ZZ and MX at three samples. Gravity acts along -y.
+/// let mut out = [0.; 6];
+/// regressor(&pendulum, &motion, &[5, 6], &mut out)?;
+/// assert!((out[0] - 1.).abs() < 1e-12 && (out[3] - 9.81).abs() < 1e-12);
+/// # Ok::<(), haptid_core::Error>(())
+/// ```
 pub fn regressor(mechanism: &Mechanism, motion: &Motion, columns: &[usize], out: &mut [f64]) -> Result<(), Error> {
     motion.check(mechanism)?;
     let layout = mechanism.column_layout(motion.sets(), columns)?;

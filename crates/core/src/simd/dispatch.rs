@@ -21,6 +21,13 @@ pub(crate) enum Kind {
 
 impl Backend {
     /// Every back end that this machine can run, fastest first.
+    ///
+    /// # Example
+    ///
+    /// ```
+    /// use haptid_core::Backend;
+    /// assert!(Backend::available().contains(&Backend::best()));
+    /// ```
     pub fn available() -> Vec<Backend> {
         let mut found = Vec::new();
         #[cfg(target_arch = "x86_64")]
@@ -40,11 +47,44 @@ impl Backend {
     }
 
     /// The fastest back end of this machine.
+    ///
+    /// # Example
+    ///
+    /// ```
+    /// println!("{}", haptid_core::Backend::best().name());
+    /// ```
     pub fn best() -> Backend {
         static BEST: OnceLock<Backend> = OnceLock::new();
         *BEST.get_or_init(|| Backend::available()[0])
     }
 
+    /// The back end that the environment variable `HAPTID_BACKEND` names, read once; the fastest one if it is not set.
+    /// Errors with [`Error::Backend`] if the machine does not have it.
+    ///
+    /// # Example
+    ///
+    /// ```
+    /// // HAPTID_BACKEND=portable in the environment makes this the portable back end.
+    /// let backend = haptid_core::Backend::selected()?;
+    /// # Ok::<(), haptid_core::Error>(())
+    /// ```
+    pub fn selected() -> Result<Backend, Error> {
+        static SELECTED: OnceLock<Result<Backend, Error>> = OnceLock::new();
+        let selected = SELECTED.get_or_init(|| match std::env::var_os("HAPTID_BACKEND") {
+            Some(name) => Backend::named(&name.to_string_lossy()),
+            None => Ok(Backend::best()),
+        });
+        selected.clone()
+    }
+
+    /// Name of the back end: `avx512`, `avx2`, `neon` or `portable`.
+    ///
+    /// # Example
+    ///
+    /// ```
+    /// assert_eq!(haptid_core::Backend::named("portable")?.name(), "portable");
+    /// # Ok::<(), haptid_core::Error>(())
+    /// ```
     pub fn name(self) -> &'static str {
         match self.0 {
             #[cfg(target_arch = "x86_64")]
@@ -58,6 +98,13 @@ impl Backend {
     }
 
     /// The back end of this name. Errors with [`Error::Backend`] if the machine does not have it.
+    ///
+    /// # Example
+    ///
+    /// ```
+    /// use haptid_core::Backend;
+    /// assert!(Backend::named("portable").is_ok() && Backend::named("abacus").is_err());
+    /// ```
     pub fn named(name: &str) -> Result<Backend, Error> {
         let found = Backend::available().into_iter().find(|b| b.name() == name);
         found.ok_or_else(|| Error::Backend { name: name.to_owned() })

@@ -64,7 +64,7 @@ pub(crate) const WHOLE: f64 = 6_755_399_441_055_744.0;
 /// Sine and cosine of a lane, for |x| below about 1e5: Cody-Waite reduction in three parts and the fdlibm minimax
 /// polynomials; the error is below 2 ulp of 1.
 #[inline(always)]
-pub fn sin_cos<T: Lane>(x: T) -> (T, T) {
+pub(crate) fn sin_cos<T: Lane>(x: T) -> (T, T) {
     let s = T::splat;
     let quarters = x.fma(s(core::f64::consts::FRAC_2_PI), s(WHOLE));
     let k = quarters.sub(s(WHOLE));

@@ -6,11 +6,11 @@
 use crate::simd::elementary;
 
 /// Width of the widest lane. Buffers have room for this many numbers after their last sample.
-pub const MAX_WIDTH: usize = 8;
+pub(crate) const MAX_WIDTH: usize = 8;
 
 /// A few samples of one quantity. Every method is `inline(always)`: it must be inlined into a function that is compiled
 /// with the back end's instructions.
-pub trait Lane: Copy {
+pub(crate) trait Lane: Copy {
     const WIDTH: usize;
     /// Columns of a QR panel: as many as keep their inner products in registers.
     const PANEL: usize;

@@ -9,7 +9,7 @@ const SIGN: u64 = 1 << 63;
 /// multiply-add instruction; without it `mul_add` would be a library call.
 #[derive(Clone, Copy)]
 #[repr(C, align(64))]
-pub struct Portable<const FUSED: bool>([f64; 8]);
+pub(crate) struct Portable<const FUSED: bool>([f64; 8]);
 
 impl<const FUSED: bool> Portable<FUSED> {
     #[inline(always)]

@@ -5,9 +5,9 @@ use crate::simd::lane::Lane;
 use core::arch::x86_64::*;
 
 #[derive(Clone, Copy)]
-pub struct Avx2(__m256d);
+pub(crate) struct Avx2(__m256d);
 #[derive(Clone, Copy)]
-pub struct Avx512(__m512d);
+pub(crate) struct Avx512(__m512d);
 
 macro_rules! intrinsic {
     ($name:ident, $width:literal, $panel:literal, $splat:ident, $load:ident, $store:ident, $stream:ident, $add:ident, $sub:ident, $mul:ident,
