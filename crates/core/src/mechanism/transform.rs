@@ -131,6 +131,24 @@ impl<T: Lane> JointTransform<T> {
         (self.shape.joint_type != JointType::RevoluteInPlace).then_some(self.origin)
     }
 
+    /// Transpose of [`JointTransform::rotate`], for adjoints. It differs from [`JointTransform::rotate_to_parent`] in which
+    /// product of a sum is rounded first.
+    #[inline(always)]
+    pub(crate) fn rotate_transposed(&self, v: Vector<T>) -> Vector<T> {
+        let [x, y, z] = match self.is_prismatic() {
+            true => v,
+            false => [v[1].fnma(self.sine, v[0].mul(self.cosine)), v[1].fma(self.cosine, v[0].mul(self.sine)), v[2]],
+        };
+        let r = |k: usize| T::splat(self.inverse[k]);
+        let column = |k: usize| z.fma(r(k + 6), y.fma(r(k + 3), x.mul(r(k))));
+        match self.shape.rotation {
+            Rotation::Identity => [x, y, z],
+            Rotation::AboutX => [x, z.neg(), y],
+            Rotation::AboutMinusX => [x, z, y.neg()],
+            Rotation::General => [column(0), column(1), column(2)],
+        }
+    }
+
     /// Add the joint's own motion, at a rate, to an axis.
     #[inline(always)]
     pub(crate) fn add_joint_rate(&self, (mut x, mut u): (Vector<T>, Vector<T>), rate: T) -> (Vector<T>, Vector<T>) {

@@ -282,7 +282,7 @@ unsafe fn axis_adjoint<T: Lane>(
                 let (x, u) = load_axis::<T>(slots.axes[own].as_ptr(), k);
                 by_q = rotation_gradient(u, by_u, rotation_gradient(x, by_x, by_q));
             }
-            let (mut to_x, to_u) = (joint.rotate_to_parent(by_x), joint.rotate_to_parent(by_u));
+            let (mut to_x, to_u) = (joint.rotate_transposed(by_x), joint.rotate_transposed(by_u));
             if let Some(origin) = joint.offset() {
                 to_x = cross_add(origin, to_u, to_x);
             }
@@ -355,7 +355,7 @@ unsafe fn carry_to_parent<T: Lane>(
     k: usize,
 ) -> T {
     let (mut by_w, mut by_wd, by_a) =
-        (joint.rotate_to_parent(by_w), joint.rotate_to_parent(by_wd), joint.rotate_to_parent(by_a));
+        (joint.rotate_transposed(by_w), joint.rotate_transposed(by_wd), joint.rotate_transposed(by_a));
     let mut by_q = T::splat(0.0);
     // SAFETY: the caller promises both links' slots, with room for a lane from k on.
     unsafe {
