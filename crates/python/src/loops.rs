@@ -1,4 +1,4 @@
-//! Joints cut out of loops. See `_core.pyi`.
+//! The classes `Loops` and `Branch`: see `_core.pyi`.
 
 use crate::arrays::row_major;
 use crate::threads::detached;
@@ -14,7 +14,7 @@ use numpy::{
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 
-/// A tree and the joints cut out of its loops.
+/// A tree with cut joints.
 #[pyclass(name = "Loops", frozen, module = "haptid._core")]
 pub struct PyLoops(LoopClosure);
 
@@ -25,7 +25,7 @@ fn frame((link, rotation, translation): FrameArguments) -> Frame {
     Frame { link: usize::try_from(link).ok(), rotation, translation }
 }
 
-/// The joints of a tree; parents that are no link are the base.
+/// The joints of a tree; parent -1 is the base.
 pub fn joints(
     parent: &[isize],
     rotation: &PyReadonlyArray3<'_, f64>,
@@ -96,11 +96,11 @@ impl PyLoops {
     }
 }
 
-/// One of the ways in which loops close.
+/// A loop closure in one of its assembly modes.
 #[pyclass(name = "Branch", frozen, module = "haptid._core")]
 pub struct PyBranch(AssemblyMode);
 
-/// The first sample not reached, and the last closed pose on the way there; nothing where all are reached.
+/// The first sample that is not reached, and the last closed pose on the way to it; None where all are reached.
 type Stopped<'py> = Option<(usize, Bound<'py, PyArray1<f64>>)>;
 
 #[pymethods]

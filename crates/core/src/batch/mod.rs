@@ -19,8 +19,7 @@ pub(crate) mod sweep;
 use crate::mechanism::Mechanism;
 use crate::mechanism::closure::{JointMap, Rate};
 use crate::mechanism::motion::Motion;
-use crate::memory::slot::grow;
-use crate::memory::slot::{BATCH, Slot, store};
+use crate::memory::slot::{BATCH, Slot, grow, store};
 use crate::simd::lane::{Lane, MAX_WIDTH};
 
 /// Channels of a motion: positions, velocities and accelerations of the coordinates, external columns, then loops.

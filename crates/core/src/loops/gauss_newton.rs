@@ -102,25 +102,3 @@ impl NormalEquations {
         x
     }
 }
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-    use crate::loops::cut::{CutJoint, Frame};
-    use crate::mechanism::Joint;
-
-    #[test]
-    fn two_bars_meet_where_the_law_of_cosines_says() {
-        let eye = [1., 0., 0., 0., 1., 0., 0., 0., 1.];
-        let bar = |x| Joint { parent: None, rotation: eye, translation: [x, 0., 0.], prismatic: false };
-        let tip = |link, x| Frame { link: Some(link), rotation: eye, translation: [x, 0.0, 0.0] };
-        let cut = CutJoint { prismatic: false, frame_a: tip(0, 0.5), frame_b: tip(1, 0.4) };
-        let loops = LoopClosure::new(&[bar(0.0), bar(0.6)], &[cut], 0.6).expect("two bars");
-        let mut q = [0.5, 2.0].repeat(300);
-        loops.close(&mut q, &[0, 1], 60, 1e-12).expect("shapes");
-        let (first, second) = ((0.25 + 0.36 - 0.16_f64) / 0.6, (0.16 + 0.36 - 0.25_f64) / 0.48);
-        for q in q.chunks_exact(2) {
-            assert!((q[0].cos() - first).abs() < 1e-10 && (-q[1].cos() - second).abs() < 1e-10, "{q:?}");
-        }
-    }
-}

@@ -2,8 +2,7 @@
 
 use crate::error::{Error, expect_length};
 use crate::mechanism::{LINK_PARAMETERS, Mechanism};
-use crate::memory::slot::grow;
-use crate::memory::slot::{BATCH, Slot, load};
+use crate::memory::slot::{BATCH, Slot, grow, load};
 use crate::simd::lane::{Lane, MAX_WIDTH};
 
 /// Sets of parameters, one after another. The samples are divided among them evenly, in order.

@@ -167,7 +167,7 @@ fn check(mechanism: &Mechanism, motion: &Motion, reduction: &Reduction) -> Resul
         return Err(Error::Value { name: "block", got: 0.0, wanted: "at least one row" });
     }
     let derivative_length = if motion.acceleration.is_some() { 0 } else { reduction.taps.len() };
-    expect_length("derivative_taps", reduction.derivative_taps.len(), derivative_length)?;
+    expect_length("slope", reduction.derivative_taps.len(), derivative_length)?;
     let filter = FirFilter::new(reduction.taps, reduction.derivative_taps, reduction.decimation)?;
     let half = filter.half();
     let Reduction { first, rows, decimation, .. } = *reduction;
