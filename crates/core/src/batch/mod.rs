@@ -32,9 +32,9 @@ pub(crate) struct Channels {
 
 impl Channels {
     pub(crate) fn grow(&mut self, mechanism: &Mechanism) {
-        let many = 3 * mechanism.coordinates + mechanism.externals + mechanism.loops;
-        grow(&mut self.first, many, core::ptr::null());
-        grow(&mut self.copies, many, Slot::ZERO);
+        let count = 3 * mechanism.coordinates + mechanism.externals + mechanism.loops;
+        grow(&mut self.first, count, core::ptr::null());
+        grow(&mut self.copies, count, Slot::ZERO);
     }
 
     /// Point at samples `from..from + count`, at most a batch. The pointers are valid while the motion is borrowed.
@@ -44,7 +44,7 @@ impl Channels {
         let acceleration = motion.acceleration.unwrap_or_default();
         let own = [(motion.external, mechanism.externals), (motion.loops, mechanism.loops)];
         let groups = [(motion.position, na), (motion.velocity, na), (acceleration, na)].into_iter().chain(own);
-        let channels = groups.flat_map(|(data, many)| (0..many).map(move |a| (data, a * n + from)));
+        let channels = groups.flat_map(|(data, rows)| (0..rows).map(move |a| (data, a * n + from)));
         for (((data, at), first), copy) in channels.zip(&mut self.first).zip(&mut self.copies) {
             let copy = &mut copy.0;
             // Absent accelerations are zero; the last sample is repeated up to a whole lane.

@@ -30,7 +30,7 @@ impl EntryRuns {
 pub(crate) struct EntrySink<'a> {
     places: &'a LinkEntries,
     /// One bit for each requested parameter.
-    pub(crate) wanted: u32,
+    pub(crate) requested: u32,
     out: EntryRuns,
 }
 
@@ -38,14 +38,14 @@ impl EntrySink<'_> {
     /// The same sink with the set of requested entries as a compile-time constant: its own set, or [`ANY`].
     #[inline(always)]
     pub(crate) fn of<const SET: u32>(&self) -> ConstSink<SET> {
-        ConstSink { places: self.places.map(|place| self.out.at(place)), wanted: self.wanted }
+        ConstSink { places: self.places.map(|place| self.out.at(place)), requested: self.requested }
     }
 }
 
 /// A sink whose set the compiler knows: entries outside the set are not computed.
 pub(crate) struct ConstSink<const SET: u32> {
     places: [*mut f64; LINK_PARAMETERS],
-    wanted: u32,
+    requested: u32,
 }
 
 impl<const SET: u32> ConstSink<SET> {
@@ -56,8 +56,8 @@ impl<const SET: u32> ConstSink<SET> {
     /// The entry's run has room for a lane from number `k` on.
     #[inline(always)]
     pub(crate) unsafe fn put<T: Lane>(&self, p: usize, k: usize, entry: T) {
-        let wanted = if SET == ANY { self.wanted } else { SET };
-        if wanted & 1 << p != 0 {
+        let requested = if SET == ANY { self.requested } else { SET };
+        if requested & 1 << p != 0 {
             // SAFETY: the entry is requested, so that its place is a run, in which the caller promises room.
             unsafe { entry.store(self.places[p].add(k)) };
         }
@@ -75,7 +75,7 @@ macro_rules! for_set {
         $crate::batch::sink::for_set!($sink, [0b11_1111_1111, 0b00_1111_0111, 0b00_1110_0000, 0b00_1100_0000], $set => $body)
     };
     ($sink:expr, [$($common:literal),*], $set:ident => $body:expr) => {
-        match $sink.wanted {
+        match $sink.requested {
             $($common => {
                 const $set: u32 = $common;
                 $body
@@ -92,7 +92,7 @@ pub(crate) use for_set;
 impl EntryMap {
     /// Sink for the entries of an axis.
     pub(crate) fn axis(&self, axis: usize, out: EntryRuns) -> EntrySink<'_> {
-        let (places, wanted) = &self.axes[axis];
-        EntrySink { places, wanted: *wanted, out }
+        let (places, requested) = &self.axes[axis];
+        EntrySink { places, requested: *requested, out }
     }
 }

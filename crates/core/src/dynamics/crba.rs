@@ -115,10 +115,10 @@ unsafe fn carry_force<T: Lane>(
     joint: &TransformSlots,
     force: *mut Slot,
 ) {
-    let rest = JointTransform::<T>::at_zero(shape, link);
+    let at_zero = JointTransform::<T>::at_zero(shape, link);
     for k in batch.lanes::<T>() {
         // SAFETY: `lanes` leaves room for a lane in the slots of joint and force.
-        unsafe { store_axis(force, k, rest.load(joint.as_ptr(), k).wrench_to_parent(load_axis(force, k))) };
+        unsafe { store_axis(force, k, at_zero.load(joint.as_ptr(), k).wrench_to_parent(load_axis(force, k))) };
     }
 }
 
@@ -161,11 +161,11 @@ unsafe fn add_inertia_to_parent<T: Lane>(
     from: *const Slot,
     to: *mut Slot,
 ) {
-    let rest = JointTransform::<T>::at_zero(shape, link);
+    let at_zero = JointTransform::<T>::at_zero(shape, link);
     for k in batch.lanes::<T>() {
         // SAFETY: the caller's pointers are to the slots of two different links, with room for a lane.
         unsafe {
-            let carried = rest.load(joint.as_ptr(), k).inertia_to_parent(load(from, k));
+            let carried = at_zero.load(joint.as_ptr(), k).inertia_to_parent(load(from, k));
             let sum: [T; LINK_PARAMETERS] = load(to, k);
             store(to, k, core::array::from_fn::<T, LINK_PARAMETERS, _>(|p| sum[p].add(carried[p])));
         }

@@ -61,7 +61,7 @@ unsafe fn momentum_recursion_in_lanes<T: Lane>(batch: Batch, bodies: BatchParame
 #[inline(always)]
 unsafe fn propagate_motion<T: Lane>(batch: Batch, bodies: BatchParameters, i: usize, state: &mut RecursionState) {
     let link = &batch.mechanism.links[i];
-    let rest = JointTransform::<T>::at_zero(link.shape, link);
+    let at_zero = JointTransform::<T>::at_zero(link.shape, link);
     // SAFETY: batch and state are as in the head of the file.
     unsafe {
         let followed = batch.follow::<T>(&link.joint_map, &mut state.followed);
@@ -69,7 +69,7 @@ unsafe fn propagate_motion<T: Lane>(batch: Batch, bodies: BatchParameters, i: us
         let own = LinkVelocities(state.motions[i].as_mut_ptr());
         let parent = link.parent.map(|p| LinkVelocities(state.motions[p].as_mut_ptr()));
         for k in batch.lanes::<T>() {
-            let ([_, speed, _], joint) = (followed.at(k), rest.load(state.joints[i].as_ptr(), k));
+            let ([_, speed, _], joint) = (followed.at(k), at_zero.load(state.joints[i].as_ptr(), k));
             match parent {
                 Some(parent) => own.propagate(parent, &joint, speed, k),
                 None => own.begin_at_base(batch.mechanism.gravity, &joint, speed, k),
@@ -123,12 +123,16 @@ unsafe fn add_to_coordinates<T: Lane>(
     for &(a, rate) in &joint_map.rates {
         // SAFETY: slots and channels have room for every lane of the batch.
         unsafe {
-            let (p, rest) = (&mut state.other[a], &mut state.torque[a]);
-            let ([sum], [rest_sum]): ([T; 1], [T; 1]) = (load(p, k), load(rest, k));
+            let (p, remainder) = (&mut state.other[a], &mut state.torque[a]);
+            let ([sum], [remainder_sum]): ([T; 1], [T; 1]) = (load(p, k), load(remainder, k));
             let own: T = batch.rate(rate, k);
-            let rest_sum = left.fma(own, rest_sum);
+            let remainder_sum = left.fma(own, remainder_sum);
             store(p, k, [momentum.fma(own, sum)]);
-            store(rest, k, [batch.rate_derivative(rate, k).map_or(rest_sum, |change| momentum.fnma(change, rest_sum))]);
+            store(
+                remainder,
+                k,
+                [batch.rate_derivative(rate, k).map_or(remainder_sum, |change| momentum.fnma(change, remainder_sum))],
+            );
         }
     }
 }

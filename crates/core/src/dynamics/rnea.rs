@@ -77,11 +77,11 @@ unsafe fn propagate_motion<T: Lane>(
     state: &mut RecursionState,
 ) {
     let (link, has_mass) = (&batch.mechanism.links[i], bodies.sets.has_mass(i));
-    let rest = JointTransform::<T>::at_zero(shape, link);
+    let at_zero = JointTransform::<T>::at_zero(shape, link);
     for k in batch.lanes::<T>() {
         // SAFETY: batch and state are as in the head of the file.
         unsafe {
-            let joint = rest.load(state.joints[i].as_ptr(), k);
+            let joint = at_zero.load(state.joints[i].as_ptr(), k);
             let [_, v, acceleration] = followed.at(k);
             let carried = match link.parent {
                 Some(parent) => joint.transform_motion(load_motion(state.motions[parent].as_ptr(), k)),
@@ -168,11 +168,11 @@ pub(crate) unsafe fn add_wrench_to_parent<T: Lane>(
     from: *const Slot,
     to: *mut Slot,
 ) {
-    let rest = JointTransform::<T>::at_zero(shape, link);
+    let at_zero = JointTransform::<T>::at_zero(shape, link);
     for k in batch.lanes::<T>() {
         // SAFETY: the caller's pointers are to the six slots of two different links, with room for a lane.
         unsafe {
-            let (n, f) = rest.load(joint.as_ptr(), k).wrench_to_parent(load_axis(from, k));
+            let (n, f) = at_zero.load(joint.as_ptr(), k).wrench_to_parent(load_axis(from, k));
             let (sum_n, sum_f): (Vector<T>, Vector<T>) = load_axis(to, k);
             let sum = |x: Vector<T>, y: Vector<T>| core::array::from_fn(|e| x[e].add(y[e]));
             store_axis(to, k, (sum(n, sum_n), sum(f, sum_f)));

@@ -341,7 +341,7 @@ impl AssemblyMode {
         let mut velocities = path.velocity.chunks(SEGMENT * a);
         let (mut rates, mut rate_derivatives) =
             (out.rates.chunks_mut(SEGMENT * n * a), out.rate_derivatives.chunks_mut(SEGMENT * n * a));
-        let part = |(k, (position, q))| Segment {
+        let segment = |(k, (position, q))| Segment {
             first: k * SEGMENT,
             position,
             velocity: velocities.next().unwrap_or_default(),
@@ -349,36 +349,36 @@ impl AssemblyMode {
             rates: rates.next().unwrap_or_default(),
             rate_derivatives: rate_derivatives.next().unwrap_or_default(),
         };
-        positions.map(part).collect()
+        positions.map(segment).collect()
     }
 
     /// Follow all segments, those after the first as if the start led to them, and repeat those where it does not.
-    fn join_segments(&self, parts: &mut [Segment], mut continuation: Continuation) -> Option<ContinuationStop> {
-        let (first, rest) = parts.split_first_mut()?;
+    fn join_segments(&self, segments: &mut [Segment], mut continuation: Continuation) -> Option<ContinuationStop> {
+        let (first, rest) = segments.split_first_mut()?;
         if rest.is_empty() {
             return first.follow(&mut continuation).err();
         }
         let (leads, ends) = rayon::join(
             || first.follow(&mut continuation),
-            || rest.par_iter_mut().map(|part| part.follow_from_start(self)).collect::<Vec<_>>(),
+            || rest.par_iter_mut().map(|segment| segment.follow_from_start(self)).collect::<Vec<_>>(),
         );
         let mut stop = leads.err();
-        for (part, speculative) in rest.iter_mut().zip(ends) {
+        for (segment, speculative) in rest.iter_mut().zip(ends) {
             if stop.is_some() {
                 break;
             }
-            if !continuation.advance_or_restart(&part.position[..self.active()]) {
-                stop = Some(continuation.stop(part.first));
+            if !continuation.advance_or_restart(&segment.position[..self.active()]) {
+                stop = Some(continuation.stop(segment.first));
                 break;
             }
-            let leads = continuation.is_at(&part.q[..self.joints()], SAME_POSE);
+            let leads = continuation.is_at(&segment.q[..self.joints()], SAME_POSE);
             stop = match speculative.filter(|_| leads) {
                 Some(Ok(end)) => {
                     continuation.restart_from(&end);
                     None
                 }
                 Some(Err(found)) => Some(found),
-                None => part.follow(&mut continuation).err(),
+                None => segment.follow(&mut continuation).err(),
             };
         }
         stop

@@ -125,11 +125,11 @@ impl<'a> Continuation<'a> {
         if self.advance_to(target) {
             return true;
         }
-        let stuck = self.configuration.clone();
+        let last_closed = self.configuration.clone();
         self.restart_from(&self.mode.start);
         let reached = self.advance_to(target);
         if !reached {
-            self.configuration = stuck;
+            self.configuration = last_closed;
         }
         reached
     }

@@ -39,13 +39,13 @@ impl Segment<'_> {
     pub(crate) fn follow(&mut self, continuation: &mut Continuation) -> Result<(), ContinuationStop> {
         #[cfg(target_arch = "x86_64")]
         #[target_feature(enable = "avx512f,avx512dq,avx2,fma")]
-        fn avx512(part: &mut Segment, continuation: &mut Continuation) -> Result<(), ContinuationStop> {
-            follow_in_lanes::<LaneNumber<Avx512>>(part, continuation)
+        fn avx512(segment: &mut Segment, continuation: &mut Continuation) -> Result<(), ContinuationStop> {
+            follow_in_lanes::<LaneNumber<Avx512>>(segment, continuation)
         }
         #[cfg(target_arch = "x86_64")]
         #[target_feature(enable = "avx2,fma")]
-        fn avx2(part: &mut Segment, continuation: &mut Continuation) -> Result<(), ContinuationStop> {
-            follow_in_lanes::<LaneNumber<Avx2>>(part, continuation)
+        fn avx2(segment: &mut Segment, continuation: &mut Continuation) -> Result<(), ContinuationStop> {
+            follow_in_lanes::<LaneNumber<Avx2>>(segment, continuation)
         }
         match continuation.mode.backend.0 {
             // SAFETY: a `Backend` value exists only where its instructions were detected.
@@ -74,37 +74,37 @@ impl Segment<'_> {
 }
 
 #[inline(always)]
-fn follow_in_lanes<N: Real>(part: &mut Segment, continuation: &mut Continuation) -> Result<(), ContinuationStop> {
+fn follow_in_lanes<N: Real>(segment: &mut Segment, continuation: &mut Continuation) -> Result<(), ContinuationStop> {
     let (mode, a) = (continuation.mode, continuation.mode.active());
     let (mut iterate, mut velocity) = (NewtonIterate::<N>::new(mode), vec![N::constant(0.0); a]);
-    for from in (0..part.position.len() / a).step_by(N::WIDTH) {
-        let samples = from..(part.position.len() / a).min(from + N::WIDTH);
-        let mut targets = part.position[samples.start * a..samples.end * a].chunks_exact(a);
-        gather(part.position, &samples, &mut iterate.target);
+    for from in (0..segment.position.len() / a).step_by(N::WIDTH) {
+        let samples = from..(segment.position.len() / a).min(from + N::WIDTH);
+        let mut targets = segment.position[samples.start * a..samples.end * a].chunks_exact(a);
+        gather(segment.position, &samples, &mut iterate.target);
         let together =
             targets.all(|target| continuation.is_near(target)) && iterate.step(mode, &continuation.configuration);
         if together {
-            scatter(&iterate.q, &samples, part.q);
+            scatter(&iterate.q, &samples, segment.q);
         } else {
-            part.one_by_one(continuation, samples.clone())?;
-            gather(part.q, &samples, &mut iterate.q);
+            segment.one_by_one(continuation, samples.clone())?;
+            gather(segment.q, &samples, &mut iterate.q);
         }
-        if !part.rates.is_empty() {
+        if !segment.rates.is_empty() {
             iterate.evaluate(mode);
         }
-        if together || !part.rates.is_empty() {
+        if together || !segment.rates.is_empty() {
             iterate.solve_rates(mode);
         }
         if together {
             continuation.configuration.adopt(mode, &iterate, samples.len() - 1);
         }
-        if !part.rates.is_empty() {
-            scatter(&iterate.rates, &samples, part.rates);
+        if !segment.rates.is_empty() {
+            scatter(&iterate.rates, &samples, segment.rates);
         }
-        if !part.rate_derivatives.is_empty() {
-            gather(part.velocity, &samples, &mut velocity);
+        if !segment.rate_derivatives.is_empty() {
+            gather(segment.velocity, &samples, &mut velocity);
             iterate.solve_rate_derivatives(mode, &velocity);
-            scatter(&iterate.rate_derivatives, &samples, part.rate_derivatives);
+            scatter(&iterate.rate_derivatives, &samples, segment.rate_derivatives);
         }
     }
     Ok(())
@@ -113,9 +113,9 @@ fn follow_in_lanes<N: Real>(part: &mut Segment, continuation: &mut Continuation)
 /// Lanes of consecutive samples, the last one repeated up to a whole lane, from samples x numbers.
 #[inline(always)]
 fn gather<N: Real>(all: &[f64], samples: &Range<usize>, numbers: &mut [N]) {
-    let many = numbers.len();
+    let count = numbers.len();
     for (e, number) in numbers.iter_mut().enumerate() {
-        *number = N::gather(|k| all[(samples.start + k).min(samples.end - 1) * many + e]);
+        *number = N::gather(|k| all[(samples.start + k).min(samples.end - 1) * count + e]);
     }
 }
 

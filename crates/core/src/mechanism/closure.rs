@@ -68,18 +68,18 @@ impl JointMap {
     /// The map of a joint that a motion prescribes: channel `next` is its position; its given rates and their
     /// derivatives follow. Returns the first channel after them.
     pub(crate) fn given(next: usize, rates: &[f64], given: &[bool]) -> (JointMap, usize) {
-        let many = given.iter().filter(|&&g| g).count();
+        let count = given.iter().filter(|&&g| g).count();
         let mut rate = next + 1;
         let mut found = Vec::new();
         for (a, (&constant, &given)) in rates.iter().zip(given).enumerate() {
             if given {
-                found.push((a, Rate::Varying { rate, derivative: rate + many }));
+                found.push((a, Rate::Varying { rate, derivative: rate + count }));
                 rate += 1;
             } else if constant != 0.0 {
                 found.push((a, Rate::Constant(constant)));
             }
         }
-        (JointMap { given: Some(next), offset: 0.0, rates: found }, rate + many)
+        (JointMap { given: Some(next), offset: 0.0, rates: found }, rate + count)
     }
 
     /// The rate with respect to a coordinate.

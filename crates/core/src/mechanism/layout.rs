@@ -25,13 +25,13 @@ impl EntryMap {
         let mut axes = Vec::with_capacity(mechanism.axes);
         for (i, link) in mechanism.links.iter().enumerate() {
             for axis in &link.axes {
-                let mut wanted = 0;
+                let mut requested = 0;
                 let places = core::array::from_fn(|p| {
                     let place = place(axis.coordinate, LINK_PARAMETERS * i + p);
-                    wanted |= u32::from(place.is_some()) << p;
+                    requested |= u32::from(place.is_some()) << p;
                     place.unwrap_or(NOWHERE)
                 });
-                axes.push((places, wanted));
+                axes.push((places, requested));
             }
         }
         let mut terms = Vec::new();

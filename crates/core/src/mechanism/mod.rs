@@ -95,7 +95,7 @@ impl Mechanism {
         joints: &[Joint],
         closure: &Closure,
         gravity: [f64; 3],
-        wanted: &[Term],
+        terms: &[Term],
         backend: Backend,
     ) -> Result<Mechanism, Error> {
         let n = joints.len();
@@ -107,18 +107,26 @@ impl Mechanism {
         }
         check_finite("closure", closure.rates.iter().chain(&closure.offset))?;
         check_finite("gravity", &gravity)?;
-        for term in wanted {
+        for term in terms {
             term.check(coordinates)?;
         }
-        let externals = wanted.iter().filter(|t| t.law == Law::External).count();
-        let (links, terms, loops, layout_cache) = (Vec::new(), Vec::new(), 0, LayoutCache::default());
-        let mut mechanism =
-            Mechanism { links, coordinates, axes: 0, gravity, terms, externals, loops, backend, layout_cache };
+        let externals = terms.iter().filter(|t| t.law == Law::External).count();
+        let mut mechanism = Mechanism {
+            links: Vec::new(),
+            coordinates,
+            axes: 0,
+            gravity,
+            terms: Vec::new(),
+            externals,
+            loops: 0,
+            backend,
+            layout_cache: LayoutCache::default(),
+        };
         for (i, joint) in joints.iter().enumerate() {
             let joint_map = mechanism.joint_map(closure, i);
             mechanism.append(joint, joint_map)?;
         }
-        mechanism.terms = wanted.iter().map(|term| mechanism.column(term)).collect::<Result<_, _>>()?;
+        mechanism.terms = terms.iter().map(|term| mechanism.column(term)).collect::<Result<_, _>>()?;
         Ok(mechanism)
     }
 

@@ -23,8 +23,8 @@ const STRIDE: usize = FOLD + MAX_WIDTH;
 /// # Ok::<(), haptid_core::Error>(())
 /// ```
 pub fn r_factor(backend: Backend, rows: &[f64], columns: usize, out: &mut [f64]) -> Result<(), Error> {
-    let many = rows.len().checked_div(columns).unwrap_or(0);
-    expect_length("rows", rows.len(), many * columns)?;
+    let count = rows.len().checked_div(columns).unwrap_or(0);
+    expect_length("rows", rows.len(), count * columns)?;
     expect_length("out", out.len(), columns * columns)?;
     let (mut r, mut block, mut panels) = (vec![0.0; columns * columns], Aligned::default(), Vec::new());
     for rows in rows.chunks(FOLD * columns.max(1)) {

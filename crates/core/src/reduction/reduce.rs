@@ -98,10 +98,10 @@ pub struct RFactors {
 /// ```
 pub fn reduce(mechanism: &Mechanism, motion: &Motion, reduction: &Reduction) -> Result<Vec<RFactors>, Error> {
     let filter = check(mechanism, motion, reduction)?;
-    let reached = structural_nonzeros(mechanism, reduction.columns)?;
+    let nonzero = structural_nonzeros(mechanism, reduction.columns)?;
     let p = reduction.columns.len();
-    let rows_of: Vec<Vec<usize>> =
-        (0..mechanism.coordinates()).map(|a| (0..p).filter(|&c| reached[a * p + c]).collect()).collect();
+    let nonzero_of: Vec<Vec<usize>> =
+        (0..mechanism.coordinates()).map(|a| (0..p).filter(|&c| nonzero[a * p + c]).collect()).collect();
     let pieces = pieces(reduction);
     let threads = if reduction.rows * reduction.decimation < SINGLE_THREAD { 1 } else { rayon::current_num_threads() };
     // Several parts per thread balance the load; each part reads one window more than its own samples.
@@ -109,17 +109,17 @@ pub fn reduce(mechanism: &Mechanism, motion: &Motion, reduction: &Reduction) -> 
     let part = |k: usize| &pieces[k * pieces.len() / parts..(k + 1) * pieces.len() / parts];
     let run = |k: usize| {
         Workspace::with(mechanism, |workspace| {
-            let mut reducer = Reducer::new(mechanism, motion, reduction, &filter, &rows_of, workspace);
+            let mut reducer = Reducer::new(mechanism, motion, reduction, &filter, &nonzero_of, workspace);
             part(k).iter().map(|piece| reducer.piece(piece.clone())).collect::<Vec<_>>()
         })
     };
     let done: Vec<Vec<Vec<Vec<f64>>>> =
         if parts == 1 { vec![run(0)] } else { (0..parts).into_par_iter().map(run).collect() };
-    let made: Vec<Vec<Vec<f64>>> = done.into_iter().flatten().collect();
-    Ok(rows_of
+    let factors: Vec<Vec<Vec<f64>>> = done.into_iter().flatten().collect();
+    Ok(nonzero_of
         .into_iter()
         .enumerate()
-        .map(|(a, columns)| gather(mechanism, reduction, &pieces, &made, a, columns))
+        .map(|(a, columns)| gather(mechanism, reduction, &pieces, &factors, a, columns))
         .collect())
 }
 
@@ -138,18 +138,18 @@ fn gather(
     mechanism: &Mechanism,
     reduction: &Reduction,
     pieces: &[Range<usize>],
-    made: &[Vec<Vec<f64>>],
+    factors: &[Vec<Vec<f64>>],
     a: usize,
     columns: Vec<usize>,
 ) -> RFactors {
     let (size, mut rows) = (columns.len() + 1, Vec::new());
     let mut blocks: Vec<Vec<f64>> = Vec::new();
-    for (piece, made) in pieces.iter().zip(made) {
+    for (piece, factors) in pieces.iter().zip(factors) {
         match blocks.last_mut() {
             Some(block) if !piece.start.is_multiple_of(reduction.block) => {
-                merge(mechanism.backend, block, &made[a], size, &mut rows)
+                merge(mechanism.backend, block, &factors[a], size, &mut rows)
             }
-            _ => blocks.push(made[a].clone()),
+            _ => blocks.push(factors[a].clone()),
         }
     }
     RFactors { columns, blocks: blocks.iter().map(|block| transpose(block, size)).collect() }
@@ -185,7 +185,7 @@ struct Reducer<'a> {
     motion: &'a Motion<'a>,
     reduction: &'a Reduction<'a>,
     filter: &'a FirFilter,
-    reached: &'a [Vec<usize>],
+    nonzero: &'a [Vec<usize>],
     workspace: &'a mut Workspace,
     raw: RawRows,
     /// Decimated rows, FOLD + PAD apart, in the order of the raw runs.
@@ -193,18 +193,18 @@ struct Reducer<'a> {
     panels: Vec<CompactPanel>,
 }
 
-/// Raw columns, one run per entry (motor, nonzero column or torque), with samples `from..from + held`; without
+/// Raw columns, one run per entry (motor, nonzero column or torque), with samples `from..from + stored`; without
 /// accelerations the momenta of these entries follow in runs of their own.
 struct RawRows {
     numbers: Aligned,
     run: usize,
     from: usize,
-    held: usize,
+    stored: usize,
     sets: Vec<EntryMap>,
     /// First run of each motor, and one past the last.
     motors: Vec<usize>,
     /// Entries whose momenta follow, in this order.
-    moving: Vec<usize>,
+    with_momentum: Vec<usize>,
 }
 
 impl RawRows {
@@ -212,31 +212,31 @@ impl RawRows {
         mechanism: &Mechanism,
         sets: usize,
         columns: &[usize],
-        reached: &[Vec<usize>],
+        nonzero: &[Vec<usize>],
         filter: &FirFilter,
         mut numbers: Aligned,
     ) -> RawRows {
         let (na, all) = (mechanism.coordinates(), mechanism.columns());
         let longest = filter.padded_length() + CHUNK;
         let run = if filter.is_identity() { FOLD + PAD } else { longest.next_multiple_of(MAX_WIDTH) + PAD };
-        let entries = 1 + reached.iter().map(|reached| reached.len() + 1).sum::<usize>();
+        let entries = 1 + nonzero.iter().map(|nonzero| nonzero.len() + 1).sum::<usize>();
         let mut place = vec![None; sets * na * all];
-        let (mut motors, mut moving) = (vec![1], Vec::new());
-        for (a, reached) in reached.iter().enumerate() {
-            for (entry, &c) in (motors[a]..).zip(reached) {
+        let (mut motors, mut with_momentum) = (vec![1], Vec::new());
+        for (a, nonzero) in nonzero.iter().enumerate() {
+            for (entry, &c) in (motors[a]..).zip(nonzero) {
                 let column = columns[c];
                 // Of two sets the first holds the momenta.
                 place[((sets - 1) * na + a) * all + column] = Some(entry);
                 if sets == 2 && mechanism.has_momentum(column) {
-                    place[a * all + column] = Some(entries + moving.len());
-                    moving.push(entry);
+                    place[a * all + column] = Some(entries + with_momentum.len());
+                    with_momentum.push(entry);
                 }
             }
-            motors.push(motors[a] + reached.len() + 1);
+            motors.push(motors[a] + nonzero.len() + 1);
         }
         let sets = (0..sets).map(|set| EntryMap::new(mechanism, |a, c| place[(set * na + a) * all + c])).collect();
-        numbers.clear((entries + moving.len()) * run);
-        RawRows { numbers, run, from: 0, held: 0, sets, motors, moving }
+        numbers.clear((entries + with_momentum.len()) * run);
+        RawRows { numbers, run, from: 0, stored: 0, sets, motors, with_momentum }
     }
 
     fn entry(&self, entry: usize) -> &[f64] {
@@ -245,33 +245,33 @@ impl RawRows {
 
     /// Drop the samples before `from`.
     fn drop_before(&mut self, from: usize) {
-        let gone = from.saturating_sub(self.from).min(self.held);
+        let gone = from.saturating_sub(self.from).min(self.stored);
         if gone > 0 {
-            let kept = self.held - gone;
+            let left = self.stored - gone;
             for run in self.numbers.chunks_exact_mut(self.run) {
-                run.copy_within(gone..gone + kept, 0);
+                run.copy_within(gone..gone + left, 0);
             }
-            self.held = kept;
+            self.stored = left;
         }
-        self.from = if self.held == 0 { from } else { self.from + gone };
+        self.from = if self.stored == 0 { from } else { self.from + gone };
     }
 
     /// Append the next samples, at most a chunk of them and none from `end` on.
     fn extend(&mut self, reducer: (&Mechanism, &Motion, &Reduction), end: usize, workspace: &mut Workspace) {
         let (mechanism, motion, reduction) = reducer;
-        let next = self.from + self.held;
+        let next = self.from + self.stored;
         let count = CHUNK.min(end - next);
         // SAFETY: a run has room for what the filter reaches back to, a chunk, and a lane; `numbers` is borrowed by
         // nobody else.
         unsafe {
-            let out = EntryRuns { first: self.numbers.as_mut_ptr(), apart: self.run }.from(self.held);
+            let out = EntryRuns { first: self.numbers.as_mut_ptr(), apart: self.run }.from(self.stored);
             rows(mechanism, motion, next, count, &self.sets, out, workspace);
         }
         for (a, motor) in self.motors.windows(2).enumerate() {
             let torque = &reduction.torque[a * motion.samples + next..][..count];
-            self.numbers[(motor[1] - 1) * self.run + self.held..][..count].copy_from_slice(torque);
+            self.numbers[(motor[1] - 1) * self.run + self.stored..][..count].copy_from_slice(torque);
         }
-        self.held += count;
+        self.stored += count;
     }
 }
 
@@ -281,25 +281,25 @@ impl<'a> Reducer<'a> {
         motion: &'a Motion<'a>,
         reduction: &'a Reduction<'a>,
         filter: &'a FirFilter,
-        reached: &'a [Vec<usize>],
+        nonzero: &'a [Vec<usize>],
         workspace: &'a mut Workspace,
     ) -> Reducer<'a> {
         let (numbers, mut decimated) = (take(&mut workspace.raw), take(&mut workspace.decimated));
-        let raw = RawRows::new(mechanism, motion.sets(), reduction.columns, reached, filter, numbers);
+        let raw = RawRows::new(mechanism, motion.sets(), reduction.columns, nonzero, filter, numbers);
         decimated.clear(raw.motors[raw.motors.len() - 1] * (FOLD + PAD));
-        Reducer { mechanism, motion, reduction, filter, reached, workspace, raw, decimated, panels: Vec::new() }
+        Reducer { mechanism, motion, reduction, filter, nonzero, workspace, raw, decimated, panels: Vec::new() }
     }
 
     /// Triangles of some rows, one per motor, column-major.
     fn piece(&mut self, piece: Range<usize>) -> Vec<Vec<f64>> {
-        let mut triangles: Vec<Vec<f64>> = self.reached.iter().map(|c| vec![0.0; (c.len() + 1).pow(2)]).collect();
+        let mut triangles: Vec<Vec<f64>> = self.nonzero.iter().map(|c| vec![0.0; (c.len() + 1).pow(2)]).collect();
         for from in piece.clone().step_by(FOLD) {
             let to = piece.end.min(from + FOLD);
             self.decimate(from, to);
             self.weigh(from, to);
             for (a, triangle) in triangles.iter_mut().enumerate() {
                 let motor = self.raw.motors[a] * (FOLD + PAD)..self.raw.motors[a + 1] * (FOLD + PAD);
-                let columns = self.reached[a].len() + 1;
+                let columns = self.nonzero[a].len() + 1;
                 let rows = (&mut self.decimated[motor], to - from, FOLD + PAD);
                 fold(self.mechanism.backend, triangle, columns, rows, &mut self.panels);
             }
@@ -321,7 +321,7 @@ impl<'a> Reducer<'a> {
 
     /// Without a filter the raw columns are the rows; they are exchanged, not copied.
     fn copy(&mut self, from: usize, to: usize) {
-        (self.raw.from, self.raw.held) = (self.reduction.first + from, 0);
+        (self.raw.from, self.raw.stored) = (self.reduction.first + from, 0);
         let reducer = (self.mechanism, self.motion, self.reduction);
         self.raw.extend(reducer, self.reduction.first + to, self.workspace);
         std::mem::swap(&mut self.raw.numbers, &mut self.decimated);
@@ -337,7 +337,7 @@ impl<'a> Reducer<'a> {
             self.raw.drop_before(centre(row) - half);
             let reducer = (self.mechanism, self.motion, self.reduction);
             self.raw.extend(reducer, samples, self.workspace);
-            let seen = self.raw.from + self.raw.held;
+            let seen = self.raw.from + self.raw.stored;
             let ready = if seen < centre(row) + half + 1 { row } else { (seen - half - 1 - first) / d + 1 };
             let ready = ready.clamp(row, to);
             let start = centre(row) - half - self.raw.from;
@@ -354,7 +354,7 @@ impl<'a> Reducer<'a> {
             filter.add(backend, &filter.taps, raw.entry(entry), start, &mut decimated[rows.clone()]);
         }
         let entries = raw.motors[raw.motors.len() - 1];
-        for (momentum, &entry) in (entries..).zip(&raw.moving) {
+        for (momentum, &entry) in (entries..).zip(&raw.with_momentum) {
             let decimated = &mut self.decimated[entry * (FOLD + PAD)..][rows.clone()];
             filter.add(backend, &filter.derivative_taps, raw.entry(momentum), start, decimated);
         }

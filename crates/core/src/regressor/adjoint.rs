@@ -193,8 +193,8 @@ unsafe fn reverse_in_lanes<T: Lane>(
 unsafe fn accumulate<T: Lane, const N: usize>(first: *mut Slot, k: usize, by: [T; N]) {
     // SAFETY: the caller promises N slots with room for a lane from k on.
     unsafe {
-        let held: [T; N] = load(first, k);
-        store(first, k, core::array::from_fn::<T, N, _>(|e| held[e].add(by[e])));
+        let present: [T; N] = load(first, k);
+        store(first, k, core::array::from_fn::<T, N, _>(|e| present[e].add(by[e])));
     }
 }
 
@@ -265,12 +265,12 @@ unsafe fn axis_adjoint<T: Lane>(
     slots: &mut KinematicSlots,
     adjoint: &mut Adjoint,
 ) {
-    let (rest, kept) = (JointTransform::<T>::at_zero(shape, link), slots.joint.as_ptr());
-    let prismatic = rest.is_prismatic();
+    let (at_zero, stored) = (JointTransform::<T>::at_zero(shape, link), slots.joint.as_ptr());
+    let prismatic = at_zero.is_prismatic();
     for k in batch.lanes::<T>() {
         // SAFETY: `lanes` leaves room for a lane; axes and channels have their slots.
         unsafe {
-            let joint = rest.load(kept, k);
+            let joint = at_zero.load(stored, k);
             let (by_x, by_u) = load_axis::<T>(adjoint.axes[own].as_ptr(), k);
             if let Rate::Varying { rate, .. } = axis.rate {
                 accumulate(&raw mut adjoint.channels[rate], k, [if prismatic { by_u[2] } else { by_x[2] }]);
@@ -306,12 +306,12 @@ unsafe fn motion_adjoint<T: Lane>(
     adjoint: &mut Adjoint,
 ) {
     let link = &batch.mechanism.links[i];
-    let (rest, kept) = (JointTransform::<T>::at_zero(shape, link), slots.joint.as_ptr());
+    let (at_zero, stored) = (JointTransform::<T>::at_zero(shape, link), slots.joint.as_ptr());
     let own = LinkMotions(slots.links[i].as_mut_ptr());
     for k in batch.lanes::<T>() {
         // SAFETY: `lanes` leaves room for a lane; a parent is another link than its child.
         unsafe {
-            let (joint, [_, v, _]) = (rest.load(kept, k), followed.at::<T>(k));
+            let (joint, [_, v, _]) = (at_zero.load(stored, k), followed.at::<T>(k));
             let (w, wd, a): (Vector<T>, Vector<T>, Vector<T>) = (own.part(W, k), own.part(WD, k), own.part(A, k));
             let by = adjoint.links[i].as_ptr();
             let (mut by_w, by_wd, by_a): (Vector<T>, Vector<T>, Vector<T>) =

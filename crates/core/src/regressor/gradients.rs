@@ -122,7 +122,7 @@ pub fn quadratic_form_gradients(
     let entries = NonzeroEntries::new(mechanism, columns);
     let weights = Weights::new(mechanism, |a, column| entries.run(a, column));
     let places = [entries.entry_map(mechanism)];
-    let form = |row: usize| QuadraticForm::new(&forms[row * p * p..][..p * p], p, &entries.reached[row]);
+    let form = |row: usize| QuadraticForm::new(&forms[row * p * p..][..p * p], p, &entries.nonzero[row]);
     let forms: Vec<QuadraticForm> = (0..na).map(form).collect();
     let shared = SharedOutput::new(out);
     for_each_part(mechanism, n, |part, workspace| {

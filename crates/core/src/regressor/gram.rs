@@ -21,7 +21,7 @@ const RUN: usize = TILE + MAX_WIDTH;
 
 /// Nonzero entries of the chosen columns in each row, and the number of each entry's run in a tile. Run 0 is all zeros.
 pub(crate) struct NonzeroEntries {
-    pub(crate) reached: Vec<Vec<usize>>,
+    pub(crate) nonzero: Vec<Vec<usize>>,
     first: Vec<usize>,
     runs: Vec<usize>,
     all: usize,
@@ -30,15 +30,15 @@ pub(crate) struct NonzeroEntries {
 impl NonzeroEntries {
     pub(crate) fn new(mechanism: &Mechanism, columns: &[usize]) -> NonzeroEntries {
         let (na, all) = (mechanism.coordinates, mechanism.columns());
-        let (mut reached, mut first, mut runs) = (Vec::with_capacity(na), vec![1], vec![0; na * all]);
+        let (mut nonzero, mut first, mut runs) = (Vec::with_capacity(na), vec![1], vec![0; na * all]);
         for a in 0..na {
             let row: Vec<usize> =
                 (0..columns.len()).filter(|&c| mechanism.is_structural_nonzero(a, columns[c])).collect();
             row.iter().enumerate().for_each(|(k, &c)| runs[a * all + columns[c]] = first[a] + k);
             first.push(first[a] + row.len());
-            reached.push(row);
+            nonzero.push(row);
         }
-        NonzeroEntries { reached, first, runs, all }
+        NonzeroEntries { nonzero, first, runs, all }
     }
 
     /// The run of an entry; 0 where it is not chosen, or structurally zero.
@@ -48,7 +48,7 @@ impl NonzeroEntries {
 
     /// Number of runs.
     pub(crate) fn count(&self) -> usize {
-        self.first[self.reached.len()]
+        self.first[self.nonzero.len()]
     }
 
     /// Runs of a row.
@@ -104,22 +104,22 @@ pub fn gram_matrices(mechanism: &Mechanism, motion: &Motion, columns: &[usize], 
     out.fill(0.0);
     for made in &made {
         let mut rest = &made[..];
-        for (reached, out) in entries.reached.iter().zip(out.chunks_exact_mut((p * p).max(1))) {
+        for (nonzero, out) in entries.nonzero.iter().zip(out.chunks_exact_mut((p * p).max(1))) {
             let own;
-            (own, rest) = rest.split_at(reached.len().pow(2));
-            add_triangle(own, reached, out, p);
+            (own, rest) = rest.split_at(nonzero.len().pow(2));
+            add_triangle(own, nonzero, out, p);
         }
     }
     Ok(())
 }
 
 /// Add a lower triangle of nonzero columns to a symmetric matrix of all `p`.
-fn add_triangle(triangle: &[f64], reached: &[usize], out: &mut [f64], p: usize) {
-    for (i, row) in triangle.chunks_exact(reached.len().max(1)).enumerate() {
+fn add_triangle(triangle: &[f64], nonzero: &[usize], out: &mut [f64], p: usize) {
+    for (i, row) in triangle.chunks_exact(nonzero.len().max(1)).enumerate() {
         for (j, product) in row[..=i].iter().enumerate() {
-            out[reached[i] * p + reached[j]] += product;
+            out[nonzero[i] * p + nonzero[j]] += product;
             if i != j {
-                out[reached[j] * p + reached[i]] += product;
+                out[nonzero[j] * p + nonzero[i]] += product;
             }
         }
     }
@@ -134,7 +134,7 @@ fn part_gram(
     workspace: &mut Workspace,
 ) -> Vec<f64> {
     let places = [entries.entry_map(mechanism)];
-    let mut sums = vec![0.0; entries.reached.iter().map(|reached| reached.len().pow(2)).sum()];
+    let mut sums = vec![0.0; entries.nonzero.iter().map(|nonzero| nonzero.len().pow(2)).sum()];
     let tile = workspace.tile(entries.count() * RUN);
     // SAFETY: the tile has room for all runs, the first of which stands for columns after the last one.
     unsafe { tile.write_bytes(0, RUN) };

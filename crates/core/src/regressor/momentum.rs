@@ -25,7 +25,7 @@ dispatched! {
     ///
     /// As for [`crate::regressor::rows::rows`].
     pub(crate) unsafe fn momentum_rows = momentum_rows_in_lanes(
-        batch: Batch, momentum: &EntryMap, rest: &EntryMap, out: EntryRuns, slots: &mut KinematicSlots,
+        batch: Batch, momentum: &EntryMap, remainder: &EntryMap, out: EntryRuns, slots: &mut KinematicSlots,
     )
 }
 
@@ -33,7 +33,7 @@ dispatched! {
 unsafe fn momentum_rows_in_lanes<T: Lane>(
     batch: Batch,
     momentum: &EntryMap,
-    rest: &EntryMap,
+    remainder: &EntryMap,
     out: EntryRuns,
     slots: &mut KinematicSlots,
 ) {
@@ -45,16 +45,16 @@ unsafe fn momentum_rows_in_lanes<T: Lane>(
             for_shape!(link.shape, shape => propagate_motion::<T>(batch, (shape, i), followed, slots));
             let velocities = LinkVelocities(slots.links[i].as_mut_ptr());
             for (own, axis) in (link.first..).zip(&link.axes) {
-                let (momenta, rests) = (momentum.axis(own, out), rest.axis(own, out));
+                let (momenta, remainders) = (momentum.axis(own, out), remainder.axis(own, out));
                 propagate_axis::<T>(batch, link, axis, own, &mut slots.axes, &slots.joint);
                 axis_rate::<T>(batch, (link, velocities), axis, own, slots);
                 let (axis, rate) = (slots.axes[own].as_ptr(), slots.axis_rates[own].as_ptr());
                 for_set!(momenta, SET => velocities.contract::<T, SET>(batch, axis, &momenta));
-                for_set!(rests, SET => velocities.contract_rest::<T, SET>(batch, (axis, rate), &rests));
+                for_set!(remainders, SET => velocities.contract_rest::<T, SET>(batch, (axis, rate), &remainders));
             }
         }
-        rotor_momenta::<T>(batch, (momentum, rest), out, slots);
-        term_rows::<T>(batch, true, rest, out, &mut slots.followed);
+        rotor_momenta::<T>(batch, (momentum, remainder), out, slots);
+        term_rows::<T>(batch, true, remainder, out, &mut slots.followed);
     }
 }
 
@@ -67,13 +67,13 @@ unsafe fn propagate_motion<T: Lane>(
     slots: &mut KinematicSlots,
 ) {
     let link = &batch.mechanism.links[i];
-    let (rest, kept) = (JointTransform::<T>::at_zero(shape, link), slots.joint.as_ptr());
+    let (at_zero, stored) = (JointTransform::<T>::at_zero(shape, link), slots.joint.as_ptr());
     let parent = link.parent.map(|p| LinkVelocities(slots.links[p].as_mut_ptr()));
     let own = LinkVelocities(slots.links[i].as_mut_ptr());
     for k in batch.lanes::<T>() {
         // SAFETY: `lanes` leaves room for a lane; a parent is another link than its child.
         unsafe {
-            let ([_, speed, _], joint) = (followed.at(k), rest.load(kept, k));
+            let ([_, speed, _], joint) = (followed.at(k), at_zero.load(stored, k));
             match parent {
                 Some(parent) => own.propagate(parent, &joint, speed, k),
                 None => own.begin_at_base(batch.mechanism.gravity, &joint, speed, k),
@@ -92,7 +92,7 @@ pub(crate) unsafe fn propagate_axis<T: Lane>(
     axes: &mut [AxisSlots],
     joint: &TransformSlots,
 ) {
-    let (rest, to) = (JointTransform::<T>::at_zero(link.shape, link), axes[own].as_mut_ptr());
+    let (at_zero, to) = (JointTransform::<T>::at_zero(link.shape, link), axes[own].as_mut_ptr());
     // SAFETY: `lanes` leaves room for a lane; an axis on the parent is another than the link's own.
     unsafe {
         if let Some(above) = axis.above {
@@ -100,12 +100,12 @@ pub(crate) unsafe fn propagate_axis<T: Lane>(
             transform_axis(batch.mechanism.backend, batch, link, above, to, joint.as_ptr());
             if !axis.rate.is_zero() {
                 for k in batch.lanes::<T>() {
-                    store_axis(to, k, rest.add_joint_rate(load_axis(to, k), batch.rate(axis.rate, k)));
+                    store_axis(to, k, at_zero.add_joint_rate(load_axis(to, k), batch.rate(axis.rate, k)));
                 }
             }
         } else {
             for k in batch.lanes::<T>() {
-                store_axis(to, k, rest.joint_axis(batch.rate(axis.rate, k)));
+                store_axis(to, k, at_zero.joint_axis(batch.rate(axis.rate, k)));
             }
         }
     }
@@ -131,10 +131,10 @@ unsafe fn transform_axis_in_lanes<T: Lane>(
     joint: *const Slot,
 ) {
     for_shape!(link.shape, shape => {
-        let rest = JointTransform::<T>::at_zero(shape, link);
+        let at_zero = JointTransform::<T>::at_zero(shape, link);
         for k in batch.lanes::<T>() {
             // SAFETY: `lanes` leaves room for a lane in the slots of joint and axes.
-            unsafe { store_axis(to, k, rest.load(joint, k).transform_axis(load_axis(from, k))) };
+            unsafe { store_axis(to, k, at_zero.load(joint, k).transform_axis(load_axis(from, k))) };
         }
     })
 }
@@ -148,7 +148,7 @@ unsafe fn axis_rate<T: Lane>(
     own: usize,
     slots: &mut KinematicSlots,
 ) {
-    let (rest, to) = (JointTransform::<T>::at_zero(link.shape, link), slots.axis_rates[own].as_mut_ptr());
+    let (at_zero, to) = (JointTransform::<T>::at_zero(link.shape, link), slots.axis_rates[own].as_mut_ptr());
     // SAFETY: batch and slots are as in the head of the file.
     unsafe {
         if let Some(above) = axis.above {
@@ -161,7 +161,7 @@ unsafe fn axis_rate<T: Lane>(
             for k in batch.lanes::<T>() {
                 let turned = velocities.turn_axis(link.is_prismatic(), load_axis(to, k), batch.rate(axis.rate, k), k);
                 let changed =
-                    batch.rate_derivative(axis.rate, k).map_or(turned, |change| rest.add_joint_rate(turned, change));
+                    batch.rate_derivative(axis.rate, k).map_or(turned, |change| at_zero.add_joint_rate(turned, change));
                 store_axis(to, k, changed);
             }
         }
@@ -173,7 +173,7 @@ unsafe fn axis_rate<T: Lane>(
 #[inline(always)]
 unsafe fn rotor_momenta<T: Lane>(
     batch: Batch,
-    (momentum, rest): (&EntryMap, &EntryMap),
+    (momentum, remainder): (&EntryMap, &EntryMap),
     out: EntryRuns,
     slots: &mut KinematicSlots,
 ) {
@@ -185,7 +185,7 @@ unsafe fn rotor_momenta<T: Lane>(
             unsafe {
                 let followed = batch.follow::<T>(&term.joint_map, &mut slots.followed);
                 for (number, &(_, rate)) in (first..).zip(rates) {
-                    let (momentum, rest) = (momentum.term(number), rest.term(number));
+                    let (momentum, remainder) = (momentum.term(number), remainder.term(number));
                     for k in batch.lanes::<T>() {
                         let [_, speed, _]: [T; 3] = followed.at(k);
                         let change =
@@ -196,7 +196,7 @@ unsafe fn rotor_momenta<T: Lane>(
                             }
                         };
                         put(momentum, speed.mul(batch.rate(rate, k)));
-                        put(rest, change);
+                        put(remainder, change);
                     }
                 }
             }

@@ -16,11 +16,11 @@ pub(crate) struct QuadraticForm {
 
 impl QuadraticForm {
     /// From a form of `all` columns, row-major.
-    pub(crate) fn new(form: &[f64], all: usize, reached: &[usize]) -> QuadraticForm {
+    pub(crate) fn new(form: &[f64], all: usize, nonzero: &[usize]) -> QuadraticForm {
         let both = |r: usize, c: usize| form[r * all + c] + form[c * all + r];
         let panel = |rows: &[usize], c| core::array::from_fn(|e| rows.get(e).map_or(0.0, |&r| both(r, c)));
-        let of_rows = |rows| reached.iter().map(move |&c| panel(rows, c));
-        QuadraticForm { columns: reached.len(), panels: reached.chunks(PANEL).flat_map(of_rows).collect() }
+        let of_rows = |rows| nonzero.iter().map(move |&c| panel(rows, c));
+        QuadraticForm { columns: nonzero.len(), panels: nonzero.chunks(PANEL).flat_map(of_rows).collect() }
     }
 }
 

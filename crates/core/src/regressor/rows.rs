@@ -113,7 +113,9 @@ pub(crate) unsafe fn rows(
         unsafe {
             match sets {
                 [torque] => torques(mechanism.backend, batch, torque, out.from(done), slots),
-                [momentum, rest] => momentum_rows(mechanism.backend, batch, momentum, rest, out.from(done), slots),
+                [momentum, remainder] => {
+                    momentum_rows(mechanism.backend, batch, momentum, remainder, out.from(done), slots)
+                }
                 _ => unreachable!("a motion has one set of rows or two"),
             }
         }
@@ -164,8 +166,8 @@ unsafe fn own_rows<T: Lane>(batch: Batch, row: &Row) {
     // SAFETY: batch, slots and output runs are as in the head of the file.
     unsafe {
         if let Rate::Varying { .. } = rate {
-            let rest = JointTransform::<T>::at_zero(link.shape, link);
-            batch.lanes::<T>().for_each(|k| store_axis(row.to, k, rest.joint_axis(batch.rate(rate, k))));
+            let at_zero = JointTransform::<T>::at_zero(link.shape, link);
+            batch.lanes::<T>().for_each(|k| store_axis(row.to, k, at_zero.joint_axis(batch.rate(rate, k))));
         }
         for_set!(row.sink, SET => match link.is_prismatic() {
             false => row.motions.contract_turn::<T, SET>(batch, rate, &row.sink),
@@ -189,14 +191,14 @@ unsafe fn inherited_rows_in_lanes<T: Lane>(batch: Batch, row: &Row, above: *cons
     // SAFETY: batch, slots and output runs are as in the head of the file.
     unsafe {
         if let Some(above) = constant_parent_axis::<T>(batch.mechanism, row) {
-            let rest = JointTransform::<T>::at_zero(link.shape, link);
+            let at_zero = JointTransform::<T>::at_zero(link.shape, link);
             if link.is_prismatic() {
                 return for_set!(row.sink, SET => {
-                    put_rows::<T, SET>(batch, row, |k| rest.load(row.joint, k).transform_axis(above))
+                    put_rows::<T, SET>(batch, row, |k| at_zero.load(row.joint, k).transform_axis(above))
                 });
             }
             // Transformed to the joint at position zero, the axis has only to rotate about z.
-            let above = rest.transform_axis(above);
+            let above = at_zero.transform_axis(above);
             let turn = JointTransform::<T>::at_zero(
                 JointShape { rotation: Rotation::Identity, joint_type: JointType::RevoluteInPlace },
                 link,
@@ -204,9 +206,9 @@ unsafe fn inherited_rows_in_lanes<T: Lane>(batch: Batch, row: &Row, above: *cons
             for_set!(row.sink, SET => put_rows::<T, SET>(batch, row, |k| turn.load(row.joint, k).transform_axis(above)))
         } else {
             for_shape!(link.shape, shape => {
-                let rest = JointTransform::<T>::at_zero(shape, link);
+                let at_zero = JointTransform::<T>::at_zero(shape, link);
                 for_set!(row.sink, SET => {
-                    put_rows::<T, SET>(batch, row, |k| rest.load(row.joint, k).transform_axis(load_axis(above, k)))
+                    put_rows::<T, SET>(batch, row, |k| at_zero.load(row.joint, k).transform_axis(load_axis(above, k)))
                 });
             })
         }
@@ -231,13 +233,13 @@ unsafe fn put_rows<T: Lane, const SET: u32>(
     row: &Row,
     carried: impl Fn(usize) -> (Vector<T>, Vector<T>),
 ) {
-    let (sink, rest) = (row.sink.of::<SET>(), JointTransform::<T>::at_zero(row.link.shape, row.link));
+    let (sink, at_zero) = (row.sink.of::<SET>(), JointTransform::<T>::at_zero(row.link.shape, row.link));
     for k in batch.lanes::<T>() {
         // SAFETY: `lanes` leaves room for a lane in slots, channels and output runs.
         unsafe {
             let mut axis = carried(k);
             if !row.axis.rate.is_zero() {
-                axis = rest.add_joint_rate(axis, batch.rate(row.axis.rate, k));
+                axis = at_zero.add_joint_rate(axis, batch.rate(row.axis.rate, k));
             }
             store_axis(row.to, k, axis);
             row.motions.contract(axis, &sink, k);
@@ -254,14 +256,14 @@ pub(crate) unsafe fn propagate_motion<T: Lane>(
     slots: &mut KinematicSlots,
 ) {
     let link = &batch.mechanism.links[i];
-    let (rest, kept) = (JointTransform::<T>::at_zero(shape, link), slots.joint.as_ptr());
+    let (at_zero, stored) = (JointTransform::<T>::at_zero(shape, link), slots.joint.as_ptr());
     let parent = link.parent.map(|p| LinkMotions(slots.links[p].as_mut_ptr()));
     let own = LinkMotions(slots.links[i].as_mut_ptr());
     for k in batch.lanes::<T>() {
         // SAFETY: `lanes` leaves room for a lane; a parent is another link than its child.
         unsafe {
             let [_, v, acceleration] = followed.at(k);
-            let joint = rest.load(kept, k);
+            let joint = at_zero.load(stored, k);
             match parent {
                 Some(parent) => own.propagate(parent, &joint, (v, acceleration), k),
                 None => own.begin_at_base(batch.mechanism.gravity, &joint, (v, acceleration), k),
@@ -285,8 +287,8 @@ pub(crate) unsafe fn term_rows<T: Lane>(
         let own = if term.law == Law::External { external } else { 0 };
         external += usize::from(term.law == Law::External);
         let places_of = |rate: usize| places.term(first + rate).map(|place| out.at(place));
-        let wanted = (0..term.joint_map.rates.len()).any(|rate| places_of(rate).is_some());
-        if wanted && !(momentum && term.law == Law::Rotor) {
+        let requested = (0..term.joint_map.rates.len()).any(|rate| places_of(rate).is_some());
+        if requested && !(momentum && term.law == Law::Rotor) {
             // SAFETY: batch and output runs are as in the head of the file; an external term has a channel of its own.
             unsafe {
                 let (followed, own) = (batch.follow::<T>(&term.joint_map, slots), batch.channels.channel(own));
