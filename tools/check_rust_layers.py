@@ -83,10 +83,7 @@ def _closing(text: str, opening: int) -> int:
 def _paths(text: str, module: list[str]) -> Iterator[tuple[int, list[str]]]:
     """Paths from the crate root, with their position: what `crate` or `super` begins, groups member by member."""
     for match in _PATH.finditer(text):
-        if match[1] == "crate":
-            prefix = []
-        else:
-            prefix = module[: len(module) - match[1].count("super")]
+        prefix = [] if match[1] == "crate" else module[: len(module) - match[1].count("super")]
         if match[2] != "{":
             yield match.start(), [*prefix, match[2]]
             continue

@@ -1,4 +1,4 @@
-//! One kernel on made-up samples, for a stopwatch or an instruction counter:
+//! One kernel on synthetic samples, for timing or for counting instructions:
 //! `kernel WORK SAMPLES REPEATS [BACKEND]` prints the microseconds per sample of the fastest repeat.
 //!
 //! WORK is a mechanism and what is done with it: `arm` (7 joints, 43 base columns) or `loop` (9 links, 3 coordinates,
@@ -16,7 +16,7 @@ fn main() {
     let [work, samples, repeats, rest @ ..] = &arguments[..] else { panic!("kernel WORK SAMPLES REPEATS [BACKEND]") };
     let number = |text: &str| text.parse::<usize>().expect("a whole number");
     let (samples, repeats) = (number(samples), number(repeats));
-    let backend = rest.first().map_or(Ok(Backend::best()), |name| Backend::named(name)).expect("a backend");
+    let backend = rest.first().map_or_else(Backend::selected, |name| Backend::named(name)).expect("a backend");
     let (device, work) = work.split_once('-').expect("MECHANISM-WORK");
     let (mechanism, columns) = if device == "arm" { arm(backend) } else { closed_chain(backend) };
     let numbers = Numbers::new(mechanism.coordinates(), samples);
@@ -66,7 +66,7 @@ fn reducing<'a>(
     Box::new(move || drop(reduce(mechanism, &motion, &reduction).expect("shapes")))
 }
 
-/// Dynamics of bodies that are balls.
+/// Dynamics of bodies with isotropic inertia.
 fn dynamics<'a>(work: &str, mechanism: &'a Mechanism, numbers: &'a Numbers) -> Box<dyn FnMut() + 'a> {
     let chi = [0.1, 0.0, 0.0, 0.1, 0.0, 0.1, 0.0, 0.0, 0.0, 1.0].repeat(mechanism.columns() / 10);
     let (na, motion) = (mechanism.coordinates(), numbers.motion(true));
@@ -145,7 +145,7 @@ fn arm(backend: Backend) -> (Mechanism, Vec<usize>) {
     (mechanism, columns)
 }
 
-/// A turning column that carries two parallelograms in a row: nine links, three coordinates.
+/// A rotating column that carries two parallelograms in a row: nine links, three coordinates.
 fn closed_chain(backend: Backend) -> (Mechanism, Vec<usize>) {
     let parents = [None, Some(0), Some(1), Some(0), Some(3), Some(2), Some(1), Some(6), Some(5)];
     let rates = [

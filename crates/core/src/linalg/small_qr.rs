@@ -172,7 +172,7 @@ mod tests {
     const A: [f64; 15] = [1., 2., 0., -1., 3., 0.5, -1., 2., 0., 1., 0., 0., 1., 4., -2.];
 
     #[test]
-    fn least_squares_leave_what_is_across_all_columns() {
+    fn least_squares_residuals_are_orthogonal_to_all_columns() {
         let mut factor = QrFactor::new(5, 3);
         factor.decompose(&A);
         let right = [1., -2., 0.3, 0.7, 2.];
@@ -185,7 +185,7 @@ mod tests {
     }
 
     #[test]
-    fn openness_is_the_least_singular_value_of_unit_columns() {
+    fn the_condition_is_the_smallest_singular_value_of_unit_columns() {
         // Two columns at an angle: the singular values are sqrt(1 +- cos).
         let (angle, mut gram) = (0.1_f64, [0.0; 4]);
         let mut factor = QrFactor::new(3, 2);
@@ -202,7 +202,7 @@ mod tests {
     }
 
     #[test]
-    fn sides_change_with_the_sign_of_a_column_and_with_an_exchange() {
+    fn the_orientation_changes_with_the_sign_of_a_column_and_with_an_exchange() {
         // Larger than needed.
         let mut product = [0.0; 12];
         assert!(same_orientation(&A, &A, 5, &mut product));

@@ -326,7 +326,7 @@ mod tests {
 
     /// R'R equals A'A on every back end, for shapes around the panel and lane widths.
     #[test]
-    fn the_triangle_keeps_the_inner_products() {
+    fn the_r_factor_keeps_the_inner_products() {
         for backend in Backend::available() {
             for columns in [1, 2, 3, 4, 5, 7, 8, 9, 13, 44] {
                 for rows in [1usize, 2, 7, 8, 9, 31, 100] {
@@ -352,7 +352,7 @@ mod tests {
 
     /// Merging two triangles gives that of all rows.
     #[test]
-    fn merged_triangles_are_that_of_all_rows() {
+    fn merging_two_r_factors_gives_that_of_all_rows() {
         for backend in Backend::available() {
             let (columns, rows) = (7, 40);
             let a = numbers(columns * rows, 3);

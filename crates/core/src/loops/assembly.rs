@@ -423,7 +423,7 @@ mod tests {
     }
 
     #[test]
-    fn many_samples_on_many_threads_are_those_of_one_part_after_the_other() {
+    fn many_samples_on_several_threads_equal_those_of_one_continuation() {
         let (mode, position) = (four_bar(0.4), turns(5003));
         let (q, _, _, stop) = followed(&mode, &position, &vec![1.0; 5003]);
         assert!(stop.is_none());

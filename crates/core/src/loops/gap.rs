@@ -241,7 +241,7 @@ mod tests {
     }
 
     #[test]
-    fn jacobians_and_their_change_are_those_of_differences() {
+    fn jacobians_and_their_derivatives_are_those_of_differences() {
         let (loops, q, qd, h) = (bars(), [0.3, -0.7, 1.1, 0.2], [0.5, 1.2, -0.8, 0.4], 1e-6);
         let shifted = |h: f64, by: &dyn Fn(usize) -> f64| {
             let q: Vec<f64> = q.iter().enumerate().map(|(j, q)| q + h * by(j)).collect();

@@ -138,7 +138,7 @@ mod tests {
     }
 
     #[test]
-    fn exp_and_tanh_are_the_libraries_within_two_units_in_the_last_place() {
+    fn exp_and_tanh_agree_with_the_standard_library_within_two_units_in_the_last_place() {
         let fine = (-40_000..40_000).map(|k| f64::from(k) * 1e-4);
         let wide = (-7_600..7_200).map(|k| f64::from(k) * 0.1);
         let small = (0..400).flat_map(|k| [1.0, -1.0].map(|sign| sign * 0.8_f64.powi(k)));
@@ -153,7 +153,7 @@ mod tests {
     }
 
     #[test]
-    fn exp_and_tanh_end_where_numbers_do() {
+    fn exp_and_tanh_have_the_right_limits() {
         let huge = f64::MAX;
         let x = [0.0, -0.0, huge, -huge, f64::INFINITY, f64::NEG_INFINITY, f64::NAN, -710.0];
         for (backend, [e, t, ..]) in evaluated(&x) {
@@ -166,7 +166,7 @@ mod tests {
     }
 
     #[test]
-    fn sine_and_cosine_are_the_libraries_within_two_units_in_the_last_place_of_one() {
+    fn sine_and_cosine_agree_with_the_standard_library_within_two_units_in_the_last_place_of_one() {
         let fine = (-40_000..40_000).map(|k| f64::from(k) * 1e-3);
         let quarters = (-2_000..2_000).map(|k| f64::from(k) * std::f64::consts::FRAC_PI_2);
         let wide = (-2_000..2_000).map(|k| f64::from(k) * 49.37);

@@ -68,7 +68,7 @@ fn a_mass_matrix_that_is_not_positive_definite_is_reported() {
     }
 }
 
-/// Samples are divided among sets of parameters evenly, whatever the batches.
+/// Samples are divided among sets of parameters evenly, in order.
 #[test]
 fn several_sets_of_parameters_are_each_evaluated_at_their_own_samples() {
     let (one, other) = (parameters(), parameters().iter().map(|x| 2.0 * x).collect::<Vec<f64>>());

@@ -42,7 +42,7 @@ fn point(m: f64) -> [f64; 10] {
 }
 
 #[test]
-fn at_a_right_angle_one_mass_is_felt_along_the_second_bar_and_one_across() {
+fn at_a_right_angle_the_principal_masses_are_along_the_second_bar_and_perpendicular_to_it() {
     for backend in Backend::available() {
         // Along the second bar both masses move; perpendicular to it only the second.
         let out = masses(backend, &[0.3, std::f64::consts::FRAC_PI_2], 100.0);
@@ -62,7 +62,7 @@ fn a_stretched_arm_has_no_masses() {
 }
 
 #[test]
-fn many_poses_on_many_threads_are_those_of_one_at_a_time() {
+fn many_poses_on_several_threads_equal_single_poses() {
     let n = 5003;
     let q: Vec<f64> = (0..2 * n).map(|k| 0.4 + 1e-4 * k as f64).collect();
     let all = masses(Backend::best(), &q, 100.0);

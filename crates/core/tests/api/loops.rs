@@ -36,7 +36,7 @@ fn turns(samples: usize) -> Vec<f64> {
 }
 
 #[test]
-fn rates_and_their_change_are_those_of_differences() {
+fn rates_and_their_derivatives_are_those_of_differences() {
     let (mode, h) = (four_bar(0.4), 1e-5);
     for x in [0.2, 1.0, 2.9] {
         let (q, rates, rate_derivatives, stop) = followed(&mode, &[x - h, x, x + h], &[2.0; 3]);
@@ -49,7 +49,7 @@ fn rates_and_their_change_are_those_of_differences() {
 }
 
 #[test]
-fn every_backend_finds_the_same() {
+fn all_back_ends_agree_on_a_motion() {
     let (mode, position) = (four_bar(0.4), turns(1009));
     let velocity: Vec<f64> = (0..1009).map(|k| (0.01 * f64::from(k)).sin()).collect();
     let mode = mode.with_backend(Backend::named("portable").expect("is everywhere"));
@@ -65,7 +65,7 @@ fn every_backend_finds_the_same() {
 }
 
 #[test]
-fn a_coarse_motion_is_that_of_its_samples_among_others() {
+fn a_coarse_motion_equals_the_same_samples_of_a_fine_one() {
     let (mode, fine) = (four_bar(0.4), turns(2001));
     let coarse: Vec<f64> = fine.iter().step_by(40).copied().collect();
     let (q, some) = (followed(&mode, &fine, &[1.0; 2001]), followed(&mode, &coarse, &[1.0; 51]));
@@ -77,7 +77,7 @@ fn a_coarse_motion_is_that_of_its_samples_among_others() {
 }
 
 #[test]
-fn what_no_pose_closes_stops_at_its_first_sample_whatever_the_part() {
+fn continuation_stops_at_the_first_sample_that_cannot_be_assembled_in_any_segment() {
     // The coupler reaches the other crank's tip on one side only.
     let (mode, position) = (four_bar(0.15), turns(3000));
     let stop = followed(&mode, &position, &vec![1.0; 3000]).3.expect("out of reach");
@@ -91,7 +91,7 @@ fn what_no_pose_closes_stops_at_its_first_sample_whatever_the_part() {
 }
 
 #[test]
-fn a_motion_that_begins_out_of_reach_of_the_start_is_no_trouble_where_it_is_led_to() {
+fn a_motion_may_begin_out_of_reach_of_the_start_if_it_leads_there() {
     let mode = four_bar(0.15);
     let back: Vec<f64> = turns(100).into_iter().rev().collect();
     assert!(followed(&mode, &back, &[0.0; 100]).3.is_none());

@@ -93,7 +93,7 @@ fn factors_do_not_depend_on_the_number_of_threads() {
 }
 
 #[test]
-fn the_triangle_keeps_the_inner_products_whatever_the_number_of_rows() {
+fn the_r_factor_keeps_the_inner_products_of_any_number_of_rows() {
     let columns = 5;
     for (backend, many) in
         Backend::available().into_iter().flat_map(|backend| [0, 1, 4, 5, 8, 256, 600].map(|many| (backend, many)))

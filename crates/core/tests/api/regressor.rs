@@ -25,7 +25,7 @@ fn columns(mechanism: &Mechanism, samples: Range<usize>, accelerations: bool, ch
 }
 
 #[test]
-fn a_column_is_the_same_whichever_others_are_wanted() {
+fn a_column_does_not_depend_on_the_others_requested() {
     for backend in Backend::available() {
         let (mechanism, n) = (tree(backend), 37);
         let all: Vec<usize> = (0..40).collect();
@@ -45,7 +45,7 @@ fn a_column_is_the_same_whichever_others_are_wanted() {
 }
 
 #[test]
-fn a_sample_is_the_same_in_a_short_and_in_a_long_motion() {
+fn a_sample_does_not_depend_on_the_length_of_the_motion() {
     let (mechanism, long, short) = (tree(Backend::best()), 7001, 2999);
     let all: Vec<usize> = (0..40).collect();
     // A regressor of more than 2^20 numbers is written another way.
