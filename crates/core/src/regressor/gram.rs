@@ -15,7 +15,7 @@ use crate::simd::lane::{Lane, MAX_WIDTH};
 use rayon::prelude::*;
 use std::ops::Range;
 
-/// Samples per tile, and distance of its runs: see [`crate::regressor`].
+/// Samples per tile, and distance of its runs: see [`mod@crate::regressor`].
 const TILE: usize = 128;
 const RUN: usize = TILE + MAX_WIDTH;
 

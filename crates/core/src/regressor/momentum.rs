@@ -1,7 +1,7 @@
 //! Rows without accelerations: the generalised momentum of every coordinate, and the remainder of its torque. The
 //! recursion and its formulas are in [`crate::batch::link_velocity`].
 //!
-//! Safety: as in [`crate::regressor::rows`].
+//! Safety: as in [`mod@crate::regressor::rows`].
 
 use crate::batch::axis::{AxisSlots, load_axis, store_axis, store_transform};
 use crate::batch::link_velocity::LinkVelocities;
