@@ -8,20 +8,17 @@
 //! Safety: as in [`crate::dynamics::crba`].
 
 use crate::batch::axis::{load_axis, store_axis, store_transform};
-use crate::batch::sweep::{BatchParameters, RecursionState};
-use crate::batch::sweep::{for_each_batch, write_rows};
+use crate::batch::sweep::{BatchParameters, RecursionState, for_each_batch, write_rows};
 use crate::batch::{Batch, JointChannels};
 use crate::dynamics::momentum::momentum_recursion;
 use crate::error::{Error, expect_length};
 use crate::linalg::vector::{Vector, cross, cross_add, zero};
-use crate::mechanism::Mechanism;
 use crate::mechanism::motion::Motion;
 use crate::mechanism::parameters::ParameterSets;
 use crate::mechanism::shape::{JointShape, for_shape};
 use crate::mechanism::terms::Law;
-use crate::mechanism::transform::SpatialMotion;
-use crate::mechanism::transform::{JointTransform, TransformSlots};
-use crate::mechanism::{LINK_PARAMETERS, Link};
+use crate::mechanism::transform::{JointTransform, SpatialMotion, TransformSlots};
+use crate::mechanism::{LINK_PARAMETERS, Link, Mechanism};
 use crate::memory::shared::SharedOutput;
 use crate::memory::slot::{Slot, load, store};
 use crate::simd::dispatch::dispatched;

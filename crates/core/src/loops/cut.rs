@@ -58,8 +58,8 @@ pub struct LoopClosure {
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Carrier {
     pub(crate) joint: usize,
-    pub(crate) frame: bool,
-    pub(crate) twin: bool,
+    pub(crate) frame_a: bool,
+    pub(crate) frame_b: bool,
 }
 
 impl LoopClosure {
@@ -100,10 +100,10 @@ impl LoopClosure {
         let carriers = |cut: &CutJoint| {
             let both = (0..n).map(|joint| Carrier {
                 joint,
-                frame: carries(joint, &cut.frame_a),
-                twin: carries(joint, &cut.frame_b),
+                frame_a: carries(joint, &cut.frame_a),
+                frame_b: carries(joint, &cut.frame_b),
             });
-            both.filter(|carrier| carrier.frame || carrier.twin).collect()
+            both.filter(|carrier| carrier.frame_a || carrier.frame_b).collect()
         };
         let carriers = cuts.iter().map(carriers).collect();
         let joint_placements = joints.iter().map(|joint| Placement::new(joint.rotation, joint.translation)).collect();

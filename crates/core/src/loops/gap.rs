@@ -56,13 +56,27 @@ impl LoopClosure {
         self.place(q, state);
         let mut first = 0;
         for (k, cut) in self.cuts.iter().enumerate() {
-            let [own, twin] = self.frames(k, state);
-            let moved = FrameDifference::between(&own, &twin);
+            let [frame_a, frame_b] = self.frames(k, state);
+            let difference = FrameDifference::between(&frame_a, &frame_b);
             let gaps = &mut state.gaps[first..];
             if cut.prismatic {
-                PrismaticCut::entries(self.length_scale, &moved.twin, [N::constant(0.0); 3], &moved, gaps, 1);
+                PrismaticCut::entries(
+                    self.length_scale,
+                    &difference.axes_b,
+                    [N::constant(0.0); 3],
+                    &difference,
+                    gaps,
+                    1,
+                );
             } else {
-                RevoluteCut::entries(self.length_scale, &moved.twin, [N::constant(0.0); 3], &moved, gaps, 1);
+                RevoluteCut::entries(
+                    self.length_scale,
+                    &difference.axes_b,
+                    [N::constant(0.0); 3],
+                    &difference,
+                    gaps,
+                    1,
+                );
             }
             first += cut.gaps();
         }
@@ -79,25 +93,25 @@ impl LoopClosure {
     /// Both frames of cut joint k.
     #[inline(always)]
     fn frames<N: Number>(&self, k: usize, state: &LoopState<N>) -> [Pose<N>; 2] {
-        let (cut, [own, twin]) = (&self.cuts[k], &self.frame_placements[k]);
-        [state.pose(cut.frame_a.link, own), state.pose(cut.frame_b.link, twin)]
+        let (cut, [frame_a, frame_b]) = (&self.cuts[k], &self.frame_placements[k]);
+        [state.pose(cut.frame_a.link, frame_a), state.pose(cut.frame_b.link, frame_b)]
     }
 
     /// Gaps of cut joint k, from `first` on, and their Jacobian.
     #[inline(always)]
     fn measure_cut<N: Number, K: CutKind>(&self, k: usize, first: usize, state: &mut LoopState<N>) {
-        let (n, [own, twin]) = (self.joints.len(), self.frames(k, state));
-        let whole = FrameDifference::between(&own, &twin);
-        K::entries(self.length_scale, &twin.axes, [N::constant(0.0); 3], &whole, &mut state.gaps[first..], 1);
+        let (n, [frame_a, frame_b]) = (self.joints.len(), self.frames(k, state));
+        let whole = FrameDifference::between(&frame_a, &frame_b);
+        K::entries(self.length_scale, &frame_b.axes, [N::constant(0.0); 3], &whole, &mut state.gaps[first..], 1);
         for carrier in &self.carriers[k] {
             let (link, prismatic) = (&state.links[carrier.joint], self.joints[carrier.joint].prismatic);
-            let by_own = if carrier.frame { own.rates_by(link, prismatic) } else { Pose::zero() };
-            let by_twin = if carrier.twin { twin.rates_by(link, prismatic) } else { Pose::zero() };
-            let change = FrameDifference::between(&by_own, &by_twin);
+            let rates_a = if carrier.frame_a { frame_a.rates_by(link, prismatic) } else { Pose::zero() };
+            let rates_b = if carrier.frame_b { frame_b.rates_by(link, prismatic) } else { Pose::zero() };
+            let change = FrameDifference::between(&rates_a, &rates_b);
             K::entries(
                 self.length_scale,
-                &twin.axes,
-                whole.apart,
+                &frame_b.axes,
+                whole.distance,
                 &change,
                 &mut state.jacobian[first * n + carrier.joint..],
                 n,
@@ -145,27 +159,27 @@ impl LoopClosure {
 
 /// Difference of two frames, or of their rates: distance of the origins, and the axes of both.
 struct FrameDifference<N> {
-    apart: Vector<N>,
-    own: [Vector<N>; 3],
-    twin: [Vector<N>; 3],
+    distance: Vector<N>,
+    axes_a: [Vector<N>; 3],
+    axes_b: [Vector<N>; 3],
 }
 
 impl<N: Number> FrameDifference<N> {
     #[inline(always)]
-    fn between(own: &Pose<N>, twin: &Pose<N>) -> Self {
-        FrameDifference { apart: sub(own.origin, twin.origin), own: own.axes, twin: twin.axes }
+    fn between(frame_a: &Pose<N>, frame_b: &Pose<N>) -> Self {
+        FrameDifference { distance: sub(frame_a.origin, frame_b.origin), axes_a: frame_a.axes, axes_b: frame_b.axes }
     }
 }
 
 /// Gaps of a cut joint as a function of the frames' difference, in which they are linear but for the axes along which a
 /// distance is measured.
 trait CutKind {
-    /// Write the gaps, `after` numbers apart. The derivative of those axes adds the distance `apart` along `moved`.
+    /// Write the gaps, `after` numbers apart. In a derivative, the rates of the axes are multiplied by `distance`.
     fn entries<N: Number>(
         size: f64,
-        twin: &[Vector<N>; 3],
-        apart: Vector<N>,
-        moved: &FrameDifference<N>,
+        axes: &[Vector<N>; 3],
+        distance: Vector<N>,
+        difference: &FrameDifference<N>,
         out: &mut [N],
         after: usize,
     );
@@ -183,13 +197,13 @@ impl CutKind for RevoluteCut {
         size: f64,
         _: &[Vector<N>; 3],
         _: Vector<N>,
-        moved: &FrameDifference<N>,
+        difference: &FrameDifference<N>,
         out: &mut [N],
         after: usize,
     ) {
         for e in 0..3 {
-            out[e * after] = moved.apart[e];
-            out[(3 + e) * after] = (moved.own[2][e] - moved.twin[2][e]).scale(size);
+            out[e * after] = difference.distance[e];
+            out[(3 + e) * after] = (difference.axes_a[2][e] - difference.axes_b[2][e]).scale(size);
         }
     }
 }
@@ -198,16 +212,16 @@ impl CutKind for PrismaticCut {
     #[inline(always)]
     fn entries<N: Number>(
         size: f64,
-        twin: &[Vector<N>; 3],
-        apart: Vector<N>,
-        moved: &FrameDifference<N>,
+        axes: &[Vector<N>; 3],
+        distance: Vector<N>,
+        difference: &FrameDifference<N>,
         out: &mut [N],
         after: usize,
     ) {
         for k in 0..2 {
-            out[k * after] = dot(twin[k], moved.apart) + dot(moved.twin[k], apart);
+            out[k * after] = dot(axes[k], difference.distance) + dot(difference.axes_b[k], distance);
             for e in 0..3 {
-                out[(2 + 2 * e + k) * after] = (moved.own[2 * k][e] - moved.twin[2 * k][e]).scale(size);
+                out[(2 + 2 * e + k) * after] = (difference.axes_a[2 * k][e] - difference.axes_b[2 * k][e]).scale(size);
             }
         }
     }

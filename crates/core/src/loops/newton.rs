@@ -4,8 +4,7 @@ use crate::linalg::small_qr::{QrFactor, dot, same_orientation};
 use crate::loops::assembly::AssemblyMode;
 use crate::loops::continuation::ClosedConfiguration;
 use crate::loops::gap::LoopState;
-use crate::simd::real::Dual;
-use crate::simd::real::{Number, Real};
+use crate::simd::real::{Dual, Number, Real};
 
 /// Largest correction of a passive joint from its prediction, rad (or mechanism sizes).
 const MAX_CORRECTION: f64 = 0.1;

@@ -10,8 +10,7 @@ pub(crate) mod terms;
 pub(crate) mod transform;
 
 use crate::error::{Error, expect_length};
-use crate::mechanism::closure::Closure;
-use crate::mechanism::closure::{JointMap, Rate};
+use crate::mechanism::closure::{Closure, JointMap, Rate};
 use crate::mechanism::layout::LayoutCache;
 use crate::mechanism::shape::{JointShape, JointType, Rotation};
 use crate::mechanism::terms::{Column, Law, Term};

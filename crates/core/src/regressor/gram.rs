@@ -6,8 +6,7 @@
 use crate::batch::sink::EntryRuns;
 use crate::error::{Error, expect_length};
 use crate::mechanism::Mechanism;
-use crate::mechanism::layout::EntryMap;
-use crate::mechanism::layout::check_columns;
+use crate::mechanism::layout::{EntryMap, check_columns};
 use crate::mechanism::motion::{Motion, PART};
 use crate::regressor::rows::{Workspace, rows};
 use crate::simd::dispatch::dispatched;
