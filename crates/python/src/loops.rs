@@ -18,7 +18,7 @@ use pyo3::prelude::*;
 #[pyclass(name = "Loops", frozen, module = "haptid._core")]
 pub struct PyLoops(LoopClosure);
 
-/// A frame as Python gives it: link (-1 for the base), rotation row by row, translation.
+/// A frame as passed from Python: link (-1 for the base), rotation row by row, translation.
 type FrameArguments = (isize, [f64; 9], [f64; 3]);
 
 fn frame((link, rotation, translation): FrameArguments) -> Frame {
