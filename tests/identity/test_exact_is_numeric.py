@@ -11,8 +11,8 @@ from hypothesis import strategies as st
 
 import haptid
 from device_files import device_text
-from haptid.dynamics.symbolic import placements
 from haptid.dynamics.symbolic.chain import exact_chain
+from haptid.dynamics.symbolic.geometry import placement_value
 
 
 def drawn(folder: Path, text: str) -> haptid.Device:
@@ -46,7 +46,7 @@ def test_placements_with_symbols_have_the_values_of_those_with_numbers(
     chain = exact_chain(model)
     values = {symbol.name: symbol.value for symbol in chain.symbols}
     for exact, joint in zip(chain.joints, model.device.joints, strict=True):
-        made = placements.value(exact.placement, values)
+        made = placement_value(exact.placement, values)
         np.testing.assert_allclose(made[:3, :3], joint.rotation, atol=1e-12)
         np.testing.assert_allclose(made[:3, 3], joint.translation, atol=1e-12)
 

@@ -8,15 +8,15 @@ import numpy as np
 import pytest
 
 from haptid import errors
-from haptid.device.loops import assembly
 from haptid.device.geometry import Reader
+from haptid.device.loops import assembly
 from haptid.device.loops.from_toml import read_loops
 from haptid.device.toml.place import Place
 from haptid.device.toml.reader import device_of
 from haptid.device.toml.tables import read_tables
 from haptid.dynamics.regressor import rows
 from haptid.dynamics.symbolic import loop_regroupings
-from haptid.dynamics.symbolic.opening import _opened
+from haptid.dynamics.symbolic.loops import _opened
 
 LENGTHS = "[lengths]\nL0 = 0.2\nL1 = 0.15\nL2 = 0.22\nL3 = 0.14\nL4 = 0.25\n"
 TERMS = """

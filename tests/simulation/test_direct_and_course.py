@@ -12,8 +12,7 @@ from scipy import linalg
 import haptid
 from bench_identification import CASES, device_of, log_of, record, truth_of
 from haptid import errors
-from haptid.dynamics.forward import ForwardDynamics, sets_of
-from haptid.dynamics.parametric import ParametricForwardDynamics
+from haptid.dynamics.forward import ForwardDynamics, ParametricForwardDynamics, sets_of
 from haptid.dynamics.regressor import columns
 from haptid.experiment import bench
 from haptid.simulation import PID, Stretches, closed_loop, open_loop, sensitivity, smooth
@@ -48,7 +47,9 @@ def test_accelerations_undo_the_inverse_model(mechanism, seed):
 @pytest.mark.parametrize("name", ["five_bar", "cea_medical_branch"])
 def test_slopes_are_those_of_differences(name):
     model, rng, step = haptid.DynamicModel(haptid.read_device(name)), np.random.default_rng(1), 1e-5
-    c = model.device.frame @ (model.device.closure.draw(rng, 9) if name == "five_bar" else rng.uniform(-0.3, 0.3, (3, 9)))
+    c = model.device.frame @ (
+        model.device.closure.draw(rng, 9) if name == "five_bar" else rng.uniform(-0.3, 0.3, (3, 9))
+    )
     cd, cdd = rng.normal(size=(2, *c.shape))
     forward = ForwardDynamics(model, np.abs(rng.normal(size=model.mechanism.columns)))
     found = forward.slopes(c, cd, cdd)
@@ -63,7 +64,9 @@ def test_slopes_are_those_of_differences(name):
 def test_loops_too_and_every_set_for_itself(name):
     model = haptid.DynamicModel(haptid.read_device(name))
     rng = np.random.default_rng(0)
-    c = model.device.frame @ (model.device.closure.draw(rng, 6) if name == "five_bar" else rng.uniform(-0.3, 0.3, (3, 6)))
+    c = model.device.frame @ (
+        model.device.closure.draw(rng, 6) if name == "five_bar" else rng.uniform(-0.3, 0.3, (3, 6))
+    )
     cd = rng.normal(size=c.shape)
     raw = np.zeros((2, model.mechanism.columns))
     for k in range(2):

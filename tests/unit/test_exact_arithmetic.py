@@ -9,9 +9,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from haptid.dynamics.symbolic.arithmetic import PRIMES, Coefficient, Field, Laurent, UnluckyDrawError, rational
 from haptid.dynamics.symbolic.interpolation import Points, fit
-from haptid.dynamics.symbolic.laurent import Coefficient, Laurent
-from haptid.dynamics.symbolic.residues import PRIMES, Field, UnluckyDrawError, rational
 from haptid.dynamics.symbolic.symbols import GRAVITY, LENGTH, PURE, Symbol, draw
 
 FIELD = Field(PRIMES[0])

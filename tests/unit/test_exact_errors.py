@@ -13,7 +13,7 @@ import haptid
 from haptid import errors
 from haptid.cli import app
 from haptid.dynamics.symbolic import regrouping as module
-from haptid.dynamics.symbolic.residues import UnluckyDrawError
+from haptid.dynamics.symbolic.arithmetic import UnluckyDrawError
 
 FOUR_BAR = """
 name = "four-bar"

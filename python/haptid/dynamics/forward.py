@@ -1,17 +1,88 @@
-"""The direct dynamic model: accelerations from torques, for many states and several sets of parameters at once."""
+"""Friction by load in the direct model: it depends on the accelerations that it changes.
+
+The torque that the bodies put on a coordinate is M cdd + h, and friction its size times a share: linear in cdd for a
+given sign of that torque.
+
+The direct dynamic model: accelerations from torques, for many states and several sets of parameters at once.
+
+The direct model with parameters of its own at every state, as a filter for states and parameters needs it."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from haptid._internal.arrays import Array, expect, freeze, read_only
+from haptid.device.terms.term import Load
 from haptid.dynamics.inverse import core_mass, core_torque
-from haptid.dynamics.load_friction import Carried, carried, pressed
 from haptid.dynamics.model import DynamicModel
-from haptid.dynamics.regressor import CoreChannels, check_columns, external
+from haptid.dynamics.regressor import CoreChannels, check_columns, check_linear, columns, external
 from haptid.errors import MasslessError
+
+
+@dataclass(frozen=True, eq=False)
+class Carried:
+    """What one coordinate carries at some states, and the friction in proportion to it.
+
+    Attributes:
+        weights: how the friction acts on the coordinates, (n,).
+        grip: friction by the size of the load, with the velocity's sign, (states,).
+        inertia: row of the bodies' mass matrix, (states, n).
+        still: torque of the bodies without acceleration, (states,), N m or N.
+    """
+
+    weights: Array
+    grip: Array
+    inertia: Array
+    still: Array
+
+    def load(self, cdd: Array) -> Array:
+        """Torque of the bodies, (states,), at accelerations (states, n)."""
+        return np.asarray((self.inertia * cdd).sum(axis=1) + self.still)
+
+    def sign(self, cdd: Array) -> Array:
+        """Its sign, (states,)."""
+        return np.sign(self.load(cdd))
+
+
+def carried(model: DynamicModel, chi: Array, c: Array, cd: Array) -> list[Carried]:
+    """Of every term of friction by load.
+
+    Args:
+        model: the dynamic model, its loads settled.
+        chi: parameters of the core's columns at each state, (states, r), SI.
+        c, cd: positions and velocities of the coordinates that torque rows belong to, (n, states).
+    """
+    bare, bodies = model.bodies
+    M = core_mass(bare, bodies, c)
+    h = core_torque(bare, bodies, c, cd, np.zeros_like(c))
+    first = 10 * len(model.device.joints)
+    return [
+        Carried(term.weights, chi[:, first + k] * term.shape.side(cd), M[:, term.shape.row], h[term.shape.row])
+        for k, term in enumerate(model.terms)
+        if isinstance(term.shape, Load)
+    ]
+
+
+def pressed(loads: Sequence[Carried], cdd: Array) -> tuple[Array, Array]:
+    """What friction by load adds to M, (states, n, n), and to h, (states, n), with the signs at some accelerations.
+
+    h has the friction without acceleration already.
+
+    Args:
+        loads: of every term.
+        cdd: (states, n).
+    """
+    states, n = cdd.shape
+    M, h = np.zeros((states, n, n)), np.zeros((states, n))
+    for one in loads:
+        signed = one.grip * one.sign(cdd)
+        M += one.weights[:, None] * (signed[:, None] * one.inertia)[:, None]
+        h += one.weights * (signed * one.still - one.grip * np.abs(one.still))[:, None]
+    return M, h
+
 
 # Of the mass matrix, least eigenvalue over the largest of its scaled form that can still be inverted.
 INVERTIBLE = 1e-12
@@ -188,3 +259,53 @@ def sets_of(model: DynamicModel, beta: Array) -> Array:
     """Parameters of the core's columns, (sets, r), from sets of base parameters, (sets, p)."""
     S = model.device.parameters.S[:, list(model.base.kept)]
     return freeze(np.atleast_2d(beta) @ S.T)
+
+
+@dataclass(frozen=True, eq=False)
+class ParametricForwardDynamics:
+    """M cdd = tau - h by base parameters.
+
+    Attributes:
+        model: the dynamic model, its dry friction smooth.
+        base: the core's columns from base parameters, (r, p).
+
+    Raises:
+        AccelerationColumnError: a column is made of accelerations.
+    """
+
+    model: DynamicModel
+    base: Array
+
+    def __post_init__(self) -> None:
+        check_linear(self.model)
+
+    def acceleration(self, c: Array, cd: Array, tau: Array, beta: Array) -> Array:
+        """cdd, (n, states), of parameters (p,) or (states, p).
+
+        Args:
+            c, cd: positions and velocities of the coordinates, (n, states).
+            tau: torque of every row, (n, states), N m or N.
+            beta: base parameters.
+
+        Raises:
+            MasslessError: a mass matrix is not positive definite.
+        """
+        return ForwardDynamics(self.model, beta @ self.base.T).acceleration(c, cd, tau)
+
+    def turning(self, c: Array, cd: Array, cdd: Array, period: float) -> bool:
+        """Whether dry friction may turn over within a period, s, at one state; c, cd and cdd are (n,)."""
+        return bool(turning(self.model, c[:, None], cd[:, None], cdd[:, None], period)[0])
+
+    def linearised(self, c: Array, cd: Array, tau: Array, beta: Array) -> tuple[Array, Array, Array, Array]:
+        """At one state: cdd (n,), its derivatives by (c, cd) (n, 2n) and by beta (n, p), and M^-1 (n, n).
+
+        Args:
+            c, cd, tau: (n,).
+            beta: (p,).
+        """
+        forward, column = ForwardDynamics(self.model, self.base @ beta), (c[:, None], cd[:, None])
+        cdd = forward.acceleration(*column, tau[:, None])
+        inverse = np.linalg.inv(forward.mass(column[0])[0])
+        by_state = -inverse @ np.concatenate(forward.slopes(*column, cdd), axis=2)[0]
+        Y = columns(self.model, *column, cdd, self.base)[:, :, 0]
+        return cdd[:, 0], by_state, -inverse @ Y, inverse

@@ -1,4 +1,6 @@
-"""The dynamic model of a device: its compiled mechanism, its base parameters and the columns of its regressor."""
+"""The dynamic model of a device: its compiled mechanism, its base parameters and the columns of its regressor.
+
+A device as the arguments of the compiled core."""
 
 from __future__ import annotations
 
@@ -6,7 +8,7 @@ import importlib
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -19,6 +21,7 @@ from haptid.dynamics.base_parameters import BaseParameters, base_parameters
 
 if TYPE_CHECKING:
     from haptid.dynamics.symbolic import Regroupings
+
 
 # Ten parameters of a link before any estimate: the bodies whose torque scales load-dependent friction until then.
 NOMINAL_LINK = [0.3, 0.0, 0.0, 0.3, 0.0, 0.3, 0.3, 0.2, 0.1, 1.0]
@@ -68,7 +71,7 @@ class DynamicModel:
     @cached_property
     def mechanism(self) -> Any:
         """The compiled mechanism, `haptid._core.Mechanism`."""
-        from haptid.dynamics.mechanism import mechanism_arguments
+        from haptid.dynamics.model import mechanism_arguments
 
         return importlib.import_module("haptid._core").Mechanism(*mechanism_arguments(self))
 
@@ -253,3 +256,50 @@ class DynamicModel:
 
 def _identical(one: TermColumn, other: TermColumn) -> bool:
     return one is other
+
+
+class MechanismArguments(NamedTuple):
+    """What `haptid._core.Mechanism` takes, in its order.
+
+    Attributes:
+        parent: index of each joint's parent, -1 for the base.
+        rotation, translation: placements, (joints, 3, 3) and (joints, 3), m.
+        prismatic: whether each joint slides.
+        gravity: (3,), m/s^2.
+        rates: all joints' rates from the coordinates', (joints, active).
+        offset: all joints' positions where the device's coordinates are zero, (joints,).
+        terms: (kind, weights, offset, a, b, c) of every column beside link inertia.
+        backend: the core's choice.
+        given: which rates come with every sample, (joints, active); None for none.
+        on: for each term the joint whose motion comes so, None for others.
+    """
+
+    parent: list[int]
+    rotation: Array
+    translation: Array
+    prismatic: list[bool]
+    gravity: list[float]
+    rates: Array
+    offset: Array
+    terms: list[tuple[str, Array, float, float, float, float]]
+    backend: str | None
+    given: np.ndarray | None
+    on: list[int | None]
+
+
+def mechanism_arguments(model: DynamicModel) -> MechanismArguments:
+    """The arguments that compile a dynamic model in the core."""
+    joints = model.device.joints
+    return MechanismArguments(
+        parent=[joint.parent for joint in joints],
+        rotation=np.array([joint.rotation for joint in joints]),
+        translation=np.array([joint.translation for joint in joints]),
+        prismatic=[joint.prismatic for joint in joints],
+        gravity=[float(g) for g in model.device.gravity],
+        rates=np.ascontiguousarray(model.device.rates),
+        offset=np.ascontiguousarray(model.device.closure.offset),
+        terms=[term.for_core for term in model.terms],
+        backend=None,
+        given=model.device.varying if model.device.varying.any() else None,
+        on=[term.joint for term in model.terms],
+    )

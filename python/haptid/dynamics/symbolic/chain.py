@@ -1,25 +1,248 @@
-"""A mechanism with its lengths as symbols: tree, cuts, motion, gravity, terms and measured rows."""
+"""How the joints of a mechanism move, modulo a prime: all of them from the active ones, at exact points.
+
+Columns beside link inertia, modulo a prime: sums of parts that are independent unless they are the same.
+
+A mechanism with its lengths as symbols: tree, cuts, motion, gravity, terms and measured rows."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Hashable, Mapping, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
+from typing import Protocol
 
 import numpy as np
 
 from haptid._internal.arrays import Array
-from haptid.device import Closure, Device
+from haptid.device import Closure, Counterbalance, Device, TermColumn
 from haptid.device.toml.schema import AnyDevice
-from haptid.dynamics.symbolic.laurent import Laurent, powers
-from haptid.dynamics.symbolic.motion import LinearMotion, Motion
-from haptid.dynamics.symbolic.placements import Placement, Shift
-from haptid.dynamics.symbolic.reading import GeometryReader, placements
-from haptid.dynamics.symbolic.symbols import GRAVITY, Symbol, Symbols, ratio
-from haptid.dynamics.symbolic.terms import ExactColumn, exact_columns
-from haptid.dynamics.symbolic.tree import ExactCut, ExactFrame, ExactJoint
+from haptid.dynamics.symbolic.arithmetic import ZERO, Field, Laurent, Residues, powers
+from haptid.dynamics.symbolic.geometry import (
+    ExactCut,
+    ExactFrame,
+    ExactJoint,
+    GeometryReader,
+    Placement,
+    Shift,
+    placements,
+)
+from haptid.dynamics.symbolic.symbols import GRAVITY, LENGTH, PURE, Symbol, Symbols, ratio
 from haptid.errors import ManyAnglesError
+
+
+@dataclass(frozen=True, eq=False)
+class States:
+    """Joints at states drawn at random, all of them residues.
+
+    The position of a turning joint is drawn apart from its cosine and sine: no polynomial ties them.
+
+    Attributes:
+        cos, sin: of turning joints, (joints, n); one and zero for sliding ones.
+        slide: of sliding joints, (joints, n); zero for turning ones.
+        position, velocity, acceleration: (joints, n).
+        G: rates of all joints by active one, (joints, n, active).
+        active: position, velocity and acceleration of the active joints, (3, active, n).
+    """
+
+    cos: Residues
+    sin: Residues
+    slide: Residues
+    position: Residues
+    velocity: Residues
+    acceleration: Residues
+    G: Residues
+    active: Residues
+
+
+class Motion(Protocol):
+    """What a closed chain needs to tell of its loops; a loop of another kind is another class with these two."""
+
+    @property
+    def depends(self) -> tuple[Laurent, ...]:
+        """What it depends on besides the placements of joints and of the frames of cuts."""
+
+    def states(self, field: Field, rng: np.random.Generator, values: Mapping[str, Residues], count: int) -> States:
+        """States drawn at random, one for each of `count` sets of lengths.
+
+        Args:
+            field: the residues' prime.
+            rng: where they are drawn from.
+            values: residues of all symbols, (count,) each.
+            count: number of states.
+        """
+
+
+@dataclass(frozen=True)
+class LinearMotion:
+    """Every joint a linear function of the active ones: q = G qa + offset.
+
+    Attributes:
+        prismatic: of every joint.
+        rates: G, by joint and active joint.
+        multiples: angle of a turning joint in units of each active joint's, whole numbers, by joint and active joint.
+        turns: cosine and sine of every turning joint's offset.
+        offsets: of every joint, as a length or an angle.
+    """
+
+    prismatic: tuple[bool, ...]
+    rates: tuple[tuple[Laurent, ...], ...]
+    multiples: tuple[tuple[int, ...], ...]
+    turns: tuple[tuple[Laurent, Laurent], ...]
+    offsets: tuple[Laurent, ...]
+
+    @property
+    def depends(self) -> tuple[Laurent, ...]:
+        """See Motion."""
+        return (*self.offsets, *(part for row in (*self.rates, *self.turns) for part in row))
+
+    def states(self, field: Field, rng: np.random.Generator, values: Mapping[str, Residues], count: int) -> States:
+        """See Motion."""
+        actives = len(self.rates[0])
+        active = field.draw(rng, 3, actives, count)
+        G: Residues = np.array([[entry.modulo(field, values, count) for entry in row] for row in self.rates])
+        moved = np.zeros((3, len(self.rates), count), dtype=np.int64)
+        for k in range(actives):  # one product at a time: a sum over many active joints could overflow
+            moved = field.reduce(moved + G[:, k] * active[:, None, k])
+        offsets: Residues = np.array([offset.modulo(field, values, count) for offset in self.offsets])
+        position = field.reduce(moved[0] + offsets)
+        cos, sin = self._angles(field, rng, values, count)
+        slide = np.where(np.array(self.prismatic)[:, None], position, 0)
+        return States(cos, sin, slide, position, moved[1], moved[2], np.moveaxis(G, 1, 2), active)
+
+    def _angles(
+        self, field: Field, rng: np.random.Generator, values: Mapping[str, Residues], count: int
+    ) -> tuple[Residues, Residues]:
+        units = [field.circle(rng, count) for _ in self.rates[0]]
+        cos = np.ones((len(self.rates), count), dtype=np.int64)
+        sin = np.zeros_like(cos)
+        for j, (multiples, prismatic) in enumerate(zip(self.multiples, self.prismatic, strict=True)):
+            if prismatic:
+                continue
+            c, s = self.turns[j]
+            angle = (c.modulo(field, values, count), s.modulo(field, values, count))
+            for unit, times in zip(units, multiples, strict=True):
+                if times:
+                    angle = field.sum_of_angles(angle, field.multiple_of_angle(unit, times))
+            cos[j], sin[j] = angle
+        return cos, sin
+
+
+# Where each of these is found among a coordinate's position, velocity and acceleration.
+MOTION = {"position": 0, "velocity": 1, "acceleration": 2}
+
+
+@dataclass(frozen=True)
+class Part:
+    """A factor times something that varies with the motion.
+
+    Attributes:
+        factor: number.
+        what: position, velocity, acceleration, one.
+        key: of a function that it is multiplied with, of which nothing is known but that functions with the same key
+            are the same; None for none.
+    """
+
+    factor: Fraction
+    what: str
+    key: Hashable = None
+
+
+@dataclass(frozen=True)
+class ExactColumn:
+    """A column beside link inertia, acting on a joint, or on a cut's or a motor's combination of active joints.
+
+    Attributes:
+        joint: index, None for a cut or a motor.
+        weights: of a cut or a motor, one for each active joint.
+        parts: what the column is at one of its coordinate's states.
+        rest: taken off the position.
+    """
+
+    joint: int | None
+    weights: tuple[Fraction, ...]
+    parts: tuple[Part, ...]
+    rest: Laurent = ZERO
+
+    def modulo(
+        self, field: Field, states: States, values: Mapping[str, Residues], functions: Mapping[Hashable, Residues]
+    ) -> Residues:
+        """Residues of the active joints' torques, (n, active)."""
+        G, motion = self._coordinate(field, states)
+        count = G.shape[0]
+        total = np.zeros(count, dtype=np.int64)
+        for part in self.parts:
+            size = np.ones(count, dtype=np.int64) if part.what == "one" else motion[MOTION[part.what]]
+            if part.what == "position":
+                size = field.reduce(size - self.rest.modulo(field, values, count))
+            if part.key is not None:
+                size = field.reduce(size * functions[part.key])
+            total = field.reduce(total + field.of(part.factor) * size)
+        return field.reduce(G * total[:, None])
+
+    def _coordinate(self, field: Field, states: States) -> tuple[Residues, tuple[Residues, ...]]:
+        """Rates of the coordinate by active joint, (n, active), and its position, velocity, acceleration."""
+        if self.joint is not None:
+            each = (states.position, states.velocity, states.acceleration)
+            return states.G[self.joint], tuple(quantity[self.joint] for quantity in each)
+        weights = np.array([field.of(weight) for weight in self.weights])
+        G = np.broadcast_to(weights, (states.active.shape[2], len(weights)))
+        moved = field.reduce(field.reduce(states.active * weights[:, None]).sum(axis=1))  # a sum of few stays small
+        return G, tuple(moved)
+
+
+def exact_columns(device: Device, active: Sequence[int], symbols: Symbols) -> tuple[ExactColumn, ...]:
+    """All terms of a device, cuts' and motors' by so many of its active joints."""
+    names = device.joint_names
+    made = []
+    for term in device.terms:
+        side, _, name = term.on.partition(" ")
+        joint = names.index(name) if side == "joint" else None
+        weights = tuple(ratio(float(w)) for w in (term.weights @ device.frame)[list(active)])
+        made.append(ExactColumn(joint, weights if joint is None else (), _parts(term), _rest(term, device, symbols)))
+    return tuple(made)
+
+
+def _rest(term: TermColumn, device: Device, symbols: Symbols) -> Laurent:
+    """Rest of a spring, counted from where its combination of active joints is zero if it acts on a cut."""
+    if term.kind != "spring":
+        return Laurent()
+    side, _, name = term.on.partition(" ")
+    sliding = {f"joint {j.name}" for j in device.joints if j.prismatic}
+    sliding |= {f"cut {cut.name}" for cut in device.cut_joints if cut.prismatic}
+    slides, rest = term.on in sliding, term.settings[0]
+    made = symbols.quantity(rest, f"rest{name}", LENGTH if slides else PURE) if rest else Laurent()
+    return made - symbols.position(term.offset, slides, f"q{name}") if side == "cut" else made
+
+
+def _parts(term: TermColumn) -> tuple[Part, ...]:
+    """The parts of a term; friction along one direction, forward or backward, faster or slower, is told apart here."""
+    plain = {"rotor": "acceleration", "viscous": "velocity", "offset": "one", "spring": "position"}
+    if term.kind in plain:
+        return (Part(Fraction(1), plain[term.kind]),)
+    if term.kind == "external" and not term.side:
+        shape = term.shape
+        key = shape if isinstance(shape, Counterbalance) else getattr(shape, "text", "")
+        return (Part(Fraction(1), "one", key),)
+    if not term.weights.any():  # what it acts on never moves
+        return ()
+    first = float(term.weights[np.flatnonzero(term.weights)[0]])
+    direction = tuple(np.round(term.weights / first, 9).tolist())
+    sign, scale = Fraction(1 if first > 0 else -1), abs(first)
+    if term.kind == "stribeck":
+        velocity, exponent, width = term.settings
+        return (Part(sign, "one", ("stribeck", direction, velocity / scale, exponent, width / scale)),)
+    width = term.settings[0] / scale
+    odd, half = ("coulomb", direction, width), Fraction(term.side, 2)
+    if term.kind == "coulomb":
+        return (Part(sign, "one", odd),)
+    if term.nature == "viscous":
+        # max(v, 0) = (v + v sgn v) / 2 and min(v, 0) = (v - v sgn v) / 2.
+        return (Part(Fraction(1, 2), "velocity"), Part(sign * half, "velocity", odd))
+    # sgn max(v, 0) = (|sgn v| + sgn v) / 2 and sgn min(v, 0) = (sgn v - |sgn v|) / 2, and |sgn v| is one but at rest.
+    even = Part(half, "one", ("even", direction, width) if width else None)
+    return (Part(sign / 2, "one", odd), even)
+
 
 # Coefficients are polynomials in the cosines and sines of angles that are no quarter turns: of more angles than these
 # they have too many terms to be found, or to be read.

@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
 
-from haptid.dynamics.symbolic.laurent import Coefficient, Laurent, Powers
+from haptid.dynamics.symbolic.arithmetic import Coefficient, Laurent, Powers
 
 # How names of parameters split into kind and owner, in LaTeX.
 NAME = re.compile(r"(XX|XY|XZ|YY|YZ|ZZ|MX|MY|MZ|IA|FV|FC|FS|OFF|M|K|[A-Za-z]+?)(\w*)$")

@@ -15,8 +15,7 @@ from types import MappingProxyType
 
 import numpy as np
 
-from haptid.dynamics.symbolic.laurent import Coefficient, Laurent, Powers, powers
-from haptid.dynamics.symbolic.residues import Field, Residues, rational
+from haptid.dynamics.symbolic.arithmetic import Coefficient, Field, Laurent, Powers, Residues, powers, rational
 from haptid.dynamics.symbolic.symbols import GRAVITY, PURE, Grade, Symbol
 
 # Exponents tried in polynomials, from the least reach to the widest.

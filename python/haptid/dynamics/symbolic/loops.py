@@ -1,32 +1,433 @@
-"""Regroupings of devices whose loops are not linear: planar dyads, such as four-bar and five-bar linkages."""
+"""Loops that are no parallelograms: two passive joints in a plane, closed by a pin, at exact points modulo a prime.
+
+The two passive links and the pin are a dyad. With everything else drawn, its inner pivot lies on two circles, and where
+they meet is one square root; half of the draws have none modulo a prime, and are drawn again. Rates and accelerations
+follow by differentiating the closure.
+
+A device opened at its cuts, and its loops closed again by planar dyads, with symbols for its lengths.
+
+Whether loops close for all values of their lengths: the two frames of every cut meet at random states, exactly."""
 
 from __future__ import annotations
 
-from pathlib import Path
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from fractions import Fraction
 
-from haptid.device.toml.tables import read_tables
-from haptid.dynamics.model import DynamicModel
-from haptid.dynamics.symbolic.opening import dyad_chain, opened
-from haptid.dynamics.symbolic.regrouping import Regroupings, chain_regroupings
+import numpy as np
+
+from haptid.device import Device
+from haptid.device.toml.reader import device_of
+from haptid.device.toml.schema import AnyDevice
+from haptid.dynamics.symbolic.arithmetic import PRIMES, Field, Laurent, Residues, UnluckyDrawError
+from haptid.dynamics.symbolic.chain import ExactChain, Motion, Rows, States, assembled
+from haptid.dynamics.symbolic.geometry import ExactCut, ExactFrame, ExactJoint, all_placed, frame_pose, poses
+from haptid.dynamics.symbolic.symbols import LENGTH, Symbol, Symbols, draw
+from haptid.errors import NoDyadError, SymbolicClosureError
+
+# Draws until all states have a square root: with every draw half of them do.
+DRAWS = 200
 
 
-def loop_regroupings(path: str | Path, seed: int = 0) -> Regroupings:
-    """Base parameters, with the lengths as symbols, of a device whose loops are planar dyads.
+@dataclass(frozen=True)
+class Dyad:
+    """Two passive joints and the cut that closes them.
 
-    Two passive joints and a pin close each loop; the other joints are active, and have motors, unless the file names
-    motors for some of them only. Neither guess nor start pose is needed, and nothing is compared with numbers, which
-    `regroupings` does. A loop that closes in two ways is taken in both: the relations hold in either.
+    Attributes:
+        first: the joint whose link carries the inner pivot.
+        second: the other one.
+        near, far: the cut's frame that the second joint carries, and the one that it does not.
+        serial: whether the second joint sits on the first one's link, so that it is itself the inner pivot.
+    """
 
-    Args:
-        path: of the device file.
-        seed: of what is drawn at random; the result does not depend on it.
+    first: int
+    second: int
+    near: ExactFrame
+    far: ExactFrame
+    serial: bool
+
+
+@dataclass(frozen=True)
+class DyadMotion:
+    """Active joints drawn at random, passive ones by dyads, one after the other.
+
+    Attributes:
+        joints: of the tree.
+        active: indices of the active joints.
+        dyads: those further from the base after those that they hang on.
+    """
+
+    joints: tuple[ExactJoint, ...]
+    active: tuple[int, ...]
+    dyads: tuple[Dyad, ...]
+
+    @property
+    def depends(self) -> tuple[Laurent, ...]:
+        """See Motion."""
+        return ()
+
+    def states(self, field: Field, rng: np.random.Generator, values: Mapping[str, Residues], count: int) -> States:
+        """See Motion."""
+        placed = all_placed(self.joints, field, values, count)
+        moved = self._closed(field, rng, values, placed, count)
+        links = poses(self.joints, field, placed, moved)
+        active = field.draw(rng, 3, len(self.active), count)
+        slides = np.array([joint.prismatic for joint in self.joints])
+        position = np.where(slides[:, None], moved[2], field.draw(rng, len(self.joints), count))
+        active[0] = position[list(self.active)]
+        G = np.zeros((len(self.joints), count, len(self.active)), dtype=np.int64)
+        acceleration = np.zeros((len(self.joints), count), dtype=np.int64)
+        for k, j in enumerate(self.active):
+            G[j, :, k], acceleration[j] = 1, active[2, k]
+        for dyad in self.dyads:
+            self._rates(field, dyad, (links, values), active[1], G, acceleration)
+        velocity = _along(field, G, active[1])
+        return States(*moved, position, velocity, acceleration, G, active)
+
+    def _closed(
+        self,
+        field: Field,
+        rng: np.random.Generator,
+        values: Mapping[str, Residues],
+        placed: Sequence[Residues],
+        count: int,
+    ) -> tuple[Residues, Residues, Residues]:
+        """Cosine, sine and slide of all joints, (joints, count) each; states without a root are drawn again."""
+        whole = np.zeros((3, len(self.joints), count), dtype=np.int64)
+        left = np.arange(count)
+        for _ in range(DRAWS):
+            cos, sin, slide = self._drawn(field, rng, len(left))
+            here = {name: residues[left] for name, residues in values.items()}
+            there = [placement[left] for placement in placed]
+            good = np.ones(len(left), dtype=bool)
+            for dyad in self.dyads:
+                good &= self._solve(field, dyad, here, there, (cos, sin, slide))
+            whole[:, :, left] = cos, sin, slide
+            left = left[~good]
+            if not len(left):
+                return whole[0], whole[1], whole[2]
+        raise UnluckyDrawError
+
+    def is_planar(self, symbols: Sequence[Symbol], seed: int) -> bool:
+        """Whether the axes of each dyad's joints are parallel; whether its links lie in a plane, its closure shows."""
+        field, rng = Field(PRIMES[0]), np.random.default_rng(seed)
+        values = draw(symbols, field, rng, 1)
+        placed = all_placed(self.joints, field, values, 1)
+        links = poses(self.joints, field, placed, self._closed(field, rng, values, placed, 1))
+        axes = ((links[dyad.first][:, :3, 2], links[dyad.second][:, :3, 2]) for dyad in self.dyads)
+        return not any(_cross(field, a, b).any() for a, b in axes)
+
+    def _drawn(self, field: Field, rng: np.random.Generator, count: int) -> tuple[Residues, Residues, Residues]:
+        """Active joints at random, passive ones at zero."""
+        cos = np.ones((len(self.joints), count), dtype=np.int64)
+        sin, slide = np.zeros_like(cos), np.zeros_like(cos)
+        for j in self.active:
+            if self.joints[j].prismatic:
+                slide[j] = field.draw(rng, count)
+            else:
+                cos[j], sin[j] = field.circle(rng, count)
+        return cos, sin, slide
+
+    def _solve(
+        self,
+        field: Field,
+        dyad: Dyad,
+        values: Mapping[str, Residues],
+        placed: Sequence[Residues],
+        moved: tuple[Residues, Residues, Residues],
+    ) -> np.ndarray:
+        """Set cosines and sines of a dyad's joints; returns at which states the circles meet."""
+        cos, sin, _ = moved
+        count = cos.shape[1]
+        for j in (dyad.first, dyad.second):
+            cos[j], sin[j] = 1, 0
+        links = poses(self.joints, field, placed, moved)
+        near, far = (frame_pose(f, field, links, values, count)[:, :3, 3] for f in (dyad.near, dyad.far))
+        pivot = links[dyad.second][:, :3, 3]
+        inner, other = (pivot, far) if dyad.serial else (far, pivot)
+        arm = _seen(field, links[dyad.first], inner)
+        reach = _seen(field, links[dyad.first], other)
+        outer = _seen(field, links[dyad.second], near)
+        good, cos[dyad.first], sin[dyad.first] = _meet(field, arm, reach, outer)
+        links = poses(self.joints, field, placed, moved)
+        goal = _seen(field, links[dyad.second], frame_pose(dyad.far, field, links, values, count)[:, :3, 3])
+        cos[dyad.second], sin[dyad.second] = _turn(field, outer, goal)
+        return good
+
+    def _rates(
+        self,
+        field: Field,
+        dyad: Dyad,
+        at: tuple[Sequence[Residues], Mapping[str, Residues]],
+        velocity: Residues,
+        G: Residues,
+        acceleration: Residues,
+    ) -> None:
+        """Set a dyad's rows of G and its accelerations: the pin's two sides stay together."""
+        links, _ = at
+        plane = np.swapaxes(links[dyad.first][:, :3, :2], 1, 2)
+        slopes = self._slopes(field, dyad, at, plane)
+        pair = [dyad.first, dyad.second]
+        solve = _inverse(field, slopes[:, :, pair])
+        others = [j for j in range(len(self.joints)) if slopes[:, :, j].any() and j not in pair]
+        for k in range(G.shape[2]):
+            apart = np.zeros(slopes.shape[:2], dtype=np.int64)
+            for j in others:
+                apart = field.reduce(apart + slopes[:, :, j] * G[j, :, k])
+            G[pair, :, k] = _applied(field, solve, field.reduce(-apart))
+        rates = _along(field, G, velocity)
+        near, far = (self._acceleration(field, frame, at, rates, acceleration) for frame in (dyad.near, dyad.far))
+        drift = field.product(plane, field.reduce(near - far)[:, :, None])[:, :, 0]
+        acceleration[pair] = _applied(field, solve, field.reduce(-drift.T))
+
+    def _slopes(
+        self, field: Field, dyad: Dyad, at: tuple[Sequence[Residues], Mapping[str, Residues]], plane: Residues
+    ) -> Residues:
+        """How fast each joint moves the pin's two sides apart in the dyad's plane, (2, n, joints)."""
+        links, values = at
+        count = len(plane)
+        made = np.zeros((2, count, len(self.joints)), dtype=np.int64)
+        for frame, sign in ((dyad.near, 1), (dyad.far, -1)):
+            point = frame_pose(frame, field, links, values, count)[:, :3, 3]
+            for j in self._path(frame.link):
+                axis = links[j][:, :3, 2]
+                moved = axis if self.joints[j].prismatic else _cross(field, axis, point - links[j][:, :3, 3])
+                seen = field.product(plane, moved[:, :, None])[:, :, 0]
+                made[:, :, j] = field.reduce(made[:, :, j] + sign * seen.T)
+        return made
+
+    def _path(self, link: int) -> list[int]:
+        """Joints from the base to a link."""
+        made: list[int] = []
+        while link >= 0:
+            made.insert(0, link)
+            link = self.joints[link].parent
+        return made
+
+    def _acceleration(
+        self,
+        field: Field,
+        frame: ExactFrame,
+        at: tuple[Sequence[Residues], Mapping[str, Residues]],
+        rates: Residues,
+        acceleration: Residues,
+    ) -> Residues:
+        """Acceleration of a frame's origin in the base frame, (n, 3), from those of the joints."""
+        links, values = at
+        count = rates.shape[1]
+        w = dw = a = origin = np.zeros((count, 3), dtype=np.int64)
+        for j in self._path(frame.link):
+            axis, here = links[j][:, :3, 2], links[j][:, :3, 3]
+            a, origin = _carried(field, a, w, dw, here - origin), here
+            rate, gain = (field.reduce(axis * x[j][:, None]) for x in (rates, acceleration))
+            swing = _cross(field, w, rate)
+            if self.joints[j].prismatic:
+                a = field.reduce(a + gain + 2 * swing)
+            else:
+                w, dw = field.reduce(w + rate), field.reduce(dw + gain + swing)
+        point = frame_pose(frame, field, links, values, count)[:, :3, 3]
+        return _carried(field, a, w, dw, point - origin)
+
+
+def _seen(field: Field, pose: Residues, point: Residues) -> tuple[Residues, Residues]:
+    """x and y of a point in a frame, (n,) each."""
+    apart = field.reduce(point - pose[:, :3, 3])
+    local = field.product(np.swapaxes(pose[:, :3, :2], 1, 2), apart[:, :, None])
+    return local[:, 0, 0], local[:, 1, 0]
+
+
+def _dot(field: Field, a: tuple[Residues, Residues], b: tuple[Residues, Residues]) -> Residues:
+    return field.reduce(a[0] * b[0] + a[1] * b[1])
+
+
+def _turn(field: Field, start: tuple[Residues, Residues], goal: tuple[Residues, Residues]) -> tuple[Residues, Residues]:
+    """Cosine and sine of the turn from one vector to another of the same length."""
+    scale = field.inverse(_dot(field, start, start))
+    across = field.reduce(start[0] * goal[1] - start[1] * goal[0])
+    return field.reduce(_dot(field, start, goal) * scale), field.reduce(across * scale)
+
+
+def _meet(
+    field: Field,
+    arm: tuple[Residues, Residues],
+    reach: tuple[Residues, Residues],
+    outer: tuple[Residues, Residues],
+) -> tuple[np.ndarray, Residues, Residues]:
+    """The turn of an arm whose end is as far from the point `reach` as `outer` is long, and where there is one."""
+    arm2, reach2, outer2 = (_dot(field, v, v) for v in (arm, reach, outer))
+    along = field.reduce(field.reduce(arm2 + reach2 - outer2) * field.of((field.prime + 1) // 2))
+    height, good = field.root(field.reduce(arm2 * reach2 - along * along))
+    scale = field.inverse(reach2)
+    x = field.reduce(field.reduce(along * reach[0] - height * reach[1]) * scale)
+    y = field.reduce(field.reduce(along * reach[1] + height * reach[0]) * scale)
+    return good, *_turn(field, arm, (x, y))
+
+
+def _cross(field: Field, a: Residues, b: Residues) -> Residues:
+    """Vector products of (n, 3)."""
+    a, b = field.reduce(a), field.reduce(b)
+    left, right = a[:, [1, 2, 0]] * b[:, [2, 0, 1]], a[:, [2, 0, 1]] * b[:, [1, 2, 0]]
+    return field.reduce(left - right)
+
+
+def _carried(field: Field, a: Residues, w: Residues, dw: Residues, lever: Residues) -> Residues:
+    """Acceleration of a point of a body from that of another, and the lever between them, (n, 3)."""
+    return field.reduce(a + _cross(field, dw, lever) + _cross(field, w, _cross(field, w, lever)))
+
+
+def _along(field: Field, G: Residues, velocity: Residues) -> Residues:
+    """Rates of all joints, (joints, n), from G, (joints, n, active), and the active ones', (active, n)."""
+    made = np.zeros(G.shape[:2], dtype=np.int64)
+    for k, rate in enumerate(velocity):
+        made = field.reduce(made + G[:, :, k] * rate)
+    return made
+
+
+def _inverse(field: Field, matrix: Residues) -> Residues:
+    """Inverses of (2, n, 2), as (2, n, 2)."""
+    (a, b), (c, d) = (np.moveaxis(row, 1, 0) for row in matrix)
+    scale = field.inverse(field.reduce(a * d - b * c))
+    rows = [[d, -b], [-c, a]]
+    return np.array([np.stack([field.reduce(x * scale) for x in row], axis=1) for row in rows])
+
+
+def _applied(field: Field, matrix: Residues, vector: Residues) -> Residues:
+    """Matrices (2, n, 2) times vectors (2, n)."""
+    return np.stack([field.reduce(row[:, 0] * vector[0] + row[:, 1] * vector[1]) for row in matrix])
+
+
+def dyads(joints: Sequence[ExactJoint], cuts: Sequence[ExactCut], passive: Sequence[int]) -> tuple[Dyad, ...] | str:
+    """The dyads that cuts and passive joints make, or the sentence that says why they make none."""
+    left = list(passive)
+    made = []
+    for cut in cuts:
+        sides = [[j for j in _ancestors(joints, f.link) if j in left] for f in (cut.frame, cut.twin)]
+        loop = [j for j in (*sides[0], *sides[1]) if not (j in sides[0] and j in sides[1])]
+        if cut.prismatic or len(loop) != 2 or any(joints[j].prismatic for j in loop):
+            return f"a loop has {len(loop)} passive joints and a {'sliding' if cut.prismatic else 'turning'} cut"
+        serial = any(set(loop) <= set(side) for side in sides)
+        second = max(loop) if serial else loop[1]
+        near, far = (cut.frame, cut.twin) if second in sides[0] else (cut.twin, cut.frame)
+        made.append(Dyad(next(j for j in loop if j != second), second, near, far, serial))
+        left = [j for j in left if j not in loop]
+    return f"{len(left)} passive joints are in no loop with a cut" if left else tuple(made)
+
+
+def _ancestors(joints: Sequence[ExactJoint], link: int) -> list[int]:
+    made = []
+    while link >= 0:
+        made.append(link)
+        link = joints[link].parent
+    return made
+
+
+def opened(tables: AnyDevice, file: str) -> Device:
+    """The tree of a device, its loops left open.
 
     Raises:
         DeviceError: in one of its kinds, what is wrong with the file.
-        NoDyadError: a loop is no planar dyad.
-        SymbolicClosureError: the links of a loop are not in one plane.
-        RegroupingFormError: a coefficient is no ratio of polynomials of low degree.
+        NoDyadError: a loop has relations, or terms may act on its cut.
     """
-    tables, file = read_tables(path)
-    tree = opened(tables, file)
-    return chain_regroupings(DynamicModel(tree), dyad_chain(tree, tables, file, seed), seed)
+    if any(loop.relations for loop in tables.loops):
+        raise NoDyadError(file, "a loop has relations")
+    if named := [loop.cut.name for loop in tables.loops if loop.cut and loop.cut.name]:
+        raise NoDyadError(file, f"cut joint {named[0]} has a name, so that terms may act on it")
+    return device_of(_opened(tables, _passive(tables)), file)
+
+
+def dyad_chain(tree: Device, tables: AnyDevice, file: str, seed: int) -> ExactChain:
+    """The tree's mechanism with its loops closed.
+
+    Args:
+        tree: see `opened`.
+        tables: of the device.
+        file: its name for errors.
+        seed: of what is drawn at random; the result does not depend on it.
+
+    Raises:
+        NoDyadError: a loop is no planar dyad.
+    """
+    return _closed(tree, tables, _passive(tables), file, seed)
+
+
+def _passive(tables: AnyDevice) -> set[str]:
+    return {name for loop in tables.loops for name in loop.passive}
+
+
+def _opened(tables: AnyDevice, passive: set[str]) -> AnyDevice:
+    """The tables of the tree: no loops, and terms on active joints by their names."""
+    active = [joint.name for joint in tables.joints if joint.name not in passive]
+    driven = {name for motor in tables.motors for name in motor.drives or {motor.name: 1.0}}
+    words = {"active": active, "motorised": [name for name in active if name in driven or not tables.motors]}
+    terms = [
+        term.model_copy(update={"joints": words[term.joints]}) if term.joints in ("active", "motorised") else term
+        for term in tables.terms
+    ]
+    joints = [joint.model_copy(update={"active": None}) for joint in tables.joints]
+    return tables.model_copy(update={"loops": [], "terms": terms, "joints": joints})
+
+
+def _closed(tree: Device, tables: AnyDevice, passive: set[str], file: str, seed: int) -> ExactChain:
+    """The mechanism: the tree's joints, with the loops' cuts."""
+    active = tuple(j for j, name in enumerate(tree.joint_names) if name not in passive)
+
+    def motion(joints: tuple[ExactJoint, ...], cuts: tuple[ExactCut, ...], symbols: Symbols) -> Motion:
+        found = dyads(joints, cuts, [j for j in range(len(joints)) if j not in active])
+        if isinstance(found, str):
+            raise NoDyadError(file, found)
+        made = DyadMotion(joints, active, found)
+        if not made.is_planar(symbols.all, seed):
+            raise NoDyadError(file, "the axes of a loop's two passive joints are not parallel")
+        return made
+
+    return assembled(tree, tables, active, _rows(tree, active, bool(tables.motors)), motion)
+
+
+def _rows(tree: Device, active: tuple[int, ...], motors: bool) -> Rows:
+    """The torques of active joints that motors drive alone or together; all where the file names no motors."""
+    if not motors:
+        return None
+    driven = [any(drive.motorised and drive.row[j] for drive in tree.drives) for j in active]
+    if all(driven):
+        return None
+    chosen = [k for k, known in enumerate(driven) if known]
+    return tuple(tuple(Fraction(int(i == k)) for i in range(len(active))) for k in chosen)
+
+
+# States at which closure is tested: one that closes by chance has odds of a few in a billion.
+STATES = 3
+
+
+def check_closure(chain: ExactChain, names: tuple[str, ...], seed: int) -> None:
+    """Raise unless every loop closes identically.
+
+    Args:
+        chain: the mechanism.
+        names: of its joints, for the error.
+        seed: of states and lengths.
+
+    Raises:
+        SymbolicClosureError: a cut's frames do not meet.
+    """
+    if not chain.cuts:
+        return
+    field, rng = Field(PRIMES[0]), np.random.default_rng(seed)
+    values = draw(chain.symbols, field, rng, STATES)
+    states = chain.motion.states(field, rng, values, STATES)
+    placed = all_placed(chain.joints, field, values, STATES)
+    links = poses(chain.joints, field, placed, (states.cos, states.sin, states.slide))
+    for cut in chain.cuts:
+        frame, twin = (frame_pose(at, field, links, values, STATES) for at in (cut.frame, cut.twin))
+        if _gap(field, frame, twin, cut.prismatic).any():
+            on, other = (names[at.link] if at.link >= 0 else "base" for at in (cut.frame, cut.twin))
+            lengths = [f"{s.name} = {s.value:.6g}" for s in chain.symbols if s.grade == LENGTH]
+            raise SymbolicClosureError(on, other, lengths)
+
+
+def _gap(field: Field, frame: Residues, twin: Residues, prismatic: bool) -> Residues:
+    """What must vanish: origins and z axes apart; of a sliding joint, orientations apart and the gap across z."""
+    apart = field.reduce(frame - twin)
+    if not prismatic:
+        return apart[:, :3, 2:]
+    across = field.product(np.swapaxes(twin[:, :3, :2], 1, 2), apart[:, :3, 3:])
+    return np.concatenate([apart[:, :3, :3], np.concatenate([across, across[:, :1]], axis=1)], axis=2)

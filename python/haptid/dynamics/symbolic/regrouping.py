@@ -6,13 +6,17 @@ trigonometry is done on symbols.
 
 Source of the problem: Khalil and Bennis (1995), Int. J. Robotics Research 14(2); Gautier (1991), J. Robotic Systems
 8(4).
-"""
+
+The two roads to base parameters, compared: exact with symbols, and numeric at the device's own lengths.
+
+Regroupings of devices whose loops are not linear: planar dyads, such as four-bar and five-bar linkages."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
+from pathlib import Path
 from types import MappingProxyType
 from typing import TYPE_CHECKING
 
@@ -20,21 +24,31 @@ import numpy as np
 
 from haptid._internal.arrays import Array, freeze
 from haptid.device import NewtonClosure
-from haptid.dynamics.base_parameters import preference
+from haptid.device.expressions import Column
+from haptid.device.toml.tables import read_tables
+from haptid.dynamics.base_parameters import preference, random_regressor
+from haptid.dynamics.model import DynamicModel
 from haptid.dynamics.symbolic import formulas
+from haptid.dynamics.symbolic.arithmetic import (
+    ONE,
+    PRIMES,
+    Coefficient,
+    Field,
+    Laurent,
+    Residues,
+    UnluckyDrawError,
+    rational,
+)
 from haptid.dynamics.symbolic.chain import ExactChain, exact_chain
-from haptid.dynamics.symbolic.closure import check_closure
-from haptid.dynamics.symbolic.comparison import check_agreement
-from haptid.dynamics.symbolic.elimination import Columns, Pivots, quantities, scatter
 from haptid.dynamics.symbolic.interpolation import Points, fit, span_of
-from haptid.dynamics.symbolic.laurent import ONE, Coefficient, Laurent
-from haptid.dynamics.symbolic.opening import dyad_chain, opened
-from haptid.dynamics.symbolic.residues import PRIMES, Field, Residues, UnluckyDrawError, rational
+from haptid.dynamics.symbolic.loops import check_closure, dyad_chain, opened
+from haptid.dynamics.symbolic.regressor import Columns, Pivots, quantities, scatter
 from haptid.dynamics.symbolic.symbols import GRADES, PURE, Grade, Symbol, draw
-from haptid.errors import RegroupingCheckError, RegroupingFormError
+from haptid.errors import AccelerationRegroupingError, RegroupingCheckError, RegroupingFormError, RoadsDisagreeError
 
 if TYPE_CHECKING:
-    from haptid.dynamics.model import DynamicModel
+    from haptid.dynamics.base_parameters import BaseParameters
+
 
 # Sets of lengths from which coefficients are interpolated, and how often each length is then moved on its own: few
 # first, more for what does not fit.
@@ -281,3 +295,75 @@ def _check(
     wrong = np.flatnonzero(left.any(axis=(0, 1)))
     if len(wrong):
         raise RegroupingCheckError(f"at another prime the relation of {names[wrong[0]]} does not hold")
+
+
+# Coefficients of the two roads may differ by this much: relatively, and beside what a coefficient would be that made
+# the two columns equally long. The numeric road solves with columns whose lengths differ by orders of magnitude.
+RELATIVE, ROUNDING = 1e-6, 1e-7
+
+
+def check_agreement(exact: Regroupings, model: DynamicModel) -> None:
+    """Raise unless both roads keep the same parameters and regroup the others alike.
+
+    Args:
+        exact: by the one road.
+        model: its numbers, for the other.
+
+    Raises:
+        AccelerationRegroupingError: a column of accelerations is kept by the one and not by the other.
+        RoadsDisagreeError: they do not agree for another reason.
+    """
+    numeric = model.base
+    tied = [name for name in accelerated(model) if (name in _kept(exact)) != (name in _kept(numeric))]
+    if tied:
+        raise AccelerationRegroupingError(tied)
+    if exact.kept != numeric.kept or exact.no_effect != numeric.no_effect:
+        only = [_names(exact, a, b) for a, b in ((exact, numeric), (numeric, exact))]
+        raise RoadsDisagreeError(len(exact), len(numeric), only[0], only[1])
+    apart = np.abs(exact.values - numeric.regrouping)
+    lengths = np.linalg.norm(random_regressor(model, seed=0), axis=0)
+    limit = ROUNDING * lengths / lengths[list(exact.kept)][:, None] + RELATIVE * np.abs(exact.values)
+    if (apart > limit).any():
+        row, column = np.unravel_index(int(np.argmax(apart - limit)), apart.shape)
+        where = f"{exact.standard[column]} in {exact.names[row]}"
+        found = (float(exact.values[row, column]), float(numeric.regrouping[row, column]))
+        raise RoadsDisagreeError(len(exact), len(numeric), [f"{found[0]:.6g} {where}"], [f"{found[1]:.6g} {where}"])
+
+
+def accelerated(model: DynamicModel) -> list[str]:
+    """Names of the user's own columns that are made of accelerations."""
+    rates = {f"a_{name}" for name in model.device.joint_names}
+    return [term.name for term in model.externals if isinstance(term.shape, Column) and term.shape.reads(rates)]
+
+
+def _kept(one: Regroupings | BaseParameters) -> list[str]:
+    """Standard parameters that base parameters are named after."""
+    return [one.standard[k] for k in one.kept]
+
+
+def _names(exact: Regroupings, one: Regroupings | BaseParameters, other: Regroupings | BaseParameters) -> list[str]:
+    """What one road keeps, or finds without effect, and the other does not."""
+    kept = [exact.standard[k] for k in one.kept if k not in other.kept]
+    return kept + [f"{name} without effect" for name in one.no_effect if name not in other.no_effect]
+
+
+def loop_regroupings(path: str | Path, seed: int = 0) -> Regroupings:
+    """Base parameters, with the lengths as symbols, of a device whose loops are planar dyads.
+
+    Two passive joints and a pin close each loop; the other joints are active, and have motors, unless the file names
+    motors for some of them only. Neither guess nor start pose is needed, and nothing is compared with numbers, which
+    `regroupings` does. A loop that closes in two ways is taken in both: the relations hold in either.
+
+    Args:
+        path: of the device file.
+        seed: of what is drawn at random; the result does not depend on it.
+
+    Raises:
+        DeviceError: in one of its kinds, what is wrong with the file.
+        NoDyadError: a loop is no planar dyad.
+        SymbolicClosureError: the links of a loop are not in one plane.
+        RegroupingFormError: a coefficient is no ratio of polynomials of low degree.
+    """
+    tables, file = read_tables(path)
+    tree = opened(tables, file)
+    return chain_regroupings(DynamicModel(tree), dyad_chain(tree, tables, file, seed), seed)

@@ -11,8 +11,7 @@ from itertools import combinations
 import numpy as np
 
 from haptid.device.loops.from_toml import nearest
-from haptid.dynamics.symbolic.laurent import Laurent
-from haptid.dynamics.symbolic.residues import Field, Residues
+from haptid.dynamics.symbolic.arithmetic import Field, Laurent, Residues
 
 # Exponents of metre and second. Angles have none: a sliding joint that follows a turning one ties them to lengths.
 Grade = tuple[int, int]

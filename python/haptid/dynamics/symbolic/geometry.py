@@ -1,12 +1,19 @@
-"""A device file's geometry once more, with its lengths as symbols: the same frames as the numbers, unrounded."""
+"""Placements of frames with the lengths as symbols: turns and shifts, one after the other.
+
+The tree of a mechanism with symbols for its lengths: joints, the frames of its cuts, and poses modulo a prime.
+
+A device file's geometry once more, with its lengths as symbols: the same frames as the numbers, unrounded."""
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
+from haptid._internal.arrays import Array
 from haptid.device.expressions import number, sum_of_names
 from haptid.device.toml.place import Place
 from haptid.device.toml.schema import (
@@ -18,9 +25,154 @@ from haptid.device.toml.schema import (
     PlacementJoint,
     StandardDHJoint,
 )
-from haptid.dynamics.symbolic.laurent import Laurent
-from haptid.dynamics.symbolic.placements import Placement, Shift, Turn, inverse, least_turn
+from haptid.dynamics.symbolic.arithmetic import Field, Laurent, Residues
 from haptid.dynamics.symbolic.symbols import LENGTH, Symbols, ratio
+
+
+@dataclass(frozen=True)
+class Turn:
+    """A turn about an axis of the frame so far: 0 is x, 1 is y, 2 is z."""
+
+    axis: int
+    cos: Laurent
+    sin: Laurent
+
+    @property
+    def entries(self) -> tuple[tuple[int, int, Laurent], ...]:
+        """Row, column and value of the matrix where it is not that of the identity."""
+        i, k = (self.axis + 1) % 3, (self.axis + 2) % 3
+        return ((i, i, self.cos), (k, k, self.cos), (i, k, -self.sin), (k, i, self.sin))
+
+
+@dataclass(frozen=True)
+class Shift:
+    """A shift along an axis of the frame so far, m."""
+
+    axis: int
+    length: Laurent
+
+    @property
+    def entries(self) -> tuple[tuple[int, int, Laurent], ...]:
+        """Row, column and value of the matrix where it is not that of the identity."""
+        return ((self.axis, 3, self.length),)
+
+
+# From the left: the first step is taken in the parent's frame.
+Placement = tuple[Turn | Shift, ...]
+
+
+def inverse_placement(placement: Placement) -> Placement:
+    """The way back."""
+    return tuple(
+        Turn(step.axis, step.cos, -step.sin) if isinstance(step, Turn) else Shift(step.axis, -step.length)
+        for step in reversed(placement)
+    )
+
+
+def placement_residues(placement: Placement, field: Field, values: Mapping[str, Residues], count: int) -> Residues:
+    """Residues of a placement, (count, 4, 4), from those of its symbols, (count,) each."""
+    made = np.zeros((count, 4, 4), dtype=np.int64)
+    made[:, range(4), range(4)] = 1
+    whole = made
+    for step in placement:
+        matrix = whole.copy()
+        for row, column, entry in step.entries:
+            matrix[:, row, column] = entry.modulo(field, values, count)
+        made = field.product(made, matrix)
+    return made
+
+
+def placement_value(placement: Placement, values: Mapping[str, float]) -> Array:
+    """A placement as numbers, (4, 4), m."""
+    made = np.eye(4)
+    for step in placement:
+        matrix = np.eye(4)
+        for row, column, entry in step.entries:
+            matrix[row, column] = entry.value(values)
+        made = made @ matrix
+    return made
+
+
+def least_turn(axis: tuple[float, float, float]) -> tuple[tuple[int, float], ...]:
+    """The least turn that takes z onto a unit axis, as axes and angles, rad; about x where the axis is -z."""
+    x, y, z = axis
+    across = math.hypot(x, y)
+    if across < 1e-12:
+        return () if z > 0 else ((0, math.pi),)
+    heading = math.atan2(y, x)
+    return ((2, heading), (1, math.atan2(across, z)), (2, -heading))
+
+
+@dataclass(frozen=True)
+class ExactJoint:
+    """A joint in normal form: it turns about, or slides along, its own z axis."""
+
+    parent: int
+    prismatic: bool
+    placement: Placement
+
+
+@dataclass(frozen=True)
+class ExactFrame:
+    """A frame on a link, -1 for the base."""
+
+    link: int
+    placement: Placement
+
+
+@dataclass(frozen=True)
+class ExactCut:
+    """A joint of a loop that was cut, and the two frames that it brings together."""
+
+    prismatic: bool
+    frame: ExactFrame
+    twin: ExactFrame
+
+
+def about_z(cos: Residues, sin: Residues) -> Residues:
+    """Turns about z, (n, 3, 3)."""
+    made = np.zeros((len(cos), 3, 3), dtype=np.int64)
+    made[:, 0, 0] = made[:, 1, 1] = cos
+    made[:, 0, 1], made[:, 1, 0], made[:, 2, 2] = -sin, sin, 1
+    return made
+
+
+def poses(
+    joints: Sequence[ExactJoint], field: Field, placed: Sequence[Residues], moved: tuple[Residues, Residues, Residues]
+) -> list[Residues]:
+    """Poses of all links in the base frame, (n, 4, 4) each.
+
+    Args:
+        joints: of the tree.
+        field: the residues' prime.
+        placed: placement of every joint, (n, 4, 4) each.
+        moved: cosine, sine and slide of every joint, (joints, n) each.
+    """
+    made: list[Residues] = []
+    for joint, pose, cos, sin, slide in zip(joints, placed, *moved, strict=True):
+        motion = np.zeros_like(pose)
+        motion[:, 3, 3] = 1
+        motion[:, :3, :3] = about_z(cos, sin)
+        motion[:, 2, 3] = slide
+        at = field.product(pose, motion)
+        made.append(field.product(made[joint.parent], at) if joint.parent >= 0 else at)
+    return made
+
+
+def all_placed(
+    joints: Sequence[ExactJoint], field: Field, values: Mapping[str, Residues], count: int
+) -> list[Residues]:
+    """Placement of every joint, (count, 4, 4) each."""
+    return [placement_residues(joint.placement, field, values, count) for joint in joints]
+
+
+def frame_pose(
+    frame: ExactFrame, field: Field, links: Sequence[Residues], values: Mapping[str, Residues], count: int
+) -> Residues:
+    """Pose of a frame in the base frame, (count, 4, 4), from those of all links."""
+    local = placement_residues(frame.placement, field, values, count)
+    return local if frame.link < 0 else field.product(links[frame.link], local)
+
 
 X, Y, Z = 0, 1, 2
 # Where a checked file's numbers are read again, nothing is left to complain about.
@@ -104,7 +256,7 @@ class GeometryReader:
             before = (*self.turn(Z, table.theta, f"theta{of}"), *self.shift(Z, table.d, f"d{of}"))
             return before, (*self.shift(X, table.a, f"a{of}"), *self.turn(X, table.alpha, f"alpha{of}"))
         onto = self._onto(table)
-        return (*self.placed(table.xyz, table.rpy, of), *onto), inverse(onto)
+        return (*self.placed(table.xyz, table.rpy, of), *onto), inverse_placement(onto)
 
     def _onto(self, table: PlacementJoint) -> Placement:
         axis = np.array([number(value, self._values, CHECKED) for value in table.axis])
