@@ -53,7 +53,7 @@ def works(arm: Arm) -> dict[str, Work]:
         "forward dynamics": Work(MANY, lambda: direct.acceleration(q, qd, tau), np.transpose),
         "simulation step": Work(MANY * STEPS, simulated, lambda end: np.concatenate(end).T),
         "felt masses": Work(
-            MANY, lambda: felt_mass(identified, q, worst_condition=1e9), lambda found: found.mass.value
+            MANY, lambda: felt_mass(identified, q, worst_condition=1e9), lambda found: found.mass.values
         ),
     }
 

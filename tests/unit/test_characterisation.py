@@ -59,14 +59,14 @@ FIGURES = {
 def test_deviations_are_those_of_drawn_parameters(name, doubtful):
     identified, draws = doubtful
     figure, count = FIGURES[name](characterise(identified, POSES)), 60 if name == "neglected" else 1200
-    values = np.array([FIGURES[name](characterise(m, POSES)).value for m in draws[:count]])
+    values = np.array([FIGURES[name](characterise(m, POSES)).values for m in draws[:count]])
     spread = values.std(axis=0)
     # A deviation of so many draws is itself known to 1 / sqrt(2 count).
     close = 4.5 / np.sqrt(2 * count) + 0.03
     # Components that vanish by symmetry have rounding for a deviation.
-    np.testing.assert_allclose(figure.sd, spread, rtol=close, atol=1e-4 * spread.max())
+    np.testing.assert_allclose(figure.se, spread, rtol=close, atol=1e-4 * spread.max())
     np.testing.assert_allclose(
-        figure.value, values.mean(axis=0), atol=6 * spread.max() / np.sqrt(count) + 0.02 * spread.max()
+        figure.values, values.mean(axis=0), atol=6 * spread.max() / np.sqrt(count) + 0.02 * spread.max()
     )
 
 
@@ -74,9 +74,9 @@ def test_intervals_of_an_estimate_hold_the_truth(estimate, phantom):
     found = characterise(estimate, POSES)
     true = characterise(GivenModel(phantom, phantom.base.of(true_parameters(phantom))), POSES)
     for name in ("masses", "weight", "back-drive"):
-        got, wanted = FIGURES[name](found), FIGURES[name](true).value
-        assert got.freedom < 100
-        low, high = np.moveaxis(got.interval95, -1, 0)
+        got, wanted = FIGURES[name](found), FIGURES[name](true).values
+        assert got.dof < 100
+        low, high = np.moveaxis(got.conf_int(), -1, 0)
         margin = 1e-9
         assert ((low - margin <= wanted) & (wanted <= high + margin)).mean() > 0.8, name
 
@@ -84,14 +84,14 @@ def test_intervals_of_an_estimate_hold_the_truth(estimate, phantom):
 def test_an_estimate_that_leans_on_one_stretch_has_infinite_deviations(estimate):
     lonely = replace(estimate, lonely=(0,))
     found = characterise(lonely, POSES)
-    assert np.isinf(found.apparent_mass.sd).all()
+    assert np.isinf(found.apparent_mass.se).all()
     assert "infinite" in found.summary()
 
 
 def test_without_covariance_there_are_no_intervals(phantom):
     found = characterise(GivenModel(phantom, np.ones(len(phantom.base))), POSES)
-    assert found.weight.sd is None
-    assert found.weight.interval95 is None
+    assert found.weight.se is None
+    assert found.weight.conf_int() is None
 
 
 def test_singular_poses_are_reported_and_unknown(phantom):
@@ -103,8 +103,8 @@ def test_singular_poses_are_reported_and_unknown(phantom):
     assert 0 < out.sum() < 101
     assert out[-1]
     for figure in (found.apparent_mass, found.weight, found.viscous_friction, found.neglected_force(0.3)):
-        assert np.isnan(figure.value[out]).all()
-        assert np.isfinite(figure.value[~out]).all()
+        assert np.isnan(figure.values[out]).all()
+        assert np.isfinite(figure.values[~out]).all()
     assert f"{out.sum()} of 101 poses" in found.summary()
     np.testing.assert_array_equal(found.masses.usable, found.grasp.usable)
 
@@ -114,7 +114,7 @@ def test_a_mass_matrix_that_is_not_positive_gives_no_mass(phantom):
     beta[phantom.base.names.index("ZZdfR")] = -1e-3
     found = characterise(GivenModel(phantom, beta), POSES)
     assert not found.masses.definite.any()
-    assert np.isnan(found.apparent_mass.value).all()
+    assert np.isnan(found.apparent_mass.values).all()
     assert "not positive definite" in found.summary()
 
 
@@ -132,21 +132,21 @@ def test_spare_joints_leave_friction_open_but_masses_known():
     model = as_device(mechanism)
     qa = np.random.default_rng(0).normal(size=(5, 4))
     found = characterise(GivenModel(model, model.base.of(parameters(mechanism, model))), qa, worst_condition=1e6)
-    assert np.isfinite(found.apparent_mass.value).all()
+    assert np.isfinite(found.apparent_mass.values).all()
     with pytest.raises(errors.SpareJointsError, match="5 joints"):
         _ = found.weight
     assert "not determined" in found.summary()
     limits = {motor.name: 5.0 for motor in model.device.motors}
-    assert (found.greatest_force(limits)[0].value >= 0).all()
+    assert (found.greatest_force(limits)[0].values >= 0).all()
 
 
 def test_chosen_rows(phantom):
     identified = GivenModel(phantom, phantom.base.of(true_parameters(phantom)))
     all_rows, across = felt_mass(identified, POSES), felt_mass(identified, POSES, rows=(0,))
-    assert across.mass.value.shape == (3, 1)
+    assert across.mass.values.shape == (3, 1)
     # With y and z free to yield, x feels no more than the largest mass and no less than the smallest.
-    assert (across.mass.value[:, 0] <= all_rows.mass.value[:, 0] * (1 + 1e-12)).all()
-    assert (across.mass.value[:, 0] >= all_rows.mass.value[:, 2] * (1 - 1e-12)).all()
+    assert (across.mass.values[:, 0] <= all_rows.mass.values[:, 0] * (1 + 1e-12)).all()
+    assert (across.mass.values[:, 0] >= all_rows.mass.values[:, 2] * (1 - 1e-12)).all()
 
 
 def test_settings_that_mean_nothing(phantom):
@@ -210,7 +210,7 @@ def test_sweeps_and_maps_are_drawn(doubtful, phantom, tmp_path):
     bare = felt_mass(GivenModel(phantom, identified.beta), sweep([0.0, 0.0, 0.3], 1, x)).mass
     drawn = Sweep("be, rad", x, {"with intervals": masses, "without": bare})
     plot_sweeps([drawn, drawn], "mass, kg", tmp_path / "sweeps.png")
-    value = np.outer(np.linspace(1, 2, 5), masses.value[:, 0])
+    value = np.outer(np.linspace(1, 2, 5), masses.values[:, 0])
     value[0, 0] = np.nan
     for name, shown in (("map", value), ("empty", np.full_like(value, np.nan))):
         plot_map(x, np.arange(5.0), shown, ("x", "y", "kg"), tmp_path / f"{name}.png")

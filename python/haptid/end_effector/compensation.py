@@ -104,7 +104,7 @@ class Compensation:
         """
         if self.towards is None:
             return freeze(np.full(qa.shape[1], self.share))
-        mass = felt_mass(GivenModel(self.identified.model, self.identified.beta), qa).mass.value[:, 0]
+        mass = felt_mass(GivenModel(self.identified.model, self.identified.beta), qa).mass.values[:, 0]
         wanted = 1 - self.towards / np.where(np.isfinite(mass), mass, np.inf)
         return freeze(np.clip(wanted, 0.0, self.share))
 

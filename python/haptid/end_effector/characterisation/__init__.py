@@ -3,12 +3,11 @@
 from haptid.end_effector.characterisation.apparent_mass import FeltMass, felt_mass
 from haptid.end_effector.characterisation.characterise import Characterisation, characterise, line, sweep
 from haptid.end_effector.characterisation.jacobian import Grasp
-from haptid.end_effector.characterisation.model import Figure, GivenModel, IdentifiedModel
+from haptid.end_effector.characterisation.model import GivenModel, IdentifiedModel
 
 __all__ = [
     "Characterisation",
     "FeltMass",
-    "Figure",
     "GivenModel",
     "Grasp",
     "IdentifiedModel",

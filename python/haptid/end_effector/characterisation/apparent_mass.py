@@ -13,8 +13,9 @@ from haptid._internal.arrays import Array, expect, freeze, read_only
 from haptid.dynamics.inverse import mass_matrix, raw_parameters
 from haptid.dynamics.kinematics import handle_motion, handle_of
 from haptid.end_effector.characterisation.jacobian import LINEAR, check_settings, moving_coordinates
-from haptid.end_effector.characterisation.model import Figure, IdentifiedModel, freedom, spread, trusted
+from haptid.end_effector.characterisation.model import IdentifiedModel, freedom, spread, trusted
 from haptid.end_effector.force import WORST_CONDITION
+from haptid.uncertainty.quantities import Field
 
 # Degrees of freedom are looked at in so many poses.
 LOOKED_AT = 6
@@ -35,16 +36,16 @@ class FeltMass:
         worst: condition number beyond which a pose is left out.
     """
 
-    mass: Figure
+    mass: Field
     directions: Array
-    isotropy: Figure
+    isotropy: Field
     condition: Array
     worst: float
 
     def __post_init__(self) -> None:
         for name in ("directions", "condition"):
             object.__setattr__(self, name, read_only(getattr(self, name)))
-        expect("condition", self.condition.shape, self.mass.value.shape[:1])
+        expect("condition", self.condition.shape, self.mass.values.shape[:1])
 
     @property
     def usable(self) -> np.ndarray:
@@ -54,7 +55,7 @@ class FeltMass:
     @property
     def definite(self) -> np.ndarray:
         """Whether the mass matrix of each usable pose is positive definite, (poses,)."""
-        return np.asarray(self.usable & np.isfinite(self.mass.value[:, 0]))
+        return np.asarray(self.usable & np.isfinite(self.mass.values[:, 0]))
 
 
 def felt_mass(
@@ -93,9 +94,9 @@ def felt_mass(
     degrees = float("inf") if columns is None else _freedom(identified, qa, rows, moving, mass, directions)
     linear = max(rows) < 3
     return FeltMass(
-        mass=Figure(mass, sd, degrees, "kg" if linear else "kg m^2" if min(rows) > 2 else "in mixed units"),
+        mass=Field(mass, sd, degrees, "kg" if linear else "kg m^2" if min(rows) > 2 else "in mixed units"),
         directions=directions,
-        isotropy=Figure(mass[:, -1] / mass[:, 0], doubt, degrees, "1"),
+        isotropy=Field(mass[:, -1] / mass[:, 0], doubt, degrees, "1"),
         condition=condition[:, 0],
         worst=worst_condition,
     )

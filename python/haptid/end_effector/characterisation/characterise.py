@@ -19,10 +19,11 @@ from haptid.dynamics.workspace import Workspace
 from haptid.end_effector.characterisation import force_capability, friction, velocity_forces
 from haptid.end_effector.characterisation.apparent_mass import FeltMass, felt_mass
 from haptid.end_effector.characterisation.jacobian import LINEAR, Grasp, grasp
-from haptid.end_effector.characterisation.model import Figure, IdentifiedModel, changing, linear
+from haptid.end_effector.characterisation.model import IdentifiedModel, changing, linear
 from haptid.end_effector.characterisation.summary import summary
 from haptid.end_effector.force import WORST_CONDITION
 from haptid.errors import CharacterisationSettingError, DifferentModelError
+from haptid.uncertainty.quantities import Field
 
 # Poses of a workspace's grid, unless another number is asked for.
 POSES = 8000
@@ -54,16 +55,16 @@ class Characterisation:
         return self.grasp.inverse("friction, weight or stiffness at the handle")
 
     @property
-    def apparent_mass(self) -> Figure:
+    def apparent_mass(self) -> Field:
         """Principal masses, largest first, (poses, r), kg."""
         return self.masses.mass
 
     @property
-    def isotropy(self) -> Figure:
+    def isotropy(self) -> Field:
         """Smallest over largest principal mass, (poses,)."""
         return self.masses.isotropy
 
-    def mass_along(self, direction: ArrayLike) -> Figure:
+    def mass_along(self, direction: ArrayLike) -> Field:
         """d' J^-T A J^-1 d: force along d for an acceleration along d and none across, (poses,), kg."""
         rates = self._rates(self._unit(direction))
         inner = list(self.grasp.moving)
@@ -75,7 +76,7 @@ class Characterisation:
         return linear(self.identified, of, "kg")
 
     @cached_property
-    def viscous_friction(self) -> Figure:
+    def viscous_friction(self) -> Field:
         """Principal values of J^-T Fv J^-1, largest first, (poses, m), N s/m."""
         D = self._viscous(self.identified.beta)
         values, vectors = np.linalg.eigh(np.nan_to_num(D))
@@ -87,12 +88,12 @@ class Characterisation:
         values = np.where(self.grasp.usable[:, None], values, np.nan)
         return changing(self.identified, values, slope, "N s/m")
 
-    def viscous_along(self, direction: ArrayLike) -> Figure:
+    def viscous_along(self, direction: ArrayLike) -> Field:
         """d' J^-T Fv J^-1 d, (poses,), N s/m."""
         d = self._unit(direction)
         return linear(self.identified, lambda beta: np.einsum("i,pij,j->p", d, self._viscous(beta), d), "N s/m")
 
-    def coulomb_friction(self, direction: ArrayLike) -> Figure:
+    def coulomb_friction(self, direction: ArrayLike) -> Field:
         """Force at the handle, all components, for slow motion along d: J^-T Fc sign(J^-1 d), (poses, m), N.
 
         Its component along d is what the hand loses to dry friction: `backdrive_force` has it with the weight.
@@ -101,7 +102,7 @@ class Characterisation:
         return linear(self.identified, lambda beta: self._felt(friction.dry_torque(self.model, beta, rates)), "N")
 
     @cached_property
-    def coulomb_by_axis(self) -> Figure:
+    def coulomb_by_axis(self) -> Field:
         """J^-T Fc as printed in eq. (18), (poses, m), N: right where signs of the handle's and joints' rates agree."""
 
         def of(beta: Array) -> Array:
@@ -111,11 +112,11 @@ class Characterisation:
         return linear(self.identified, of, "N")
 
     @cached_property
-    def weight(self) -> Figure:
+    def weight(self) -> Field:
         """Force of the hand that holds the device still, without friction, (poses, m), N."""
         return linear(self.identified, lambda beta: self._felt(self._static(beta)), "N")
 
-    def backdrive_force(self, direction: ArrayLike) -> Figure:
+    def backdrive_force(self, direction: ArrayLike) -> Field:
         """Force along d that moves the device slowly that way, motors off: friction and weight, (poses,), N."""
         d = self._unit(direction)
         rates = self.grasp.all_rates(self._rates(d))
@@ -125,7 +126,7 @@ class Characterisation:
 
         return linear(self.identified, of, "N")
 
-    def neglected_force(self, speed: float) -> Figure:
+    def neglected_force(self, speed: float) -> Field:
         """Largest |F_d| over directions of motion at a handle speed, (poses,), N; see `neglected_force_of`.
 
         F_d is weight and a part that grows with the square of speed, so at the largest speed of a range that part is
@@ -142,7 +143,7 @@ class Characterisation:
 
         return changing(self.identified, best, slope, "N")
 
-    def neglected_force_of(self, velocity: ArrayLike) -> Figure:
+    def neglected_force_of(self, velocity: ArrayLike) -> Field:
         """F_d for a velocity of the handle, (m,) or (poses, m), m/s: what eq. (18) leaves out, (poses, m), N."""
         v = np.broadcast_to(np.asarray(velocity, dtype=float), (len(self.grasp), len(self.grasp.rows)))
         return linear(self.identified, lambda b: velocity_forces.neglected_force(self.grasp, self.inverse, b, v), "N")
@@ -161,7 +162,7 @@ class Characterisation:
         values = np.where(self.grasp.usable[:, None], values[:, ::-1], np.nan)
         return freeze(values), freeze(np.ascontiguousarray(vectors[:, :, ::-1].mT))
 
-    def greatest_force(self, limits: Mapping[str, float] | None = None) -> tuple[Figure, Array]:
+    def greatest_force(self, limits: Mapping[str, float] | None = None) -> tuple[Field, Array]:
         """Force that motors can make in every direction while they carry the weight, and its worst direction.
 
         Peak force for peak torques, continuous force for continuous ones.
@@ -188,7 +189,7 @@ class Characterisation:
 
         return changing(self.identified, force, slope, "N"), freeze(direction)
 
-    def force_along(self, direction: ArrayLike, limits: Mapping[str, float] | None = None) -> Figure:
+    def force_along(self, direction: ArrayLike, limits: Mapping[str, float] | None = None) -> Field:
         """Greatest force of the motors on the hand along d, (poses,), N; arguments as for `greatest_force`."""
         most, J = force_capability.torque_limits(self.model, limits), force_capability.motor_jacobian(self.grasp)
         held = force_capability.motor_torque(self.model, self._static(self.identified.beta))

@@ -4,15 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from functools import cached_property
 
 import numpy as np
-from scipy import stats
 
-from haptid._internal.arrays import Array, expect, freeze, read_only
+from haptid._internal.arrays import Array, expect, read_only
 from haptid.dynamics.model import DynamicModel
 from haptid.errors import BaseNameError
 from haptid.estimation import Estimate
+from haptid.uncertainty.quantities import Field
 
 # Degrees of freedom of a figure are looked at in so many of its places, evenly chosen; the least counts.
 LOOKED_AT = 16
@@ -68,38 +67,6 @@ class GivenModel:
 IdentifiedModel = Estimate | GivenModel
 
 
-@dataclass(frozen=True, eq=False)
-class Figure:
-    """A figure at many places, and how far to trust it.
-
-    Attributes:
-        value: NaN where it is not known, any shape.
-        sd: its deviation, first order, same shape; None for parameters without covariance, infinite where one stretch
-            of the log alone tells a parameter.
-        freedom: degrees of freedom of its intervals, the least of several places.
-        unit: of the value.
-    """
-
-    value: Array
-    sd: Array | None
-    freedom: float
-    unit: str
-
-    def __post_init__(self) -> None:
-        object.__setattr__(self, "value", read_only(self.value))
-        if self.sd is not None:
-            object.__setattr__(self, "sd", read_only(self.sd))
-            expect("sd", self.sd.shape, self.value.shape)
-
-    @cached_property
-    def interval95(self) -> Array | None:
-        """95 % intervals, (..., 2); None without deviations."""
-        if self.sd is None:
-            return None
-        half = stats.t.ppf(0.975, self.freedom) * self.sd
-        return freeze(np.stack([self.value - half, self.value + half], axis=-1))
-
-
 def spread(identified: IdentifiedModel) -> Array | None:
     """Columns whose outer products sum to the covariance of the base parameters, (p, s); None without one.
 
@@ -131,7 +98,7 @@ def freedom(identified: IdentifiedModel, combinations: Array) -> float:
     return float(identified.spread(few).freedom.min())
 
 
-def linear(identified: IdentifiedModel, of: Callable[[Array], Array], unit: str) -> Figure:
+def linear(identified: IdentifiedModel, of: Callable[[Array], Array], unit: str) -> Field:
     """A figure that is linear in the base parameters.
 
     Args:
@@ -142,16 +109,16 @@ def linear(identified: IdentifiedModel, of: Callable[[Array], Array], unit: str)
     return changing(identified, of(identified.beta), of, unit)
 
 
-def changing(identified: IdentifiedModel, value: Array, slope: Callable[[Array], Array], unit: str) -> Figure:
+def changing(identified: IdentifiedModel, value: Array, slope: Callable[[Array], Array], unit: str) -> Field:
     """A figure of this value, whose change with a change of the base parameters, (p,), is `slope` of it."""
     columns = spread(identified)
     if columns is None:
-        return Figure(value, None, float("inf"), unit)
+        return Field(value, None, float("inf"), unit)
     variance = np.zeros_like(value)
     for column in columns.T:
         variance += slope(column) ** 2
     sd = trusted(identified, np.sqrt(variance))
-    return Figure(value, sd, _freedom_of(identified, slope, value.size), unit)
+    return Field(value, sd, _freedom_of(identified, slope, value.size), unit)
 
 
 def _freedom_of(identified: IdentifiedModel, slope: Callable[[Array], Array], size: int) -> float:

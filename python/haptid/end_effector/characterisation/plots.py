@@ -13,7 +13,7 @@ from matplotlib.figure import Figure as Picture
 from matplotlib.ticker import LogLocator
 
 from haptid._internal.arrays import Array, expect, read_only
-from haptid.end_effector.characterisation.model import Figure
+from haptid.uncertainty.quantities import Field
 
 # Colours that colour-blind readers tell apart (Okabe and Ito 2008), and styles of line.
 COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9")
@@ -35,12 +35,12 @@ class Sweep:
 
     label: str
     x: Array
-    figures: Mapping[str, Figure]
+    figures: Mapping[str, Field]
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "x", read_only(self.x))
         for name, figure in self.figures.items():
-            expect(name, figure.value.shape[:1], self.x.shape)
+            expect(name, figure.values.shape[:1], self.x.shape)
 
 
 def plot_sweeps(sweeps: Sequence[Sweep], quantity: str, path: Path) -> None:
@@ -66,10 +66,10 @@ def plot_sweeps(sweeps: Sequence[Sweep], quantity: str, path: Path) -> None:
     picture.savefig(path, dpi=120)
 
 
-def _draw(panel: Axes, x: Array, name: str, figure: Figure, style: str) -> None:
+def _draw(panel: Axes, x: Array, name: str, figure: Field, style: str) -> None:
     """The values of one figure: colours in order, the name once."""
-    values = figure.value.reshape(len(x), -1)
-    band = figure.interval95
+    values = figure.values.reshape(len(x), -1)
+    band = figure.conf_int()
     for k, colour in enumerate(_repeated(COLOURS, values.shape[1])):
         panel.plot(x, values[:, k], color=colour, linestyle=style, label=name if k == 0 else None)
         if band is not None:

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from haptid.end_effector.characterisation.model import Figure
+from haptid.uncertainty.quantities import Field
 
 if TYPE_CHECKING:
     from haptid.end_effector.characterisation.characterise import Characterisation
@@ -17,28 +17,28 @@ def summary(found: Characterisation) -> str:
     """Median and range of the figures over the poses that count, and what does not."""
     grasp = found.grasp
     lines = [f"{found.model.device.name} at the handle: {int(grasp.usable.sum())} of {len(grasp)} poses"]
-    for k in range(found.apparent_mass.value.shape[1]):
+    for k in range(found.apparent_mass.values.shape[1]):
         lines.append(_line(f"apparent mass {k + 1}", found.apparent_mass, k))
     lines.append(_line("isotropy", found.isotropy))
     if not grasp.spare:
         lines.append(_line("largest viscous friction", found.viscous_friction, 0))
-        size = np.linalg.norm(found.weight.value, axis=1)
-        lines.append(_line("weight", Figure(size, None, float("inf"), "N")))
+        size = np.linalg.norm(found.weight.values, axis=1)
+        lines.append(_line("weight", Field(size, None, float("inf"), "N")))
     return "\n".join([*lines, *(f"  {note}" for note in notes(found))])
 
 
-def _line(name: str, figure: Figure, k: int | None = None) -> str:
+def _line(name: str, figure: Field, k: int | None = None) -> str:
     pick = slice(None) if k is None else (slice(None), k)
-    value = figure.value[pick]
+    value = figure.values[pick]
     known = np.isfinite(value)
     unit = "" if figure.unit == "1" else f" {figure.unit}"
     if not known.any():
         return f"  {name}: not known at any pose"
     value = value[known]
     text = f"  {name}: {np.median(value):.3g}{unit} at the median, {value.min():.3g} .. {value.max():.3g}"
-    if figure.sd is None:
+    if figure.se is None:
         return text
-    return f"{text}, deviation up to {figure.sd[pick][known].max():.2g}"
+    return f"{text}, deviation up to {figure.se[pick][known].max():.2g}"
 
 
 def notes(found: Characterisation) -> Iterator[str]:
@@ -71,7 +71,7 @@ def notes(found: Characterisation) -> Iterator[str]:
         yield f"Torque is not measured on {', '.join(held)}: those coordinates are taken to stand still."
     if min(grasp.rows) < 3 <= max(grasp.rows):
         yield "Linear and angular components are mixed: principal values depend on the units."
-    if masses.mass.sd is not None and np.isinf(masses.mass.sd).any():
+    if masses.mass.se is not None and np.isinf(masses.mass.se).any():
         yield "The estimate cannot say how far to trust some parameter, so deviations are infinite."
 
 

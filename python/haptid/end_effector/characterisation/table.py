@@ -12,8 +12,8 @@ from numpy.typing import ArrayLike
 
 from haptid._internal.arrays import Array
 from haptid.end_effector.characterisation.characterise import Characterisation
-from haptid.end_effector.characterisation.model import Figure
 from haptid.errors import TorqueLimitError
+from haptid.uncertainty.quantities import Field
 
 # Names of the components of the handle's velocity.
 COMPONENTS = ("x", "y", "z", "rx", "ry", "rz")
@@ -46,7 +46,7 @@ class Column:
     """
 
     name: str
-    figure: Figure
+    figure: Field
 
     @property
     def heading(self) -> str:
@@ -101,19 +101,19 @@ def _strength(found: Characterisation, asked: Asked) -> Iterator[Column]:
         yield Column("greatest force along", found.force_along(asked.along, asked.torque))
 
 
-def _plain(values: Array, unit: str) -> Figure:
+def _plain(values: Array, unit: str) -> Field:
     """Figures without deviation: given stiffnesses and geometry alone, nothing that was identified."""
-    return Figure(values, None, float("inf"), unit)
+    return Field(values, None, float("inf"), unit)
 
 
-def _numbered(name: str, figure: Figure) -> Iterator[Column]:
-    return _named(name, figure, [str(k + 1) for k in range(figure.value.shape[1])])
+def _numbered(name: str, figure: Field) -> Iterator[Column]:
+    return _named(name, figure, [str(k + 1) for k in range(figure.values.shape[1])])
 
 
-def _named(name: str, figure: Figure, names: Sequence[str]) -> Iterator[Column]:
+def _named(name: str, figure: Field, names: Sequence[str]) -> Iterator[Column]:
     for k, one in enumerate(names):
-        sd = None if figure.sd is None else figure.sd[:, k]
-        yield Column(f"{name} {one}", Figure(figure.value[:, k], sd, figure.freedom, figure.unit))
+        sd = None if figure.se is None else figure.se[:, k]
+        yield Column(f"{name} {one}", Field(figure.values[:, k], sd, figure.dof, figure.unit))
 
 
 def write_columns(found: Characterisation, made: Sequence[Column], path: Path) -> None:
@@ -125,8 +125,8 @@ def write_columns(found: Characterisation, made: Sequence[Column], path: Path) -
     values = [*grasp.qa, *grasp.position.T, grasp.condition]
     for column in made:
         heads.append(column.heading)
-        values.append(column.figure.value)
-        if (interval := column.figure.interval95) is not None:
+        values.append(column.figure.values)
+        if (interval := column.figure.conf_int()) is not None:
             heads += [f"{column.heading} low95", f"{column.heading} high95"]
             values += [*interval.T]
     with path.open("w", newline="", encoding="utf-8") as file:
