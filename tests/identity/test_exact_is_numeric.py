@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 import haptid
 from device_files import device_text
-from haptid.dynamics.symbolic.chain import exact_chain
+from haptid.dynamics.symbolic.chain import symbolic_chain
 from haptid.dynamics.symbolic.geometry import placement_value
 
 
@@ -43,7 +43,7 @@ def test_placements_with_symbols_have_the_values_of_those_with_numbers(
     tmp_path_factory: pytest.TempPathFactory, seed: int, joints: int, free_angle: bool
 ) -> None:
     model = drawn(tmp_path_factory.mktemp("d"), device_text(seed, joints, free_angle))
-    chain = exact_chain(model.device)
+    chain = symbolic_chain(model.device)
     values = {symbol.name: symbol.value for symbol in chain.symbols}
     for exact, joint in zip(chain.joints, model.device.joints, strict=True):
         made = placement_value(exact.placement, values)

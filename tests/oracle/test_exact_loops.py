@@ -159,8 +159,8 @@ def test_relations_hold_at_numeric_solutions_and_no_more_do(name: str, gravity: 
     kept = list(exact.kept)
     np.testing.assert_allclose(W[:, kept] @ exact.values, W, atol=1e-6 * np.abs(W).max())
     assert np.linalg.matrix_rank(W[:, kept] / np.linalg.norm(W[:, kept], axis=0), tol=1e-6) == len(kept)
-    idle = [exact.standard.index(parameter) for parameter in exact.no_effect]
-    assert np.abs(W[:, idle]).max() < 1e-6 * np.abs(W).max()
+    no_effect = [exact.standard.index(parameter) for parameter in exact.no_effect]
+    assert np.abs(W[:, no_effect]).max() < 1e-6 * np.abs(W).max()
 
 
 def test_groupings_of_a_five_bar(tmp_path: Path) -> None:

@@ -168,7 +168,7 @@ def test_deviations_are_those_of_repeated_estimates():
     scatter = np.sqrt(np.var([found.force for found in forces], axis=0).mean())
     said = np.sqrt(np.mean([found.sd[:, :3] ** 2 for found in forces]))
     assert said == pytest.approx(scatter, rel=0.35)
-    np.testing.assert_allclose(forces[0].interval95.mean(axis=2), forces[0].force, atol=1e-12)
+    np.testing.assert_allclose(forces[0].conf_int().mean(axis=2), forces[0].force, atol=1e-12)
 
 
 def test_noise_comes_from_the_validation(phantom):

@@ -1,11 +1,8 @@
-"""Friction by load in the direct model: it depends on the accelerations that it changes.
+"""Forward dynamics: accelerations from torques, for many states and several parameter sets at once.
 
-The torque that the bodies put on a coordinate is M cdd + h, and friction its size times a share: linear in cdd for a
-given sign of that torque.
-
-The direct dynamic model: accelerations from torques, for many states and several sets of parameters at once.
-
-The direct model with parameters of its own at every state, as a filter for states and parameters needs it."""
+Load-dependent friction depends on the accelerations that it changes: the torque of the bodies on a coordinate is
+M cdd + h, and friction is its magnitude times a factor, so linear in cdd for a given sign of that torque.
+"""
 
 from __future__ import annotations
 
@@ -23,90 +20,89 @@ from haptid.errors import MasslessError
 
 
 @dataclass(frozen=True, eq=False)
-class Carried:
-    """What one coordinate carries at some states, and the friction in proportion to it.
+class JointLoad:
+    """Load of one coordinate at some states, and the friction proportional to it.
 
     Attributes:
         weights: how the friction acts on the coordinates, (n,).
-        grip: friction by the size of the load, with the velocity's sign, (states,).
+        friction: per unit of the load's magnitude, with the velocity's sign, (states,).
         inertia: row of the bodies' mass matrix, (states, n).
-        still: torque of the bodies without acceleration, (states,), N m or N.
+        bias: torque of the bodies without acceleration, (states,), N m or N.
     """
 
     weights: Array
-    grip: Array
+    friction: Array
     inertia: Array
-    still: Array
+    bias: Array
 
     def load(self, cdd: Array) -> Array:
         """Torque of the bodies, (states,), at accelerations (states, n)."""
-        return np.asarray((self.inertia * cdd).sum(axis=1) + self.still)
+        return np.asarray((self.inertia * cdd).sum(axis=1) + self.bias)
 
     def sign(self, cdd: Array) -> Array:
-        """Its sign, (states,)."""
+        """Sign of the load, (states,)."""
         return np.sign(self.load(cdd))
 
 
-def carried(model: DynamicModel, chi: Array, c: Array, cd: Array) -> list[Carried]:
-    """Of every term of friction by load.
+def joint_loads(model: DynamicModel, chi: Array, c: Array, cd: Array) -> list[JointLoad]:
+    """Load of every term of load-dependent friction.
 
     Args:
-        model: the dynamic model, its loads settled.
+        model: the dynamic model, its load-dependent friction scaled by bodies.
         chi: parameters of the core's columns at each state, (states, r), SI.
-        c, cd: positions and velocities of the coordinates that torque rows belong to, (n, states).
+        c, cd: positions and velocities of the torque rows' coordinates, (n, states).
     """
-    bare, bodies = model.bodies
-    M = core_mass(bare, bodies, c)
-    h = core_torque(bare, bodies, c, cd, np.zeros_like(c))
+    rigid, bodies = model.bodies
+    M = core_mass(rigid, bodies, c)
+    h = core_torque(rigid, bodies, c, cd, np.zeros_like(c))
     first = 10 * len(model.device.joints)
     return [
-        Carried(term.weights, chi[:, first + k] * term.shape.side(cd), M[:, term.shape.row], h[term.shape.row])
+        JointLoad(term.weights, chi[:, first + k] * term.shape.side(cd), M[:, term.shape.row], h[term.shape.row])
         for k, term in enumerate(model.terms)
         if isinstance(term.shape, Load)
     ]
 
 
-def pressed(loads: Sequence[Carried], cdd: Array) -> tuple[Array, Array]:
-    """What friction by load adds to M, (states, n, n), and to h, (states, n), with the signs at some accelerations.
+def load_friction_parts(loads: Sequence[JointLoad], cdd: Array) -> tuple[Array, Array]:
+    """What load-dependent friction adds to M, (states, n, n), and to h, (states, n), with the signs at cdd.
 
-    h has the friction without acceleration already.
+    The friction without acceleration is in h already.
 
     Args:
         loads: of every term.
-        cdd: (states, n).
+        cdd: accelerations, (states, n).
     """
     states, n = cdd.shape
     M, h = np.zeros((states, n, n)), np.zeros((states, n))
     for one in loads:
-        signed = one.grip * one.sign(cdd)
+        signed = one.friction * one.sign(cdd)
         M += one.weights[:, None] * (signed[:, None] * one.inertia)[:, None]
-        h += one.weights * (signed * one.still - one.grip * np.abs(one.still))[:, None]
+        h += one.weights * (signed * one.bias - one.friction * np.abs(one.bias))[:, None]
     return M, h
 
 
-# Of the mass matrix, least eigenvalue over the largest of its scaled form that can still be inverted.
+# Least ratio of smallest to largest eigenvalue of a mass matrix that is inverted.
 INVERTIBLE = 1e-12
-# Smooth dry friction has all but turned over at so many widths from standstill: 1 - tanh is 1e-5 there.
-TURNED = 6.0
-# Passes in which the signs of what joints carry are found: two or three where friction takes less than all of it.
+# Smoothed dry friction is saturated this many widths from standstill: 1 - tanh is 1e-5 there.
+SATURATED = 6.0
+# Passes in which the signs of the joint loads are found: two or three where friction is less than the load itself.
 PASSES = 8
 
 
 @dataclass(frozen=True, eq=False)
 class ForwardDynamics:
-    """M(c) cdd = tau - h(c, cd), friction, springs and a user's own columns in h.
+    """Forward dynamics M(c) cdd = tau - h(c, cd), with friction, springs and user-defined columns in h.
 
-    The core makes M from composite bodies and h by the inverse model without acceleration, and solves, for all states
-    and sets in one call, trees and loops alike (Walker and Orin 1982, J. Dyn. Sys. Meas. Control 104, method 3).
-    Friction by load depends on cdd, too: it is in h as it is without acceleration, and what it changes is found with
-    cdd.
+    The core computes M by composite bodies (CRBA) and h by inverse dynamics without acceleration, and solves for all
+    states and sets in one call, trees and loops alike (Walker and Orin 1982, J. Dyn. Sys. Meas. Control 104, method 3).
+    Load-dependent friction enters h at zero acceleration; its change with cdd is solved together with cdd.
 
     Attributes:
-        model: the dynamic model, its dry friction smooth: see `smooth`.
+        model: the dynamic model, its dry friction smoothed.
         chi: sets of parameters of the core's columns, (sets, r), SI.
 
     Raises:
-        AccelerationColumnError: a user's own column is made of accelerations.
+        AccelerationColumnError: a user-defined column reads accelerations.
     """
 
     model: DynamicModel
@@ -121,7 +117,7 @@ class ForwardDynamics:
         """M, (states, n, n), and h, (states, n); states are those of the first set, then of the second, ...
 
         Args:
-            c, cd: positions and velocities of the coordinates that torque rows belong to, (n, states).
+            c, cd: positions and velocities of the torque rows' coordinates, (n, states).
         """
         return self.mass(c), self.inverse(c, cd, np.zeros_like(c)).T
 
@@ -152,33 +148,33 @@ class ForwardDynamics:
         loads = self._loads(c, cd)
         return self._loaded(loads, self.mass(c), cdd.T) if loads else np.asarray(cdd)
 
-    def _loaded(self, loads: list[Carried], M: Array, cdd: Array) -> Array:
-        """cdd with friction by load, (n, states), from that with its size as without acceleration, (states, n).
+    def _loaded(self, loads: list[JointLoad], M: Array, cdd: Array) -> Array:
+        """cdd with load-dependent friction, (n, states), from cdd with the friction at zero acceleration, (states, n).
 
-        For given signs of the bodies' torques friction by load is linear in cdd: few passes find the signs.
+        Friction is linear in cdd for given signs of the loads: a few passes find the signs.
         """
         force = (M @ cdd[:, :, None])[:, :, 0]
         for _ in range(PASSES):
-            more, rest = pressed(loads, cdd)
+            more, rest = load_friction_parts(loads, cdd)
             before, cdd = cdd, self._solved(M + more, force - rest)
             if not any((one.sign(before) != one.sign(cdd)).any() for one in loads):
                 break
         return np.ascontiguousarray(cdd.T)
 
     def inertia(self, c: Array, cd: Array, cdd: Array) -> Array:
-        """Derivative of the inverse model by accelerations, (states, n, n): M, and what friction by load adds to it.
+        """Derivative of inverse dynamics by accelerations, (states, n, n): M plus the part of load-dependent friction.
 
         Args:
             c, cd, cdd: of the coordinates, (n, states).
         """
         M, loads = self.mass(c), self._loads(c, cd)
-        return M + pressed(loads, cdd.T)[0] if loads else M
+        return M + load_friction_parts(loads, cdd.T)[0] if loads else M
 
-    def _loads(self, c: Array, cd: Array) -> list[Carried]:
-        """Friction by load of all sets."""
+    def _loads(self, c: Array, cd: Array) -> list[JointLoad]:
+        """Loads of load-dependent friction, of all sets."""
         if not self.model.has_loads:
             return []
-        return carried(self.model, np.repeat(self.chi, c.shape[1] // len(self.chi), axis=0), c, cd)
+        return joint_loads(self.model, np.repeat(self.chi, c.shape[1] // len(self.chi), axis=0), c, cd)
 
     def _solved(self, M: Array, force: Array) -> Array:
         """M^-1 force, (states, n).
@@ -192,7 +188,7 @@ class ForwardDynamics:
             raise self.massless(M) from None
 
     def massless(self, M: Array) -> MasslessError:
-        """What to raise of mass matrices that cannot all be inverted."""
+        """The error for mass matrices of which one cannot be inverted."""
         values, vectors = np.linalg.eigh(M)
         ratio = values[:, 0] / np.maximum(values[:, -1], np.finfo(float).tiny)
         worst = int(np.argmin(ratio))
@@ -206,7 +202,7 @@ class ForwardDynamics:
             raise self.massless(M)
 
     def slopes(self, c: Array, cd: Array, cdd: Array) -> tuple[Array, Array]:
-        """Derivatives of the first set's inverse model by position and by velocity, each (states, n, n).
+        """Derivatives of the first set's inverse dynamics by position and by velocity, each (states, n, n).
 
         Column k is the derivative by coordinate k.
         """
@@ -215,9 +211,9 @@ class ForwardDynamics:
         return by_c, by_cd
 
     def stiffness(self, c: Array) -> float:
-        """Greatest rate at which friction brakes a coordinate at rest, 1/s, over positions (n, states).
+        """Largest damping rate of friction at rest, 1/s, over positions (n, states), for the first set.
 
-        Of the first set: the largest eigenvalue of M^-1 dh/dcd, where smooth dry friction is steepest.
+        The largest eigenvalue of M^-1 dh/dcd at zero velocity, where smoothed dry friction is steepest.
         """
         still = np.zeros_like(c)
         M = core_mass(self.model, self.chi[0], c)
@@ -234,7 +230,7 @@ class ForwardDynamics:
         return ForwardDynamics(self.model, chi)
 
     def turning(self, c: Array, cd: Array, cdd: Array, period: float) -> np.ndarray:
-        """Of which stretches dry friction may turn over within a period, in one of the sets, (states,).
+        """At which states dry friction may reverse within a period, in any of the sets, (states,).
 
         Args:
             c, cd, cdd: of the coordinates, (n, states).
@@ -245,14 +241,14 @@ class ForwardDynamics:
 
 
 def turning(model: DynamicModel, c: Array, cd: Array, cdd: Array, period: float) -> np.ndarray:
-    """Where dry friction may turn over within a period, s, from positions and rates (n, states): (states,)."""
+    """At which states dry friction may reverse within a period, s, from positions and rates (n, states): (states,)."""
     dry = [term for term in model.terms if term.dry]
     if not dry:
         return np.zeros(c.shape[1], dtype=bool)
     shares = np.array([np.broadcast_to(model.shares(term, c, cd), c.shape) for term in dry])
     speed, change = (np.abs((shares * x).sum(axis=1)) for x in (cd, cdd))
     widths = np.array([[term.constant("width")] for term in dry])
-    return np.asarray((speed < TURNED * widths + period * change).any(axis=0))
+    return np.asarray((speed < SATURATED * widths + period * change).any(axis=0))
 
 
 def sets_of(model: DynamicModel, beta: Array) -> Array:
@@ -263,14 +259,14 @@ def sets_of(model: DynamicModel, beta: Array) -> Array:
 
 @dataclass(frozen=True, eq=False)
 class ParametricForwardDynamics:
-    """M cdd = tau - h by base parameters.
+    """Forward dynamics with its own base parameters at every state, for filters of states and parameters.
 
     Attributes:
-        model: the dynamic model, its dry friction smooth.
-        base: the core's columns from base parameters, (r, p).
+        model: the dynamic model, its dry friction smoothed.
+        base: maps base parameters to parameters of the core's columns, (r, p).
 
     Raises:
-        AccelerationColumnError: a column is made of accelerations.
+        AccelerationColumnError: a column reads accelerations.
     """
 
     model: DynamicModel
@@ -280,7 +276,7 @@ class ParametricForwardDynamics:
         check_linear(self.model)
 
     def acceleration(self, c: Array, cd: Array, tau: Array, beta: Array) -> Array:
-        """cdd, (n, states), of parameters (p,) or (states, p).
+        """cdd, (n, states), at parameters (p,) or (states, p).
 
         Args:
             c, cd: positions and velocities of the coordinates, (n, states).
@@ -293,7 +289,7 @@ class ParametricForwardDynamics:
         return ForwardDynamics(self.model, beta @ self.base.T).acceleration(c, cd, tau)
 
     def turning(self, c: Array, cd: Array, cdd: Array, period: float) -> bool:
-        """Whether dry friction may turn over within a period, s, at one state; c, cd and cdd are (n,)."""
+        """Whether dry friction may reverse within a period, s, at one state; c, cd and cdd are (n,)."""
         return bool(turning(self.model, c[:, None], cd[:, None], cdd[:, None], period)[0])
 
     def linearised(self, c: Array, cd: Array, tau: Array, beta: Array) -> tuple[Array, Array, Array, Array]:

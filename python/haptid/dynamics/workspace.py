@@ -1,4 +1,4 @@
-"""Where a device may go: limits of joints, of their combinations, and of the handle's place."""
+"""Workspace of a device: limits of joints, of their combinations, and of the handle's position."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from haptid.dynamics.model import DynamicModel
 from haptid.errors import EmptyWorkspaceError, UnboundedWorkspaceError, WorkspaceLimitError
 
 Range = tuple[float, float]
-# Poses of a grid over the joints' limits, those outside other limits counted.
+# Cells of a grid over the joints' limits, including those outside other limits.
 POSES = 120_000
 
 
@@ -70,9 +70,9 @@ class Workspace:
         return tuple(self.model.device.joint_names[j] for j in self.coupled)
 
     def slack(self, qa: ArrayLike) -> Array:
-        """How far every pose is inside each limit, negative outside, (limits, samples), rad or m.
+        """Distance of every pose from each limit, negative outside, (limits, samples), rad or m.
 
-        Where loops do not close no limit is kept: -inf.
+        -inf at poses where loops do not close.
 
         Args:
             qa: positions of the active joints, (active, samples), rad or m.
@@ -80,11 +80,11 @@ class Workspace:
         qa = np.asarray(qa, dtype=float)
         expect("qa", qa.shape, (len(self.model.device.active), None))
         closed = self.model.device.closure.closes(qa)
-        here = qa[:, closed]
-        pairs = [(here, self.limits), (tree_positions(self.model, here)[list(self.coupled)], self.ranges)]
+        q = qa[:, closed]
+        pairs = [(q, self.limits), (tree_positions(self.model, q)[list(self.coupled)], self.ranges)]
         if self.box is not None:
-            at = handle_motion(self.model, here).position.T
-            pairs.append((at, np.column_stack([self.box.low, self.box.high])))
+            position = handle_motion(self.model, q).position.T
+            pairs.append((position, np.column_stack([self.box.low, self.box.high])))
         slack = np.full((2 * sum(len(x) for x, _ in pairs), qa.shape[1]), -np.inf)
         slack[:, closed] = np.concatenate([side for x, r in pairs for side in (x - r[:, :1], r[:, 1:] - x)])
         return slack
@@ -97,7 +97,7 @@ class Workspace:
         """Poses inside all limits, at the centres of equal cells over the joints' limits, (active, samples), rad or m.
 
         Args:
-            poses: cells at most.
+            poses: most cells.
 
         Raises:
             EmptyWorkspaceError: no cell's centre is inside.
@@ -115,17 +115,17 @@ class Workspace:
 def workspace(
     model: DynamicModel, limits: Mapping[str, Sequence[float] | None] | None = None, box: Box | None = None
 ) -> Workspace:
-    """The workspace of a device: its file's limits, some of them replaced.
+    """The workspace of a device: the limits of its file, some of them replaced.
 
     Args:
         model: the dynamic model.
-        limits: of joints by name, active or passive, rad or m; instead of the file's, None for no limit. A passive
-            joint's are limits of a combination of active ones, such as a parallelogram's coupling.
+        limits: of joints by name, active or passive, rad or m; None for no limit. Limits of a passive joint are limits
+            of a combination of active ones, such as a parallelogram's coupling.
         box: of the handle's origin, if any.
 
     Raises:
-        WorkspaceLimitError: limits of a joint that is not there, or that do not ascend.
-        UnboundedWorkspaceError: an active joint slides without limits; a turning one has a whole turn.
+        WorkspaceLimitError: limits of an unknown joint, or limits that do not ascend.
+        UnboundedWorkspaceError: a sliding active joint without limits; a turning one has a whole turn.
         HandleMissingError: a box for a device without handle.
     """
     known = _limits(model, limits or {})
@@ -148,7 +148,7 @@ def workspace(
 
 
 def _limits(model: DynamicModel, given: Mapping[str, Sequence[float] | None]) -> dict[str, Range | None]:
-    """Of every joint by name: those given, else the file's."""
+    """Limits of every joint by name: those given, else the file's."""
     known = {joint.name: joint.position_limits for joint in model.device.joints}
     for name, pair in given.items():
         if name not in known:

@@ -1,4 +1,4 @@
-"""Base parameters and regroupings with the geometric lengths as symbols, by arithmetic modulo primes."""
+"""Base parameters and regroupings with symbolic lengths, computed by exact arithmetic modulo primes."""
 
 from haptid.dynamics.symbolic.arithmetic import Coefficient, Laurent
 from haptid.dynamics.symbolic.regrouping import Regroupings, loop_regroupings, regroupings

@@ -1,9 +1,8 @@
-"""Arithmetic modulo a prime on whole arrays: no rounding, and no number ever grows.
+"""Exact arithmetic: residues modulo a prime on whole arrays, and Laurent polynomials with rational coefficients.
 
-Residues are int64 from 0 to p - 1. Primes are below 2^30, so that a product is below 2^60 and eight of them add up
-below 2^63; a product of matrices with a longer inner side is refused.
-
-Laurent polynomials with rational coefficients in named symbols, and their ratios: what lengths and groupings are."""
+Residues are int64 from 0 to p - 1. Primes are below 2^30, so a product is below 2^60 and eight of them add up below
+2^63; a matrix product with a longer inner dimension is refused.
+"""
 
 from __future__ import annotations
 
@@ -20,19 +19,19 @@ Residues = NDArray[np.int64]
 
 # All are 3 modulo 4, so that a square root is one power. Two find the coefficients, the third checks them.
 PRIMES = (1073741783, 1073741723, 1073741719)
-# Longest inner side of a product of matrices of residues that cannot overflow.
+# Longest inner dimension of a matrix product of residues that cannot overflow.
 LONGEST_SUM = 8
-# From here on, thirty squarings of a whole array are faster than inverting its residues one by one.
+# Above this size, thirty squarings of a whole array are faster than inverting its residues one by one.
 MANY = 200
 
 
 class UnluckyDrawError(Exception):
-    """Numbers drawn at random that hit a zero of what must not vanish: draw others. Never leaves this package."""
+    """A random draw hit a zero of what must not vanish: draw again. Never leaves this package."""
 
 
 @dataclass(frozen=True)
-class Field:
-    """The integers modulo a prime."""
+class PrimeField:
+    """The integers modulo a prime (a finite field)."""
 
     prime: int
 
@@ -41,15 +40,15 @@ class Field:
             raise ValueError(f"prime {self.prime} is not below 2^30 and 3 modulo 4")
 
     def draw(self, rng: np.random.Generator, *shape: int) -> Residues:
-        """Residues drawn at random, zero and one left out."""
+        """Random residues, zero and one left out."""
         return rng.integers(2, self.prime, shape, dtype=np.int64)
 
     def reduce(self, x: Residues) -> Residues:
-        """The residues of any int64."""
+        """The residues of any int64 array."""
         return np.asarray(x % self.prime)
 
     def _remainder(self, x: Residues) -> Residues:
-        """The residues of int64 that are not negative: unsigned quotients are twice as fast as signed remainders."""
+        """The residues of non-negative int64: unsigned quotients are twice as fast as signed remainders."""
         whole, p = x.view(np.uint64), np.uint64(self.prime)
         return (whole - whole // p * p).view(np.int64)
 
@@ -59,25 +58,25 @@ class Field:
         return exact.numerator * pow(exact.denominator, -1, self.prime) % self.prime
 
     def product(self, a: Residues, b: Residues) -> Residues:
-        """Products of matrices, (..., i, j) and (..., j, k)."""
+        """Matrix products, (..., i, j) and (..., j, k)."""
         if a.shape[-1] > LONGEST_SUM:
             raise ValueError(f"a sum of {a.shape[-1]} products could overflow, limit {LONGEST_SUM}")
         return self.reduce(np.matmul(a, b))
 
     def power(self, x: Residues, exponent: int) -> Residues:
-        """Every residue to one power, by repeated squaring; a negative power needs residues other than zero."""
+        """Every residue to one power, by repeated squaring; a negative power requires nonzero residues."""
         if exponent < 0:
             return self.inverse(self.power(x, -exponent))
-        made = np.ones_like(x)
+        result = np.ones_like(x)
         while exponent:
             if exponent & 1:
-                made = made * x % self.prime
+                result = result * x % self.prime
             x = x * x % self.prime
             exponent >>= 1
-        return made
+        return result
 
     def inverse(self, x: Residues) -> Residues:
-        """One over every residue.
+        """Inverses of every residue.
 
         Raises:
             UnluckyDrawError: one of them is zero.
@@ -90,16 +89,16 @@ class Field:
         return np.array(each, dtype=np.int64).reshape(x.shape)
 
     def root(self, x: Residues) -> tuple[Residues, np.ndarray]:
-        """Square roots, and which of them are: half of all residues have none."""
-        made = self.power(x, (self.prime + 1) // 4)
-        return made, made * made % self.prime == x
+        """Square roots, and whether each is one: half of all residues have none."""
+        roots = self.power(x, (self.prime + 1) // 4)
+        return roots, roots * roots % self.prime == x
 
     def circle(self, rng: np.random.Generator, *shape: int) -> tuple[Residues, Residues]:
-        """Cosines and sines of angles drawn at random: (1 - t^2) / (1 + t^2) and 2 t / (1 + t^2)."""
+        """Cosines and sines of random angles: (1 - t^2) / (1 + t^2) and 2 t / (1 + t^2)."""
         t = self.draw(rng, *shape)
         square = t * t % self.prime
-        below = self.inverse((1 + square) % self.prime)  # never zero: -1 has no root where p = 3 modulo 4
-        return (1 - square) % self.prime * below % self.prime, 2 * t % self.prime * below % self.prime
+        scale = self.inverse((1 + square) % self.prime)  # never zero: -1 has no root where p = 3 modulo 4
+        return (1 - square) % self.prime * scale % self.prime, 2 * t % self.prime * scale % self.prime
 
     def sum_of_angles(self, a: tuple[Residues, Residues], b: tuple[Residues, Residues]) -> tuple[Residues, Residues]:
         """Cosine and sine of a sum, from both of each."""
@@ -107,23 +106,23 @@ class Field:
         return self.reduce(c * d - s * t), self.reduce(s * d + c * t)
 
     def multiple_of_angle(self, angle: tuple[Residues, Residues], times: int) -> tuple[Residues, Residues]:
-        """Cosine and sine of an angle times a whole number, by repeated doubling."""
+        """Cosine and sine of an integer multiple of an angle, by repeated doubling."""
         c, s = angle if times >= 0 else (angle[0], self.reduce(-angle[1]))
-        made = (np.ones_like(c), np.zeros_like(c))
-        left = abs(times)
-        while left:
-            if left & 1:
-                made = self.sum_of_angles(made, (c, s))
+        total = (np.ones_like(c), np.zeros_like(c))
+        times = abs(times)
+        while times:
+            if times & 1:
+                total = self.sum_of_angles(total, (c, s))
             c, s = self.sum_of_angles((c, s), (c, s))
-            left >>= 1
-        return made
+            times >>= 1
+        return total
 
     def echelon(self, matrices: Residues, candidates: int | None = None) -> tuple[Residues, list[int]]:
-        """Reduced row echelon forms of matrices that share their pivots, (n, rows, columns).
+        """Reduced row echelon forms of matrices with the same pivots, (n, rows, columns).
 
         Args:
             matrices: (n, rows, columns).
-            candidates: only the first so many columns may be pivots; all of them by default.
+            candidates: only this many first columns may be pivots; all of them by default.
 
         Returns:
             the forms without their empty rows, (n, pivots, columns), and the pivots' columns.
@@ -156,15 +155,15 @@ class Field:
 
 
 def rational(residues: tuple[int, ...], primes: tuple[int, ...]) -> Fraction | None:
-    """The rational number of small height with these residues, None where there is none.
+    """Rational reconstruction: the rational number of small height with these residues, None where there is none.
 
-    The residues are first joined into one modulo the product of the primes (Chinese remainders), then taken apart by
-    the Euclidean algorithm. Source: Wang (1981), ACM SYMSAC, p. 212.
+    The residues are joined into one modulo the product of the primes (Chinese remainder theorem), then split by the
+    Euclidean algorithm. Source: Wang (1981), ACM SYMSAC, p. 212.
     """
     whole = prod(primes)
     x = sum(r * (whole // p) * pow(whole // p, -1, p) for r, p in zip(residues, primes, strict=True)) % whole
-    # Below the root of half the modulus the number is unique. A tenth of that: a residue of something else then passes
-    # for one in a case of two hundred, and the check at another prime refuses it.
+    # Below the root of half the modulus the number is unique. With a tenth of that, an arbitrary residue is accepted in
+    # one of two hundred cases, and the check at another prime rejects it.
     bound = int((whole / 2) ** 0.5 / 10)
     a, b, u, v = whole, x, 0, 1
     while b > bound:
@@ -173,12 +172,12 @@ def rational(residues: tuple[int, ...], primes: tuple[int, ...]) -> Fraction | N
     return None if abs(v) > bound else Fraction(b, v)
 
 
-# Symbols with their exponents, none of them zero, in the order of their names: d3^2/d4 is (("d3", 2), ("d4", -1)).
+# Symbols with nonzero exponents, sorted by name: d3^2/d4 is (("d3", 2), ("d4", -1)).
 Powers = tuple[tuple[str, int], ...]
 
 
 def powers(exponents: Iterable[tuple[str, int]]) -> Powers:
-    """The product of symbols to their exponents, each named once or more."""
+    """The product of powers of symbols; a name may occur several times."""
     total: dict[str, int] = {}
     for name, exponent in exponents:
         total[name] = total.get(name, 0) + exponent
@@ -187,17 +186,17 @@ def powers(exponents: Iterable[tuple[str, int]]) -> Powers:
 
 @dataclass(frozen=True)
 class Laurent:
-    """A sum of products of symbols, each with a rational coefficient and whole exponents of either sign.
+    """A Laurent polynomial: a sum of monomials with rational coefficients and integer exponents of either sign.
 
     Attributes:
-        terms: exponents and coefficient of every term, none of them zero, in one order.
+        terms: exponents and nonzero coefficient of every term, sorted.
     """
 
     terms: tuple[tuple[Powers, Fraction], ...] = ()
 
     @staticmethod
     def of(terms: Iterable[tuple[Powers, Fraction]]) -> Laurent:
-        """From terms in any order, like ones added."""
+        """From terms in any order; like terms are added."""
         total: dict[Powers, Fraction] = {}
         for exponents, coefficient in terms:
             total[exponents] = total.get(exponents, Fraction(0)) + coefficient
@@ -210,7 +209,7 @@ class Laurent:
 
     @staticmethod
     def symbol(name: str, exponent: int = 1) -> Laurent:
-        """A symbol, or one over it."""
+        """A symbol to an integer power."""
         return Laurent(((((name, exponent),), Fraction(1)),))
 
     def __add__(self, other: Laurent) -> Laurent:
@@ -231,23 +230,23 @@ class Laurent:
 
     @cached_property
     def symbols(self) -> tuple[str, ...]:
-        """Names in it."""
+        """Names of its symbols."""
         return tuple(sorted({name for exponents, _ in self.terms for name, _ in exponents}))
 
     @property
     def is_number(self) -> bool:
-        """Whether no symbol is in it."""
+        """Whether it is a constant."""
         return not self.symbols
 
-    def modulo(self, field: Field, values: Mapping[str, Residues], count: int) -> Residues:
+    def modulo(self, field: PrimeField, values: Mapping[str, Residues], count: int) -> Residues:
         """Its residues, (count,), from those of its symbols, each (count,)."""
-        made = np.zeros(count, dtype=np.int64)
+        total = np.zeros(count, dtype=np.int64)
         for exponents, coefficient in self.terms:
             term = np.full(count, field.of(coefficient))
             for name, exponent in exponents:
                 term = term * field.power(values[name], exponent) % field.prime
-            made = (made + term) % field.prime
-        return made
+            total = (total + term) % field.prime
+        return total
 
     def value(self, values: Mapping[str, float]) -> float:
         """Its value from those of its symbols."""
@@ -265,27 +264,27 @@ ZERO, ONE = Laurent(), Laurent.number(1)
 
 @dataclass(frozen=True)
 class Coefficient:
-    """How much of one parameter is in another: a Laurent polynomial, or a ratio of two polynomials."""
+    """A regrouping coefficient: a Laurent polynomial, or a ratio of two polynomials."""
 
     numerator: Laurent
     denominator: Laurent = ONE
 
     @property
     def is_ratio(self) -> bool:
-        """Whether the denominator is more than one."""
+        """Whether the denominator differs from one."""
         return self.denominator != ONE
 
     @property
     def symbols(self) -> tuple[str, ...]:
-        """Names in it."""
+        """Names of its symbols."""
         return tuple(sorted({*self.numerator.symbols, *self.denominator.symbols}))
 
-    def modulo(self, field: Field, values: Mapping[str, Residues], count: int) -> Residues:
+    def modulo(self, field: PrimeField, values: Mapping[str, Residues], count: int) -> Residues:
         """Its residues, (count,), from those of its symbols, each (count,)."""
-        above = self.numerator.modulo(field, values, count)
+        numerator = self.numerator.modulo(field, values, count)
         if not self.is_ratio:
-            return above
-        return above * field.inverse(self.denominator.modulo(field, values, count)) % field.prime
+            return numerator
+        return numerator * field.inverse(self.denominator.modulo(field, values, count)) % field.prime
 
     def value(self, values: Mapping[str, float]) -> float:
         """Its value from those of its symbols."""

@@ -1,8 +1,4 @@
-"""How the joints of a mechanism move, modulo a prime: all of them from the active ones, at exact points.
-
-Columns beside link inertia, modulo a prime: sums of parts that are independent unless they are the same.
-
-A mechanism with its lengths as symbols: tree, cuts, motion, gravity, terms and measured rows."""
+"""Mechanisms with symbolic lengths: joint motion modulo a prime, columns in addition to link inertia, and the chain."""
 
 from __future__ import annotations
 
@@ -17,25 +13,25 @@ import numpy as np
 from haptid._internal.arrays import Array
 from haptid.device import Closure, Counterbalance, Device, TermColumn
 from haptid.device.toml.schema import AnyDevice
-from haptid.dynamics.symbolic.arithmetic import ZERO, Field, Laurent, Residues, powers
+from haptid.dynamics.symbolic.arithmetic import ZERO, Laurent, PrimeField, Residues, powers
 from haptid.dynamics.symbolic.geometry import (
-    ExactCut,
-    ExactFrame,
-    ExactJoint,
     GeometryReader,
     Placement,
-    Shift,
+    SymbolicCut,
+    SymbolicFrame,
+    SymbolicJoint,
+    Translation,
     placements,
 )
-from haptid.dynamics.symbolic.symbols import GRAVITY, LENGTH, PURE, Symbol, Symbols, ratio
+from haptid.dynamics.symbolic.symbols import DIMENSIONLESS, GRAVITY, LENGTH, Symbol, Symbols, ratio
 from haptid.errors import ManyAnglesError
 
 
 @dataclass(frozen=True, eq=False)
 class States:
-    """Joints at states drawn at random, all of them residues.
+    """Joint states drawn at random, all residues.
 
-    The position of a turning joint is drawn apart from its cosine and sine: no polynomial ties them.
+    The position of a turning joint is drawn independently of its cosine and sine: no polynomial relates them.
 
     Attributes:
         cos, sin: of turning joints, (joints, n); one and zero for sliding ones.
@@ -56,18 +52,18 @@ class States:
 
 
 class Motion(Protocol):
-    """What a closed chain needs to tell of its loops; a loop of another kind is another class with these two."""
+    """Protocol of joint motion in a closed chain; each kind of loop is one implementation."""
 
     @property
     def depends(self) -> tuple[Laurent, ...]:
-        """What it depends on besides the placements of joints and of the frames of cuts."""
+        """Polynomials that it depends on, in addition to the placements of joints and cut frames."""
 
-    def states(self, field: Field, rng: np.random.Generator, values: Mapping[str, Residues], count: int) -> States:
-        """States drawn at random, one for each of `count` sets of lengths.
+    def states(self, field: PrimeField, rng: np.random.Generator, values: Mapping[str, Residues], count: int) -> States:
+        """Random states, one for each of `count` sets of lengths.
 
         Args:
-            field: the residues' prime.
-            rng: where they are drawn from.
+            field: the residues' prime field.
+            rng: random generator.
             values: residues of all symbols, (count,) each.
             count: number of states.
         """
@@ -75,12 +71,12 @@ class Motion(Protocol):
 
 @dataclass(frozen=True)
 class LinearMotion:
-    """Every joint a linear function of the active ones: q = G qa + offset.
+    """Joint positions linear in the active ones': q = G qa + offset.
 
     Attributes:
         prismatic: of every joint.
         rates: G, by joint and active joint.
-        multiples: angle of a turning joint in units of each active joint's, whole numbers, by joint and active joint.
+        multiples: angle of a turning joint in integer units of each active joint's, by joint and active joint.
         turns: cosine and sine of every turning joint's offset.
         offsets: of every joint, as a length or an angle.
     """
@@ -96,13 +92,13 @@ class LinearMotion:
         """See Motion."""
         return (*self.offsets, *(part for row in (*self.rates, *self.turns) for part in row))
 
-    def states(self, field: Field, rng: np.random.Generator, values: Mapping[str, Residues], count: int) -> States:
+    def states(self, field: PrimeField, rng: np.random.Generator, values: Mapping[str, Residues], count: int) -> States:
         """See Motion."""
         actives = len(self.rates[0])
         active = field.draw(rng, 3, actives, count)
         G: Residues = np.array([[entry.modulo(field, values, count) for entry in row] for row in self.rates])
         moved = np.zeros((3, len(self.rates), count), dtype=np.int64)
-        for k in range(actives):  # one product at a time: a sum over many active joints could overflow
+        for k in range(actives):  # one product at a time: a longer sum could overflow
             moved = field.reduce(moved + G[:, k] * active[:, None, k])
         offsets: Residues = np.array([offset.modulo(field, values, count) for offset in self.offsets])
         position = field.reduce(moved[0] + offsets)
@@ -111,7 +107,7 @@ class LinearMotion:
         return States(cos, sin, slide, position, moved[1], moved[2], np.moveaxis(G, 1, 2), active)
 
     def _angles(
-        self, field: Field, rng: np.random.Generator, values: Mapping[str, Residues], count: int
+        self, field: PrimeField, rng: np.random.Generator, values: Mapping[str, Residues], count: int
     ) -> tuple[Residues, Residues]:
         units = [field.circle(rng, count) for _ in self.rates[0]]
         cos = np.ones((len(self.rates), count), dtype=np.int64)
@@ -128,19 +124,19 @@ class LinearMotion:
         return cos, sin
 
 
-# Where each of these is found among a coordinate's position, velocity and acceleration.
+# Index of each of these among a coordinate's position, velocity and acceleration.
 MOTION = {"position": 0, "velocity": 1, "acceleration": 2}
 
 
 @dataclass(frozen=True)
-class Part:
-    """A factor times something that varies with the motion.
+class ColumnPart:
+    """One summand of a column: a factor times a quantity of the motion.
 
     Attributes:
         factor: number.
         what: position, velocity, acceleration, one.
-        key: of a function that it is multiplied with, of which nothing is known but that functions with the same key
-            are the same; None for none.
+        key: identifies a function that multiplies it; functions with the same key are equal, others independent. None
+            for none.
     """
 
     factor: Fraction
@@ -149,23 +145,23 @@ class Part:
 
 
 @dataclass(frozen=True)
-class ExactColumn:
-    """A column beside link inertia, acting on a joint, or on a cut's or a motor's combination of active joints.
+class SymbolicColumn:
+    """A column in addition to link inertia, on a joint, or on a cut's or motor's combination of active joints.
 
     Attributes:
         joint: index, None for a cut or a motor.
         weights: of a cut or a motor, one for each active joint.
-        parts: what the column is at one of its coordinate's states.
-        rest: taken off the position.
+        parts: summands of the column at one of its coordinate's states.
+        rest: subtracted from the position.
     """
 
     joint: int | None
     weights: tuple[Fraction, ...]
-    parts: tuple[Part, ...]
+    parts: tuple[ColumnPart, ...]
     rest: Laurent = ZERO
 
     def modulo(
-        self, field: Field, states: States, values: Mapping[str, Residues], functions: Mapping[Hashable, Residues]
+        self, field: PrimeField, states: States, values: Mapping[str, Residues], functions: Mapping[Hashable, Residues]
     ) -> Residues:
         """Residues of the active joints' torques, (n, active)."""
         G, motion = self._coordinate(field, states)
@@ -180,8 +176,8 @@ class ExactColumn:
             total = field.reduce(total + field.of(part.factor) * size)
         return field.reduce(G * total[:, None])
 
-    def _coordinate(self, field: Field, states: States) -> tuple[Residues, tuple[Residues, ...]]:
-        """Rates of the coordinate by active joint, (n, active), and its position, velocity, acceleration."""
+    def _coordinate(self, field: PrimeField, states: States) -> tuple[Residues, tuple[Residues, ...]]:
+        """Rates of the coordinate by active joint, (n, active), and its position, velocity and acceleration."""
         if self.joint is not None:
             each = (states.position, states.velocity, states.acceleration)
             return states.G[self.joint], tuple(quantity[self.joint] for quantity in each)
@@ -191,95 +187,95 @@ class ExactColumn:
         return G, tuple(moved)
 
 
-def exact_columns(device: Device, active: Sequence[int], symbols: Symbols) -> tuple[ExactColumn, ...]:
-    """All terms of a device, cuts' and motors' by so many of its active joints."""
+def symbolic_columns(device: Device, active: Sequence[int], symbols: Symbols) -> tuple[SymbolicColumn, ...]:
+    """Columns of all terms of a device, those of cuts and motors with respect to these active joints."""
     names = device.joint_names
     made = []
     for term in device.terms:
         side, _, name = term.on.partition(" ")
         joint = names.index(name) if side == "joint" else None
         weights = tuple(ratio(float(w)) for w in (term.weights @ device.frame)[list(active)])
-        made.append(ExactColumn(joint, weights if joint is None else (), _parts(term), _rest(term, device, symbols)))
+        made.append(SymbolicColumn(joint, weights if joint is None else (), _parts(term), _rest(term, device, symbols)))
     return tuple(made)
 
 
 def _rest(term: TermColumn, device: Device, symbols: Symbols) -> Laurent:
-    """Rest of a spring, counted from where its combination of active joints is zero if it acts on a cut."""
+    """Rest position of a spring; on a cut, relative to the zero of its combination of active joints."""
     if term.kind != "spring":
         return Laurent()
     side, _, name = term.on.partition(" ")
     sliding = {f"joint {j.name}" for j in device.joints if j.prismatic}
     sliding |= {f"cut {cut.name}" for cut in device.cut_joints if cut.prismatic}
     slides, rest = term.on in sliding, term.settings[0]
-    made = symbols.quantity(rest, f"rest{name}", LENGTH if slides else PURE) if rest else Laurent()
+    made = symbols.quantity(rest, f"rest{name}", LENGTH if slides else DIMENSIONLESS) if rest else Laurent()
     return made - symbols.position(term.offset, slides, f"q{name}") if side == "cut" else made
 
 
-def _parts(term: TermColumn) -> tuple[Part, ...]:
-    """The parts of a term; friction along one direction, forward or backward, faster or slower, is told apart here."""
+def _parts(term: TermColumn) -> tuple[ColumnPart, ...]:
+    """The summands of a term; friction is distinguished by direction of motion, sign and smoothing width."""
     plain = {"rotor": "acceleration", "viscous": "velocity", "offset": "one", "spring": "position"}
     if term.kind in plain:
-        return (Part(Fraction(1), plain[term.kind]),)
+        return (ColumnPart(Fraction(1), plain[term.kind]),)
     if term.kind == "external" and not term.side:
         shape = term.shape
         key = shape if isinstance(shape, Counterbalance) else getattr(shape, "text", "")
-        return (Part(Fraction(1), "one", key),)
-    if not term.weights.any():  # what it acts on never moves
+        return (ColumnPart(Fraction(1), "one", key),)
+    if not term.weights.any():  # its coordinate never moves
         return ()
     first = float(term.weights[np.flatnonzero(term.weights)[0]])
     direction = tuple(np.round(term.weights / first, 9).tolist())
     sign, scale = Fraction(1 if first > 0 else -1), abs(first)
     if term.kind == "stribeck":
         velocity, exponent, width = term.settings
-        return (Part(sign, "one", ("stribeck", direction, velocity / scale, exponent, width / scale)),)
+        return (ColumnPart(sign, "one", ("stribeck", direction, velocity / scale, exponent, width / scale)),)
     width = term.settings[0] / scale
     odd, half = ("coulomb", direction, width), Fraction(term.side, 2)
     if term.kind == "coulomb":
-        return (Part(sign, "one", odd),)
+        return (ColumnPart(sign, "one", odd),)
     if term.nature == "viscous":
         # max(v, 0) = (v + v sgn v) / 2 and min(v, 0) = (v - v sgn v) / 2.
-        return (Part(Fraction(1, 2), "velocity"), Part(sign * half, "velocity", odd))
-    # sgn max(v, 0) = (|sgn v| + sgn v) / 2 and sgn min(v, 0) = (sgn v - |sgn v|) / 2, and |sgn v| is one but at rest.
-    even = Part(half, "one", ("even", direction, width) if width else None)
-    return (Part(sign / 2, "one", odd), even)
+        return (ColumnPart(Fraction(1, 2), "velocity"), ColumnPart(sign * half, "velocity", odd))
+    # sgn max(v, 0) = (|sgn v| + sgn v) / 2, sgn min(v, 0) = (sgn v - |sgn v|) / 2, and |sgn v| is one except at rest.
+    even = ColumnPart(half, "one", ("even", direction, width) if width else None)
+    return (ColumnPart(sign / 2, "one", odd), even)
 
 
-# Coefficients are polynomials in the cosines and sines of angles that are no quarter turns: of more angles than these
-# they have too many terms to be found, or to be read.
+# Coefficients are polynomials in the cosines and sines of angles that are no quarter turns: with more angles than these
+# they have too many terms to be interpolated, or to be read.
 MOST_ANGLES = 4
 # Measured torques as combinations of the active joints', None for all of them.
 Rows = tuple[tuple[Fraction, ...], ...] | None
 
 
 @dataclass(frozen=True)
-class ExactChain:
-    """A tree or closed chain with symbols for its lengths.
+class SymbolicChain:
+    """A tree or closed chain with symbolic lengths.
 
     Attributes:
         joints: parents before children.
         cuts: joints cut to leave a tree.
-        motion: how the joints follow the active ones.
+        motion: of all joints, from the active ones.
         gravity: in the base frame, by component.
-        columns: beside link inertia.
-        torques: how many are measured.
-        rows: those that are, each as a combination of the active joints'; None where all of them are.
+        columns: in addition to link inertia.
+        torques: number of measured ones.
+        rows: measured torques, each a combination of the active joints'; None where all are measured.
         symbols: those that the mechanism depends on.
     """
 
-    joints: tuple[ExactJoint, ...]
-    cuts: tuple[ExactCut, ...]
+    joints: tuple[SymbolicJoint, ...]
+    cuts: tuple[SymbolicCut, ...]
     motion: Motion
     gravity: tuple[Laurent, ...]
-    columns: tuple[ExactColumn, ...]
+    columns: tuple[SymbolicColumn, ...]
     torques: int
     rows: Rows
     symbols: tuple[Symbol, ...]
 
 
-def exact_chain(device: Device) -> ExactChain:
-    """A device's mechanism with symbols for its lengths, from the file it was read from."""
+def symbolic_chain(device: Device) -> SymbolicChain:
+    """The mechanism of a device whose loops are linear, with symbolic lengths, from its file."""
 
-    def linear(_: tuple[ExactJoint, ...], __: tuple[ExactCut, ...], symbols: Symbols) -> Motion:
+    def linear(_: tuple[SymbolicJoint, ...], __: tuple[SymbolicCut, ...], symbols: Symbols) -> Motion:
         return linear_motion(device, symbols)
 
     return assembled(device, device.tables, range(len(device.active)), _rows(device), linear)
@@ -290,43 +286,45 @@ def assembled(
     tables: AnyDevice,
     active: Sequence[int],
     rows: Rows,
-    motion_of: Callable[[tuple[ExactJoint, ...], tuple[ExactCut, ...], Symbols], Motion],
-) -> ExactChain:
+    motion_of: Callable[[tuple[SymbolicJoint, ...], tuple[SymbolicCut, ...], Symbols], Motion],
+) -> SymbolicChain:
     """A mechanism from its parts.
 
     Args:
         device: its joints, gravity and terms.
         tables: its geometry and cuts, as written.
-        active: which of the device's active joints its motion takes for that.
-        rows: see ExactChain.
+        active: which of the device's active joints are active in its motion.
+        rows: see SymbolicChain.
         motion_of: makes the motion of joints and cuts.
 
     Raises:
-        ManyAnglesError: more angles than MOST_ANGLES are no quarter turns.
+        ManyAnglesError: more than MOST_ANGLES angles are no quarter turns.
     """
     symbols = Symbols()
     reader = GeometryReader(tables.lengths, device.lengths, symbols)
     placed, frames = placements(tables, [joint.parent for joint in device.joints], reader)
     joints = tuple(
-        ExactJoint(joint.parent, joint.prismatic, placement)
+        SymbolicJoint(joint.parent, joint.prismatic, placement)
         for joint, placement in zip(device.joints, placed, strict=True)
     )
     cuts = _cuts(tables, device.joint_names, frames, reader)
     gravity = _gravity(device.gravity, symbols)
     motion = motion_of(joints, cuts, symbols)
-    columns = exact_columns(device, active, symbols)
+    columns = symbolic_columns(device, active, symbols)
     steps = [*placed, *(frame.placement for cut in cuts for frame in (cut.frame, cut.twin))]
     used = _used(steps, (*gravity, *motion.depends, *(column.rest for column in columns)))
     known = tuple(symbol for symbol in symbols.all if symbol.name in used)
     angles = {symbol.angle for symbol in known if symbol.angle}
     if len(angles) > MOST_ANGLES:
         raise ManyAnglesError(len(angles), MOST_ANGLES)
-    return ExactChain(joints, cuts, motion, gravity, columns, len(active) if rows is None else len(rows), rows, known)
+    return SymbolicChain(
+        joints, cuts, motion, gravity, columns, len(active) if rows is None else len(rows), rows, known
+    )
 
 
 def _cuts(
     tables: AnyDevice, names: Sequence[str], frames: Sequence[Placement], reader: GeometryReader
-) -> tuple[ExactCut, ...]:
+) -> tuple[SymbolicCut, ...]:
     base = reader.base(tables.base)
     index = {"base": -1, **{name: k for k, name in enumerate(names)}}
     made = []
@@ -335,13 +333,13 @@ def _cuts(
         for on, table, word in ((cut.on, cut.frame, "cut"), (cut.with_, cut.twin, "twin")):
             link = index[on]
             local = reader.frame(table, f"{word}{k}")
-            both.append(ExactFrame(link, (*(base if link < 0 else frames[link]), *local)))
-        made.append(ExactCut(cut.type == "prismatic", *both))
+            both.append(SymbolicFrame(link, (*(base if link < 0 else frames[link]), *local)))
+        made.append(SymbolicCut(cut.type == "prismatic", *both))
     return tuple(made)
 
 
 def _gravity(gravity: Array, symbols: Symbols) -> tuple[Laurent, ...]:
-    """One symbol g where gravity lies along an axis, one for each component where it does not."""
+    """One symbol g for gravity along an axis, otherwise one for each component."""
     along = np.count_nonzero(gravity) == 1
     made = []
     for axis, part in zip("xyz", gravity.tolist(), strict=True):
@@ -351,7 +349,7 @@ def _gravity(gravity: Array, symbols: Symbols) -> tuple[Laurent, ...]:
 
 
 def linear_motion(device: Device, symbols: Symbols) -> LinearMotion:
-    """The motion of a device's joints: every number in it a ratio of whole numbers, or a symbol."""
+    """The motion of a device's joints: every number in it a ratio of integers, or a symbol."""
     closure, slides = device.closure, [joint.prismatic for joint in device.joints]
     assert isinstance(closure, Closure)
     rates, turns, offsets = [], [], []
@@ -370,7 +368,7 @@ def linear_motion(device: Device, symbols: Symbols) -> LinearMotion:
 
 
 def _rate(g: float, slides: bool, active_slides: bool, name: str, symbols: Symbols) -> Laurent:
-    """How fast a joint follows an active one: a plain number, a length, or one over a length."""
+    """Rate of a joint with respect to an active one: a number, a length, or the inverse of a length."""
     if g == 0 or slides == active_slides:
         return Laurent.number(ratio(g))
     if slides:
@@ -380,7 +378,7 @@ def _rate(g: float, slides: bool, active_slides: bool, name: str, symbols: Symbo
 
 
 def _multiples(G: Array, slides: Sequence[bool], active_slides: Sequence[bool]) -> tuple[tuple[int, ...], ...]:
-    """Angles of turning joints as whole multiples of one small angle for each active joint."""
+    """Angles of turning joints as integer multiples of one small angle for each active joint."""
     made = np.zeros(G.shape, dtype=object)
     for k, slide in enumerate(active_slides):
         turning = [j for j in np.flatnonzero(G[:, k]).tolist() if not slides[j]]
@@ -394,7 +392,7 @@ def _multiples(G: Array, slides: Sequence[bool], active_slides: Sequence[bool]) 
 
 
 def _rows(device: Device) -> Rows:
-    """Rows of measured torque by active joint; where all are measured, mixing them changes no relation."""
+    """Rows of measured torque by active joint; None where all are measured, since mixing them changes no relation."""
     if all(device.measured):
         return None
     chosen = np.linalg.inv(device.frame).T[list(device.measured)]
@@ -402,10 +400,10 @@ def _rows(device: Device) -> Rows:
 
 
 def _used(placed: Sequence[Placement], others: Sequence[Laurent]) -> set[str]:
-    """Names of the symbols that the mechanism depends on, an angle's cosine and sine together."""
+    """Names of the symbols that the mechanism depends on, always both cosine and sine of an angle."""
     found = list(others)
     for placement in placed:
         for step in placement:
-            found += [step.length] if isinstance(step, Shift) else [step.cos, step.sin]
+            found += [step.length] if isinstance(step, Translation) else [step.cos, step.sin]
     names = {name for polynomial in found for name in polynomial.symbols}
     return names | {f"{word}({name[4:-1]})" for name in names if name[3:4] == "(" for word in ("cos", "sin")}

@@ -1,8 +1,7 @@
-"""Placements of frames with the lengths as symbols: turns and shifts, one after the other.
+"""Geometry with symbolic lengths: placements, the joint tree and cut frames, and their reading from a device file.
 
-The tree of a mechanism with symbols for its lengths: joints, the frames of its cuts, and poses modulo a prime.
-
-A device file's geometry once more, with its lengths as symbols: the same frames as the numbers, unrounded."""
+The frames are the same as the numeric ones, but unrounded; poses are evaluated modulo a prime.
+"""
 
 from __future__ import annotations
 
@@ -25,13 +24,13 @@ from haptid.device.toml.schema import (
     PlacementJoint,
     StandardDHJoint,
 )
-from haptid.dynamics.symbolic.arithmetic import Field, Laurent, Residues
+from haptid.dynamics.symbolic.arithmetic import Laurent, PrimeField, Residues
 from haptid.dynamics.symbolic.symbols import LENGTH, Symbols, ratio
 
 
 @dataclass(frozen=True)
-class Turn:
-    """A turn about an axis of the frame so far: 0 is x, 1 is y, 2 is z."""
+class Rotation:
+    """A rotation about an axis of the current frame: 0 is x, 1 is y, 2 is z."""
 
     axis: int
     cos: Laurent
@@ -39,62 +38,61 @@ class Turn:
 
     @property
     def entries(self) -> tuple[tuple[int, int, Laurent], ...]:
-        """Row, column and value of the matrix where it is not that of the identity."""
+        """Row, column and value of the matrix entries that differ from the identity."""
         i, k = (self.axis + 1) % 3, (self.axis + 2) % 3
         return ((i, i, self.cos), (k, k, self.cos), (i, k, -self.sin), (k, i, self.sin))
 
 
 @dataclass(frozen=True)
-class Shift:
-    """A shift along an axis of the frame so far, m."""
+class Translation:
+    """A translation along an axis of the current frame, m."""
 
     axis: int
     length: Laurent
 
     @property
     def entries(self) -> tuple[tuple[int, int, Laurent], ...]:
-        """Row, column and value of the matrix where it is not that of the identity."""
+        """Row, column and value of the matrix entries that differ from the identity."""
         return ((self.axis, 3, self.length),)
 
 
-# From the left: the first step is taken in the parent's frame.
-Placement = tuple[Turn | Shift, ...]
+# Applied from the left: the first step is in the parent's frame.
+Placement = tuple[Rotation | Translation, ...]
 
 
 def inverse_placement(placement: Placement) -> Placement:
-    """The way back."""
+    """The inverse transform."""
     return tuple(
-        Turn(step.axis, step.cos, -step.sin) if isinstance(step, Turn) else Shift(step.axis, -step.length)
+        Rotation(step.axis, step.cos, -step.sin) if isinstance(step, Rotation) else Translation(step.axis, -step.length)
         for step in reversed(placement)
     )
 
 
-def placement_residues(placement: Placement, field: Field, values: Mapping[str, Residues], count: int) -> Residues:
+def placement_residues(placement: Placement, field: PrimeField, values: Mapping[str, Residues], count: int) -> Residues:
     """Residues of a placement, (count, 4, 4), from those of its symbols, (count,) each."""
-    made = np.zeros((count, 4, 4), dtype=np.int64)
-    made[:, range(4), range(4)] = 1
-    whole = made
+    identity = np.tile(np.eye(4, dtype=np.int64), (count, 1, 1))
+    pose: Residues = identity
     for step in placement:
-        matrix = whole.copy()
+        matrix = identity.copy()
         for row, column, entry in step.entries:
             matrix[:, row, column] = entry.modulo(field, values, count)
-        made = field.product(made, matrix)
-    return made
+        pose = field.product(pose, matrix)
+    return pose
 
 
 def placement_value(placement: Placement, values: Mapping[str, float]) -> Array:
     """A placement as numbers, (4, 4), m."""
-    made = np.eye(4)
+    pose = np.eye(4)
     for step in placement:
         matrix = np.eye(4)
         for row, column, entry in step.entries:
             matrix[row, column] = entry.value(values)
-        made = made @ matrix
-    return made
+        pose = pose @ matrix
+    return pose
 
 
 def least_turn(axis: tuple[float, float, float]) -> tuple[tuple[int, float], ...]:
-    """The least turn that takes z onto a unit axis, as axes and angles, rad; about x where the axis is -z."""
+    """The smallest rotation that takes z onto a unit axis, as axes and angles, rad; about x where the axis is -z."""
     x, y, z = axis
     across = math.hypot(x, y)
     if across < 1e-12:
@@ -104,7 +102,7 @@ def least_turn(axis: tuple[float, float, float]) -> tuple[tuple[int, float], ...
 
 
 @dataclass(frozen=True)
-class ExactJoint:
+class SymbolicJoint:
     """A joint in normal form: it turns about, or slides along, its own z axis."""
 
     parent: int
@@ -113,7 +111,7 @@ class ExactJoint:
 
 
 @dataclass(frozen=True)
-class ExactFrame:
+class SymbolicFrame:
     """A frame on a link, -1 for the base."""
 
     link: int
@@ -121,24 +119,27 @@ class ExactFrame:
 
 
 @dataclass(frozen=True)
-class ExactCut:
-    """A joint of a loop that was cut, and the two frames that it brings together."""
+class SymbolicCut:
+    """A cut joint, and the two frames that coincide when its loop is closed."""
 
     prismatic: bool
-    frame: ExactFrame
-    twin: ExactFrame
+    frame: SymbolicFrame
+    twin: SymbolicFrame
 
 
 def about_z(cos: Residues, sin: Residues) -> Residues:
-    """Turns about z, (n, 3, 3)."""
-    made = np.zeros((len(cos), 3, 3), dtype=np.int64)
-    made[:, 0, 0] = made[:, 1, 1] = cos
-    made[:, 0, 1], made[:, 1, 0], made[:, 2, 2] = -sin, sin, 1
-    return made
+    """Rotations about z, (n, 3, 3)."""
+    R = np.zeros((len(cos), 3, 3), dtype=np.int64)
+    R[:, 0, 0] = R[:, 1, 1] = cos
+    R[:, 0, 1], R[:, 1, 0], R[:, 2, 2] = -sin, sin, 1
+    return R
 
 
 def poses(
-    joints: Sequence[ExactJoint], field: Field, placed: Sequence[Residues], moved: tuple[Residues, Residues, Residues]
+    joints: Sequence[SymbolicJoint],
+    field: PrimeField,
+    placed: Sequence[Residues],
+    moved: tuple[Residues, Residues, Residues],
 ) -> list[Residues]:
     """Poses of all links in the base frame, (n, 4, 4) each.
 
@@ -148,26 +149,26 @@ def poses(
         placed: placement of every joint, (n, 4, 4) each.
         moved: cosine, sine and slide of every joint, (joints, n) each.
     """
-    made: list[Residues] = []
+    links: list[Residues] = []
     for joint, pose, cos, sin, slide in zip(joints, placed, *moved, strict=True):
         motion = np.zeros_like(pose)
         motion[:, 3, 3] = 1
         motion[:, :3, :3] = about_z(cos, sin)
         motion[:, 2, 3] = slide
         at = field.product(pose, motion)
-        made.append(field.product(made[joint.parent], at) if joint.parent >= 0 else at)
-    return made
+        links.append(field.product(links[joint.parent], at) if joint.parent >= 0 else at)
+    return links
 
 
 def all_placed(
-    joints: Sequence[ExactJoint], field: Field, values: Mapping[str, Residues], count: int
+    joints: Sequence[SymbolicJoint], field: PrimeField, values: Mapping[str, Residues], count: int
 ) -> list[Residues]:
     """Placement of every joint, (count, 4, 4) each."""
     return [placement_residues(joint.placement, field, values, count) for joint in joints]
 
 
 def frame_pose(
-    frame: ExactFrame, field: Field, links: Sequence[Residues], values: Mapping[str, Residues], count: int
+    frame: SymbolicFrame, field: PrimeField, links: Sequence[Residues], values: Mapping[str, Residues], count: int
 ) -> Residues:
     """Pose of a frame in the base frame, (count, 4, 4), from those of all links."""
     local = placement_residues(frame.placement, field, values, count)
@@ -175,15 +176,15 @@ def frame_pose(
 
 
 X, Y, Z = 0, 1, 2
-# Where a checked file's numbers are read again, nothing is left to complain about.
+# The file has been checked: reading its numbers again raises nothing.
 CHECKED = Place("")
 
 
 class GeometryReader:
-    """Placements of one file, every length in them a sum of symbols.
+    """Placements of one file, every length a sum of symbols.
 
-    A length that is written as a sum of named lengths stays one. Any other number becomes a symbol, named after the key
-    and joint where it stands; numbers of the same size share one.
+    A length that is written as a sum of named lengths stays one. Any other number becomes a symbol, named after its key
+    and joint; numbers of the same size share one.
     """
 
     def __init__(self, lengths: Mapping[str, float | str], values: Mapping[str, float], symbols: Symbols) -> None:
@@ -197,7 +198,7 @@ class GeometryReader:
                 self._lengths[name] = symbols.named(name, values[name], LENGTH)
 
     def length(self, written: float | str, name: str) -> Laurent:
-        """A length, its own symbol called `name` where it needs one."""
+        """A length; `name` is that of its own symbol, where one is created."""
         known = sum_of_names(written, self._lengths) if isinstance(written, str) else None
         if known is None or not known.factors:
             size = number(written, self._values, CHECKED)
@@ -208,14 +209,14 @@ class GeometryReader:
         return made
 
     def turn(self, axis: int, written: float | str, name: str) -> Placement:
-        """A turn by an angle, none where it is zero."""
+        """A rotation by an angle, none where it is zero."""
         angle = number(written, self._values, CHECKED)
-        return (Turn(axis, *self._symbols.turn(angle, name)),) if angle else ()
+        return (Rotation(axis, *self._symbols.turn(angle, name)),) if angle else ()
 
     def shift(self, axis: int, written: float | str, name: str) -> Placement:
-        """A shift by a length, none where it is zero."""
+        """A translation by a length, none where it is zero."""
         made = self.length(written, name)
-        return (Shift(axis, made),) if made.terms else ()
+        return (Translation(axis, made),) if made.terms else ()
 
     def modified(self, given: Mapping[str, Any], of: str) -> Placement:
         """Rz(gamma) Tz(b) Rx(alpha) Tx(d) Rz(theta) Tz(r), absent ones zero."""
@@ -230,7 +231,7 @@ class GeometryReader:
         return tuple(step for make, axis, key in steps for step in make(axis, given.get(key) or 0.0, f"{key}{of}"))
 
     def placed(self, xyz: Sequence[float | str], rpy: Sequence[float | str], of: str) -> Placement:
-        """A shift, then yaw, pitch and roll about the axes that they turn."""
+        """A translation, then yaw, pitch and roll about the axes that they turn."""
         shifts = [self.shift(axis, value, f"{'xyz'[axis]}{of}") for axis, value in enumerate(xyz)]
         names = ("roll", "pitch", "yaw")
         turns = [self.turn(axis, rpy[axis], f"{names[axis]}{of}") for axis in (Z, Y, X)]
@@ -241,14 +242,14 @@ class GeometryReader:
         return self.placed(table.xyz, table.rpy, "0")
 
     def frame(self, table: FrameTable, of: str) -> Placement:
-        """A frame on a link, given either way."""
+        """A frame on a link, in either convention."""
         if table.xyz is None and table.rpy is None:
             return self.modified(table.model_dump(), of)
         zero = (0.0, 0.0, 0.0)
         return self.placed(table.xyz or zero, table.rpy or zero, of)
 
     def joint(self, table: AnyJoint) -> tuple[Placement, Placement]:
-        """Placement of a joint's frame in its parent's convention frame, and that convention in it."""
+        """Placement of a joint's frame in its parent's convention frame, and of that convention's frame in it."""
         of = table.name
         if isinstance(table, ModifiedDHJoint):
             return self.modified(table.model_dump(), of), ()
@@ -268,7 +269,7 @@ class GeometryReader:
 def placements(
     tables: AnyDevice, parents: Sequence[int], reader: GeometryReader
 ) -> tuple[list[Placement], list[Placement]]:
-    """Placement of every joint in its parent's normal form, and the convention frame of every link in its own."""
+    """Placement of every joint in its parent's normal form, and of every link's convention frame in its own."""
     base = reader.base(tables.base)
     joints: Sequence[AnyJoint] = tables.joints
     made: list[Placement] = []

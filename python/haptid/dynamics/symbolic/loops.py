@@ -1,12 +1,9 @@
-"""Loops that are no parallelograms: two passive joints in a plane, closed by a pin, at exact points modulo a prime.
+"""Nonlinear planar loops with symbolic lengths: dyads (two passive joints and a pin), modulo a prime.
 
-The two passive links and the pin are a dyad. With everything else drawn, its inner pivot lies on two circles, and where
-they meet is one square root; half of the draws have none modulo a prime, and are drawn again. Rates and accelerations
-follow by differentiating the closure.
-
-A device opened at its cuts, and its loops closed again by planar dyads, with symbols for its lengths.
-
-Whether loops close for all values of their lengths: the two frames of every cut meet at random states, exactly."""
+With everything else drawn at random, a dyad's inner pivot is an intersection of two circles, which takes one square
+root; half of the draws have none modulo a prime and are drawn again. Rates and accelerations follow by differentiating
+the loop closure.
+"""
 
 from __future__ import annotations
 
@@ -19,13 +16,13 @@ import numpy as np
 from haptid.device import Device
 from haptid.device.toml.reader import device_of
 from haptid.device.toml.schema import AnyDevice
-from haptid.dynamics.symbolic.arithmetic import PRIMES, Field, Laurent, Residues, UnluckyDrawError
-from haptid.dynamics.symbolic.chain import ExactChain, Motion, Rows, States, assembled
-from haptid.dynamics.symbolic.geometry import ExactCut, ExactFrame, ExactJoint, all_placed, frame_pose, poses
+from haptid.dynamics.symbolic.arithmetic import PRIMES, Laurent, PrimeField, Residues, UnluckyDrawError
+from haptid.dynamics.symbolic.chain import Motion, Rows, States, SymbolicChain, assembled
+from haptid.dynamics.symbolic.geometry import SymbolicCut, SymbolicFrame, SymbolicJoint, all_placed, frame_pose, poses
 from haptid.dynamics.symbolic.symbols import LENGTH, Symbol, Symbols, draw
 from haptid.errors import NoDyadError, SymbolicClosureError
 
-# Draws until all states have a square root: with every draw half of them do.
+# Most draws until all states have a square root: half of them do in each draw.
 DRAWS = 200
 
 
@@ -36,28 +33,28 @@ class Dyad:
     Attributes:
         first: the joint whose link carries the inner pivot.
         second: the other one.
-        near, far: the cut's frame that the second joint carries, and the one that it does not.
-        serial: whether the second joint sits on the first one's link, so that it is itself the inner pivot.
+        near, far: the cut's frame that the second joint carries, and the other one.
+        serial: whether the second joint is on the first one's link, so that it is itself the inner pivot.
     """
 
     first: int
     second: int
-    near: ExactFrame
-    far: ExactFrame
+    near: SymbolicFrame
+    far: SymbolicFrame
     serial: bool
 
 
 @dataclass(frozen=True)
 class DyadMotion:
-    """Active joints drawn at random, passive ones by dyads, one after the other.
+    """Joint motion with active joints drawn at random and passive ones solved dyad by dyad.
 
     Attributes:
         joints: of the tree.
         active: indices of the active joints.
-        dyads: those further from the base after those that they hang on.
+        dyads: each after those that it depends on.
     """
 
-    joints: tuple[ExactJoint, ...]
+    joints: tuple[SymbolicJoint, ...]
     active: tuple[int, ...]
     dyads: tuple[Dyad, ...]
 
@@ -66,7 +63,7 @@ class DyadMotion:
         """See Motion."""
         return ()
 
-    def states(self, field: Field, rng: np.random.Generator, values: Mapping[str, Residues], count: int) -> States:
+    def states(self, field: PrimeField, rng: np.random.Generator, values: Mapping[str, Residues], count: int) -> States:
         """See Motion."""
         placed = all_placed(self.joints, field, values, count)
         moved = self._closed(field, rng, values, placed, count)
@@ -86,13 +83,13 @@ class DyadMotion:
 
     def _closed(
         self,
-        field: Field,
+        field: PrimeField,
         rng: np.random.Generator,
         values: Mapping[str, Residues],
         placed: Sequence[Residues],
         count: int,
     ) -> tuple[Residues, Residues, Residues]:
-        """Cosine, sine and slide of all joints, (joints, count) each; states without a root are drawn again."""
+        """Cosine, sine and slide of all joints, (joints, count) each; states without a square root are drawn again."""
         whole = np.zeros((3, len(self.joints), count), dtype=np.int64)
         left = np.arange(count)
         for _ in range(DRAWS):
@@ -109,15 +106,15 @@ class DyadMotion:
         raise UnluckyDrawError
 
     def is_planar(self, symbols: Sequence[Symbol], seed: int) -> bool:
-        """Whether the axes of each dyad's joints are parallel; whether its links lie in a plane, its closure shows."""
-        field, rng = Field(PRIMES[0]), np.random.default_rng(seed)
+        """Whether the axes of each dyad's joints are parallel; `check_closure` tests that its links lie in a plane."""
+        field, rng = PrimeField(PRIMES[0]), np.random.default_rng(seed)
         values = draw(symbols, field, rng, 1)
         placed = all_placed(self.joints, field, values, 1)
         links = poses(self.joints, field, placed, self._closed(field, rng, values, placed, 1))
         axes = ((links[dyad.first][:, :3, 2], links[dyad.second][:, :3, 2]) for dyad in self.dyads)
         return not any(_cross(field, a, b).any() for a, b in axes)
 
-    def _drawn(self, field: Field, rng: np.random.Generator, count: int) -> tuple[Residues, Residues, Residues]:
+    def _drawn(self, field: PrimeField, rng: np.random.Generator, count: int) -> tuple[Residues, Residues, Residues]:
         """Active joints at random, passive ones at zero."""
         cos = np.ones((len(self.joints), count), dtype=np.int64)
         sin, slide = np.zeros_like(cos), np.zeros_like(cos)
@@ -130,13 +127,13 @@ class DyadMotion:
 
     def _solve(
         self,
-        field: Field,
+        field: PrimeField,
         dyad: Dyad,
         values: Mapping[str, Residues],
         placed: Sequence[Residues],
         moved: tuple[Residues, Residues, Residues],
     ) -> np.ndarray:
-        """Set cosines and sines of a dyad's joints; returns at which states the circles meet."""
+        """Set cosines and sines of a dyad's joints; returns at which states the circles intersect."""
         cos, sin, _ = moved
         count = cos.shape[1]
         for j in (dyad.first, dyad.second):
@@ -145,25 +142,25 @@ class DyadMotion:
         near, far = (frame_pose(f, field, links, values, count)[:, :3, 3] for f in (dyad.near, dyad.far))
         pivot = links[dyad.second][:, :3, 3]
         inner, other = (pivot, far) if dyad.serial else (far, pivot)
-        arm = _seen(field, links[dyad.first], inner)
-        reach = _seen(field, links[dyad.first], other)
-        outer = _seen(field, links[dyad.second], near)
-        good, cos[dyad.first], sin[dyad.first] = _meet(field, arm, reach, outer)
+        arm = _in_plane(field, links[dyad.first], inner)
+        reach = _in_plane(field, links[dyad.first], other)
+        outer = _in_plane(field, links[dyad.second], near)
+        good, cos[dyad.first], sin[dyad.first] = _intersection(field, arm, reach, outer)
         links = poses(self.joints, field, placed, moved)
-        goal = _seen(field, links[dyad.second], frame_pose(dyad.far, field, links, values, count)[:, :3, 3])
-        cos[dyad.second], sin[dyad.second] = _turn(field, outer, goal)
+        goal = _in_plane(field, links[dyad.second], frame_pose(dyad.far, field, links, values, count)[:, :3, 3])
+        cos[dyad.second], sin[dyad.second] = _rotation(field, outer, goal)
         return good
 
     def _rates(
         self,
-        field: Field,
+        field: PrimeField,
         dyad: Dyad,
         at: tuple[Sequence[Residues], Mapping[str, Residues]],
         velocity: Residues,
         G: Residues,
         acceleration: Residues,
     ) -> None:
-        """Set a dyad's rows of G and its accelerations: the pin's two sides stay together."""
+        """Set a dyad's rows of G and its accelerations, from the differentiated closure."""
         links, _ = at
         plane = np.swapaxes(links[dyad.first][:, :3, :2], 1, 2)
         slopes = self._slopes(field, dyad, at, plane)
@@ -181,9 +178,9 @@ class DyadMotion:
         acceleration[pair] = _applied(field, solve, field.reduce(-drift.T))
 
     def _slopes(
-        self, field: Field, dyad: Dyad, at: tuple[Sequence[Residues], Mapping[str, Residues]], plane: Residues
+        self, field: PrimeField, dyad: Dyad, at: tuple[Sequence[Residues], Mapping[str, Residues]], plane: Residues
     ) -> Residues:
-        """How fast each joint moves the pin's two sides apart in the dyad's plane, (2, n, joints)."""
+        """Velocity between the pin's two sides in the dyad's plane per unit rate of each joint, (2, n, joints)."""
         links, values = at
         count = len(plane)
         made = np.zeros((2, count, len(self.joints)), dtype=np.int64)
@@ -206,8 +203,8 @@ class DyadMotion:
 
     def _acceleration(
         self,
-        field: Field,
-        frame: ExactFrame,
+        field: PrimeField,
+        frame: SymbolicFrame,
         at: tuple[Sequence[Residues], Mapping[str, Residues]],
         rates: Residues,
         acceleration: Residues,
@@ -218,7 +215,7 @@ class DyadMotion:
         w = dw = a = origin = np.zeros((count, 3), dtype=np.int64)
         for j in self._path(frame.link):
             axis, here = links[j][:, :3, 2], links[j][:, :3, 3]
-            a, origin = _carried(field, a, w, dw, here - origin), here
+            a, origin = _point_acceleration(field, a, w, dw, here - origin), here
             rate, gain = (field.reduce(axis * x[j][:, None]) for x in (rates, acceleration))
             swing = _cross(field, w, rate)
             if self.joints[j].prismatic:
@@ -226,56 +223,62 @@ class DyadMotion:
             else:
                 w, dw = field.reduce(w + rate), field.reduce(dw + gain + swing)
         point = frame_pose(frame, field, links, values, count)[:, :3, 3]
-        return _carried(field, a, w, dw, point - origin)
+        return _point_acceleration(field, a, w, dw, point - origin)
 
 
-def _seen(field: Field, pose: Residues, point: Residues) -> tuple[Residues, Residues]:
+def _in_plane(field: PrimeField, pose: Residues, point: Residues) -> tuple[Residues, Residues]:
     """x and y of a point in a frame, (n,) each."""
     apart = field.reduce(point - pose[:, :3, 3])
     local = field.product(np.swapaxes(pose[:, :3, :2], 1, 2), apart[:, :, None])
     return local[:, 0, 0], local[:, 1, 0]
 
 
-def _dot(field: Field, a: tuple[Residues, Residues], b: tuple[Residues, Residues]) -> Residues:
+def _dot(field: PrimeField, a: tuple[Residues, Residues], b: tuple[Residues, Residues]) -> Residues:
     return field.reduce(a[0] * b[0] + a[1] * b[1])
 
 
-def _turn(field: Field, start: tuple[Residues, Residues], goal: tuple[Residues, Residues]) -> tuple[Residues, Residues]:
-    """Cosine and sine of the turn from one vector to another of the same length."""
+def _rotation(
+    field: PrimeField, start: tuple[Residues, Residues], goal: tuple[Residues, Residues]
+) -> tuple[Residues, Residues]:
+    """Cosine and sine of the rotation from one vector to another of the same length."""
     scale = field.inverse(_dot(field, start, start))
     across = field.reduce(start[0] * goal[1] - start[1] * goal[0])
     return field.reduce(_dot(field, start, goal) * scale), field.reduce(across * scale)
 
 
-def _meet(
-    field: Field,
+def _intersection(
+    field: PrimeField,
     arm: tuple[Residues, Residues],
     reach: tuple[Residues, Residues],
     outer: tuple[Residues, Residues],
 ) -> tuple[np.ndarray, Residues, Residues]:
-    """The turn of an arm whose end is as far from the point `reach` as `outer` is long, and where there is one."""
+    """Where circles intersect: the rotation of `arm` whose end is |outer| from the point `reach`.
+
+    Returns:
+        whether there is one, its cosine and its sine, (n,) each.
+    """
     arm2, reach2, outer2 = (_dot(field, v, v) for v in (arm, reach, outer))
     along = field.reduce(field.reduce(arm2 + reach2 - outer2) * field.of((field.prime + 1) // 2))
     height, good = field.root(field.reduce(arm2 * reach2 - along * along))
     scale = field.inverse(reach2)
     x = field.reduce(field.reduce(along * reach[0] - height * reach[1]) * scale)
     y = field.reduce(field.reduce(along * reach[1] + height * reach[0]) * scale)
-    return good, *_turn(field, arm, (x, y))
+    return good, *_rotation(field, arm, (x, y))
 
 
-def _cross(field: Field, a: Residues, b: Residues) -> Residues:
-    """Vector products of (n, 3)."""
+def _cross(field: PrimeField, a: Residues, b: Residues) -> Residues:
+    """Cross products of (n, 3)."""
     a, b = field.reduce(a), field.reduce(b)
     left, right = a[:, [1, 2, 0]] * b[:, [2, 0, 1]], a[:, [2, 0, 1]] * b[:, [1, 2, 0]]
     return field.reduce(left - right)
 
 
-def _carried(field: Field, a: Residues, w: Residues, dw: Residues, lever: Residues) -> Residues:
-    """Acceleration of a point of a body from that of another, and the lever between them, (n, 3)."""
+def _point_acceleration(field: PrimeField, a: Residues, w: Residues, dw: Residues, lever: Residues) -> Residues:
+    """Acceleration of a point of a body from that of another and the vector between them, (n, 3)."""
     return field.reduce(a + _cross(field, dw, lever) + _cross(field, w, _cross(field, w, lever)))
 
 
-def _along(field: Field, G: Residues, velocity: Residues) -> Residues:
+def _along(field: PrimeField, G: Residues, velocity: Residues) -> Residues:
     """Rates of all joints, (joints, n), from G, (joints, n, active), and the active ones', (active, n)."""
     made = np.zeros(G.shape[:2], dtype=np.int64)
     for k, rate in enumerate(velocity):
@@ -283,7 +286,7 @@ def _along(field: Field, G: Residues, velocity: Residues) -> Residues:
     return made
 
 
-def _inverse(field: Field, matrix: Residues) -> Residues:
+def _inverse(field: PrimeField, matrix: Residues) -> Residues:
     """Inverses of (2, n, 2), as (2, n, 2)."""
     (a, b), (c, d) = (np.moveaxis(row, 1, 0) for row in matrix)
     scale = field.inverse(field.reduce(a * d - b * c))
@@ -291,13 +294,15 @@ def _inverse(field: Field, matrix: Residues) -> Residues:
     return np.array([np.stack([field.reduce(x * scale) for x in row], axis=1) for row in rows])
 
 
-def _applied(field: Field, matrix: Residues, vector: Residues) -> Residues:
+def _applied(field: PrimeField, matrix: Residues, vector: Residues) -> Residues:
     """Matrices (2, n, 2) times vectors (2, n)."""
     return np.stack([field.reduce(row[:, 0] * vector[0] + row[:, 1] * vector[1]) for row in matrix])
 
 
-def dyads(joints: Sequence[ExactJoint], cuts: Sequence[ExactCut], passive: Sequence[int]) -> tuple[Dyad, ...] | str:
-    """The dyads that cuts and passive joints make, or the sentence that says why they make none."""
+def dyads(
+    joints: Sequence[SymbolicJoint], cuts: Sequence[SymbolicCut], passive: Sequence[int]
+) -> tuple[Dyad, ...] | str:
+    """The dyads of cuts and passive joints, or the sentence that says why there are none."""
     left = list(passive)
     made = []
     for cut in cuts:
@@ -313,7 +318,7 @@ def dyads(joints: Sequence[ExactJoint], cuts: Sequence[ExactCut], passive: Seque
     return f"{len(left)} passive joints are in no loop with a cut" if left else tuple(made)
 
 
-def _ancestors(joints: Sequence[ExactJoint], link: int) -> list[int]:
+def _ancestors(joints: Sequence[SymbolicJoint], link: int) -> list[int]:
     made = []
     while link >= 0:
         made.append(link)
@@ -322,7 +327,7 @@ def _ancestors(joints: Sequence[ExactJoint], link: int) -> list[int]:
 
 
 def opened(tables: AnyDevice, file: str) -> Device:
-    """The tree of a device, its loops left open.
+    """The spanning tree of a device, its loops left open.
 
     Raises:
         DeviceError: in one of its kinds, what is wrong with the file.
@@ -335,14 +340,14 @@ def opened(tables: AnyDevice, file: str) -> Device:
     return device_of(_opened(tables, _passive(tables)), file)
 
 
-def dyad_chain(tree: Device, tables: AnyDevice, file: str, seed: int) -> ExactChain:
-    """The tree's mechanism with its loops closed.
+def dyad_chain(tree: Device, tables: AnyDevice, file: str, seed: int) -> SymbolicChain:
+    """The tree's mechanism with its loops closed by dyads.
 
     Args:
         tree: see `opened`.
         tables: of the device.
         file: its name for errors.
-        seed: of what is drawn at random; the result does not depend on it.
+        seed: of random draws; the result does not depend on it.
 
     Raises:
         NoDyadError: a loop is no planar dyad.
@@ -367,11 +372,11 @@ def _opened(tables: AnyDevice, passive: set[str]) -> AnyDevice:
     return tables.model_copy(update={"loops": [], "terms": terms, "joints": joints})
 
 
-def _closed(tree: Device, tables: AnyDevice, passive: set[str], file: str, seed: int) -> ExactChain:
+def _closed(tree: Device, tables: AnyDevice, passive: set[str], file: str, seed: int) -> SymbolicChain:
     """The mechanism: the tree's joints, with the loops' cuts."""
     active = tuple(j for j, name in enumerate(tree.joint_names) if name not in passive)
 
-    def motion(joints: tuple[ExactJoint, ...], cuts: tuple[ExactCut, ...], symbols: Symbols) -> Motion:
+    def motion(joints: tuple[SymbolicJoint, ...], cuts: tuple[SymbolicCut, ...], symbols: Symbols) -> Motion:
         found = dyads(joints, cuts, [j for j in range(len(joints)) if j not in active])
         if isinstance(found, str):
             raise NoDyadError(file, found)
@@ -384,7 +389,7 @@ def _closed(tree: Device, tables: AnyDevice, passive: set[str], file: str, seed:
 
 
 def _rows(tree: Device, active: tuple[int, ...], motors: bool) -> Rows:
-    """The torques of active joints that motors drive alone or together; all where the file names no motors."""
+    """Measured torques: those of active joints with motors; None where all have one or the file names no motors."""
     if not motors:
         return None
     driven = [any(drive.motorised and drive.row[j] for drive in tree.drives) for j in active]
@@ -394,12 +399,12 @@ def _rows(tree: Device, active: tuple[int, ...], motors: bool) -> Rows:
     return tuple(tuple(Fraction(int(i == k)) for i in range(len(active))) for k in chosen)
 
 
-# States at which closure is tested: one that closes by chance has odds of a few in a billion.
+# States at which closure is tested: the odds of closing by chance are a few in a billion.
 STATES = 3
 
 
-def check_closure(chain: ExactChain, names: tuple[str, ...], seed: int) -> None:
-    """Raise unless every loop closes identically.
+def check_closure(chain: SymbolicChain, names: tuple[str, ...], seed: int) -> None:
+    """Raise unless every loop closes for all values of its symbolic lengths, tested at random exact states.
 
     Args:
         chain: the mechanism.
@@ -407,11 +412,11 @@ def check_closure(chain: ExactChain, names: tuple[str, ...], seed: int) -> None:
         seed: of states and lengths.
 
     Raises:
-        SymbolicClosureError: a cut's frames do not meet.
+        SymbolicClosureError: a cut's frames do not coincide.
     """
     if not chain.cuts:
         return
-    field, rng = Field(PRIMES[0]), np.random.default_rng(seed)
+    field, rng = PrimeField(PRIMES[0]), np.random.default_rng(seed)
     values = draw(chain.symbols, field, rng, STATES)
     states = chain.motion.states(field, rng, values, STATES)
     placed = all_placed(chain.joints, field, values, STATES)
@@ -420,12 +425,12 @@ def check_closure(chain: ExactChain, names: tuple[str, ...], seed: int) -> None:
         frame, twin = (frame_pose(at, field, links, values, STATES) for at in (cut.frame, cut.twin))
         if _gap(field, frame, twin, cut.prismatic).any():
             on, other = (names[at.link] if at.link >= 0 else "base" for at in (cut.frame, cut.twin))
-            lengths = [f"{s.name} = {s.value:.6g}" for s in chain.symbols if s.grade == LENGTH]
+            lengths = [f"{s.name} = {s.value:.6g}" for s in chain.symbols if s.dimension == LENGTH]
             raise SymbolicClosureError(on, other, lengths)
 
 
-def _gap(field: Field, frame: Residues, twin: Residues, prismatic: bool) -> Residues:
-    """What must vanish: origins and z axes apart; of a sliding joint, orientations apart and the gap across z."""
+def _gap(field: PrimeField, frame: Residues, twin: Residues, prismatic: bool) -> Residues:
+    """Closure error: distance of origins and z axes; for a sliding joint, of orientations, and the offset across z."""
     apart = field.reduce(frame - twin)
     if not prismatic:
         return apart[:, :3, 2:]

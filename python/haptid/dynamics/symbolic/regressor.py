@@ -1,10 +1,9 @@
-"""The regressor modulo a prime: exact rows at random states, for many sets of lengths at once.
+"""The regressor modulo a prime, at random states and many sets of lengths at once, and its independent columns.
 
-Source: Kane's form of the inverse dynamics, in link frames: the torque of active joint m is the sum over links of the
-link's force and moment times what they move per unit rate of m. Loops are in those rates, so that the tree's torques
+Source: Kane's form of inverse dynamics, in link frames: the torque of active joint m is the sum over links of the
+link's force and moment times its partial velocities by m. Loops are in these partial velocities, so the tree's torques
 are never formed (Khalil and Dombre 2002, eq. 10.25, for the same projection).
-
-Which columns are independent, and what the others are made of, modulo a prime."""
+"""
 
 from __future__ import annotations
 
@@ -13,23 +12,23 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from haptid.dynamics.symbolic.arithmetic import Field, Residues, UnluckyDrawError
-from haptid.dynamics.symbolic.chain import ExactChain, States
-from haptid.dynamics.symbolic.geometry import ExactJoint, about_z, placement_residues
+from haptid.dynamics.symbolic.arithmetic import PrimeField, Residues, UnluckyDrawError
+from haptid.dynamics.symbolic.chain import States, SymbolicChain
+from haptid.dynamics.symbolic.geometry import SymbolicJoint, about_z, placement_residues
 from haptid.dynamics.symbolic.symbols import Symbol, draw
 
-# Where XX XY XZ YY YZ ZZ stand in the moment of inertia about x, y and z: row, component of the vector, parameter.
+# Entries of the map J v over XX XY XZ YY YZ ZZ: row, component of v, parameter.
 INERTIA = ((0, 0, 0), (0, 1, 1), (0, 2, 2), (1, 0, 1), (1, 1, 3), (1, 2, 4), (2, 0, 2), (2, 1, 4), (2, 2, 5))
 
 
 @dataclass(frozen=True, eq=False)
 class LinkMotion:
-    """Motion of a link's frame, seen in that frame, all residues.
+    """Motion of a link's frame in its own axes, all residues.
 
     Attributes:
         w, dw: angular velocity and acceleration, (n, 3).
         a: acceleration of the origin less gravity, (n, 3).
-        Jv, Jw: velocity of the origin and angular velocity per unit rate of each active joint, (n, 3, active).
+        Jv, Jw: partial velocity of the origin and angular velocity by each active joint, (n, 3, active).
     """
 
     w: Residues
@@ -40,14 +39,14 @@ class LinkMotion:
 
 
 def regressor(
-    chain: ExactChain, field: Field, rng: np.random.Generator, values: Mapping[str, Residues], samples: int
+    chain: SymbolicChain, field: PrimeField, rng: np.random.Generator, values: Mapping[str, Residues], samples: int
 ) -> Residues:
     """Rows of measured torque by raw standard parameter, (sets, samples * rows, columns).
 
     Args:
         chain: the mechanism.
-        field: the residues' prime.
-        rng: where states are drawn from.
+        field: the residues' prime field.
+        rng: random generator.
         values: residues of its symbols, (sets,) each.
         samples: states for each set of lengths.
     """
@@ -66,7 +65,7 @@ def regressor(
 
 
 def _links(
-    chain: ExactChain, field: Field, states: States, values: Mapping[str, Residues], samples: int
+    chain: SymbolicChain, field: PrimeField, states: States, values: Mapping[str, Residues], samples: int
 ) -> list[LinkMotion]:
     """Motion of all links, parents first."""
     sets, count, actives = states.cos.shape[1] // samples, states.cos.shape[1], states.G.shape[2]
@@ -82,8 +81,10 @@ def _links(
     return made
 
 
-def _moved(field: Field, parent: LinkMotion, joint: ExactJoint, placed: Residues, states: States, j: int) -> LinkMotion:
-    """Motion of the link that joint j moves, from its parent's and its own placement, (n, 4, 4)."""
+def _moved(
+    field: PrimeField, parent: LinkMotion, joint: SymbolicJoint, placed: Residues, states: States, j: int
+) -> LinkMotion:
+    """Motion of the link of joint j, from its parent's and its own placement, (n, 4, 4)."""
     back = np.swapaxes(field.product(placed[:, :3, :3], about_z(states.cos[j], states.sin[j])), 1, 2)
     origin = placed[:, :3, 3]
     if joint.prismatic:
@@ -105,7 +106,7 @@ def _moved(field: Field, parent: LinkMotion, joint: ExactJoint, placed: Residues
     return LinkMotion(w, dw, a, Jv, Jw)
 
 
-def link_columns(field: Field, link: LinkMotion) -> Residues:
+def link_columns(field: PrimeField, link: LinkMotion) -> Residues:
     """Torques of the active joints by XX XY XZ YY YZ ZZ MX MY MZ M of a link, (n, active, 10)."""
     spin = cross(link.w)
     moment = field.reduce(times_inertia(link.dw) + field.product(spin, times_inertia(link.w)))
@@ -116,7 +117,7 @@ def link_columns(field: Field, link: LinkMotion) -> Residues:
 
 
 def cross(v: Residues) -> Residues:
-    """Matrices of v x, (n, 3, 3)."""
+    """Matrices of the cross product with v, (n, 3, 3)."""
     made = np.zeros((len(v), 3, 3), dtype=np.int64)
     made[:, 2, 1], made[:, 0, 2], made[:, 1, 0] = v[:, 0], v[:, 1], v[:, 2]
     return made - np.swapaxes(made, 1, 2)
@@ -130,18 +131,20 @@ def times_inertia(v: Residues) -> Residues:
     return made
 
 
-def apply(field: Field, matrices: Residues, vectors: Residues) -> Residues:
+def apply(field: PrimeField, matrices: Residues, vectors: Residues) -> Residues:
     """Matrices (n, 3, 3) times vectors (n, 3)."""
     return field.product(matrices, vectors[:, :, None])[:, :, 0]
 
 
-def _functions(chain: ExactChain, field: Field, rng: np.random.Generator, count: int) -> dict[Hashable, Residues]:
-    """Values at every state of what is not polynomial: drawn apart for each function."""
+def _functions(
+    chain: SymbolicChain, field: PrimeField, rng: np.random.Generator, count: int
+) -> dict[Hashable, Residues]:
+    """Random values at every state of functions that are not polynomial, drawn independently for each."""
     keys = dict.fromkeys(part.key for column in chain.columns for part in column.parts)
     return {key: field.draw(rng, count) for key in keys if key is not None}
 
 
-def _measured(chain: ExactChain, field: Field, W: Residues) -> Residues:
+def _measured(chain: SymbolicChain, field: PrimeField, W: Residues) -> Residues:
     """The measured rows, (n, rows, columns), of all active joints', (n, active, columns)."""
     rows = []
     for weights in chain.rows or ():
@@ -158,12 +161,12 @@ class Pivots:
 
     Attributes:
         kept: independent of those before them.
-        idle: zero whatever the motion.
-        samples: states at which those kept show that they are independent.
+        no_effect: zero at all states.
+        samples: states required for those kept to be independent.
     """
 
     kept: tuple[int, ...]
-    idle: tuple[int, ...]
+    no_effect: tuple[int, ...]
     samples: int
 
 
@@ -173,14 +176,16 @@ class Columns:
 
     Attributes:
         chain: the mechanism.
-        members: raw columns that add up to each standard parameter's.
+        members: raw columns whose sum is each standard parameter's column.
     """
 
-    chain: ExactChain
+    chain: SymbolicChain
     members: tuple[tuple[int, ...], ...]
 
-    def sample(self, field: Field, rng: np.random.Generator, values: Mapping[str, Residues], samples: int) -> Residues:
-        """Rows at so many states for each set of lengths, (sets, samples * rows, standard parameters)."""
+    def sample(
+        self, field: PrimeField, rng: np.random.Generator, values: Mapping[str, Residues], samples: int
+    ) -> Residues:
+        """Rows at this many states for each set of lengths, (sets, samples * rows, standard parameters)."""
         W = regressor(self.chain, field, rng, values, samples)
         made = W[:, :, [members[0] for members in self.members]]
         for k, members in enumerate(self.members):
@@ -188,11 +193,11 @@ class Columns:
                 made[:, :, k] = field.reduce(made[:, :, k] + W[:, :, raw])
         return made
 
-    def pivots(self, field: Field, rng: np.random.Generator) -> Pivots:
-        """Columns independent of those before them, at lengths drawn at random.
+    def pivots(self, field: PrimeField, rng: np.random.Generator) -> Pivots:
+        """Columns independent of those before them, at random lengths.
 
         Independence is certain: a minor that is not zero modulo a prime is not zero. States are added until twice as
-        many show no more: rows alone do not count, where a torque depends on few of the columns.
+        many give no more: the number of rows is no criterion where a torque depends on few of the columns.
         """
         values = draw(self.chain.symbols, field, rng, 1)
         samples = -(-len(self.members) // self.chain.torques) + 1
@@ -210,7 +215,12 @@ class Columns:
         return Pivots(tuple(kept), tuple(np.flatnonzero(~W[0].any(axis=0)).tolist()), enough + 1)
 
     def relations(
-        self, field: Field, rng: np.random.Generator, values: Mapping[str, Residues], pivots: Pivots, others: list[int]
+        self,
+        field: PrimeField,
+        rng: np.random.Generator,
+        values: Mapping[str, Residues],
+        pivots: Pivots,
+        others: list[int],
     ) -> Residues:
         """Coefficients of other columns in those kept, (sets of lengths, kept, others).
 
@@ -226,9 +236,9 @@ class Columns:
 
 
 def scatter(
-    symbols: tuple[Symbol, ...], field: Field, rng: np.random.Generator, count: int, moves: int
+    symbols: tuple[Symbol, ...], field: PrimeField, rng: np.random.Generator, count: int, moves: int
 ) -> dict[str, Residues]:
-    """Sets of lengths: `count` of them at random, then the first with one quantity after the other drawn `moves` times.
+    """Sets of lengths: `count` at random, then the first one with each quantity in turn drawn `moves` times.
 
     Returns:
         residues of every symbol, (count + moves * quantities,) each; a quantity is a length or an angle.
@@ -243,7 +253,7 @@ def scatter(
 
 
 def quantities(symbols: tuple[Symbol, ...]) -> list[tuple[str, ...]]:
-    """Names of symbols that change together: one for a length, cosine and sine for an angle."""
+    """Names of symbols that vary together: one for a length, cosine and sine for an angle."""
     groups: dict[str, list[str]] = {}
     for symbol in symbols:
         groups.setdefault(f"angle {symbol.angle}" if symbol.angle else symbol.name, []).append(symbol.name)

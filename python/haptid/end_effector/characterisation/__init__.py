@@ -1,4 +1,4 @@
-"""What the hand feels of a device: masses, friction, weight and forces at the handle, with their intervals."""
+"""Characterisation at the end-effector: apparent mass, friction, weight and forces, with confidence intervals."""
 
 from haptid.end_effector.characterisation.apparent_mass import FeltMass, felt_mass
 from haptid.end_effector.characterisation.characterise import Characterisation, characterise, line, sweep

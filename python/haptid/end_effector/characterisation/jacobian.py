@@ -1,4 +1,4 @@
-"""The poses of a characterisation: how the handle moves at each, and which of them count."""
+"""Poses of a characterisation, the handle's Jacobian at each, and which of them are left out."""
 
 from __future__ import annotations
 
@@ -12,13 +12,13 @@ from haptid.dynamics.model import DynamicModel
 from haptid.errors import CharacterisationSettingError, SpareJointsError
 
 LINEAR = (0, 1, 2)
-# Poses are described all at once for so many of them.
+# Poses evaluated at a time.
 CHUNK = 50_000
 
 
 @dataclass(frozen=True, eq=False)
 class Grasp:
-    """Poses, and the handle's Jacobian by the coordinates whose torque is measured; the others are held still.
+    """Poses, and the handle's Jacobian by the coordinates with measured torque; the others are constrained.
 
     Attributes:
         model: the dynamic model.
@@ -52,24 +52,24 @@ class Grasp:
 
     @property
     def usable(self) -> np.ndarray:
-        """Whether the Jacobian of each pose can be inverted, (poses,)."""
+        """Whether the Jacobian of each pose is invertible within the limit, (poses,)."""
         return np.asarray(self.condition <= self.worst)
 
     @property
-    def spare(self) -> int:
-        """Coordinates more than rows: the handle's motion does not tell how they share it."""
+    def redundancy(self) -> int:
+        """Degree of redundancy: more coordinates than rows, so the handle's motion does not determine theirs."""
         return max(0, len(self.moving) - len(self.rows))
 
-    def inverse(self, figure: str) -> Array:
-        """Rates of the moving coordinates from the handle's velocity, (poses, n, m); NaN at poses that do not count.
+    def inverse(self, quantity: str) -> Array:
+        """Rates of the moving coordinates from the handle's velocity, (poses, n, m); NaN at poses left out.
 
         With fewer coordinates than rows it takes the part of a velocity that the handle can have.
 
         Raises:
-            SpareJointsError: more coordinates than rows, so that `figure` is not determined.
+            SpareJointsError: more coordinates than rows, so that `quantity` is not determined.
         """
-        if self.spare:
-            raise SpareJointsError(figure, len(self.moving), len(self.rows))
+        if self.redundancy:
+            raise SpareJointsError(quantity, len(self.moving), len(self.rows))
         made = np.full((len(self), len(self.moving), len(self.rows)), np.nan)
         made[self.usable] = np.linalg.pinv(self.jacobian[self.usable])
         return freeze(made)
@@ -86,11 +86,11 @@ def grasp(model: DynamicModel, qa: Array, rows: tuple[int, ...], worst: float) -
 
     Raises:
         HandleMissingError: the device has no handle.
-        CharacterisationSettingError: a setting that means nothing.
+        CharacterisationSettingError: a setting out of range.
         ShapeError: the poses do not fit the device.
     """
     check_settings(model, qa, rows, worst)
-    moving = moving_coordinates(model)
+    moving = model.measured_rows
     parts = [handle_motion(model, qa[:, k : k + CHUNK]) for k in range(0, max(qa.shape[1], 1), CHUNK)]
     jacobian = np.concatenate([part.row_jacobian[:, list(rows)][:, :, list(moving)] for part in parts])
     singular = np.linalg.svd(jacobian, compute_uv=False)
@@ -100,17 +100,12 @@ def grasp(model: DynamicModel, qa: Array, rows: tuple[int, ...], worst: float) -
     return Grasp(model, qa, rows, moving, position, jacobian, condition, worst)
 
 
-def moving_coordinates(model: DynamicModel) -> tuple[int, ...]:
-    """Coordinates whose torque is measured: entries of the model in the others' rows are not identified."""
-    return tuple(k for k, known in enumerate(model.device.measured) if known)
-
-
 def check_settings(model: DynamicModel, qa: Array, rows: tuple[int, ...], worst: float) -> None:
-    """Refuse settings that mean nothing.
+    """Check the settings of a characterisation.
 
     Raises:
         HandleMissingError: the device has no handle.
-        CharacterisationSettingError: a setting, or a position that is not finite.
+        CharacterisationSettingError: a setting out of range, or a position that is not finite.
         ShapeError: the poses do not fit the device.
     """
     expect("qa", qa.shape, (len(model.device.active), None))

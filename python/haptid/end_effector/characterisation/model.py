@@ -1,4 +1,4 @@
-"""What a characterisation is made from: an estimate with its covariance, or published base parameters."""
+"""Identified parameters of a characterisation: an estimate or published base parameters; propagation of uncertainty."""
 
 from __future__ import annotations
 
@@ -13,20 +13,20 @@ from haptid.errors import BaseNameError
 from haptid.estimation import Estimate
 from haptid.uncertainty.quantities import Field
 
-# Degrees of freedom of a figure are looked at in so many of its places, evenly chosen; the least counts.
-LOOKED_AT = 16
+# Number of places, evenly chosen, over which the least degrees of freedom of a quantity are taken.
+DOF_PLACES = 16
 
 
 @dataclass(frozen=True, eq=False)
 class GivenModel:
-    """Base parameters that do not come from an estimate: published ones, or true ones.
+    """Base parameters that do not come from an estimate: published or true ones.
 
     Attributes:
         model: the dynamic model.
         beta: its base parameters, (p,), SI.
-        covariance: of them, (p, p); None where nothing is known of it.
-        freedom: degrees of freedom of intervals that are made from the covariance.
-        lonely: parameters, by index, whose deviation nothing tells: no figure made from them has an interval.
+        covariance: of them, (p, p); None where unknown.
+        freedom: degrees of freedom of intervals from the covariance.
+        lonely: indices of parameters whose standard error cannot be estimated: no quantity then has a finite interval.
     """
 
     model: DynamicModel
@@ -45,12 +45,12 @@ class GivenModel:
 
     @classmethod
     def of(cls, model: DynamicModel, values: Mapping[str, float], sd: Mapping[str, float] | None = None) -> GivenModel:
-        """From a table as papers print it; parameters that it does not have are zero.
+        """From a table as published; parameters that it does not have are zero.
 
         Args:
             model: the dynamic model.
             values: by name of the base parameter, SI.
-            sd: deviations by name, taken as independent; None where nothing is known of them.
+            sd: standard errors by name, taken as independent; None where unknown.
 
         Raises:
             BaseNameError: a name that is no base parameter of the device.
@@ -68,9 +68,9 @@ IdentifiedModel = Estimate | GivenModel
 
 
 def spread(identified: IdentifiedModel) -> Array | None:
-    """Columns whose outer products sum to the covariance of the base parameters, (p, s); None without one.
+    """A square root of the base parameters' covariance: columns whose outer products sum to it, (p, s), or None.
 
-    Of an estimate that is held to possible bodies it is that of its free fit, as its own deviations are.
+    For an estimate with physical constraints it is that of its unconstrained fit, like its own standard errors.
     """
     if identified.covariance is None:
         return None
@@ -80,51 +80,51 @@ def spread(identified: IdentifiedModel) -> Array | None:
 
 
 def trusted(identified: IdentifiedModel, sd: Array) -> Array:
-    """The deviations, infinite where the estimate cannot say how far to trust some parameter."""
+    """Standard errors, infinite where that of some parameter cannot be estimated."""
     return np.where(np.isnan(sd), np.nan, np.inf) if identified.lonely else sd
 
 
 def freedom(identified: IdentifiedModel, combinations: Array) -> float:
-    """Least degrees of freedom of these combinations of base parameters, (q, p), as the estimate's intervals have them.
+    """Least degrees of freedom of combinations of base parameters, (q, p), as for the estimate's intervals.
 
-    Of a given covariance they are given too.
+    For a given covariance they are given too.
     """
     if not isinstance(identified, Estimate):
         return identified.freedom
     known = combinations[np.isfinite(combinations).all(axis=1) & combinations.any(axis=1)]
     if not len(known):
         return float("inf")
-    few = known[np.linspace(0, len(known) - 1, min(len(known), LOOKED_AT)).astype(int)]
+    few = known[np.linspace(0, len(known) - 1, min(len(known), DOF_PLACES)).astype(int)]
     return float(identified.spread(few).freedom.min())
 
 
 def linear(identified: IdentifiedModel, of: Callable[[Array], Array], unit: str) -> Field:
-    """A figure that is linear in the base parameters.
+    """A quantity that is linear in the base parameters.
 
     Args:
         identified: the parameters.
-        of: the figure from base parameters, (p,).
-        unit: of the figure.
+        of: the quantity from base parameters, (p,).
+        unit: of the quantity.
     """
     return changing(identified, of(identified.beta), of, unit)
 
 
 def changing(identified: IdentifiedModel, value: Array, slope: Callable[[Array], Array], unit: str) -> Field:
-    """A figure of this value, whose change with a change of the base parameters, (p,), is `slope` of it."""
+    """A quantity with this value; `slope` is its derivative in a direction of the base parameters, (p,)."""
     columns = spread(identified)
     if columns is None:
         return Field(value, None, float("inf"), unit)
     variance = np.zeros_like(value)
     for column in columns.T:
         variance += slope(column) ** 2
-    sd = trusted(identified, np.sqrt(variance))
-    return Field(value, sd, _freedom_of(identified, slope, value.size), unit)
+    se = trusted(identified, np.sqrt(variance))
+    return Field(value, se, _least_dof(identified, slope, value.size), unit)
 
 
-def _freedom_of(identified: IdentifiedModel, slope: Callable[[Array], Array], size: int) -> float:
-    """Degrees of freedom of a figure, from some of its places."""
+def _least_dof(identified: IdentifiedModel, slope: Callable[[Array], Array], size: int) -> float:
+    """Degrees of freedom of a quantity, from some of its places."""
     if not isinstance(identified, Estimate):
         return identified.freedom
-    few = np.linspace(0, size - 1, min(size, LOOKED_AT)).astype(int)
+    few = np.linspace(0, size - 1, min(size, DOF_PLACES)).astype(int)
     gradients = np.array([slope(unit).ravel()[few] for unit in np.eye(len(identified.beta))])
     return freedom(identified, gradients.T)
