@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from haptid._internal.arrays import Array, expect, freeze, read_only
-from haptid.device.terms.term import Load
+from haptid.device.terms.term import LoadDependentFriction
 from haptid.dynamics.inverse import core_mass, core_torque
 from haptid.dynamics.model import DynamicModel
 from haptid.dynamics.regressor import CoreChannels, check_columns, check_linear, columns, external
@@ -59,7 +59,7 @@ def joint_loads(model: DynamicModel, chi: Array, c: Array, cd: Array) -> list[Jo
     return [
         JointLoad(term.weights, chi[:, first + k] * term.shape.side(cd), M[:, term.shape.row], h[term.shape.row])
         for k, term in enumerate(model.terms)
-        if isinstance(term.shape, Load)
+        if isinstance(term.shape, LoadDependentFriction)
     ]
 
 
@@ -253,7 +253,7 @@ def turning(model: DynamicModel, c: Array, cd: Array, cdd: Array, period: float)
 
 def sets_of(model: DynamicModel, beta: Array) -> Array:
     """Parameters of the core's columns, (sets, r), from sets of base parameters, (sets, p)."""
-    S = model.device.parameters.S[:, list(model.base.kept)]
+    S = model.device.parameters.S[:, list(model.base.independent_columns)]
     return freeze(np.atleast_2d(beta) @ S.T)
 
 

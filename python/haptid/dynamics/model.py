@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike
 from haptid._internal.arrays import Array, expect, freeze, read_only
 from haptid.device import Device, Followed
 from haptid.device.priors import combined_prior
-from haptid.device.terms.term import DRY, Load, TermColumn, external_columns
+from haptid.device.terms.term import DRY, LoadDependentFriction, TermColumn, external_columns
 from haptid.dynamics.base_parameters import BaseParameters, base_parameters
 
 if TYPE_CHECKING:
@@ -93,7 +93,7 @@ class DynamicModel:
 
         In the parameters' order; the identity where each parameter is one column.
         """
-        S = self.device.parameters.S[:, list(self.base.kept)]
+        S = self.device.parameters.S[:, list(self.base.independent_columns)]
         columns = np.flatnonzero(S.any(axis=1))
         columns = columns[np.argsort(S[columns].argmax(axis=1), kind="stable")]
         return tuple(columns.tolist()), freeze(S[columns])
@@ -138,8 +138,8 @@ class DynamicModel:
         Raises:
             LoopUnreachableError, SingularLoopError: as for `tree`.
         """
-        to_joints = np.linalg.inv(self.device.frame)
-        return self.device.closure.follow(to_joints @ c, to_joints @ cd).by(self.device.frame)
+        to_joints = np.linalg.inv(self.device.row_map)
+        return self.device.closure.follow(to_joints @ c, to_joints @ cd).by(self.device.row_map)
 
     def loops(self, c: Array, cd: Array) -> Array | None:
         """The core's inputs for joints whose rates vary with the pose, (channels, samples); None where no rate varies.
@@ -178,14 +178,14 @@ class DynamicModel:
             qda: their velocities.
             qdda: their accelerations.
         """
-        loads = self._loads(*(np.ascontiguousarray(self.device.frame @ x) for x in (qa, qda, qdda)))
+        loads = self._loads(*(np.ascontiguousarray(self.device.row_map @ x) for x in (qa, qda, qdda)))
         return external_columns(self.externals, self.device.joint_names, self.tree(qa, qda, qdda), loads)
 
     def _loads(self, c: Array, cd: Array, cdd: Array) -> dict[str, Array]:
         """Columns of load-dependent friction, by name, each (samples,), from the coordinates' motion."""
         columns = {}
         for term in self.externals:
-            if isinstance(term.shape, Load):
+            if isinstance(term.shape, LoadDependentFriction):
                 rigid, chi = self.bodies
                 own, loops = np.zeros((0, c.shape[1])), rigid.loops(c, cd)
                 columns[term.name] = term.shape.values(rigid.mechanism.torque(c, cd, cdd, own, chi, loops), cd)
@@ -201,16 +201,16 @@ class DynamicModel:
     @property
     def has_loads(self) -> bool:
         """Whether it has load-dependent friction, whose columns depend on the bodies' parameters."""
-        return any(isinstance(term.shape, Load) for term in self.terms)
+        return any(isinstance(term.shape, LoadDependentFriction) for term in self.terms)
 
     @property
     def load(self) -> Array | None:
         """Parameters of links, then of rotors, that scale load-dependent friction, (r,), SI; None without it."""
-        return next((term.shape.bodies for term in self.terms if isinstance(term.shape, Load)), None)
+        return next((term.shape.bodies for term in self.terms if isinstance(term.shape, LoadDependentFriction)), None)
 
     def loaded(self, beta: Array) -> DynamicModel:
         """The same device with load-dependent friction scaled by the bodies of these base parameters, (p,), SI."""
-        raw = self.device.parameters.S[:, list(self.base.kept)] @ beta
+        raw = self.device.parameters.S[:, list(self.base.independent_columns)] @ beta
         links = 10 * len(self.device.joints)
         rotors = [links + k for k, term in enumerate(self.terms) if term.kind == "rotor"]
         return self.with_load(np.concatenate([raw[:links], raw[rotors]]))
@@ -227,7 +227,7 @@ class DynamicModel:
         return replace(
             self,
             terms=tuple(
-                replace(term, shape=replace(term.shape, bodies=bodies)) if isinstance(term.shape, Load) else term
+                replace(term, shape=replace(term.shape, bodies=bodies)) if isinstance(term.shape, LoadDependentFriction) else term
                 for term in self.terms
             ),
         )

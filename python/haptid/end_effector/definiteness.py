@@ -34,7 +34,7 @@ class Definiteness:
     Attributes:
         workspace: the poses.
         smallest: eigenvalue, kg m^2, kg, or in mixed units.
-        sd: its standard error from the estimate's covariance; None for parameters without one.
+        se: its standard error from the estimate's covariance; None for parameters without one.
         at: the pose, (active,), rad or m.
         direction: its eigenvector over the torque rows' coordinates, (active,).
         share: of the workspace's poses at which M is not positive definite, 0 to 1.
@@ -44,7 +44,7 @@ class Definiteness:
 
     workspace: Workspace
     smallest: float
-    sd: float | None
+    se: float | None
     at: Array
     direction: Array
     share: float
@@ -69,8 +69,8 @@ class Definiteness:
             f"{joint.name} {x:.4g} m" if joint.prismatic else f"{joint.name} {np.degrees(x):.4g} deg"
             for joint, x in zip(joints, self.at, strict=True)
         )
-        sd = "" if self.sd is None else f" (standard error {self.sd:.2g})"
-        least = f"smallest eigenvalue {self.smallest:.4g} {self.unit}{sd} at {pose}"
+        se = "" if self.se is None else f" (standard error {self.se:.2g})"
+        least = f"smallest eigenvalue {self.smallest:.4g} {self.unit}{se} at {pose}"
         if self.positive:
             searched = f"{self.poses} poses of the workspace and local minima from the lowest of them"
             text = f"The mass matrix is positive definite at {searched}: {least}."
@@ -130,7 +130,7 @@ def definiteness(identified: Estimate | ArrayLike, workspace: Workspace) -> Defi
     return Definiteness(
         workspace=workspace,
         smallest=float(found[best]),
-        sd=None if estimate is None else _standard_error(estimate, at, direction),
+        se=None if estimate is None else _standard_error(estimate, at, direction),
         at=at,
         direction=direction,
         share=float(np.mean(values <= 0)),
@@ -203,7 +203,7 @@ def _lowest_apart(poses: Array, values: Array, limits: Array) -> list[int]:
 
 def _standard_error(estimate: Estimate, at: Array, direction: Array) -> float:
     """Of the eigenvalue, to first order: its gradient is that of v' M v, which is linear in the parameters."""
-    if estimate.lonely:
+    if estimate.single_block:
         return float("inf")
     model, p = estimate.model, len(estimate.beta)
     slope = [direction @ mass_matrix(model, unit, at[:, None])[0] @ direction for unit in np.eye(p)]

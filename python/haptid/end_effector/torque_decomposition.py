@@ -11,7 +11,7 @@ from functools import cached_property
 import numpy as np
 
 from haptid._internal.arrays import Array, expect, freeze, read_only
-from haptid.device.terms.term import Counterbalance, Load, TermColumn
+from haptid.device.terms.term import Counterbalance, LoadDependentFriction, TermColumn
 from haptid.dynamics.inverse import core_torque, raw_parameters, rigid
 from haptid.dynamics.model import DynamicModel
 from haptid.estimation import Estimate
@@ -34,7 +34,7 @@ PARTS = {
 
 
 @dataclass(frozen=True, eq=False)
-class Dissection:
+class TorqueDecomposition:
     """The model's torque in parts, filtered like the measured torque; the parts sum to the model's torque.
 
     A base parameter counts with the part of the parameter it is named after: where an offset and a weight on a sliding
@@ -101,7 +101,7 @@ class Dissection:
         return "\n".join(lines)
 
 
-def dissect(estimate: Estimate, motion: Motion) -> Dissection:
+def decompose_torque(estimate: Estimate, motion: Motion) -> TorqueDecomposition:
     """The parts of an estimate's torque along a motion, with the filter and decimation of `predict`.
 
     Args:
@@ -117,7 +117,7 @@ def dissect(estimate: Estimate, motion: Motion) -> Dissection:
     terms = {name: _only(model, chi, name) for name in dict.fromkeys(_part(t) for t in model.terms) if name}
     pieces = ((s.t, _torques(s, rigid(model, chi), terms), s.measured()) for s in stretches(model, motion))
     t, torque, measured = gathered(pieces, Plan.of(model, motion).rows)
-    return Dissection(
+    return TorqueDecomposition(
         motors=tuple(model.device.row_labels[k] for k in model.measured_rows),
         units=tuple(model.device.torque_units[k] for k in model.measured_rows),
         t=freeze(t),
@@ -132,7 +132,7 @@ def _part(term: TermColumn) -> str:
     if term.kind == "rotor":
         return ""
     if term.nature == "external":
-        named = {Counterbalance: "counterbalance", Load: "friction by load"}
+        named = {Counterbalance: "counterbalance", LoadDependentFriction: "friction by load"}
         return named.get(type(term.shape), "own columns")
     return PARTS[term.nature]
 

@@ -194,7 +194,7 @@ def symbolic_columns(device: Device, active: Sequence[int], symbols: Symbols) ->
     for term in device.terms:
         side, _, name = term.on.partition(" ")
         joint = names.index(name) if side == "joint" else None
-        weights = tuple(ratio(float(w)) for w in (term.weights @ device.frame)[list(active)])
+        weights = tuple(ratio(float(w)) for w in (term.weights @ device.row_map)[list(active)])
         made.append(SymbolicColumn(joint, weights if joint is None else (), _parts(term), _rest(term, device, symbols)))
     return tuple(made)
 
@@ -395,7 +395,7 @@ def _rows(device: Device) -> Rows:
     """Rows of measured torque by active joint; None where all are measured, since mixing them changes no relation."""
     if all(device.measured):
         return None
-    chosen = np.linalg.inv(device.frame).T[list(device.measured)]
+    chosen = np.linalg.inv(device.row_map).T[list(device.measured)]
     return tuple(tuple(ratio(float(x)) for x in row) for row in chosen)
 
 

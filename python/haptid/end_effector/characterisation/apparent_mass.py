@@ -13,7 +13,7 @@ from haptid._internal.arrays import Array, expect, freeze, read_only
 from haptid.dynamics.inverse import mass_matrix, raw_parameters
 from haptid.dynamics.kinematics import handle_motion, handle_of
 from haptid.end_effector.characterisation.jacobian import LINEAR, check_settings
-from haptid.end_effector.characterisation.model import IdentifiedModel, freedom, spread, trusted
+from haptid.end_effector.characterisation.model import IdentifiedModel, dof, spread, trusted
 from haptid.end_effector.force import WORST_CONDITION
 from haptid.uncertainty.quantities import Field
 
@@ -22,7 +22,7 @@ DOF_POSES = 6
 
 
 @dataclass(frozen=True, eq=False)
-class FeltMass:
+class ApparentMass:
     """Principal apparent masses at many poses, with all coordinates free to move: M = (J A^-1 J')^-1.
 
     With as many coordinates as rows that is J^-T A J^-1 (Janot et al. 2007, section V); with more it is the mass that a
@@ -58,9 +58,9 @@ class FeltMass:
         return np.asarray(self.usable & np.isfinite(self.mass.values[:, 0]))
 
 
-def felt_mass(
+def apparent_mass(
     identified: IdentifiedModel, qa: ArrayLike, rows: tuple[int, ...] = LINEAR, worst_condition: float = WORST_CONDITION
-) -> FeltMass:
+) -> ApparentMass:
     """Principal apparent masses with first-order standard errors.
 
     The order of masses that are nearly equal may change within their standard errors.
@@ -81,7 +81,7 @@ def felt_mass(
     moving, columns = model.measured_rows, spread(identified)
     none = np.zeros((len(identified.beta), 0))
     raw = core_spread(identified, none if columns is None else columns)
-    found = _core.felt_mass(
+    found = _core.apparent_mass(
         *core_arguments(identified, qa), rows=rows, moving=moving, worst=worst_condition, spread=raw
     )
     m, r = len(rows), min(len(rows), len(moving))
@@ -94,7 +94,7 @@ def felt_mass(
         isotropy_se = trusted(identified, _isotropy_se(mass, C[:, 0], C[:, -1], C[:, r - 1]))
         dof = _least_dof(identified, qa, rows, moving, mass, directions)
     unit = "kg" if max(rows) < 3 else "kg m^2" if min(rows) > 2 else "in mixed units"
-    return FeltMass(
+    return ApparentMass(
         mass=Field(mass, mass_se, dof, unit),
         directions=directions,
         isotropy=Field(mass[:, -1] / mass[:, 0], isotropy_se, dof, "1"),
@@ -111,7 +111,7 @@ def core_arguments(
     raw, links = raw_parameters(model, identified.beta), 10 * len(model.device.joints)
     rotors = [(links + k, term.weights) for k, term in enumerate(model.terms) if term.kind == "rotor"]
     weights = np.array([w for _, w in rotors], dtype=float).reshape(-1, len(model.device.active))
-    followed = model.device.closure.follow(qa).by(model.device.frame)
+    followed = model.device.closure.follow(qa).by(model.device.row_map)
     rates = followed.G if followed.G.ndim == 2 else followed.G.reshape(qa.shape[1], -1).T
     return (
         model.mechanism,
@@ -129,7 +129,7 @@ def core_spread(identified: IdentifiedModel, columns: Array) -> Array:
     """Columns over base parameters, (p, s), as columns over link parameters and rotors, (r, s)."""
     model, links = identified.model, 10 * len(identified.model.device.joints)
     kept = [*range(links), *(links + k for k, term in enumerate(model.terms) if term.kind == "rotor")]
-    return np.ascontiguousarray(model.device.parameters.S[kept][:, list(model.base.kept)] @ columns)
+    return np.ascontiguousarray(model.device.parameters.S[kept][:, list(model.base.independent_columns)] @ columns)
 
 
 def _isotropy_se(mass: Array, largest: Array, smallest: Array, both: Array) -> Array:
@@ -158,4 +158,4 @@ def _least_dof(
     rates = np.linalg.solve(matrices(identified.beta), J.mT @ directions[few].mT) * mass[few][:, None]
     units = np.eye(len(identified.beta))
     gradients = np.array([np.einsum("pae,pab,pbe->pe", rates, matrices(u), rates).ravel() for u in units])
-    return freedom(identified, gradients.T)
+    return dof(identified, gradients.T)

@@ -18,22 +18,22 @@ DOF_PLACES = 16
 
 
 @dataclass(frozen=True, eq=False)
-class GivenModel:
+class GivenParameters:
     """Base parameters that do not come from an estimate: published or true ones.
 
     Attributes:
         model: the dynamic model.
         beta: its base parameters, (p,), SI.
         covariance: of them, (p, p); None where unknown.
-        freedom: degrees of freedom of intervals from the covariance.
-        lonely: indices of parameters whose standard error cannot be estimated: no quantity then has a finite interval.
+        dof: degrees of freedom of intervals from the covariance.
+        single_block: indices of parameters whose standard error cannot be estimated: no quantity then has a finite interval.
     """
 
     model: DynamicModel
     beta: Array
     covariance: Array | None = None
-    freedom: float = float("inf")
-    lonely: tuple[int, ...] = ()
+    dof: float = float("inf")
+    single_block: tuple[int, ...] = ()
 
     def __post_init__(self) -> None:
         p = len(self.model.base)
@@ -44,27 +44,27 @@ class GivenModel:
             expect("covariance", self.covariance.shape, (p, p))
 
     @classmethod
-    def of(cls, model: DynamicModel, values: Mapping[str, float], sd: Mapping[str, float] | None = None) -> GivenModel:
+    def of(cls, model: DynamicModel, values: Mapping[str, float], se: Mapping[str, float] | None = None) -> GivenParameters:
         """From a table as published; parameters that it does not have are zero.
 
         Args:
             model: the dynamic model.
             values: by name of the base parameter, SI.
-            sd: standard errors by name, taken as independent; None where unknown.
+            se: standard errors by name, taken as independent; None where unknown.
 
         Raises:
             BaseNameError: a name that is no base parameter of the device.
         """
         names = model.base.names
-        for name in (*values, *(sd or ())):
+        for name in (*values, *(se or ())):
             if name not in names:
                 raise BaseNameError(name, names)
         beta = np.array([values.get(name, 0.0) for name in names])
-        covariance = None if sd is None else np.diag([sd.get(name, 0.0) ** 2 for name in names])
+        covariance = None if se is None else np.diag([se.get(name, 0.0) ** 2 for name in names])
         return cls(model, beta, covariance)
 
 
-IdentifiedModel = Estimate | GivenModel
+IdentifiedModel = Estimate | GivenParameters
 
 
 def spread(identified: IdentifiedModel) -> Array | None:
@@ -79,23 +79,23 @@ def spread(identified: IdentifiedModel) -> Array | None:
     return np.asarray(vectors[:, kept] * np.sqrt(values[kept]))
 
 
-def trusted(identified: IdentifiedModel, sd: Array) -> Array:
+def trusted(identified: IdentifiedModel, se: Array) -> Array:
     """Standard errors, infinite where that of some parameter cannot be estimated."""
-    return np.where(np.isnan(sd), np.nan, np.inf) if identified.lonely else sd
+    return np.where(np.isnan(se), np.nan, np.inf) if identified.single_block else se
 
 
-def freedom(identified: IdentifiedModel, combinations: Array) -> float:
+def dof(identified: IdentifiedModel, combinations: Array) -> float:
     """Least degrees of freedom of combinations of base parameters, (q, p), as for the estimate's intervals.
 
     For a given covariance they are given too.
     """
     if not isinstance(identified, Estimate):
-        return identified.freedom
+        return identified.dof
     known = combinations[np.isfinite(combinations).all(axis=1) & combinations.any(axis=1)]
     if not len(known):
         return float("inf")
     few = known[np.linspace(0, len(known) - 1, min(len(known), DOF_PLACES)).astype(int)]
-    return float(identified.spread(few).freedom.min())
+    return float(identified.spread(few).dof.min())
 
 
 def linear(identified: IdentifiedModel, of: Callable[[Array], Array], unit: str) -> Field:
@@ -124,7 +124,7 @@ def changing(identified: IdentifiedModel, value: Array, slope: Callable[[Array],
 def _least_dof(identified: IdentifiedModel, slope: Callable[[Array], Array], size: int) -> float:
     """Degrees of freedom of a quantity, from some of its places."""
     if not isinstance(identified, Estimate):
-        return identified.freedom
+        return identified.dof
     few = np.linspace(0, size - 1, min(size, DOF_PLACES)).astype(int)
     gradients = np.array([slope(unit).ravel()[few] for unit in np.eye(len(identified.beta))])
-    return freedom(identified, gradients.T)
+    return dof(identified, gradients.T)

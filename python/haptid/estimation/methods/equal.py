@@ -23,7 +23,7 @@ CONTRADICTION = 1e-9
 
 
 @dataclass(frozen=True)
-class Equal(Around):
+class EqualityConstraints(Around):
     """Another method, with relations that hold exactly: a weighed mass, links that are alike.
 
     Solved on the triangle in the directions that the relations leave free.

@@ -82,7 +82,7 @@ class Simulating(Around, ABC):
             beta, rows = self._next(observation, smoothed, beta, goal)
             rows = rows_of(self.weighting, rows)
             found = estimate(rows, self.weighting)
-            moved = np.abs(found.beta - beta) / np.maximum(found.sd, np.finfo(float).tiny)
+            moved = np.abs(found.beta - beta) / np.maximum(found.se, np.finfo(float).tiny)
             if moved.max() <= self.tolerance:
                 return rows
         worst = int(np.argmax(moved))
