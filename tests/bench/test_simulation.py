@@ -84,7 +84,9 @@ def test_the_hand_is_in_the_balance_of_forces():
 def handle(model, qa):
     from haptid.device import poses
 
-    at = poses(model, (model.device.closure.G @ qa + model.device.closure.offset[:, None]).T)[:, model.device.handle.link]
+    at = poses(model, (model.device.closure.G @ qa + model.device.closure.offset[:, None]).T)[
+        :, model.device.handle.link
+    ]
     return at[:, :3, :3] @ model.device.handle.translation + at[:, :3, 3]
 
 

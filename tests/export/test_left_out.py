@@ -16,7 +16,7 @@ from haptid.cli import app
 from haptid.export import CCode, export_c
 from haptid.export.functions import code_of
 from haptid.export.golden import Golden
-from haptid.inference.elimination import MaxRelativeStd, BackwardElimination, essential, without
+from haptid.inference.elimination import BackwardElimination, MaxRelativeStd, essential, without
 from motions import motion, multisine, truth
 from small_study import two_links, write_study
 

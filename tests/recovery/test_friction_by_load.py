@@ -115,6 +115,10 @@ def test_the_command_settles_it_and_the_result_keeps_it(model, tmp_path):
     values = json.loads((tmp_path / "out" / "result.json").read_text())["estimate"]["parameters"]
     found = {p["name"]: p["value"] for p in values}
     assert [found[name] for name in NAMES] == pytest.approx([SIZE, SIZE], rel=0.025)
-    loads = [term.shape for term in read_result(tmp_path / "out").model.terms if isinstance(term.shape, LoadDependentFriction)]
+    loads = [
+        term.shape
+        for term in read_result(tmp_path / "out").model.terms
+        if isinstance(term.shape, LoadDependentFriction)
+    ]
     assert len(loads) == len(NAMES)
     assert all(load.bodies is not None for load in loads)

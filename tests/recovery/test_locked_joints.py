@@ -100,6 +100,8 @@ def test_a_locked_joint_alone_does_not_tell_the_device():
 def test_all_joints_locked_are_no_rows():
     model = two_links()
     still = np.full((500, 2), 0.4)
-    motion = haptid.Motion(2e-3, still, still, haptid.Treatment(cutoff_hz=None, reversal_speed=SLOW), rates=(0 * still,) * 2)
+    motion = haptid.Motion(
+        2e-3, still, still, haptid.Treatment(cutoff_hz=None, reversal_speed=SLOW), rates=(0 * still,) * 2
+    )
     with pytest.raises(errors.NoRowsError):
         haptid.observe(model, motion)

@@ -155,7 +155,8 @@ def test_a_result_without_the_bodies_is_refused(found, tmp_path):
 
 
 @pytest.mark.parametrize(
-    "method", [e.TLS(), e.ErrorsInVariables(1e-4), e.Ridge(), e.EKF(), e.EqualityConstraints({"FC1 - FC2": 0.0}, e.OLS())]
+    "method",
+    [e.TLS(), e.ErrorsInVariables(1e-4), e.Ridge(), e.EKF(), e.EqualityConstraints({"FC1 - FC2": 0.0}, e.OLS())],
 )
 def test_loads_settle_with_any_method(tmp_path, method):
     """Of a method that does more than weigh rows, what is around; of one that is no weighting at all, WLS."""

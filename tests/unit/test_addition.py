@@ -19,7 +19,9 @@ def chi(model):
     """Of the measured bodies, with some friction, (p,)."""
     friction = {"FV": 6e-4, "FC": 0.02}
     kinds = model.device.parameters.kinds
-    return np.array([friction.get(kind, x) for kind, x in zip(kinds, np.nan_to_num(model.device.chi_prior), strict=True)])
+    return np.array(
+        [friction.get(kind, x) for kind, x in zip(kinds, np.nan_to_num(model.device.chi_prior), strict=True)]
+    )
 
 
 def estimated(model, chi, seed):

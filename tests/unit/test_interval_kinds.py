@@ -14,13 +14,13 @@ from haptid.estimation import (
     BlockJackknife,
     Bootstrap,
     Bounds,
+    Classical,
     ClusterRobust,
     EqualityConstraints,
     FixedB,
     Profile,
     Ridge,
     Sandwich,
-    Classical,
 )
 from haptid.estimation.intervals.autoregression import burg
 from haptid.estimation.least_squares import solve

@@ -49,7 +49,7 @@ def essential(
     from haptid._internal.atomic_folder import check_writable, publishing
     from haptid.advice.eliminate import with_reduced
     from haptid.inference.diagnosis import diagnose
-    from haptid.inference.elimination import MaxRelativeStd, BackwardElimination, GautierRatio, eliminate_by_motor
+    from haptid.inference.elimination import BackwardElimination, GautierRatio, MaxRelativeStd, eliminate_by_motor
     from haptid.inference.elimination import essential as reduce
     from haptid.results.write import write_result
     from haptid.study import read_study

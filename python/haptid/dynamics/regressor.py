@@ -66,10 +66,15 @@ class CoreChannels:
 
     def _python_channels(self, s: int, j: int, step: float) -> Array:
         """The channels that Python computes, (own, n), with one position, velocity or acceleration moved by a step."""
-        motion = self.motion.copy()
-        motion[s, j] += step
-        there = CoreChannels.of(self.model, motion)
+        there = CoreChannels.of(self.model, moved(self.motion, s, j, step))
         return np.concatenate([there.own, there.loops])
+
+
+def moved(motion: Array, s: int, j: int, step: float) -> Array:
+    """The motion with one position, velocity or acceleration changed by a step."""
+    changed = motion.copy()
+    changed[s, j] += step
+    return changed
 
 
 def external(model: DynamicModel, c: Array, cd: Array, cdd: Array | None) -> Array:

@@ -311,7 +311,7 @@ __all__ = [
     "NotByRowsError",
     "NotNumericError",
     "OptionError",
-    "OutputErrorMethod",
+    "OutputError",
     "OversizedLogError",
     "ParameterNameError",
     "ParameterValueError",

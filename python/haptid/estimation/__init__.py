@@ -2,7 +2,7 @@
 
 from haptid.estimation.estimate import Estimate, Parameter, Restricted, estimate
 from haptid.estimation.feasibility.cone import pseudo_inertia
-from haptid.estimation.feasibility.feasible import FeasibleParameters, possible, project
+from haptid.estimation.feasibility.feasible import FeasibleParameters, possible, project_to_feasible
 from haptid.estimation.fit import Fit
 from haptid.estimation.intervals.bootstrap import Bootstrap
 from haptid.estimation.intervals.classical import Classical
@@ -14,8 +14,8 @@ from haptid.estimation.intervals.sandwich import Sandwich
 from haptid.estimation.intervals.spread import Intervals, Spread
 from haptid.estimation.knowledge import Knowledge
 from haptid.estimation.method import ByRows, Fitting, Knowing, Method, Reduced
-from haptid.estimation.methods.bounded import Bounds, BoundedSolution
-from haptid.estimation.methods.consistent import PhysicallyConsistent, Cost, Constrained
+from haptid.estimation.methods.bounded import BoundedSolution, Bounds
+from haptid.estimation.methods.consistent import Constrained, Cost, PhysicallyConsistent
 from haptid.estimation.methods.didim import DIDIM
 from haptid.estimation.methods.ekf import EKF
 from haptid.estimation.methods.equal import EqualityConstraints
@@ -50,18 +50,21 @@ __all__ = [
     "WLS",
     "BlockJackknife",
     "Bootstrap",
+    "BoundedSolution",
     "Bounds",
     "ByRows",
+    "Classical",
     "ClusterRobust",
-    "PhysicallyConsistent",
-    "ErrorsInVariables",
+    "Constrained",
     "Cost",
     "EqualityConstraints",
+    "ErrorsInVariables",
     "Estimate",
+    "FeasibleParameters",
     "Fit",
     "Fitting",
+    "FixedAtZero",
     "FixedB",
-    "Constrained",
     "Heteroscedastic",
     "Huber",
     "Intervals",
@@ -71,7 +74,7 @@ __all__ = [
     "Method",
     "OutputErrorMethod",
     "Parameter",
-    "FeasibleParameters",
+    "PhysicallyConsistent",
     "Profile",
     "Reduced",
     "Restricted",
@@ -79,10 +82,7 @@ __all__ = [
     "Sandwich",
     "Spread",
     "StudentT",
-    "Classical",
     "Tukey",
-    "BoundedSolution",
-    "FixedAtZero",
     "estimate",
     "possible",
     "project_to_feasible",

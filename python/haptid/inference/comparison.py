@@ -203,5 +203,7 @@ def _notes(a: Side, b: Side, names: tuple[str, ...]) -> tuple[str, ...]:
             notes.append(f"The {which} estimate is held to what bodies can have: its free fit is compared.")
         single_block = [name for name in names if np.isinf(side.se[side.names.index(name)])]
         if single_block:
-            notes.append(f"One stretch of the {which} log alone tells {', '.join(single_block)}: no difference can be found.")
+            notes.append(
+                f"One stretch of the {which} log alone tells {', '.join(single_block)}: no difference can be found."
+            )
     return tuple(notes)

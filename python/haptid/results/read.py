@@ -231,7 +231,9 @@ class Recorded:
         Intervals of what is made from it have the degrees of freedom of the parameter that has fewest: how evenly the
         log tells a combination of parameters is not in the folder.
         """
-        return GivenParameters(self.model, self.beta, self.covariance, float(self.dof.min(initial=np.inf)), self.single_block)
+        return GivenParameters(
+            self.model, self.beta, self.covariance, float(self.dof.min(initial=np.inf)), self.single_block
+        )
 
 
 def read_result(folder: str | Path) -> Recorded:

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 from haptid._core import __version__
 from haptid.dynamics.model import DynamicModel
-from haptid.estimation import PhysicallyConsistent, Estimate, Constrained, Method, Parameter, Reduced, BoundedSolution
+from haptid.estimation import BoundedSolution, Constrained, Estimate, Method, Parameter, PhysicallyConsistent, Reduced
 from haptid.estimation.nonlinear import VariableProjection
 from haptid.inference.targets import targets
 from haptid.motion.causal import Causal

@@ -269,7 +269,9 @@ def _timed(model: DynamicModel, logs: Sequence[Log], treatment: Treatment, asked
     rates = sorted({f"{log.rate_hz:.4g}" for log in logs})
     if len(rates) > 1:
         many = " and ".join(rates)
-        return treatment, (f"How late the torque is was not looked for: the logs have {many} Hz. Give `torque_delay_s`.",)
+        return treatment, (
+            f"How late the torque is was not looked for: the logs have {many} Hz. Give `torque_delay_s`.",
+        )
     dt = float(logs[0].dt)
     plain = treatment
     if treatment.velocity is not None:  # a differentiator is late itself, which is no delay of the torque

@@ -63,8 +63,8 @@ class Regroupings:
     Attributes:
         names: ZZ1R where others regroup into ZZ1, FC2 where nothing does, (p,).
         units: of each, (p,).
-        kept: index in the standard parameters of the one each is named after, (p,).
-        coefficients: of the standard parameters in each base parameter, by index; one for `kept`, (p,).
+        independent_columns: index in the standard parameters of the one each is named after, (p,).
+        coefficients: of the standard parameters in each base parameter, by index; one for its own column, (p,).
         standard: names of the standard parameters.
         links: index of the joint each belongs to, -1 for a motor's.
         no_effect: names of the standard parameters without effect on any torque.
@@ -73,7 +73,7 @@ class Regroupings:
 
     names: tuple[str, ...]
     units: tuple[str, ...]
-    kept: tuple[int, ...]
+    independent_columns: tuple[int, ...]
     coefficients: tuple[Mapping[int, Coefficient], ...]
     standard: tuple[str, ...]
     links: tuple[int, ...] = field(repr=False)
@@ -120,7 +120,7 @@ class Regroupings:
 
     @property
     def _rows(self) -> tuple[tuple[Mapping[int, Coefficient], int], ...]:
-        return tuple(zip(self.coefficients, self.kept, strict=True))
+        return tuple(zip(self.coefficients, self.independent_columns, strict=True))
 
 
 def regroupings(model: DynamicModel, seed: int = 0) -> Regroupings:
@@ -187,7 +187,7 @@ def _regroupings(model: DynamicModel, chain: SymbolicChain, seed: int) -> Regrou
     return Regroupings(
         names=tuple(parameters.names[k] + ("R" if len(row) > 1 else "") for k, row in zip(first, rows, strict=True)),
         units=tuple(parameters.units[k] for k in first),
-        kept=tuple(first),
+        independent_columns=tuple(first),
         coefficients=tuple(rows),
         standard=tuple(parameters.names),
         links=tuple(parameters.links),
@@ -314,12 +314,12 @@ def check_agreement(exact: Regroupings, model: DynamicModel) -> None:
     tied = [name for name in accelerated(model) if (name in _kept(exact)) != (name in _kept(numeric))]
     if tied:
         raise AccelerationRegroupingError(tied)
-    if exact.kept != numeric.kept or exact.no_effect != numeric.no_effect:
+    if exact.independent_columns != numeric.independent_columns or exact.no_effect != numeric.no_effect:
         only = [_names(exact, a, b) for a, b in ((exact, numeric), (numeric, exact))]
         raise RoadsDisagreeError(len(exact), len(numeric), only[0], only[1])
     apart = np.abs(exact.values - numeric.regrouping)
     lengths = np.linalg.norm(random_regressor(model, seed=0), axis=0)
-    limit = ROUNDING * lengths / lengths[list(exact.kept)][:, None] + RELATIVE * np.abs(exact.values)
+    limit = ROUNDING * lengths / lengths[list(exact.independent_columns)][:, None] + RELATIVE * np.abs(exact.values)
     if (apart > limit).any():
         row, column = np.unravel_index(int(np.argmax(apart - limit)), apart.shape)
         where = f"{exact.standard[column]} in {exact.names[row]}"
@@ -335,12 +335,12 @@ def accelerated(model: DynamicModel) -> list[str]:
 
 def _kept(one: Regroupings | BaseParameters) -> list[str]:
     """Standard parameters that base parameters are named after."""
-    return [one.standard[k] for k in one.kept]
+    return [one.standard[k] for k in one.independent_columns]
 
 
 def _names(exact: Regroupings, one: Regroupings | BaseParameters, other: Regroupings | BaseParameters) -> list[str]:
     """What one method keeps, or finds without effect, and the other does not."""
-    kept = [exact.standard[k] for k in one.kept if k not in other.kept]
+    kept = [exact.standard[k] for k in one.independent_columns if k not in other.independent_columns]
     return kept + [f"{name} without effect" for name in one.no_effect if name not in other.no_effect]
 
 

@@ -6,13 +6,13 @@ from haptid.end_effector.characterisation.jacobian import Grasp
 from haptid.end_effector.characterisation.model import GivenParameters, IdentifiedModel
 
 __all__ = [
-    "Characterisation",
     "ApparentMass",
+    "Characterisation",
     "GivenParameters",
     "Grasp",
     "IdentifiedModel",
-    "characterise",
     "apparent_mass",
+    "characterise",
     "line",
     "sweep",
 ]

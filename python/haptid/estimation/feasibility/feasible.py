@@ -91,7 +91,9 @@ def possible(model: DynamicModel, beta: Array) -> FeasibleParameters:
     return inside(model, conditions, beta, conditions.start(beta))
 
 
-def inside(model: DynamicModel, conditions: Cone, beta: Array, x: Array, settled: Sequence[Part] = ()) -> FeasibleParameters:
+def inside(
+    model: DynamicModel, conditions: Cone, beta: Array, x: Array, settled: Sequence[Part] = ()
+) -> FeasibleParameters:
     """The most interior standard parameters behind base parameters, from any scaled ones x, (n,), that have them."""
     found = interior(conditions, x, settled)
     failing = tuple(

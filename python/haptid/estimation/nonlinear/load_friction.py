@@ -11,7 +11,7 @@ import numpy as np
 from haptid.device.terms.term import LoadDependentFriction
 from haptid.dynamics.model import DynamicModel
 from haptid.errors import UnsettledError
-from haptid.estimation import WLS, Method, FixedAtZero, estimate
+from haptid.estimation import WLS, FixedAtZero, Method, estimate
 from haptid.estimation.method import only_weighs
 from haptid.estimation.methods.kalman import Filtering
 from haptid.estimation.nonlinear.copies import Sought, observed

@@ -14,7 +14,7 @@ from haptid.dynamics.model import DynamicModel
 from haptid.dynamics.regressor import external
 from haptid.end_effector.torque_decomposition import TorqueDecomposition
 from haptid.errors import NoAccelerationError, NoStretchesError
-from haptid.experiment.friction_test.curve import ModelSubtraction, JointFriction, friction_curve
+from haptid.experiment.friction_test.curve import JointFriction, ModelSubtraction, friction_curve
 from haptid.report.chart import PREDICTED, RESIDUAL, Chart, axis, figure, packed, plot, series
 from haptid.report.section import Section
 from haptid.report.sections.residual import CLOUD, binned
@@ -52,7 +52,9 @@ def _steady(source: Source) -> Iterator[JointFriction]:
             continue
 
 
-def _chart(source: Source, pairs: list[tuple[Track, TorqueDecomposition]], motor: int, steady: list[JointFriction]) -> Chart:
+def _chart(
+    source: Source, pairs: list[tuple[Track, TorqueDecomposition]], motor: int, steady: list[JointFriction]
+) -> Chart:
     """One motor: what is measured less what is not friction, and the model."""
     first = pairs[0][0]
     label, unit, speed_unit = first.labels[motor], first.units[motor], f"{first.coordinate_units[motor]}/s"
