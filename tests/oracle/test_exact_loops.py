@@ -12,11 +12,10 @@ from haptid.device.geometry import Reader
 from haptid.device.loops import assembly
 from haptid.device.loops.from_toml import read_loops
 from haptid.device.toml.place import Place
-from haptid.device.toml.reader import device_of
 from haptid.device.toml.tables import read_tables
 from haptid.dynamics.regressor import rows
 from haptid.dynamics.symbolic import loop_regroupings
-from haptid.dynamics.symbolic.loops import _opened
+from haptid.dynamics.symbolic.loops import opened
 
 LENGTHS = "[lengths]\nL0 = 0.2\nL1 = 0.15\nL2 = 0.22\nL3 = 0.14\nL4 = 0.25\n"
 TERMS = """
@@ -125,7 +124,7 @@ def numeric_rows(path: Path, states: int = 60) -> np.ndarray:
     """Torques of active joints by standard parameter, by Newton's method and differentiated Jacobians."""
     tables, file = read_tables(path)
     passive = [name for loop in tables.loops for name in loop.passive]
-    tree = device_of(_opened(tables, set(passive)), file)
+    tree = opened(tables, file)
     loops = read_loops(tables.loops, tree.joints, np.eye(4), Reader(tree.lengths), Place(file))
     unknown = [tree.joint_names.index(name) for name in passive]
     active = [j for j in range(len(tree.joints)) if j not in unknown]

@@ -172,6 +172,30 @@ def rational(residues: tuple[int, ...], primes: tuple[int, ...]) -> Fraction | N
     return None if abs(v) > bound else Fraction(b, v)
 
 
+@dataclass(frozen=True, eq=False)
+class Points:
+    """Residues of all symbols at some sets of lengths, modulo one prime.
+
+    Attributes:
+        field: the prime field.
+        values: by symbol, (count,) each.
+        count: number of sets.
+    """
+
+    field: PrimeField
+    values: Mapping[str, Residues]
+    count: int
+
+    def repeated(self, times: int) -> Points:
+        """Every set several times."""
+        values = {name: np.repeat(residues, times) for name, residues in self.values.items()}
+        return Points(self.field, values, self.count * times)
+
+    def at(self, chosen: np.ndarray) -> Points:
+        """Some of the sets, by index."""
+        return Points(self.field, {name: x[chosen] for name, x in self.values.items()}, len(chosen))
+
+
 # Symbols with nonzero exponents, sorted by name: d3^2/d4 is (("d3", 2), ("d4", -1)).
 Powers = tuple[tuple[str, int], ...]
 
@@ -238,13 +262,13 @@ class Laurent:
         """Whether it is a constant."""
         return not self.symbols
 
-    def modulo(self, field: PrimeField, values: Mapping[str, Residues], count: int) -> Residues:
-        """Its residues, (count,), from those of its symbols, each (count,)."""
-        total = np.zeros(count, dtype=np.int64)
+    def modulo(self, points: Points) -> Residues:
+        """Its residues, (count,)."""
+        field, total = points.field, np.zeros(points.count, dtype=np.int64)
         for exponents, coefficient in self.terms:
-            term = np.full(count, field.of(coefficient))
+            term = np.full(points.count, field.of(coefficient))
             for name, exponent in exponents:
-                term = term * field.power(values[name], exponent) % field.prime
+                term = term * field.power(points.values[name], exponent) % field.prime
             total = (total + term) % field.prime
         return total
 
@@ -279,12 +303,12 @@ class Coefficient:
         """Names of its symbols."""
         return tuple(sorted({*self.numerator.symbols, *self.denominator.symbols}))
 
-    def modulo(self, field: PrimeField, values: Mapping[str, Residues], count: int) -> Residues:
-        """Its residues, (count,), from those of its symbols, each (count,)."""
-        numerator = self.numerator.modulo(field, values, count)
+    def modulo(self, points: Points) -> Residues:
+        """Its residues, (count,)."""
+        numerator = self.numerator.modulo(points)
         if not self.is_ratio:
             return numerator
-        return numerator * field.inverse(self.denominator.modulo(field, values, count)) % field.prime
+        return numerator * points.field.inverse(self.denominator.modulo(points)) % points.field.prime
 
     def value(self, values: Mapping[str, float]) -> float:
         """Its value from those of its symbols."""

@@ -13,7 +13,7 @@ import numpy as np
 from haptid._internal.arrays import Array
 from haptid.device import Closure, Counterbalance, Device, TermColumn
 from haptid.device.toml.schema import AnyDevice
-from haptid.dynamics.symbolic.arithmetic import ZERO, Laurent, PrimeField, Residues, powers
+from haptid.dynamics.symbolic.arithmetic import ZERO, Laurent, Points, PrimeField, Residues, powers
 from haptid.dynamics.symbolic.geometry import (
     GeometryReader,
     Placement,
@@ -58,15 +58,8 @@ class Motion(Protocol):
     def depends(self) -> tuple[Laurent, ...]:
         """Polynomials that it depends on, in addition to the placements of joints and cut frames."""
 
-    def states(self, field: PrimeField, rng: np.random.Generator, values: Mapping[str, Residues], count: int) -> States:
-        """Random states, one for each of `count` sets of lengths.
-
-        Args:
-            field: the residues' prime field.
-            rng: random generator.
-            values: residues of all symbols, (count,) each.
-            count: number of states.
-        """
+    def states(self, rng: np.random.Generator, points: Points) -> States:
+        """Random states, one for each set of lengths."""
 
 
 @dataclass(frozen=True)
@@ -92,31 +85,29 @@ class LinearMotion:
         """See Motion."""
         return (*self.offsets, *(part for row in (*self.rates, *self.turns) for part in row))
 
-    def states(self, field: PrimeField, rng: np.random.Generator, values: Mapping[str, Residues], count: int) -> States:
+    def states(self, rng: np.random.Generator, points: Points) -> States:
         """See Motion."""
-        actives = len(self.rates[0])
+        field, count, actives = points.field, points.count, len(self.rates[0])
         active = field.draw(rng, 3, actives, count)
-        G: Residues = np.array([[entry.modulo(field, values, count) for entry in row] for row in self.rates])
+        G: Residues = np.array([[entry.modulo(points) for entry in row] for row in self.rates])
         moved = np.zeros((3, len(self.rates), count), dtype=np.int64)
         for k in range(actives):  # one product at a time: a longer sum could overflow
             moved = field.reduce(moved + G[:, k] * active[:, None, k])
-        offsets: Residues = np.array([offset.modulo(field, values, count) for offset in self.offsets])
+        offsets: Residues = np.array([offset.modulo(points) for offset in self.offsets])
         position = field.reduce(moved[0] + offsets)
-        cos, sin = self._angles(field, rng, values, count)
+        cos, sin = self._angles(rng, points)
         slide = np.where(np.array(self.prismatic)[:, None], position, 0)
         return States(cos, sin, slide, position, moved[1], moved[2], np.moveaxis(G, 1, 2), active)
 
-    def _angles(
-        self, field: PrimeField, rng: np.random.Generator, values: Mapping[str, Residues], count: int
-    ) -> tuple[Residues, Residues]:
-        units = [field.circle(rng, count) for _ in self.rates[0]]
-        cos = np.ones((len(self.rates), count), dtype=np.int64)
+    def _angles(self, rng: np.random.Generator, points: Points) -> tuple[Residues, Residues]:
+        field = points.field
+        units = [field.circle(rng, points.count) for _ in self.rates[0]]
+        cos = np.ones((len(self.rates), points.count), dtype=np.int64)
         sin = np.zeros_like(cos)
         for j, (multiples, prismatic) in enumerate(zip(self.multiples, self.prismatic, strict=True)):
             if prismatic:
                 continue
-            c, s = self.turns[j]
-            angle = (c.modulo(field, values, count), s.modulo(field, values, count))
+            angle = (self.turns[j][0].modulo(points), self.turns[j][1].modulo(points))
             for unit, times in zip(units, multiples, strict=True):
                 if times:
                     angle = field.sum_of_angles(angle, field.multiple_of_angle(unit, times))
@@ -160,17 +151,15 @@ class SymbolicColumn:
     parts: tuple[ColumnPart, ...]
     rest: Laurent = ZERO
 
-    def modulo(
-        self, field: PrimeField, states: States, values: Mapping[str, Residues], functions: Mapping[Hashable, Residues]
-    ) -> Residues:
+    def modulo(self, states: States, points: Points, functions: Mapping[Hashable, Residues]) -> Residues:
         """Residues of the active joints' torques, (n, active)."""
+        field = points.field
         G, motion = self._coordinate(field, states)
-        count = G.shape[0]
-        total = np.zeros(count, dtype=np.int64)
+        total = np.zeros(points.count, dtype=np.int64)
         for part in self.parts:
-            size = np.ones(count, dtype=np.int64) if part.what == "one" else motion[MOTION[part.what]]
+            size = np.ones_like(total) if part.what == "one" else motion[MOTION[part.what]]
             if part.what == "position":
-                size = field.reduce(size - self.rest.modulo(field, values, count))
+                size = field.reduce(size - self.rest.modulo(points))
             if part.key is not None:
                 size = field.reduce(size * functions[part.key])
             total = field.reduce(total + field.of(part.factor) * size)

@@ -24,7 +24,7 @@ from haptid.device.toml.schema import (
     PlacementJoint,
     StandardDHJoint,
 )
-from haptid.dynamics.symbolic.arithmetic import Laurent, PrimeField, Residues
+from haptid.dynamics.symbolic.arithmetic import Laurent, Points, PrimeField, Residues
 from haptid.dynamics.symbolic.symbols import LENGTH, Symbols, ratio
 
 
@@ -68,15 +68,15 @@ def inverse_placement(placement: Placement) -> Placement:
     )
 
 
-def placement_residues(placement: Placement, field: PrimeField, values: Mapping[str, Residues], count: int) -> Residues:
-    """Residues of a placement, (count, 4, 4), from those of its symbols, (count,) each."""
-    identity = np.tile(np.eye(4, dtype=np.int64), (count, 1, 1))
+def placement_residues(placement: Placement, points: Points) -> Residues:
+    """Residues of a placement, (count, 4, 4)."""
+    identity = np.tile(np.eye(4, dtype=np.int64), (points.count, 1, 1))
     pose: Residues = identity
     for step in placement:
         matrix = identity.copy()
         for row, column, entry in step.entries:
-            matrix[:, row, column] = entry.modulo(field, values, count)
-        pose = field.product(pose, matrix)
+            matrix[:, row, column] = entry.modulo(points)
+        pose = points.field.product(pose, matrix)
     return pose
 
 
@@ -127,6 +127,10 @@ class SymbolicCut:
     twin: SymbolicFrame
 
 
+# Cosine, sine and slide of every joint, (joints, n) each.
+JointCoordinates = tuple[Residues, Residues, Residues]
+
+
 def about_z(cos: Residues, sin: Residues) -> Residues:
     """Rotations about z, (n, 3, 3)."""
     R = np.zeros((len(cos), 3, 3), dtype=np.int64)
@@ -136,10 +140,7 @@ def about_z(cos: Residues, sin: Residues) -> Residues:
 
 
 def poses(
-    joints: Sequence[SymbolicJoint],
-    field: PrimeField,
-    placed: Sequence[Residues],
-    moved: tuple[Residues, Residues, Residues],
+    joints: Sequence[SymbolicJoint], field: PrimeField, placed: Sequence[Residues], moved: JointCoordinates
 ) -> list[Residues]:
     """Poses of all links in the base frame, (n, 4, 4) each.
 
@@ -160,19 +161,15 @@ def poses(
     return links
 
 
-def all_placed(
-    joints: Sequence[SymbolicJoint], field: PrimeField, values: Mapping[str, Residues], count: int
-) -> list[Residues]:
+def joint_placements(joints: Sequence[SymbolicJoint], points: Points) -> list[Residues]:
     """Placement of every joint, (count, 4, 4) each."""
-    return [placement_residues(joint.placement, field, values, count) for joint in joints]
+    return [placement_residues(joint.placement, points) for joint in joints]
 
 
-def frame_pose(
-    frame: SymbolicFrame, field: PrimeField, links: Sequence[Residues], values: Mapping[str, Residues], count: int
-) -> Residues:
+def frame_pose(frame: SymbolicFrame, links: Sequence[Residues], points: Points) -> Residues:
     """Pose of a frame in the base frame, (count, 4, 4), from those of all links."""
-    local = placement_residues(frame.placement, field, values, count)
-    return local if frame.link < 0 else field.product(links[frame.link], local)
+    local = placement_residues(frame.placement, points)
+    return local if frame.link < 0 else points.field.product(links[frame.link], local)
 
 
 X, Y, Z = 0, 1, 2

@@ -8,14 +8,13 @@ correct with overwhelming probability; it is checked at another prime as well.
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
 from fractions import Fraction
 from itertools import islice, product
 from types import MappingProxyType
 
 import numpy as np
 
-from haptid.dynamics.symbolic.arithmetic import Coefficient, Laurent, Powers, PrimeField, Residues, powers, rational
+from haptid.dynamics.symbolic.arithmetic import Coefficient, Laurent, Points, Powers, Residues, powers, rational
 from haptid.dynamics.symbolic.symbols import DIMENSIONLESS, GRAVITY, Dimension, Symbol
 
 # Ranges of exponents tried in polynomials, narrowest first.
@@ -30,28 +29,16 @@ LARGEST_EXPONENT = 4
 SPARE_POINTS = 3
 
 
-@dataclass(frozen=True, eq=False)
-class Points:
-    """Sets of lengths modulo one prime.
-
-    Attributes:
-        field: the prime.
-        values: residues of every symbol, (points,) each.
-    """
-
-    field: PrimeField
-    values: Mapping[str, Residues]
-
-    def monomials(self, found: Sequence[Powers], count: int) -> Residues:
-        """Residues of monomials at the first points, (count, monomials)."""
-        made = np.ones((count, len(found)), dtype=np.int64)
-        cache: dict[tuple[str, int], Residues] = {}
-        for k, exponents in enumerate(found):
-            for name, exponent in exponents:
-                if (name, exponent) not in cache:
-                    cache[name, exponent] = self.field.power(self.values[name][:count], exponent)
-                made[:, k] = self.field.reduce(made[:, k] * cache[name, exponent])
-        return made
+def _monomial_residues(at: Points, found: Sequence[Powers], count: int) -> Residues:
+    """Residues of monomials at the first points, (count, monomials)."""
+    residues = np.ones((count, len(found)), dtype=np.int64)
+    cache: dict[tuple[str, int], Residues] = {}
+    for k, exponents in enumerate(found):
+        for name, exponent in exponents:
+            if (name, exponent) not in cache:
+                cache[name, exponent] = at.field.power(at.values[name][:count], exponent)
+            residues[:, k] = at.field.reduce(residues[:, k] * cache[name, exponent])
+    return residues
 
 
 def span_of(at: Points, y: Residues, name: str, along: Sequence[int]) -> range | None:
@@ -153,7 +140,7 @@ def _polynomial(points: Sequence[Points], y: Sequence[Residues], found: tuple[Po
     """The linear combination of these monomials with the residues y, None where there is none."""
     solutions = []
     for at, residues in zip(points, y, strict=True):
-        whole = np.column_stack([at.monomials(found, len(residues)), residues])
+        whole = np.column_stack([_monomial_residues(at, found, len(residues)), residues])
         form, pivots = at.field.echelon(whole[None])
         if pivots != list(range(len(found))):
             return None
@@ -167,8 +154,8 @@ def _ratio(
     """The ratio of combinations of these monomials with the residues y: the null vector of [above, -y below]."""
     solutions, free = [], -1
     for at, residues in zip(points, y, strict=True):
-        under = at.monomials(below, len(residues)) * residues[:, None]
-        whole = np.column_stack([at.monomials(above, len(residues)), at.field.reduce(-under)])
+        under = _monomial_residues(at, below, len(residues)) * residues[:, None]
+        whole = np.column_stack([_monomial_residues(at, above, len(residues)), at.field.reduce(-under)])
         form, pivots = at.field.echelon(whole[None])
         left = sorted(set(range(whole.shape[1])) - set(pivots))
         if not left or free not in (-1, left[0]):

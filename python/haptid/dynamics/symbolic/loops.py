@@ -7,7 +7,7 @@ the loop closure.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from fractions import Fraction
 
@@ -16,12 +16,23 @@ import numpy as np
 from haptid.device import Device
 from haptid.device.toml.reader import device_of
 from haptid.device.toml.schema import AnyDevice
-from haptid.dynamics.symbolic.arithmetic import PRIMES, Laurent, PrimeField, Residues, UnluckyDrawError
+from haptid.dynamics.symbolic.arithmetic import PRIMES, Laurent, Points, PrimeField, Residues, UnluckyDrawError
 from haptid.dynamics.symbolic.chain import Motion, Rows, States, SymbolicChain, assembled
-from haptid.dynamics.symbolic.geometry import SymbolicCut, SymbolicFrame, SymbolicJoint, all_placed, frame_pose, poses
+from haptid.dynamics.symbolic.geometry import (
+    JointCoordinates,
+    SymbolicCut,
+    SymbolicFrame,
+    SymbolicJoint,
+    frame_pose,
+    joint_placements,
+    poses,
+)
 from haptid.dynamics.symbolic.symbols import LENGTH, Symbol, Symbols, draw
 from haptid.errors import NoDyadError, SymbolicClosureError
 
+# x and y of a vector in a plane, (n,) each; poses of all links, (n, 4, 4) each.
+Plane = tuple[Residues, Residues]
+Links = Sequence[Residues]
 # Most draws until all states have a square root: half of them do in each draw.
 DRAWS = 200
 
@@ -63,11 +74,10 @@ class DyadMotion:
         """See Motion."""
         return ()
 
-    def states(self, field: PrimeField, rng: np.random.Generator, values: Mapping[str, Residues], count: int) -> States:
+    def states(self, rng: np.random.Generator, points: Points) -> States:
         """See Motion."""
-        placed = all_placed(self.joints, field, values, count)
-        moved = self._closed(field, rng, values, placed, count)
-        links = poses(self.joints, field, placed, moved)
+        field, count = points.field, points.count
+        moved, links = self._closed(rng, points)
         active = field.draw(rng, 3, len(self.active), count)
         slides = np.array([joint.prismatic for joint in self.joints])
         position = np.where(slides[:, None], moved[2], field.draw(rng, len(self.joints), count))
@@ -77,44 +87,34 @@ class DyadMotion:
         for k, j in enumerate(self.active):
             G[j, :, k], acceleration[j] = 1, active[2, k]
         for dyad in self.dyads:
-            self._rates(field, dyad, (links, values), active[1], G, acceleration)
+            self._rates(dyad, links, points, active[1], G, acceleration)
         velocity = _along(field, G, active[1])
         return States(*moved, position, velocity, acceleration, G, active)
 
-    def _closed(
-        self,
-        field: PrimeField,
-        rng: np.random.Generator,
-        values: Mapping[str, Residues],
-        placed: Sequence[Residues],
-        count: int,
-    ) -> tuple[Residues, Residues, Residues]:
-        """Cosine, sine and slide of all joints, (joints, count) each; states without a square root are drawn again."""
-        whole = np.zeros((3, len(self.joints), count), dtype=np.int64)
-        left = np.arange(count)
+    def _closed(self, rng: np.random.Generator, points: Points) -> tuple[JointCoordinates, list[Residues]]:
+        """Coordinates of all joints and poses of all links; states without a square root are drawn again."""
+        placed = joint_placements(self.joints, points)
+        cos, sin, slide = np.zeros((3, len(self.joints), points.count), dtype=np.int64)
+        left = np.arange(points.count)
         for _ in range(DRAWS):
-            cos, sin, slide = self._drawn(field, rng, len(left))
-            here = {name: residues[left] for name, residues in values.items()}
-            there = [placement[left] for placement in placed]
+            moved = self._drawn(points.field, rng, len(left))
             good = np.ones(len(left), dtype=bool)
             for dyad in self.dyads:
-                good &= self._solve(field, dyad, here, there, (cos, sin, slide))
-            whole[:, :, left] = cos, sin, slide
+                good &= self._solve(dyad, points.at(left), [placement[left] for placement in placed], moved)
+            cos[:, left], sin[:, left], slide[:, left] = moved
             left = left[~good]
             if not len(left):
-                return whole[0], whole[1], whole[2]
+                return (cos, sin, slide), poses(self.joints, points.field, placed, (cos, sin, slide))
         raise UnluckyDrawError
 
     def is_planar(self, symbols: Sequence[Symbol], seed: int) -> bool:
         """Whether the axes of each dyad's joints are parallel; `check_closure` tests that its links lie in a plane."""
         field, rng = PrimeField(PRIMES[0]), np.random.default_rng(seed)
-        values = draw(symbols, field, rng, 1)
-        placed = all_placed(self.joints, field, values, 1)
-        links = poses(self.joints, field, placed, self._closed(field, rng, values, placed, 1))
+        _, links = self._closed(rng, draw(symbols, field, rng, 1))
         axes = ((links[dyad.first][:, :3, 2], links[dyad.second][:, :3, 2]) for dyad in self.dyads)
         return not any(_cross(field, a, b).any() for a, b in axes)
 
-    def _drawn(self, field: PrimeField, rng: np.random.Generator, count: int) -> tuple[Residues, Residues, Residues]:
+    def _drawn(self, field: PrimeField, rng: np.random.Generator, count: int) -> JointCoordinates:
         """Active joints at random, passive ones at zero."""
         cos = np.ones((len(self.joints), count), dtype=np.int64)
         sin, slide = np.zeros_like(cos), np.zeros_like(cos)
@@ -125,21 +125,13 @@ class DyadMotion:
                 cos[j], sin[j] = field.circle(rng, count)
         return cos, sin, slide
 
-    def _solve(
-        self,
-        field: PrimeField,
-        dyad: Dyad,
-        values: Mapping[str, Residues],
-        placed: Sequence[Residues],
-        moved: tuple[Residues, Residues, Residues],
-    ) -> np.ndarray:
+    def _solve(self, dyad: Dyad, points: Points, placed: Sequence[Residues], moved: JointCoordinates) -> np.ndarray:
         """Set cosines and sines of a dyad's joints; returns at which states the circles intersect."""
-        cos, sin, _ = moved
-        count = cos.shape[1]
+        field, (cos, sin, _) = points.field, moved
         for j in (dyad.first, dyad.second):
             cos[j], sin[j] = 1, 0
         links = poses(self.joints, field, placed, moved)
-        near, far = (frame_pose(f, field, links, values, count)[:, :3, 3] for f in (dyad.near, dyad.far))
+        near, far = (frame_pose(f, links, points)[:, :3, 3] for f in (dyad.near, dyad.far))
         pivot = links[dyad.second][:, :3, 3]
         inner, other = (pivot, far) if dyad.serial else (far, pivot)
         arm = _in_plane(field, links[dyad.first], inner)
@@ -147,23 +139,16 @@ class DyadMotion:
         outer = _in_plane(field, links[dyad.second], near)
         good, cos[dyad.first], sin[dyad.first] = _intersection(field, arm, reach, outer)
         links = poses(self.joints, field, placed, moved)
-        goal = _in_plane(field, links[dyad.second], frame_pose(dyad.far, field, links, values, count)[:, :3, 3])
+        goal = _in_plane(field, links[dyad.second], frame_pose(dyad.far, links, points)[:, :3, 3])
         cos[dyad.second], sin[dyad.second] = _rotation(field, outer, goal)
         return good
 
     def _rates(
-        self,
-        field: PrimeField,
-        dyad: Dyad,
-        at: tuple[Sequence[Residues], Mapping[str, Residues]],
-        velocity: Residues,
-        G: Residues,
-        acceleration: Residues,
+        self, dyad: Dyad, links: Links, points: Points, velocity: Residues, G: Residues, acceleration: Residues
     ) -> None:
         """Set a dyad's rows of G and its accelerations, from the differentiated closure."""
-        links, _ = at
-        plane = np.swapaxes(links[dyad.first][:, :3, :2], 1, 2)
-        slopes = self._slopes(field, dyad, at, plane)
+        field, plane = points.field, np.swapaxes(links[dyad.first][:, :3, :2], 1, 2)
+        slopes = self._slopes(dyad, links, points, plane)
         pair = [dyad.first, dyad.second]
         solve = _inverse(field, slopes[:, :, pair])
         others = [j for j in range(len(self.joints)) if slopes[:, :, j].any() and j not in pair]
@@ -173,47 +158,29 @@ class DyadMotion:
                 apart = field.reduce(apart + slopes[:, :, j] * G[j, :, k])
             G[pair, :, k] = _applied(field, solve, field.reduce(-apart))
         rates = _along(field, G, velocity)
-        near, far = (self._acceleration(field, frame, at, rates, acceleration) for frame in (dyad.near, dyad.far))
+        near, far = (self._acceleration(f, links, points, rates, acceleration) for f in (dyad.near, dyad.far))
         drift = field.product(plane, field.reduce(near - far)[:, :, None])[:, :, 0]
         acceleration[pair] = _applied(field, solve, field.reduce(-drift.T))
 
-    def _slopes(
-        self, field: PrimeField, dyad: Dyad, at: tuple[Sequence[Residues], Mapping[str, Residues]], plane: Residues
-    ) -> Residues:
+    def _slopes(self, dyad: Dyad, links: Links, points: Points, plane: Residues) -> Residues:
         """Velocity between the pin's two sides in the dyad's plane per unit rate of each joint, (2, n, joints)."""
-        links, values = at
-        count = len(plane)
-        made = np.zeros((2, count, len(self.joints)), dtype=np.int64)
+        field, slopes = points.field, np.zeros((2, points.count, len(self.joints)), dtype=np.int64)
         for frame, sign in ((dyad.near, 1), (dyad.far, -1)):
-            point = frame_pose(frame, field, links, values, count)[:, :3, 3]
-            for j in self._path(frame.link):
+            point = frame_pose(frame, links, points)[:, :3, 3]
+            for j in _ancestors(self.joints, frame.link):
                 axis = links[j][:, :3, 2]
-                moved = axis if self.joints[j].prismatic else _cross(field, axis, point - links[j][:, :3, 3])
-                seen = field.product(plane, moved[:, :, None])[:, :, 0]
-                made[:, :, j] = field.reduce(made[:, :, j] + sign * seen.T)
-        return made
-
-    def _path(self, link: int) -> list[int]:
-        """Joints from the base to a link."""
-        made: list[int] = []
-        while link >= 0:
-            made.insert(0, link)
-            link = self.joints[link].parent
-        return made
+                velocity = axis if self.joints[j].prismatic else _cross(field, axis, point - links[j][:, :3, 3])
+                in_plane = field.product(plane, velocity[:, :, None])[:, :, 0]
+                slopes[:, :, j] = field.reduce(slopes[:, :, j] + sign * in_plane.T)
+        return slopes
 
     def _acceleration(
-        self,
-        field: PrimeField,
-        frame: SymbolicFrame,
-        at: tuple[Sequence[Residues], Mapping[str, Residues]],
-        rates: Residues,
-        acceleration: Residues,
+        self, frame: SymbolicFrame, links: Links, points: Points, rates: Residues, acceleration: Residues
     ) -> Residues:
         """Acceleration of a frame's origin in the base frame, (n, 3), from those of the joints."""
-        links, values = at
-        count = rates.shape[1]
-        w = dw = a = origin = np.zeros((count, 3), dtype=np.int64)
-        for j in self._path(frame.link):
+        field = points.field
+        w = dw = a = origin = np.zeros((points.count, 3), dtype=np.int64)
+        for j in reversed(_ancestors(self.joints, frame.link)):
             axis, here = links[j][:, :3, 2], links[j][:, :3, 3]
             a, origin = _point_acceleration(field, a, w, dw, here - origin), here
             rate, gain = (field.reduce(axis * x[j][:, None]) for x in (rates, acceleration))
@@ -222,36 +189,29 @@ class DyadMotion:
                 a = field.reduce(a + gain + 2 * swing)
             else:
                 w, dw = field.reduce(w + rate), field.reduce(dw + gain + swing)
-        point = frame_pose(frame, field, links, values, count)[:, :3, 3]
+        point = frame_pose(frame, links, points)[:, :3, 3]
         return _point_acceleration(field, a, w, dw, point - origin)
 
 
-def _in_plane(field: PrimeField, pose: Residues, point: Residues) -> tuple[Residues, Residues]:
+def _in_plane(field: PrimeField, pose: Residues, point: Residues) -> Plane:
     """x and y of a point in a frame, (n,) each."""
     apart = field.reduce(point - pose[:, :3, 3])
     local = field.product(np.swapaxes(pose[:, :3, :2], 1, 2), apart[:, :, None])
     return local[:, 0, 0], local[:, 1, 0]
 
 
-def _dot(field: PrimeField, a: tuple[Residues, Residues], b: tuple[Residues, Residues]) -> Residues:
+def _dot(field: PrimeField, a: Plane, b: Plane) -> Residues:
     return field.reduce(a[0] * b[0] + a[1] * b[1])
 
 
-def _rotation(
-    field: PrimeField, start: tuple[Residues, Residues], goal: tuple[Residues, Residues]
-) -> tuple[Residues, Residues]:
+def _rotation(field: PrimeField, start: Plane, goal: Plane) -> Plane:
     """Cosine and sine of the rotation from one vector to another of the same length."""
     scale = field.inverse(_dot(field, start, start))
     across = field.reduce(start[0] * goal[1] - start[1] * goal[0])
     return field.reduce(_dot(field, start, goal) * scale), field.reduce(across * scale)
 
 
-def _intersection(
-    field: PrimeField,
-    arm: tuple[Residues, Residues],
-    reach: tuple[Residues, Residues],
-    outer: tuple[Residues, Residues],
-) -> tuple[np.ndarray, Residues, Residues]:
+def _intersection(field: PrimeField, arm: Plane, reach: Plane, outer: Plane) -> tuple[np.ndarray, Residues, Residues]:
     """Where circles intersect: the rotation of `arm` whose end is |outer| from the point `reach`.
 
     Returns:
@@ -337,7 +297,16 @@ def opened(tables: AnyDevice, file: str) -> Device:
         raise NoDyadError(file, "a loop has relations")
     if named := [loop.cut.name for loop in tables.loops if loop.cut and loop.cut.name]:
         raise NoDyadError(file, f"cut joint {named[0]} has a name, so that terms may act on it")
-    return device_of(_opened(tables, _passive(tables)), file)
+    passive = _passive(tables)
+    active = [joint.name for joint in tables.joints if joint.name not in passive]
+    driven = {name for motor in tables.motors for name in motor.drives or {motor.name: 1.0}}
+    words = {"active": active, "motorised": [name for name in active if name in driven or not tables.motors]}
+    terms = [
+        term.model_copy(update={"joints": words[term.joints]}) if term.joints in ("active", "motorised") else term
+        for term in tables.terms
+    ]
+    joints = [joint.model_copy(update={"active": None}) for joint in tables.joints]
+    return device_of(tables.model_copy(update={"loops": [], "terms": terms, "joints": joints}), file)
 
 
 def dyad_chain(tree: Device, tables: AnyDevice, file: str, seed: int) -> SymbolicChain:
@@ -352,28 +321,7 @@ def dyad_chain(tree: Device, tables: AnyDevice, file: str, seed: int) -> Symboli
     Raises:
         NoDyadError: a loop is no planar dyad.
     """
-    return _closed(tree, tables, _passive(tables), file, seed)
-
-
-def _passive(tables: AnyDevice) -> set[str]:
-    return {name for loop in tables.loops for name in loop.passive}
-
-
-def _opened(tables: AnyDevice, passive: set[str]) -> AnyDevice:
-    """The tables of the tree: no loops, and terms on active joints by their names."""
-    active = [joint.name for joint in tables.joints if joint.name not in passive]
-    driven = {name for motor in tables.motors for name in motor.drives or {motor.name: 1.0}}
-    words = {"active": active, "motorised": [name for name in active if name in driven or not tables.motors]}
-    terms = [
-        term.model_copy(update={"joints": words[term.joints]}) if term.joints in ("active", "motorised") else term
-        for term in tables.terms
-    ]
-    joints = [joint.model_copy(update={"active": None}) for joint in tables.joints]
-    return tables.model_copy(update={"loops": [], "terms": terms, "joints": joints})
-
-
-def _closed(tree: Device, tables: AnyDevice, passive: set[str], file: str, seed: int) -> SymbolicChain:
-    """The mechanism: the tree's joints, with the loops' cuts."""
+    passive = _passive(tables)
     active = tuple(j for j, name in enumerate(tree.joint_names) if name not in passive)
 
     def motion(joints: tuple[SymbolicJoint, ...], cuts: tuple[SymbolicCut, ...], symbols: Symbols) -> Motion:
@@ -386,6 +334,10 @@ def _closed(tree: Device, tables: AnyDevice, passive: set[str], file: str, seed:
         return made
 
     return assembled(tree, tables, active, _rows(tree, active, bool(tables.motors)), motion)
+
+
+def _passive(tables: AnyDevice) -> set[str]:
+    return {name for loop in tables.loops for name in loop.passive}
 
 
 def _rows(tree: Device, active: tuple[int, ...], motors: bool) -> Rows:
@@ -417,12 +369,11 @@ def check_closure(chain: SymbolicChain, names: tuple[str, ...], seed: int) -> No
     if not chain.cuts:
         return
     field, rng = PrimeField(PRIMES[0]), np.random.default_rng(seed)
-    values = draw(chain.symbols, field, rng, STATES)
-    states = chain.motion.states(field, rng, values, STATES)
-    placed = all_placed(chain.joints, field, values, STATES)
+    points = draw(chain.symbols, field, rng, STATES)
+    states, placed = chain.motion.states(rng, points), joint_placements(chain.joints, points)
     links = poses(chain.joints, field, placed, (states.cos, states.sin, states.slide))
     for cut in chain.cuts:
-        frame, twin = (frame_pose(at, field, links, values, STATES) for at in (cut.frame, cut.twin))
+        frame, twin = (frame_pose(at, links, points) for at in (cut.frame, cut.twin))
         if _gap(field, frame, twin, cut.prismatic).any():
             on, other = (names[at.link] if at.link >= 0 else "base" for at in (cut.frame, cut.twin))
             lengths = [f"{s.name} = {s.value:.6g}" for s in chain.symbols if s.dimension == LENGTH]

@@ -7,16 +7,17 @@ are never formed (Khalil and Dombre 2002, eq. 10.25, for the same projection).
 
 from __future__ import annotations
 
-from collections.abc import Hashable, Mapping
+from collections.abc import Hashable
 from dataclasses import dataclass
 
 import numpy as np
 
-from haptid.dynamics.symbolic.arithmetic import PrimeField, Residues, UnluckyDrawError
+from haptid.dynamics.symbolic.arithmetic import Points, PrimeField, Residues, UnluckyDrawError
 from haptid.dynamics.symbolic.chain import States, SymbolicChain
 from haptid.dynamics.symbolic.geometry import SymbolicJoint, about_z, placement_residues
 from haptid.dynamics.symbolic.symbols import Symbol, draw
 
+Functions = dict[Hashable, Residues]
 # Entries of the map J v over XX XY XZ YY YZ ZZ: row, component of v, parameter.
 INERTIA = ((0, 0, 0), (0, 1, 1), (0, 2, 2), (1, 0, 1), (1, 1, 3), (1, 2, 4), (2, 0, 2), (2, 1, 4), (2, 2, 5))
 
@@ -38,47 +39,38 @@ class LinkMotion:
     Jw: Residues
 
 
-def regressor(
-    chain: SymbolicChain, field: PrimeField, rng: np.random.Generator, values: Mapping[str, Residues], samples: int
-) -> Residues:
+def regressor(chain: SymbolicChain, rng: np.random.Generator, points: Points, samples: int) -> Residues:
     """Rows of measured torque by raw standard parameter, (sets, samples * rows, columns).
 
     Args:
         chain: the mechanism.
-        field: the residues' prime field.
         rng: random generator.
-        values: residues of its symbols, (sets,) each.
-        samples: states for each set of lengths.
+        points: sets of lengths.
+        samples: states for each set.
     """
-    sets = len(next(iter(values.values()))) if values else 1
-    count = sets * samples
-    each = {name: np.repeat(residues, samples) for name, residues in values.items()}
-    states = chain.motion.states(field, rng, each, count)
-    links = _links(chain, field, states, values, samples)
-    blocks = [link_columns(field, link) for link in links]
-    functions = _functions(chain, field, rng, count)
-    blocks += [column.modulo(field, states, each, functions)[:, :, None] for column in chain.columns]
+    field, each = points.field, points.repeated(samples)
+    states = chain.motion.states(rng, each)
+    blocks = [link_columns(field, link) for link in _links(chain, states, points, each)]
+    functions = _functions(chain, field, rng, each.count)
+    blocks += [column.modulo(states, each, functions)[:, :, None] for column in chain.columns]
     W = np.concatenate(blocks, axis=2)
     if chain.rows is not None:
         W = _measured(chain, field, W)
-    return W.reshape(sets, samples * W.shape[1], W.shape[2])
+    return W.reshape(points.count, samples * W.shape[1], W.shape[2])
 
 
-def _links(
-    chain: SymbolicChain, field: PrimeField, states: States, values: Mapping[str, Residues], samples: int
-) -> list[LinkMotion]:
-    """Motion of all links, parents first."""
-    sets, count, actives = states.cos.shape[1] // samples, states.cos.shape[1], states.G.shape[2]
-    zero = np.zeros((count, 3), dtype=np.int64)
-    each = {name: np.repeat(residues, samples) for name, residues in values.items()}
-    up = np.stack([field.reduce(-part.modulo(field, each, count)) for part in chain.gravity], axis=1)
-    still = np.zeros((count, 3, actives), dtype=np.int64)
+def _links(chain: SymbolicChain, states: States, points: Points, each: Points) -> list[LinkMotion]:
+    """Motion of all links, parents first; `each` are the points of every state."""
+    field, samples = points.field, each.count // points.count
+    zero = np.zeros((each.count, 3), dtype=np.int64)
+    up = np.stack([field.reduce(-part.modulo(each)) for part in chain.gravity], axis=1)
+    still = np.zeros((each.count, 3, states.G.shape[2]), dtype=np.int64)
     base = LinkMotion(zero, zero, up, still, still)
-    made: list[LinkMotion] = []
+    links: list[LinkMotion] = []
     for j, joint in enumerate(chain.joints):
-        placed = np.repeat(placement_residues(joint.placement, field, values, sets), samples, axis=0)
-        made.append(_moved(field, made[joint.parent] if joint.parent >= 0 else base, joint, placed, states, j))
-    return made
+        placed = np.repeat(placement_residues(joint.placement, points), samples, axis=0)
+        links.append(_moved(field, links[joint.parent] if joint.parent >= 0 else base, joint, placed, states, j))
+    return links
 
 
 def _moved(
@@ -136,9 +128,7 @@ def apply(field: PrimeField, matrices: Residues, vectors: Residues) -> Residues:
     return field.product(matrices, vectors[:, :, None])[:, :, 0]
 
 
-def _functions(
-    chain: SymbolicChain, field: PrimeField, rng: np.random.Generator, count: int
-) -> dict[Hashable, Residues]:
+def _functions(chain: SymbolicChain, field: PrimeField, rng: np.random.Generator, count: int) -> Functions:
     """Random values at every state of functions that are not polynomial, drawn independently for each."""
     keys = dict.fromkeys(part.key for column in chain.columns for part in column.parts)
     return {key: field.draw(rng, count) for key in keys if key is not None}
@@ -182,16 +172,14 @@ class Columns:
     chain: SymbolicChain
     members: tuple[tuple[int, ...], ...]
 
-    def sample(
-        self, field: PrimeField, rng: np.random.Generator, values: Mapping[str, Residues], samples: int
-    ) -> Residues:
+    def sample(self, rng: np.random.Generator, points: Points, samples: int) -> Residues:
         """Rows at this many states for each set of lengths, (sets, samples * rows, standard parameters)."""
-        W = regressor(self.chain, field, rng, values, samples)
-        made = W[:, :, [members[0] for members in self.members]]
+        raw = regressor(self.chain, rng, points, samples)
+        W = raw[:, :, [members[0] for members in self.members]]
         for k, members in enumerate(self.members):
-            for raw in members[1:]:
-                made[:, :, k] = field.reduce(made[:, :, k] + W[:, :, raw])
-        return made
+            for j in members[1:]:
+                W[:, :, k] = points.field.reduce(W[:, :, k] + raw[:, :, j])
+        return W
 
     def pivots(self, field: PrimeField, rng: np.random.Generator) -> Pivots:
         """Columns independent of those before them, at random lengths.
@@ -199,12 +187,12 @@ class Columns:
         Independence is certain: a minor that is not zero modulo a prime is not zero. States are added until twice as
         many give no more: the number of rows is no criterion where a torque depends on few of the columns.
         """
-        values = draw(self.chain.symbols, field, rng, 1)
+        points = draw(self.chain.symbols, field, rng, 1)
         samples = -(-len(self.members) // self.chain.torques) + 1
-        W = self.sample(field, rng, values, samples)
+        W = self.sample(rng, points, samples)
         kept = field.echelon(W)[1]
         while True:
-            W = np.concatenate([W, self.sample(field, rng, values, samples)], axis=1)
+            W = np.concatenate([W, self.sample(rng, points, samples)], axis=1)
             before, kept = kept, field.echelon(W)[1]
             if kept == before:
                 break
@@ -214,42 +202,29 @@ class Columns:
             enough += 1
         return Pivots(tuple(kept), tuple(np.flatnonzero(~W[0].any(axis=0)).tolist()), enough + 1)
 
-    def relations(
-        self,
-        field: PrimeField,
-        rng: np.random.Generator,
-        values: Mapping[str, Residues],
-        pivots: Pivots,
-        others: list[int],
-    ) -> Residues:
+    def relations(self, rng: np.random.Generator, points: Points, pivots: Pivots, others: list[int]) -> Residues:
         """Coefficients of other columns in those kept, (sets of lengths, kept, others).
 
         Raises:
             UnluckyDrawError: the columns kept are not independent at some of these lengths.
         """
         kept = len(pivots.kept)
-        W = self.sample(field, rng, values, pivots.samples)[:, :, [*pivots.kept, *others]]
-        made, found = field.echelon(W, kept)
+        W = self.sample(rng, points, pivots.samples)[:, :, [*pivots.kept, *others]]
+        form, found = points.field.echelon(W, kept)
         if len(found) < kept:
             raise UnluckyDrawError
-        return made[:, :, kept:]
+        return form[:, :, kept:]
 
 
-def scatter(
-    symbols: tuple[Symbol, ...], field: PrimeField, rng: np.random.Generator, count: int, moves: int
-) -> dict[str, Residues]:
-    """Sets of lengths: `count` at random, then the first one with each quantity in turn drawn `moves` times.
-
-    Returns:
-        residues of every symbol, (count + moves * quantities,) each; a quantity is a length or an angle.
-    """
-    made = draw(symbols, field, rng, count)
-    for names in quantities(symbols):
-        moved = draw(symbols, field, rng, moves)
-        for name in made:
-            fixed = np.repeat(made[name][:1], moves)
-            made[name] = np.append(made[name], moved[name] if name in names else fixed)
-    return made
+def scatter(symbols: tuple[Symbol, ...], field: PrimeField, rng: np.random.Generator, count: int, moves: int) -> Points:
+    """Sets of lengths: `count` at random, then the first one with each quantity in turn drawn `moves` times."""
+    groups = quantities(symbols)
+    values = dict(draw(symbols, field, rng, count).values)
+    for names in groups:
+        moved = draw(symbols, field, rng, moves).values
+        for name, residues in values.items():
+            values[name] = np.append(residues, moved[name] if name in names else np.repeat(residues[:1], moves))
+    return Points(field, values, count + moves * len(groups))
 
 
 def quantities(symbols: tuple[Symbol, ...]) -> list[tuple[str, ...]]:

@@ -31,13 +31,14 @@ from haptid.dynamics.symbolic.arithmetic import (
     PRIMES,
     Coefficient,
     Laurent,
+    Points,
     PrimeField,
     Residues,
     UnluckyDrawError,
     rational,
 )
 from haptid.dynamics.symbolic.chain import SymbolicChain, symbolic_chain
-from haptid.dynamics.symbolic.interpolation import Points, fit, span_of
+from haptid.dynamics.symbolic.interpolation import fit, span_of
 from haptid.dynamics.symbolic.loops import check_closure, dyad_chain, opened
 from haptid.dynamics.symbolic.regressor import Columns, Pivots, quantities, scatter
 from haptid.dynamics.symbolic.symbols import DIMENSIONLESS, DIMENSIONS, Dimension, Symbol, draw
@@ -235,9 +236,8 @@ def _residues(
     points, R = [], []
     for prime in PRIMES[:2]:
         rng = np.random.default_rng([seed, *sets, prime])
-        at = Points(PrimeField(prime), scatter(columns.chain.symbols, PrimeField(prime), rng, *sets))
-        points.append(at)
-        R.append(columns.relations(at.field, rng, at.values, pivots, others))
+        points.append(scatter(columns.chain.symbols, PrimeField(prime), rng, *sets))
+        R.append(columns.relations(rng, points[-1], pivots, others))
     return points, R
 
 
@@ -281,13 +281,13 @@ def _check(
     Raises:
         RegroupingCheckError: one of them does not hold.
     """
-    at, rng = PrimeField(PRIMES[2]), np.random.default_rng([seed, PRIMES[2]])
-    values = draw(columns.chain.symbols, at, rng, CHECKED_SETS)
-    W = columns.sample(at, rng, values, pivots.samples)
+    field, rng = PrimeField(PRIMES[2]), np.random.default_rng([seed, PRIMES[2]])
+    points = draw(columns.chain.symbols, field, rng, CHECKED_SETS)
+    W = columns.sample(rng, points, pivots.samples)
     left = W.copy()
     for (i, k), coefficient in found.items():
-        share = coefficient.modulo(at, values, CHECKED_SETS)[: len(W), None]
-        left[:, :, k] = at.reduce(left[:, :, k] - W[:, :, pivots.kept[i]] * share)
+        share = coefficient.modulo(points)[:, None]
+        left[:, :, k] = field.reduce(left[:, :, k] - W[:, :, pivots.kept[i]] * share)
     left[:, :, pivots.kept] = 0
     wrong = np.flatnonzero(left.any(axis=(0, 1)))
     if len(wrong):

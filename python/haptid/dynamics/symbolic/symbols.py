@@ -11,7 +11,7 @@ from itertools import combinations
 import numpy as np
 
 from haptid.device.loops.from_toml import nearest
-from haptid.dynamics.symbolic.arithmetic import Laurent, PrimeField, Residues
+from haptid.dynamics.symbolic.arithmetic import Laurent, Points, PrimeField, Residues
 
 # Exponents of metre and second. Angles are dimensionless: a sliding joint coupled to a turning one relates them to
 # lengths.
@@ -146,7 +146,7 @@ def ratio(value: float) -> Fraction:
     return simple if _same(float(simple), value) else Fraction(repr(value))
 
 
-def draw(symbols: Iterable[Symbol], field: PrimeField, rng: np.random.Generator, count: int) -> dict[str, Residues]:
+def draw(symbols: Iterable[Symbol], field: PrimeField, rng: np.random.Generator, count: int) -> Points:
     """Random residues of all symbols, (count,) each; cosine and sine of an angle lie on the circle."""
     made: dict[str, Residues] = {}
     for symbol in symbols:
@@ -154,4 +154,4 @@ def draw(symbols: Iterable[Symbol], field: PrimeField, rng: np.random.Generator,
             made[symbol.name] = field.draw(rng, count)
         elif symbol.name not in made:
             made[f"cos({symbol.angle})"], made[f"sin({symbol.angle})"] = field.circle(rng, count)
-    return made
+    return Points(field, made, count)
