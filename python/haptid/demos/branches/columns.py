@@ -9,8 +9,7 @@ import numpy as np
 from haptid._internal.arrays import Array
 from haptid.demos.branches.finding import Handle, Results
 from haptid.demos.branches.fits import Identified, coulomb_of
-from haptid.inference.targets import aligned
-from haptid.uncertainty.quantities import Field
+from haptid.uncertainty.quantities import Field, aligned
 
 PARAMETERS = ["", "unit", "CAD", "published", "±, %", "found", "±, %", "95 % interval", "true"]
 AXES = "xyz"

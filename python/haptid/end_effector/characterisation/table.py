@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from haptid.end_effector.characterisation.characterise import Characterisation
-from haptid.errors import TorqueLimitError
+from haptid.errors import IncompleteDeviceError
 from haptid.uncertainty.quantities import Field
 
 # Names of the components of the handle's velocity.
@@ -91,7 +91,7 @@ def _force_capability(found: Characterisation, asked: Asked) -> Iterator[Column]
     """Largest force of the motors, where their limits are known."""
     try:
         force = found.greatest_force(asked.torque)[0]
-    except TorqueLimitError:
+    except IncompleteDeviceError:
         if asked.torque is not None:
             raise
         return
