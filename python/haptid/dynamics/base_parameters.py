@@ -16,7 +16,7 @@ from scipy import linalg
 
 from haptid._internal.arrays import Array, freeze, read_only
 from haptid.dynamics.regressor import rows
-from haptid.errors import UnidentifiableTargetError
+from haptid.errors import IdentifiabilityError
 
 if TYPE_CHECKING:
     from haptid.dynamics.model import DynamicModel
@@ -205,7 +205,7 @@ def base_combinations(model: DynamicModel, names: Sequence[str], rows: Array) ->
     A combination is identifiable iff C_kept @ regrouping reproduces its other coefficients.
 
     Raises:
-        UnidentifiableTargetError: a combination is not identifiable, given by its name.
+        IdentifiabilityError: a combination is not identifiable, given by its name.
     """
     base = model.base
     C = rows[:, list(base.independent_columns)]
@@ -217,9 +217,16 @@ def base_combinations(model: DynamicModel, names: Sequence[str], rows: Array) ->
     return freeze(np.ascontiguousarray(C))
 
 
-def _unidentifiable(model: DynamicModel, target: str, hidden: Array, shown: Array) -> UnidentifiableTargetError:
+def _unidentifiable(model: DynamicModel, target: str, hidden: Array, shown: Array) -> IdentifiabilityError:
     base = model.base
     holding = np.flatnonzero((base.regrouping[:, hidden != 0] != 0).any(axis=1) & (not shown.any()))
     groups = [f"{base.names[k]} = {base.groupings[k]}" for k in holding[:MOST_GROUPS]]
     texts = [formula(row, base.standard, int(np.argmax(row != 0))) if row.any() else "" for row in (hidden, shown)]
-    return UnidentifiableTargetError(target, texts[0], texts[1], groups)
+    seen = f" What it shows is {texts[1]}." if texts[1] else ""
+    within = f" It is identifiable only within {'; '.join(groups)}." if groups else ""
+    return IdentifiabilityError(
+        f"target {target} is not identifiable: no torque of this device depends on {texts[0]} by itself.{seen}{within}",
+        where=target,
+        found=texts[0],
+        advice="Write the target as a sum of base parameters; `haptid model` prints them with their regrouping.",
+    )

@@ -16,7 +16,7 @@ from haptid.device.terms.term import LoadDependentFriction
 from haptid.dynamics.inverse import core_mass, core_torque
 from haptid.dynamics.model import DynamicModel
 from haptid.dynamics.regressor import CoreChannels, check_columns, check_linear, columns, external
-from haptid.errors import MasslessError
+from haptid.errors import SimulationError
 
 
 @dataclass(frozen=True, eq=False)
@@ -102,7 +102,7 @@ class ForwardDynamics:
         chi: sets of parameters of the core's columns, (sets, r), SI.
 
     Raises:
-        AccelerationColumnError: a user-defined column reads accelerations.
+        MissingAccelerationError: a user-defined column reads accelerations.
     """
 
     model: DynamicModel
@@ -137,7 +137,7 @@ class ForwardDynamics:
             tau: torque of every row, (n, states), N m or N.
 
         Raises:
-            MasslessError: a mass matrix is not positive definite.
+            SimulationError: a mass matrix is not positive definite.
         """
         c, cd, tau = np.ascontiguousarray(c), np.ascontiguousarray(cd), np.ascontiguousarray(tau)
         own, loops = external(self.model, c, cd, np.zeros_like(c)), self.model.loops(c, cd)
@@ -180,23 +180,30 @@ class ForwardDynamics:
         """M^-1 force, (states, n).
 
         Raises:
-            MasslessError: a mass matrix cannot be inverted.
+            SimulationError: a mass matrix cannot be inverted.
         """
         try:
             return np.asarray(np.linalg.solve(M, force[:, :, None])[:, :, 0])
         except np.linalg.LinAlgError:
             raise self.massless(M) from None
 
-    def massless(self, M: Array) -> MasslessError:
+    def massless(self, M: Array) -> SimulationError:
         """The error for mass matrices of which one cannot be inverted."""
         values, vectors = np.linalg.eigh(M)
         ratio = values[:, 0] / np.maximum(values[:, -1], np.finfo(float).tiny)
         worst = int(np.argmin(ratio))
-        row = int(np.argmax(np.abs(vectors[worst, :, 0])))
-        return MasslessError(self.model.device.row_labels[row], float(ratio[worst]), INVERTIBLE)
+        label = self.model.device.row_labels[int(np.argmax(np.abs(vectors[worst, :, 0])))]
+        return SimulationError(
+            f"these parameters give {label} no inertia: the smallest eigenvalue of the mass matrix is "
+            f"{float(ratio[worst]):.1e} of the largest (limit {INVERTIBLE:.1e}), so its acceleration is undefined.",
+            where=label,
+            found=float(ratio[worst]),
+            limit=INVERTIBLE,
+            advice="Start from physically consistent parameters, such as those of PhysicallyConsistent().",
+        )
 
     def check(self, c: Array) -> None:
-        """Raise MasslessError unless the mass matrix is positive definite at these positions, (n, states)."""
+        """Raise SimulationError unless the mass matrix is positive definite at these positions, (n, states)."""
         M = self.mass(np.tile(c, len(self.chi)))
         if not (np.linalg.eigvalsh(M)[:, 0] > INVERTIBLE * np.abs(M).max(axis=(1, 2))).all():
             raise self.massless(M)
@@ -266,7 +273,7 @@ class ParametricForwardDynamics:
         base: maps base parameters to parameters of the core's columns, (r, p).
 
     Raises:
-        AccelerationColumnError: a column reads accelerations.
+        MissingAccelerationError: a column reads accelerations.
     """
 
     model: DynamicModel
@@ -284,7 +291,7 @@ class ParametricForwardDynamics:
             beta: base parameters.
 
         Raises:
-            MasslessError: a mass matrix is not positive definite.
+            SimulationError: a mass matrix is not positive definite.
         """
         return ForwardDynamics(self.model, beta @ self.base.T).acceleration(c, cd, tau)
 

@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike
 from haptid._internal.arrays import Array, expect, freeze, read_only
 from haptid.device import Handle, poses
 from haptid.dynamics.model import DynamicModel
-from haptid.errors import HandleMissingError
+from haptid.errors import IncompleteDeviceError
 
 
 @dataclass(frozen=True, eq=False)
@@ -81,7 +81,7 @@ def handle_motion(model: DynamicModel, qa: ArrayLike) -> HandleMotion:
         qa: positions of the active joints, (active, samples), rad or m.
 
     Raises:
-        HandleMissingError: the device has no handle.
+        IncompleteDeviceError: the device has no handle.
         ShapeError: the array does not fit the device.
     """
     qa, handle = np.asarray(qa, dtype=float), handle_of(model)
@@ -107,10 +107,14 @@ def handle_of(model: DynamicModel) -> Handle:
     """The device's handle.
 
     Raises:
-        HandleMissingError: it has none.
+        IncompleteDeviceError: it has none.
     """
     if model.device.handle is None:
-        raise HandleMissingError(model.device.name)
+        raise IncompleteDeviceError(
+            f"{model.device.name} has no handle.",
+            where=model.device.name,
+            advice="Add [handle] with its link and xyz to the device file.",
+        )
     return model.device.handle
 
 

@@ -16,6 +16,7 @@ from haptid.device import Device, Followed
 from haptid.device.priors import combined_prior
 from haptid.device.terms.term import DRY, LoadDependentFriction, TermColumn, external_columns
 from haptid.dynamics.base_parameters import BaseParameters, base_parameters
+from haptid.errors import ModelMismatchError
 
 if TYPE_CHECKING:
     from haptid.dynamics.symbolic import Regroupings
@@ -53,6 +54,15 @@ class DynamicModel:
         """Whether both have the same device and the same constants."""
         same_terms = list(map(id, self.terms)) == list(map(id, other.terms))
         return self is other or (self.device is other.device and same_terms)
+
+    def require_same(self, other: DynamicModel) -> None:
+        """Raise ModelMismatchError unless both have the same device and the same constants."""
+        if not self.is_same_as(other):
+            raise ModelMismatchError(
+                f"these are of two models, of devices {other.device.name!r} and {self.device.name!r}.",
+                where=(other.device.name, self.device.name),
+                advice="Read the device once, and make every observation with it.",
+            )
 
     def at_constants(self, values: Sequence[float]) -> DynamicModel:
         """The model at other values of the constants that the device file leaves open, in their order, SI."""
@@ -121,7 +131,7 @@ class DynamicModel:
             qdda: their accelerations.
 
         Raises:
-            LoopUnreachableError, SingularLoopError: a loop does not close at a pose, or is singular there.
+            LoopClosureError, SingularityError: a loop does not close at a pose, or is singular there.
         """
         for name, array in (("qa", qa), ("qda", qda), ("qdda", qdda)):
             expect(name, array.shape, (len(self.device.active), qa.shape[1]))
@@ -136,7 +146,7 @@ class DynamicModel:
             cd: their velocities.
 
         Raises:
-            LoopUnreachableError, SingularLoopError: as for `tree`.
+            LoopClosureError, SingularityError: as for `tree`.
         """
         to_joints = np.linalg.inv(self.device.row_map)
         return self.device.closure.follow(to_joints @ c, to_joints @ cd).by(self.device.row_map)
@@ -151,7 +161,7 @@ class DynamicModel:
             cd: their velocities.
 
         Raises:
-            LoopUnreachableError, SingularLoopError: as for `tree`.
+            LoopClosureError, SingularityError: as for `tree`.
         """
         return self.given(self.follow(c, cd)) if self.device.varying.any() else None
 

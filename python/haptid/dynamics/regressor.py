@@ -10,7 +10,7 @@ import numpy as np
 from haptid._internal.arrays import Array
 from haptid.device.expressions import Column
 from haptid.device.terms.term import LoadDependentFriction
-from haptid.errors import AccelerationColumnError
+from haptid.errors import MissingAccelerationError
 
 if TYPE_CHECKING:
     from haptid.dynamics.model import DynamicModel
@@ -81,7 +81,7 @@ def external(model: DynamicModel, c: Array, cd: Array, cdd: Array | None) -> Arr
     """Columns that Python computes: counterbalances, user-defined ones, load-dependent friction, (columns, samples).
 
     Raises:
-        AccelerationColumnError: a column reads accelerations, and `cdd` is None.
+        MissingAccelerationError: a column reads accelerations, and `cdd` is None.
     """
     if not model.externals:
         return np.zeros((0, c.shape[1]))
@@ -93,17 +93,17 @@ def external(model: DynamicModel, c: Array, cd: Array, cdd: Array | None) -> Arr
 
 
 def check_columns(model: DynamicModel) -> None:
-    """Raise AccelerationColumnError if a user-defined column reads accelerations."""
+    """Raise MissingAccelerationError if a user-defined column reads accelerations."""
     for term in model.externals:
         if isinstance(term.shape, Column) and term.shape.reads({f"a_{name}" for name in model.device.joint_names}):
-            raise AccelerationColumnError(term.name)
+            raise _acceleration_column(term.name)
 
 
 def check_linear(model: DynamicModel) -> None:
     """The same, or if it has load-dependent friction: torque is then not linear in accelerations."""
     for term in model.externals:
         if isinstance(term.shape, LoadDependentFriction):
-            raise AccelerationColumnError(term.name)
+            raise _acceleration_column(term.name)
     check_columns(model)
 
 
@@ -121,3 +121,14 @@ def columns(model: DynamicModel, c: Array, cd: Array, cdd: Array, base: Array) -
     own, loops = external(model, c, cd, cdd), model.loops(c, cd)
     raw = model.mechanism.regressor(c, cd, cdd, own, used, loops)
     return np.asarray(base[used].T @ raw)
+
+
+def _acceleration_column(column: str) -> MissingAccelerationError:
+    return MissingAccelerationError(
+        f"column {column} reads accelerations, which momentum rows, the momentum observer and Kalman filters lack.",
+        where=column,
+        advice=(
+            "Choose accelerations = 'differences', estimate_force or another method, or write the term as a rotor "
+            "inertia."
+        ),
+    )

@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike
 from haptid._internal.arrays import Array, expect, freeze, read_only
 from haptid.dynamics.kinematics import handle_motion, handle_of, tree_positions
 from haptid.dynamics.model import DynamicModel
-from haptid.errors import EmptyWorkspaceError, UnboundedWorkspaceError, WorkspaceLimitError
+from haptid.errors import IncompleteDeviceError, WorkspaceError
 
 Range = tuple[float, float]
 # Cells of a grid over the joints' limits, including those outside other limits.
@@ -33,7 +33,7 @@ class Box:
     def __post_init__(self) -> None:
         for name in ("low", "high"):
             if np.shape(getattr(self, name)) != (3,):
-                raise WorkspaceLimitError(f"box {name}", getattr(self, name), "three numbers: x, y, z in m")
+                raise _workspace_limit(f"box {name}", getattr(self, name), "three numbers: x, y, z in m")
         for axis, low, high in zip("xyz", self.low, self.high, strict=True):
             _ascending(f"box {axis}", (low, high))
 
@@ -100,7 +100,7 @@ class Workspace:
             poses: most cells.
 
         Raises:
-            EmptyWorkspaceError: no cell's centre is inside.
+            WorkspaceError: no cell's centre is inside.
         """
         per_joint = max(1, int(poses ** (1 / len(self.limits)) + 1e-9))
         centres = (np.arange(per_joint) + 0.5) / per_joint
@@ -108,7 +108,11 @@ class Workspace:
         every = np.array([axis.ravel() for axis in np.meshgrid(*axes, indexing="ij")])
         inside = every[:, self.holds(every)]
         if not inside.size:
-            raise EmptyWorkspaceError(every.shape[1])
+            raise WorkspaceError(
+                f"none of {every.shape[1]} grid poses over the joints' limits is inside all limits of the workspace.",
+                found=every.shape[1],
+                advice="Widen the coupling limits or the box of the handle, or check their signs and units (rad, m).",
+            )
         return freeze(np.ascontiguousarray(inside))
 
 
@@ -124,14 +128,18 @@ def workspace(
         box: of the handle's origin, if any.
 
     Raises:
-        WorkspaceLimitError: limits of an unknown joint, or limits that do not ascend.
-        UnboundedWorkspaceError: a sliding active joint without limits; a turning one has a whole turn.
-        HandleMissingError: a box for a device without handle.
+        WorkspaceError: limits of an unknown joint, or limits that do not ascend.
+        IncompleteDeviceError: a sliding active joint without limits (a turning one has a whole turn), or a box for a
+            device without handle.
     """
     known = _limits(model, limits or {})
     for j in model.device.active:
         if known[model.device.joint_names[j]] is None and model.device.joints[j].prismatic:
-            raise UnboundedWorkspaceError(model.device.joint_names[j])
+            raise IncompleteDeviceError(
+                f"joint {model.device.joint_names[j]} slides and has no limits, so its workspace is unbounded.",
+                where=model.device.joint_names[j],
+                advice="Give it limits in the device file, or to the workspace.",
+            )
     active = [known[model.device.joint_names[j]] or (-np.pi, np.pi) for j in model.device.active]
     passive = [
         j
@@ -152,7 +160,7 @@ def _limits(model: DynamicModel, given: Mapping[str, Sequence[float] | None]) ->
     known = {joint.name: joint.position_limits for joint in model.device.joints}
     for name, pair in given.items():
         if name not in known:
-            raise WorkspaceLimitError(name, pair, f"limits of one of the joints {', '.join(known)}")
+            raise _workspace_limit(name, pair, f"limits of one of the joints {', '.join(known)}")
         known[name] = None if pair is None else _ascending(name, pair)
     return known
 
@@ -161,5 +169,11 @@ def _ascending(name: str, pair: Sequence[float]) -> Range:
     """Two limits, the lower one first."""
     both = tuple(pair) if isinstance(pair, Iterable) else ()
     if len(both) != 2 or not all(isinstance(x, Real) and np.isfinite(x) for x in both) or both[0] >= both[1]:
-        raise WorkspaceLimitError(name, pair, "two finite numbers, the lower one first")
+        raise _workspace_limit(name, pair, "two finite numbers, the lower one first")
     return float(both[0]), float(both[1])
+
+
+def _workspace_limit(name: str, found: object, wanted: str) -> WorkspaceError:
+    return WorkspaceError(
+        f"workspace limit {name} is {found!r}; write {wanted}.", where=name, found=found, limit=wanted
+    )

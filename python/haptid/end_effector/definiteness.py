@@ -11,7 +11,6 @@ from scipy import optimize
 from haptid._internal.arrays import Array, expect, read_only
 from haptid.dynamics.inverse import mass_matrix
 from haptid.dynamics.workspace import Workspace
-from haptid.errors import DifferentModelError
 from haptid.estimation import Estimate
 from haptid.estimation.feasibility.feasible import checked
 
@@ -106,15 +105,15 @@ def definiteness(identified: Estimate | ArrayLike, workspace: Workspace) -> Defi
         workspace: the poses.
 
     Raises:
-        DifferentModelError: the estimate is of another device.
-        EmptyWorkspaceError: no pose is inside the workspace.
+        ModelMismatchError: the estimate is of another device.
+        WorkspaceError: no pose is inside the workspace.
         ShapeError: the parameters do not fit the device.
-        ParameterValueError: one of them is not a finite number.
+        SettingError: one of them is not a finite number.
     """
     model = workspace.model
     estimate = identified if isinstance(identified, Estimate) else None
-    if estimate is not None and not estimate.model.is_same_as(model):
-        raise DifferentModelError(estimate.model.device.name, model.device.name)
+    if estimate is not None:
+        model.require_same(estimate.model)
     beta = identified.beta if isinstance(identified, Estimate) else checked(model, identified)
     mass = _MassEigenvalue(workspace, beta)
     poses = workspace.grid()

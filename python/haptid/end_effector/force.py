@@ -17,7 +17,7 @@ from haptid.dynamics.inverse import raw_parameters
 from haptid.dynamics.kinematics import handle_motion, handle_of
 from haptid.dynamics.model import DynamicModel
 from haptid.dynamics.wrench import Lever, lever
-from haptid.errors import ForceSettingError
+from haptid.errors import SettingError
 from haptid.estimation import Estimate
 from haptid.motion.treatment import Motion
 from haptid.observation.chunks import stretches
@@ -129,9 +129,9 @@ def estimate_force(
         worst_condition: condition number of the Jacobian beyond which a pose is left out.
 
     Raises:
-        HandleMissingError: the device has no handle.
-        ForceSettingError: a setting out of range, or a moment that is not a finite number.
-        ChannelCountError, MotionTooShortError: as for `predict`.
+        IncompleteDeviceError: the device has no handle.
+        SettingError: a setting out of range, or a moment that is not a finite number.
+        LogMismatchError, MotionTooShortError: as for `predict`.
         ShapeError: the moment does not fit the motion, or the validation the device.
     """
     model = estimate.model
@@ -166,20 +166,25 @@ def noted(validation: Validation | None) -> tuple[str, ...]:
 
 
 def check_settings(reversal_speed: float, worst_condition: float) -> None:
-    """Raise ForceSettingError for a setting out of range."""
+    """Raise SettingError for a setting out of range."""
     if not (reversal_speed == 0 or positive(reversal_speed)):
-        raise ForceSettingError("reversal_speed", reversal_speed, "a finite speed, 0 or more")
+        raise setting_error("reversal_speed", reversal_speed, "a finite speed, 0 or more")
     if not (positive(worst_condition) and worst_condition > 1):
-        raise ForceSettingError("worst_condition", worst_condition, "a finite number above 1")
+        raise setting_error("worst_condition", worst_condition, "a finite number above 1")
+
+
+def setting_error(name: str, value: object, wanted: str) -> SettingError:
+    """The error for a setting out of range."""
+    return SettingError(f"{name} is {value!r}; write {wanted}.", where=name, found=value, limit=wanted)
 
 
 def check_finite(name: str, array: ArrayLike) -> None:
-    """Raise ForceSettingError for the first entry that is not a finite number."""
+    """Raise SettingError for the first entry that is not a finite number."""
     values = np.asarray(array, dtype=float)
     bad = np.argwhere(~np.isfinite(values))
     if len(bad):
         first = tuple(int(k) for k in bad[0])
-        raise ForceSettingError(f"{name}[{', '.join(map(str, first))}]", float(values[first]), "a finite number")
+        raise setting_error(f"{name}[{', '.join(map(str, first))}]", float(values[first]), "a finite number")
 
 
 def noise_of(estimate: Estimate, validation: Validation | None) -> Array:

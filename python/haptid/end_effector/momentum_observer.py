@@ -28,9 +28,9 @@ from haptid.end_effector.force import (
     lever_of,
     noise_of,
     noted,
+    setting_error,
     spread_columns,
 )
-from haptid.errors import ForceSettingError
 from haptid.estimation import Estimate
 from haptid.estimation.feasibility.feasible import checked
 from haptid.motion.channels import coordinate_torque, state
@@ -83,7 +83,7 @@ class MomentumObserver:
 
     def __post_init__(self) -> None:
         if not positive(self.gain):
-            raise ForceSettingError("gain", self.gain, "a finite number above zero, rad/s")
+            raise setting_error("gain", self.gain, "a finite number above zero, rad/s")
         check_settings(self.reversal_speed, WORST_CONDITION)
 
     @property
@@ -119,18 +119,17 @@ class MomentumObserver:
 
         Raises:
             ShapeError: an array does not fit the device.
-            ForceSettingError: a step that is not a time, no sample, or one that is not a finite number.
-            ParameterValueError: a base parameter is not a finite number.
-            AccelerationColumnError: a column of the device is made of accelerations.
+            SettingError: a step that is not positive, no sample, or a sample or base parameter that is not finite.
+            MissingAccelerationError: a column of the device reads accelerations.
         """
         if not positive(dt):
-            raise ForceSettingError("dt", dt, "a finite time above zero, s")
+            raise setting_error("dt", dt, "a finite time above zero, s")
         shape = (len(model.device.active), np.shape(qa)[-1] if np.ndim(qa) else 0)
         for name, array in (("qa", qa), ("qda", qda), ("tau", tau)):
             expect(name, np.shape(array), shape)
             check_finite(name, array)
         if not shape[1]:
-            raise ForceSettingError("number of samples", 0, "one sample or more")
+            raise setting_error("number of samples", 0, "one sample or more")
         c, cd = (model.device.row_map @ np.asarray(x, dtype=float) for x in (qa, qda))
         p, pushed = self._balance(model, raw_parameters(model, checked(model, beta)), c, cd)
         pushed = pushed + np.asarray(tau, dtype=float)
@@ -195,10 +194,10 @@ def observe_force(
         worst_condition: condition number of the Jacobian beyond which a pose is left out.
 
     Raises:
-        HandleMissingError: the device has no handle.
-        ForceSettingError: a setting out of range.
-        ChannelCountError: the motion has more or fewer channels than the device has coordinates or motors.
-        AccelerationColumnError: a column of the device reads accelerations.
+        IncompleteDeviceError: the device has no handle.
+        SettingError: a setting out of range.
+        LogMismatchError: the motion has more or fewer channels than the device has coordinates or motors.
+        MissingAccelerationError: a column of the device reads accelerations.
     """
     observer = observer or MomentumObserver()
     handle_of(estimate.model)

@@ -109,7 +109,7 @@ def decompose_torque(estimate: Estimate, motion: Motion) -> TorqueDecomposition:
         motion: the motion.
 
     Raises:
-        ChannelCountError: the motion has more or fewer channels than the device has coordinates or motors.
+        LogMismatchError: the motion has more or fewer channels than the device has coordinates or motors.
         MotionTooShortError: not one row fits between the filters' ends.
     """
     model = estimate.model

@@ -24,7 +24,7 @@ from haptid.dynamics.symbolic.geometry import (
     placements,
 )
 from haptid.dynamics.symbolic.symbols import DIMENSIONLESS, GRAVITY, LENGTH, Symbol, Symbols, ratio
-from haptid.errors import ManyAnglesError
+from haptid.errors import RegroupingError
 
 
 @dataclass(frozen=True, eq=False)
@@ -287,7 +287,7 @@ def assembled(
         motion_of: makes the motion of joints and cuts.
 
     Raises:
-        ManyAnglesError: more than MOST_ANGLES angles are no quarter turns.
+        RegroupingError: more than MOST_ANGLES angles are no quarter turns.
     """
     symbols = Symbols()
     reader = GeometryReader(tables.lengths, device.lengths, symbols)
@@ -305,7 +305,16 @@ def assembled(
     known = tuple(symbol for symbol in symbols.all if symbol.name in used)
     angles = {symbol.angle for symbol in known if symbol.angle}
     if len(angles) > MOST_ANGLES:
-        raise ManyAnglesError(len(angles), MOST_ANGLES)
+        raise RegroupingError(
+            f"the geometry has {len(angles)} angles that are no multiples of a quarter turn, limit {MOST_ANGLES}: "
+            "symbolic groupings would have too many terms.",
+            found=len(angles),
+            limit=MOST_ANGLES,
+            advice=(
+                "Use the numeric groupings of `base_parameters`; write angles that are rounded quarter turns "
+                'as such: "pi/2", not 1.5708.'
+            ),
+        )
     return SymbolicChain(
         joints, cuts, motion, gravity, columns, len(active) if rows is None else len(rows), rows, known
     )

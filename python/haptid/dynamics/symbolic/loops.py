@@ -28,7 +28,7 @@ from haptid.dynamics.symbolic.geometry import (
     poses,
 )
 from haptid.dynamics.symbolic.symbols import LENGTH, Symbol, Symbols, draw
-from haptid.errors import NoDyadError, SymbolicClosureError
+from haptid.errors import RegroupingError
 
 # x and y of a vector in a plane, (n,) each; poses of all links, (n, 4, 4) each.
 Plane = tuple[Residues, Residues]
@@ -291,12 +291,12 @@ def opened(tables: AnyDevice, file: str) -> Device:
 
     Raises:
         DeviceError: in one of its kinds, what is wrong with the file.
-        NoDyadError: a loop has relations, or terms may act on its cut.
+        RegroupingError: a loop has relations, or terms may act on its cut.
     """
     if any(loop.relations for loop in tables.loops):
-        raise NoDyadError(file, "a loop has relations")
+        raise _no_dyad(file, "a loop has relations")
     if named := [loop.cut.name for loop in tables.loops if loop.cut and loop.cut.name]:
-        raise NoDyadError(file, f"cut joint {named[0]} has a name, so that terms may act on it")
+        raise _no_dyad(file, f"cut joint {named[0]} has a name, so that terms may act on it")
     passive = _passive(tables)
     active = [joint.name for joint in tables.joints if joint.name not in passive]
     driven = {name for motor in tables.motors for name in motor.drives or {motor.name: 1.0}}
@@ -319,7 +319,7 @@ def dyad_chain(tree: Device, tables: AnyDevice, file: str, seed: int) -> Symboli
         seed: of random draws; the result does not depend on it.
 
     Raises:
-        NoDyadError: a loop is no planar dyad.
+        RegroupingError: a loop is no planar dyad.
     """
     passive = _passive(tables)
     active = tuple(j for j, name in enumerate(tree.joint_names) if name not in passive)
@@ -327,10 +327,10 @@ def dyad_chain(tree: Device, tables: AnyDevice, file: str, seed: int) -> Symboli
     def motion(joints: tuple[SymbolicJoint, ...], cuts: tuple[SymbolicCut, ...], symbols: Symbols) -> Motion:
         found = dyads(joints, cuts, [j for j in range(len(joints)) if j not in active])
         if isinstance(found, str):
-            raise NoDyadError(file, found)
+            raise _no_dyad(file, found)
         made = DyadMotion(joints, active, found)
         if not made.is_planar(symbols.all, seed):
-            raise NoDyadError(file, "the axes of a loop's two passive joints are not parallel")
+            raise _no_dyad(file, "the axes of a loop's two passive joints are not parallel")
         return made
 
     return assembled(tree, tables, active, _rows(tree, active, bool(tables.motors)), motion)
@@ -364,7 +364,7 @@ def check_closure(chain: SymbolicChain, names: tuple[str, ...], seed: int) -> No
         seed: of states and lengths.
 
     Raises:
-        SymbolicClosureError: a cut's frames do not coincide.
+        RegroupingError: a cut's frames do not coincide.
     """
     if not chain.cuts:
         return
@@ -377,7 +377,15 @@ def check_closure(chain: SymbolicChain, names: tuple[str, ...], seed: int) -> No
         if _gap(field, frame, twin, cut.prismatic).any():
             on, other = (names[at.link] if at.link >= 0 else "base" for at in (cut.frame, cut.twin))
             lengths = [f"{s.name} = {s.value:.6g}" for s in chain.symbols if s.dimension == LENGTH]
-            raise SymbolicClosureError(on, other, lengths)
+            raise RegroupingError(
+                f"with symbolic lengths the loop cut between links {on} and {other} does not close: it closes at "
+                f"{', '.join(lengths) or 'its own lengths'} only.",
+                where=(on, other),
+                advice=(
+                    "Where bars must be equal, let them share a name in [lengths], or write one by the other, such "
+                    'as d9 = "d3".'
+                ),
+            )
 
 
 def _gap(field: PrimeField, frame: Residues, twin: Residues, prismatic: bool) -> Residues:
@@ -387,3 +395,15 @@ def _gap(field: PrimeField, frame: Residues, twin: Residues, prismatic: bool) ->
         return apart[:, :3, 2:]
     across = field.product(np.swapaxes(twin[:, :3, :2], 1, 2), apart[:, :3, 3:])
     return np.concatenate([apart[:, :3, :3], np.concatenate([across, across[:, :1]], axis=1)], axis=2)
+
+
+def _no_dyad(file: str, found: str) -> RegroupingError:
+    return RegroupingError(
+        f"{file}: these loops are not planar dyads: {found}.",
+        where=file,
+        found=found,
+        advice=(
+            "Each needs exactly two turning passive joints and a turning cut, and no relations; loops with relations "
+            "are read by `read_device`."
+        ),
+    )

@@ -10,7 +10,7 @@ Source of the problem: Khalil and Bennis (1995), Int. J. Robotics Research 14(2)
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
@@ -42,7 +42,7 @@ from haptid.dynamics.symbolic.interpolation import fit, span_of
 from haptid.dynamics.symbolic.loops import check_closure, dyad_chain, opened
 from haptid.dynamics.symbolic.regressor import Columns, Pivots, quantities, scatter
 from haptid.dynamics.symbolic.symbols import DIMENSIONLESS, DIMENSIONS, Dimension, Symbol, draw
-from haptid.errors import AccelerationRegroupingError, RegroupingCheckError, RegroupingFormError, RoadsDisagreeError
+from haptid.errors import RegroupingError, listed
 
 if TYPE_CHECKING:
     from haptid.dynamics.base_parameters import BaseParameters
@@ -136,12 +136,10 @@ def regroupings(model: DynamicModel, seed: int = 0) -> Regroupings:
         seed: of random draws; the result does not depend on it.
 
     Raises:
-        SymbolicClosureError: a loop closes at the device's own lengths only, not for all values of its symbols.
-        NoDyadError: a loop that is not linear is no planar dyad.
-        ManyAnglesError: too many angles are no quarter turns.
-        RegroupingFormError: a coefficient is no ratio of polynomials of low degree.
-        AccelerationRegroupingError: a column of accelerations depends on other parameters.
-        RoadsDisagreeError: the numeric base parameters differ, because the device's lengths are a special case.
+        RegroupingError: a loop closes at the device's own lengths only, or a loop that is not linear is no planar dyad;
+            too many angles are no quarter turns; a coefficient is no ratio of polynomials of low degree; a column of
+            accelerations depends on other parameters; or the numeric base parameters differ, because the device's
+            lengths are a special case.
     """
     if isinstance(model.device.closure, NewtonClosure):
         tree = opened(model.device.tables, model.device.name).with_gravity(model.device.gravity)
@@ -157,15 +155,14 @@ def chain_regroupings(model: DynamicModel, chain: SymbolicChain, seed: int) -> R
     """Base parameters of a mechanism whose standard parameters are those of a device.
 
     Raises:
-        SymbolicClosureError, RegroupingFormError: see `regroupings`.
-        RegroupingCheckError: a relation does not hold where it is checked, or every draw fails.
+        RegroupingError: see `regroupings`; or a relation does not hold where it is checked, or every draw fails.
     """
     for attempt in range(DRAWS):
         try:
             return _regroupings(model, chain, seed + 1000 * attempt)
         except UnluckyDrawError:
             continue
-    raise RegroupingCheckError(f"{DRAWS} draws in a row met a zero that should not be there")
+    raise _regrouping_check(f"{DRAWS} draws in a row met a zero that should not be there")
 
 
 def _regroupings(model: DynamicModel, chain: SymbolicChain, seed: int) -> Regroupings:
@@ -203,7 +200,7 @@ def _coefficients(
     """Coefficients that are not zero, by row of `kept` and column.
 
     Raises:
-        RegroupingFormError: one of them fits no form.
+        RegroupingError: one of them fits no form.
     """
     others = [k for k in range(len(columns.members)) if k not in pivots.kept and k not in pivots.no_effect]
     wanted: set[tuple[int, int]] = set()
@@ -222,7 +219,14 @@ def _coefficients(
             if (coefficient := known[key]) is not None:
                 made[i, k] = coefficient
             elif sets == SETS[-1][0]:
-                raise RegroupingFormError(names[pivots.kept[i]], names[k], sets)
+                raise RegroupingError(
+                    f"the coefficient of {names[k]} in base parameter {names[pivots.kept[i]]} has no formula: no "
+                    f"ratio of polynomials of low degree fits at {sets} sets of lengths.",
+                    where=(names[pivots.kept[i]], names[k]),
+                    advice=(
+                        "Write fewer different lengths and angles, or use the numeric groupings of `base_parameters`."
+                    ),
+                )
         wanted -= set(made)
         if not wanted:
             break
@@ -279,7 +283,7 @@ def _check(
     """Check every relation at new states, new lengths and another prime; columns without relation must vanish there.
 
     Raises:
-        RegroupingCheckError: one of them does not hold.
+        RegroupingError: one of them does not hold.
     """
     field, rng = PrimeField(PRIMES[2]), np.random.default_rng([seed, PRIMES[2]])
     points = draw(columns.chain.symbols, field, rng, CHECKED_SETS)
@@ -291,7 +295,7 @@ def _check(
     left[:, :, pivots.kept] = 0
     wrong = np.flatnonzero(left.any(axis=(0, 1)))
     if len(wrong):
-        raise RegroupingCheckError(f"at another prime the relation of {names[wrong[0]]} does not hold")
+        raise _regrouping_check(f"at another prime the relation of {names[wrong[0]]} does not hold")
 
 
 # Symbolic and numeric coefficients may differ by this much: relatively, and relative to a coefficient that makes both
@@ -307,16 +311,22 @@ def check_agreement(exact: Regroupings, model: DynamicModel) -> None:
         model: its device, for the numeric one.
 
     Raises:
-        AccelerationRegroupingError: only one of them keeps a column of accelerations.
-        RoadsDisagreeError: they disagree for another reason.
+        RegroupingError: they disagree, or only one of them keeps a column of accelerations.
     """
     numeric = model.base
     tied = [name for name in accelerated(model) if (name in _kept(exact)) != (name in _kept(numeric))]
     if tied:
-        raise AccelerationRegroupingError(tied)
+        raise RegroupingError(
+            f"a column of accelerations, {listed(tied)}, is not independent of the other parameters, which symbolic "
+            "groupings do not detect.",
+            where=tied[0],
+            advice=(
+                "Leave the column out, write it as a rotor inertia, or use the numeric groupings of `base_parameters`."
+            ),
+        )
     if exact.independent_columns != numeric.independent_columns or exact.no_effect != numeric.no_effect:
         only = [_names(exact, a, b) for a, b in ((exact, numeric), (numeric, exact))]
-        raise RoadsDisagreeError(len(exact), len(numeric), only[0], only[1])
+        raise _disagreement(len(exact), len(numeric), only[0], only[1])
     apart = np.abs(exact.values - numeric.regrouping)
     lengths = np.linalg.norm(random_regressor(model, seed=0), axis=0)
     limit = ROUNDING * lengths / lengths[list(exact.independent_columns)][:, None] + RELATIVE * np.abs(exact.values)
@@ -324,7 +334,7 @@ def check_agreement(exact: Regroupings, model: DynamicModel) -> None:
         row, column = np.unravel_index(int(np.argmax(apart - limit)), apart.shape)
         where = f"{exact.standard[column]} in {exact.names[row]}"
         found = (float(exact.values[row, column]), float(numeric.regrouping[row, column]))
-        raise RoadsDisagreeError(len(exact), len(numeric), [f"{found[0]:.6g} {where}"], [f"{found[1]:.6g} {where}"])
+        raise _disagreement(len(exact), len(numeric), [f"{found[0]:.6g} {where}"], [f"{found[1]:.6g} {where}"])
 
 
 def accelerated(model: DynamicModel) -> list[str]:
@@ -358,10 +368,32 @@ def loop_regroupings(path: str | Path, seed: int = 0) -> Regroupings:
 
     Raises:
         DeviceError: in one of its kinds, what is wrong with the file.
-        NoDyadError: a loop is no planar dyad.
-        SymbolicClosureError: the links of a loop are not in one plane.
-        RegroupingFormError: a coefficient is no ratio of polynomials of low degree.
+        RegroupingError: a loop is no planar dyad, its links are not in one plane, or a coefficient is no ratio of
+            polynomials of low degree.
     """
     tables, file = read_tables(path)
     tree = opened(tables, file)
     return chain_regroupings(DynamicModel(tree), dyad_chain(tree, tables, file, seed), seed)
+
+
+def _regrouping_check(found: str) -> RegroupingError:
+    return RegroupingError(
+        f"the symbolic groupings fail their own check: {found}.",
+        found=found,
+        advice=(
+            "Try another seed; if it stays, use the numeric groupings of `base_parameters` and report the device file."
+        ),
+    )
+
+
+def _disagreement(exact: int, numeric: int, only_exact: Sequence[str], only_numeric: Sequence[str]) -> RegroupingError:
+    halves = (("former", only_exact), ("latter", only_numeric))
+    found = "; ".join((f"only the {which} have {listed(names)}" for which, names in halves if names))
+    return RegroupingError(
+        f"base parameters with symbolic lengths ({exact}) and at the device's own lengths ({numeric}) differ: {found}.",
+        found=(exact, numeric),
+        advice=(
+            "The device's lengths or angles are special, or a column's law ties it to others: write equal lengths by "
+            "one name and lengths of zero as 0, or use the numeric groupings of `base_parameters`."
+        ),
+    )

@@ -72,8 +72,8 @@ def apparent_mass(
         worst_condition: of the Jacobian, beyond which a pose is left out.
 
     Raises:
-        HandleMissingError: the device has no handle.
-        CharacterisationSettingError: a setting out of range.
+        IncompleteDeviceError: the device has no handle.
+        SettingError: a setting out of range.
         ShapeError: the poses do not fit the device.
     """
     model, qa = identified.model, np.asarray(qa, dtype=float)

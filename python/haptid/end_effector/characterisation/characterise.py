@@ -21,8 +21,7 @@ from haptid.end_effector.characterisation.apparent_mass import ApparentMass, app
 from haptid.end_effector.characterisation.jacobian import LINEAR, Grasp, grasp
 from haptid.end_effector.characterisation.model import IdentifiedModel, changing, linear
 from haptid.end_effector.characterisation.summary import summary
-from haptid.end_effector.force import WORST_CONDITION
-from haptid.errors import CharacterisationSettingError, DifferentModelError
+from haptid.end_effector.force import WORST_CONDITION, setting_error
 from haptid.uncertainty.quantities import Field
 
 # Default number of cells of a workspace's grid.
@@ -174,7 +173,7 @@ class Characterisation:
             The force in the worst direction, (poses,), N, and that direction, (poses, m).
 
         Raises:
-            TorqueLimitError: a motor without a limit.
+            IncompleteDeviceError: a motor without a limit.
         """
         most, J = force_capability.torque_limits(self.model, limits), force_capability.motor_jacobian(self.grasp)
         held = force_capability.motor_torque(self.model, self._static(self.identified.beta))
@@ -213,7 +212,7 @@ class Characterisation:
         expect("direction", d.shape, (len(self.grasp.rows),))
         length = np.linalg.norm(d)
         if not (np.isfinite(length) and length > 0):
-            raise CharacterisationSettingError("direction", direction, "finite components, not all zero")
+            raise setting_error("direction", direction, "finite components, not all zero")
         return np.asarray(d / length)
 
     def _rates(self, direction: Array) -> Array:
@@ -249,15 +248,14 @@ def characterise(
         worst_condition: of the handle's Jacobian, beyond which a pose is left out.
 
     Raises:
-        HandleMissingError: the device has no handle.
-        CharacterisationSettingError: a setting out of range.
-        DifferentModelError: the workspace is of another device.
-        EmptyWorkspaceError: no pose is inside the workspace.
+        IncompleteDeviceError: the device has no handle.
+        SettingError: a setting out of range.
+        ModelMismatchError: the workspace is of another device.
+        WorkspaceError: no pose is inside the workspace.
         ShapeError: the poses do not fit the device.
     """
     if isinstance(poses, Workspace):
-        if not poses.model.is_same_as(identified.model):
-            raise DifferentModelError(identified.model.device.name, poses.model.device.name)
+        poses.model.require_same(identified.model)
         poses = poses.grid(POSES)
     qa = np.asarray(poses, dtype=float)
     handle = grasp(identified.model, qa, rows, worst_condition)

@@ -9,23 +9,35 @@ import numpy as np
 from haptid._internal.arrays import Array
 from haptid.dynamics.model import DynamicModel
 from haptid.end_effector.characterisation.jacobian import Grasp
-from haptid.errors import TorqueLimitError
+from haptid.errors import IncompleteDeviceError, UnknownNameError, suggestion
 
 
 def torque_limits(model: DynamicModel, given: Mapping[str, float] | None) -> Array:
     """Torque limit of each motor's coordinate, (motors,), N m or N: those given, else the joint's in the device.
 
     Raises:
-        TorqueLimitError: a motor without a limit, a limit that is not positive, or an unknown motor.
+        IncompleteDeviceError: a motor without a limit, or a limit that is not positive.
+        UnknownNameError: a limit of an unknown motor.
     """
     known = given or {}
     made = [known.get(drive.name, _of_joint(model, drive.row)) for drive in model.device.motors]
     for drive, limit in zip(model.device.motors, made, strict=True):
         if limit is None or not (np.isfinite(limit) and limit > 0):
-            raise TorqueLimitError(drive.name, limit)
+            raise IncompleteDeviceError(
+                f"the torque limit of motor {drive.name} is {limit!r}.",
+                where=drive.name,
+                found=limit,
+                advice="Give a finite torque of its coordinate above zero, N m or N, or limits of its joint in the file.",
+            )
+    names = [drive.name for drive in model.device.motors]
     for name in known:
-        if name not in [drive.name for drive in model.device.motors]:
-            raise TorqueLimitError(name, "of a motor that is not there")
+        if name not in names:
+            raise UnknownNameError(
+                f"a torque limit is given for {name!r}, which is no motor.",
+                where=name,
+                limit=tuple(names),
+                advice=suggestion(name, names),
+            )
     return np.array(made, dtype=float)
 
 

@@ -9,7 +9,8 @@ import numpy as np
 from haptid._internal.arrays import Array, expect, freeze, positive, read_only
 from haptid.dynamics.kinematics import handle_motion, handle_of
 from haptid.dynamics.model import DynamicModel
-from haptid.errors import CharacterisationSettingError, SpareJointsError
+from haptid.end_effector.force import setting_error
+from haptid.errors import RedundancyError
 
 LINEAR = (0, 1, 2)
 # Poses evaluated at a time.
@@ -66,10 +67,17 @@ class Grasp:
         With fewer coordinates than rows it takes the part of a velocity that the handle can have.
 
         Raises:
-            SpareJointsError: more coordinates than rows, so that `quantity` is not determined.
+            RedundancyError: more coordinates than rows, so that `quantity` is not determined.
         """
         if self.redundancy:
-            raise SpareJointsError(quantity, len(self.moving), len(self.rows))
+            raise RedundancyError(
+                f"{quantity} is not determined: {len(self.moving)} joints move {len(self.rows)} components of the "
+                "handle's velocity.",
+                where=quantity,
+                found=len(self.moving),
+                limit=len(self.rows),
+                advice="Choose more rows; apparent mass and force capability are determined all the same.",
+            )
         made = np.full((len(self), len(self.moving), len(self.rows)), np.nan)
         made[self.usable] = np.linalg.pinv(self.jacobian[self.usable])
         return freeze(made)
@@ -85,8 +93,8 @@ def grasp(model: DynamicModel, qa: Array, rows: tuple[int, ...], worst: float) -
     """The handle at these poses.
 
     Raises:
-        HandleMissingError: the device has no handle.
-        CharacterisationSettingError: a setting out of range.
+        IncompleteDeviceError: the device has no handle.
+        SettingError: a setting out of range.
         ShapeError: the poses do not fit the device.
     """
     check_settings(model, qa, rows, worst)
@@ -104,20 +112,20 @@ def check_settings(model: DynamicModel, qa: Array, rows: tuple[int, ...], worst:
     """Check the settings of a characterisation.
 
     Raises:
-        HandleMissingError: the device has no handle.
-        CharacterisationSettingError: a setting out of range, or a position that is not finite.
+        IncompleteDeviceError: the device has no handle.
+        SettingError: a setting out of range, or a position that is not finite.
         ShapeError: the poses do not fit the device.
     """
     expect("qa", qa.shape, (len(model.device.active), None))
     if not np.isfinite(qa).all():
-        raise CharacterisationSettingError("a position", float("nan"), "finite positions")
+        raise setting_error("a position", float("nan"), "finite positions")
     if handle_of(model).link < 0:
-        raise CharacterisationSettingError("the handle's link", "the base", "a link that moves")
+        raise setting_error("the handle's link", "the base", "a link that moves")
     for term in model.terms:
         if (term.kind == "rotor" or term.resists) and term.joint is not None and model.device.varying[term.joint].any():
             wanted = "rotors and friction on motors or active joints: the rates of this joint vary with the pose"
-            raise CharacterisationSettingError(f"term {term.name}", term.on, wanted)
+            raise setting_error(f"term {term.name}", term.on, wanted)
     if not rows or len(set(rows)) < len(rows) or not set(rows) <= set(range(6)):
-        raise CharacterisationSettingError("rows", rows, "different numbers of 0 to 5")
+        raise setting_error("rows", rows, "different numbers of 0 to 5")
     if not (positive(worst) and worst > 1):
-        raise CharacterisationSettingError("worst_condition", worst, "a finite number above 1")
+        raise setting_error("worst_condition", worst, "a finite number above 1")

@@ -9,7 +9,7 @@ import numpy as np
 
 from haptid._internal.arrays import Array, expect, read_only
 from haptid.dynamics.model import DynamicModel
-from haptid.errors import BaseNameError
+from haptid.errors import UnknownNameError, suggestion
 from haptid.estimation import Estimate
 from haptid.uncertainty.quantities import Field
 
@@ -26,7 +26,7 @@ class GivenParameters:
         beta: its base parameters, (p,), SI.
         covariance: of them, (p, p); None where unknown.
         dof: degrees of freedom of intervals from the covariance.
-        single_block: indices of parameters whose standard error cannot be estimated: no quantity then has a finite interval.
+        single_block: indices of parameters whose standard error cannot be estimated; all intervals are then unbounded.
     """
 
     model: DynamicModel
@@ -55,12 +55,17 @@ class GivenParameters:
             se: standard errors by name, taken as independent; None where unknown.
 
         Raises:
-            BaseNameError: a name that is no base parameter of the device.
+            UnknownNameError: a name that is no base parameter of the device.
         """
         names = model.base.names
         for name in (*values, *(se or ())):
             if name not in names:
-                raise BaseNameError(name, names)
+                raise UnknownNameError(
+                    f"the device has no base parameter {name!r}.",
+                    where=name,
+                    limit=tuple(names),
+                    advice=suggestion(name, names),
+                )
         beta = np.array([values.get(name, 0.0) for name in names])
         covariance = None if se is None else np.diag([se.get(name, 0.0) ** 2 for name in names])
         return cls(model, beta, covariance)

@@ -57,8 +57,8 @@ def columns(found: Characterisation, asked: Asked | None = None) -> tuple[Column
     """Every quantity that the model and the device determine, (poses,) each.
 
     Raises:
-        CharacterisationSettingError, ShapeError: a direction, or stiffnesses, that do not fit.
-        TorqueLimitError: a torque limit is given for an unknown motor.
+        SettingError, ShapeError: a direction, or stiffnesses, that do not fit.
+        IncompleteDeviceError, UnknownNameError: a torque limit is not positive, or of an unknown motor.
     """
     return tuple(_columns(found, asked or Asked()))
 
