@@ -25,7 +25,7 @@ def drawn(folder: Path, text: str) -> haptid.Device:
 @given(st.integers(0, 2**32 - 1), st.integers(1, 6))
 def test_both_roads_find_the_same(tmp_path_factory: pytest.TempPathFactory, seed: int, joints: int) -> None:
     model = drawn(tmp_path_factory.mktemp("d"), device_text(seed, joints))
-    exact = model.regroupings  # raises RoadsDisagreeError where they differ
+    exact = model.regroupings  # raises RegroupingError where they differ
     assert exact.independent_columns == model.base.independent_columns
     assert exact.names == model.base.names
 

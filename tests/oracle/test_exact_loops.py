@@ -195,14 +195,17 @@ def test_motors_say_which_torques_are_known(tmp_path: Path) -> None:
     ],
 )
 def test_loops_that_are_no_dyads_are_refused(change: tuple[str, str], found: str, tmp_path: Path) -> None:
-    with pytest.raises(errors.NoDyadError, match=found):
+    with pytest.raises(errors.RegroupingError) as raised:
         loop_regroupings(written(tmp_path, FIVE_BAR.replace(*change)))
+    assert found in raised.value.found
 
 
 def test_links_that_are_not_in_one_plane(tmp_path: Path) -> None:
     skew = FIVE_BAR.replace('d = "L3"', 'd = "L3"\nalpha = "pi/2"')
-    with pytest.raises(errors.NoDyadError, match="not parallel"):
+    with pytest.raises(errors.RegroupingError) as raised:
         loop_regroupings(written(tmp_path, skew))
+    assert "not parallel" in raised.value.found
     apart = FIVE_BAR.replace('d = "L3"', 'd = "L3"\nr = 0.05')
-    with pytest.raises(errors.SymbolicClosureError, match="between links 2 and 4"):
+    with pytest.raises(errors.RegroupingError) as raised:
         loop_regroupings(written(tmp_path, apart))
+    assert raised.value.where == ("2", "4")

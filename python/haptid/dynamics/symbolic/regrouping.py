@@ -162,7 +162,7 @@ def chain_regroupings(model: DynamicModel, chain: SymbolicChain, seed: int) -> R
             return _regroupings(model, chain, seed + 1000 * attempt)
         except UnluckyDrawError:
             continue
-    raise _regrouping_check(f"{DRAWS} draws in a row met a zero that should not be there")
+    raise _failed_check(f"{DRAWS} draws in a row met a zero that should not be there")
 
 
 def _regroupings(model: DynamicModel, chain: SymbolicChain, seed: int) -> Regroupings:
@@ -295,7 +295,7 @@ def _check(
     left[:, :, pivots.kept] = 0
     wrong = np.flatnonzero(left.any(axis=(0, 1)))
     if len(wrong):
-        raise _regrouping_check(f"at another prime the relation of {names[wrong[0]]} does not hold")
+        raise _failed_check(f"at another prime the relation of {names[wrong[0]]} does not hold", names[wrong[0]])
 
 
 # Symbolic and numeric coefficients may differ by this much: relatively, and relative to a coefficient that makes both
@@ -376,10 +376,10 @@ def loop_regroupings(path: str | Path, seed: int = 0) -> Regroupings:
     return chain_regroupings(DynamicModel(tree), dyad_chain(tree, tables, file, seed), seed)
 
 
-def _regrouping_check(found: str) -> RegroupingError:
+def _failed_check(what: str, where: str | None = None) -> RegroupingError:
     return RegroupingError(
-        f"the symbolic groupings fail their own check: {found}.",
-        found=found,
+        f"the symbolic groupings fail their own check: {what}.",
+        where=where,
         advice=(
             "Try another seed; if it stays, use the numeric groupings of `base_parameters` and report the device file."
         ),

@@ -27,7 +27,7 @@ def torque_limits(model: DynamicModel, given: Mapping[str, float] | None) -> Arr
                 f"the torque limit of motor {drive.name} is {limit!r}.",
                 where=drive.name,
                 found=limit,
-                advice="Give a finite torque of its coordinate above zero, N m or N, or limits of its joint in the file.",
+                advice="Give a finite torque of its coordinate above zero, N m or N, or limits of its joint.",
             )
     names = [drive.name for drive in model.device.motors]
     for name in known:

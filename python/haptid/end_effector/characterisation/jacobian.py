@@ -118,9 +118,9 @@ def check_settings(model: DynamicModel, qa: Array, rows: tuple[int, ...], worst:
     """
     expect("qa", qa.shape, (len(model.device.active), None))
     if not np.isfinite(qa).all():
-        raise setting_error("a position", float("nan"), "finite positions")
+        raise setting_error("qa", float("nan"), "finite positions")
     if handle_of(model).link < 0:
-        raise setting_error("the handle's link", "the base", "a link that moves")
+        raise setting_error("handle.link", "base", "a link that moves")
     for term in model.terms:
         if (term.kind == "rotor" or term.resists) and term.joint is not None and model.device.varying[term.joint].any():
             wanted = "rotors and friction on motors or active joints: the rates of this joint vary with the pose"
