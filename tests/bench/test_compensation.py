@@ -9,7 +9,7 @@ import haptid
 from haptid import errors
 from haptid.dynamics.inverse import mass_matrix
 from haptid.dynamics.kinematics import handle_motion
-from haptid.end_effector.characterisation import GivenParameters, characterise, apparent_mass
+from haptid.end_effector.characterisation import GivenParameters, apparent_mass, characterise
 from haptid.end_effector.characterisation.velocity_forces import drift
 from haptid.end_effector.compensation import Compensation, stable_share
 from haptid.experiment import bench

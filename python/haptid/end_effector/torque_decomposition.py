@@ -16,8 +16,8 @@ from haptid.dynamics.inverse import core_torque, raw_parameters, rigid
 from haptid.dynamics.model import DynamicModel
 from haptid.estimation import Estimate
 from haptid.motion.treatment import Motion
-from haptid.observation.chunks import Stretch, gathered, stretches
-from haptid.observation.observation import Plan
+from haptid.observation.plan import Plan
+from haptid.observation.rows import Chunk, chunks, gathered
 
 RIGID = ("inertia", "Coriolis and centrifugal", "gravity")
 FRICTION = ("viscous", "Coulomb", "Stribeck")
@@ -115,7 +115,7 @@ def decompose_torque(estimate: Estimate, motion: Motion) -> TorqueDecomposition:
     model = estimate.model
     chi = raw_parameters(model, estimate.beta)
     terms = {name: _only(model, chi, name) for name in dict.fromkeys(_part(t) for t in model.terms) if name}
-    pieces = ((s.t, _torques(s, rigid(model, chi), terms), s.measured()) for s in stretches(model, motion))
+    pieces = ((s.t, _torques(s, rigid(model, chi), terms), s.measured()) for s in chunks(model, motion))
     t, torque, measured = gathered(pieces, Plan.of(model, motion).rows)
     return TorqueDecomposition(
         motors=tuple(model.device.row_labels[k] for k in model.measured_rows),
@@ -144,15 +144,15 @@ def _only(model: DynamicModel, chi: Array, part: str) -> Array:
     return np.where(kept, chi, 0.0)
 
 
-def _torques(stretch: Stretch, bodies: Array, terms: dict[str, Array]) -> Array:
+def _torques(chunk: Chunk, bodies: Array, terms: dict[str, Array]) -> Array:
     """Filtered torque of every part, (parts, motors, rows).
 
     The bodies' torque is linear in acceleration and, apart from it, quadratic in velocity: Coriolis and centrifugal
     torque is what velocity adds to the torque at rest, and inertia is the rest of the bodies' torque.
     """
-    model, still = stretch.model, np.zeros_like(stretch.c)
-    static = core_torque(model, bodies, stretch.c, still, still)
-    velocity = stretch.treated(core_torque(model, bodies, stretch.c, stretch.cd, still) - static)
-    gravity = stretch.treated(static)
-    inertia = stretch.torque(bodies) - velocity - gravity
-    return np.array([inertia, velocity, gravity, *(stretch.torque(chi) for chi in terms.values())])
+    model, still = chunk.model, np.zeros_like(chunk.c)
+    static = core_torque(model, bodies, chunk.c, still, still)
+    velocity = chunk.treated(core_torque(model, bodies, chunk.c, chunk.cd, still) - static)
+    gravity = chunk.treated(static)
+    inertia = chunk.torque(bodies) - velocity - gravity
+    return np.array([inertia, velocity, gravity, *(chunk.torque(chi) for chi in terms.values())])
