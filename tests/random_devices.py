@@ -55,6 +55,6 @@ def as_device(mechanism: Random, kinds: tuple[str, ...] = KINDS) -> haptid.Dynam
     return haptid.DynamicModel(device)
 
 
-def parameters(mechanism: Random, model: haptid.Device) -> np.ndarray:
+def parameters(mechanism: Random, model: haptid.DynamicModel) -> np.ndarray:
     """Its free standard parameters, (p,): the bodies drawn with it, and terms between 0.01 and 0.2."""
     return np.concatenate([mechanism.chi, np.random.default_rng(6).uniform(0.01, 0.2, len(model.terms))])
