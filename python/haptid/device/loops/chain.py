@@ -15,7 +15,7 @@ from haptid.device.device import Cut, Frame, Joint
 
 # Most Gauss-Newton steps, and the length of a step that is the last one, rad (or m).
 STEPS = 60
-SETTLED = 1e-12
+TOLERANCE = 1e-12
 
 
 @dataclass(frozen=True, eq=False)
@@ -122,7 +122,7 @@ def _frame(frame: Frame) -> tuple[int, list[float], list[float]]:
     return frame.link, frame.rotation.ravel().tolist(), frame.translation.tolist()
 
 
-def solve(chain: Chain, q: Array, unknown: Sequence[int], steps: int = STEPS, settled: float = SETTLED) -> Array:
+def solve(chain: Chain, q: Array, unknown: Sequence[int], steps: int = STEPS, tolerance: float = TOLERANCE) -> Array:
     """Joint positions after damped Gauss-Newton steps of the unknown joints towards closed cuts, (n, joints)."""
-    closed: Array = compiled(chain).close(np.ascontiguousarray(q, dtype=float), list(unknown), steps, settled)
+    closed: Array = compiled(chain).close(np.ascontiguousarray(q, dtype=float), list(unknown), steps, tolerance)
     return closed
