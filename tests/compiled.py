@@ -11,8 +11,8 @@ from pathlib import Path
 
 import numpy as np
 
-from haptid.export.functions import Code, Function
-from haptid.export.graph import Expr, Graph
+from haptid.export.expressions.graph import Expr, Graph
+from haptid.export.model.functions import Code, Function
 
 STRICT = ["-std=c99", "-Wall", "-Wextra", "-Wpedantic", "-Wconversion", "-Werror"]
 NAME = "dev"

@@ -10,7 +10,7 @@ from haptid import errors
 from haptid.experiment import bench
 from haptid.experiment.bench.compiled_code import prototypes
 from haptid.export import CCode, export_c
-from haptid.export.golden import Golden
+from haptid.export.selftest import Golden
 from in_the_loop import CASES, DEVICES, rehearsed, setup_of
 from true_parameters import true_parameters
 

@@ -10,8 +10,8 @@ import pytest
 import haptid
 from haptid import errors
 from haptid.export import FORMATS, CCode, export, export_c
-from haptid.export.names import default_name
-from haptid.export.text import comment, wrapped
+from haptid.export.formats.c_source import comment, wrapped
+from haptid.export.output import default_name
 from small_study import DEVICE, write_study
 
 

@@ -12,8 +12,8 @@ import haptid
 from bench_identification import CASES, device_of, log_of, record
 from haptid.experiment.bench.mjcf import depth_first
 from haptid.export import export_mjcf, export_urdf
-from haptid.export.standard import departure, standard_parameters
-from haptid.export.urdf import angles, upright
+from haptid.export.formats.bodies import departure, standard_parameters
+from haptid.export.formats.urdf import angles, upright
 from haptid.observation.observation import Plan
 from haptid.validation.prediction import decimate
 from mechanisms import mechanisms

@@ -13,7 +13,7 @@ from haptid import errors
 from haptid._internal.toml_tables import LARGEST_FILE, Fault
 from haptid.device.toml.schema import ModifiedDHDevice
 from haptid.experiment import bench
-from haptid.experiment.bench.schema import ExperimentTable
+from haptid.experiment.bench.experiment import ExperimentTable
 from haptid.study.schema import StudyTable
 from small_study import DEVICE, STUDY
 

@@ -15,7 +15,7 @@ from haptid.cli.common import EXIT_ERROR, app, complain
 def schema(kind: Annotated[str, typer.Argument(help="device, study or experiment", show_default=False)]) -> None:
     """Print the JSON Schema of device, study or experiment files, for editors."""
     from haptid.device import device_schema
-    from haptid.experiment.bench.schema import experiment_schema
+    from haptid.experiment.bench.experiment import experiment_schema
     from haptid.study import study_schema
 
     schemas = {"device": device_schema, "study": study_schema, "experiment": experiment_schema}

@@ -4,14 +4,16 @@ from haptid.experiment.excitation.criteria import (
     Criterion,
     Information,
     LargestDeviation,
+    Quality,
     RawCondition,
     ScaledCondition,
     Scaling,
+    observed,
+    quality,
 )
 from haptid.experiment.excitation.families import Family, FourierSeries, TrianglesWithSines
 from haptid.experiment.excitation.gradients import Slopes
 from haptid.experiment.excitation.limits import Bounds, Coupling, Limits
-from haptid.experiment.excitation.quality import Quality, observed, quality
 from haptid.experiment.excitation.search import Excitation, Search, design
 from haptid.experiment.excitation.writing import write_experiment
 

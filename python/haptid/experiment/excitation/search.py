@@ -14,11 +14,10 @@ from haptid.dynamics.model import DynamicModel
 from haptid.errors import MethodSettingError, NoFeasibleMotionError
 from haptid.estimation.methods.zeroed import indices
 from haptid.experiment.bench.trajectories import Figures, Kind, Trajectory, plan, spread
-from haptid.experiment.excitation.criteria import Criterion, ScaledCondition
+from haptid.experiment.excitation.criteria import Criterion, Quality, ScaledCondition, observed, quality
 from haptid.experiment.excitation.families import Family
 from haptid.experiment.excitation.gradients import Slopes
 from haptid.experiment.excitation.limits import Bounds, Limits
-from haptid.experiment.excitation.quality import Quality, observed, quality
 
 # No motion costs more than this; a singular W would without bound.
 WORST = 50.0

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Sequence
 
-from haptid.export.graph import RUN, Expr, Graph, cost
+from haptid.export.expressions.graph import RUN, Expr, Graph, cost
 
 # One product of a sum: its sign, and the nodes that are multiplied.
 Term = tuple[int, tuple[int, ...]]

@@ -6,9 +6,9 @@ from collections import Counter
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
-from haptid.export.dialects import ARITHMETIC, DOUBLE, Dialect, Keeping
-from haptid.export.functions import Code, Function
-from haptid.export.graph import PARAMETER, RUN, Graph
+from haptid.export.expressions.dialects import ARITHMETIC, DOUBLE, Dialect, Keeping
+from haptid.export.expressions.graph import PARAMETER, RUN, Graph
+from haptid.export.model.functions import Code, Function
 
 # An expression used once and no longer than this, characters, is written where it is used.
 INLINE = 44

@@ -9,8 +9,7 @@ from pathlib import Path
 from haptid.dynamics.model import DynamicModel
 from haptid.dynamics.symbolic.formulas import subscript
 from haptid.errors import RegroupingError
-from haptid.export.folder import Export, write
-from haptid.export.names import default_name
+from haptid.export.output import Export, default_name, write
 from haptid.export.provenance import IdentifiedModel, Provenance, about, provenance
 from haptid.validation.validation import Validation
 

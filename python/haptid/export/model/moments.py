@@ -16,8 +16,8 @@ from haptid._internal.arrays import Array, freeze
 from haptid.device.parameters import INERTIAL
 from haptid.dynamics.base_parameters import NO_EFFECT, eliminate, regroup
 from haptid.dynamics.model import DynamicModel
-from haptid.export.graph import Expr
-from haptid.export.vectors import combined
+from haptid.export.expressions.graph import Expr
+from haptid.export.expressions.vectors import combined
 
 # Kept first to last.
 PREFERENCE = ("YY", "XX", "MX", "MY", "XY", "XZ", "YZ", "rotor", "ZZ", "MZ", "M")

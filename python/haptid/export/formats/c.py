@@ -5,15 +5,13 @@ from __future__ import annotations
 from dataclasses import dataclass
 from pathlib import Path
 
-from haptid.export.dialects import DOUBLE, SINGLE
-from haptid.export.folder import write
-from haptid.export.functions import Code, code_of
-from haptid.export.graph import Operations
-from haptid.export.names import default_name
+from haptid.export.expressions.dialects import DOUBLE, SINGLE
+from haptid.export.expressions.graph import Operations
+from haptid.export.formats.c_source import Files
+from haptid.export.model.functions import Code, code_of
+from haptid.export.output import CCode, default_name, write
 from haptid.export.provenance import IdentifiedModel, provenance
 from haptid.export.selftest import selftest
-from haptid.export.settings import CCode
-from haptid.export.text import Files
 from haptid.validation.validation import Validation
 
 

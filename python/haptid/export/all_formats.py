@@ -9,16 +9,15 @@ from typing import Protocol
 
 from haptid._internal.atomic_folder import publishing
 from haptid.errors import ExportFormatError
-from haptid.export.folder import Export
-from haptid.export.latex import export_latex
-from haptid.export.matlab import export_matlab
-from haptid.export.mjcf import export_mjcf
-from haptid.export.model_json import export_json
+from haptid.export.formats.c import export_c
+from haptid.export.formats.json import export_json
+from haptid.export.formats.latex import export_latex
+from haptid.export.formats.matlab import export_matlab
+from haptid.export.formats.mjcf import export_mjcf
+from haptid.export.formats.rust import export_rust
+from haptid.export.formats.urdf import export_urdf
+from haptid.export.output import CCode, Export
 from haptid.export.provenance import IdentifiedModel
-from haptid.export.rust import export_rust
-from haptid.export.settings import CCode
-from haptid.export.urdf import export_urdf
-from haptid.export.writing import export_c
 
 
 class Exporter(Protocol):

@@ -13,8 +13,8 @@ from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
-from haptid.export.factoring import factored
-from haptid.export.graph import RUN, Expr, Graph, cost
+from haptid.export.expressions.factoring import factored
+from haptid.export.expressions.graph import RUN, Expr, Graph, cost
 
 # Product of atoms, sorted, with repetition.
 Monomial = tuple[int, ...]

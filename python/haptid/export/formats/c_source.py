@@ -14,9 +14,9 @@ import numpy as np
 
 from haptid.device import Motor
 from haptid.dynamics.model import DynamicModel
-from haptid.export.dialects import C
-from haptid.export.emit import Emitted, emitted
-from haptid.export.functions import Code, Function
+from haptid.export.expressions.dialects import C
+from haptid.export.expressions.emit import Emitted, emitted
+from haptid.export.model.functions import Code, Function
 from haptid.export.provenance import Provenance, about
 
 # Widest line of a comment or a declaration, characters.

@@ -10,10 +10,10 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from haptid.export.graph import Expr
-from haptid.export.newton import Bodies
-from haptid.export.tree import Link, Tree
-from haptid.export.vectors import Turn, Vector, back, combined, cross, dot, forth, plus, rotated, zero
+from haptid.export.expressions.graph import Expr
+from haptid.export.expressions.vectors import Turn, Vector, back, combined, cross, dot, forth, plus, rotated, zero
+from haptid.export.model.newton import Bodies
+from haptid.export.model.tree import Link, Tree
 
 
 @dataclass(frozen=True)

@@ -9,10 +9,10 @@ from __future__ import annotations
 import numpy as np
 
 from haptid._internal.arrays import Array
-from haptid.export.graph import Expr
-from haptid.export.newton import Bodies
-from haptid.export.tree import Link, Tree
-from haptid.export.vectors import Turn, Vector, cross, forth, plus, rotated
+from haptid.export.expressions.graph import Expr
+from haptid.export.expressions.vectors import Turn, Vector, cross, forth, plus, rotated
+from haptid.export.model.newton import Bodies
+from haptid.export.model.tree import Link, Tree
 
 # Second moments, symmetric: rows.
 Moments = tuple[Vector, Vector, Vector]

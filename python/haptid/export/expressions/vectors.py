@@ -7,7 +7,7 @@ from collections.abc import Iterable, Sequence
 import numpy as np
 
 from haptid._internal.arrays import Array
-from haptid.export.graph import Expr, Graph
+from haptid.export.expressions.graph import Expr, Graph
 
 Vector = tuple[Expr, Expr, Expr]
 # Sine and cosine of an angle.

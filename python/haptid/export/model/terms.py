@@ -12,8 +12,8 @@ from haptid.device.expressions import Column
 from haptid.device.terms.term import DRY, Counterbalance, Load, TermColumn
 from haptid.dynamics.model import DynamicModel
 from haptid.errors import UnexportableTermError
-from haptid.export.graph import Expr, Graph
-from haptid.export.vectors import combined
+from haptid.export.expressions.graph import Expr, Graph
+from haptid.export.expressions.vectors import combined
 
 # What resists motion, and is compensated by a share at most.
 

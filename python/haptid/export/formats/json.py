@@ -13,8 +13,7 @@ from haptid._core import __version__
 from haptid._internal.arrays import Array
 from haptid.dynamics.model import DynamicModel
 from haptid.estimation.feasibility.feasible import possible
-from haptid.export.folder import Export, write
-from haptid.export.names import default_name
+from haptid.export.output import Export, default_name, write
 from haptid.export.provenance import IdentifiedModel, Provenance, provenance
 from haptid.results.write import device_file, finite
 from haptid.validation.validation import Validation

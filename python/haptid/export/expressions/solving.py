@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from haptid.export.graph import Expr
-from haptid.export.vectors import Vector, cross, dot
+from haptid.export.expressions.graph import Expr
+from haptid.export.expressions.vectors import Vector, cross, dot
 
 # A pivot this small beside the diagonal entry that it began as is rounding, or will be after the next product.
 SINGULAR = 1e-7

@@ -13,10 +13,8 @@ from typing import NamedTuple
 import numpy as np
 
 from haptid._internal.arrays import Array
-from haptid.export.graph import Expr
-from haptid.export.moments import Moments
-from haptid.export.tree import Link, Tree
-from haptid.export.vectors import (
+from haptid.export.expressions.graph import Expr
+from haptid.export.expressions.vectors import (
     Turn,
     Vector,
     back,
@@ -29,6 +27,8 @@ from haptid.export.vectors import (
     rotated,
     zero,
 )
+from haptid.export.model.moments import Moments
+from haptid.export.model.tree import Link, Tree
 
 
 class Spin(NamedTuple):

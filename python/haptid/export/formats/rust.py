@@ -5,14 +5,12 @@ from __future__ import annotations
 import textwrap
 from pathlib import Path
 
-from haptid.export.dialects import Rust
-from haptid.export.emit import Emitted, emitted
-from haptid.export.folder import Export, write
-from haptid.export.functions import Code, Function, code_of
-from haptid.export.names import default_name
+from haptid.export.expressions.dialects import Rust
+from haptid.export.expressions.emit import Emitted, emitted
+from haptid.export.formats.c_source import coordinate_lines
+from haptid.export.model.functions import Code, Function, code_of
+from haptid.export.output import CCode, Export, default_name, write
 from haptid.export.provenance import IdentifiedModel, Provenance, about, provenance
-from haptid.export.settings import CCode
-from haptid.export.text import coordinate_lines
 from haptid.validation.validation import Validation
 
 CARGO = """[package]

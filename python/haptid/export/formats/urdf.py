@@ -19,11 +19,10 @@ from haptid.device import Cut, Joint
 from haptid.dynamics.model import DynamicModel
 from haptid.experiment.bench.bodies import Body, Effect, bodies, effects
 from haptid.experiment.bench.mjcf import numbers
-from haptid.export.folder import Export, write
-from haptid.export.mjcf import xml_comment
-from haptid.export.names import default_name
+from haptid.export.formats.bodies import departure, standard_parameters
+from haptid.export.formats.mjcf import xml_comment
+from haptid.export.output import Export, default_name, write
 from haptid.export.provenance import IdentifiedModel, about, provenance
-from haptid.export.standard import departure, standard_parameters
 from haptid.validation.validation import Validation
 
 DRAKE = "http://drake.mit.edu"

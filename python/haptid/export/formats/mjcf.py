@@ -7,10 +7,9 @@ from xml.etree.ElementTree import Element, fromstring, indent, tostring
 
 from haptid.dynamics.model import DynamicModel
 from haptid.experiment.bench.mjcf import mjcf, numbers
-from haptid.export.folder import Export, write
-from haptid.export.names import default_name
+from haptid.export.formats.bodies import departure, standard_parameters
+from haptid.export.output import Export, default_name, write
 from haptid.export.provenance import IdentifiedModel, about, provenance
-from haptid.export.standard import departure, standard_parameters
 from haptid.validation.validation import Validation
 
 

@@ -8,9 +8,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from haptid.device import Handle
-from haptid.export.graph import Expr
-from haptid.export.tree import Tree
-from haptid.export.vectors import Turn, Vector, constant, cross, forth, plus, rotated, zero
+from haptid.export.expressions.graph import Expr
+from haptid.export.expressions.vectors import Turn, Vector, constant, cross, forth, plus, rotated, zero
+from haptid.export.model.tree import Tree
 
 
 @dataclass(frozen=True)

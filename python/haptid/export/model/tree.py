@@ -11,8 +11,19 @@ import numpy as np
 
 from haptid._internal.arrays import Array, freeze
 from haptid.dynamics.model import DynamicModel
-from haptid.export.graph import Expr
-from haptid.export.vectors import NEAR, Turn, Vector, back, combined, constant, forth, plus, rotated, snapped
+from haptid.export.expressions.graph import Expr
+from haptid.export.expressions.vectors import (
+    NEAR,
+    Turn,
+    Vector,
+    back,
+    combined,
+    constant,
+    forth,
+    plus,
+    rotated,
+    snapped,
+)
 
 
 @dataclass(frozen=True, eq=False)

@@ -10,17 +10,17 @@ import numpy as np
 
 from haptid.dynamics.model import DynamicModel
 from haptid.errors import VaryingLoopError
-from haptid.export.composite import mass_matrix
-from haptid.export.factoring import shortest
-from haptid.export.graph import PARAMETER, Expr, Graph, Operations, cost, operations
-from haptid.export.hamilton import momentum
-from haptid.export.handle import HandleExpressions, handle_expressions
-from haptid.export.moments import moments_of
-from haptid.export.newton import Bodies, inverse_dynamics
-from haptid.export.polynomial import TRIALS, cheapest
-from haptid.export.solving import Factors, force, mobility
-from haptid.export.terms import term_torque
-from haptid.export.tree import Tree, tree_of
+from haptid.export.expressions.factoring import shortest
+from haptid.export.expressions.graph import PARAMETER, Expr, Graph, Operations, cost, operations
+from haptid.export.expressions.polynomial import TRIALS, cheapest
+from haptid.export.expressions.solving import Factors, force, mobility
+from haptid.export.model.composite import mass_matrix
+from haptid.export.model.hamilton import momentum
+from haptid.export.model.handle import HandleExpressions, handle_expressions
+from haptid.export.model.moments import moments_of
+from haptid.export.model.newton import Bodies, inverse_dynamics
+from haptid.export.model.terms import term_torque
+from haptid.export.model.tree import Tree, tree_of
 
 # Times as many orders are tried for the inverse dynamics, which most loops call.
 MORE = 4

@@ -1,0 +1,1 @@
+"""Symbolic expressions: graph with common subexpressions, simplification, and straight-line code in several languages."""

@@ -1,0 +1,86 @@
+"""Names of files and of what is in them, after the device's."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Literal, get_args
+
+from haptid._internal.arrays import positive
+from haptid._internal.atomic_folder import publishing
+from haptid.end_effector.force import REVERSAL_SPEED
+from haptid.errors import CodeNameError, CodeSettingError
+
+# Names of C functions are told apart by their first 31 characters at least (C99, 5.2.4.1): so much is left for ours.
+LONGEST_NAME = 24
+
+
+def check_name(name: str) -> None:
+    """Raise CodeNameError unless names in C can begin so."""
+    if not re.fullmatch(rf"[a-z][a-z0-9_]{{0,{LONGEST_NAME - 1}}}", name):
+        raise CodeNameError(name, LONGEST_NAME)
+
+
+def default_name(model: str) -> str:
+    """The device's name, as far as C allows."""
+    plain = re.sub(r"[^a-z0-9]+", "_", model.lower()).strip("_")
+    plain = plain if plain[:1].isalpha() else f"device_{plain}"
+    return plain[:LONGEST_NAME].rstrip("_")
+
+
+Precision = Literal["double", "single"]
+
+
+@dataclass(frozen=True)
+class CCode:
+    """How the code is to be.
+
+    Attributes:
+        name: how all names begin; after the device where None.
+        precision: "double" or "single", in C.
+        reversal_speed: below it the sign of a velocity is smoothed, tanh(v / speed), rad/s or m/s.
+    """
+
+    name: str | None = None
+    precision: Precision = "double"
+    reversal_speed: float = REVERSAL_SPEED
+
+    def __post_init__(self) -> None:
+        if self.name is not None:
+            check_name(self.name)
+        if self.precision not in get_args(Precision):
+            raise CodeSettingError("precision", self.precision, " or ".join(map(repr, get_args(Precision))))
+        if not positive(self.reversal_speed):
+            raise CodeSettingError("reversal_speed", self.reversal_speed, "a finite speed above zero, rad/s or m/s")
+
+
+@dataclass(frozen=True)
+class Export:
+    """What was written.
+
+    Attributes:
+        folder: where.
+        files: names of the files in it.
+        verdict: on unseen motion, as the files have it.
+    """
+
+    folder: Path
+    files: tuple[str, ...]
+    verdict: str
+
+
+def write(folder: str | Path, texts: Mapping[str, str], verdict: str) -> Export:
+    """Write texts by their files' names; files that are there already are replaced, and only if all goes well.
+
+    Raises:
+        OutputError: the folder cannot be written.
+    """
+    folder = Path(folder)
+    with publishing(folder) as scratch:
+        for file, text in texts.items():
+            path = scratch / file
+            path.parent.mkdir(parents=True, exist_ok=True)
+            path.write_text(text, encoding="utf-8")
+    return Export(folder, tuple(texts), verdict)
