@@ -133,7 +133,7 @@ def test_example_of_many_tables_is_kept(tmp_path, found):
 def test_what_cannot_be_searched(tmp_path, found):
     with pytest.raises(errors.NoRangeError, match="range of positions"):
         design(haptid.DynamicModel(haptid.read_device("cea_medical_branch")), FAMILIES[0])
-    with pytest.raises(errors.NoRangeError, match="greatest speed"):
+    with pytest.raises(errors.NoRangeError, match="maximum speed"):
         design(
             haptid.DynamicModel(haptid.read_device("cea_medical_branch")),
             FAMILIES[0],

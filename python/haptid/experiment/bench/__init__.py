@@ -1,4 +1,7 @@
-"""The virtual bench: a device in MuJoCo with its controller, encoders and amplifiers, and the logs that it gives."""
+"""The virtual bench: closed-loop MuJoCo simulation of a device with controller, encoders and amplifiers, giving logs.
+
+It may import everything below it: device, dynamics, motion, end effector; nothing of estimation results.
+"""
 
 from haptid.experiment.bench.bodies import Body, bodies
 from haptid.experiment.bench.compiled_code import Compiled

@@ -1,4 +1,7 @@
-"""An experiment on the bench, written down as TOML: motion, controller, instruments, and what is true."""
+"""Experiment files of the bench (TOML): planned motion, controller, instruments and true parameters.
+
+The pydantic tables are the format, with the unit and the default of every key; `Experiment` is a checked file.
+"""
 
 from __future__ import annotations
 
@@ -40,7 +43,7 @@ Pair = Annotated[list[Positive], Field(min_length=2, max_length=2)]
 Series = Annotated[list[Annotated[list[Finite], Field(min_length=1, max_length=100)]], Field(min_length=1)]
 Seconds = Annotated[float, Field(gt=0, le=3600, allow_inf_nan=False)]
 
-CENTRE = "of the active joints, rad or m; one figure for all or one for each"
+CENTRE = "of the active joints, rad or m; one value for all or one for each"
 RAMP = "duration of the smooth start, and of the stop, s"
 
 
@@ -49,12 +52,12 @@ class _Table(BaseModel):
 
 
 class SinesTable(_Table):
-    """A sum of sines for each joint, phases drawn from the seed."""
+    """A multisine for each joint, phases drawn from the seed."""
 
-    amplitude: EachPositive = Field(description="greatest distance from the centre, rad or m")
+    amplitude: EachPositive = Field(description="maximum distance from the centre, rad or m")
     frequencies_hz: Pair = Field([0.25, 2.4], description="lowest and highest frequency, Hz")
-    count: int = Field(4, ge=1, le=100, description="sines a joint")
-    speed: EachPositive | None = Field(None, description="greatest speed, which lowers the amplitude where needed")
+    count: int = Field(4, ge=1, le=100, description="number of sines per joint")
+    speed: EachPositive | None = Field(None, description="maximum speed; lowers the amplitude where needed")
 
 
 class MultisineTable(SinesTable):
@@ -67,7 +70,7 @@ class MultisineTable(SinesTable):
 
 
 class TrianglesTable(_Table):
-    """Nearly constant velocity to and fro, corners rounded; with `sines`, a smaller multisine on top."""
+    """Triangular motion with rounded corners (nearly constant velocity); with `sines`, plus a smaller multisine."""
 
     kind: Literal["triangles"]
     seconds: Seconds = Field(description="duration, s")
@@ -75,7 +78,7 @@ class TrianglesTable(_Table):
     amplitude: EachPositive = Field(description="rad or m")
     frequency_hz: EachPositive = Field(description="of the triangle, Hz: the speed is 4 amplitude frequency")
     ramp: Positive = Field(1.5, description=RAMP)
-    sines: SinesTable | None = Field(None, description="a multisine on top")
+    sines: SinesTable | None = Field(None, description="a multisine added to it")
 
 
 class FourierTable(_Table):
@@ -86,12 +89,12 @@ class FourierTable(_Table):
     centre: Each = Field(description=CENTRE)
     fundamental_hz: Positive = Field(description="one over the period, Hz")
     sine: Series = Field(description="amplitudes of the first, second, ... harmonic for each active joint, rad or m")
-    cosine: Series = Field(description="the same of the cosines")
+    cosine: Series = Field(description="the same for the cosines")
     ramp: Positive = Field(1.5, description=RAMP)
 
 
 class SweepTable(_Table):
-    """Each joint in turn, to and fro at one constant velocity after the other."""
+    """Constant-velocity strokes in both directions, joint after joint, speed after speed."""
 
     kind: Literal["sweep"]
     centre: Each = Field(description=CENTRE)
@@ -101,7 +104,7 @@ class SweepTable(_Table):
 
 
 class GridTable(_Table):
-    """Poses of a grid, held still one after the other."""
+    """Static poses on a grid, one after the other."""
 
     kind: Literal["grid"]
     centre: Each = Field(description=CENTRE)
@@ -112,66 +115,66 @@ class GridTable(_Table):
 
 
 class ControllerTable(_Table):
-    """PD or PID on the motors' coordinates, at the joint side."""
+    """PD or PID controller on the motor coordinates, at the joint side."""
 
-    kp: EachNotNegative = Field(description="N m/rad or N/m; one figure for all motors or one for each")
+    kp: EachNotNegative = Field(description="N m/rad or N/m; one value for all motors or one for each")
     kd: EachNotNegative = Field(description="N m s/rad or N s/m")
     ki: EachNotNegative = Field(0.0, description="N m/(rad s) or N/(m s)")
-    gravity: bool = Field(False, description="feed the torque of the planned poses forward")
-    rate_hz: Positive = Field(1000.0, description="control rate, and that of the log, Hz")
-    velocity_cutoff_hz: Positive = Field(100.0, description="of the filter on differences of the position, Hz")
-    tracking_limit: Positive = Field(0.3, description="greatest distance from the planned position, rad or m")
+    gravity: bool = Field(False, description="gravity feedforward along the planned motion")
+    rate_hz: Positive = Field(1000.0, description="control rate and sampling rate of the log, Hz")
+    velocity_cutoff_hz: Positive = Field(100.0, description="of the low-pass on the position differences, Hz")
+    tracking_limit: Positive = Field(0.3, description="maximum tracking error before the run is stopped, rad or m")
 
 
 class EncodersTable(_Table):
-    """What positions are read with; without this table they are exact."""
+    """Position encoders; without this table positions are exact."""
 
     counts_per_turn: EachPositive = Field(description="of each motor's encoder after quadrature, or per metre")
-    gear: EachPositive = Field(1.0, description="turns of the encoder for one of the motor's coordinate")
+    gear: EachPositive = Field(1.0, description="encoder turns per turn of the motor coordinate")
 
 
 class AmplifiersTable(_Table):
-    """From the torque that is asked for to the one that acts."""
+    """Amplifiers: actual torque from commanded torque."""
 
-    gain: EachPositive = Field(1.0, description="torque that acts for one that is asked for")
-    saturation: EachPositive | None = Field(None, description="greatest torque at the joint side, N m or N")
-    noise: EachNotNegative = Field(0.0, description="deviation of the torque that acts, N m or N")
+    gain: EachPositive = Field(1.0, description="actual torque per commanded torque")
+    saturation: EachPositive | None = Field(None, description="maximum torque at the joint side, N m or N")
+    noise: EachNotNegative = Field(0.0, description="standard deviation of the actual torque, N m or N")
     delay: NotNegative = Field(0.0, description="from reading the encoders to the torque, s")
 
 
 class PayloadTable(_Table):
-    """A point mass at the handle."""
+    """Point mass at the handle."""
 
     mass: Positive = Field(description="kg")
-    com: Triple = Field([0.0, 0.0, 0.0], description="where, in the handle's frame, m")
+    com: Triple = Field([0.0, 0.0, 0.0], description="position in the handle frame, m")
 
 
 class WeightTable(_Table):
-    """A point mass that belongs to the device in this mounting: a counterweight, a gimbal, a sensor."""
+    """Point mass added to a link in this configuration: a counterweight, a gimbal, a sensor."""
 
     link: str = Field(description="the joint whose link carries it")
     mass: Positive = Field(description="kg")
-    com: Triple = Field(description="where, in the link frame of the device file's convention, m")
+    com: Triple = Field(description="position in the link frame of the device file's convention, m")
 
 
 class PushTable(_Table):
-    """A force of the hand at the handle."""
+    """Hand force at the handle."""
 
     force: Triple = Field(description="in the base frame, N")
     frequency_hz: NotNegative = Field(0.0, description="of a sine, Hz; 0 for a constant force")
-    start: NotNegative = Field(0.0, description="when it begins, s")
-    stop: Positive | None = Field(None, description="when it ends, s; default: with the motion")
+    start: NotNegative = Field(0.0, description="start time, s")
+    stop: Positive | None = Field(None, description="end time, s; default: the end of the motion")
 
 
 class SensorTable(_Table):
-    """A six-axis force sensor at the handle, in its frame."""
+    """Six-axis force/torque sensor at the handle, in the handle frame."""
 
-    force_noise: NotNegative = Field(0.0, description="deviation of a sample, N")
-    moment_noise: NotNegative = Field(0.0, description="deviation of a sample, N m")
+    force_noise: NotNegative = Field(0.0, description="standard deviation of a sample, N")
+    moment_noise: NotNegative = Field(0.0, description="standard deviation of a sample, N m")
 
 
 class BodyTable(_Table):
-    """The true body of a link, in the link frame of the device file's convention."""
+    """True rigid body of a link, in the link frame of the device file's convention."""
 
     link: str
     mass: Positive = Field(description="kg")
@@ -182,11 +185,11 @@ class BodyTable(_Table):
 
 
 class PhysicsTable(_Table):
-    """How the simulator steps."""
+    """Settings of the simulator."""
 
-    step: Positive = Field(1e-4, description="s")
-    tolerance: Positive = Field(1e-10, description="of the solver")
-    iterations: int = Field(50, ge=1, le=10000, description="of the solver, at most")
+    step: Positive = Field(1e-4, description="integration step, s")
+    tolerance: Positive = Field(1e-10, description="of the constraint solver")
+    iterations: int = Field(50, ge=1, le=10000, description="maximum iterations of the constraint solver")
 
 
 class ExperimentTable(_Table):
@@ -203,7 +206,7 @@ class ExperimentTable(_Table):
     amplifiers: AmplifiersTable | None = None
     payload: PayloadTable | None = None
     gravity: Triple | None = Field(None, description="in the base frame, m/s^2; default: the device file's")
-    hand: list[PushTable] = Field([], description="forces of the hand, which add")
+    hand: list[PushTable] = Field([], description="hand forces; they add up")
     sensor: SensorTable | None = None
     physics: PhysicsTable | None = None
     parameters: dict[str, Finite] = Field({}, description="true parameters by name, SI; default: the device's prior")
@@ -221,13 +224,13 @@ KINDS: Mapping[str, type] = {"multisine": Multisine, "fourier": Fourier, "sweep"
 
 @dataclass(frozen=True, eq=False)
 class Experiment:
-    """An experiment file, read and checked.
+    """A checked experiment file.
 
     Attributes:
         name: of the experiment.
         seed: of phases and noise.
         kind: of motion.
-        table: the file as it was read.
+        table: the validated tables of the file.
     """
 
     name: str
@@ -236,7 +239,7 @@ class Experiment:
     table: ExperimentTable
 
     def setup(self, model: DynamicModel) -> Setup:
-        """What is on the bench.
+        """The simulated set-up of a device with these instruments and true parameters.
 
         Raises:
             LinkNameError, ParameterNameError: a link, or a true parameter, that the device does not have.
@@ -246,7 +249,7 @@ class Experiment:
         settings: dict[str, Any] = {}
         for name, kind in (("encoders", Encoders), ("amplifiers", Amplifiers), ("physics", Physics)):
             if (given := getattr(table, name)) is not None:
-                settings[name] = kind(**_figures(given.model_dump()))
+                settings[name] = kind(**_tuples(given.model_dump()))
         if table.payload is not None:
             x, y, z = table.payload.com
             settings["payload"] = Payload(table.payload.mass, (x, y, z))
@@ -254,7 +257,7 @@ class Experiment:
             settings["sensor"] = ForceSensor(**table.sensor.model_dump())
         pushes = [push.model_dump(exclude_none=True) for push in table.hand]
         settings["hand"] = tuple(Push(**{**push, "force": tuple(push["force"])}) for push in pushes)
-        controller = Controller(**_figures(table.controller.model_dump()))
+        controller = Controller(**_tuples(table.controller.model_dump()))
         if table.gravity is not None:
             model = model.with_gravity(table.gravity)
         return Setup(model, true_parameters(model, table), controller, **settings)
@@ -264,7 +267,7 @@ def read_experiment(path: str | Path) -> Experiment:
     """Read an experiment file.
 
     Raises:
-        ExperimentFileError: the file cannot be read, or a key in it is missing, unknown or wrong; says which.
+        ExperimentFileError: the file cannot be read, or a key is missing, unknown or invalid.
     """
     path = Path(path)
     table = read_checked(path, ExperimentTable, ExperimentFileError, "an experiment")
@@ -273,7 +276,7 @@ def read_experiment(path: str | Path) -> Experiment:
 
 
 def _check(path: Path, table: ExperimentTable) -> None:
-    """Raise ExperimentFileError for settings that mean nothing together."""
+    """Raise ExperimentFileError for settings that contradict each other."""
     given, rate = table.trajectory, table.controller.rate_hz
     sines = given.sines if isinstance(given, TrianglesTable) else given
     if isinstance(sines, SinesTable):
@@ -282,7 +285,7 @@ def _check(path: Path, table: ExperimentTable) -> None:
         if low > high:
             raise ExperimentFileError(path, where, f"the lowest, {low:g} Hz, is above the highest, {high:g} Hz")
         if high * (1 + SPREAD) >= rate / 2:
-            what = f"{high:g} Hz is more than a control rate of {rate:g} Hz carries, which is below {rate / 2:g} Hz"
+            what = f"{high:g} Hz is not below the Nyquist frequency {rate / 2:g} Hz of the control rate {rate:g} Hz"
             raise ExperimentFileError(path, where, what)
     for k, push in enumerate(table.hand):
         if push.stop is not None and push.stop <= push.start:
@@ -290,9 +293,9 @@ def _check(path: Path, table: ExperimentTable) -> None:
 
 
 def true_parameters(model: DynamicModel, table: ExperimentTable) -> Array:
-    """Free standard parameters, (p,), SI: the device's prior, then the experiment's bodies, parameters and weights.
+    """True free standard parameters, (p,), SI: the device's prior, then the file's bodies, parameters and weights.
 
-    Bodies and parameters take the place of what was there, weights are added to it. What none of them says is zero.
+    Bodies and parameters replace values, weights are added to them. Parameters given nowhere are zero.
 
     Raises:
         LinkNameError: a link that the device does not have.
@@ -315,7 +318,7 @@ def true_parameters(model: DynamicModel, table: ExperimentTable) -> Array:
 
 
 def _body_values(model: DynamicModel, table: str, link: str, body: Body) -> dict[str, float]:
-    """The parameters of a link by name, without those that a symmetry sets to zero, as they are.
+    """Inertial parameters of a link by name, without those that a symmetry sets to zero.
 
     Raises:
         LinkNameError: no such link.
@@ -333,21 +336,21 @@ def _body_values(model: DynamicModel, table: str, link: str, body: Body) -> dict
 
 
 def _kind(table: ExperimentTable) -> Kind:
-    """The kind of motion that the file asks for."""
+    """The kind of motion of the file, with its settings."""
     given = table.trajectory
-    settings = _figures(given.model_dump(exclude={"kind", "sines"}))
+    settings = _tuples(given.model_dump(exclude={"kind", "sines"}))
     if not isinstance(given, TrianglesTable):
         made: Kind = KINDS[given.kind](**settings)
         return made
     slow = Triangles(**settings)
     if given.sines is None:
         return slow
-    fast = _figures(given.sines.model_dump())
+    fast = _tuples(given.sines.model_dump())
     return TrianglesAndSines(slow, Multisine(given.seconds, (0.0,), ramp=given.ramp, **fast))
 
 
-# Settings that are one figure, whatever the number of joints.
-SINGLE: tuple[str, ...] = (
+# Scalar settings: one number, whatever the number of joints.
+SCALARS: tuple[str, ...] = (
     "seconds",
     "ramp",
     "dwell",
@@ -356,17 +359,16 @@ SINGLE: tuple[str, ...] = (
     "velocity_cutoff_hz",
     "tracking_limit",
     "delay",
-    "fundamental_hz",
 )
-SINGLE += ("step", "tolerance")
+SCALARS += ("fundamental_hz", "step", "tolerance")
 
 
-def _figures(given: Mapping[str, Any]) -> dict[str, Any]:
-    """Settings as the values take them: lists as tuples, and one figure for all as a tuple of one."""
+def _tuples(given: Mapping[str, Any]) -> dict[str, Any]:
+    """Settings with tuples in place of lists, and a tuple of one where one value stands for all joints."""
 
-    def figures(name: str, value: Any) -> Any:
+    def converted(name: str, value: Any) -> Any:
         if isinstance(value, list):
             return tuple(tuple(v) if isinstance(v, list) else v for v in value)
-        return (value,) if isinstance(value, float) and name not in SINGLE else value
+        return (value,) if isinstance(value, float) and name not in SCALARS else value
 
-    return {name: figures(name, value) for name, value in given.items()}
+    return {name: converted(name, value) for name, value in given.items()}

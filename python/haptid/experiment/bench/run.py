@@ -1,4 +1,4 @@
-"""Running experiments: one, or many at a time in processes of their own."""
+"""Running bench experiments, one or many in parallel processes, and writing their logs and ground truth."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from haptid.errors import OutputError
 from haptid.experiment.bench.experiment import Experiment, read_experiment
 from haptid.experiment.bench.picture import draw_strip
 from haptid.experiment.bench.setup import Recording, Setup
-from haptid.experiment.bench.simulation import Tell, load_mujoco, simulate
+from haptid.experiment.bench.simulation import Progress, load_mujoco, simulate
 from haptid.experiment.bench.trajectories import plan
 
 # Columns of a log: name -> (values, unit).
@@ -29,12 +29,12 @@ Columns = dict[str, tuple[Array, str]]
 
 
 def truth_paths(log: Path) -> tuple[Path, Path]:
-    """Where the truth of a log goes: parameters, and exact states."""
+    """Paths of the ground truth of a log: parameters (JSON) and exact states (Parquet)."""
     return log.with_suffix(".truth.json"), log.with_suffix(".truth.parquet")
 
 
 def write_log(path: Path, experiment: Experiment, setup: Setup, made: Recording, seed: int) -> None:
-    """Write the log: Parquet, units with every channel, the experiment in the file's metadata.
+    """Write the log as Parquet, with the unit of every channel and the experiment in the file's metadata.
 
     The same experiment, device and seed give the same bytes.
     """
@@ -57,7 +57,7 @@ def write_log(path: Path, experiment: Experiment, setup: Setup, made: Recording,
 
 
 def write_truth(path: Path, experiment: Experiment, setup: Setup, made: Recording, seed: int) -> None:
-    """Write what is true beside a log: parameters as JSON, exact states and torques as Parquet."""
+    """Write the ground truth of a log: parameters as JSON, exact states and torques as Parquet."""
     model, (parameters, states) = setup.model, truth_paths(path)
     beta = model.base.of(setup.chi)
     values = {
@@ -80,7 +80,7 @@ def write_truth(path: Path, experiment: Experiment, setup: Setup, made: Recordin
 
 
 def description(experiment: Experiment, model: DynamicModel, seed: int) -> dict[str, Any]:
-    """What made a log: enough to make it again."""
+    """Provenance of a log: versions, device, experiment and seed, enough to reproduce it."""
     import haptid
 
     return {
@@ -106,15 +106,15 @@ def _write(path: Path, columns: Mapping[str, tuple[Array, str]], about: Mapping[
 
 @dataclass(frozen=True)
 class Job:
-    """One log to be made.
+    """One log to simulate.
 
     Attributes:
         device: name of a shipped device, or path of a device file.
         experiment: path of an experiment file.
         out: path of the log, a Parquet file.
-        truth: whether parameters and exact states go beside it.
+        truth: whether to write the true parameters and exact states next to it.
         seed: in place of the experiment's; None for that.
-        picture: whether a strip of pictures of the moving device goes beside it.
+        picture: whether to write a strip of pictures of the moving device next to it.
     """
 
     device: str | Path
@@ -126,12 +126,12 @@ class Job:
 
     @property
     def strip(self) -> Path:
-        """Where that strip goes."""
+        """Path of that strip."""
         return self.out.with_suffix(".png")
 
 
 def repeated(job: Job, count: int) -> tuple[Job, ...]:
-    """Jobs for so many logs of one experiment: LOG itself, or LOG-1, LOG-2, .. with one seed after the other."""
+    """Jobs for several logs of one experiment with consecutive seeds: LOG itself, or LOG-1, LOG-2, ..."""
     if count == 1:
         return (job,)
     first = read_experiment(job.experiment).seed if job.seed is None else job.seed
@@ -139,14 +139,14 @@ def repeated(job: Job, count: int) -> tuple[Job, ...]:
     return tuple(replace(job, out=name, seed=first + k) for k, name in enumerate(names))
 
 
-def perform(experiment: Experiment, setup: Setup, seed: int, tell: Tell | None = None) -> Recording:
-    """Plan the motion and simulate it. Phases and noise have streams of their own, both from the seed."""
+def perform(experiment: Experiment, setup: Setup, seed: int, progress: Progress | None = None) -> Recording:
+    """Plan the motion and simulate it. Phases and noise have independent random streams, both from the seed."""
     phases, noise = (np.random.default_rng(stream) for stream in np.random.SeedSequence(seed).spawn(2))
-    return simulate(setup, plan(experiment.kind, setup.model, setup.dt, phases), noise, tell)
+    return simulate(setup, plan(experiment.kind, setup.model, setup.dt, phases), noise, progress)
 
 
-def make_log(job: Job, tell: Tell | None = None) -> Path:
-    """Make one log; nothing is left where something goes wrong. Returns its path.
+def make_log(job: Job, progress: Progress | None = None) -> Path:
+    """Simulate and write one log, atomically: on an error no file is left. Returns its path.
 
     Raises:
         HaptidError: one class for each cause.
@@ -157,7 +157,7 @@ def make_log(job: Job, tell: Tell | None = None) -> Path:
     setup = experiment.setup(model)
     seed = experiment.seed if job.seed is None else job.seed
     with publishing(job.out.parent) as folder:
-        made = perform(experiment, setup, seed, tell)
+        made = perform(experiment, setup, seed, progress)
         write_log(folder / job.out.name, experiment, setup, made, seed)
         if job.truth:
             write_truth(folder / job.out.name, experiment, setup, made, seed)
@@ -167,19 +167,19 @@ def make_log(job: Job, tell: Tell | None = None) -> Path:
 
 
 def make_logs(
-    jobs: Sequence[Job], workers: Workers | None = None, tell: Callable[[Path, float], None] | None = None
+    jobs: Sequence[Job], workers: Workers | None = None, progress: Callable[[Path, float], None] | None = None
 ) -> tuple[Path, ...]:
-    """Make many logs, several at a time.
+    """Simulate and write many logs in parallel.
 
     Args:
-        jobs: what to make.
-        workers: who makes them; as many processes as there are processors where None.
-        tell: called after each log with its path and the share of logs that is done.
+        jobs: the logs.
+        workers: the executor; one process per processor where None.
+        progress: called after each log with its path and the share of logs that is done.
 
     Raises:
         HaptidError: the first that a job raised; logs that were made before stay.
     """
     for count, (_, path) in enumerate((workers or Processes()).map(make_log, jobs), 1):
-        if tell is not None:
-            tell(path, count / len(jobs))
+        if progress is not None:
+            progress(path, count / len(jobs))
     return tuple(job.out for job in jobs)

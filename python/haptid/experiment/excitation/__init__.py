@@ -1,4 +1,4 @@
-"""Motions that excite a device's parameters well: families, limits, criteria, and the search."""
+"""Design of exciting motions: parametrised families, limits, optimality criteria, and the constrained search."""
 
 from haptid.experiment.excitation.criteria import (
     Criterion,

@@ -1,4 +1,4 @@
-"""An exciting motion as an experiment file of the bench."""
+"""An exciting motion written out: as an experiment file of the bench, and as samples for a real controller."""
 
 from __future__ import annotations
 
@@ -19,12 +19,12 @@ from haptid.experiment.excitation.search import Excitation
 
 
 def write_experiment(path: str | Path, excitation: Excitation, like: Experiment) -> Path:
-    """Write an experiment with this motion, and all the rest as in another one: controller, instruments, what is true.
+    """Write an experiment file with this motion and the controller, instruments and true parameters of another one.
 
     Args:
         path: of the file, TOML.
-        excitation: its motion and the seed that draws its phases.
-        like: the experiment that it is otherwise like.
+        excitation: the motion and the seed of its phases.
+        like: the experiment that the rest is copied from.
 
     Raises:
         OutputError: the file cannot be written.
@@ -40,7 +40,7 @@ def write_experiment(path: str | Path, excitation: Excitation, like: Experiment)
 
 
 def trajectory_table(kind: Kind) -> dict[str, Any]:
-    """The table [trajectory] that the bench reads back as this motion."""
+    """The table [trajectory] of this motion."""
     if isinstance(kind, TrianglesAndSines):
         sines = _settings(kind.sines)
         own = {name: sines[name] for name in ("amplitude", "frequencies_hz", "count", "speed") if sines[name]}
@@ -54,7 +54,7 @@ def _settings(kind: object) -> dict[str, Any]:
 
 
 def toml(table: Mapping[str, Any]) -> str:
-    """A table as TOML, one setting to a line; tables within tables of the top level in one line."""
+    """A table as TOML, one key per line; nested tables below the second level inline."""
     return "\n".join(_lines(table)) + "\n"
 
 
@@ -84,16 +84,16 @@ def value_text(value: Any) -> str:
     return repr(value)
 
 
-# Bandwidth, rad/s, and damping ratio of the controller, with the largest inertia that a motor has along the motion.
+# Bandwidth, rad/s, and damping ratio of the default controller, at the largest inertia of a motor along the motion.
 OMEGA, DAMPING = 2 * np.pi * 6.0, 0.8
-# Step at which inertias are looked at, s.
+# Step at which inertias are evaluated, s.
 LOOK = 0.05
 
 
 def plain_experiment(found: Excitation) -> Experiment:
-    """An experiment with this motion: the device's prior is true, and a controller follows the motion at about 6 Hz.
+    """Default experiment for a motion: true parameters from the device's prior, PD controller of about 6 Hz bandwidth.
 
-    Where the prior knows nothing of a coordinate's inertia, its gains are zero: the experiment then needs a controller.
+    Gains are zero for coordinates whose inertia the prior does not give: the experiment then needs a controller.
     """
     inertia = largest_inertia(found)
     gains = {"kp": (OMEGA**2 * inertia).tolist(), "kd": (2 * DAMPING * OMEGA * inertia).tolist()}
@@ -109,7 +109,7 @@ def plain_experiment(found: Excitation) -> Experiment:
 
 
 def largest_inertia(found: Excitation) -> Array:
-    """Of every motor's coordinate along the motion, others free, by the parameters of the search, (motors,)."""
+    """Largest inertia of every motor coordinate along the motion, from the parameters of the search, (motors,)."""
     model = found.model
     M = mass_matrix(model, found.bounds.beta, found.trajectory(LOOK).q.T)
     to_rows = model.device.frame @ np.linalg.inv(model.device.coupling)
@@ -119,7 +119,7 @@ def largest_inertia(found: Excitation) -> Array:
 
 
 def write_samples(found: Excitation, path: Path, rate_hz: float) -> None:
-    """Write the motion as CSV for a real controller: t in s, then position, velocity, acceleration of active joints."""
+    """Write the motion as CSV samples: t in s, then position, velocity and acceleration of the active joints, SI."""
     made = found.trajectory(1.0 / rate_hz)
     names = [found.model.device.joint_names[j] for j in found.model.device.active]
     heads = ["t", *(f"{prefix}{name}" for prefix in ("q", "qd", "qdd") for name in names)]
@@ -130,7 +130,7 @@ def write_samples(found: Excitation, path: Path, rate_hz: float) -> None:
 
 
 def _lists(value: Any) -> Any:
-    """The same with lists where there are tuples, as a file has them."""
+    """The same with lists in place of tuples and without None, as in a parsed file."""
     if isinstance(value, dict):
         return {key: _lists(one) for key, one in value.items() if one is not None}
     return [_lists(one) for one in value] if isinstance(value, (list, tuple)) else value
