@@ -1,4 +1,8 @@
-"""Files that other programs read: a model as code for a control loop, for simulators, and for papers."""
+"""Export of an identified model: code for control loops, robot descriptions for simulators, tables for papers.
+
+`expressions` is symbolic algebra, `model` builds the dynamics in it, `formats` writes the files. It may import
+everything up to `results`.
+"""
 
 from haptid.export.all_formats import FORMATS, export
 from haptid.export.expressions.graph import Operations

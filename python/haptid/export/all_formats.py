@@ -1,4 +1,4 @@
-"""All formats by their names, and several of them at once."""
+"""Export of a model in several formats at once, by their names."""
 
 from __future__ import annotations
 
@@ -21,25 +21,23 @@ from haptid.export.provenance import IdentifiedModel
 
 
 class Exporter(Protocol):
-    """Writes a model into a folder."""
+    """Protocol of an exporter to a folder."""
 
     def __call__(self, identified: IdentifiedModel, folder: Path, *, anyway: bool = False) -> Export: ...
 
 
 class Coder(Protocol):
-    """Writes a model as code into a folder."""
+    """Protocol of an exporter of code to a folder."""
 
     def __call__(self, identified: IdentifiedModel, folder: Path, code: CCode, *, anyway: bool = False) -> Export: ...
 
 
 def _double(identified: IdentifiedModel, folder: Path, code: CCode, *, anyway: bool = False) -> Export:
-    made = export_c(identified, folder, replace(code, precision="double"), anyway=anyway)
-    return Export(made.folder, made.files, made.verdict)
+    return export_c(identified, folder, replace(code, precision="double"), anyway=anyway)
 
 
 def _single(identified: IdentifiedModel, folder: Path, code: CCode, *, anyway: bool = False) -> Export:
-    made = export_c(identified, folder, replace(code, precision="single"), anyway=anyway)
-    return Export(made.folder, made.files, made.verdict)
+    return export_c(identified, folder, replace(code, precision="single"), anyway=anyway)
 
 
 CODE: Mapping[str, Coder] = {"c": _double, "c-single": _single, "matlab": export_matlab, "rust": export_rust}
@@ -60,18 +58,18 @@ def export(
     *,
     anyway: bool = False,
 ) -> dict[str, Export]:
-    """Write a model in several formats, each into a folder of its name; all of them, or nothing.
+    """Write a model in several formats, each in a subfolder of its name; all of them or none.
 
     Args:
         identified: as in `export_c`.
-        folder: where these folders go.
+        folder: parent of these folders.
         formats: some of `FORMATS`.
-        code: names and smoothing of the formats that are code; their precision is the format's.
-        anyway: write a model that fails its criterion or was not tested, and say so in the files.
+        code: names and smoothing of code formats; the precision is that of the format.
+        anyway: export a model that fails its criterion or was not validated, with a note in the files.
 
     Raises:
-        ExportFormatError: there is no such format.
-        ExportError: the model cannot be written in one of them; see the exporters.
+        ExportFormatError: an unknown format.
+        ExportError: the model cannot be written in one of the formats; see the exporters.
         OutputError: the folder cannot be written.
     """
     for name in formats:

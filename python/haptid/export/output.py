@@ -1,4 +1,4 @@
-"""Names of files and of what is in them, after the device's."""
+"""Names, settings of generated code, and the output folder of an export."""
 
 from __future__ import annotations
 
@@ -13,18 +13,18 @@ from haptid._internal.atomic_folder import publishing
 from haptid.end_effector.force import REVERSAL_SPEED
 from haptid.errors import CodeNameError, CodeSettingError
 
-# Names of C functions are told apart by their first 31 characters at least (C99, 5.2.4.1): so much is left for ours.
+# C99 guarantees 31 significant characters of external names (5.2.4.1), which leaves this many for the prefix.
 LONGEST_NAME = 24
 
 
 def check_name(name: str) -> None:
-    """Raise CodeNameError unless names in C can begin so."""
+    """Raise CodeNameError unless the name is a valid prefix in C."""
     if not re.fullmatch(rf"[a-z][a-z0-9_]{{0,{LONGEST_NAME - 1}}}", name):
         raise CodeNameError(name, LONGEST_NAME)
 
 
 def default_name(model: str) -> str:
-    """The device's name, as far as C allows."""
+    """The device's name as a valid prefix in C."""
     plain = re.sub(r"[^a-z0-9]+", "_", model.lower()).strip("_")
     plain = plain if plain[:1].isalpha() else f"device_{plain}"
     return plain[:LONGEST_NAME].rstrip("_")
@@ -35,10 +35,10 @@ Precision = Literal["double", "single"]
 
 @dataclass(frozen=True)
 class CCode:
-    """How the code is to be.
+    """Settings of generated code.
 
     Attributes:
-        name: how all names begin; after the device where None.
+        name: prefix of all names; derived from the device's name where None.
         precision: "double" or "single", in C.
         reversal_speed: below it the sign of a velocity is smoothed, tanh(v / speed), rad/s or m/s.
     """
@@ -58,12 +58,12 @@ class CCode:
 
 @dataclass(frozen=True)
 class Export:
-    """What was written.
+    """A written export.
 
     Attributes:
-        folder: where.
+        folder: output folder.
         files: names of the files in it.
-        verdict: on unseen motion, as the files have it.
+        verdict: on unseen motion, as in the files.
     """
 
     folder: Path
@@ -72,7 +72,7 @@ class Export:
 
 
 def write(folder: str | Path, texts: Mapping[str, str], verdict: str) -> Export:
-    """Write texts by their files' names; files that are there already are replaced, and only if all goes well.
+    """Write texts by file name, atomically: existing files are replaced only if all are written.
 
     Raises:
         OutputError: the folder cannot be written.

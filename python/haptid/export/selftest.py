@@ -1,4 +1,4 @@
-"""The self-test that goes with the code: values of the Python model, and comparisons with them."""
+"""Self-test of the C code: reference values of the Python model, and a program that compares the code with them."""
 
 from __future__ import annotations
 
@@ -16,18 +16,18 @@ from haptid.dynamics.model import DynamicModel
 from haptid.dynamics.regressor import external
 from haptid.end_effector.momentum_observer import MomentumObserver
 from haptid.export.expressions.dialects import DOUBLE, C
+from haptid.export.expressions.emit import Function
 from haptid.export.formats.c_source import CUTOFF_HZ, GAIN, STEP, Files
-from haptid.export.model.functions import Function
 from haptid.motion.causal import HighPass
 from haptid.observation.reversals import softened
 
-# Least eigenvalue of a mass matrix, relative to the largest, at which it can be inverted to some digits.
+# Smallest eigenvalue of a mass matrix, relative to the largest, at which its inverse is compared.
 WORST = 1e-6
 
 
 @dataclass(frozen=True, eq=False)
 class Golden:
-    """The Python model at some states.
+    """Reference ("golden") values of the Python model at some states.
 
     Attributes:
         model: the dynamic model.
@@ -46,7 +46,7 @@ class Golden:
 
     @staticmethod
     def at_random(model: DynamicModel, beta: Array, speed: float, samples: int, seed: int = 0) -> Golden:
-        """States over the whole circle, with rates to 2 and torques to 1."""
+        """Random states: positions in +-pi, rates in +-2, torques in +-1."""
         rng = np.random.default_rng(seed)
         n = len(model.device.drives)
         q = rng.uniform(-np.pi, np.pi, (n, samples))
@@ -55,7 +55,7 @@ class Golden:
 
     @property
     def functions(self) -> Mapping[str, Callable[[], dict[str, Array]]]:
-        """What each function of the code must give: by output, (samples, size)."""
+        """Reference outputs of each function of the code, (samples, size)."""
         return {
             "inverse_dynamics": lambda: {"tau": self._bodies(self.qd, self.qdd).T},
             "gravity": lambda: {"tau": self._bodies(self._none, self._none).T},
@@ -71,7 +71,7 @@ class Golden:
         }
 
     def sound(self, function: str) -> np.ndarray:
-        """States at which a function has something to give, and to many digits, (samples,)."""
+        """States at which a function is well-conditioned, (samples,)."""
         if function in ("forward_dynamics", "handle_mobility"):
             sizes = np.linalg.eigvalsh(self._M)
             return np.asarray(sizes[:, 0] > WORST * np.abs(sizes[:, -1]))
@@ -81,7 +81,7 @@ class Golden:
         return np.ones(self.q.shape[1], dtype=bool)
 
     def at(self, samples: np.ndarray) -> Golden:
-        """Some of the states."""
+        """A subset of the states."""
         q, qd, qdd, tau = (x[:, samples] for x in (self.q, self.qd, self.qdd, self.tau))
         return replace(self, q=q, qd=qd, qdd=qdd, tau=tau)
 
@@ -131,24 +131,24 @@ class Golden:
         return {"p": p.T, "rest": rest.T}
 
 
+# Compared states, and random states of which the best-conditioned are taken.
 SAMPLES = 12
-# States of which the best are taken.
 POOL = 200
-# Relative: for the functions that solve linear systems, with room for a poor condition.
+# Relative tolerances, with a margin for ill-conditioned linear systems.
 TOLERANCES = {"double": "1e-9", "float": "2e-3"}
-# The path of the loops: amplitude and frequencies, rad or m and rad/s.
+# Motion of the observer and the differentiator: amplitude, rad or m, and lowest frequency, rad/s.
 AMPLITUDE, SLOWEST = 0.2, 20.0
 
 
 def selftest(files: Files) -> str:
-    """The program's source."""
+    """Source of the self-test program."""
     golden = states(files)
     parts, calls = [], []
     for name in ("q", "qd", "qdd", "tau"):
         parts.append(table(f"in_{name}", getattr(golden, name).T, files.dialect, inputs=True))
     for function in files.code.functions:
         if not golden.sound(function.name).all():
-            calls.append(f"/* {function.name}: nothing to compare, its matrix cannot be inverted. */")
+            calls.append(f"/* {function.name}: not compared, its matrix is singular. */")
             continue
         wanted = golden.functions[function.name]()
         parts += [table(f"{function.name}_{name}", values, DOUBLE) for name, values in wanted.items()]
@@ -171,7 +171,7 @@ def selftest(files: Files) -> str:
 
 
 def states(files: Files) -> Golden:
-    """Random states, at most of which every function has something to give."""
+    """Random states, chosen so that as many functions as possible are well-conditioned."""
     golden = Golden.at_random(files.model, files.source.beta, files.code.speed, POOL)
     unsound = np.sum([~golden.sound(function.name) for function in files.code.functions], axis=0)
     return golden.at(np.argsort(unsound, kind="stable")[:SAMPLES])
@@ -186,7 +186,7 @@ def path(active: int) -> tuple[Array, Array, Array]:
 
 
 def watched(files: Files, q: Array, qd: Array, tau: Array) -> tuple[Array, Array]:
-    """What observer and differentiator make of a motion, each (samples, active)."""
+    """Reference outputs of observer and differentiator along a motion, each (samples, active)."""
     model = files.model
     to_joints = np.linalg.inv(model.device.frame)
     observer = MomentumObserver(GAIN, files.code.speed)
@@ -202,7 +202,7 @@ def table(name: str, values: Array, dialect: C, inputs: bool = False) -> str:
 
 
 def _calls(files: Files, function: Function, wanted: dict[str, Array]) -> Sequence[str]:
-    """One call and its comparisons."""
+    """A call of a function and the comparisons of its outputs."""
     arguments = ["model"] if function.parameters else []
     arguments += [f"in_{name}[i]" for name, _ in function.inputs]
     arguments += [name for name, _ in function.outputs]
@@ -217,5 +217,5 @@ def _calls(files: Files, function: Function, wanted: dict[str, Array]) -> Sequen
 
 
 def _scale(values: Array) -> str:
-    """The largest entry, or one where all are zero."""
+    """The largest magnitude, or one where all are zero."""
     return repr(float(np.abs(values).max(initial=0.0)) or 1.0)

@@ -208,12 +208,12 @@ def fit(friction_model: FrictionModel, joint: JointFriction) -> FrictionFit:
     se = np.maximum(joint.sd, max(TRUSTED * float(np.median(joint.sd)), EXACT * float(np.abs(f).max())))
     scale = _stribeck_velocity(friction_model, v, f, se) if friction_model.scaled else 1.0
     A = friction_model.columns(v, scale) / se[:, None]
-    beta = np.linalg.lstsq(A, f / se, rcond=None)[0]
+    beta = np.asarray(np.linalg.lstsq(A, f / se, rcond=None)[0], dtype=np.float64)
     squares, (n, k) = float(np.sum((f / se - A @ beta) ** 2)), A.shape
     K = k + friction_model.scaled + 1
     dof = max(n - K + 1, 1)
     # Errors of one joint's points are correlated, so that their scatter may be below their standard errors.
-    covariance = np.asarray(np.linalg.pinv(A.T @ A) * max(squares / dof, 1.0), dtype=float)
+    covariance = np.asarray(np.linalg.pinv(A.T @ A) * max(squares / dof, 1.0), dtype=np.float64)
     units = [joint.unit + PER_VELOCITY[joint.unit] * name.startswith("FV") for name in friction_model.parameters]
     correction = 2 * K * (K + 1) / (n - K - 1) if n - K - 1 > 0 else np.inf
     return FrictionFit(

@@ -1,1 +1,1 @@
-"""Symbolic expressions: graph with common subexpressions, simplification, and straight-line code in several languages."""
+"""Symbolic expressions: a graph with common subexpressions shared, simplification, and straight-line code."""

@@ -1,4 +1,4 @@
-"""How a language writes what the expressions say: C99, Rust and MATLAB."""
+"""Syntax of the target languages: C99, Rust and MATLAB."""
 
 from __future__ import annotations
 
@@ -8,43 +8,43 @@ from dataclasses import dataclass
 from typing import Protocol
 
 ARITHMETIC = ("+", "-", "*", "/")
-# Outputs that are matrices, stored row by row, and the length of a row; -1 for that of the coordinates.
+# Outputs that are matrices, row-major, and the length of a row; -1 for the number of coordinates.
 ROWS = {"M": -1, "J": -1, "rotation": 3, "mobility": 3}
 
 
 class Dialect(Protocol):
-    """A language."""
+    """Protocol of a target language."""
 
     def literal(self, value: float) -> str:
-        """A number that reads back as itself."""
+        """A number with round-trip precision."""
 
     def named(self, text: str) -> str:
-        """An entry of an input, which the expressions call q[0]."""
+        """An entry of an input, named q[0] in the expressions."""
 
     def constant(self, name: str, text: str) -> str:
-        """The statement that gives a value a name."""
+        """Declaration of a constant."""
 
     def call(self, function: str, arguments: Sequence[str]) -> str:
-        """A function of one number, or pow."""
+        """Call of a function of one number, or pow."""
 
     def sound(self, positive: Sequence[str]) -> Sequence[str]:
-        """Statements that test whether values are above zero."""
+        """Statements that test whether values are positive."""
 
     def end(self, outputs: Mapping[str, Sequence[str]], checked: bool) -> Sequence[str]:
-        """Last statements of a function: its outputs, and whether the tests let them pass."""
+        """Last statements of a function: outputs, and with `checked` the status of the tests."""
 
 
 class Keeping(Dialect, Protocol):
-    """A language in which what depends on parameters alone is made once, and kept."""
+    """A language in which values that depend on parameters alone are precomputed by an initialisation."""
 
     def kept(self, place: int) -> str:
-        """A value that the initialisation made."""
+        """A precomputed value."""
 
     def keep(self, place: int, text: str) -> str:
-        """The statement that makes it."""
+        """Assignment of a precomputed value."""
 
     def begin(self) -> Sequence[str]:
-        """First statements of a function that reads such values."""
+        """First statements of a function that reads precomputed values."""
 
 
 @dataclass(frozen=True)
@@ -107,7 +107,7 @@ SINGLE = C("float", "f")
 
 @dataclass(frozen=True)
 class Rust:
-    """Rust without its standard library; the functions of numbers are those of the crate libm."""
+    """Rust without the standard library; mathematical functions from the crate libm."""
 
     def literal(self, value: float) -> str:
         return repr(value)
@@ -150,7 +150,7 @@ class Matlab:
     """MATLAB and Octave: the base parameters are an input called beta.
 
     Attributes:
-        coordinates: how many there are.
+        coordinates: their number.
     """
 
     coordinates: int
@@ -184,7 +184,7 @@ class Matlab:
         return lines
 
     def _rows(self, name: str, texts: Sequence[str]) -> list[str]:
-        """Rows of a matrix, or entries of a column."""
+        """Rows of a matrix, or entries of a column vector."""
         width = ROWS.get(name, 1)
         width = self.coordinates if width < 0 else width
         return [", ".join(texts[k : k + width]) for k in range(0, len(texts), width)]

@@ -1,4 +1,4 @@
-"""Expressions as straight-line code: one constant after the other, no loops, no branches, no memory but the stack."""
+"""Straight-line code generation: single-assignment constants, no loops, no branches, no heap memory."""
 
 from __future__ import annotations
 
@@ -7,19 +7,44 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
 from haptid.export.expressions.dialects import ARITHMETIC, DOUBLE, Dialect, Keeping
-from haptid.export.expressions.graph import PARAMETER, RUN, Graph
-from haptid.export.model.functions import Code, Function
+from haptid.export.expressions.graph import PARAMETER, RUN, Expr, Graph
 
-# An expression used once and no longer than this, characters, is written where it is used.
+# Expressions used once are inlined up to this length, characters.
 INLINE = 44
+
+
+@dataclass(frozen=True)
+class Function:
+    """A function of the generated code.
+
+    Attributes:
+        name: without the model's prefix.
+        about: documentation with units, lines.
+        inputs: names and sizes of the input arrays.
+        outputs: names of the output arrays, and their expressions.
+        checks: expressions that must be positive; otherwise the function returns zeros and a failure.
+        parameters: whether it depends on the parameters, or on geometry alone.
+    """
+
+    name: str
+    about: tuple[str, ...]
+    inputs: tuple[tuple[str, int], ...]
+    outputs: tuple[tuple[str, tuple[Expr, ...]], ...]
+    checks: tuple[Expr, ...] = ()
+    parameters: bool = True
+
+    @property
+    def all(self) -> list[Expr]:
+        """All expressions that it computes."""
+        return [*(value for _, values in self.outputs for value in values), *self.checks]
 
 
 @dataclass(frozen=True, eq=False)
 class Emitted:
-    """The generated part of the source.
+    """Generated code of all functions.
 
     Attributes:
-        constants: length of the array made once from the parameters, at least 1.
+        constants: length of the array that is precomputed from the parameters, at least 1.
         init: statements that fill it.
         bodies: statements of every function, by its name.
     """
@@ -29,31 +54,31 @@ class Emitted:
     bodies: Mapping[str, tuple[str, ...]]
 
 
-def emitted(code: Code, dialect: Keeping, wide: Dialect = DOUBLE) -> Emitted:
-    """All functions' statements; what depends on parameters alone goes to the initialisation.
+def emitted(graph: Graph, functions: Sequence[Function], dialect: Keeping, wide: Dialect = DOUBLE) -> Emitted:
+    """Statements of all functions; operations on parameters alone are moved to the initialisation.
 
     Args:
-        code: the functions.
-        dialect: how they are written.
-        wide: how the initialisation is, always in double precision.
+        graph: the store of their expressions.
+        functions: to be written.
+        dialect: their language.
+        wide: language of the initialisation, always in double precision.
     """
-    graph = code.graph
     places: dict[int, int] = {}
-    for function in code.functions:
+    for function in functions:
         for node in sorted(_kept(graph, function)):
             places.setdefault(node, len(places))
     writer = _Writer(graph, wide, {})
     init = writer.statements(places, lambda node: graph.nodes[node].when == PARAMETER)
-    # Names and one-operation parameters are read from their place like all others.
+    # Names and one-operation parameters are read from the array like all others.
     init += [dialect.keep(place, writer.texts[node]) for node, place in places.items()]
     known = {node: dialect.kept(place) for node, place in places.items()}
-    bodies = {f.name: tuple(_body(graph, f, dialect, known, dialect.begin())) for f in code.functions}
+    bodies = {f.name: tuple(_body(graph, f, dialect, known, dialect.begin())) for f in functions}
     return Emitted(max(len(places), 1), tuple(init), bodies)
 
 
-def straight(code: Code, function: Function, dialect: Dialect) -> list[str]:
-    """Statements of one function with everything in it, what depends on parameters alone too."""
-    return _body(code.graph, function, dialect, {}, ())
+def straight(graph: Graph, function: Function, dialect: Dialect) -> list[str]:
+    """Statements of one function including the operations on parameters alone."""
+    return _body(graph, function, dialect, {}, ())
 
 
 def _kept(graph: Graph, function: Function) -> set[int]:
@@ -67,7 +92,7 @@ def _kept(graph: Graph, function: Function) -> set[int]:
 def _body(
     graph: Graph, function: Function, dialect: Dialect, known: Mapping[int, str], begin: Sequence[str]
 ) -> list[str]:
-    """Statements of one function; what is known is read as its text says, after the statements that begin."""
+    """Statements of one function; `known` has the text of precomputed nodes, `begin` the statements they require."""
     writer = _Writer(graph, dialect, known)
 
     def wanted(node: int) -> bool:
@@ -83,7 +108,7 @@ def _body(
 
 
 class _Writer:
-    """Text of nodes, in the order in which they were made: operands first."""
+    """Text of nodes in topological order."""
 
     def __init__(self, graph: Graph, dialect: Dialect, known: Mapping[int, str]) -> None:
         self.graph, self.dialect = graph, dialect
@@ -91,7 +116,7 @@ class _Writer:
         self.ops: dict[int, str] = {}
 
     def statements(self, outputs: Iterable[int], wanted: Callable[[int], bool]) -> list[str]:
-        """Declarations of all that outputs need and that is not known yet."""
+        """Declarations of all nodes that the outputs depend on and that are not known yet."""
         graph, outputs = self.graph, list(outputs)
         live = graph.live(graph.at(node) for node in outputs)
         uses = Counter(arg for node in live for arg in graph.operands(node))
@@ -132,7 +157,7 @@ class _Writer:
         return self.dialect.call(op, [self.texts[arg] for arg in args])
 
     def _operand(self, op: str, node: int, left: bool) -> str:
-        """Brackets wherever C's rules would read it otherwise, and between equals on the right."""
+        """Brackets where C's precedence requires them, and around right operands of equal precedence."""
         text, inner = self.texts[node], self.ops.get(node)
         if inner is None:
             return text

@@ -1,4 +1,4 @@
-"""Fewer operations for the same sums and products: flatten, take common factors out, build again."""
+"""Algebraic factoring: sums and products are flattened, common factors taken out, and the expressions rebuilt."""
 
 from __future__ import annotations
 
@@ -7,18 +7,18 @@ from collections.abc import Sequence
 
 from haptid.export.expressions.graph import RUN, Expr, Graph, cost
 
-# One product of a sum: its sign, and the nodes that are multiplied.
+# A product in a sum: its sign, and the factor nodes.
 Term = tuple[int, tuple[int, ...]]
-# After so many rounds nothing is gained.
+# Rounds of factoring; more give no improvement.
 ROUNDS = 3
 
 
 def shortest(graph: Graph, outputs: Sequence[Expr]) -> list[Expr]:
-    """The outputs as they are, or factored in up to ROUNDS rounds: whatever costs least."""
-    tried = [list(outputs)]
+    """The outputs unchanged or factored in up to ROUNDS rounds, whichever is cheapest."""
+    forms = [list(outputs)]
     for _ in range(ROUNDS):
-        tried.append(factored(graph, tried[-1]))
-    return min(tried, key=lambda made: cost(graph, made))
+        forms.append(factored(graph, forms[-1]))
+    return min(forms, key=lambda form: cost(graph, form))
 
 
 def factored(graph: Graph, outputs: Sequence[Expr]) -> list[Expr]:
@@ -29,7 +29,7 @@ def factored(graph: Graph, outputs: Sequence[Expr]) -> list[Expr]:
 
 
 class _Rewriting:
-    """One pass over the outputs: sums and products that are used once melt into what uses them."""
+    """One pass over the outputs: sums and products that are used once are merged into their user."""
 
     def __init__(self, graph: Graph, outputs: Sequence[Expr]) -> None:
         self.graph = graph
@@ -39,12 +39,12 @@ class _Rewriting:
         self.made: dict[int, Expr] = {}
 
     def expression(self, node: int) -> Expr:
-        """The node, written again."""
+        """The rewritten node, memoised."""
         if node not in self.made:
-            self.made[node] = self._again(node)
+            self.made[node] = self._rewritten(node)
         return self.made[node]
 
-    def _again(self, node: int) -> Expr:
+    def _rewritten(self, node: int) -> Expr:
         graph, (op, _, when) = self.graph, self.graph.nodes[node]
         args = graph.operands(node)
         if when < RUN or not args:
@@ -60,28 +60,28 @@ class _Rewriting:
             return graph.power(inner[0], inner[1])
         return -inner[0] if op == "negative" else graph.apply(op, inner[0])
 
-    def _melts(self, node: int, ops: str) -> bool:
+    def _merges(self, node: int, ops: str) -> bool:
         known = self.graph.nodes[node]
         return known.op in ops and known.when == RUN and self.uses[node] == 1
 
     def _terms(self, node: int, sign: int) -> list[Term]:
-        """The products that a sum is made of."""
+        """The products of a flattened sum."""
         left, right = self.graph.operands(node)
         found: list[Term] = []
         for arg, s in ((left, sign), (right, sign if self.graph.nodes[node].op == "+" else -sign)):
-            if self._melts(arg, "+-"):
+            if self._merges(arg, "+-"):
                 found += self._terms(arg, s)
             else:
                 found.append((s, self._factors(arg)))
         return found
 
     def _factors(self, node: int) -> tuple[int, ...]:
-        """The nodes that a product is made of."""
+        """The factors of a flattened product."""
         if self.graph.nodes[node].op != "*" or self.graph.nodes[node].when < RUN:
             return (node,)
         found: list[int] = []
         for arg in self.graph.operands(node):
-            found += self._factors(arg) if self._melts(arg, "*") else (arg,)
+            found += self._factors(arg) if self._merges(arg, "*") else (arg,)
         return tuple(sorted(found))
 
     def _product(self, factors: tuple[int, ...]) -> Expr:
@@ -91,7 +91,7 @@ class _Rewriting:
         return made
 
     def _sum(self, terms: list[Term]) -> Expr:
-        """The factor that most products share comes out, then the same within and without."""
+        """Take out the factor that most products share, then recurse on both parts."""
         shared = Counter(node for _, factors in terms for node in set(factors))
         best = max(shared, default=-1, key=lambda node: (shared[node], self.graph.nodes[node].when == RUN, -node))
         if shared[best] > 1 and len(terms) > 1:
@@ -110,6 +110,6 @@ class _Rewriting:
 
 
 def _without(factors: tuple[int, ...], node: int) -> tuple[int, ...]:
-    """The factors with one occurrence of a node taken out."""
+    """The factors without one occurrence of a node."""
     k = factors.index(node)
     return factors[:k] + factors[k + 1 :]

@@ -1,4 +1,4 @@
-"""Expressions that know each other: every distinct operation is stored once, and constants fold as they are made."""
+"""Expression graph: hash-consed nodes (common subexpressions are shared) with constant folding."""
 
 from __future__ import annotations
 
@@ -8,9 +8,9 @@ from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from typing import NamedTuple
 
-# When a value is known: as the code is written, once for a set of parameters, or at every call.
+# Evaluation time of a node: when the code is generated, once per parameter set, or at every call.
 CONSTANT, PARAMETER, RUN = range(3)
-# What C's library does to one number; in Python for folding constants.
+# Functions of one number of the C library, in Python for constant folding.
 LIBRARY: Mapping[str, Callable[[float], float]] = {
     "sin": math.sin,
     "cos": math.cos,
@@ -23,7 +23,7 @@ LIBRARY: Mapping[str, Callable[[float], float]] = {
     "above": lambda x: max(x, 0.0),
     "below": lambda x: min(x, 0.0),
 }
-# f(-x) = -f(x): the sign moves out.
+# Odd functions, f(-x) = -f(x), and even ones: the sign of the argument moves out.
 ODD = ("sin", "tan", "tanh", "sign")
 EVEN = ("cos", "fabs")
 
@@ -43,19 +43,19 @@ class Node(NamedTuple):
 
 
 class Graph:
-    """The store of all nodes; a node's operands come before it."""
+    """Store of all nodes in topological order: operands come before the nodes that use them."""
 
     def __init__(self) -> None:
         self.nodes: list[Node] = []
         self._known: dict[tuple[str, tuple[object, ...]], int] = {}
 
     def number(self, value: float) -> Expr:
-        """A constant; its sign is kept outside, so that x and -x share a node."""
+        """A constant; the sign is stored in the expression, so that x and -x share a node."""
         value = float(value)
         return Expr(self, -1 if value < 0 else 1, self._intern("number", (abs(value),), CONSTANT))
 
     def name(self, text: str, when: int = RUN) -> Expr:
-        """An input of the code, or with PARAMETER one of its parameters."""
+        """A symbol: an input of the code, or with PARAMETER one of its parameters."""
         return Expr(self, 1, self._intern("name", (text,), when))
 
     def lift(self, value: Expr | float) -> Expr:
@@ -67,12 +67,12 @@ class Graph:
         return Expr(self, 1, node)
 
     def operands(self, node: int) -> tuple[int, ...]:
-        """Indices of the nodes that one is made of; none for numbers and names."""
+        """Indices of a node's operands; none for numbers and names."""
         op, args, _ = self.nodes[node]
         return () if op in ("number", "name") else args  # type: ignore[return-value]
 
     def live(self, outputs: Iterable[Expr]) -> set[int]:
-        """All nodes that some outputs need."""
+        """All nodes that the outputs depend on."""
         seen: set[int] = set()
         waiting = [out.node for out in outputs]
         while waiting:
@@ -83,7 +83,7 @@ class Graph:
         return seen
 
     def apply(self, function: str, argument: Expr) -> Expr:
-        """A function of LIBRARY."""
+        """A function of LIBRARY of an expression."""
         value = argument.value
         if value is not None:
             return self.number(LIBRARY[function](value))
@@ -92,7 +92,7 @@ class Graph:
         return -made if argument.sign < 0 and function in ODD else made
 
     def power(self, base: Expr, exponent: Expr) -> Expr:
-        """pow(base, exponent); small whole exponents are products."""
+        """pow(base, exponent); small integer exponents become products."""
         n = exponent.value
         if n is not None and n == int(n) and 0 <= n <= 4:
             made = self.number(1.0)
@@ -104,7 +104,7 @@ class Graph:
         return Expr(self, 1, self._intern("pow", (plain[0], plain[1]), when))
 
     def _plain(self, x: Expr) -> int:
-        """A node whose value has the sign in it."""
+        """A node whose value includes the sign of x."""
         return x.node if x.sign > 0 else self._intern("negative", (x.node,), x.when)
 
     def _intern(self, op: str, args: tuple[object, ...], when: int) -> int:
@@ -116,7 +116,7 @@ class Graph:
         return node
 
     def add(self, a: Expr, b: Expr) -> Expr:
-        """The sum; zeros vanish, and constants fold."""
+        """The sum; zeros are dropped, constants folded."""
         va, vb = a.value, b.value
         if va is not None and vb is not None:
             return self.number(va + vb)
@@ -132,7 +132,7 @@ class Graph:
         return Expr(self, a.sign, self._intern(op, (a.node, b.node), max(a.when, b.when)))
 
     def multiply(self, a: Expr, b: Expr) -> Expr:
-        """The product; what is known earlier is gathered: k1 (k2 x) becomes (k1 k2) x, and k1 k2 is made once."""
+        """The product; factors known earlier are collected: k1 (k2 x) becomes (k1 k2) x, and k1 k2 is computed once."""
         va, vb = a.value, b.value
         if va is not None and vb is not None:
             return self.number(va * vb)
@@ -156,7 +156,7 @@ class Graph:
         """The quotient.
 
         Raises:
-            ZeroDivisionError: the divisor is zero whatever the inputs.
+            ZeroDivisionError: the divisor is identically zero.
         """
         value = b.value
         if value is not None:
@@ -168,7 +168,7 @@ class Graph:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Expr:
-    """A node, or minus it.
+    """An expression: a node of a graph with a sign.
 
     Attributes:
         graph: the store.
@@ -182,7 +182,7 @@ class Expr:
 
     @property
     def value(self) -> float | None:
-        """Of a constant; None of anything else."""
+        """Value of a constant; None for other expressions."""
         op, args, _ = self.graph.nodes[self.node]
         return self.sign * float(args[0]) if op == "number" else None
 
@@ -219,10 +219,10 @@ class Expr:
 
 @dataclass(frozen=True)
 class Operations:
-    """What one call costs; what is made once from the parameters is not in it.
+    """Operation count of one call, without operations on parameters alone.
 
     Attributes:
-        multiplications, additions, divisions: subtractions are additions.
+        multiplications, additions, divisions: subtractions count as additions.
         trigonometric: sines and cosines, each counted.
         others: other functions of the C library.
     """
@@ -235,12 +235,12 @@ class Operations:
 
     @property
     def arithmetic(self) -> int:
-        """Multiplications, additions and divisions."""
+        """Number of multiplications, additions and divisions."""
         return self.multiplications + self.additions + self.divisions
 
 
 def operations(graph: Graph, outputs: Iterable[Expr]) -> Operations:
-    """Operations of some outputs at every call, shared ones counted once."""
+    """Operation count of the outputs at every call, shared subexpressions counted once."""
     found = Counter(graph.nodes[node].op for node in graph.live(outputs) if graph.nodes[node].when == RUN)
     trigonometric = found["sin"] + found["cos"]
     others = sum(found[op] for op in (*LIBRARY, "pow")) - trigonometric
@@ -248,5 +248,5 @@ def operations(graph: Graph, outputs: Iterable[Expr]) -> Operations:
 
 
 def cost(graph: Graph, outputs: Iterable[Expr]) -> int:
-    """Multiplications, additions and divisions."""
+    """Number of multiplications, additions and divisions."""
     return operations(graph, outputs).arithmetic

@@ -1,8 +1,7 @@
-"""Small mechanisms: torques as polynomials in sines, cosines and rates, and a search for cheap ways to evaluate them.
+"""Multivariate Horner forms of small models: polynomials in sines, cosines and rates, with a search for cheap orders.
 
-A product tree from a recursion repeats itself in ways that no local rule sees. The polynomial's normal form, with
-s^2 = 1 - c^2 or c^2 = 1 - s^2, does not; Horner's rule then takes atoms out one by one, and the order in which it
-does so is searched.
+Recursions repeat products in ways that local factoring rules do not find. The polynomial's normal form, with
+s^2 = 1 - c^2 or c^2 = 1 - s^2, does not; Horner's rule then factors out atoms one by one, in an order that is searched.
 """
 
 from __future__ import annotations
@@ -16,14 +15,14 @@ from dataclasses import dataclass
 from haptid.export.expressions.factoring import factored
 from haptid.export.expressions.graph import RUN, Expr, Graph, cost
 
-# Product of atoms, sorted, with repetition.
+# Product of atoms (node indices), sorted, with repetition.
 Monomial = tuple[int, ...]
 Polynomial = dict[Monomial, Expr]
-# More monomials than this in all outputs, and the recursion stays cheaper.
+# Number of monomials of all outputs above which the recursion is cheaper.
 LARGEST = 150
-# Angles whose squares can be written in two ways each: more give too many forms.
+# Number of angles above which there are too many normal forms: two ways to write the squares of each.
 MOST_ANGLES = 4
-# Orders tried, and by how much an atom's weight in the order is varied.
+# Orders that are tried, and factors by which an atom's weight in the order is varied.
 TRIALS = 16
 WEIGHTS = (0.5, 0.8, 1.0, 1.25, 1.6, 2.2, 3.0)
 
@@ -33,12 +32,12 @@ class _TooLargeError(Exception):
 
 
 def cheapest(graph: Graph, outputs: Sequence[Expr], trials: int = TRIALS) -> list[Expr] | None:
-    """The outputs as nested products, or None where they are no small polynomials.
+    """The outputs in the cheapest Horner form found, or None where they are not small polynomials.
 
     Args:
         graph: the store.
         outputs: sums and products of names, sines and cosines.
-        trials: orders tried; the same ones every time.
+        trials: number of orders tried, by a search with a fixed seed.
     """
     pairs = _pairs(graph, outputs)
     if len(pairs) > MOST_ANGLES:
@@ -54,7 +53,7 @@ def cheapest(graph: Graph, outputs: Sequence[Expr], trials: int = TRIALS) -> lis
 
 
 def _pairs(graph: Graph, outputs: Sequence[Expr]) -> list[tuple[int, int]]:
-    """Sine and cosine of every angle that has both."""
+    """Sine and cosine nodes of every angle that has both."""
     found: dict[int, dict[str, int]] = {}
     for node in sorted(graph.live(outputs)):
         op = graph.nodes[node].op
@@ -64,7 +63,7 @@ def _pairs(graph: Graph, outputs: Sequence[Expr]) -> list[tuple[int, int]]:
 
 
 def _normal_form(graph: Graph, outputs: Sequence[Expr], squares: Mapping[int, int]) -> list[Polynomial]:
-    """Every output as a polynomial; in `squares`, s to c where s^2 is to be written 1 - c^2."""
+    """Every output as a polynomial; `squares` maps s to c where s^2 is replaced by 1 - c^2, and conversely."""
     known: dict[int, Polynomial] = {}
     made = []
     for out in outputs:
@@ -109,7 +108,7 @@ def _collect(into: Polynomial, monomial: Monomial, factor: Expr) -> None:
 
 
 def _reduced(monomial: Monomial, factor: Expr, squares: Mapping[int, int]) -> list[tuple[Monomial, Expr]]:
-    """The same with squares written by the other function of the angle."""
+    """The monomial with squares replaced by those of the other function of the angle."""
     for atom, other in squares.items():
         if monomial.count(atom) > 1:
             k = monomial.index(atom)
@@ -120,26 +119,26 @@ def _reduced(monomial: Monomial, factor: Expr, squares: Mapping[int, int]) -> li
 
 
 def _search(graph: Graph, forms: Sequence[list[Polynomial]], trials: int) -> list[Expr]:
-    """Every form once, then small changes of the order in the two best ones, kept where they do no harm."""
-    chance = random.Random(0)  # the same code every time
-    first = [_Way.of(graph, form, {}) for form in forms]
-    ways = sorted(first, key=lambda way: way.size)[:2]
+    """Local search: every normal form once, then random changes of the order in the two best ones."""
+    rng = random.Random(0)  # a fixed seed: the same code every time
+    first = [_HornerForm.of(graph, form, {}) for form in forms]
+    best = sorted(first, key=lambda one: one.size)[:2]
     for trial in range(trials):
-        k = trial % len(ways)
-        tried = _Way.of(graph, ways[k].form, _varied(chance, ways[k]))
-        ways[k] = min(tried, ways[k], key=lambda way: way.size)
-    return min(ways, key=lambda way: way.size).outputs
+        k = trial % len(best)
+        candidate = _HornerForm.of(graph, best[k].form, _varied(rng, best[k]))
+        best[k] = min(candidate, best[k], key=lambda one: one.size)
+    return min(best, key=lambda one: one.size).outputs
 
 
 @dataclass(frozen=True)
-class _Way:
-    """One way to evaluate the outputs.
+class _HornerForm:
+    """Horner form of the outputs for one order of the atoms.
 
     Attributes:
         form: the polynomials.
-        weights: of atoms, in the order in which they come out; 1 where not named.
+        weights: of atoms in the order in which they are factored out; 1 by default.
         outputs: as nested products.
-        size: what they cost.
+        size: their cost.
     """
 
     form: list[Polynomial]
@@ -148,20 +147,20 @@ class _Way:
     size: int
 
     @staticmethod
-    def of(graph: Graph, form: list[Polynomial], weights: Mapping[int, float]) -> _Way:
+    def of(graph: Graph, form: list[Polynomial], weights: Mapping[int, float]) -> _HornerForm:
         """Horner's rule for every polynomial of a form, then common factors."""
         known: dict[frozenset[tuple[Monomial, int, int]], Expr] = {}
         made = [_horner(graph, polynomial, weights, known) for polynomial in form]
         outputs = min((made, factored(graph, made)), key=lambda outputs: cost(graph, outputs))
-        return _Way(form, weights, outputs, cost(graph, outputs))
+        return _HornerForm(form, weights, outputs, cost(graph, outputs))
 
 
-def _varied(chance: random.Random, way: _Way) -> dict[int, float]:
-    """Its weights with up to three drawn anew."""
-    atoms = sorted({atom for polynomial in way.form for monomial in polynomial for atom in monomial})
-    made = dict(way.weights)
-    for atom in chance.sample(atoms, min(len(atoms), chance.randint(1, 3))):
-        made[atom] = chance.choice(WEIGHTS)
+def _varied(rng: random.Random, current: _HornerForm) -> dict[int, float]:
+    """The weights with up to three of them drawn again."""
+    atoms = sorted({atom for polynomial in current.form for monomial in polynomial for atom in monomial})
+    made = dict(current.weights)
+    for atom in rng.sample(atoms, min(len(atoms), rng.randint(1, 3))):
+        made[atom] = rng.choice(WEIGHTS)
     return made
 
 
@@ -171,7 +170,7 @@ def _horner(
     weights: Mapping[int, float],
     known: dict[frozenset[tuple[Monomial, int, int]], Expr],
 ) -> Expr:
-    """atom * (what it is in) + the rest, the most frequent atom first."""
+    """atom * (cofactor) + remainder, the most frequent atom first."""
     if not any(polynomial):
         return polynomial.get((), graph.number(0.0))
     key = frozenset((monomial, factor.node, factor.sign) for monomial, factor in polynomial.items())

@@ -1,13 +1,13 @@
-"""Small linear systems as expressions: LDL' without square roots, and what is made of it."""
+"""Small linear systems as expressions: square-root-free LDL' factorisation, mobility matrix, force from torques."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 
 from haptid.export.expressions.graph import Expr
-from haptid.export.expressions.vectors import Vector, cross, dot
+from haptid.export.expressions.vectors import cross, dot, vector
 
-# A pivot this small beside the diagonal entry that it began as is rounding, or will be after the next product.
+# Pivots below this share of their original diagonal entry count as singular.
 SINGULAR = 1e-7
 
 
@@ -16,8 +16,8 @@ class Factors:
     """M = L D L', of a symmetric positive definite matrix.
 
     Attributes:
-        lower: rows of L below its diagonal of ones.
-        checks: all are above zero where the matrix is positive definite, and not nearly singular.
+        lower: rows of L below its unit diagonal.
+        checks: all positive where the matrix is positive definite and not nearly singular.
         inverse: 1 / D.
     """
 
@@ -30,7 +30,7 @@ class Factors:
         """Row by row (Golub and Van Loan 2013, section 4.1.2).
 
         Raises:
-            ZeroDivisionError: the matrix is singular whatever the inputs.
+            ZeroDivisionError: the matrix is identically singular.
         """
         n = len(M)
         lower: list[list[Expr]] = [[] for _ in range(n)]
@@ -82,21 +82,21 @@ def mobility(factors: Factors, J: list[list[Expr]]) -> list[list[Expr]]:
 
 
 def force(J: list[list[Expr]], torque: list[Expr]) -> tuple[list[Expr], list[Expr]]:
-    """The force with J' f = torque, least of all or nearest of all where it is not one, and what must be above zero.
+    """Least-squares or minimum-norm solution of J' f = torque, and the expressions that must be positive.
 
-    With three coordinates by Cramer's rule; with more by least squares; with fewer, the force along the way that the
-    handle has.
+    With three coordinates by Cramer's rule; with more by least squares; with fewer, the force in the directions in
+    which the handle can move.
 
     Args:
-        J: the Jacobian's linear rows, (3, active).
+        J: linear rows of the Jacobian, (3, active).
         torque: on the coordinates, (active).
 
     Raises:
-        ZeroDivisionError: no pose tells the force.
+        ZeroDivisionError: J is singular in every pose.
     """
     n = len(torque)
     if n == 3:
-        a, b, c = (_vector([row[k] for row in J]) for k in range(3))
+        a, b, c = (vector([row[k] for row in J]) for k in range(3))
         areas = (cross(b, c), cross(c, a), cross(a, b))
         volume = dot(a, areas[0])
         inverse = 1.0 / volume
@@ -110,8 +110,3 @@ def force(J: list[list[Expr]], torque: list[Expr]) -> tuple[list[Expr], list[Exp
     factors = Factors.of([[dot(columns[a], columns[b]) for b in range(n)] for a in range(n)])
     weights = factors.solve(torque)
     return [dot(row, weights) for row in J], factors.checks
-
-
-def _vector(values: list[Expr]) -> Vector:
-    x, y, z = values
-    return (x, y, z)

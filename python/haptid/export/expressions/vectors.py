@@ -12,12 +12,12 @@ from haptid.export.expressions.graph import Expr, Graph
 Vector = tuple[Expr, Expr, Expr]
 # Sine and cosine of an angle.
 Turn = tuple[Expr, Expr]
-# A number of the geometry this near to a multiple of a half is it: cosines of right angles and of 60 degrees.
+# Tolerance for rounding geometry to multiples of one half: cosines of right angles and of 60 degrees.
 NEAR = 1e-12
 
 
 def snapped(array: Array) -> Array:
-    """Numbers without the rounding that sines and cosines of round angles have."""
+    """Numbers rounded to multiples of one half within NEAR: removes the rounding errors of sines and cosines."""
     near = np.round(2 * array) / 2
     return np.asarray(np.where(np.abs(array - near) < NEAR, near, array))
 
@@ -31,6 +31,12 @@ def zero(graph: Graph) -> Vector:
 def constant(graph: Graph, values: Iterable[float]) -> Vector:
     """A vector of numbers."""
     x, y, z = (graph.number(value) for value in values)
+    return (x, y, z)
+
+
+def vector(values: Sequence[Expr]) -> Vector:
+    """A vector of three expressions."""
+    x, y, z = values
     return (x, y, z)
 
 
@@ -59,7 +65,7 @@ def rotated(matrix: Array, v: Vector) -> Vector:
 
 
 def combined(weights: Iterable[float], values: Sequence[Expr]) -> Expr:
-    """Constant weights times values, summed."""
+    """Linear combination with constant weights."""
     made = values[0].graph.number(0.0)
     for weight, value in zip(weights, values, strict=True):
         made = made + float(weight) * value
@@ -67,12 +73,12 @@ def combined(weights: Iterable[float], values: Sequence[Expr]) -> Expr:
 
 
 def forth(turn: Turn, v: Vector) -> Vector:
-    """Rz v: out of a frame turned about z."""
+    """Rz v: from a frame rotated about z to the fixed one."""
     s, c = turn
     return (c * v[0] - s * v[1], s * v[0] + c * v[1], v[2])
 
 
 def back(turn: Turn, v: Vector) -> Vector:
-    """Rz' v: into a frame turned about z."""
+    """Rz' v: from the fixed frame to one rotated about z."""
     s, c = turn
     return (c * v[0] + s * v[1], c * v[1] - s * v[0], v[2])

@@ -1,4 +1,4 @@
-"""Full parameters of real bodies behind base parameters: what simulators and robot descriptions ask for."""
+"""Physically consistent standard parameters from base parameters, as simulators and robot descriptions require."""
 
 from __future__ import annotations
 
@@ -9,24 +9,25 @@ from haptid.dynamics.model import DynamicModel
 from haptid.errors import ImpossibleModelError
 from haptid.estimation.feasibility.cone import Cone
 from haptid.estimation.feasibility.feasible import possible, roomy
+from haptid.export.provenance import Provenance, about
 
-# Bodies on the border of what is possible go this far inside, in each link's own mass and length: simulators refuse
-# what rounding may push out.
+# Distance from the boundary of physical consistency, in each link's own mass and length, to which bodies on it are
+# moved: simulators reject what rounding may push outside.
 INSIDE = 1e-9
 
 
 def standard_parameters(model: DynamicModel, beta: Array) -> Array:
-    """Free standard parameters that real bodies and passive terms can have, with these base parameters, (n,), SI.
+    """Physically consistent free standard parameters with these base parameters, (n,), SI.
 
-    Of all that have them, those of `Possible`: nearest to the prior, or to a ball for every link without one. The base
-    parameters come out to rounding; where a body lies on the border of what is possible, to 1e-9 of its size.
+    Of all that have them, those nearest to the prior, or to a ball for every link without one. The base parameters are
+    reproduced to rounding; where a body lies on the boundary of consistency, to 1e-9 relative.
 
     Args:
         model: the dynamic model.
         beta: its base parameters, (p,), SI.
 
     Raises:
-        ImpossibleModelError: no bodies have these base parameters.
+        ImpossibleModelError: the base parameters are not physically consistent.
     """
     found = possible(model, beta)
     if not found.ok:
@@ -36,7 +37,7 @@ def standard_parameters(model: DynamicModel, beta: Array) -> Array:
 
 
 def inward(conditions: Cone, x: Array) -> Array:
-    """x, with as much of a ball in every part on the border as brings it inside, (n,)."""
+    """x with the inertia of a small ball added to every part on the boundary, so that it is strictly inside, (n,)."""
     moved = np.array(x)
     for part in conditions.parts:
         margin = part.margin(x)
@@ -47,7 +48,9 @@ def inward(conditions: Cone, x: Array) -> Array:
 
 
 def departure(model: DynamicModel, beta: Array, chi: Array) -> float:
-    """Largest difference of base parameters from those of standard parameters, beside what they are sums of.
+    """Largest relative difference between base parameters and those of the standard parameters.
+
+    Relative to the sum of the magnitudes that a base parameter groups.
 
     Args:
         model: the dynamic model.
@@ -57,3 +60,15 @@ def departure(model: DynamicModel, beta: Array, chi: Array) -> float:
     sizes = np.abs(model.base.regrouping) @ np.abs(chi)
     gaps = np.abs(model.base.of(chi) - beta)
     return float((gaps / np.where(sizes > 0, sizes, 1.0)).max(initial=0.0))
+
+
+def heading(source: Provenance, chi: Array, *notes: str) -> str:
+    """XML comment with the provenance and how the bodies were chosen."""
+    lines = [
+        *about(source),
+        "Of all bodies with the identified base parameters, those nearest to the prior (without one, to a ball).",
+        f"Their base parameters differ from the identified ones by {departure(source.model, source.beta, chi):.0e}.",
+        *notes,
+    ]
+    text = "\n".join(lines).replace("--", "- -")
+    return f"<!--\n{text}\n-->"

@@ -1,4 +1,4 @@
-"""`export_c(model, folder)`: a folder with the model in C99, its test and examples."""
+"""C99 export, `export_c(model, folder)`: the model, its self-test and examples."""
 
 from __future__ import annotations
 
@@ -9,27 +9,21 @@ from haptid.export.expressions.dialects import DOUBLE, SINGLE
 from haptid.export.expressions.graph import Operations
 from haptid.export.formats.c_source import Files
 from haptid.export.model.functions import Code, code_of
-from haptid.export.output import CCode, default_name, write
+from haptid.export.output import CCode, Export, default_name, write
 from haptid.export.provenance import IdentifiedModel, provenance
 from haptid.export.selftest import selftest
 from haptid.validation.validation import Validation
 
 
-@dataclass(frozen=True, eq=False)
-class CExport:
-    """What was written.
+@dataclass(frozen=True)
+class CExport(Export):
+    """Written C code.
 
     Attributes:
-        folder: where.
-        files: names of the files in it.
-        operations: what a call of each function costs.
-        verdict: on unseen motion, as in the header.
+        operations: operation count of one call of each function.
     """
 
-    folder: Path
-    files: tuple[str, ...]
     operations: dict[str, Operations]
-    verdict: str
 
 
 def export_c(
@@ -44,36 +38,36 @@ def export_c(
     """Write a model as C99 for a control loop: header, source, self-test, examples, CMakeLists.txt and README.md.
 
     Inverse dynamics, gravity, friction, mass matrix, forward dynamics, and with a handle its pose, Jacobian, mobility
-    and force; the momentum observer and a differentiator. All but the observer and the differentiator are
-    straight-line code. The coordinates are those of the device's torque rows. Functions that could never succeed are
-    left out: forward dynamics of a coordinate without inertia, the force at a handle that does not move.
+    and force; the momentum observer and a differentiator. All but the observer and the differentiator are straight-line
+    code. The coordinates are those of the device's torque rows. Functions that are singular in every pose are left out:
+    forward dynamics of a coordinate without inertia, the force at a handle that cannot move.
 
     Args:
-        identified: an identification, an estimate, or a device and its base parameters.
-        folder: where; files that are there already are replaced, and only if all goes well.
-        code: names and precision.
+        identified: an identification, a result, an estimate, or a dynamic model and its base parameters.
+        folder: output folder; existing files are replaced, atomically.
+        code: names, precision and smoothing of friction.
         validation: of an estimate, on unseen motion; an identification has its own.
         largest_error: criterion, per cent; an identification has that of its study.
-        anyway: write a model that fails its criterion or was not tested, and say so in the header.
+        anyway: export a model that fails its criterion or was not validated, with a note in the header.
 
     Raises:
-        FailedValidationError, UnvalidatedError: the model may not pass.
+        FailedValidationError, UnvalidatedError: the model does not meet its validation criterion.
         UnexportableTermError: a term that code cannot compute.
         VaryingLoopError: loops that are not linear.
-        ShapeError: the base parameters are not as many as the device has.
+        ShapeError: the number of base parameters is not that of the device.
         OutputError: the folder cannot be written.
     """
-    code, folder = code or CCode(), Path(folder)
+    code = code or CCode()
     source = provenance(identified, validation, largest_error, anyway)
     made = code_of(source.model, code.reversal_speed, source.zero)
     name = code.name or default_name(source.model.device.name)
     files = Files(source, made, SINGLE if code.precision == "single" else DOUBLE, name)
     written = write(folder, _texts(files), source.verdict)
-    return CExport(folder, written.files, made.operations, source.verdict)
+    return CExport(written.folder, written.files, written.verdict, made.operations)
 
 
 def _texts(files: Files) -> dict[str, str]:
-    """Every file's name and content."""
+    """Name and content of every file."""
     name = files.name
     return {
         f"{name}.h": files.header(),

@@ -1,4 +1,4 @@
-"""`export_json(model, folder)`: the model for programs, with everything that is known of its parameters."""
+"""JSON export, `export_json(model, folder)`: the model for programs, with all information on its parameters."""
 
 from __future__ import annotations
 
@@ -20,7 +20,9 @@ from haptid.validation.validation import Validation
 
 # Version of the format.
 SCHEMA = 1
-NOTE = "Of all bodies that have the parameters, those nearest to the prior; null where no bodies have them."
+NOTE = (
+    "Of all bodies with these base parameters, those nearest to the prior; null if they are not physically consistent."
+)
 
 
 def export_json(
@@ -35,10 +37,10 @@ def export_json(
 
     Args:
         identified, validation, largest_error, anyway: as in `export_c`.
-        folder: where NAME.json goes.
+        folder: output folder of NAME.json.
 
     Raises:
-        FailedValidationError, UnvalidatedError: the model may not pass.
+        FailedValidationError, UnvalidatedError: the model does not meet its validation criterion.
         OutputError: the folder cannot be written.
     """
     source = provenance(identified, validation, largest_error, anyway)
@@ -89,7 +91,7 @@ def _nonzero(row: Array, names: tuple[str, ...]) -> dict[str, float]:
 
 
 def _coordinates(model: DynamicModel) -> list[dict[str, Any]]:
-    """What torque rows belong to, as combinations of the active joints' positions."""
+    """Coordinates of the torque rows, as combinations of the active joints' positions."""
     active = tuple(model.device.joints[j].name for j in model.device.active)
     return [
         {"label": label, "unit": unit, "torque_unit": torque, "joints": _nonzero(row, active)}

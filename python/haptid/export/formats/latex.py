@@ -1,4 +1,4 @@
-"""`export_latex(model, folder)`: tables of parameters and groupings for a paper."""
+"""LaTeX export, `export_latex(model, folder)`: tables of parameters and groupings for a paper."""
 
 from __future__ import annotations
 
@@ -13,9 +13,9 @@ from haptid.export.output import Export, default_name, write
 from haptid.export.provenance import IdentifiedModel, Provenance, about, provenance
 from haptid.validation.validation import Validation
 
-# Digits of a figure that stands without its deviation.
+# Significant digits.
 DIGITS = 5
-# Characters with a meaning of their own in LaTeX.
+# Special characters of LaTeX.
 SPECIAL = {c: rf"\{c}" for c in "#$%&_{}"} | {"\\": r"\textbackslash{}", "~": r"\textasciitilde{}", "^": r"\^{}"}
 DOCUMENT = r"""\documentclass{article}
 \usepackage[margin=2.5cm]{geometry}
@@ -37,17 +37,17 @@ def export_latex(
     largest_error: float | None = None,
     anyway: bool = False,
 ) -> Export:
-    """Write a model's parameters and groupings as LaTeX tables, and a document that shows them.
+    """Write parameters and groupings as LaTeX tables, and a document that includes them.
 
-    The tables need the packages amsmath, booktabs and longtable. Groupings have the lengths as symbols where these are
-    known exactly, else as numbers.
+    The tables need the packages amsmath, booktabs and longtable. Groupings have symbolic lengths where the exact
+    regroupings exist, else numbers.
 
     Args:
         identified, validation, largest_error, anyway: as in `export_c`.
-        folder: where NAME.tex, NAME_parameters.tex and NAME_groupings.tex go.
+        folder: output folder of NAME.tex, NAME_parameters.tex and NAME_groupings.tex.
 
     Raises:
-        FailedValidationError, UnvalidatedError: the model may not pass.
+        FailedValidationError, UnvalidatedError: the model does not meet its validation criterion.
         OutputError: the folder cannot be written.
     """
     source = provenance(identified, validation, largest_error, anyway)
@@ -63,17 +63,17 @@ def export_latex(
 
 
 def _parameters(source: Provenance) -> str:
-    """One line for each base parameter."""
+    """Table with a row for each base parameter."""
     lines = []
     for k, (name, unit) in enumerate(zip(source.model.base.names, source.model.base.units, strict=True)):
-        within = ("", "") if source.intervals is None else tuple(map(number, source.intervals[k]))
-        lines.append(" & ".join((f"${subscript(name)}$", number(source.beta[k]), *within, unit_text(unit))))
+        interval = ("", "") if source.intervals is None else tuple(map(number, source.intervals[k]))
+        lines.append(" & ".join((f"${subscript(name)}$", number(source.beta[k]), *interval, unit_text(unit))))
     head = r"parameter & value & \multicolumn{2}{c}{95\,\% interval} & unit"
     return _table("lrrrl", head, lines)
 
 
 def _groupings(model: DynamicModel) -> str:
-    """One line for each base parameter: inline formulas, which break where they are long."""
+    """Table with a row for each base parameter: inline formulas, which LaTeX can break."""
     try:
         formulas = model.regroupings.latex
     except RegroupingError:
@@ -83,7 +83,7 @@ def _groupings(model: DynamicModel) -> str:
 
 
 def _numeric(grouping: str) -> str:
-    """A grouping with numbers, such as `ZZ1 + 0.2025 M3`."""
+    """LaTeX of a numerical grouping such as `ZZ1 + 0.2025 M3`."""
     words = grouping.split()
     return " ".join(word if word in "+-" else _factor(word) for word in words)
 
@@ -101,7 +101,7 @@ def _table(columns: str, head: str, lines: list[str]) -> str:
 
 
 def number(value: float) -> str:
-    """A figure in mathematics: 1.2345, or 1.2345 times a power of ten."""
+    """A number in math mode: 1.2345, or 1.2345 times a power of ten."""
     if math.isinf(value):
         return r"$-\infty$" if value < 0 else r"$\infty$"
     mantissa, _, exponent = f"{value:.{DIGITS}g}".partition("e")
@@ -109,10 +109,10 @@ def number(value: float) -> str:
 
 
 def unit_text(unit: str) -> str:
-    """A unit upright: kg m^2 with its exponent raised."""
+    """A unit in upright type: kg m^2 with a superscript."""
     return re.sub(r"\^(-?\w+)", r"$^{\1}$", unit).replace(" ", r"\,")
 
 
 def escaped(text: str) -> str:
-    """Text that LaTeX prints as it is."""
+    """Text with LaTeX's special characters escaped."""
     return "".join(SPECIAL.get(character, character) for character in text)

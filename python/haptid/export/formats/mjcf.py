@@ -1,4 +1,4 @@
-"""`export_mjcf(model, folder)`: the identified device for MuJoCo, as the virtual bench would simulate it."""
+"""MJCF export, `export_mjcf(model, folder)`: the identified device for MuJoCo, as the virtual bench simulates it."""
 
 from __future__ import annotations
 
@@ -7,9 +7,9 @@ from xml.etree.ElementTree import Element, fromstring, indent, tostring
 
 from haptid.dynamics.model import DynamicModel
 from haptid.experiment.bench.mjcf import mjcf, numbers
-from haptid.export.formats.bodies import departure, standard_parameters
+from haptid.export.formats.bodies import heading, standard_parameters
 from haptid.export.output import Export, default_name, write
-from haptid.export.provenance import IdentifiedModel, about, provenance
+from haptid.export.provenance import IdentifiedModel, provenance
 from haptid.validation.validation import Validation
 
 
@@ -21,19 +21,19 @@ def export_mjcf(
     largest_error: float | None = None,
     anyway: bool = False,
 ) -> Export:
-    """Write a model as MJCF: bodies that have the identified base parameters, loops, rotors, friction, springs, motors.
+    """Write a model as MJCF: bodies with the identified base parameters, loops, rotors, friction, springs, motors.
 
-    Torque tells base parameters only; of all bodies that have them, those nearest to the prior are written. Joints have
-    the limits of the device file. Actuators are as in `haptid.experiment.bench.mjcf`.
+    Only base parameters are identifiable from torque; the bodies nearest to the prior that have them are written.
+    Joints have the limits of the device file. Actuators are as in `haptid.experiment.bench.mjcf`.
 
     Args:
         identified, validation, largest_error, anyway: as in `export_c`.
-        folder: where NAME.xml goes.
+        folder: output folder of NAME.xml.
 
     Raises:
-        FailedValidationError, UnvalidatedError: the model may not pass.
-        ImpossibleModelError: no bodies have its base parameters.
-        UnsimulatedTermError, UnsimulatedLoopError: what MuJoCo has no counterpart for.
+        FailedValidationError, UnvalidatedError: the model does not meet its validation criterion.
+        ImpossibleModelError: the base parameters are not physically consistent.
+        UnsimulatedTermError, UnsimulatedLoopError: a term or loop without counterpart in MuJoCo.
         OutputError: the folder cannot be written.
     """
     source = provenance(identified, validation, largest_error, anyway)
@@ -42,23 +42,12 @@ def export_mjcf(
     root = fromstring(mjcf(model, chi))
     _limit(root, model)
     indent(root)
-    lines = [
-        *about(source),
-        "Of all bodies with the identified base parameters, those nearest to the prior, or to a ball without one.",
-        f"They have the base parameters to {departure(model, source.beta, chi):.0e} of their size.",
-    ]
-    text = f"{xml_comment(lines)}\n{tostring(root, encoding='unicode')}\n"
+    text = f"{heading(source, chi)}\n{tostring(root, encoding='unicode')}\n"
     return write(folder, {f"{default_name(model.device.name)}.xml": text}, source.verdict)
 
 
-def xml_comment(lines: list[str]) -> str:
-    """Lines as a comment that they cannot end."""
-    text = "\n".join(lines).replace("--", "- -")
-    return f"<!--\n{text}\n-->"
-
-
 def _limit(root: Element, model: DynamicModel) -> None:
-    """Ranges of joints, and the greatest torque on them."""
+    """Set position ranges and maximum torques of the joints."""
     joints = {joint.name: joint for joint in model.device.joints}
     for element in root.findall("./worldbody//body/joint"):
         joint = joints[element.attrib["name"]]

@@ -1,4 +1,4 @@
-"""`export_rust(model, folder)`: the functions of the C code as a crate without the standard library."""
+"""Rust export, `export_rust(model, folder)`: the functions of the C code as a `no_std` crate."""
 
 from __future__ import annotations
 
@@ -6,11 +6,10 @@ import textwrap
 from pathlib import Path
 
 from haptid.export.expressions.dialects import Rust
-from haptid.export.expressions.emit import Emitted, emitted
-from haptid.export.formats.c_source import coordinate_lines
-from haptid.export.model.functions import Code, Function, code_of
+from haptid.export.expressions.emit import Emitted, Function, emitted
+from haptid.export.model.functions import Code, code_of
 from haptid.export.output import CCode, Export, default_name, write
-from haptid.export.provenance import IdentifiedModel, Provenance, about, provenance
+from haptid.export.provenance import IdentifiedModel, Provenance, about, coordinate_lines, provenance
 from haptid.validation.validation import Validation
 
 CARGO = """[package]
@@ -22,9 +21,9 @@ edition = "2021"
 libm = "0.2"
 """
 MODEL = """
-/// How many coordinates there are.
+/// Number of coordinates.
 pub const COORDINATES: usize = {n};
-/// How many base parameters there are.
+/// Number of base parameters.
 pub const PARAMETERS: usize = {p};
 
 /// The base parameters as identified.
@@ -32,14 +31,14 @@ pub const BETA: [f64; PARAMETERS] = [
 {beta}
 ];
 
-/// All that depends on the base parameters alone.
+/// Values precomputed from the base parameters.
 #[derive(Clone, Copy, Debug)]
 pub struct Model {{
     k: [f64; {k}],
 }}
 
 impl Model {{
-    /// A model of base parameters: `BETA`, or others.
+    /// A model with base parameters `BETA`, or others.
     #[must_use]
     pub fn new(p: &[f64; PARAMETERS]) -> Self {{
         let mut k = [0.0; {k}];
@@ -60,18 +59,18 @@ def export_rust(
     largest_error: float | None = None,
     anyway: bool = False,
 ) -> Export:
-    """Write a model as a Rust crate for `no_std`: the same operations as in `export_c`; its one dependency is libm.
+    """Write a model as a Rust crate for `no_std`: the same operations as in `export_c`; its only dependency is libm.
 
-    Functions that solve linear systems give `None` where the matrix is singular, or nearly so. The observer and the
-    differentiator are in the C code alone.
+    Functions that solve linear systems return `None` where the matrix is singular or nearly so. The observer and the
+    differentiator exist in C only.
 
     Args:
         identified, validation, largest_error, anyway: as in `export_c`.
-        code: names and where the sign of a velocity is smoothed; the crate has double precision alone.
-        folder: where Cargo.toml and src/lib.rs go.
+        code: names and smoothing of friction; the crate is in double precision.
+        folder: output folder of Cargo.toml and src/lib.rs.
 
     Raises:
-        FailedValidationError, UnvalidatedError: the model may not pass.
+        FailedValidationError, UnvalidatedError: the model does not meet its validation criterion.
         UnexportableTermError: a term that code cannot compute.
         VaryingLoopError: loops that are not linear.
         OutputError: the folder cannot be written.
@@ -81,7 +80,7 @@ def export_rust(
     made = code_of(source.model, code.reversal_speed, source.zero)
     texts = {
         "Cargo.toml": CARGO.format(name=code.name or default_name(source.model.device.name)),
-        "src/lib.rs": _library(source, made, emitted(made, Rust(), Rust())),
+        "src/lib.rs": _library(source, made, emitted(made.graph, made.functions, Rust(), Rust())),
     }
     return write(folder, texts, source.verdict)
 
@@ -90,7 +89,7 @@ def _library(source: Provenance, code: Code, generated: Emitted) -> str:
     heading = [
         *about(source),
         "",
-        "Numbers are SI. Matrices are stored row by row. Coordinates:",
+        "All values are SI. Matrices are row-major. Coordinates:",
         "",
         *coordinate_lines(source.model),
     ]
@@ -117,6 +116,6 @@ def _function(function: Function, lines: tuple[str, ...]) -> str:
     idle += ["model"] if function.parameters and "model" not in text else []
     body = textwrap.indent("\n".join([*(f"let _ = {name};" for name in idle), text]), " " * 4)
     comments = "\n".join(f"/// {line}" for line in function.about)
-    named = f"/// Gives {', '.join(f'`{name}`' for name, _ in function.outputs)}."
+    named = f"/// Returns {', '.join(f'`{name}`' for name, _ in function.outputs)}."
     head = f"pub fn {function.name}({', '.join(arguments)}) -> {result} {{"
     return f"\n{comments}\n{named}\n#[must_use]\n{head}\n{body}\n}}\n"

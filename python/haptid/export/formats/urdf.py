@@ -1,7 +1,7 @@
-"""`export_urdf(model, folder)`: the identified device as URDF, with what URDF has no place for said beside it.
+"""URDF export, `export_urdf(model, folder)`: the identified device, with what URDF cannot express in its heading.
 
-URDF knows trees. A joint that closes a loop is given to Gazebo as an SDF joint in a `<gazebo>` element, which other
-readers skip; a passive joint that follows one other joint by a relation is a `<mimic>`. Rotors are in `<transmission>`,
+URDF describes trees. A joint that closes a loop is given to Gazebo as an SDF joint in a `<gazebo>` element, which other
+readers skip; a passive joint that depends linearly on one other joint is a `<mimic>`. Rotors are in `<transmission>`,
 as Drake reads them.
 
 Source: http://wiki.ros.org/urdf/XML, and Drake's "Parsing URDF", section on drake:rotor_inertia.
@@ -19,16 +19,15 @@ from haptid.device import Cut, Joint
 from haptid.dynamics.model import DynamicModel
 from haptid.experiment.bench.bodies import Body, Effect, bodies, effects
 from haptid.experiment.bench.mjcf import numbers
-from haptid.export.formats.bodies import departure, standard_parameters
-from haptid.export.formats.mjcf import xml_comment
+from haptid.export.formats.bodies import heading, standard_parameters
 from haptid.export.output import Export, default_name, write
-from haptid.export.provenance import IdentifiedModel, about, provenance
+from haptid.export.provenance import IdentifiedModel, provenance
 from haptid.validation.validation import Validation
 
 DRAKE = "http://drake.mit.edu"
-# URDF wants limits of every joint that has any: what is unknown is this, SI.
+# Value of unknown limits, SI: URDF requires all limits of a joint that has any.
 UNLIMITED = 1e3
-# Cosine of a pitch that is as good as a right angle.
+# Cosine of the pitch below which it counts as a right angle.
 LEVEL = 1e-9
 
 
@@ -40,16 +39,16 @@ def export_urdf(
     largest_error: float | None = None,
     anyway: bool = False,
 ) -> Export:
-    """Write a model as URDF: bodies that have the identified base parameters, damping, dry friction, rotors.
+    """Write a model as URDF: bodies with the identified base parameters, damping, dry friction, rotors.
 
     Args:
         identified, validation, largest_error, anyway: as in `export_c`.
-        folder: where NAME.urdf goes.
+        folder: output folder of NAME.urdf.
 
     Raises:
-        FailedValidationError, UnvalidatedError: the model may not pass.
-        ImpossibleModelError: no bodies have its base parameters.
-        UnsimulatedTermError: a term that no simulator of rigid bodies has.
+        FailedValidationError, UnvalidatedError: the model does not meet its validation criterion.
+        ImpossibleModelError: the base parameters are not physically consistent.
+        UnsimulatedTermError: a term without counterpart in rigid-body simulators.
         OutputError: the folder cannot be written.
     """
     source = provenance(identified, validation, largest_error, anyway)
@@ -57,15 +56,10 @@ def export_urdf(
     chi = standard_parameters(model, source.beta)
     made = bodies(model, chi)
     acts = effects(model, chi, made)
-    lines = [
-        *about(source),
-        "Of all bodies with the identified base parameters, those nearest to the prior, or to a ball without one.",
-        f"They have the base parameters to {departure(model, source.beta, chi):.0e} of their size.",
-        *_unsaid(model, acts),
-    ]
     root = _robot(model, made, acts)
     indent(root)
-    text = f'<?xml version="1.0"?>\n{xml_comment(lines)}\n{tostring(root, encoding="unicode")}\n'
+    heading_text = heading(source, chi, *_missing(model, acts))
+    text = f'<?xml version="1.0"?>\n{heading_text}\n{tostring(root, encoding="unicode")}\n'
     return write(folder, {f"{default_name(model.device.name)}.urdf": text}, source.verdict)
 
 
@@ -88,7 +82,7 @@ def _robot(model: DynamicModel, made: tuple[Body, ...], acts: tuple[Effect, ...]
 
 
 def _base(root: Element, model: DynamicModel) -> None:
-    """A world in which things fall along -z, as simulators have it, and the device's base in it."""
+    """A world with gravity along -z, as in simulators, and the device's base in it."""
     SubElement(root, "link", name="world")
     SubElement(root, "link", name="base")
     _fixed(root, "base mount", "world", "base", upright(model.device.gravity), np.zeros(3))
@@ -129,7 +123,7 @@ def _limit(element: Element, joint: Joint) -> None:
 
 
 def _mimic(element: Element, model: DynamicModel, j: int) -> None:
-    """A passive joint that follows one active joint, where no joint closes the loop."""
+    """A passive joint that depends linearly on one active joint, where no cut joint closes the loop."""
     if j in model.device.active or model.device.closure.cuts:
         return
     row = model.device.closure.constant[j]
@@ -141,7 +135,7 @@ def _mimic(element: Element, model: DynamicModel, j: int) -> None:
 
 
 def _rotor(root: Element, act: Effect) -> None:
-    """The inertia of a rotor as the joint feels it."""
+    """Rotor inertia reflected to the joint."""
     made = SubElement(root, "transmission", name=f"rotor {act.name}")
     SubElement(made, "type").text = "transmission_interface/SimpleTransmission"
     SubElement(made, "joint", name=act.name)
@@ -158,7 +152,7 @@ def _fixed(root: Element, name: str, parent: str, child: str, rotation: Array, t
 
 
 def _cut(root: Element, model: DynamicModel, name: str, cut: Cut) -> None:
-    """The joint that closes a loop, as SDF."""
+    """A cut joint, which closes a loop, as SDF."""
     joint = SubElement(
         SubElement(root, "gazebo"), "joint", name=name, type="prismatic" if cut.prismatic else "revolute"
     )
@@ -168,15 +162,14 @@ def _cut(root: Element, model: DynamicModel, name: str, cut: Cut) -> None:
     SubElement(SubElement(joint, "axis"), "xyz").text = "0 0 1"
 
 
-def _unsaid(model: DynamicModel, acts: tuple[Effect, ...]) -> list[str]:
-    """What URDF has no place for, in sentences."""
-    made = [
-        f"Gravity in the base frame is {numbers(model.device.gravity)} m/s^2; a simulator's own acts along -z of the world."
-    ]
+def _missing(model: DynamicModel, acts: tuple[Effect, ...]) -> list[str]:
+    """What URDF cannot express, in sentences."""
+    gravity = numbers(model.device.gravity)
+    made = [f"Gravity in the base frame is {gravity} m/s^2; that of a simulator acts along -z of the world."]
     if model.device.closure.cuts:
-        made.append("URDF has no loops: joints that close them are in <gazebo> elements, as SDF; others see a tree.")
+        made.append("URDF has no loops: cut joints are in <gazebo> elements, as SDF; other readers see a tree.")
     elif model.device.closure.relations:
-        made.append(f"Passive joints follow active ones: {'; '.join(model.device.closure.relations)}.")
+        made.append(f"Passive joints depend on active ones: {'; '.join(model.device.closure.relations)}.")
     for act in acts:
         single = np.count_nonzero(act.joints) == 1
         lost = {"a spring, N m/rad or N/m": act.stiffness, "an offset, N m or N": act.offset}
@@ -188,7 +181,7 @@ def _unsaid(model: DynamicModel, acts: tuple[Effect, ...]) -> list[str]:
 
 
 def angles(rotation: Array) -> tuple[float, float, float]:
-    """Roll, pitch and yaw about fixed axes, rad; without yaw where the pitch is a right angle."""
+    """Roll, pitch and yaw about fixed axes, rad; zero yaw where the pitch is a right angle."""
     R = rotation
     level = float(np.hypot(R[0, 0], R[1, 0]))
     pitch = float(np.arctan2(-R[2, 0], level))
@@ -198,10 +191,10 @@ def angles(rotation: Array) -> tuple[float, float, float]:
 
 
 def upright(gravity: Array) -> Array:
-    """The base in a world in which this gravity points along -z, (3, 3)."""
+    """Rotation of the base in a world in which this gravity points along -z, (3, 3)."""
     size = float(np.linalg.norm(gravity))
     down = gravity / size if size else np.array([0.0, 0.0, -1.0])
-    if down[2] > 0:  # turned over first: the turn below has no axis where gravity points up
+    if down[2] > 0:  # turned over first: the rotation below is singular where gravity points up
         over = np.diag([1.0, -1.0, -1.0])
         return np.asarray(upright(over @ gravity) @ over)
     skew = np.cross(np.eye(3), np.cross(down, [0.0, 0.0, -1.0]))

@@ -1,4 +1,4 @@
-"""The functions of the written code, each as expressions of its inputs."""
+"""The functions of the generated code, each as expressions of its inputs."""
 
 from __future__ import annotations
 
@@ -10,6 +10,7 @@ import numpy as np
 
 from haptid.dynamics.model import DynamicModel
 from haptid.errors import VaryingLoopError
+from haptid.export.expressions.emit import Function
 from haptid.export.expressions.factoring import shortest
 from haptid.export.expressions.graph import PARAMETER, Expr, Graph, Operations, cost, operations
 from haptid.export.expressions.polynomial import TRIALS, cheapest
@@ -22,34 +23,8 @@ from haptid.export.model.newton import Bodies, inverse_dynamics
 from haptid.export.model.terms import term_torque
 from haptid.export.model.tree import Tree, tree_of
 
-# Times as many orders are tried for the inverse dynamics, which most loops call.
+# Factor on the number of orders tried for the inverse dynamics, which is called most.
 MORE = 4
-
-
-@dataclass(frozen=True)
-class Function:
-    """One function of the written code.
-
-    Attributes:
-        name: without the model's prefix.
-        about: what it does, with units, in sentences.
-        inputs: names and sizes of the arrays it reads.
-        outputs: names of the arrays it fills, and what with.
-        checks: what must be above zero; the function otherwise fills its outputs with zeros and says so.
-        parameters: whether it reads the parameters, or geometry alone.
-    """
-
-    name: str
-    about: tuple[str, ...]
-    inputs: tuple[tuple[str, int], ...]
-    outputs: tuple[tuple[str, tuple[Expr, ...]], ...]
-    checks: tuple[Expr, ...] = ()
-    parameters: bool = True
-
-    @property
-    def all(self) -> list[Expr]:
-        """Everything that it computes."""
-        return [*(value for _, values in self.outputs for value in values), *self.checks]
 
 
 @dataclass(frozen=True, eq=False)
@@ -58,7 +33,7 @@ class Code:
 
     Attributes:
         model: the dynamic model.
-        graph: where their expressions are.
+        graph: the store of their expressions.
         functions: in the order of the file.
         speed: below it the sign of a velocity is smoothed, rad/s or m/s.
     """
@@ -76,7 +51,7 @@ class Code:
 
     @property
     def operations(self) -> dict[str, Operations]:
-        """What one call of every function costs."""
+        """Operation count of one call of every function."""
         return {function.name: operations(self.graph, function.all) for function in self.functions}
 
 
@@ -86,7 +61,7 @@ def code_of(model: DynamicModel, speed: float, zero: Collection[int] = ()) -> Co
     Args:
         model: the dynamic model.
         speed: below it the sign of a velocity is smoothed, rad/s or m/s.
-        zero: indices of base parameters that the code takes as zero, whatever it is given.
+        zero: indices of eliminated base parameters, zero in the code.
 
     Raises:
         UnexportableTermError: a term that code cannot compute.
@@ -107,7 +82,7 @@ def code_of(model: DynamicModel, speed: float, zero: Collection[int] = ()) -> Co
 
 
 def cheapest_form(graph: Graph, outputs: Sequence[Expr], trials: int = TRIALS) -> list[Expr]:
-    """The same outputs for the fewest operations found: as recursions, or nested polynomials where these are small."""
+    """The outputs in the cheapest form found: factored recursion, or Horner form of small polynomials."""
     nested = cheapest(graph, outputs, trials)
     forms = [shortest(graph, outputs)] + ([] if nested is None else [nested])
     return min(forms, key=lambda form: cost(graph, form))
@@ -115,7 +90,7 @@ def cheapest_form(graph: Graph, outputs: Sequence[Expr], trials: int = TRIALS) -
 
 @dataclass(frozen=True, eq=False)
 class _Functions:
-    """What the functions are made of."""
+    """Builder of the functions: mechanism, parameters and input symbols."""
 
     model: DynamicModel
     graph: Graph
@@ -144,7 +119,7 @@ class _Functions:
         return inverse_dynamics(self.tree, self.bodies, self.q, qd, qdd, self.tree.gravity)
 
     def torques(self) -> list[Function]:
-        """Torque of bodies and terms."""
+        """Torques: inverse dynamics, gravity, terms and friction."""
         inverse = cheapest_form(self.graph, self.newton(self.qd, self.qdd), MORE * TRIALS)
         gravity = cheapest_form(self.graph, self.newton(self.none, self.none))
         terms = term_torque(self.model, self.parameters, self.q, self.qd, self.speed, friction_only=False)
@@ -158,22 +133,22 @@ class _Functions:
             ),
             Function(
                 "gravity",
-                ("Torque that holds the bodies still, N m or N.",),
+                ("Gravity torque of the bodies, N m or N.",),
                 self.sizes("q"),
                 (("tau", tuple(gravity)),),
             ),
             Function(
                 "terms",
                 (
-                    "Torque of friction, springs, offsets and all other terms beside bodies and rotors, N m or N.",
-                    f"The sign of a velocity v is tanh(v / {self.speed:g}), or smoother where the device file says so.",
+                    "Torque of friction, springs, offsets and all terms other than bodies and rotors, N m or N.",
+                    f"The sign of a velocity v is tanh(v / {self.speed:g}), or smoother if the device file says so.",
                 ),
                 self.sizes("q", "qd"),
                 (("tau", tuple(shortest(self.graph, terms))),),
             ),
             Function(
                 "friction",
-                ("Torque of friction alone, viscous and dry, N m or N; smoothed in the same way.",),
+                ("Friction torque, viscous and dry, N m or N; smoothed in the same way.",),
                 self.sizes("qd"),
                 (("tau", tuple(shortest(self.graph, friction))),),
             ),
@@ -189,7 +164,7 @@ class _Functions:
         bias, entries = both[: self.tree.active], both[self.tree.active :]
         made = Function(
             "mass_matrix",
-            ("Mass matrix, rotors included, kg m^2, kg m or kg.",),
+            ("Mass matrix including rotors, kg m^2, kg m or kg.",),
             self.sizes("q"),
             (("M", full),),
         )
@@ -203,8 +178,8 @@ class _Functions:
             Function(
                 "forward_dynamics",
                 (
-                    "Accelerations under a torque on bodies and rotors: the motors' less friction, springs and other",
-                    "terms, plus the hand's. rad/s^2 or m/s^2.",
+                    "Accelerations from the torque on bodies and rotors: that of the motors less friction, springs and",
+                    "other terms, plus that of the hand. rad/s^2 or m/s^2.",
                 ),
                 self.sizes("q", "qd", "tau"),
                 (("qdd", tuple(qdd)),),
@@ -213,7 +188,7 @@ class _Functions:
         ]
 
     def mass(self, relative: list[tuple[Expr, Expr]]) -> list[list[Expr]]:
-        """The matrix, from angles to parents' frames or from absolute angles: whichever is cheaper."""
+        """The matrix from joint angles or from absolute angles, whichever is cheaper."""
         own = _low(mass_matrix(self.tree, self.bodies, self.q, relative))
         turns = self.tree.turns(self.q)
         absolute = _low(mass_matrix(self.tree, self.bodies, self.q, self.tree.differences(turns)))
@@ -221,7 +196,7 @@ class _Functions:
         return _full(min(forms, key=lambda form: cost(self.graph, form)), self.tree.active)
 
     def momentum(self) -> Function:
-        """What the observer of the hand's torque watches."""
+        """Generalised momentum and its remainder, for the momentum observer."""
         p, slope = momentum(self.tree, self.bodies, self.q, self.qd, self.tree.turns(self.q))
         gravity = self.newton(self.none, self.none)
         rest = [g - s for g, s in zip(gravity, slope, strict=True)]
@@ -229,13 +204,13 @@ class _Functions:
         n = self.tree.active
         return Function(
             "momentum",
-            ("Momentum p = M qd, kg m^2/s or kg m/s, and the rest in tau = dp/dt + rest, N m or N.",),
+            ("Generalised momentum p = M qd, kg m^2/s or kg m/s, and rest in tau = dp/dt + rest, N m or N.",),
             self.sizes("q", "qd"),
             (("p", tuple(both[:n])), ("rest", tuple(both[n:]))),
         )
 
     def at_handle(self, handle: HandleExpressions) -> list[Function]:
-        """Pose, Jacobian, and where they exist mobility and force of the handle."""
+        """Pose and Jacobian of the handle, and where they exist its mobility and force."""
         n = self.tree.active
         pose = cheapest_form(self.graph, [*handle.position, *(x for row in handle.rotation for x in row)])
         entries = cheapest_form(self.graph, [x for row in handle.jacobian for x in row])
@@ -243,7 +218,7 @@ class _Functions:
         made = [
             Function(
                 "handle_pose",
-                ("Origin of the handle in the base frame, m, and its frame there, 3 x 3.",),
+                ("Origin of the handle in the base frame, m, and its rotation matrix, 3 x 3.",),
                 self.sizes("q"),
                 (("position", tuple(pose[:3])), ("rotation", tuple(pose[3:]))),
                 parameters=False,
@@ -251,17 +226,17 @@ class _Functions:
             Function(
                 "handle_jacobian",
                 (
-                    f"6 x {n}: velocity of the handle's origin, then angular velocity, in the base frame,",
-                    "by the coordinates' rates. Its transpose takes a wrench to torques.",
+                    f"Jacobian, 6 x {n}: linear, then angular velocity of the handle in the base frame, per rate of",
+                    "the coordinates. Its transpose maps a wrench to torques.",
                 ),
                 self.sizes("q"),
                 (("J", tuple(entries)),),
                 parameters=False,
             ),
         ]
-        wanted = [self._mobility] + [self._force] * all(self.model.device.measured)
-        for function in wanted:
-            with suppress(ZeroDivisionError):  # no pose has one
+        optional = [self._mobility] + [self._force] * all(self.model.device.measured)
+        for function in optional:
+            with suppress(ZeroDivisionError):  # singular in every pose
                 made.append(function(J))
         return made
 
@@ -272,7 +247,7 @@ class _Functions:
         A = mobility(factors, J)
         return Function(
             "handle_mobility",
-            ("Jv M^-1 Jv', 3 x 3: acceleration of the handle by a force on it, in the base frame, 1/kg.",),
+            ("Mobility Jv M^-1 Jv', 3 x 3: acceleration of the handle per force on it, in the base frame, 1/kg.",),
             self.sizes("q"),
             (("mobility", tuple(x for row in A for x in row)),),
             tuple(factors.checks),
@@ -282,7 +257,7 @@ class _Functions:
         found, checks = force(J, self.tau)
         return Function(
             "handle_force",
-            ("Force at the handle's origin, in the base frame, that makes these torques; no moment there, N.",),
+            ("Force at the handle's origin equivalent to these torques, in the base frame, without moment, N.",),
             self.sizes("q", "tau"),
             (("force", tuple(found)),),
             tuple(checks),

@@ -1,7 +1,7 @@
-"""Momentum of the bodies as expressions, and what moves it beside torque: no accelerations in it.
+"""Generalised momentum p = M qd and the derivatives of the kinetic energy as expressions, without accelerations.
 
-With the twist v of a link and the momentum H of all that its joint carries, p = S . H and the kinetic energy's
-derivative along the coordinate is (v x S) . H: tau = dp/dt + g - C' qd, with C' qd that derivative.
+With the twist v of a link and the momentum H of all bodies that its joint carries, p = S . H, and the derivative of the
+kinetic energy by the coordinate is (v x S) . H: tau = dp/dt + g - C' qd, where C' qd is that derivative.
 
 Source: Featherstone (2008), Rigid Body Dynamics Algorithms, sections 2.10 and 5.3; De Luca and Mattone (2005), eq. (8).
 """
@@ -27,7 +27,7 @@ class Twist:
 def momentum(
     tree: Tree, bodies: Bodies, q: list[Expr], qd: list[Expr], turns: list[Turn]
 ) -> tuple[list[Expr], list[Expr]]:
-    """Generalised momentum and the kinetic energy's derivatives by the coordinates, each (active).
+    """Generalised momentum and the derivatives of the kinetic energy by the coordinates, each (active).
 
     Args:
         tree: the mechanism.
@@ -48,7 +48,7 @@ def momentum(
 def _twists(
     tree: Tree, bodies: Bodies, qd: list[Expr], turns: list[Turn], arms: list[Vector], needed: list[bool]
 ) -> dict[int, Twist]:
-    """Of every link that carries something, from the base outwards."""
+    """Twists of all links that carry inertia, from the base outwards."""
     none = zero(qd[0].graph)
     made: dict[int, Twist] = {}
     bases: dict[int, Vector] = {}
@@ -73,16 +73,16 @@ def _twists(
 def _gathered(
     tree: Tree, bodies: Bodies, turns: list[Turn], arms: list[Vector], twists: dict[int, Twist]
 ) -> tuple[list[Expr], list[Expr]]:
-    """Momenta from the tips inwards: what each coordinate carries, and how the energy changes along it."""
+    """Momenta from the tips inwards, and the energy derivatives, projected on the coordinates."""
     none, count = turns[0][0] * 0.0, len(tree.links)
     linear, angular, waiting = ([(none, none, none)] * count for _ in range(3))
     p, slope = [none] * tree.active, [none] * tree.active
     for i in sorted(twists, reverse=True):
         link, twist = tree.links[i], twists[i]
-        own, own_about = _own(bodies.links[i], twist, none)
+        own, own_about = _own(bodies, i, twist, none)
         h, k = plus(linear[i], own), plus(angular[i], own_about)
         p = _shared(p, link, bodies.length, h[2], k[2])
-        # (v x S) . H, S = z: the turn's part about the group's base, and that of the origin's own way.
+        # (v x S) . H with S = z: rotation about the group's base, and translation of the origin.
         about = twist.w[1] * k[0] - twist.w[0] * k[1]
         along = twist.v[1] * h[0] - twist.v[0] * h[1]
         slides = twist.w[1] * h[0] - twist.w[0] * h[1]
@@ -100,17 +100,16 @@ def _gathered(
 
 
 def _shared(into: list[Expr], link: Link, length: float, slides: Expr, turns: Expr) -> list[Expr]:
-    """What a joint feels, on the coordinates that move it."""
+    """Add a joint's component to the coordinates that move it."""
     if link.prismatic:
         return [x + float(w) * (slides * (1.0 / length)) for x, w in zip(into, link.rate, strict=True)]
     return [x + float(w) * turns for x, w in zip(into, link.turn, strict=True)]
 
 
-def _own(kept: dict[str, Expr], twist: Twist, none: Expr) -> tuple[Vector, Vector]:
-    """Momentum of a link, and its moment about the link's origin: J w = tr(E) w - E w."""
-    xx, xy, xz, yy, yz, zz = (kept.get(kind, none) for kind in ("XX", "XY", "XZ", "YY", "YZ", "ZZ"))
-    first = (kept.get("MX", none), kept.get("MY", none), kept.get("MZ", none))
-    mass, w = kept.get("M", none), twist.w
+def _own(bodies: Bodies, i: int, twist: Twist, none: Expr) -> tuple[Vector, Vector]:
+    """Linear and angular momentum of a link about its origin: J w = tr(E) w - E w."""
+    (xx, xy, xz, yy, yz, zz), first, mass = bodies.of_link(i, none)
+    w = twist.w
     x, y, z = cross(w, first)
     linear = (x + mass * twist.v[0], y + mass * twist.v[1], z + mass * twist.v[2])
     turned = (

@@ -1,6 +1,6 @@
-"""Where the handle is and how it moves, as expressions.
+"""Pose and Jacobian of the handle as expressions.
 
-Along a group of parallel axes the Jacobian telescopes: each link's absolute angle moves only its own bar.
+In a group of parallel axes each link's absolute angle moves only its own bar, which keeps the Jacobian short.
 """
 
 from __future__ import annotations
@@ -15,12 +15,12 @@ from haptid.export.model.tree import Tree
 
 @dataclass(frozen=True)
 class HandleExpressions:
-    """The handle in the base frame.
+    """Pose and Jacobian of the handle in the base frame.
 
     Attributes:
         position: of its origin, m.
         rotation: of its frame, rows of (3, 3).
-        jacobian: rows of (6, active): velocity and angular velocity by the coordinates' rates.
+        jacobian: rows of (6, active): linear, then angular velocity per rate of the coordinates.
     """
 
     position: Vector
@@ -33,7 +33,7 @@ def handle_expressions(tree: Tree, handle: Handle, q: list[Expr]) -> HandleExpre
 
     Args:
         tree: the mechanism.
-        handle: where the hand holds it.
+        handle: frame of the handle in its link.
         q: the coordinates.
     """
     graph, turns = q[0].graph, tree.turns(q)
@@ -54,7 +54,7 @@ def handle_expressions(tree: Tree, handle: Handle, q: list[Expr]) -> HandleExpre
 
 
 def _columns(tree: Tree, turns: list[Turn], chain: list[int], bars: list[Vector]) -> list[list[Expr]]:
-    """Of the Jacobian, (active, 6).
+    """Columns of the Jacobian, (active, 6).
 
     Args:
         tree: the mechanism.
@@ -69,7 +69,7 @@ def _columns(tree: Tree, turns: list[Turn], chain: list[int], bars: list[Vector]
         link = links[chain[k]]
         beyond = plus(beyond, bars[k + 1])
         axis = _in_base(tree, turns, chain[k], constant(graph, (0.0, 0.0, 1.0)))
-        # The next link of the same group has an absolute angle of its own, and all that is beyond keeps to it.
+        # The next link of the same group has its own absolute angle, which moves everything beyond it.
         joined = k + 1 < len(chain) and links[chain[k + 1]].group == link.group
         linear = axis if link.prismatic else cross(axis, bars[k + 1] if joined else beyond)
         turned = zero(graph) if link.prismatic or joined else axis
@@ -81,9 +81,9 @@ def _columns(tree: Tree, turns: list[Turn], chain: list[int], bars: list[Vector]
 
 
 def _in_base(tree: Tree, turns: list[Turn], link: int, v: Vector) -> Vector:
-    """A vector in a link's frame, seen in the base frame; -1 for the base itself."""
+    """A vector of a link's frame in the base frame; -1 for the base itself."""
     while link >= 0:
-        # Within a group one turn leads to the base of it.
+        # Within a group one rotation leads to its base.
         head = tree.links[link].group
         v = rotated(tree.links[head].rotation, forth(turns[link], v))
         link = tree.links[head].parent

@@ -1,8 +1,8 @@
-"""The parameters that the code computes with: second moments, as few as the torque needs.
+"""Minimal set of second moments, first moments, masses and rotor inertias that the code computes with.
 
-The inertia tensor J of a link is the trace of its second moments less these: J = tr(E) 1 - E. In second moments the
-moment of inertial forces is (U E) - (U E)', with U = skew(wd) + skew(w)^2, and the freedom of base parameters can be
-used to make the zz entries vanish.
+The inertia tensor J of a link follows from its second moments E by J = tr(E) 1 - E. In second moments the moment of
+inertial forces is (U E) - (U E)', with U = skew(wd) + skew(w)^2, and the choice of base parameters can be used to
+eliminate the zz entries.
 """
 
 from __future__ import annotations
@@ -19,9 +19,9 @@ from haptid.dynamics.model import DynamicModel
 from haptid.export.expressions.graph import Expr
 from haptid.export.expressions.vectors import combined
 
-# Kept first to last.
+# Order of preference among the kinds of parameters.
 PREFERENCE = ("YY", "XX", "MX", "MY", "XY", "XZ", "YZ", "rotor", "ZZ", "MZ", "M")
-# From the inertia tensor's six entries to the second moments', in the order of INERTIAL.
+# Map from the six entries of the inertia tensor to the second moments, in the order of INERTIAL.
 TO_MOMENTS = 0.5 * np.array(
     [
         [-1, 0, 0, 1, 0, 1],
@@ -33,18 +33,18 @@ TO_MOMENTS = 0.5 * np.array(
     ],
     dtype=float,
 )
-# A factor this small beside the largest of its row is rounding.
+# Factors below this share of the largest in their row are rounding errors.
 ROUNDING = 1e-12
 
 
 @dataclass(frozen=True, eq=False)
 class Moments:
-    """Parameters of the bodies and rotors that remain.
+    """Minimal parameters of bodies and rotors.
 
     Attributes:
-        links: what each link keeps: kind to row of `factors`.
-        rotors: weights over the coordinates' accelerations, (active,), and row of `factors`.
-        factors: the parameters from the device's base parameters, (kept, p), SI.
+        links: parameters of each link: kind to row of `factors`.
+        rotors: weights over the accelerations of the coordinates, (active,), and row of `factors`.
+        factors: map from the device's base parameters to these, (kept, p), SI.
     """
 
     links: tuple[Mapping[str, int], ...]
@@ -52,12 +52,12 @@ class Moments:
     factors: Array
 
     def expressions(self, parameters: Sequence[Expr]) -> list[Expr]:
-        """The parameters as sums of base parameters, made once."""
+        """The parameters as linear combinations of base parameters."""
         return [combined(row, parameters) for row in self.factors]
 
 
 def moments_of(model: DynamicModel, seed: int = 0) -> Moments:
-    """The second moments that determine the torque of all rows, chosen in the order of PREFERENCE.
+    """Minimal parameters that determine the torque of all rows, selected in the order of PREFERENCE.
 
     Args:
         model: the dynamic model.
@@ -71,7 +71,7 @@ def moments_of(model: DynamicModel, seed: int = 0) -> Moments:
     kinds = [*(INERTIAL * len(model.device.joints)), *(["rotor"] * len(rotors))]
     lengths = np.linalg.norm(W, axis=0)
     effective = (lengths > NO_EFFECT * lengths.max(initial=0.0)) & (S != 0).any(axis=1)
-    order = sorted(np.flatnonzero(effective).tolist(), key=lambda k: _rank(kinds[k], k))
+    order = sorted(np.flatnonzero(effective).tolist(), key=lambda k: (PREFERENCE.index(kinds[k]), k))
     kept, Q, _ = eliminate(W / np.where(effective, lengths, 1.0), order, model.device.base_tolerance)
     kept = sorted(kept)
     factors = regroup(W, Q, kept, effective) @ np.where(effective[:, None], S, 0.0)[:, list(model.base.kept)]
@@ -89,13 +89,8 @@ def moments_of(model: DynamicModel, seed: int = 0) -> Moments:
     return Moments(tuple(bodies), turned, freeze(factors))
 
 
-def _rank(kind: str, k: int) -> tuple[int, int]:
-    place = PREFERENCE.index(kind)
-    return (place, k)
-
-
 def _changes(links: int, rotors: int) -> tuple[Array, Array]:
-    """From the core's inertial columns' parameters to second moments, and back."""
+    """Map from the core's inertial parameters to second moments, and its inverse."""
     size = 10 * links + rotors
     change = np.eye(size)
     for i in range(0, 10 * links, 10):
@@ -104,7 +99,7 @@ def _changes(links: int, rotors: int) -> tuple[Array, Array]:
 
 
 def _regressor(model: DynamicModel, columns: Sequence[int], seed: int) -> Array:
-    """Bodies' and rotors' columns at random states, all rows: measured or not, the code gives them."""
+    """Columns of bodies and rotors at random states, for all torque rows, measured or not."""
     rng = np.random.default_rng(seed)
     n = len(model.device.drives)
     states = 4 + -(-4 * len(columns) // n)

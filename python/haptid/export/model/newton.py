@@ -1,7 +1,7 @@
-"""Inverse dynamics of the bodies as expressions: Newton and Euler's recursion, link after link.
+"""Inverse dynamics of the bodies as expressions: recursive Newton-Euler algorithm with customised symbols.
 
-Source: Khalil and Dombre (2002), Modeling, Identification and Control of Robots, section 9.6, with customised
-symbols; second moments in place of inertias, and groups of parallel axes with absolute angles.
+Source: Khalil and Dombre (2002), Modeling, Identification and Control of Robots, section 9.6; with second moments in
+place of inertias, and absolute angles in groups of parallel axes.
 """
 
 from __future__ import annotations
@@ -13,6 +13,7 @@ from typing import NamedTuple
 import numpy as np
 
 from haptid._internal.arrays import Array
+from haptid.device.parameters import INERTIAL
 from haptid.export.expressions.graph import Expr
 from haptid.export.expressions.vectors import (
     Turn,
@@ -25,6 +26,7 @@ from haptid.export.expressions.vectors import (
     forth,
     plus,
     rotated,
+    vector,
     zero,
 )
 from haptid.export.model.moments import Moments
@@ -32,11 +34,11 @@ from haptid.export.model.tree import Link, Tree
 
 
 class Spin(NamedTuple):
-    """How a link turns.
+    """Angular motion of a link.
 
     Attributes:
         w, wd: angular velocity and acceleration, in the link's frame.
-        U: skew(wd) + skew(w)^2, its columns.
+        U: columns of skew(wd) + skew(w)^2.
         D: differences of the squares of w: zz - yy, xx - zz, yy - xx.
     """
 
@@ -47,11 +49,11 @@ class Spin(NamedTuple):
 
 
 class Base(NamedTuple):
-    """How a group's base turns: with the parent of its first link.
+    """Angular motion of a group's base, which is fixed to the parent of its first link.
 
     Attributes:
         w, wd: angular velocity and acceleration, in the base's frame.
-        column: third column of U, which only rotates with the group's links.
+        column: third column of U; for the group's links it is only rotated.
     """
 
     w: Vector
@@ -61,11 +63,11 @@ class Base(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Bodies:
-    """The bodies' parameters as expressions, in units that make most lengths 1.
+    """Parameters of the bodies as expressions, in units that make most lengths 1.
 
     Attributes:
-        links: what each link has: kind to expression.
-        rotors: weights over accelerations and the inertia.
+        links: parameters of each link: kind to expression.
+        rotors: weights over accelerations, and the inertia.
         length: the unit of length, m.
     """
 
@@ -75,11 +77,16 @@ class Bodies:
 
     @staticmethod
     def of(moments: Moments, parameters: Sequence[Expr], length: float) -> Bodies:
-        """Moments of order zero and one times the length or its square: parameters made once."""
+        """Mass and first moments scaled by powers of the length, precomputed from the parameters."""
         made = moments.expressions(parameters)
         unit = {"MX": length, "MY": length, "MZ": length, "M": length * length}
         links = tuple({kind: made[row] * unit.get(kind, 1.0) for kind, row in kept.items()} for kept in moments.links)
         return Bodies(links, tuple((weights, made[row]) for weights, row in moments.rotors), length)
+
+    def of_link(self, i: int, none: Expr) -> tuple[tuple[Expr, ...], Vector, Expr]:
+        """Second moments XX XY XZ YY YZ ZZ, first moments and mass of a link, `none` for zero."""
+        xx, xy, xz, yy, yz, zz, x, y, z, mass = (self.links[i].get(kind, none) for kind in INERTIAL)
+        return (xx, xy, xz, yy, yz, zz), (x, y, z), mass
 
 
 def inverse_dynamics(
@@ -103,7 +110,7 @@ def inverse_dynamics(
 
 
 class _Recursion:
-    """State of one pass out to the tips and back."""
+    """State of the forward and backward recursion."""
 
     def __init__(
         self, tree: Tree, bodies: Bodies, q: list[Expr], qd: list[Expr], qdd: list[Expr], gravity: Array
@@ -122,7 +129,7 @@ class _Recursion:
         return self.spins[link.angle]
 
     def slide(self, link: Link, rates: list[Expr]) -> Expr:
-        """How fast a joint slides, or how that changes, in units of length."""
+        """Rate (or acceleration) of a prismatic joint, in units of length."""
         return combined(link.rate, rates) * (1.0 / self.bodies.length)
 
     def forward(self) -> None:
@@ -144,7 +151,7 @@ class _Recursion:
         return Base(rotated(R.T, above.w), rotated(R.T, above.wd), rotated(R.T, column))  # type: ignore[arg-type]
 
     def _spin(self, link: Link, base: Base, turn: Turn) -> Spin:
-        """The third column of U is carried by the turn alone; from it and w come wd and the rest."""
+        """Angular motion of a link: the third column of U is only rotated; wd and the rest follow from it and w."""
         x, y, z = back(turn, base.w)
         w = (x, y, z + combined(link.turn, self.qd))
         xx, zz = w[0] * w[0], w[2] * w[2]
@@ -156,7 +163,7 @@ class _Recursion:
         return Spin(w, wd, U, (zz - yy, xx - zz, yy - xx))
 
     def _acceleration(self, i: int, link: Link) -> Vector:
-        """Of the link's origin, less gravity, in its frame."""
+        """Acceleration of the link's origin minus gravity, in its frame."""
         made = self.fall
         if link.parent >= 0:
             above, arm = self.spin(self.tree.links[link.parent]), self.arms[i]
@@ -171,7 +178,7 @@ class _Recursion:
         return made
 
     def backward(self) -> list[Expr]:
-        """Forces and moments, from the tips inwards, and what they do to the coordinates."""
+        """Forces and moments from the tips inwards, projected on the coordinates."""
         none, count = zero(self.graph), len(self.tree.links)
         force, moment, waiting = [none] * count, [none] * count, [none] * count
         tau = [self.graph.number(0.0)] * self.tree.active
@@ -181,38 +188,36 @@ class _Recursion:
                 continue
             own_f, own_n = self._inertial(i, link)
             f, n = plus(force[i], own_f), plus(moment[i], own_n)
-            tau = self._felt(link, tau, f, n)
+            tau = self._projected(link, tau, f, n)
             waiting[link.group] = plus(waiting[link.group], forth(self.turns[i], n))
             if link.parent >= 0:
                 there = self.tree.inwards(i, self.turns, f)
                 force[link.parent] = plus(force[link.parent], there)
                 moment[link.parent] = plus(moment[link.parent], cross(self.arms[i], there))
             if link.group == i and link.parent >= 0:
-                # The moments of a group's links go on together: until there they share the base's frame.
+                # Moments of a group's links are summed in the frame of the group's base and passed on together.
                 moment[link.parent] = plus(moment[link.parent], rotated(link.rotation, waiting[i]))
         return tau
 
-    def _felt(self, link: Link, tau: list[Expr], f: Vector, n: Vector) -> list[Expr]:
-        """A moment turns every coordinate in the link's absolute angle; a sliding joint feels the force."""
+    def _projected(self, link: Link, tau: list[Expr], f: Vector, n: Vector) -> list[Expr]:
+        """Add a joint's force, or its moment on all coordinates of the link's absolute angle."""
         if link.prismatic:
-            felt, weights = f[2] * (1.0 / self.bodies.length), link.rate
+            load, weights = f[2] * (1.0 / self.bodies.length), link.rate
         else:
-            felt, weights = n[2], link.turn
-        return [t + float(w) * felt for t, w in zip(tau, weights, strict=True)]
+            load, weights = n[2], link.turn
+        return [t + float(w) * load for t, w in zip(tau, weights, strict=True)]
 
     def _inertial(self, i: int, link: Link) -> tuple[Vector, Vector]:
-        """Force and moment about the link's origin that its own motion needs."""
-        kept, spin = self.bodies.links[i], self.spin(link)
-        none = self.graph.number(0.0)
-        first = (kept.get("MX", none), kept.get("MY", none), kept.get("MZ", none))
-        mass, a = kept.get("M", none), self.accelerations[i]
-        rows = [dot(first, [spin.U[k][row] for k in range(3)]) + mass * a[row] for row in range(3)]
-        return (rows[0], rows[1], rows[2]), plus(_moment(kept, spin, none), cross(first, a))
+        """Inertial force and moment of a link about its origin."""
+        second, first, mass = self.bodies.of_link(i, self.graph.number(0.0))
+        spin, a = self.spin(link), self.accelerations[i]
+        force = vector([dot(first, [spin.U[k][row] for k in range(3)]) + mass * a[row] for row in range(3)])
+        return force, plus(_moment(second, spin), cross(first, a))
 
 
-def _moment(kept: dict[str, Expr], spin: Spin, none: Expr) -> Vector:
-    """What U E - (U E)' stands for, as a vector."""
-    xx, xy, xz, yy, yz, zz = (kept.get(kind, none) for kind in ("XX", "XY", "XZ", "YY", "YZ", "ZZ"))
+def _moment(second: tuple[Expr, ...], spin: Spin) -> Vector:
+    """The vector of the skew-symmetric matrix U E - (U E)', E the second moments."""
+    xx, xy, xz, yy, yz, zz = second
     (_, u10, u20), (u01, _, u21), (u02, u12, _) = spin.U
     d = spin.D
     return (

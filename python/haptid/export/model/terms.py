@@ -1,4 +1,4 @@
-"""Torque of friction, springs and the other terms of a device, as expressions."""
+"""Torque of friction, springs and the other terms of a device as expressions."""
 
 from __future__ import annotations
 
@@ -7,7 +7,6 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from haptid._internal.arrays import Array
 from haptid.device.expressions import Column
 from haptid.device.terms.term import DRY, Counterbalance, Load, TermColumn
 from haptid.dynamics.model import DynamicModel
@@ -15,20 +14,18 @@ from haptid.errors import UnexportableTermError
 from haptid.export.expressions.graph import Expr, Graph
 from haptid.export.expressions.vectors import combined
 
-# What resists motion, and is compensated by a share at most.
-
 
 def term_torque(
     model: DynamicModel, parameters: Sequence[Expr], q: list[Expr], qd: list[Expr], speed: float, friction_only: bool
 ) -> list[Expr]:
-    """Torque of the terms on the coordinates, (active), rotors left out.
+    """Torque of the terms on the coordinates, (active), without rotors.
 
     Args:
         model: the dynamic model.
         parameters: the device's base parameters.
         q, qd: the coordinates and their rates.
         speed: below it the sign of a velocity is smoothed, rad/s or m/s.
-        friction_only: leave out what does not resist motion.
+        friction_only: only the terms that resist motion.
     """
     S = model.device.parameters.S[10 * len(model.device.joints) :, list(model.base.kept)]
     graph = q[0].graph
@@ -38,13 +35,13 @@ def term_torque(
         if not wanted or not row.any():
             continue
         parameter = combined(row, parameters)
-        felt = parameter * _column(model, term, graph, q, qd, speed)
-        tau = [t + float(w) * felt for t, w in zip(tau, term.weights, strict=True)]
+        torque = parameter * _column(model, term, graph, q, qd, speed)
+        tau = [t + float(w) * torque for t, w in zip(tau, term.weights, strict=True)]
     return tau
 
 
 def _column(model: DynamicModel, term: TermColumn, graph: Graph, q: list[Expr], qd: list[Expr], speed: float) -> Expr:
-    """The column, as the core has it, with the sign of a velocity smoothed."""
+    """Regressor column of a term, with the sign of a velocity smoothed."""
     x, v = combined(term.weights, q) + term.offset, combined(term.weights, qd)
     if term.kind == "viscous":
         return v
@@ -61,13 +58,13 @@ def _column(model: DynamicModel, term: TermColumn, graph: Graph, q: list[Expr], 
     if isinstance(term.shape, Counterbalance):
         return _strut(term.shape, graph, joints[term.shape.joint])
     if isinstance(term.shape, Load):
-        raise UnexportableTermError(term.name, "friction by load has accelerations in it")
+        raise UnexportableTermError(term.name, "load-dependent friction depends on accelerations")
     assert isinstance(term.shape, Column)  # the last kind
     return _written(model, term, term.shape, graph, joints, qd)
 
 
 def _dry(term: TermColumn, graph: Graph, v: Expr, speed: float) -> Expr:
-    """tanh(v / width) of the whole velocity or one half of it, falling with speed where it is Stribeck's."""
+    """Dry friction tanh(v / width), of one sign of the velocity or of both, times the Stribeck factor if it has one."""
     width = max(term.constant("width"), speed)
     side = {"coulomb+": "above", "coulomb-": "below"}.get(term.kind)
     moving = graph.apply(side, v) if side else v
@@ -80,7 +77,7 @@ def _dry(term: TermColumn, graph: Graph, v: Expr, speed: float) -> Expr:
 
 
 def _strut(strut: Counterbalance, graph: Graph, q: Expr) -> Expr:
-    """A counterbalance's torque per unit of its parameter."""
+    """Torque of a counterbalance per unit of its parameter."""
     delta = q + strut.angle
     product = strut.base * strut.crank
     squared = strut.base**2 + strut.crank**2 - 2 * product * graph.apply("cos", delta)
@@ -95,24 +92,19 @@ def _strut(strut: Counterbalance, graph: Graph, q: Expr) -> Expr:
 def _written(
     model: DynamicModel, term: TermColumn, column: Column, graph: Graph, joints: list[Expr], qd: list[Expr]
 ) -> Expr:
-    """A column that the device file writes out."""
+    """A custom column of the device file."""
     if column.reads({f"a_{name}" for name in model.device.joint_names}):
-        raise UnexportableTermError(term.name, f"its expression {column.text} reads accelerations")
+        raise UnexportableTermError(term.name, f"its expression {column.text} depends on accelerations")
     values: dict[str, Expr] = {name: graph.number(value) for name, value in column.constants.items()}
     values["pi"] = graph.number(np.pi)
-    for name, position, rate in zip(
-        model.device.joint_names, joints, _joint_rates(model.device.rates, qd), strict=True
-    ):
+    rates = [combined(row, qd) for row in model.device.rates]
+    for name, position, rate in zip(model.device.joint_names, joints, rates, strict=True):
         values[f"q_{name}"], values[f"v_{name}"] = position, rate
     return _expression(graph, column.tree, values)
 
 
-def _joint_rates(rates: Array, qd: list[Expr]) -> list[Expr]:
-    return [combined(row, qd) for row in rates]
-
-
 def _expression(graph: Graph, node: ast.expr, values: Mapping[str, Expr]) -> Expr:
-    """A checked expression, node by node."""
+    """A checked Python expression as a graph expression, node by node."""
     match node:
         case ast.Constant(value=value):
             return graph.number(float(value))  # type: ignore[arg-type]

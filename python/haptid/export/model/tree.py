@@ -1,4 +1,4 @@
-"""A device's tree, made ready for writing code: parallel axes in groups, one angle for each orientation."""
+"""Kinematic tree for code generation: links with parallel axes in groups, one absolute angle per orientation."""
 
 from __future__ import annotations
 
@@ -30,18 +30,18 @@ from haptid.export.expressions.vectors import (
 class Link:
     """A link of the tree.
 
-    A link whose axis is parallel to its parent's belongs to the parent's group: its orientation is that of the
-    group's base turned about z by one angle, a combination of the coordinates.
+    A link whose axis is parallel to its parent's belongs to the parent's group: its orientation is that of the group's
+    base rotated about z by one angle, a linear combination of the coordinates.
 
     Attributes:
         parent: its index, -1 for the base.
-        prismatic: whether its joint slides.
+        prismatic: whether its joint is prismatic.
         group: index of the first link of its group.
         rotation: of the group's base in the frame of the first link's parent, (3, 3).
-        arm: its origin in the parent's link frame, without sliding, (3,), m.
-        rate: its joint's rate from the coordinates' rates, (active,).
-        joint_offset: its joint's position where the coordinates are zero, rad or m.
-        turn: its angle about z in the group's base from the coordinates, (active,); zero of a joint that slides.
+        arm: its origin in the parent's link frame at zero joint position, (3,), m.
+        rate: joint rate per coordinate rate, (active,).
+        joint_offset: joint position where the coordinates are zero, rad or m.
+        turn: angle about z in the group's base per coordinate, (active,); zero for a prismatic joint.
         offset: that angle where the coordinates are zero, rad.
     """
 
@@ -57,13 +57,13 @@ class Link:
 
     @property
     def angle(self) -> tuple[int, tuple[float, ...], float]:
-        """What two links share that have one orientation."""
+        """Key of the link's orientation: equal for links of equal orientation."""
         return (self.group, tuple(self.turn), self.offset)
 
 
 @dataclass(frozen=True, eq=False)
 class Tree:
-    """The links of a device, and where its coordinates go.
+    """The links of a device in the coordinates of its torque rows.
 
     Attributes:
         links: parents before children.
@@ -77,13 +77,13 @@ class Tree:
 
     @cached_property
     def length(self) -> float:
-        """The most frequent distance between frames, m: with it as the unit of length, most arms are 1."""
+        """Unit of length, m: the most frequent distance between frames, so that most arms are 1."""
         arms = [abs(float(x)) for link in self.links if link.parent >= 0 for x in link.arm]
         seen = Counter(round(x, 12) for x in arms if x)
         return max(seen, key=lambda x: (seen[x], x)) if seen else 1.0
 
     def origin(self, i: int, q: list[Expr], length: float) -> Vector:
-        """Origin of a link in its parent's frame, as far as its joint has slid, in units of a length."""
+        """Origin of a link in its parent's frame, including the prismatic displacement, in units of a length."""
         link, graph = self.links[i], q[0].graph
         made = constant(graph, link.arm / length)
         if link.prismatic:
@@ -92,18 +92,18 @@ class Tree:
         return made
 
     def outwards(self, i: int, turns: list[Turn], v: Vector) -> Vector:
-        """A vector in the frame of a link's parent, seen in the link's own."""
+        """A vector of the parent's frame in the link's frame."""
         link = self.links[i]
         there = rotated(link.rotation.T, v) if link.group == i else forth(turns[link.parent], v)
         return back(turns[i], there)
 
     def inwards(self, i: int, turns: list[Turn], v: Vector) -> Vector:
-        """A vector in a link's frame, seen in that of its parent; the first links' parent is the base."""
+        """A vector of a link's frame in its parent's frame; the parent of the first links is the base."""
         link, there = self.links[i], forth(turns[i], v)
         return rotated(link.rotation, there) if link.group == i else back(turns[link.parent], there)
 
     def turns(self, q: list[Expr]) -> list[Turn]:
-        """Sine and cosine of every link's angle in its group."""
+        """Sine and cosine of every link's absolute angle in its group."""
         return [sine_cosine(link.turn, link.offset, q) for link in self.links]
 
     def relative(self, q: list[Expr]) -> list[Turn]:
@@ -111,7 +111,7 @@ class Tree:
         return [sine_cosine(*self._relative(link, i), q) for i, link in enumerate(self.links)]
 
     def differences(self, turns: list[Turn]) -> list[Turn]:
-        """The same as `relative`, from the sines and cosines that `turns` has made."""
+        """The same as `relative`, from the sines and cosines of `turns`."""
         made = []
         for i, (link, (s, c)) in enumerate(zip(self.links, turns, strict=True)):
             if link.group != i:
@@ -127,7 +127,7 @@ class Tree:
         return link.turn - above.turn, link.offset - above.offset
 
     def needed(self, wanted: Iterable[bool]) -> list[bool]:
-        """Links that are wanted, and all links that carry one."""
+        """The links that are wanted, and all their ancestors."""
         made = list(wanted)
         for i in reversed(range(len(self.links))):
             parent = self.links[i].parent
@@ -166,7 +166,7 @@ def tree_of(model: DynamicModel) -> Tree:
 
 
 def sine_cosine(weights: Array, offset: float, q: list[Expr]) -> Turn:
-    """Sine and cosine of weights . q + offset; right angles in the offset cost nothing, nor does a sign."""
+    """Sine and cosine of weights . q + offset; multiples of a right angle in the offset need no operations."""
     graph = q[0].graph
     first = next((w for w in weights if w), 1.0)
     angle = combined(np.sign(first) * weights, q)
