@@ -2,7 +2,7 @@
 
 from haptid import errors
 from haptid._core import __version__
-from haptid._internal.workers import Cluster, Here, Processes, Workers
+from haptid._internal.workers import DaskExecutor, Executor, ProcessExecutor, SerialExecutor
 from haptid.device import Device, device_schema, read_device, shipped_devices
 from haptid.dynamics.base_parameters import BaseParameters, base_parameters
 from haptid.dynamics.inverse import bias_torque, gravity_torque, inverse_dynamics, mass_matrix
@@ -10,12 +10,18 @@ from haptid.dynamics.kinematics import HandleMotion, handle_motion, link_poses
 from haptid.dynamics.model import DynamicModel
 from haptid.dynamics.symbolic import Regroupings, loop_regroupings, regroupings
 from haptid.dynamics.workspace import Box, Workspace, workspace
-from haptid.end_effector.characterisation import Characterisation, FeltMass, GivenModel, characterise, felt_mass
+from haptid.end_effector.characterisation import (
+    ApparentMass,
+    Characterisation,
+    GivenParameters,
+    apparent_mass,
+    characterise,
+)
 from haptid.end_effector.compensation import Compensation, stable_share
 from haptid.end_effector.definiteness import Definiteness, definiteness
 from haptid.end_effector.force import HandleForce, estimate_force
-from haptid.end_effector.momentum_observer import MomentumObserver, Watched, observe_force
-from haptid.end_effector.torque_decomposition import Dissection, dissect
+from haptid.end_effector.momentum_observer import MomentumObserver, ObserverResult, observe_force
+from haptid.end_effector.torque_decomposition import TorqueDecomposition, decompose_torque
 from haptid.estimation import (
     CLIE,
     CLOE,
@@ -31,42 +37,48 @@ from haptid.estimation import (
     WLS,
     BlockJackknife,
     Bootstrap,
-    Bounded,
-    Clustered,
-    Consistent,
-    Corrected,
+    BoundedSolution,
+    Bounds,
+    Classical,
+    ClusterRobust,
+    Constrained,
     Cost,
-    Equal,
+    EqualityConstraints,
+    ErrorsInVariables,
     Estimate,
+    FeasibleParameters,
     Fit,
+    FixedAtZero,
     FixedB,
-    Held,
     Heteroscedastic,
     Huber,
     Intervals,
     Method,
-    OutputError,
+    OutputErrorMethod,
     Parameter,
-    Possible,
+    PhysicallyConsistent,
     Profile,
     Ridge,
     Sandwich,
     Spread,
     StudentT,
-    Textbook,
     Tukey,
-    Within,
-    Without,
     estimate,
     possible,
-    project,
+    project_to_feasible,
     pseudo_inertia,
 )
 from haptid.estimation.methods.entropic import Entropic
-from haptid.estimation.nonlinear import Projection, variable_projection
-from haptid.estimation.nonlinear.load_friction import settled_loads
+from haptid.estimation.nonlinear import VariableProjection, variable_projection
+from haptid.estimation.nonlinear.load_friction import fit_load_friction
 from haptid.experiment.friction_test.choice import FrictionChoice, choose_friction
-from haptid.experiment.friction_test.curve import ByModel, ByPairs, Constant, FrictionCurve, friction_curve
+from haptid.experiment.friction_test.curve import (
+    Constant,
+    DirectionPairs,
+    FrictionCurve,
+    ModelSubtraction,
+    friction_curve,
+)
 from haptid.export import (
     CCode,
     CExport,
@@ -79,24 +91,30 @@ from haptid.export import (
     export_rust,
     export_urdf,
 )
-from haptid.inference.comparison import Comparison, compare
+from haptid.inference.comparison import Comparison, Series, compare
 from haptid.inference.diagnosis import Diagnosis, Finding, Verdict, diagnose
 from haptid.inference.drift import Drift, drift
 from haptid.inference.drive_gains import DriveGains, drive_gains
-from haptid.inference.elimination import AtMost, Essential, Reduction, TimesSmallest, essential, essential_by_motor
-from haptid.inference.payload_estimate import Addition, addition
-from haptid.inference.several import Series, compare_all
+from haptid.inference.elimination import (
+    BackwardElimination,
+    Elimination,
+    GautierRatio,
+    MaxRelativeStd,
+    eliminate_by_motor,
+    essential,
+)
+from haptid.inference.payload_estimate import PayloadEstimate, estimate_payload
 from haptid.inference.targets import Targets, side_by_side, target_map, targets
 from haptid.log import Channels, Log, Signal, open_log, read_log
 from haptid.motion.causal import Causal, HighPass
-from haptid.motion.shapes import Bell, Sharp
+from haptid.motion.shapes import KaiserSmoother, WindowedSinc
 from haptid.motion.treatment import Motion, Treatment, treat
-from haptid.observation.batch import Kept, observe_all
-from haptid.observation.known_payload import Load, load_shift, log_without_load, without_load
+from haptid.observation.batch import RFactorCache, observe_all
+from haptid.observation.known_payload import Payload, log_without_payload, payload_torque, without_payload
 from haptid.observation.observation import Block, MotorRows, Observation, observe
 from haptid.report import Hand, Report, make_report, read_report, write_comparison
-from haptid.results.read import Recorded, RecordedLog, read_result
-from haptid.results.write import result, write_result
+from haptid.results.result import Result, result_schema
+from haptid.results.schema import ResultLog
 from haptid.simulation import PID
 from haptid.study import Study, read_study, study_schema
 from haptid.study.identify import Identification, Run, identify
@@ -119,123 +137,123 @@ __all__ = [
     "TLS",
     "UKF",
     "WLS",
-    "Addition",
-    "AtMost",
+    "ApparentMass",
+    "BackwardElimination",
     "BaseParameters",
-    "Bell",
     "Block",
     "BlockJackknife",
     "Bootstrap",
-    "Bounded",
+    "BoundedSolution",
+    "Bounds",
     "Box",
-    "ByModel",
-    "ByPairs",
     "CCode",
     "CExport",
     "Causal",
     "Channels",
     "Characterisation",
-    "Cluster",
-    "Clustered",
+    "Classical",
+    "ClusterRobust",
     "Comparison",
     "Compensation",
-    "Consistent",
     "Constant",
-    "Corrected",
+    "Constrained",
     "Cost",
+    "DaskExecutor",
     "Definiteness",
     "Delay",
     "Device",
     "Diagnosis",
-    "Dissection",
+    "DirectionPairs",
     "Drift",
     "DriveGains",
     "DynamicModel",
+    "Elimination",
     "Entropic",
-    "Equal",
-    "Essential",
+    "EqualityConstraints",
+    "ErrorsInVariables",
     "Estimate",
+    "Executor",
     "Export",
-    "FeltMass",
+    "FeasibleParameters",
     "Finding",
     "Fit",
+    "FixedAtZero",
     "FixedB",
     "FrictionChoice",
     "FrictionCurve",
-    "GivenModel",
+    "GautierRatio",
+    "GivenParameters",
     "Hand",
     "HandleForce",
     "HandleMotion",
-    "Held",
-    "Here",
     "Heteroscedastic",
     "HighPass",
     "Huber",
     "Identification",
     "Intervals",
-    "Kept",
-    "Load",
+    "KaiserSmoother",
     "Log",
+    "MaxRelativeStd",
     "Method",
+    "ModelSubtraction",
     "MomentumObserver",
     "Motion",
     "MotorError",
     "MotorRows",
     "Observation",
-    "OutputError",
+    "ObserverResult",
+    "OutputErrorMethod",
     "Parameter",
-    "Possible",
+    "Payload",
+    "PayloadEstimate",
+    "PhysicallyConsistent",
     "Prediction",
-    "Processes",
+    "ProcessExecutor",
     "Profile",
-    "Projection",
     "Proposal",
-    "Recorded",
-    "RecordedLog",
-    "Reduction",
+    "RFactorCache",
     "Regroupings",
     "Report",
+    "Result",
+    "ResultLog",
     "Ridge",
     "Run",
     "Sandwich",
+    "SerialExecutor",
     "Series",
-    "Sharp",
     "Signal",
     "Spread",
     "StudentT",
     "Study",
     "Targets",
-    "Textbook",
-    "TimesSmallest",
+    "TorqueDecomposition",
     "Treatment",
     "Tukey",
     "Validation",
+    "VariableProjection",
     "Verdict",
-    "Watched",
-    "Within",
-    "Without",
-    "Workers",
+    "WindowedSinc",
     "Workspace",
     "__version__",
-    "addition",
+    "apparent_mass",
     "base_parameters",
     "bias_torque",
     "characterise",
     "choose_friction",
     "compare",
-    "compare_all",
+    "decompose_torque",
     "definiteness",
     "device_schema",
     "diagnose",
     "direct",
-    "dissect",
     "drift",
     "drive_gains",
+    "eliminate_by_motor",
     "errors",
     "essential",
-    "essential_by_motor",
     "estimate",
     "estimate_force",
+    "estimate_payload",
     "export_c",
     "export_json",
     "export_latex",
@@ -243,16 +261,15 @@ __all__ = [
     "export_mjcf",
     "export_rust",
     "export_urdf",
-    "felt_mass",
     "find_delay",
+    "fit_load_friction",
     "friction_curve",
     "gravity_torque",
     "handle_motion",
     "identify",
     "inverse_dynamics",
     "link_poses",
-    "load_shift",
-    "log_without_load",
+    "log_without_payload",
     "loop_regroupings",
     "make_report",
     "mass_matrix",
@@ -260,19 +277,18 @@ __all__ = [
     "observe_all",
     "observe_force",
     "open_log",
+    "payload_torque",
     "possible",
     "predict",
-    "project",
+    "project_to_feasible",
     "propose",
     "pseudo_inertia",
     "read_device",
     "read_log",
     "read_report",
-    "read_result",
     "read_study",
     "regroupings",
-    "result",
-    "settled_loads",
+    "result_schema",
     "shipped_devices",
     "side_by_side",
     "stable_share",
@@ -282,8 +298,7 @@ __all__ = [
     "treat",
     "validate",
     "variable_projection",
-    "without_load",
+    "without_payload",
     "workspace",
     "write_comparison",
-    "write_result",
 ]

@@ -14,13 +14,13 @@ from haptid.device import Motor
 from haptid.dynamics.model import DynamicModel
 from haptid.errors import FailedValidationError, UnvalidatedError
 from haptid.estimation import Estimate
-from haptid.results.read import Recorded, RecordedUse
+from haptid.results import Result, ResultUse
 from haptid.study.identify import Identification
 from haptid.validation.validation import Validation
 
 # What can be exported: the identification of a study, a result read from its folder, an estimate, or a model with
 # base parameters of other origin.
-IdentifiedModel = Identification | Recorded | Estimate | tuple[DynamicModel, ArrayLike]
+IdentifiedModel = Identification | Result | Estimate | tuple[DynamicModel, ArrayLike]
 # Maximum line length of a file's heading, characters.
 WIDTH = 112
 
@@ -47,7 +47,7 @@ class Provenance:
     hashes: tuple[str, ...]
     verdict: str
     zero: tuple[int, ...] = ()
-    uses: tuple[RecordedUse, ...] = ()
+    uses: tuple[ResultUse, ...] = ()
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "beta", read_only(self.beta))
@@ -79,15 +79,15 @@ def provenance(
         validations = validations or tuple(identified.unseen)
         largest_error = identified.study.largest_error if largest_error is None else largest_error
         identified = identified.estimate
-    if isinstance(identified, Recorded):
+    if isinstance(identified, Result):
         validations = validations or identified.unseen
-        largest_error = identified.largest_error if largest_error is None else largest_error
+        largest_error = identified.criteria.relative_error_percent if largest_error is None else largest_error
     verdict = _verdict(validations, largest_error, anyway)
-    if isinstance(identified, Recorded):
+    if isinstance(identified, Result):
         used = dict.fromkeys(log.sha256 for log in identified.logs if log.role == "identify")
-        known = (identified.interval95, identified.covariance)
+        known = (identified.conf_int(), identified.covariance)
         return Provenance(
-            identified.model, identified.beta, *known, tuple(used), verdict, identified.zero, identified.verdict
+            identified.model, identified.beta, *known, tuple(used), verdict, identified.zero, tuple(identified.verdict)
         )
     if isinstance(identified, Estimate):
         hashes = dict.fromkeys(motion.log.sha256 for motion in identified.observation.motions if motion.log)
@@ -136,7 +136,7 @@ def about(source: Provenance) -> list[str]:
 def coordinate_lines(model: DynamicModel) -> list[str]:
     """A line for each coordinate: label, units, limits, and the command of its motor."""
     lines = []
-    for k, (row, label) in enumerate(zip(model.device.frame, model.device.row_labels, strict=True)):
+    for k, (row, label) in enumerate(zip(model.device.row_map, model.device.row_labels, strict=True)):
         unit, torque = model.device.coordinate_units[k], model.device.torque_units[k]
         parts = [f"{label}, {unit}, {torque}"]
         moved = [(float(w), model.device.joints[j]) for w, j in zip(row, model.device.active, strict=True) if w]

@@ -91,7 +91,7 @@ class Golden:
 
     @cached_property
     def _qa(self) -> Array:
-        return np.asarray(np.linalg.solve(self.model.device.frame, self.q))
+        return np.asarray(np.linalg.solve(self.model.device.row_map, self.q))
 
     @cached_property
     def _M(self) -> Array:
@@ -188,7 +188,7 @@ def path(active: int) -> tuple[Array, Array, Array]:
 def watched(files: Files, q: Array, qd: Array, tau: Array) -> tuple[Array, Array]:
     """Reference outputs of observer and differentiator along a motion, each (samples, active)."""
     model = files.model
-    to_joints = np.linalg.inv(model.device.frame)
+    to_joints = np.linalg.inv(model.device.row_map)
     observer = MomentumObserver(GAIN, files.code.speed)
     seen = observer.follow(model, files.source.beta, STEP, to_joints @ q, to_joints @ qd, tau)
     return seen.torque.T, HighPass(CUTOFF_HZ).velocity(q, STEP).T

@@ -8,7 +8,7 @@ from typing import Any
 
 from haptid.demos.mountings.columns import cells2, ours, published_columns, table1, table2, titles, truth
 from haptid.demos.mountings.finding import Results
-from haptid.inference.targets import aligned
+from haptid.uncertainty.quantities import aligned
 
 
 def write_tables(found: Results, folder: Path) -> None:
@@ -44,7 +44,7 @@ def _long(found: Results) -> list[list[Any]]:
             for p in fit.targets.parameters:
                 known = found.demo.parameters.figures.get((p.name, key), "")
                 lines.append(
-                    [key, name, p.name, p.unit, p.value, p.sd, *p.interval, true[p.name], known, command[p.name]]
+                    [key, name, p.name, p.unit, p.value, p.se, *p.interval, true[p.name], known, command[p.name]]
                 )
     return lines
 

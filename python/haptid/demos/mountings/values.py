@@ -33,7 +33,7 @@ def values(found: Results) -> dict[str, Any]:
         "tool": {
             name: {"value": value, "interval95": interval, "true": found.tool_truth.get(name)}
             for name, value, interval in zip(
-                found.tool.names, found.tool.value.tolist(), found.tool.interval95.tolist(), strict=True
+                found.tool.names, found.tool.value.tolist(), found.tool.conf_int().tolist(), strict=True
             )
         },
     }
@@ -50,7 +50,7 @@ def _mounting(found: Results, fits: Fits) -> dict[str, Any]:
             "relative_error_percent": fit.relative,
             "relative_error_percent_all_rows": fit.relative_everywhere,
             "parameters": [
-                {"name": p.name, "unit": p.unit, "value": p.value, "sd": p.sd, "interval95": p.interval}
+                {"name": p.name, "unit": p.unit, "value": p.value, "sd": p.se, "interval95": p.interval}
                 for p in fit.targets.parameters
             ],
         }

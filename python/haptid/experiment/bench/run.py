@@ -14,7 +14,7 @@ from pyarrow import parquet
 
 from haptid._internal.arrays import Array
 from haptid._internal.atomic_folder import publishing
-from haptid._internal.workers import Processes, Workers
+from haptid._internal.workers import Executor, ProcessExecutor
 from haptid.device import read_device
 from haptid.dynamics.model import DynamicModel
 from haptid.errors import OutputError
@@ -167,7 +167,7 @@ def make_log(job: Job, progress: Progress | None = None) -> Path:
 
 
 def make_logs(
-    jobs: Sequence[Job], workers: Workers | None = None, progress: Callable[[Path, float], None] | None = None
+    jobs: Sequence[Job], workers: Executor | None = None, progress: Callable[[Path, float], None] | None = None
 ) -> tuple[Path, ...]:
     """Simulate and write many logs in parallel.
 
@@ -179,7 +179,7 @@ def make_logs(
     Raises:
         HaptidError: the first that a job raised; logs that were made before stay.
     """
-    for count, (_, path) in enumerate((workers or Processes()).map(make_log, jobs), 1):
+    for count, (_, path) in enumerate((workers or ProcessExecutor()).map(make_log, jobs), 1):
         if progress is not None:
             progress(path, count / len(jobs))
     return tuple(job.out for job in jobs)

@@ -61,7 +61,7 @@ def simulate(
         progress: called now and then with the share that is done.
 
     Raises:
-        BenchError: one class for each cause, with the time and the joint; see `haptid.errors`.
+        ExperimentError, SimulationError: one class for each cause, with the time and the joint; see `haptid.errors`.
     """
     saturation = _saturation(setup)
     check_trajectory(setup.model, trajectory, setup.chi, saturation)
@@ -152,7 +152,7 @@ class _Control:
         if settings.gravity:
             still = np.zeros_like(trajectory.q.T)
             static = inverse_dynamics(model, model.base.of(setup.chi), trajectory.q.T, still, still)
-            self.feedforward[:] = np.linalg.solve(self.coupling.T, model.device.frame.T @ static)[self.driven].T
+            self.feedforward[:] = np.linalg.solve(self.coupling.T, model.device.row_map.T @ static)[self.driven].T
         self.limit = np.full(len(motors), np.inf) if saturation is None else saturation[self.driven]
         self.step, self.dt = setup.encoders.step(model), setup.dt
         self.keep = float(np.exp(-2 * np.pi * settings.velocity_cutoff_hz * self.dt))

@@ -293,17 +293,17 @@ def triangle(t: Array, frequency_hz: Array, phase: Array) -> Rates:
     """Unit triangle wave with rounded corners, asin(k sin) / asin(k), and its two derivatives, each (n, joints)."""
     omega = 2 * np.pi * frequency_hz
     angle = t[:, None] * omega + phase
-    s, sd, sdd = np.sin(angle), omega * np.cos(angle), -(omega**2) * np.sin(angle)
-    s, sd, sdd = SHARPNESS * s, SHARPNESS * sd, SHARPNESS * sdd
+    s, ds, dds = np.sin(angle), omega * np.cos(angle), -(omega**2) * np.sin(angle)
+    s, ds, dds = SHARPNESS * s, SHARPNESS * ds, SHARPNESS * dds
     root, peak = np.sqrt(1 - s**2), np.arcsin(SHARPNESS)
-    return np.arcsin(s) / peak, sd / root / peak, (sdd / root + s * sd**2 / root**3) / peak
+    return np.arcsin(s) / peak, ds / root / peak, (dds / root + s * ds**2 / root**3) / peak
 
 
 def move(t: Array, distance: float, seconds: float) -> Rates:
     """Quintic move from rest to rest, starting at t = 0, each (n,)."""
     u = np.clip(t / seconds, 0, 1)
-    s, sd, sdd = u**3 * (10 - 15 * u + 6 * u**2), 30 * u**2 * (1 - u) ** 2, 60 * u * (1 - u) * (1 - 2 * u)
-    return distance * s, distance / seconds * sd, distance / seconds**2 * sdd
+    s, ds, dds = u**3 * (10 - 15 * u + 6 * u**2), 30 * u**2 * (1 - u) ** 2, 60 * u * (1 - u) * (1 - 2 * u)
+    return distance * s, distance / seconds * ds, distance / seconds**2 * dds
 
 
 def run(t: Array, distance: float, speed: float, ramp: float) -> Rates:

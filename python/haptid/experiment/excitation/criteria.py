@@ -73,7 +73,7 @@ class Quality:
         return 2 * float(np.log(singular).sum()) - len(self.names) * float(np.log(self.rows))
 
     @cached_property
-    def relative_sd(self) -> Array:
+    def relative_se(self) -> Array:
         """Relative standard error of each parameter under white noise, per cent of its value, (k,).
 
         Infinite for a value of zero.
@@ -212,7 +212,7 @@ class LargestDeviation:
 
     def cost(self, found: Quality) -> float:
         """Its logarithm."""
-        finite = found.relative_sd[np.isfinite(found.relative_sd)]
+        finite = found.relative_se[np.isfinite(found.relative_se)]
         return float(np.log(finite.max())) if len(finite) else np.inf
 
     def scaling(self, values: Array, noise: Array) -> Scaling:

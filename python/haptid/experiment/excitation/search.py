@@ -87,7 +87,7 @@ class Excitation:
     @cached_property
     def predicted(self) -> dict[str, float]:
         """Predicted relative standard error of each parameter by name, per cent of its value, for white noise."""
-        return dict(zip(self.after.names, self.after.relative_sd.tolist(), strict=True))
+        return dict(zip(self.after.names, self.after.relative_se.tolist(), strict=True))
 
     def summary(self) -> str:
         """As text: condition number before and after, and the predicted relative standard errors."""

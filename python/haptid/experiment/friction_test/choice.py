@@ -205,7 +205,7 @@ def _choice(joint: JointFriction) -> JointChoice:
 def fit(friction_model: FrictionModel, joint: JointFriction) -> FrictionFit:
     """Weighted least squares of one friction model."""
     v, f = joint.velocity, joint.torque
-    se = np.maximum(joint.sd, max(TRUSTED * float(np.median(joint.sd)), EXACT * float(np.abs(f).max())))
+    se = np.maximum(joint.se, max(TRUSTED * float(np.median(joint.se)), EXACT * float(np.abs(f).max())))
     scale = _stribeck_velocity(friction_model, v, f, se) if friction_model.scaled else 1.0
     A = friction_model.columns(v, scale) / se[:, None]
     beta = np.asarray(np.linalg.lstsq(A, f / se, rcond=None)[0], dtype=np.float64)

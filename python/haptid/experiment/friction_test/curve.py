@@ -68,7 +68,7 @@ class Gravity(Protocol):
 
 
 @dataclass(frozen=True)
-class ByPairs:
+class DirectionPairs:
     """Difference between both directions at the same positions, the other joints at rest: no model needed.
 
     A torque equal in both directions is not distinguishable from gravity, nor direction-dependent Coulomb friction from
@@ -87,7 +87,7 @@ class ByPairs:
 
 
 @dataclass(frozen=True, eq=False)
-class ByModel:
+class ModelSubtraction:
     """Subtraction of an estimated model without its friction; all joints may move.
 
     Attributes:
@@ -119,8 +119,8 @@ class JointFriction:
         unit: of its torque, N m or N.
         velocity: ascending, (n,), rad/s or m/s.
         torque: mean over the positions, (n,).
-        sd: its standard error, by the jackknife over position bins, (n,).
-        freedom: degrees of freedom, the number of position bins less one, (n,).
+        se: its standard error, by the jackknife over position bins, (n,).
+        dof: degrees of freedom, the number of position bins less one, (n,).
     """
 
     name: str
@@ -128,8 +128,8 @@ class JointFriction:
     unit: str
     velocity: Array
     torque: Array
-    sd: Array
-    freedom: Array
+    se: Array
+    dof: Array
 
     def __post_init__(self) -> None:
         for name in ("velocity", "torque", "sd", "freedom"):
@@ -138,7 +138,7 @@ class JointFriction:
 
     def conf_int(self, level: float = 0.95) -> Array:
         """Confidence intervals of the torque, (n, 2)."""
-        half = half_width(self.sd, self.freedom, level)
+        half = half_width(self.se, self.dof, level)
         return np.column_stack([self.torque - half, self.torque + half])
 
 
@@ -178,7 +178,7 @@ def friction_curve(
         model: the dynamic model.
         motion: each joint in turn, in both directions, at several constant speeds; with a model, any motion with parts
             at constant velocity.
-        gravity: `ByPairs()` (default) or `ByModel(estimate)`.
+        gravity: `DirectionPairs()` (default) or `ModelSubtraction(estimate)`.
         constant: criteria of a constant velocity.
 
     Raises:
@@ -186,7 +186,7 @@ def friction_curve(
         NoAccelerationError: the motion's treatment has none.
         NoStretchesError: no joint moves in both directions at a constant velocity.
     """
-    gravity, constant = gravity or ByPairs(), constant or Constant()
+    gravity, constant = gravity or DirectionPairs(), constant or Constant()
     c, cd, cdd = coordinates(model.device, motion, *motion.usable)
     tau = coordinate_torque(model.device, motion, *motion.usable) - gravity.torque(model, c, cd, cdd)
     width = max(3, round(constant.shortest / motion.dt))
@@ -302,12 +302,12 @@ def _points(cells: list[_Cell], alone: bool) -> tuple[Array, Array, Array, Array
     whole = _levels(cells, alone)
     bins = sorted({cell.bin for cell in cells})
     parts = np.array([_levels(cells, alone, k) for k in bins])
-    sd = np.sqrt((len(bins) - 1) / len(bins) * ((parts - parts.mean(axis=0)) ** 2).sum(axis=0))
+    se = np.sqrt((len(bins) - 1) / len(bins) * ((parts - parts.mean(axis=0)) ** 2).sum(axis=0))
     passes = sorted({cell.number for cell in cells})
     velocity = np.array([next(cell.velocity for cell in cells if cell.number == s) for s in passes])
-    freedom = np.array([sum(cell.number == s for cell in cells) - 1.0 for s in passes])
+    dof = np.array([sum(cell.number == s for cell in cells) - 1.0 for s in passes])
     order = np.argsort(velocity)
-    return velocity[order], whole[order], sd[order], freedom[order]
+    return velocity[order], whole[order], se[order], dof[order]
 
 
 def _levels(cells: list[_Cell], alone: bool, without: int | None = None) -> Array:

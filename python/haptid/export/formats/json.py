@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
@@ -15,7 +14,7 @@ from haptid.dynamics.model import DynamicModel
 from haptid.estimation.feasibility.feasible import possible
 from haptid.export.output import Export, default_name, write
 from haptid.export.provenance import IdentifiedModel, Provenance, provenance
-from haptid.results.write import device_file, finite
+from haptid.results.result import device_file, finite
 from haptid.validation.validation import Validation
 
 # Version of the format.
@@ -57,7 +56,7 @@ def model_values(source: Provenance) -> dict[str, Any]:
         "haptid": __version__,
         "device": model.device.name,
         "verdict": source.verdict,
-        "uses": [asdict(said) for said in source.uses],
+        "uses": [said.model_dump() for said in source.uses],
         "data_sha256": list(source.hashes),
         "gravity": model.device.gravity.tolist(),
         "coordinates": _coordinates(model),
@@ -99,7 +98,7 @@ def _coordinates(model: DynamicModel) -> list[dict[str, Any]]:
             model.device.row_labels,
             model.device.coordinate_units,
             model.device.torque_units,
-            model.device.frame,
+            model.device.row_map,
             strict=True,
         )
     ]

@@ -8,7 +8,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from haptid.device.expressions import Column
-from haptid.device.terms.term import DRY, Counterbalance, Load, TermColumn
+from haptid.device.terms.term import DRY, Counterbalance, LoadDependentFriction, TermColumn
 from haptid.dynamics.model import DynamicModel
 from haptid.errors import UnexportableTermError
 from haptid.export.expressions.graph import Expr, Graph
@@ -27,7 +27,7 @@ def term_torque(
         speed: below it the sign of a velocity is smoothed, rad/s or m/s.
         friction_only: only the terms that resist motion.
     """
-    S = model.device.parameters.S[10 * len(model.device.joints) :, list(model.base.kept)]
+    S = model.device.parameters.S[10 * len(model.device.joints) :, list(model.base.independent_columns)]
     graph = q[0].graph
     tau = [graph.number(0.0)] * len(q)
     for term, row in zip(model.terms, S, strict=True):
@@ -57,7 +57,7 @@ def _column(model: DynamicModel, term: TermColumn, graph: Graph, q: list[Expr], 
     ]
     if isinstance(term.shape, Counterbalance):
         return _strut(term.shape, graph, joints[term.shape.joint])
-    if isinstance(term.shape, Load):
+    if isinstance(term.shape, LoadDependentFriction):
         raise UnexportableTermError(term.name, "load-dependent friction depends on accelerations")
     assert isinstance(term.shape, Column)  # the last kind
     return _written(model, term, term.shape, graph, joints, qd)
