@@ -194,11 +194,11 @@ def test_the_bound_by_hand():
 def test_settings_that_mean_nothing(model):
     identified = GivenParameters(model, model.base.of(smooth(model)))
     for wrong in ({"share": 1.0}, {"share": -0.1}, {"weight": 1.1}, {"friction": np.nan}, {"slow": 0.0}):
-        with pytest.raises(errors.CompensationSettingError, match="write"):
+        with pytest.raises(errors.SettingError, match="write"):
             Compensation(identified, **wrong)
-    with pytest.raises(errors.CompensationSettingError, match="towards is -1"):
+    with pytest.raises(errors.SettingError, match="towards is -1"):
         Compensation(identified, towards=-1.0)
-    with pytest.raises(errors.CompensationSettingError, match="velocity_cutoff_hz"):
+    with pytest.raises(errors.SettingError, match="velocity_cutoff_hz"):
         Compensation(identified, velocity_cutoff_hz=-1.0)
     with pytest.raises(errors.ShapeError):
         stable_share(np.eye(2), np.eye(1), np.eye(2), 0.01)

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Protocol
 
 from haptid._internal.atomic_folder import publishing
-from haptid.errors import ExportFormatError
+from haptid.errors import UnknownNameError, suggestion
 from haptid.export.formats.c import export_c
 from haptid.export.formats.json import export_json
 from haptid.export.formats.latex import export_latex
@@ -68,13 +68,15 @@ def export(
         anyway: export a model that fails its criterion or was not validated, with a note in the files.
 
     Raises:
-        ExportFormatError: an unknown format.
+        UnknownNameError: an unknown format.
         ExportError: the model cannot be written in one of the formats; see the exporters.
         OutputError: the folder cannot be written.
     """
     for name in formats:
         if name not in FORMATS:
-            raise ExportFormatError(name, FORMATS)
+            raise UnknownNameError(
+                f"there is no export format {name!r}.", where=name, limit=FORMATS, advice=suggestion(name, FORMATS)
+            )
     folder, code = Path(folder), code or CCode()
     made: dict[str, Export] = {}
     with publishing(folder) as scratch:

@@ -11,16 +11,23 @@ from typing import Literal, get_args
 from haptid._internal.arrays import positive
 from haptid._internal.atomic_folder import publishing
 from haptid.end_effector.force import REVERSAL_SPEED
-from haptid.errors import CodeNameError, CodeSettingError
+from haptid.errors import SettingError
 
 # C99 guarantees 31 significant characters of external names (5.2.4.1), which leaves this many for the prefix.
 LONGEST_NAME = 24
 
 
 def check_name(name: str) -> None:
-    """Raise CodeNameError unless the name is a valid prefix in C."""
+    """Raise SettingError unless the name is a valid prefix in C."""
     if not re.fullmatch(rf"[a-z][a-z0-9_]{{0,{LONGEST_NAME - 1}}}", name):
-        raise CodeNameError(name, LONGEST_NAME)
+        raise SettingError(
+            f"{name!r} is not a valid prefix of C names.",
+            where="name",
+            found=name,
+            limit=LONGEST_NAME,
+            advice="Write a lower-case letter, then lower-case letters, digits and underscores, at most "
+            f"{LONGEST_NAME} characters.",
+        )
 
 
 def default_name(model: str) -> str:
@@ -51,9 +58,9 @@ class CCode:
         if self.name is not None:
             check_name(self.name)
         if self.precision not in get_args(Precision):
-            raise CodeSettingError("precision", self.precision, " or ".join(map(repr, get_args(Precision))))
+            raise _code_setting("precision", self.precision, " or ".join(map(repr, get_args(Precision))))
         if not positive(self.reversal_speed):
-            raise CodeSettingError("reversal_speed", self.reversal_speed, "a finite speed above zero, rad/s or m/s")
+            raise _code_setting("reversal_speed", self.reversal_speed, "a finite speed above zero, rad/s or m/s")
 
 
 @dataclass(frozen=True)
@@ -84,3 +91,12 @@ def write(folder: str | Path, texts: Mapping[str, str], verdict: str) -> Export:
             path.parent.mkdir(parents=True, exist_ok=True)
             path.write_text(text, encoding="utf-8")
     return Export(folder, tuple(texts), verdict)
+
+
+def _code_setting(name: str, value: object, wanted: str) -> SettingError:
+    return SettingError(
+        f"{name} is {value!r}; write {wanted}.",
+        where=name,
+        found=value,
+        limit=wanted,
+    )

@@ -12,7 +12,7 @@ from haptid._core import __version__
 from haptid._internal.arrays import Array, expect, read_only
 from haptid.device import Motor
 from haptid.dynamics.model import DynamicModel
-from haptid.errors import FailedValidationError, UnvalidatedError
+from haptid.errors import UnvalidatedModelError
 from haptid.estimation import Estimate
 from haptid.results import Result, ResultUse
 from haptid.study.identify import Identification
@@ -70,8 +70,7 @@ def provenance(
         anyway: export a model that fails its criterion, with a note in the files.
 
     Raises:
-        FailedValidationError: the prediction error exceeds the criterion.
-        UnvalidatedError: there is a criterion but no validation.
+        UnvalidatedModelError: the prediction error exceeds the criterion, or there is a criterion but no validation.
         ShapeError: the number of base parameters is not that of the device.
     """
     validations: tuple[Validation, ...] = () if validation is None else (validation,)
@@ -102,7 +101,11 @@ def _verdict(validations: tuple[Validation, ...], limit: float | None, anyway: b
     """The prediction error as a sentence; an error where the criterion is not met."""
     if not validations:
         if limit is not None and not anyway:
-            raise UnvalidatedError(limit)
+            raise UnvalidatedModelError(
+                f"the criterion is {limit:.2f} %, but the model was not validated on unseen motion.",
+                limit=limit,
+                advice="Give a validation or a log with the role validate, or export it anyway (noted in the files).",
+            )
         asked = "" if limit is None else f" Its criterion, {limit:.2f} %, was not tested."
         return f"NOT VALIDATED: nothing is known of how it predicts unseen motion.{asked}"
     worst = max(validations, key=lambda found: found.relative)
@@ -113,7 +116,12 @@ def _verdict(validations: tuple[Validation, ...], limit: float | None, anyway: b
     if worst.relative <= limit:
         return f"Error {error}; criterion {limit:.2f} %: met."
     if not anyway:
-        raise FailedValidationError(worst.relative, limit)
+        raise UnvalidatedModelError(
+            f"the prediction error is {worst.relative:.2f} % of the unseen torque; the criterion is {limit:.2f} %.",
+            found=worst.relative,
+            limit=limit,
+            advice="Identify it again, or export it anyway (noted in the files).",
+        )
     return f"VALIDATION FAILED: error {error}; criterion {limit:.2f} %."
 
 

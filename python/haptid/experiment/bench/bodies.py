@@ -11,7 +11,7 @@ from haptid.device import NewtonClosure, TermColumn
 from haptid.device.priors import TENSOR
 from haptid.dynamics.model import DynamicModel
 from haptid.dynamics.regressor import rows
-from haptid.errors import UnphysicalBodyError, UnsimulatedTermError, WeightlessLinkError
+from haptid.errors import ExportError, PhysicalConsistencyError
 
 # Relative rounding allowed in the triangle inequality of the principal moments of inertia.
 TRIANGLE_SLACK = 1e-9
@@ -89,7 +89,7 @@ def bodies(model: DynamicModel, chi: Array) -> tuple[Body, ...]:
         chi: its free standard parameters, (p,), SI.
 
     Raises:
-        UnphysicalBodyError: no rigid body has the parameters of a link.
+        PhysicalConsistencyError: no rigid body has the parameters of a link.
     """
     raw = model.device.parameters.S @ chi
     return tuple(_body(model, j, raw[10 * j : 10 * j + 10]) for j in range(len(model.device.joints)))
@@ -99,8 +99,8 @@ def effects(model: DynamicModel, chi: Array, made: tuple[Body, ...]) -> tuple[Ef
     """Effects of the terms: one for each joint, then one for each motor or cut joint that combines several joints.
 
     Raises:
-        UnsimulatedTermError: a term without counterpart in MuJoCo is not zero.
-        WeightlessLinkError: a joint moves neither mass nor rotor.
+        ExportError: a nonzero term without counterpart in MuJoCo.
+        PhysicalConsistencyError: a joint moves neither mass nor rotor.
     """
     raw = model.device.parameters.S @ chi
     unit = np.eye(len(model.device.joints))
@@ -120,7 +120,14 @@ def effects(model: DynamicModel, chi: Array, made: tuple[Body, ...]) -> tuple[Ef
     _regularise(model, made, single)
     moves_mass = _moves_mass(model, made, tuple(found.values()))
     if not all(moves_mass):
-        raise WeightlessLinkError(model.device.joints[moves_mass.index(False)].name)
+        link = model.device.joints[moves_mass.index(False)].name
+        raise PhysicalConsistencyError(
+            f"link {link} and all links beyond it have neither mass nor rotor inertia; the mass must be positive.",
+            where=link,
+            found=0.0,
+            limit=0.0,
+            advice="Give it a body: [[bodies]] with link, mass, com and inertia in the experiment.",
+        )
     return tuple(found.values())
 
 
@@ -153,7 +160,13 @@ def _add(effect: Effect, term: TermColumn, value: float, share: float) -> None:
     elif term.kind == "offset":
         effect.offset += value * share
     else:
-        raise UnsimulatedTermError(term.name, term.kind, value)
+        raise ExportError(
+            f"term {term.name} = {value:g} is of kind {term.kind!r}, which the bench cannot simulate; supported are "
+            "rotor, viscous, coulomb (of width 0), spring and offset.",
+            where=term.name,
+            found=value,
+            advice=f"Set {term.name} to 0 in the experiment's [parameters].",
+        )
 
 
 def _body(model: DynamicModel, j: int, chi: Array) -> Body:
@@ -168,16 +181,11 @@ def _body(model: DynamicModel, j: int, chi: Array) -> Body:
         alone = mass == 0 and J[2, 2] > 0 and not np.delete(chi, 5).any()
         if alone and _is_rotor(model, j):
             return Body(0.0, np.zeros(3), np.zeros((3, 3)), float(J[2, 2]))
-        raise UnphysicalBodyError(joint.name, f"its mass is {mass:g} kg but other parameters are not zero", _INSTEAD)
+        raise _unphysical_body(joint.name, f"its mass is {mass:g} kg but other parameters are not zero", mass)
     com = chi[6:9] / mass
     central = J - mass * (com @ com * np.eye(3) - np.outer(com, com))
     central, moved = _physical(model, j, central)
     return Body(mass, com, central, moved)
-
-
-_INSTEAD = (
-    "Base parameters do not define a body: give the link's mass, com and inertia under [[bodies]] in the experiment."
-)
 
 
 def _physical(model: DynamicModel, j: int, central: Array) -> tuple[Array, float]:
@@ -191,10 +199,10 @@ def _physical(model: DynamicModel, j: int, central: Array) -> tuple[Array, float
     now = np.linalg.eigvalsh(less)
     if moments[0] > 0 and now[0] > 0 and now[2] <= now[0] + now[1] and _is_rotor(model, j):
         return less, float(moved)
-    shown = ", ".join(f"{moment:.3g}" for moment in moments)
-    found = f"its principal moments of inertia about the centre of mass are {shown} kg m^2"
-    rule = f"{'a moment that is not above 0' if moments[0] <= 0 else 'one above the sum of the other two'}"
-    raise UnphysicalBodyError(model.device.joints[j].name, f"{found}, with {rule}", _INSTEAD)
+    values = ", ".join(f"{moment:.3g}" for moment in moments)
+    rule = "not positive" if moments[0] <= 0 else "above the sum of the other two"
+    what = f"its principal moments of inertia about the centre of mass are {values} kg m^2, one of them {rule}"
+    raise _unphysical_body(model.device.joints[j].name, what, moments.tolist())
 
 
 def _is_rotor(model: DynamicModel, j: int) -> bool:
@@ -233,3 +241,13 @@ def _moves_mass(model: DynamicModel, made: tuple[Body, ...], found: tuple[Effect
         if moves[j] and model.device.joints[j].parent >= 0:
             moves[model.device.joints[j].parent] = True
     return moves
+
+
+def _unphysical_body(link: str, what: str, found: object) -> PhysicalConsistencyError:
+    return PhysicalConsistencyError(
+        f"link {link}: {what}, which no rigid body has, so it cannot be simulated.",
+        where=link,
+        found=found,
+        advice="Base parameters do not define a body: give the link's mass, com and inertia under [[bodies]] in the "
+        "experiment.",
+    )

@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 
 from haptid._internal.arrays import Array
-from haptid.errors import CodeSettingError, CompileError, NoCodeError, NoCompilerError
+from haptid.errors import ExportError, MissingDependencyError, SettingError
 
 FLAGS = ("-std=c99", "-O2", "-fPIC", "-shared")
 # Fields of the observer's and the differentiator's structs: scalars, then vectors; and the argument of their init.
@@ -69,8 +69,8 @@ class Compiled:
             folder: with NAME.h and NAME.c.
 
         Raises:
-            NoCodeError: the folder does not have exactly one model.
-            NoCompilerError, CompileError: it cannot be compiled here.
+            ExportError: the folder does not have exactly one model, or its code does not compile.
+            MissingDependencyError: there is no compiler.
         """
         header = _header(Path(folder))
         text, name = header.read_text(encoding="utf-8"), header.stem
@@ -140,7 +140,12 @@ class Compiled:
         state = type(kind, (ctypes.Structure,), {"_fields_": [*scalars, ("started", ctypes.c_int), *vectors]})()
         failed = self.library[f"{self.name}_{kind}_init"](ctypes.byref(state), self.real(setting), self.real(dt))
         if failed:
-            raise CodeSettingError(SETTINGS[kind], setting, f"a number above zero, feasible at a step of {dt:g} s")
+            raise SettingError(
+                f"{kind}: {SETTINGS[kind]} is {setting!r}; write a positive number, feasible at a step of {dt:g} s.",
+                where=SETTINGS[kind],
+                found=setting,
+                limit=0.0,
+            )
         return state
 
 
@@ -163,7 +168,14 @@ def _header(folder: Path) -> Path:
     """The header of the folder's one model."""
     found = [path for path in sorted(folder.glob("*.h")) if path.with_suffix(".c").is_file()]
     if len(found) != 1:
-        raise NoCodeError(folder, [path.name for path in found])
+        names = [path.name for path in found]
+        what = f"has the code of several models: {', '.join(names)}" if names else "has no exported code"
+        raise ExportError(
+            f"{folder} {what}.",
+            where=folder,
+            found=names,
+            advice="Give a folder written by `export_c` or `haptid export --to c`.",
+        )
     return found[0]
 
 
@@ -177,7 +189,11 @@ def _built(header: Path) -> ctypes.CDLL:
     """The source of a header, compiled and loaded."""
     command = os.environ.get("CC", "cc")
     if shutil.which(command) is None:
-        raise NoCompilerError(command)
+        raise MissingDependencyError(
+            f"there is no C compiler {command!r}.",
+            where=command,
+            advice="Install one, or set the environment variable CC.",
+        )
     with tempfile.TemporaryDirectory() as scratch:
         out = Path(scratch) / "model.so"
         source = header.with_suffix(".c").resolve()
@@ -185,5 +201,9 @@ def _built(header: Path) -> ctypes.CDLL:
             [command, *FLAGS, str(source), "-lm", "-o", str(out)], capture_output=True, text=True, check=False
         )
         if done.returncode:
-            raise CompileError(source, done.stderr)
+            raise ExportError(
+                f"{source} does not compile.",
+                where=source,
+                advice=f"Export the model again. Output of the compiler:\n{done.stderr.strip()}",
+            )
         return ctypes.CDLL(str(out))

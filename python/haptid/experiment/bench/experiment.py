@@ -5,7 +5,7 @@ The pydantic tables are the format, with the unit and the default of every key; 
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any, Literal
@@ -18,7 +18,7 @@ from haptid._internal.toml_tables import read_checked
 from haptid.device import INERTIAL
 from haptid.device.priors import Body, inertial_parameters, tensor
 from haptid.dynamics.model import DynamicModel
-from haptid.errors import ExperimentFileError, LinkNameError, ParameterNameError
+from haptid.errors import ExperimentFileError, UnknownNameError, suggestion
 from haptid.experiment.bench.mjcf import Payload, Physics
 from haptid.experiment.bench.setup import Amplifiers, Controller, Encoders, ForceSensor, Push, Setup
 from haptid.experiment.bench.trajectories import (
@@ -242,8 +242,8 @@ class Experiment:
         """The simulated set-up of a device with these instruments and true parameters.
 
         Raises:
-            LinkNameError, ParameterNameError: a link, or a true parameter, that the device does not have.
-            NoHandleError, TimingError: a setting that cannot be met.
+            UnknownNameError: a link, or a true parameter, that the device does not have.
+            IncompleteDeviceError, ExperimentError: a setting that cannot be met.
         """
         table = self.table
         settings: dict[str, Any] = {}
@@ -283,13 +283,13 @@ def _check(path: Path, table: ExperimentTable) -> None:
         where = "trajectory.frequencies_hz" if sines is given else "trajectory.sines.frequencies_hz"
         low, high = sines.frequencies_hz
         if low > high:
-            raise ExperimentFileError(path, where, f"the lowest, {low:g} Hz, is above the highest, {high:g} Hz")
+            raise _experiment_file(path, where, f"the lowest, {low:g} Hz, is above the highest, {high:g} Hz")
         if high * (1 + SPREAD) >= rate / 2:
             what = f"{high:g} Hz is not below the Nyquist frequency {rate / 2:g} Hz of the control rate {rate:g} Hz"
-            raise ExperimentFileError(path, where, what)
+            raise _experiment_file(path, where, what)
     for k, push in enumerate(table.hand):
         if push.stop is not None and push.stop <= push.start:
-            raise ExperimentFileError(path, f"hand.{k}.stop", f"{push.stop:g} s is not after start, {push.start:g} s")
+            raise _experiment_file(path, f"hand.{k}.stop", f"{push.stop:g} s is not after start, {push.start:g} s")
 
 
 def true_parameters(model: DynamicModel, table: ExperimentTable) -> Array:
@@ -298,8 +298,7 @@ def true_parameters(model: DynamicModel, table: ExperimentTable) -> Array:
     Bodies and parameters replace values, weights are added to them. Parameters given nowhere are zero.
 
     Raises:
-        LinkNameError: a link that the device does not have.
-        ParameterNameError: a name that the device does not have, or that its symmetries set to zero.
+        UnknownNameError: a link or parameter that the device does not have, or that its symmetries set to zero.
     """
     chi, index = np.nan_to_num(model.device.chi_prior), model.device.parameters.index
     for table_of_body in table.bodies:
@@ -308,7 +307,7 @@ def true_parameters(model: DynamicModel, table: ExperimentTable) -> Array:
             chi[index[name]] = value
     for name, value in table.parameters.items():
         if name not in index:
-            raise ParameterNameError(name, index)
+            raise _parameter_name(name, index)
         chi[index[name]] = value
     for weight in table.weights:
         point = Body(weight.mass, np.array(weight.com), np.zeros((3, 3)))
@@ -321,17 +320,22 @@ def _body_values(model: DynamicModel, table: str, link: str, body: Body) -> dict
     """Inertial parameters of a link by name, without those that a symmetry sets to zero.
 
     Raises:
-        LinkNameError: no such link.
-        ParameterNameError: the body is not as symmetric as the device file says.
+        UnknownNameError: no such link, or the body does not have the symmetry of the device file.
     """
     index = model.device.parameters.index
     if link not in model.device.joint_names:
-        raise LinkNameError(table, link, model.device.joint_names)
+        fixed = " The base is fixed: leave out what is attached to it." if link == "base" else ""
+        raise UnknownNameError(
+            f"[[{table}]]: the device has no link {link!r}.{fixed}",
+            where=link,
+            limit=model.device.joint_names,
+            advice=suggestion(link, model.device.joint_names),
+        )
     joint = model.device.joints[model.device.joint_names.index(link)]
     values = dict(zip((kind + link for kind in INERTIAL), inertial_parameters(body, joint), strict=True))
     for name, value in values.items():
         if name not in index and value != 0:
-            raise ParameterNameError(name, index)
+            raise _parameter_name(name, index)
     return {name: float(value) for name, value in values.items() if name in index}
 
 
@@ -372,3 +376,15 @@ def _tuples(given: Mapping[str, Any]) -> dict[str, Any]:
         return (value,) if isinstance(value, float) and name not in SCALARS else value
 
     return {name: converted(name, value) for name, value in given.items()}
+
+
+def _experiment_file(path: object, where: str, what: str) -> ExperimentFileError:
+    return ExperimentFileError(
+        f"{path}, key `{where}`: {what}.", where=where, advice="`haptid schema experiment` prints every key."
+    )
+
+
+def _parameter_name(name: str, known: Iterable[str]) -> UnknownNameError:
+    return UnknownNameError(
+        f"the device has no free parameter {name!r}.", where=name, limit=tuple(known), advice=suggestion(name, known)
+    )

@@ -9,7 +9,7 @@ from haptid.device import Frame, NewtonClosure, poses
 from haptid.device.loops.newton import openness
 from haptid.dynamics.inverse import inverse_dynamics
 from haptid.dynamics.model import DynamicModel
-from haptid.errors import FlatLoopError, TrajectoryLimitError
+from haptid.errors import TrajectoryError
 from haptid.experiment.bench.trajectories import Trajectory
 
 # Minimum distance of a loop from its singular (flat) configuration: about four degrees of a parallelogram's angle.
@@ -28,8 +28,8 @@ def check_trajectory(model: DynamicModel, trajectory: Trajectory, chi: Array, sa
         saturation: maximum torque of each drive coordinate, (active,), N m or N; None for no limit.
 
     Raises:
-        TrajectoryLimitError: a joint, active or passive, exceeds its range or speed, or a motor its torque.
-        FlatLoopError: a loop comes close to a singular configuration.
+        TrajectoryError: a joint, active or passive, exceeds its range or speed, a motor its torque, or a loop comes
+            close to a singular configuration.
     """
     q, qd, _ = model.tree(trajectory.q.T, trajectory.qd.T, trajectory.qdd.T)
     for joint, position, velocity in zip(model.device.joints, q, qd, strict=True):
@@ -54,7 +54,15 @@ def _within(
     worst = int(np.argmax(values))
     if values[worst] > limit:
         step = trajectory.dt * len(trajectory) / len(values)
-        raise TrajectoryLimitError(what, name, worst * step, side * float(values[worst]), side * limit, unit, instead)
+        found = side * float(values[worst])
+        raise TrajectoryError(
+            f"{what} of {name} reaches {found:.4g} {unit} at {worst * step:.3f} s of the planned motion; the limit is "
+            f"{side * limit:.4g} {unit}.",
+            where=(name, worst * step),
+            found=found,
+            limit=side * limit,
+            advice=instead,
+        )
 
 
 def _check_loops(model: DynamicModel, trajectory: Trajectory, q: Array) -> None:
@@ -63,7 +71,15 @@ def _check_loops(model: DynamicModel, trajectory: Trajectory, q: Array) -> None:
     worst = int(np.argmin(open_by))
     if open_by[worst] < FLAT:
         passive = [joint.name for j, joint in enumerate(model.device.joints) if j not in model.device.active]
-        raise FlatLoopError(worst * every * trajectory.dt, float(open_by[worst]), FLAT, passive)
+        time, found = worst * every * trajectory.dt, float(open_by[worst])
+        raise TrajectoryError(
+            f"the loop of {', '.join(passive)} is close to its singular (flat) configuration at {time:.3f} s of the "
+            f"planned motion: {found:.3f} on a scale from 0, singular, to 1; the limit is {FLAT:g}.",
+            where=time,
+            found=found,
+            limit=FLAT,
+            advice="Move the centre, or lower the amplitudes.",
+        )
 
 
 def loop_openness(model: DynamicModel, q: Array) -> Array:

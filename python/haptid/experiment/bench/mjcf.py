@@ -15,7 +15,7 @@ import numpy as np
 from haptid._internal.arrays import Array, expect
 from haptid.device import Closure, Cut, Frame, NewtonClosure
 from haptid.dynamics.model import DynamicModel
-from haptid.errors import NoHandleError, UnsimulatedLoopError
+from haptid.errors import ExportError, IncompleteDeviceError
 from haptid.experiment.bench.bodies import Body, Effect, bodies, effects
 from haptid.experiment.bench.limits import determined_by_pins
 
@@ -70,14 +70,18 @@ def mjcf(model: DynamicModel, chi: Array, physics: Physics | None = None, payloa
         payload: point mass at the handle, if any.
 
     Raises:
-        UnphysicalBodyError, WeightlessLinkError, UnsimulatedTermError: the device cannot be simulated.
-        NoHandleError: a payload on a device without handle.
+        PhysicalConsistencyError, ExportError: the device cannot be simulated.
+        IncompleteDeviceError: a payload on a device without handle.
     """
     physics = physics or Physics()
     chi = np.asarray(chi, dtype=float)
     expect("chi", chi.shape, (len(model.device.parameters),))
     if payload is not None and model.device.handle is None:
-        raise NoHandleError("payload", model.device.name)
+        raise IncompleteDeviceError(
+            f"the experiment has a payload, but {model.device.name} has no handle.",
+            where="payload",
+            advice="Add [handle] to the device file.",
+        )
     made = bodies(model, chi)
     acts = effects(model, chi, made)
     root = Element("mujoco", model=model.device.name)
@@ -110,7 +114,12 @@ def _pins(model: DynamicModel) -> list[tuple[str, str, Cut]]:
     cuts = model.device.closure.cuts
     if any(cut.prismatic for cut in cuts):
         if isinstance(model.device.closure, NewtonClosure):
-            raise UnsimulatedLoopError(model.device.name)
+            raise ExportError(
+                f"{model.device.name}: a nonlinear loop is cut at a prismatic joint, which the simulator cannot model "
+                "by pins; only revolute cuts are supported.",
+                where=model.device.name,
+                advice="Cut the loop at a revolute joint, and list the prismatic one in [[joints]].",
+            )
         return []
     hinges = isinstance(model.device.closure, NewtonClosure) and not determined_by_pins(model.device.closure)
     found = [(f"cut {k + 1}", f"twin {k + 1}", cut) for k, cut in enumerate(cuts)]

@@ -12,7 +12,7 @@ from matplotlib.figure import Figure
 from haptid._internal.arrays import Array, expect
 from haptid.device import poses
 from haptid.dynamics.model import DynamicModel
-from haptid.errors import PictureError
+from haptid.errors import ExperimentError
 from haptid.experiment.bench.limits import frame_origin
 from haptid.experiment.bench.mjcf import closed, mjcf, size
 from haptid.experiment.bench.simulation import load_mujoco
@@ -36,11 +36,11 @@ def draw_strip(
         pictures: number of instants, evenly spaced over the motion.
 
     Raises:
-        PictureError: there is no sample or no picture to draw, or it cannot be written.
+        ExperimentError: there is no sample or no picture to draw, or it cannot be written.
     """
     expect("qa", qa.shape, (len(times), len(model.device.active)))
     if len(times) == 0 or pictures < 1:
-        raise PictureError(path, "no instant was given; give at least one")
+        raise ExperimentError(f"cannot draw {path}: no instant was given.", where=path, advice="Give at least one.")
     drawn = np.unique(np.linspace(0, len(times) - 1, pictures).round().astype(int))
     lines, handle = stick_figure(model, qa)
     across = _view(lines)
@@ -60,7 +60,8 @@ def draw_strip(
     try:
         figure.savefig(path, dpi=120, bbox_inches="tight")
     except (OSError, ValueError) as error:
-        raise PictureError(path, f"{error}. Choose a folder that can be written to, and .png, .pdf or .svg") from error
+        advice = "Choose a writable folder, and the suffix .png, .pdf or .svg."
+        raise ExperimentError(f"cannot draw {path}: {error}.", where=path, advice=advice) from error
 
 
 def stick_figure(model: DynamicModel, qa: Array) -> tuple[Array, Array | None]:
@@ -97,7 +98,7 @@ def render_strip(model: DynamicModel, chi: Array, qa: Array, path: Path) -> None
         path: of the PNG picture.
 
     Raises:
-        PictureError: off-screen rendering does not work on this machine.
+        ExperimentError: off-screen rendering does not work on this machine.
     """
     from matplotlib.image import imsave
 
@@ -115,5 +116,7 @@ def render_strip(model: DynamicModel, chi: Array, qa: Array, path: Path) -> None
                 renderer.update_scene(data, camera)
                 shots.append(renderer.render())
     except Exception as error:  # the graphics stack has no common exception class
-        raise PictureError(path, f"{error or type(error).__name__}. Draw stick figures: `draw_strip`") from error
+        what = str(error) or type(error).__name__
+        advice = "Draw stick figures with `draw_strip`."
+        raise ExperimentError(f"cannot draw {path}: {what}.", where=path, advice=advice) from error
     imsave(path, np.concatenate(shots, axis=1))

@@ -17,7 +17,7 @@ from haptid._internal.atomic_folder import publishing
 from haptid._internal.workers import Executor, ProcessExecutor
 from haptid.device import read_device
 from haptid.dynamics.model import DynamicModel
-from haptid.errors import OutputError
+from haptid.errors import OutputFolderError
 from haptid.experiment.bench.experiment import Experiment, read_experiment
 from haptid.experiment.bench.picture import draw_strip
 from haptid.experiment.bench.setup import Recording, Setup
@@ -152,7 +152,11 @@ def make_log(job: Job, progress: Progress | None = None) -> Path:
         HaptidError: one class for each cause.
     """
     if job.out.suffix != ".parquet":
-        raise OutputError(job.out, "a log of the bench is a file that ends in .parquet")
+        raise OutputFolderError(
+            f"cannot write {job.out}: a log of the bench is a Parquet file.",
+            where=job.out,
+            advice="Choose a name that ends in .parquet.",
+        )
     experiment, model = read_experiment(job.experiment), DynamicModel(read_device(job.device))
     setup = experiment.setup(model)
     seed = experiment.seed if job.seed is None else job.seed

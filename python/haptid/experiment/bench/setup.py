@@ -10,7 +10,7 @@ import numpy as np
 
 from haptid._internal.arrays import Array, freeze
 from haptid.dynamics.model import DynamicModel
-from haptid.errors import NoHandleError, TimingError
+from haptid.errors import ExperimentError, IncompleteDeviceError
 from haptid.experiment.bench.mjcf import Payload, Physics
 from haptid.experiment.bench.trajectories import Figures, spread
 
@@ -143,11 +143,21 @@ class Setup:
     def __post_init__(self) -> None:
         for what, there in (("hand", bool(self.hand)), ("force sensor", self.sensor is not None)):
             if there and self.model.device.handle is None:
-                raise NoHandleError(what, self.model.device.name)
+                raise IncompleteDeviceError(
+                    f"the experiment has a {what}, but {self.model.device.name} has no handle.",
+                    where=what,
+                    advice="Add [handle] to the device file.",
+                )
         for what, seconds in (("the control period", self.dt), ("the delay", self.amplifiers.delay)):
             steps = seconds / self.physics.step
             if abs(steps - round(steps)) > 1e-6 or (what != "the delay" and round(steps) < 1):
-                raise TimingError(what, seconds, self.physics.step)
+                raise ExperimentError(
+                    f"{what} is {seconds:g} s, not a whole number of simulator steps of {self.physics.step:g} s.",
+                    where=what,
+                    found=seconds,
+                    limit=self.physics.step,
+                    advice="Change one of them, for example to 1 kHz and 1e-4 s.",
+                )
 
     @property
     def dt(self) -> float:

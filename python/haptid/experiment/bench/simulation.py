@@ -14,13 +14,7 @@ import numpy as np
 
 from haptid._internal.arrays import Array
 from haptid.dynamics.inverse import inverse_dynamics
-from haptid.errors import (
-    LimitHitError,
-    LoopBrokenError,
-    MujocoMissingError,
-    TrackingLostError,
-    UnstableError,
-)
+from haptid.errors import MissingDependencyError, SimulationError
 from haptid.experiment.bench.limits import check_trajectory
 from haptid.experiment.bench.mjcf import HANDLE, closed, cut_sites, depth_first, mjcf
 from haptid.experiment.bench.setup import Push, Recording, Setup
@@ -39,12 +33,16 @@ def load_mujoco() -> ModuleType:
     """The MuJoCo module, imported when first needed.
 
     Raises:
-        MujocoMissingError: it is not installed.
+        MissingDependencyError: it is not installed.
     """
     try:
         import mujoco
     except ImportError as error:
-        raise MujocoMissingError from error
+        raise MissingDependencyError(
+            "the virtual bench requires MuJoCo, which is not installed.",
+            where="mujoco",
+            advice='Install it with `pip install "haptid[bench]"`.',
+        ) from error
     found: ModuleType = mujoco
     return found
 
@@ -278,14 +276,42 @@ def _check_state(setup: Setup, plant: _Plant, trajectory: Trajectory, k: int, ga
     qd, q = data.qvel, data.qpos
     if not abs(qd).max() < FASTEST:
         worst = int(np.argmax(np.abs(qd)))
-        raise UnstableError(time, model.device.joint_names[plant.order[worst]], float(qd[worst]), FASTEST)
+        name = model.device.joint_names[plant.order[worst]]
+        raise SimulationError(
+            f"the simulation became unstable at {time:.3f} s: joint {name} moves at {float(qd[worst]):.3g} rad/s or "
+            f"m/s; the limit is {FASTEST:g}.",
+            where=(name, time),
+            found=float(qd[worst]),
+            limit=FASTEST,
+            advice="Lower the controller gains (kd first), or the simulator step.",
+        )
     if gap > WIDEST_GAP:
-        raise LoopBrokenError(time, gap, WIDEST_GAP)
+        raise SimulationError(
+            f"the loop-closure error was {gap:.2g} m at {time:.3f} s; the limit is {WIDEST_GAP:g} m.",
+            where=time,
+            found=gap,
+            limit=WIDEST_GAP,
+            advice="Lower the simulator step, or keep the motion further from singular configurations of the loop.",
+        )
     errors = abs(q[plant.active] - trajectory.q[k])
     if errors.max() > setup.controller.tracking_limit:
         joint = model.device.joints[model.device.active[int(np.argmax(errors))]]
-        raise TrackingLostError(time, joint.name, float(errors.max()), setup.controller.tracking_limit)
+        raise SimulationError(
+            f"the tracking error of joint {joint.name} was {float(errors.max()):.3g} rad or m at {time:.3f} s; the "
+            f"limit is {setup.controller.tracking_limit:g}.",
+            where=(joint.name, time),
+            found=float(errors.max()),
+            limit=setup.controller.tracking_limit,
+            advice="Raise kp or the amplifier's saturation, plan a slower motion, or raise `tracking_limit`.",
+        )
     if ((q < plant.lowest) | (q > plant.highest)).any():
         worst = int(np.argmax(np.maximum(plant.lowest - q, q - plant.highest)))
-        limits = float(plant.lowest[worst]), float(plant.highest[worst])
-        raise LimitHitError(time, model.device.joint_names[plant.order[worst]], float(q[worst]), limits)
+        low, high = float(plant.lowest[worst]), float(plant.highest[worst])
+        name = model.device.joint_names[plant.order[worst]]
+        raise SimulationError(
+            f"joint {name} was at {float(q[worst]):.4g} at {time:.3f} s, outside its limits {low:.4g} .. {high:.4g}.",
+            where=(name, time),
+            found=float(q[worst]),
+            limit=(low, high),
+            advice="Keep the planned motion further from the limits, or raise the controller gains.",
+        )

@@ -15,7 +15,7 @@ import numpy as np
 
 from haptid._internal.arrays import Array, expect, freeze, read_only
 from haptid.dynamics.model import DynamicModel
-from haptid.errors import FigureCountError, TrajectoryTooShortError
+from haptid.errors import ExperimentError, TrajectoryError
 
 Figures = tuple[float, ...]
 Rates = tuple[Array, Array, Array]
@@ -70,8 +70,8 @@ def plan(kind: Kind, model: DynamicModel, dt: float, rng: np.random.Generator) -
         rng: for phases and frequencies.
 
     Raises:
-        FigureCountError: a setting has neither one value nor one for each active joint.
-        TrajectoryTooShortError: the duration is shorter than the two ramps.
+        ExperimentError: a setting has neither one value nor one for each active joint.
+        TrajectoryError: the duration is shorter than the two ramps.
     """
     return Trajectory(dt, *kind.motion([model.device.joints[j].name for j in model.device.active], dt, rng))
 
@@ -186,12 +186,12 @@ class Fourier:
         """Deterministic.
 
         Raises:
-            FigureCountError: not one series for each joint, or sines and cosines of different length.
+            ExperimentError: not one series for each joint, or sines and cosines of different length.
         """
         del rng
         sine, cosine = (series(name, getattr(self, name), names) for name in ("sine", "cosine"))
         if sine.shape != cosine.shape:
-            raise FigureCountError("cosine", cosine.shape[1], [f"harmonic {k + 1}" for k in range(sine.shape[1])])
+            raise _value_count("cosine", cosine.shape[1], [f"harmonic {k + 1}" for k in range(sine.shape[1])])
         t = _times(self.seconds, dt)
         omega = 2 * np.pi * self.fundamental_hz * np.arange(1, sine.shape[1] + 1)
         s, c = np.sin(omega * t[:, None]), np.cos(omega * t[:, None])
@@ -275,17 +275,17 @@ def spread(name: str, figures: Sequence[float], names: list[str]) -> Array:
     """Broadcast one value to all names, or check that there is one for each, (names,)."""
     values = np.asarray(figures, dtype=float)
     if values.size not in (1, len(names)):
-        raise FigureCountError(name, values.size, names)
+        raise _value_count(name, values.size, names)
     return np.ascontiguousarray(np.broadcast_to(values, len(names)))
 
 
 def series(name: str, figures: Sequence[Figures], names: list[str]) -> Array:
     """Fourier amplitudes as an array, (names, terms); every name has a series of the same length."""
     if len(figures) != len(names):
-        raise FigureCountError(name, len(figures), names)
+        raise _value_count(name, len(figures), names)
     for of, one in zip(names, figures, strict=True):
         if len(one) != len(figures[0]):
-            raise FigureCountError(f"{name} of {of}", len(one), [f"harmonic {k + 1}" for k in range(len(figures[0]))])
+            raise _value_count(f"{name} of {of}", len(one), [f"harmonic {k + 1}" for k in range(len(figures[0]))])
     return np.array(figures, dtype=float).reshape(len(names), -1)
 
 
@@ -337,7 +337,13 @@ def _times(seconds: float, dt: float) -> Array:
 def _windowed(t: Array, ramp: float, centre: Array, motion: Rates) -> Rates:
     """Motion about the centre, faded in and out over `ramp` by a window with three continuous derivatives."""
     if t[-1] < 2 * ramp or ramp <= 0:
-        raise TrajectoryTooShortError(float(t[-1]), 2 * ramp)
+        raise TrajectoryError(
+            f"the motion lasts {float(t[-1]):g} s, but its smooth start and stop take {2 * ramp:g} s.",
+            where="seconds",
+            found=float(t[-1]),
+            limit=2 * ramp,
+            advice="Make it longer, or shorten `ramp`.",
+        )
     first, last = np.clip(t / ramp, 0, 1), np.clip((t[-1] - t) / ramp, 0, 1)
     u, sign = np.where(first < 1, first, last), np.where(first < 1, 1.0, -1.0)
     w = (u**4 * (35 - 84 * u + 70 * u**2 - 20 * u**3))[:, None]
@@ -345,3 +351,12 @@ def _windowed(t: Array, ramp: float, centre: Array, motion: Rates) -> Rates:
     wdd = (420 * u**2 * (1 - u) ** 2 * (1 - 2 * u) / ramp**2)[:, None]
     x, xd, xdd = motion
     return centre + w * x, w * xd + wd * x, w * xdd + 2 * wd * xd + wdd * x
+
+
+def _value_count(what: str, got: int, names: list[str]) -> ExperimentError:
+    return ExperimentError(
+        f"{what} has {got} values; write one for all, or {len(names)}, for {', '.join(names)}.",
+        where=what,
+        found=got,
+        limit=len(names),
+    )

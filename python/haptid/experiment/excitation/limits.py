@@ -14,7 +14,7 @@ from haptid.device import Joint
 from haptid.dynamics.inverse import inverse_dynamics, raw_parameters
 from haptid.dynamics.model import DynamicModel
 from haptid.dynamics.regressor import CoreChannels
-from haptid.errors import NoRangeError
+from haptid.errors import IncompleteDeviceError
 from haptid.experiment.bench.limits import FLAT, loop_openness
 from haptid.experiment.bench.trajectories import Figures, Trajectory, spread
 
@@ -96,8 +96,8 @@ class Bounds:
         """Limits as given, else those of the device.
 
         Raises:
-            NoRangeError: a joint has no range of positions or no maximum speed in either.
-            FigureCountError: not one value for all joints or one for each.
+            IncompleteDeviceError: a joint has no range of positions or no maximum speed in either.
+            ExperimentError: not one value for all joints or one for each.
         """
         joints = [model.device.joints[j] for j in model.device.active]
         names = [joint.name for joint in joints]
@@ -217,7 +217,11 @@ class Bounds:
 
 def _given(what: str, joint: str, value: T | None) -> T:
     if value is None:
-        raise NoRangeError(what, joint)
+        raise IncompleteDeviceError(
+            f"joint {joint} has no {what} in the device file, so the motion is not bounded.",
+            where=joint,
+            advice="Add it to the limits or to the device file.",
+        )
     return value
 
 

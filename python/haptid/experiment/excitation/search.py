@@ -11,7 +11,7 @@ from scipy import optimize
 
 from haptid._internal.arrays import Array
 from haptid.dynamics.model import DynamicModel
-from haptid.errors import MethodSettingError, NoFeasibleMotionError
+from haptid.errors import SettingError, TrajectoryError
 from haptid.estimation.methods.zeroed import indices
 from haptid.experiment.bench.trajectories import Figures, Kind, Trajectory, plan, spread
 from haptid.experiment.excitation.criteria import Criterion, Quality, ScaledCondition, observed, quality
@@ -53,7 +53,11 @@ class Search:
 
     def __post_init__(self) -> None:
         if self.tries < 1:
-            raise MethodSettingError("Search", "tries", self.tries, "a whole number, 1 or more")
+            raise SettingError(
+                f"Search: tries is {self.tries!r}; write a whole number, 1 or more.",
+                where="tries",
+                found=self.tries,
+            )
 
 
 @dataclass(frozen=True, eq=False)
@@ -134,9 +138,9 @@ def design(
         progress: called with the share of the search done, 0 to 1, and the least cost so far.
 
     Raises:
-        NoRangeError: a joint has no limits.
-        BaseNameError: no base parameter of that name.
-        NoFeasibleMotionError: no motion within the limits was found.
+        IncompleteDeviceError: a joint has no limits.
+        UnknownNameError: no base parameter of that name.
+        TrajectoryError: no motion within the limits was found.
     """
     search = search or Search()
     beta = model.base.of(np.nan_to_num(model.device.chi_prior)) if beta is None else np.asarray(beta, dtype=float)
@@ -153,7 +157,14 @@ def design(
     )
     state.run()
     if state.best is None or state.first is None:
-        raise NoFeasibleMotionError(state.tried, state.nearest[1], state.nearest[0])
+        raise TrajectoryError(
+            f"none of {state.tried} motions is within all limits; the best exceeds {state.nearest[1]} by "
+            f"{100 * state.nearest[0]:.3g} %.",
+            where=state.nearest[1],
+            found=state.nearest[0],
+            limit=0.0,
+            advice="Widen that limit, move the range of positions, or evaluate more motions.",
+        )
     start, after = state.best
     kind = family.kind(start.x, state.bounds)
     return Excitation(model, kind, start.seed, state.first, after, state.bounds, state.tried, state.noise)

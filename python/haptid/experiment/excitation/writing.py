@@ -12,7 +12,7 @@ import numpy as np
 
 from haptid._internal.arrays import Array
 from haptid.dynamics.inverse import mass_matrix
-from haptid.errors import OutputError
+from haptid.errors import OutputFolderError
 from haptid.experiment.bench.experiment import Experiment, ExperimentTable
 from haptid.experiment.bench.trajectories import Fourier, Kind, TrianglesAndSines
 from haptid.experiment.excitation.search import Excitation
@@ -27,7 +27,7 @@ def write_experiment(path: str | Path, excitation: Excitation, like: Experiment)
         like: the experiment that the rest is copied from.
 
     Raises:
-        OutputError: the file cannot be written.
+        OutputFolderError: the file cannot be written.
     """
     rest = like.table.model_dump(by_alias=True, exclude_unset=True)
     made = {**rest, "seed": excitation.seed, "trajectory": trajectory_table(excitation.kind)}
@@ -35,7 +35,11 @@ def write_experiment(path: str | Path, excitation: Excitation, like: Experiment)
     try:
         target.write_text(toml(made), encoding="utf-8")
     except OSError as error:
-        raise OutputError(target, str(error.strerror)) from error
+        raise OutputFolderError(
+            f"cannot write {target}: {error.strerror}.",
+            where=target,
+            advice="Choose a writable folder.",
+        ) from error
     return target
 
 

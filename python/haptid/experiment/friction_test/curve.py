@@ -19,7 +19,7 @@ from haptid._internal.arrays import Array, expect, positive, read_only
 from haptid.dynamics.inverse import core_torque, raw_parameters
 from haptid.dynamics.model import DynamicModel
 from haptid.dynamics.regressor import external
-from haptid.errors import MethodSettingError, NoStretchesError
+from haptid.errors import NoRowsError, SettingError
 from haptid.estimation import Estimate
 from haptid.motion.channels import coordinate_torque, coordinates
 from haptid.motion.treatment import Motion
@@ -53,7 +53,11 @@ class Constant:
     def __post_init__(self) -> None:
         for name in ("tolerance", "shortest", "slowest", "still"):
             if not positive(getattr(self, name)):
-                raise MethodSettingError("Constant", name, getattr(self, name), "a finite number above zero")
+                raise SettingError(
+                    f"Constant: {name} is {getattr(self, name)!r}; write a finite number above zero.",
+                    where=name,
+                    found=getattr(self, name),
+                )
 
 
 class Gravity(Protocol):
@@ -182,9 +186,9 @@ def friction_curve(
         constant: criteria of a constant velocity.
 
     Raises:
-        ChannelCountError: the motion has more or fewer channels than the device has coordinates or motors.
-        NoAccelerationError: the motion's treatment has none.
-        NoStretchesError: no joint moves in both directions at a constant velocity.
+        LogMismatchError: the motion has more or fewer channels than the device has coordinates or motors.
+        MissingAccelerationError: the motion's treatment has none.
+        NoRowsError: no joint moves in both directions at a constant velocity.
     """
     gravity, constant = gravity or DirectionPairs(), constant or Constant()
     c, cd, cdd = coordinates(model.device, motion, *motion.usable)
@@ -204,7 +208,13 @@ def friction_curve(
             JointFriction(model.device.row_names[k], model.device.row_labels[k], model.device.torque_units[k], *found)
         )
     if not curves:
-        raise NoStretchesError(constant.tolerance, constant.shortest, constant.slowest)
+        raise NoRowsError(
+            "no joint moves alone and in both directions at a velocity that is constant within "
+            f"{100 * constant.tolerance:g} % for {constant.shortest:g} s and above {constant.slowest:g} rad/s or m/s.",
+            found=0,
+            limit=constant.tolerance,
+            advice="Record each joint in turn at several constant velocities, or raise `tolerance`.",
+        )
     notes = (f"No constant velocity in both directions: {', '.join(idle)}.",) if idle else ()
     return FrictionCurve(model, tuple(curves), notes)
 

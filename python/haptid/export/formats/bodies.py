@@ -6,7 +6,7 @@ import numpy as np
 
 from haptid._internal.arrays import Array
 from haptid.dynamics.model import DynamicModel
-from haptid.errors import ImpossibleModelError
+from haptid.errors import PhysicalConsistencyError
 from haptid.estimation.feasibility.cone import Cone
 from haptid.estimation.feasibility.feasible import possible, roomy
 from haptid.export.provenance import Provenance, about
@@ -27,11 +27,18 @@ def standard_parameters(model: DynamicModel, beta: Array) -> Array:
         beta: its base parameters, (p,), SI.
 
     Raises:
-        ImpossibleModelError: the base parameters are not physically consistent.
+        PhysicalConsistencyError: the base parameters are not physically consistent.
     """
     found = possible(model, beta)
     if not found.ok:
-        raise ImpossibleModelError(found.failing)
+        raise PhysicalConsistencyError(
+            f"the base parameters are not physically consistent: {'; '.join(found.failing)}.",
+            found=found.failing,
+            advice=(
+                "A simulator requires bodies. Identify with `possible = true` under [estimate] in the study, or with "
+                "`haptid.PhysicallyConsistent`."
+            ),
+        )
     conditions = roomy(model, beta)
     return conditions.scale * inward(conditions, found.chi / conditions.scale)
 

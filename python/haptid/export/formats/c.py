@@ -51,9 +51,8 @@ def export_c(
         anyway: export a model that fails its criterion or was not validated, with a note in the header.
 
     Raises:
-        FailedValidationError, UnvalidatedError: the model does not meet its validation criterion.
-        UnexportableTermError: a term that code cannot compute.
-        VaryingLoopError: loops that are not linear.
+        UnvalidatedModelError: the model does not meet its validation criterion.
+        ExportError: a term that code cannot compute, or loops that are not linear.
         ShapeError: the number of base parameters is not that of the device.
         OutputError: the folder cannot be written.
     """

@@ -39,7 +39,7 @@ def export_json(
         folder: output folder of NAME.json.
 
     Raises:
-        FailedValidationError, UnvalidatedError: the model does not meet its validation criterion.
+        UnvalidatedModelError: the model does not meet its validation criterion.
         OutputError: the folder cannot be written.
     """
     source = provenance(identified, validation, largest_error, anyway)

@@ -47,7 +47,7 @@ def export_latex(
         folder: output folder of NAME.tex, NAME_parameters.tex and NAME_groupings.tex.
 
     Raises:
-        FailedValidationError, UnvalidatedError: the model does not meet its validation criterion.
+        UnvalidatedModelError: the model does not meet its validation criterion.
         OutputError: the folder cannot be written.
     """
     source = provenance(identified, validation, largest_error, anyway)

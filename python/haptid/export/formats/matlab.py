@@ -33,9 +33,8 @@ def export_matlab(
         folder: output folder of NAME_parameters.m, NAME_inverse_dynamics.m and so on.
 
     Raises:
-        FailedValidationError, UnvalidatedError: the model does not meet its validation criterion.
-        UnexportableTermError: a term that code cannot compute.
-        VaryingLoopError: loops that are not linear.
+        UnvalidatedModelError: the model does not meet its validation criterion.
+        ExportError: a term that code cannot compute, or loops that are not linear.
         OutputError: the folder cannot be written.
     """
     source = provenance(identified, validation, largest_error, anyway)

@@ -31,9 +31,9 @@ def export_mjcf(
         folder: output folder of NAME.xml.
 
     Raises:
-        FailedValidationError, UnvalidatedError: the model does not meet its validation criterion.
-        ImpossibleModelError: the base parameters are not physically consistent.
-        UnsimulatedTermError, UnsimulatedLoopError: a term or loop without counterpart in MuJoCo.
+        UnvalidatedModelError: the model does not meet its validation criterion.
+        PhysicalConsistencyError: the base parameters are not physically consistent.
+        ExportError: a term or loop without counterpart in MuJoCo.
         OutputError: the folder cannot be written.
     """
     source = provenance(identified, validation, largest_error, anyway)

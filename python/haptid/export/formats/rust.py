@@ -70,9 +70,8 @@ def export_rust(
         folder: output folder of Cargo.toml and src/lib.rs.
 
     Raises:
-        FailedValidationError, UnvalidatedError: the model does not meet its validation criterion.
-        UnexportableTermError: a term that code cannot compute.
-        VaryingLoopError: loops that are not linear.
+        UnvalidatedModelError: the model does not meet its validation criterion.
+        ExportError: a term that code cannot compute, or loops that are not linear.
         OutputError: the folder cannot be written.
     """
     source = provenance(identified, validation, largest_error, anyway)

@@ -46,9 +46,9 @@ def export_urdf(
         folder: output folder of NAME.urdf.
 
     Raises:
-        FailedValidationError, UnvalidatedError: the model does not meet its validation criterion.
-        ImpossibleModelError: the base parameters are not physically consistent.
-        UnsimulatedTermError: a term without counterpart in rigid-body simulators.
+        UnvalidatedModelError: the model does not meet its validation criterion.
+        PhysicalConsistencyError: the base parameters are not physically consistent.
+        ExportError: a term without counterpart in rigid-body simulators.
         OutputError: the folder cannot be written.
     """
     source = provenance(identified, validation, largest_error, anyway)

@@ -9,7 +9,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from haptid.dynamics.model import DynamicModel
-from haptid.errors import VaryingLoopError
+from haptid.errors import ExportError
 from haptid.export.expressions.emit import Function
 from haptid.export.expressions.factoring import shortest
 from haptid.export.expressions.graph import PARAMETER, Expr, Graph, Operations, cost, operations
@@ -64,12 +64,17 @@ def code_of(model: DynamicModel, speed: float, zero: Collection[int] = ()) -> Co
         zero: indices of eliminated base parameters, zero in the code.
 
     Raises:
-        UnexportableTermError: a term that code cannot compute.
-        VaryingLoopError: loops that are not linear.
+        ExportError: a term that code cannot compute, or loops that are not linear.
     """
     varying = model.device.varying.any(axis=1)
     if varying.any():
-        raise VaryingLoopError(model.device.name, [model.device.joint_names[j] for j in np.flatnonzero(varying)])
+        passive = [model.device.joint_names[j] for j in np.flatnonzero(varying)]
+        raise ExportError(
+            f"{model.device.name} has nonlinear loops: {', '.join(passive)} depend nonlinearly on the active joints.",
+            where=model.device.name,
+            found=passive,
+            advice="Code without iterations exists only for linear loops: parallelograms, couplings and mimic joints.",
+        )
     graph, tree = Graph(), tree_of(model)
     none = graph.number(0.0)
     parameters = [none if k in zero else graph.name(f"p[{k}]", PARAMETER) for k in range(len(model.base))]

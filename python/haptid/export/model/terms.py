@@ -10,7 +10,7 @@ import numpy as np
 from haptid.device.expressions import Column
 from haptid.device.terms.term import DRY, Counterbalance, LoadDependentFriction, TermColumn
 from haptid.dynamics.model import DynamicModel
-from haptid.errors import UnexportableTermError
+from haptid.errors import ExportError
 from haptid.export.expressions.graph import Expr, Graph
 from haptid.export.expressions.vectors import combined
 
@@ -58,7 +58,7 @@ def _column(model: DynamicModel, term: TermColumn, graph: Graph, q: list[Expr], 
     if isinstance(term.shape, Counterbalance):
         return _strut(term.shape, graph, joints[term.shape.joint])
     if isinstance(term.shape, LoadDependentFriction):
-        raise UnexportableTermError(term.name, "load-dependent friction depends on accelerations")
+        raise _unexportable_term(term.name, "load-dependent friction depends on accelerations")
     assert isinstance(term.shape, Column)  # the last kind
     return _written(model, term, term.shape, graph, joints, qd)
 
@@ -94,7 +94,7 @@ def _written(
 ) -> Expr:
     """A custom column of the device file."""
     if column.reads({f"a_{name}" for name in model.device.joint_names}):
-        raise UnexportableTermError(term.name, f"its expression {column.text} depends on accelerations")
+        raise _unexportable_term(term.name, f"its expression {column.text} depends on accelerations")
     values: dict[str, Expr] = {name: graph.number(value) for name, value in column.constants.items()}
     values["pi"] = graph.number(np.pi)
     rates = [combined(row, qd) for row in model.device.rates]
@@ -129,3 +129,14 @@ def _expression(graph: Graph, node: ast.expr, values: Mapping[str, Expr]) -> Exp
                     return a / b
             return graph.power(a, b)
     raise TypeError(f"{ast.dump(node)} was not checked")
+
+
+def _unexportable_term(name: str, why: str) -> ExportError:
+    return ExportError(
+        f"term {name} cannot be written as code: {why}.",
+        where=name,
+        advice=(
+            "Write it with positions and velocities only, or leave it out of the device file and add its torque in "
+            "the control loop."
+        ),
+    )
