@@ -131,7 +131,7 @@ class FrictionTest:
     def coulomb(self, label: str) -> tuple[float, tuple[float, float]]:
         """Coulomb friction of a motor and its 95 % interval, N m."""
         chosen = next(joint.chosen for joint in self.choice.joints if joint.label == label)
-        return chosen.values["FC"], chosen.intervals["FC"]
+        return chosen.values["FC"], chosen.conf_int()["FC"]
 
 
 def friction_test(stretch: Stretch, recorded: Recorded) -> FrictionTest:
