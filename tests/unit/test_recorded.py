@@ -40,7 +40,7 @@ def test_the_figures_come_back_to_the_last_bit(made):
     found, folder = made
     read, estimate = Result.load(folder), found.estimate
     assert read.names == estimate.base.names
-    for name in ("beta", "covariance", "freedom", "sd"):
+    for name in ("beta", "covariance", "dof", "se"):
         np.testing.assert_array_equal(getattr(read, name), getattr(estimate, name))
     np.testing.assert_array_equal(read.conf_int(), estimate.interval95)
     np.testing.assert_array_equal(read.free, estimate.beta)

@@ -277,7 +277,7 @@ def test_one_result_alone_is_refused(folders):
     assert "give 2 or more" in " ".join(done.output.split())
 
 
-@pytest.mark.parametrize("freedom", [3.0, 8.0])
+@pytest.mark.parametrize("dof", [3.0, 8.0])
 def test_the_mean_of_two_weights_has_meiers_variance(dof):
     """A line through four values at two times is the difference of two weighted means (Meier 1953, eq. for two)."""
     value, se = np.array([0.0, 0.2, 1.0, 1.1]), np.array([1.0, 2.0, 0.5, 1.5])

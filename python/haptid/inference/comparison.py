@@ -224,7 +224,7 @@ class Series:
 
     def __post_init__(self) -> None:
         n, k = len(self.labels), len(self.names)
-        shapes = {"value": (n, k), "sd": (n, k), "freedom": (n, k), "covariance": (n, k, k)}
+        shapes = {"value": (n, k), "se": (n, k), "dof": (n, k), "covariance": (n, k, k)}
         for name, shape in shapes.items():
             object.__setattr__(self, name, read_only(getattr(self, name)))
             expect(name, getattr(self, name).shape, shape)

@@ -42,7 +42,7 @@ class DriveGains:
     beta: Array
 
     def __post_init__(self) -> None:
-        for name in ("factor", "covariance", "freedom", "beta"):
+        for name in ("factor", "covariance", "dof", "beta"):
             object.__setattr__(self, name, read_only(getattr(self, name)))
 
     def conf_int(self, level: float = LEVEL) -> Array:

@@ -62,7 +62,7 @@ class Targets:
         expect("C", self.C.shape, (k, None))
         for name in ("covariance", "classical_covariance"):
             expect(name, getattr(self, name).shape, (k, k))
-        for name in ("C", "value", "free", "covariance", "classical_covariance", "freedom"):
+        for name in ("C", "value", "free", "covariance", "classical_covariance", "dof"):
             object.__setattr__(self, name, read_only(getattr(self, name)))
 
     def __len__(self) -> int:
