@@ -1,1 +1,1 @@
-"""What to change in a study: proposals that are tried on the same data before they are made."""
+"""Advice: changes of a study, each tested on the same data before it is proposed."""

@@ -81,8 +81,8 @@ class Comparison:
     Attributes:
         names, units: of the parameters compared, (k,).
         first, second: values, (k,).
-        first_sd, second_sd: cluster-robust standard errors, infinite where they cannot be estimated, (k,).
-        first_freedom, second_freedom: degrees of freedom of each, (k,).
+        first_se, second_se: cluster-robust standard errors, infinite where they cannot be estimated, (k,).
+        first_dof, second_dof: degrees of freedom of each, (k,).
         covariance: of second - first, the sum of both, (k, k).
         confidence: family-wise confidence level at which a parameter counts as different.
         notes: sentences for the user.
@@ -92,16 +92,16 @@ class Comparison:
     units: tuple[str, ...]
     first: Array
     second: Array
-    first_sd: Array
-    second_sd: Array
-    first_freedom: Array
-    second_freedom: Array
+    first_se: Array
+    second_se: Array
+    first_dof: Array
+    second_dof: Array
     covariance: Array
     confidence: float
     notes: tuple[str, ...]
 
     def __post_init__(self) -> None:
-        for name in ("first", "second", "first_sd", "second_sd", "first_freedom", "second_freedom", "covariance"):
+        for name in ("first", "second", "first_se", "second_se", "first_dof", "second_dof", "covariance"):
             object.__setattr__(self, name, read_only(getattr(self, name)))
 
     @property
@@ -112,15 +112,15 @@ class Comparison:
     @cached_property
     def se(self) -> Array:
         """Standard errors of the differences, (k,)."""
-        return freeze(np.hypot(self.first_sd, self.second_sd))
+        return freeze(np.hypot(self.first_se, self.second_se))
 
     @cached_property
     def dof(self) -> Array:
         """Degrees of freedom, (k,) (Welch 1947, eq. 28); the smaller one where a standard error is infinite."""
-        a, b = self.first_sd**2, self.second_sd**2
-        least = np.minimum(self.first_freedom, self.second_freedom)
+        a, b = self.first_se**2, self.second_se**2
+        least = np.minimum(self.first_dof, self.second_dof)
         with np.errstate(invalid="ignore"):
-            made = (a + b) ** 2 / (a**2 / self.first_freedom + b**2 / self.second_freedom)
+            made = (a + b) ** 2 / (a**2 / self.first_dof + b**2 / self.second_dof)
         return freeze(np.where(np.isfinite(made), made, least))
 
     def conf_int(self, level: float | None = None) -> Array:
@@ -146,7 +146,7 @@ class Comparison:
     @cached_property
     def flipped(self) -> tuple[str, ...]:
         """Those that differ and have changed sign, both values being significantly different from zero."""
-        sides = ((self.first, self.first_sd, self.first_freedom), (self.second, self.second_sd, self.second_freedom))
+        sides = ((self.first, self.first_se, self.first_dof), (self.second, self.second_se, self.second_dof))
         nonzero = np.all([two_sided(*side) < 1 - self.confidence for side in sides], axis=0)
         turned = nonzero & (np.sign(self.first) != np.sign(self.second))
         return tuple(name for name, flip in zip(self.names, turned, strict=True) if flip and name in self.differs)
@@ -169,9 +169,9 @@ class Comparison:
                 [
                     self.names[k],
                     f"{self.first[k]:.4g}",
-                    f"{self.first_sd[k]:.2g}",
+                    f"{self.first_se[k]:.2g}",
                     f"{self.second[k]:.4g}",
-                    f"{self.second_sd[k]:.2g}",
+                    f"{self.second_se[k]:.2g}",
                     f"{self.difference[k]:.3g}",
                     f"{low:.3g} .. {high:.3g}",
                     f"{self.holm[k]:.2g}",
@@ -273,10 +273,10 @@ class Series:
             units=self.units,
             first=self.value[a],
             second=self.value[b],
-            first_sd=self.se[a],
-            second_sd=self.se[b],
-            first_freedom=self.dof[a],
-            second_freedom=self.dof[b],
+            first_se=self.se[a],
+            second_se=self.se[b],
+            first_dof=self.dof[a],
+            second_dof=self.dof[b],
             covariance=self.covariance[a] + self.covariance[b],
             confidence=self.confidence,
             notes=self.notes,

@@ -1,4 +1,4 @@
-"""The method of estimation and the kind of intervals that a study names."""
+"""Estimation method, constraints and kind of confidence intervals of a study."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ from haptid.estimation.methods.simulating import ClosedLoop
 from haptid.simulation import PID
 from haptid.study.schema import EstimateTable
 
-# What each method is made of, and the keys of the study that are its settings.
+# Constructor of each method, and the study keys that are its settings.
 METHODS: Mapping[str, tuple[Callable[..., Method], tuple[str, ...]]] = {
     "OLS": (OLS, ()),
     "WLS": (WLS, ("passes",)),
@@ -76,10 +76,16 @@ INTERVALS: Mapping[str, Callable[[], Intervals]] = {
 }
 LOSSES: Mapping[str, Callable[[], Loss]] = {"Tukey": Tukey, "Huber": Huber, "Student t": StudentT}
 SETTINGS = tuple(dict.fromkeys(key for _, keys in METHODS.values() for key in keys))
-HOLDING = ("possible", "limits", "relations")
+CONSTRAINTS = ("possible", "limits", "relations")
 
 
 def method_of(study: Path, table: EstimateTable, controller: PID | None) -> Method:
+    """The method of a study, with its constraints.
+
+    Raises:
+        StudyFileError: a setting that the method does not have, or that has no meaning.
+        StudyControllerError: the method requires the controller, and there is none.
+    """
     make, keys = METHODS[table.method]
     given = {key: value for key in SETTINGS if (value := getattr(table, key)) is not None}
     for key in given:
@@ -95,17 +101,19 @@ def method_of(study: Path, table: EstimateTable, controller: PID | None) -> Meth
         given["resolution"] = tuple(given["resolution"])
     if make is Entropic and INTERVALS[table.intervals] is Profile:
         raise StudyFileError(study, "estimate.intervals", str(PulledProfileError()).rstrip("."))
-    held = [key for key in HOLDING if getattr(table, key)]
+    held = [key for key in CONSTRAINTS if getattr(table, key)]
     if len(held) > 1:
-        raise StudyFileError(study, f"estimate.{held[1]}", f"beside {held[0]}: give one of {', '.join(HOLDING)}")
+        raise StudyFileError(
+            study, f"estimate.{held[1]}", f"together with {held[0]}: give one of {', '.join(CONSTRAINTS)}"
+        )
     try:
-        return _held(table, make(**given))
+        return _constrained(table, make(**given))
     except MethodSettingError as error:
         raise StudyFileError(study, "estimate", str(error).rstrip(".")) from error
 
 
-def _held(table: EstimateTable, weighting: Method) -> Method:
-    """The method with what holds its estimate."""
+def _constrained(table: EstimateTable, weighting: Method) -> Method:
+    """The method with its constraints."""
     if table.possible:
         return PhysicallyConsistent(weighting)
     if table.limits:

@@ -1,4 +1,4 @@
-"""From a study file to a study."""
+"""`read_study`: a study file as a `Study`."""
 
 from __future__ import annotations
 
@@ -34,9 +34,9 @@ def read_study(path: str | Path) -> Study:
     """Read a study file.
 
     Raises:
-        StudyFileError: the file cannot be read, or a key in it is missing, unknown or wrong; says which.
-        StudyLogsError: the logs cannot serve the study: none to identify from, or one named twice.
-        StudyControllerError: the method needs the controller that moved the device, and there is none.
+        StudyFileError: the file cannot be read, or a key in it is missing, unknown or wrong.
+        StudyLogsError: there is no log to identify from, or one is named twice.
+        StudyControllerError: the method requires the controller that moved the device, and there is none.
     """
     path = Path(path)
     table = read_checked(path, StudyTable, StudyFileError, "a study")
@@ -58,7 +58,7 @@ def read_study(path: str | Path) -> Study:
 
 
 def _treatment(study: Path, table: TreatmentTable) -> dict[str, Any]:
-    """Settings of `Treatment` that the study gives."""
+    """Given settings of `Treatment`."""
     given: dict[str, Any] = table.model_dump(exclude_none=True)
     shape, order = given.pop("parallel_shape", None), given.pop("parallel_order", None)
     if order is not None and shape != "causal":
@@ -68,7 +68,7 @@ def _treatment(study: Path, table: TreatmentTable) -> dict[str, Any]:
     if "velocity_cutoff_hz" in given:
         given |= {"velocity": HighPass(given.pop("velocity_cutoff_hz")), "cutoff_hz": given.get("cutoff_hz")}
     settings: dict[str, Any] = {key: None if value == "none" else value for key, value in given.items()}
-    Treatment(**settings)  # a setting that means nothing is an error before any log is read
+    Treatment(**settings)  # a setting without meaning is an error before any log is read
     return settings
 
 
@@ -87,7 +87,7 @@ def _controller(study: Path, table: ControllerTable) -> PID:
 
 
 def _device(study: Path, text: str) -> str | Path:
-    """A path where the study means one, else the name of a shipped device."""
+    """A path, or the name of a shipped device."""
     return study.parent / text if text.endswith(".toml") or "/" in text or "\\" in text else text
 
 
