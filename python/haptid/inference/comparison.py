@@ -15,13 +15,7 @@ import numpy as np
 
 from haptid._internal.arrays import Array, expect, freeze, read_only
 from haptid.dynamics.base_parameters import BaseParameters
-from haptid.errors import (
-    ConfidenceError,
-    DependentEstimatesError,
-    DifferentParametersError,
-    FewEstimatesError,
-    LabelCountError,
-)
+from haptid.errors import ModelMismatchError, SettingError, SharedRowsError, listed
 from haptid.observation.observation import Block
 from haptid.uncertainty.multiple_testing import deviations_to_weigh, misfit, together, two_sided
 from haptid.uncertainty.quantities import aligned, half_width
@@ -333,20 +327,36 @@ def compare(
         A `Comparison` of two estimates without labels, otherwise a `Series`.
 
     Raises:
-        ConfidenceError: it is not between 0 and 1.
-        FewEstimatesError: fewer than two estimates.
-        LabelCountError: not one different label for each.
-        DependentEstimatesError: two were made from the same rows.
-        DifferentParametersError: they have no parameter in common.
+        SettingError: the confidence is not between 0 and 1; there are fewer than two estimates; not one different label
+            for each.
+        SharedRowsError: two were made from the same rows.
+        ModelMismatchError: they have no parameter in common.
     """
     if not 0 < confidence < 1:
-        raise ConfidenceError(confidence)
+        raise SettingError(
+            f"confidence is {confidence!r}.",
+            where="confidence",
+            found=confidence,
+            limit=(0, 1),
+            advice="Write a number between 0 and 1, such as 0.95.",
+        )
     if len(estimates) < 2:
-        raise FewEstimatesError(len(estimates), 2)
+        raise SettingError(
+            f"{len(estimates)} estimates cannot be compared; give 2 or more.",
+            where="estimates",
+            found=len(estimates),
+            limit=2,
+        )
     pair = ("the first estimate", "the second estimate") if len(estimates) == 2 and labels is None else None
     called = tuple(labels or pair or (str(k + 1) for k in range(len(estimates))))
     if len(called) != len(estimates) or len(set(called)) != len(called):
-        raise LabelCountError(called, len(estimates))
+        raise SettingError(
+            f"{len(set(called))} different labels are given for {len(estimates)} estimates, {list(called)!r}; give one "
+            "for each.",
+            where="labels",
+            found=len(set(called)),
+            limit=len(estimates),
+        )
     for k, one in enumerate(estimates):
         for other in estimates[:k]:
             check_independent(other, one)
@@ -368,23 +378,28 @@ def compare(
 
 
 def check_independent(first: Comparable, second: Comparable) -> None:
-    """Raise DependentEstimatesError where both were made from the same rows."""
+    """Raise SharedRowsError where both were made from the same rows."""
     for block in first.blocks:
         if any(block.overlaps(other) for other in second.blocks):
-            raise DependentEstimatesError(block.log, block.start, block.stop)
+            raise SharedRowsError(
+                f"both estimates were made from the rows from {block.start:.3f} to {block.stop:.3f} s of log "
+                f"{block.log[:12]}, so the standard error of their difference is not known.",
+                where=(block.log, block.start),
+                advice="Compare estimates from logs, or time ranges, without common rows.",
+            )
 
 
 def common_parameters(estimates: Sequence[Comparable]) -> tuple[str, ...]:
     """Names of the parameters that all estimates have with one unit and meaning.
 
     Raises:
-        DifferentParametersError: there is none.
+        ModelMismatchError: there is none.
     """
     first, *others = estimates
     names = tuple(name for name in first.names if all(same_parameter(name, first, other) for other in others))
     if not names:
         fewest = min(others, key=lambda other: sum(same_parameter(name, first, other) for name in first.names))
-        raise DifferentParametersError(list(first.names), list(fewest.names))
+        raise _different_parameters(first.names, fewest.names)
     return names
 
 
@@ -432,3 +447,12 @@ def family_wise(confidence: float, many: int) -> str:
 def confidence_text(p: float) -> str:
     """A p-value as a confidence level, rounded down: 99.89 % does not reach 99.9 %."""
     return f"{np.floor(1e3 * (1 - p)) / 10:.1f} %"
+
+
+def _different_parameters(first: Sequence[str], second: Sequence[str]) -> ModelMismatchError:
+    shown = " and of ".join(listed(names, 6) for names in (first, second))
+    return ModelMismatchError(
+        f"these estimates have no parameter of one name, unit and meaning in common: they are of {shown}.",
+        found=(tuple(first), tuple(second)),
+        advice="Compare base parameters with base parameters or targets with targets, in the same units.",
+    )

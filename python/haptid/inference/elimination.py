@@ -23,7 +23,7 @@ import numpy as np
 from scipy import linalg, stats
 
 from haptid._internal.arrays import Array, positive
-from haptid.errors import MethodSettingError
+from haptid.errors import SettingError
 from haptid.estimation.estimate import Estimate, Restricted, estimate
 from haptid.estimation.least_squares import EXCITED
 from haptid.estimation.methods.zeroed import FixedAtZero
@@ -60,7 +60,7 @@ class GautierRatio:
 
     def __post_init__(self) -> None:
         if not (positive(self.times) and self.times > 1):
-            raise MethodSettingError("GautierRatio", "times", self.times, "a finite number above 1")
+            raise _setting("GautierRatio", "times", self.times, "a finite number above 1")
 
     def limit(self, smallest: float) -> float:
         """Upper limit of the largest, per cent, given the smallest one."""
@@ -84,7 +84,7 @@ class MaxRelativeStd:
 
     def __post_init__(self) -> None:
         if not positive(self.percent):
-            raise MethodSettingError("MaxRelativeStd", "percent", self.percent, "a finite number above zero")
+            raise _setting("MaxRelativeStd", "percent", self.percent, "a finite number above zero")
 
     def limit(self, smallest: float) -> float:
         """Upper limit of the largest, per cent, for any smallest one."""
@@ -204,7 +204,7 @@ class BackwardElimination:
 
     def __post_init__(self) -> None:
         if not 0 < self.level < 1:
-            raise MethodSettingError("Essential", "level", self.level, "a probability between 0 and 1")
+            raise _setting("BackwardElimination", "level", self.level, "a probability between 0 and 1")
 
 
 def eliminate(
@@ -218,11 +218,11 @@ def eliminate(
         unseen: rows outside the fit, on which both are validated.
 
     Raises:
-        MethodSettingError: the estimate is constrained: a zero may violate the constraints.
-        SeenRowsError: rows of `unseen` were in the fit.
+        SettingError: the estimate is constrained: a zero may violate the constraints.
+        SharedRowsError: rows of `unseen` were in the fit.
     """
     if isinstance(full.method, Restricted):
-        raise MethodSettingError("eliminate", "the method", full.method.name, "the estimate by OLS() or WLS()")
+        raise _setting("eliminate", "the method", full.method.name, "the estimate by OLS() or WLS()")
     how = how or BackwardElimination()
     if isinstance(unseen, Motion):
         unseen = observe(full.model, unseen)
@@ -354,3 +354,7 @@ def not_identifiable(rows: Observation) -> tuple[int, ...]:
         if lengths[k] > EXCITED * lengths.max() and least > COLLINEAR:
             kept.append(k)
     return tuple(k for k in range(len(lengths)) if k not in kept)
+
+
+def _setting(owner: str, name: str, value: object, wanted: str) -> SettingError:
+    return SettingError(f"{owner}: {name} is {value!r}; write {wanted}.", where=name, found=value, limit=wanted)

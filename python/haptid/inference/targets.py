@@ -12,7 +12,7 @@ from haptid._internal.arrays import Array, expect, freeze, read_only
 from haptid.device.priors import combined_prior
 from haptid.dynamics.base_parameters import base_combinations
 from haptid.dynamics.model import DynamicModel
-from haptid.errors import NoTargetsError
+from haptid.errors import IncompleteDeviceError
 from haptid.estimation import Estimate, Parameter
 from haptid.observation.observation import Block
 from haptid.uncertainty.quantities import LEVEL, aligned, correlations, half_width
@@ -163,8 +163,8 @@ def targets(estimate: Estimate) -> Targets:
         estimate: of a device whose file has a table [targets].
 
     Raises:
-        NoTargetsError: there is none.
-        UnidentifiableTargetError: a target is not a linear combination of base parameters.
+        IncompleteDeviceError: there is none.
+        IdentifiabilityError: a target is not a linear combination of base parameters.
     """
     model = estimate.model
     C = target_map(model)
@@ -194,11 +194,15 @@ def target_map(model: DynamicModel) -> Array:
     """Matrix C of targets = C beta, (targets, base parameters).
 
     Raises:
-        NoTargetsError: the device has no targets.
-        UnidentifiableTargetError: a target is not a linear combination of base parameters.
+        IncompleteDeviceError: the device has no targets.
+        IdentifiabilityError: a target is not a linear combination of base parameters.
     """
     if not model.device.targets:
-        raise NoTargetsError(model.device.name)
+        raise IncompleteDeviceError(
+            f"device {model.device.name!r} has no targets.",
+            where=model.device.name,
+            advice='Write a table [targets] in its file, such as pi_4 = "2*(L1*MX2 + L3*MX3)", and read it again.',
+        )
     rows = np.array([target.row for target in model.device.targets])
     return base_combinations(model, [target.name for target in model.device.targets], rows)
 

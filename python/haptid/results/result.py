@@ -20,7 +20,7 @@ from haptid.device.toml.tables import checked
 from haptid.dynamics.base_parameters import BaseParameters
 from haptid.dynamics.model import DynamicModel
 from haptid.end_effector.characterisation.model import GivenParameters
-from haptid.errors import ResultDeviceError, ResultFileError, ShapeError
+from haptid.errors import ResultFileError, ShapeError, listed
 from haptid.estimation import BoundedSolution, Constrained, Estimate, Method, PhysicallyConsistent, Reduced
 from haptid.estimation.nonlinear import VariableProjection
 from haptid.inference.targets import targets
@@ -137,8 +137,8 @@ class Result(Table):
             folder: the folder, or the file itself.
 
         Raises:
-            ResultFileError: there is no result, it has another schema, or a key is missing or wrong.
-            ResultDeviceError: this haptid finds other base parameters for the device than the one that wrote it.
+            ResultFileError: there is no result, it has another schema, a key is missing or wrong, or this haptid finds
+                other base parameters for the device than the one that wrote it.
             DeviceError: the device in it cannot be read by this haptid.
         """
         path = Path(folder)
@@ -150,10 +150,10 @@ class Result(Table):
             model = _with_load_friction(path, model, made.estimate.load_friction_parameters)
         stored = [p.name for p in made.estimate.parameters]
         if tuple(stored) != model.base.names:
-            raise ResultDeviceError(path, stored, model.base.names, made.haptid)
+            raise _other_parameters(path, stored, model.base.names, made.haptid)
         size = len(stored)
         if [len(row) for row in made.estimate.covariance] != [size] * size:
-            raise ResultFileError(path, f"key `estimate.covariance` is wrong (not {size} x {size})")
+            raise fault(path, f"key `estimate.covariance` is wrong (not {size} x {size})", "estimate.covariance")
         made._model = model
         return made
 
@@ -405,17 +405,35 @@ def _validations(errors: Iterable[ErrorTable], model: DynamicModel, *, seen: boo
             motors.append(MotorError(e.motor, labels.get(e.motor, e.motor), e.unit, e.residual, e.measured, e.count))
 
 
+def fault(path: Path, what: str, key: str | None = None) -> ResultFileError:
+    """The error for a file that is no result of this schema."""
+    advice = "Give the output folder of `haptid identify`, or identify again."
+    return ResultFileError(f"{path}: {what}.", where=key or str(path), advice=advice)
+
+
+def _other_parameters(path: Path, stored: Sequence[str], found: Sequence[str], version: str) -> ResultFileError:
+    lost = listed([name for name in stored if name not in found]) or "their order"
+    return ResultFileError(
+        f"{path}: its {len(stored)} base parameters, by haptid {version}, are not the {len(found)} of its device here; "
+        f"they differ in {lost}.",
+        where="estimate.parameters",
+        found=tuple(stored),
+        limit=tuple(found),
+        advice="Identify again with this haptid.",
+    )
+
+
 def _read(path: Path) -> dict[str, Any]:
     try:
         if path.stat().st_size > LARGEST_FILE:
-            raise ResultFileError(path, f"the file is larger than {LARGEST_FILE >> 20} MiB, so it is no result")
+            raise fault(path, f"the file is larger than {LARGEST_FILE >> 20} MiB, so it is no result")
         values = json.loads(path.read_text(encoding="utf-8"))
     except FileNotFoundError:
-        raise ResultFileError(path, "there is no such file") from None
+        raise fault(path, "there is no such file") from None
     except (OSError, ValueError, RecursionError) as error:  # not readable, not UTF-8, not JSON
-        raise ResultFileError(path, f"cannot be read ({error})") from error
+        raise fault(path, f"cannot be read ({error})") from error
     if not isinstance(values, dict):
-        raise ResultFileError(path, "is not a result of haptid")
+        raise fault(path, "is not a result of haptid")
     return values
 
 
@@ -423,9 +441,12 @@ def _validated(cls: type[Result], path: Path, values: dict[str, Any]) -> Result:
     version = values.get("schema")
     if isinstance(version, int) and version != SCHEMA:
         raise ResultFileError(
-            path,
-            f"was written by haptid {values.get('haptid', '(unknown version)')} in schema {version}; this haptid "
-            f"({__version__}) reads schema {SCHEMA}. Run `haptid identify` again on the study {values.get('study')!r}",
+            f"{path}: was written by haptid {values.get('haptid', '(unknown version)')} in schema {version}; this "
+            f"haptid ({__version__}) reads schema {SCHEMA}.",
+            where="schema",
+            found=version,
+            limit=SCHEMA,
+            advice=f"Run `haptid identify` again on the study {values.get('study')!r}.",
         )
     try:
         return cls.model_validate(values)
@@ -433,18 +454,18 @@ def _validated(cls: type[Result], path: Path, values: dict[str, Any]) -> Result:
         first = error.errors(include_url=False)[0]
         where = ".".join(map(str, first["loc"]))
         what = "is missing" if first["type"] == "missing" else f"is wrong ({first['msg']})"
-        raise ResultFileError(path, f"key `{where}` {what}") from error
+        raise fault(path, f"key `{where}` {what}", where) from error
 
 
 def _with_load_friction(path: Path, model: DynamicModel, parameters: list[float] | None) -> DynamicModel:
     """With load-dependent friction of the bodies that it was estimated with."""
-    key = "key `estimate.load_friction_parameters`"
+    key = "estimate.load_friction_parameters"
     if parameters is None:
-        raise ResultFileError(path, f"{key} is missing, of which the load-dependent friction is made")
+        raise fault(path, f"key `{key}` is missing, of which the load-dependent friction is made", key)
     try:
         return model.with_load(parameters)
     except ShapeError as error:
-        raise ResultFileError(path, f"{key} is wrong ({error})") from error
+        raise fault(path, f"key `{key}` is wrong ({error})", key) from error
 
 
 def _or(values: Sequence[float | None], instead: float) -> Array:

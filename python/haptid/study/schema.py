@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import Annotated, Any, Literal
 
 from pydantic import BaseModel, ConfigDict, Field
+
+from haptid.errors import StudyFileError
 
 Role = Literal["identify", "validate"]
 Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
@@ -71,7 +74,7 @@ class TreatmentTable(_Table):
     parallel_cutoff_hz: Positive | None = Field(None, description="-3 dB of the parallel filter of torque and W, Hz")
     parallel_shape: Literal["bell", "sharp", "causal"] | None = Field(
         None,
-        description="of that filter: bell (a Kaiser window, default), sharp (windowed sinc, as in publications), or causal",
+        description="of that filter: bell (Kaiser window, default), sharp (windowed sinc), or causal",
     )
     parallel_order: int | None = Field(None, ge=1, le=12, description="of the causal filter; default 1")
     accelerations: Literal["differences", "momentum"] | None = Field(
@@ -198,6 +201,19 @@ class StudyTable(_Table):
     controller: ControllerTable | None = None
     estimate: EstimateTable = EstimateTable.model_validate({})
     criteria: CriteriaTable = CriteriaTable.model_construct(relative_error_percent=None)
+
+
+def fault(study: Path, key: str, what: str, found: Any = None, advice: str = "") -> StudyFileError:
+    """The error for a key of a study file.
+
+    Args:
+        study: the file.
+        key: with dots.
+        what: is wrong, without full stop.
+        found: the value.
+        advice: what to do.
+    """
+    return StudyFileError(f"{study}, key `{key}`: {what}.", where=key, found=found, advice=advice)
 
 
 def study_schema() -> dict[str, Any]:

@@ -16,7 +16,7 @@ from scipy import signal
 
 from haptid._internal.arrays import Array
 from haptid.dynamics.model import DynamicModel
-from haptid.errors import MotionTooShortError, NoRowsError, TooFewRowsError, TreatmentValueError, UnexcitedError
+from haptid.errors import IdentifiabilityError, MotionTooShortError, NoRowsError, TreatmentValueError
 from haptid.log import Log
 from haptid.motion.channels import check_log, state
 from haptid.motion.treatment import Treatment, treat
@@ -279,7 +279,7 @@ def _timed(model: DynamicModel, logs: Sequence[Log], treatment: Treatment, asked
         plain = replace(treatment, velocity=None, cutoff_hz=cutoff)
     try:
         delay = find_delay(model, logs, plain)
-    except (NoRowsError, TooFewRowsError, UnexcitedError, MotionTooShortError):
+    except (NoRowsError, IdentifiabilityError, MotionTooShortError):
         delay = None
     if delay is None or delay.se > KNOWN * dt:
         return treatment, ("The logs do not tell how late the torque is; it is taken as it is.",)

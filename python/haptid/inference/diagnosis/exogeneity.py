@@ -20,7 +20,7 @@ import numpy as np
 from haptid._internal.arrays import Array
 from haptid.dynamics.inverse import rigid
 from haptid.dynamics.model import DynamicModel
-from haptid.errors import AccelerationColumnError, ControllerError, MasslessError, SimulationLostError
+from haptid.errors import MissingAccelerationError, SettingError, SimulationError
 from haptid.estimation import IV, Estimate, Method
 from haptid.estimation.methods.simulating import ClosedLoop, treated_as
 from haptid.inference.diagnosis.added_variable import AugmentedRows, CandidateColumns
@@ -98,7 +98,7 @@ def simulated(estimate: Estimate, law: PID) -> tuple[Motion, ...] | None:
     loop, model, seen = IV(controller=law), estimate.model, estimate.observation
     try:
         courses = loop.courses(seen, smooth(model, seen.motions, loop.friction), estimate.beta)
-    except (SimulationLostError, MasslessError, ControllerError, AccelerationColumnError):
+    except (SimulationError, SettingError, MissingAccelerationError):
         return None
     return tuple(treated_as(model, course) for course in courses)
 
