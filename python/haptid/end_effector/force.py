@@ -66,9 +66,9 @@ class HandleForce:
     notes: tuple[str, ...]
 
     def __post_init__(self) -> None:
-        for name in ("t", "wrench", "bare", "sd", "external"):
+        for name in ("t", "wrench", "bare", "se", "external"):
             object.__setattr__(self, name, read_only(getattr(self, name)))
-        for name in ("wrench", "bare", "sd"):
+        for name in ("wrench", "bare", "se"):
             expect(name, getattr(self, name).shape, (len(self.t), 6))
         expect("external", self.external.shape, (None, len(self.t)))
 

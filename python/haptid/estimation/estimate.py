@@ -111,7 +111,7 @@ class Estimate:
     zero: tuple[int, ...] = ()
 
     def __post_init__(self) -> None:
-        for name in ("beta", "covariance", "classical_covariance", "freedom", "weights"):
+        for name in ("beta", "covariance", "classical_covariance", "dof", "weights"):
             object.__setattr__(self, name, read_only(getattr(self, name)))
 
     @property

@@ -90,8 +90,8 @@ class Figure:
     def __post_init__(self) -> None:
         object.__setattr__(self, "value", read_only(self.value))
         if self.se is not None:
-            object.__setattr__(self, "sd", read_only(self.se))
-            expect("sd", self.se.shape, self.value.shape)
+            object.__setattr__(self, "se", read_only(self.se))
+            expect("se", self.se.shape, self.value.shape)
 
     @cached_property
     def interval95(self) -> Array | None:
