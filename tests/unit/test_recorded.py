@@ -40,13 +40,13 @@ def test_the_figures_come_back_to_the_last_bit(made):
     found, folder = made
     read, estimate = Result.load(folder), found.estimate
     assert read.names == estimate.base.names
-    for name in ("beta", "covariance", "dof", "se"):
-        np.testing.assert_array_equal(getattr(read, name), getattr(estimate, name))
+    np.testing.assert_array_equal(read.beta, estimate.beta)
+    for name in ("values", "covariance", "dof", "se"):
+        np.testing.assert_array_equal(getattr(read.quantities, name), getattr(estimate.quantities, name))
     np.testing.assert_array_equal(read.conf_int(), estimate.interval95)
-    np.testing.assert_array_equal(read.free, estimate.beta)
     assert (read.estimate.method, read.estimate.constraints, read.estimate.status) == ("WLS", None, "ok")
     assert tuple(read.notes[:-1]) == estimate.notes
-    assert read.single_block == estimate.single_block == ()
+    assert read.quantities.unbounded == estimate.single_block == ()
     assert (read.study, read.haptid) == (found.study.name, haptid.__version__)
     assert read.to_dict() == Result.of(found).to_dict() == json.loads((folder / "result.json").read_text())
 
@@ -96,11 +96,11 @@ def test_an_infinite_interval_comes_back(made, tmp_path):
         values["estimate"]["parameters"][3]["dof"] = None
 
     read = Result.load(changed(folder, tmp_path, lone))
-    assert read.single_block == (2,)
-    assert np.isinf(read.se[2])
-    assert np.isinf(read.dof[3])
+    assert read.quantities.unbounded == (2,)
+    assert np.isinf(read.quantities.se[2])
+    assert np.isinf(read.quantities.dof[3])
     assert np.isinf(trusted(read.identified, np.ones(3))).all()
-    assert dof(read.identified, np.eye(14)) == read.dof.min()
+    assert dof(read.identified, np.eye(14)) == read.quantities.dof.min()
 
 
 def test_what_is_no_result_is_refused(made, tmp_path):

@@ -15,7 +15,7 @@ from haptid.dynamics.model import DynamicModel
 from haptid.errors import IncompleteDeviceError
 from haptid.estimation import Estimate, Parameter
 from haptid.observation.observation import Block
-from haptid.uncertainty.quantities import LEVEL, aligned, correlations, half_width
+from haptid.uncertainty.quantities import LEVEL, Quantities, aligned, half_width
 
 # A drive rate below this share of the largest is rounding error.
 ROUNDING = 1e-7
@@ -72,6 +72,11 @@ class Targets:
         return self.parameters[self.names.index(name)]
 
     @property
+    def quantities(self) -> Quantities:
+        """The targets of the unconstrained fit, with covariance and degrees of freedom."""
+        return Quantities(self.names, self.units, self.free, self.covariance, self.dof, self.single_block)
+
+    @property
     def base(self) -> None:
         """None: targets are compared by name and unit."""
         return
@@ -89,9 +94,7 @@ class Targets:
     @cached_property
     def se(self) -> Array:
         """Cluster-robust standard errors, (k,); infinite where they cannot be estimated."""
-        se = np.sqrt(np.diag(self.covariance))
-        se[list(self.single_block)] = np.inf
-        return freeze(se)
+        return self.quantities.se
 
     def conf_int(self, level: float = LEVEL) -> Array:
         """Confidence intervals, (k, 2)."""
@@ -102,7 +105,7 @@ class Targets:
     @cached_property
     def correlation(self) -> Array:
         """Correlations of the errors, (k, k)."""
-        return correlations(self.covariance)
+        return self.quantities.correlation
 
     @cached_property
     def parameters(self) -> tuple[Parameter, ...]:

@@ -7,6 +7,7 @@ import dataclasses
 import json
 import math
 from collections.abc import Iterable, Iterator, Mapping, Sequence
+from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
@@ -43,7 +44,7 @@ from haptid.results.schema import (
     Table,
 )
 from haptid.study.identify import Identification, Run
-from haptid.uncertainty.quantities import correlations
+from haptid.uncertainty.quantities import Quantities
 from haptid.validation.validation import MotorError, Validation
 
 if TYPE_CHECKING:
@@ -162,7 +163,7 @@ class Result(Table):
         (folder / "result.json").write_text(self.to_json(), encoding="utf-8")
         heads = ("name", "value", "se", "low95", "high95", "relative_se_percent", "classical_se", "unit", "grouping")
         _write_csv(folder / "parameters.csv", [(*heads, "unconstrained"), *map(_csv_row, self.estimate.parameters)])
-        named = zip(self.names, self.correlation, strict=True)
+        named = zip(self.names, self.quantities.correlation, strict=True)
         rows = [[name, *("" if math.isnan(r) else r for r in row)] for name, row in named]
         _write_csv(folder / "correlation.csv", [["name", *self.names], *rows])
 
@@ -190,57 +191,30 @@ class Result(Table):
         return self.base.names
 
     @property
-    def units(self) -> tuple[str, ...]:
-        """Of the base parameters, (p,)."""
-        return self.base.units
-
-    @property
     def beta(self) -> Array:
         """Base parameters, (p,), SI."""
         return freeze(np.array([p.value for p in self.estimate.parameters]))
 
-    @property
-    def free(self) -> Array:
-        """Base parameters of the unconstrained fit, (p,), SI."""
-        return freeze(np.array([p.unconstrained for p in self.estimate.parameters]))
+    @cached_property
+    def quantities(self) -> Quantities:
+        """Base parameters of the unconstrained fit, with covariance and degrees of freedom."""
+        found = self.estimate.parameters
+        values = np.array([p.unconstrained for p in found])
+        covariance = np.array(self.estimate.covariance, dtype=float).reshape(len(found), -1)
+        dof = _or([p.dof for p in found], np.inf)
+        unbounded = tuple(k for k, p in enumerate(found) if p.se is None)
+        return Quantities(self.base.names, self.base.units, values, covariance, dof, unbounded)
 
     @property
     def constrained(self) -> bool:
         """Whether constraints move the estimate away from the unconstrained fit."""
-        return bool((self.beta != self.free).any())
-
-    @property
-    def covariance(self) -> Array:
-        """Of `free`, (p, p)."""
-        return freeze(np.array(self.estimate.covariance, dtype=float).reshape(len(self.names), -1))
-
-    @property
-    def dof(self) -> Array:
-        """Degrees of freedom of each interval, (p,)."""
-        return freeze(_or([p.dof for p in self.estimate.parameters], np.inf))
+        return bool((self.beta != self.quantities.values).any())
 
     def conf_int(self) -> Array:
         """Confidence intervals at `estimate.level`, (p, 2)."""
         ends = [p.conf_int for p in self.estimate.parameters]
         low, high = (_or([end[k] for end in ends], sign * np.inf) for k, sign in ((0, -1.0), (1, 1.0)))
         return freeze(np.column_stack([low, high]))
-
-    @property
-    def correlation(self) -> Array:
-        """Correlations of the errors of the base parameters, (p, p); NaN next to a zero variance."""
-        return correlations(self.covariance)
-
-    @property
-    def single_block(self) -> tuple[int, ...]:
-        """Parameters, by index, whose standard error cannot be estimated: a single block has information on them."""
-        return tuple(k for k, p in enumerate(self.estimate.parameters) if p.se is None)
-
-    @property
-    def se(self) -> Array:
-        """Cluster-robust standard errors, (p,); infinite where they cannot be estimated."""
-        se = np.sqrt(np.diag(self.covariance))
-        se[list(self.single_block)] = np.inf
-        return freeze(se)
 
     @property
     def zero(self) -> tuple[int, ...]:
@@ -269,9 +243,8 @@ class Result(Table):
         Degrees of freedom of derived quantities are the least of any parameter's: the distribution of information over
         the blocks, from which those of a combination are computed, is not in the folder.
         """
-        return GivenParameters(
-            self.model, self.beta, self.covariance, float(self.dof.min(initial=np.inf)), self.single_block
-        )
+        q = self.quantities
+        return GivenParameters(self.model, self.beta, q.covariance, float(q.dof.min(initial=np.inf)), q.unbounded)
 
 
 def result_schema() -> dict[str, Any]:
