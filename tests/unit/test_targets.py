@@ -58,7 +58,7 @@ damping = "FV2"
 share = { expression = "0.5*FV1", unit = "half a unit" }
 """
 )
-PRIOR = "\n[prior]\nZZ2 = 0.01\nZZ1 = { value = 0.02, sd = 0.003 }\nM2 = { value = 0.5, sd = 0.1 }\n"
+PRIOR = "\n[prior]\nZZ2 = 0.01\nZZ1 = { value = 0.02, std = 0.003 }\nM2 = { value = 0.5, std = 0.1 }\n"
 
 
 def written(tmp_path, text):
@@ -127,7 +127,7 @@ def test_a_parameter_declared_equal_to_another_stands_for_both(tmp_path):
 @settings(max_examples=20, deadline=None, suppress_health_check=[HealthCheck.too_slow])
 @given(mechanisms(most=4), st.integers(0, 2**32 - 1))
 def test_what_base_parameters_combine_to_is_identifiable_and_nothing_else(mechanism, seed):
-    model, rng = as_device(mechanism), np.random.default_rng(seed)
+    model, rng = haptid.DynamicModel(as_device(mechanism)), np.random.default_rng(seed)
     base = model.base
     wanted = rng.normal(size=(3, len(base)))
     rows = wanted @ base.regrouping
@@ -140,7 +140,7 @@ def test_what_base_parameters_combine_to_is_identifiable_and_nothing_else(mechan
 
 
 def test_a_target_that_no_motion_shows_is_named_with_the_part_that_is_hidden(phantom):
-    index, size = phantom.model.parameters.index, len(phantom.model.parameters)
+    index, size = phantom.model.device.parameters.index, len(phantom.model.device.parameters)
     row = np.zeros(size)
     row[[index["MXbe"], index["MXc"]]] = 1.0
     with pytest.raises(errors.IdentifiabilityError) as caught:
