@@ -22,7 +22,8 @@ from haptid.estimation.method import Fitting, Knowing, Method, Reduced, rows_of
 from haptid.estimation.methods.bounded import BoundedSolution
 from haptid.estimation.methods.consistent import Constrained
 from haptid.estimation.methods.wls import WLS
-from haptid.observation.observation import Block, Observation
+from haptid.observation.observation import Observation
+from haptid.observation.plan import Block
 from haptid.uncertainty.quantities import Quantities
 
 # Scaled condition number above which single parameters are not to be trusted one by one (Gautier's rule).

@@ -16,7 +16,7 @@ import numpy as np
 from haptid._internal.arrays import Array, expect, freeze, read_only
 from haptid.dynamics.base_parameters import BaseParameters
 from haptid.errors import ModelMismatchError, SettingError, SharedRowsError, listed
-from haptid.observation.observation import Block
+from haptid.observation.plan import Block
 from haptid.uncertainty.multiple_testing import deviations_to_weigh, misfit, together, two_sided
 from haptid.uncertainty.quantities import Quantities, aligned, half_width
 

@@ -14,7 +14,8 @@ from haptid.errors import ConvergenceError, ModelMismatchError
 from haptid.estimation.intervals.cluster_robust import clustered
 from haptid.estimation.least_squares import Solution, check_excited
 from haptid.observation.known_payload import payload_torque
-from haptid.observation.observation import MotorRows, Observation, triangle
+from haptid.observation.observation import MotorRows, Observation
+from haptid.observation.r_factor import triangle
 from haptid.uncertainty.quantities import LEVEL, half_width
 
 # Gauss-Newton: largest number of steps, and relative change of the scales at convergence.

@@ -14,7 +14,7 @@ from haptid.dynamics.base_parameters import base_combinations
 from haptid.dynamics.model import DynamicModel
 from haptid.errors import IncompleteDeviceError
 from haptid.estimation import Estimate, Parameter
-from haptid.observation.observation import Block
+from haptid.observation.plan import Block
 from haptid.uncertainty.quantities import LEVEL, Quantities, aligned, half_width
 
 # A drive rate below this share of the largest is rounding error.

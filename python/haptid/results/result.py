@@ -27,7 +27,7 @@ from haptid.estimation.nonlinear import VariableProjection
 from haptid.inference.targets import targets
 from haptid.motion.filters import Causal
 from haptid.motion.treatment import Treatment
-from haptid.observation.observation import Block
+from haptid.observation.plan import Block
 from haptid.results.schema import (
     BoundConstraints,
     Condition,
