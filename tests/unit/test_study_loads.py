@@ -17,6 +17,7 @@ from haptid.observation.cache import RFactorCache, fingerprint
 from haptid.observation.known_payload import Payload, log_without_payload
 from haptid.observation.observation import Plan
 from haptid.results.result import Result
+from haptid.uncertainty.quantities import correlations
 from motions import multisine, truth
 from small_study import columns, two_links, write_study
 
@@ -185,5 +186,5 @@ def test_correlations_are_in_the_folder(study, tmp_path):
 
 
 def test_what_has_no_deviation_has_no_correlation():
-    R = e.spread.correlations(np.diag([4.0, 0.0]))
+    R = correlations(np.diag([4.0, 0.0]))
     np.testing.assert_array_equal(R, [[1.0, np.nan], [np.nan, 1.0]])
