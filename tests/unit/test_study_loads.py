@@ -72,7 +72,7 @@ def test_the_result_says_what_was_taken_off(study, tmp_path):
     first, _, third = json.loads((tmp_path / "result.json").read_text())["logs"]
     assert first["payload"] is None
     assert third["payload"] == {"link": "2", "mass": 0.7, "com": [0.25, 0.1, 0.0], "inertia": BODY.inertia.tolist()}
-    assert "A load of 0.7 kg on link 2 is taken off the torque" in third["notes"][-1]
+    assert "A payload of 0.7 kg on link 2 is subtracted from the torque" in third["notes"][-1]
     assert third["notes"][-1] in made.estimate.notes
 
 
