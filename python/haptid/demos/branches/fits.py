@@ -15,7 +15,7 @@ from haptid.dynamics.model import DynamicModel
 from haptid.estimation import WLS, Estimate, estimate
 from haptid.experiment.friction_test.choice import FrictionChoice, choose_friction
 from haptid.experiment.friction_test.curve import FrictionCurve, friction_curve
-from haptid.inference.elimination import Elimination, eliminate_by_motor, essential
+from haptid.inference.elimination import Elimination, eliminate, eliminate_by_motor
 from haptid.motion.treatment import Motion, Treatment
 from haptid.observation.observation import Observation, observe
 from haptid.treatment_choice.propose import Proposal, propose
@@ -112,7 +112,7 @@ def identified(branch: Branch, table: Table, stretch: Stretch, recorded: Recorde
     )
     full = estimate(observe(model, fit), WLS())
     every = observe(model, replace(fit, treatment=replace(fit.treatment, reversal_speed=0.0)))
-    reduction = essential(full, unseen=other)
+    reduction = eliminate(full, unseen=other)
     return Identified(branch, table, recorded.beta, proposal, fit, other, every, reduction)
 
 
