@@ -145,7 +145,7 @@ def test_a_target_that_no_motion_shows_is_named_with_the_part_that_is_hidden(pha
     with pytest.raises(errors.IdentifiabilityError) as caught:
         target_map(with_targets(phantom.model, [row]))
     sentence = str(caught.value)
-    assert "no torque of this device shows -0.215 Ma by itself" in sentence
+    assert "no torque of this device depends on -0.215 Ma by itself" in sentence
     assert "What it shows is MXbe + 0.215 Ma + MXc." in sentence
     row = np.zeros(size)
     row[index["Ma"]] = 1.0
@@ -155,7 +155,7 @@ def test_a_target_that_no_motion_shows_is_named_with_the_part_that_is_hidden(pha
     row[index["Mbe"]] = 1.0
     with pytest.raises(errors.IdentifiabilityError, match=r"depends on Mbe by itself\. Write") as caught:
         target_map(with_targets(phantom.model, [row]))
-    assert caught.value.name == "t0"
+    assert caught.value.where == "t0"
 
 
 def test_a_device_without_targets_is_told_where_to_write_them():
