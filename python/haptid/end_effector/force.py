@@ -145,7 +145,7 @@ def estimate_force(
     torques, noise = Torques.joined(pieces), noise_of(estimate, validation)
     found = lever_of(estimate, torques.qa, noise, moment is not None, worst_condition)
     covariance = torques.covariance + np.diag(noise**2)[:, :, None]
-    wrench = WrenchEstimate(
+    made = WrenchEstimate(
         t=torques.t,
         external=torques.external,
         wrench=found.wrench(torques.external),
@@ -154,7 +154,7 @@ def estimate_force(
         usable=found.usable,
         moment=torques.moment,
     )
-    return handle_force(estimate, found, wrench, noted(validation))
+    return handle_force(estimate, found, made, noted(validation))
 
 
 UNVALIDATED = "No validation was given: the noise is taken from the fit's residual, smaller than on unseen rows."
@@ -288,19 +288,19 @@ def lever_of(estimate: Estimate, qa: Array, noise: Array, given: bool, worst: fl
     return lever(handle_motion(estimate.model, qa), rows, noise, 6 if len(rows) >= 6 and not given else 3, worst)
 
 
-def handle_force(estimate: Estimate, found: Lever, wrench: WrenchEstimate, notes: tuple[str, ...]) -> HandleForce:
+def handle_force(estimate: Estimate, found: Lever, made: WrenchEstimate, notes: tuple[str, ...]) -> HandleForce:
     """The result, with zero or the given moment where it is not estimated, and notes on what is not determined."""
     known = 6 - found.unknown
-    moment = "given" if len(wrench.moment) else "taken as zero" if known else "estimated"
-    rest = wrench.moment if len(wrench.moment) else np.zeros((known, len(wrench.t)))
-    se = np.full_like(wrench.variance, np.inf) if estimate.single_block else np.sqrt(wrench.variance)
-    unknown = np.full((known, len(wrench.t)), np.nan)
+    moment = "given" if len(made.moment) else "taken as zero" if known else "estimated"
+    rest = made.moment if len(made.moment) else np.zeros((known, len(made.t)))
+    se = np.full_like(made.variance, np.inf) if estimate.single_block else np.sqrt(made.variance)
+    unknown = np.full((known, len(made.t)), np.nan)
     wrench, bare, se = (
-        np.where(wrench.usable, np.concatenate(halves), np.nan).T
-        for halves in ((wrench.wrench, rest), (wrench.bare, rest), (se, unknown))
+        np.where(made.usable, np.concatenate(halves), np.nan).T
+        for halves in ((made.wrench, rest), (made.bare, rest), (se, unknown))
     )
-    notes = (*notes, *_limits(estimate, found, wrench.usable, moment))
-    return HandleForce(estimate.model, wrench.t, wrench, bare, se, wrench.external, found, wrench.usable, moment, notes)
+    notes = (*notes, *_limits(estimate, found, made.usable, moment))
+    return HandleForce(estimate.model, made.t, wrench, bare, se, made.external, found, made.usable, moment, notes)
 
 
 def _limits(estimate: Estimate, found: Lever, usable: np.ndarray, moment: str) -> Iterator[str]:
