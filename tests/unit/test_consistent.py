@@ -127,8 +127,8 @@ def test_a_negative_friction_is_held_as_bounded_least_squares_would(model, weigh
     np.testing.assert_allclose(found.beta, wanted, rtol=1e-7, atol=1e-12)
     assert found.beta[model.base.names.index("FV1")] == 0.0
     assert found.held.active == (
-        "viscous friction of motor 1 would be negative: held at 0",
-        "viscous friction of motor 3 would be negative: held at 0",
+        "viscous friction of motor 1 would be negative: constrained to 0",
+        "viscous friction of motor 3 would be negative: constrained to 0",
     )
     assert [cost.label for cost in found.held.costs] == ["motor 1", "motor 2", "motor 3"]
     assert all(cost.held >= cost.free * (1 - 1e-6) for cost in found.held.costs[:1])
@@ -162,7 +162,7 @@ def test_links_on_the_border_are_named():
     beta = model.base.of(true_parameters(model))
     found = haptid.estimate(observed(model, beta, noise=0.3, phi=0.9), Consistent())
     assert not possible(model, found.held.free).ok
-    assert any("its inertia lies on the border of what a body can have" in s for s in found.held.active)
+    assert any("its inertia is on the boundary of physical consistency" in s for s in found.held.active)
     assert all(cost.held < 1.05 * cost.free for cost in found.held.costs)
     for matrix, joint in zip(found.possible.pseudo_inertias, model.joints, strict=True):
         assert np.linalg.eigvalsh(matrix)[0] >= -ROUNDING * np.trace(matrix), joint.name
@@ -224,7 +224,7 @@ def test_a_verdict_does_not_depend_on_units(model):
     assert all(verdict.ok for verdict in verdicts)
     np.testing.assert_allclose([v.margin for v in verdicts], verdicts[1].margin, rtol=1e-4)
     assert "margin" in verdicts[1].summary()
-    assert "No real bodies" in possible(model, -beta).summary()
+    assert "Not physically consistent" in possible(model, -beta).summary()
 
 
 def test_nothing_is_a_border_case(model):

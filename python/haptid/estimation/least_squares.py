@@ -1,4 +1,4 @@
-"""The least-squares solution on the triangle, and what the textbooks say of its deviation."""
+"""Least squares on the R factor of the rows, with equality constraints and prior rows, and its classical covariance."""
 
 from __future__ import annotations
 
@@ -8,27 +8,64 @@ from dataclasses import dataclass
 import numpy as np
 from scipy import linalg
 
-from haptid._internal.arrays import Array
+from haptid._internal.arrays import Array, expect, read_only
 from haptid.errors import TooFewRowsError, UnexcitedError
-from haptid.estimation.knowledge import Knowledge
 from haptid.observation.observation import Observation, triangle
 
-# A direction of the scaled parameters that carries less than this share of the largest one is not in the log.
+# Least ratio of singular values of the R factor with unit columns: below it a direction is not excited.
 EXCITED = 1e-10
 
 
 @dataclass(frozen=True, eq=False)
-class Solution:
-    """Least squares with given motor weights.
+class Knowledge:
+    """Linear constraints and priors on base parameters, A beta = b, exact or with a standard deviation.
 
     Attributes:
-        beta: base parameters, (p,), SI; those held at zero are 0.
-        R: triangle of the weighted rows in the k directions that nothing fixes, (k, k): the parameters themselves,
-            without those held at zero, where nothing else is known exactly.
-        root: those directions times the inverse of R: root root' is (W'W)^-1, (p, k).
+        A: (m, p).
+        b: (m,), SI.
+        sd: standard deviation of each, zero where it is exact, (m,).
+    """
+
+    A: Array
+    b: Array
+    sd: Array
+
+    def __post_init__(self) -> None:
+        m = np.shape(self.b)[0]
+        expect("A", np.shape(self.A), (m, None))
+        expect("sd", np.shape(self.sd), (m,))
+        for name in ("A", "b", "sd"):
+            object.__setattr__(self, name, read_only(getattr(self, name)))
+
+    @property
+    def exact(self) -> tuple[Array, Array]:
+        """The equality constraints, A and b."""
+        return self.A[self.sd == 0], self.b[self.sd == 0]
+
+    @property
+    def rows(self) -> Array:
+        """The priors as rows of unit variance, [A b] / sd, (k, p + 1)."""
+        uncertain = self.sd > 0
+        return np.asarray(np.column_stack([self.A, self.b])[uncertain] / self.sd[uncertain, None])
+
+    @staticmethod
+    def nothing(p: int) -> Knowledge:
+        """No constraint and no prior on p base parameters."""
+        return Knowledge(np.zeros((0, p)), np.zeros(0), np.zeros(0))
+
+
+@dataclass(frozen=True, eq=False)
+class Solution:
+    """Least-squares solution for given motor weights.
+
+    Attributes:
+        beta: base parameters, (p,), SI; those fixed at zero are 0.
+        R: R factor of the weighted rows in the k unconstrained directions, (k, k): without equality constraints these
+            are the parameters themselves, without those fixed at zero.
+        root: the directions times the inverse of R: root root' is (W'W)^-1, (p, k).
         rest: norm of the weighted residual.
-        freedom: rows less free directions.
-        pull: of knowledge with deviations, its rows in the coordinates of `root`, (known, k); None where there is none.
+        freedom: residual degrees of freedom: rows less unconstrained directions.
+        pull: prior rows in the coordinates of `root`, (known, k); None without a prior.
     """
 
     beta: Array
@@ -39,11 +76,11 @@ class Solution:
     pull: Array | None = None
 
     def textbook_covariance(self, unit_residual: bool) -> Array:
-        """Covariance if the residual were white, (p, p).
+        """Classical (nonrobust) covariance, valid for white residuals, (p, p).
 
         Args:
-            unit_residual: the weights were one over the deviations (WLS), so the weighted residual has unit
-                variance; otherwise it is estimated from the residual (Janot et al. 2007, eqs 15 and 16).
+            unit_residual: the weights were one over the residual standard deviations (WLS), so the weighted residual
+                has unit variance; otherwise it is estimated from the residual (Janot et al. 2007, eqs 15 and 16).
         """
         variance = 1.0 if unit_residual else self.rest**2 / self.freedom
         return np.asarray(variance * self.root @ self.root.T)
@@ -52,17 +89,17 @@ class Solution:
 def solve(
     observation: Observation, weights: Array, zero: Sequence[int] = (), known: Knowledge | None = None
 ) -> Solution:
-    """Minimise the norm of the rows, each motor's multiplied by its weight.
+    """Minimise the norm of the rows, each motor's multiplied by its weight, subject to constraints.
 
     Args:
         observation: the rows.
         weights: of each motor's rows, (motors,).
-        zero: indices of base parameters that are held at zero.
-        known: of other combinations; those with a deviation count as rows in its units.
+        zero: indices of base parameters fixed at zero.
+        known: equality constraints, and priors that count as rows of unit variance.
 
     Raises:
         TooFewRowsError: fewer rows than parameters.
-        UnexcitedError: the log leaves a direction of the parameters in the dark.
+        UnexcitedError: the motion does not excite a direction of the parameters.
     """
     p = len(observation.base)
     kept = [k for k in range(p) if k not in zero]
@@ -83,9 +120,9 @@ def solve(
 
 
 def directions(known: Knowledge, kept: Sequence[int]) -> tuple[Array, Array]:
-    """Parameters that meet what is known exactly, (p,), and directions in which they stay free to move, (p, k).
+    """A point that satisfies the equality constraints, (p,), and a basis of their null space, (p, k).
 
-    The directions are the kept parameters themselves where no combination of them is known.
+    The basis is that of the kept parameters themselves where there is no constraint.
     """
     p = known.A.shape[1]
     free = np.eye(p)[:, kept]
@@ -98,7 +135,7 @@ def directions(known: Knowledge, kept: Sequence[int]) -> tuple[Array, Array]:
 
 
 def check_excited(names: Sequence[str], R: Array) -> None:
-    """Raise UnexcitedError, naming the parameter the log says least about, where R is as good as singular."""
+    """Raise UnexcitedError, naming the least excited parameter, where R is numerically singular."""
     lengths = np.linalg.norm(R, axis=0)
     if (lengths == 0).any():
         raise UnexcitedError(names[int(np.argmin(lengths))], 0.0, EXCITED)

@@ -1,4 +1,4 @@
-"""Instrumental variables: least squares that noise in the columns does not bias."""
+"""Instrumental variables: two-stage least squares, unbiased by noise in the columns."""
 
 from __future__ import annotations
 
@@ -10,29 +10,29 @@ from haptid._internal.arrays import Array
 from haptid.dynamics.model import DynamicModel
 from haptid.errors import UnexcitedError
 from haptid.estimation.least_squares import EXCITED
-from haptid.estimation.methods.simulating import ClosedLoop, along, treated_as
+from haptid.estimation.methods.simulation_based import ClosedLoop, along, treated_as
 from haptid.observation.observation import Observation, triangle
 from haptid.observation.rows import Rows, RowStretch
 
 
 @dataclass(frozen=True)
 class IV(ClosedLoop):
-    """Two stages: columns explained by instruments, torque by what is explained of the columns.
+    """Two-stage least squares: columns regressed on instruments, torque on the fitted columns.
 
-    Instruments Z are the columns at the motion of the model under the same controller, treated the same: they go with
-    the motion, and not with the noise of the measured positions. beta = (Z'W)^-1 Z'y. It is found as least squares of
-    y - W beta + Z P beta on Z P, with P = (Z'Z)^-1 Z'W: the same beta, and the residual y - W beta, so that the spread
-    over time blocks of these rows is the sandwich of the two-stage estimate.
+    Instruments Z are the columns at the motion of the model under the same controller, treated the same: they are
+    correlated with the motion, and not with the noise of the measured positions. beta = (Z'W)^-1 Z'y. It is computed
+    as least squares of y - W beta + Z P beta on Z P, with P = (Z'Z)^-1 Z'W: the same beta, and the residual y - W beta,
+    so that the cluster-robust covariance of these rows is that of the two-stage estimate.
 
     Source: Janot, Vandanjon and Gautier (2014), IEEE Trans. Control Systems Technology 22(1), eqs 17 to 21.
 
     Attributes:
-        friction: as of the others, wider: instruments need not be exact.
+        friction: as of the others, with more smoothing: instruments need not be exact.
     """
 
     friction: float = field(default=0.01, kw_only=True)
 
-    def restate(self, observation: Observation, smoothed: DynamicModel, beta: Array) -> Observation:
+    def linearised_rows(self, observation: Observation, smoothed: DynamicModel, beta: Array) -> Observation:
         """Rows of the second stage."""
         courses = self.courses(observation, smoothed, beta)
         simulated = along(observation, [treated_as(observation.model, course) for course in courses])
@@ -41,7 +41,7 @@ class IV(ClosedLoop):
 
 
 def second_stage(observation: Observation, instruments: Observation, weights: Array) -> Observation:
-    """Rows whose weighted least squares are the instrumental estimate of the observation.
+    """Rows whose weighted least squares are the instrumental-variables estimate of the observation.
 
     Args:
         observation: the rows.
@@ -49,7 +49,7 @@ def second_stage(observation: Observation, instruments: Observation, weights: Ar
         weights: of each motor's rows, (motors,).
 
     Raises:
-        UnexcitedError: the instruments leave a direction of the parameters in the dark.
+        UnexcitedError: the instruments do not excite a direction of the parameters.
     """
     rows, p = Rows(observation), len(observation.base)
     Z = {stretch.blocks: stretch for stretch in Rows(instruments)}
@@ -59,20 +59,20 @@ def second_stage(observation: Observation, instruments: Observation, weights: Ar
         parts = np.concatenate([z, stretch.W, stretch.y[:, :, None]], axis=2) * weights[:, None, None]
         corner = triangle(np.concatenate([corner, parts.reshape(-1, 2 * p + 1)]))
     RZ, QW, Qy = corner[:p, :p], corner[:p, p : 2 * p], corner[:p, -1]
-    check(observation, RZ, QW)
+    _check_excited(observation, RZ, QW)
     beta = np.asarray(np.linalg.solve(QW, Qy), dtype=np.float64)
     P = np.linalg.solve(RZ, QW)
 
     def change(stretch: RowStretch) -> RowStretch:
-        explained = (Z[stretch.blocks].W * stretch.used[:, :, None]) @ P
-        return replace(stretch, W=explained, y=stretch.residual(beta) + explained @ beta)
+        fitted = (Z[stretch.blocks].W * stretch.used[:, :, None]) @ P
+        return replace(stretch, W=fitted, y=stretch.residual(beta) + fitted @ beta)
 
     reached = [np.arange(p) for _ in observation.motors]
     return rows.folded(change, reached)
 
 
-def check(observation: Observation, *corners: Array) -> None:
-    """Raise UnexcitedError where a direction of the parameters is in the dark."""
+def _check_excited(observation: Observation, *corners: Array) -> None:
+    """Raise UnexcitedError, naming the least excited parameter, where a matrix is numerically singular."""
     for corner in corners:
         scale = np.linalg.norm(corner, axis=0)
         _, values, directions = np.linalg.svd(corner / np.where(scale > 0, scale, 1.0))
