@@ -24,7 +24,7 @@ class Arm:
 
     def __init__(self) -> None:
         self.model = without_rotors("arm7")
-        self.n = n = len(self.model.joints)
+        self.n = n = len(self.model.device.joints)
         rng = np.random.default_rng(0)
         self.q, (self.qd, self.qdd) = rng.uniform(-2, 2, (n, SAMPLES)), rng.normal(size=(2, n, SAMPLES))
         self.tau = rng.normal(size=(n, SAMPLES))
@@ -33,7 +33,7 @@ class Arm:
         second = 0.01 * np.eye(3) + 0.005 * shape @ shape.transpose(0, 2, 1)
         self.inertia = np.trace(second, axis1=1, axis2=2)[:, None, None] * np.eye(3) - second
         self.core = _core.Mechanism(*mechanism_arguments(self.model))
-        S = self.model.parameters.S[:, list(self.model.base.kept)]
+        S = self.model.device.parameters.S[:, list(self.model.base.kept)]
         self.columns = [int(c) for c in np.flatnonzero(S.any(axis=1))]
         self.reached = np.array(self.core.reach(self.columns))
 
@@ -44,12 +44,12 @@ class Arm:
             [m * (c @ c * np.eye(3) - np.outer(c, c)) for m, c in zip(self.mass, self.com, strict=True)]
         )
         links = np.column_stack([moved[:, *UPPER], self.mass[:, None] * self.com, self.mass])
-        chi = self.model.parameters.S.T @ links.ravel()
+        chi = self.model.device.parameters.S.T @ links.ravel()
         return np.asarray(self.model.base.of(chi))
 
     def case(self) -> dict[str, object]:
         """What peers need: the tree, its links, the samples, and the entries of the regressor that are wanted."""
-        joints, handle = self.model.joints, self.model.handle
+        joints, handle = self.model.device.joints, self.model.device.handle
         assert handle is not None
         rows, chosen = np.nonzero(self.reached)
         names = ("q", "qd", "qdd", "tau", "mass", "com", "inertia")
@@ -57,7 +57,7 @@ class Arm:
             "parent": np.array([joint.parent for joint in joints], dtype=np.int32),
             "rotation": np.round([joint.rotation for joint in joints], 15),
             "translation": np.array([joint.translation for joint in joints]),
-            "gravity": np.array(self.model.gravity),
+            "gravity": np.array(self.model.device.gravity),
             "link": handle.link,
             "point": handle.translation,
             "wanted": np.column_stack([rows, np.array(self.columns)[chosen]]),

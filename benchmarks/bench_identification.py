@@ -139,7 +139,7 @@ def truth_of(case: Case) -> np.ndarray:
     model = device_of(case)
     chi = true_parameters(model)
     for name, value in case.true:
-        for k, (kind, own) in enumerate(zip(model.parameters.kinds, model.parameters.names, strict=True)):
+        for k, (kind, own) in enumerate(zip(model.device.parameters.kinds, model.device.parameters.names, strict=True)):
             if name in (kind, own):
                 chi[k] = value
     return chi
@@ -158,9 +158,9 @@ def record(case: Case, seed: int, counts: int | None, seconds: float = SECONDS) 
 def log_of(case: Case, made: bench.Recording) -> haptid.Log:
     """What the controller would have recorded: positions and commands."""
     model, inner = device_of(case), slice(ENDS, len(made) - ENDS)
-    position = tuple(f"q{k}" for k in range(len(model.active)))
-    command = tuple(f"command{k}" for k in range(len(model.motors)))
-    unit = model.motors[0].unit
+    position = tuple(f"q{k}" for k in range(len(model.device.active)))
+    command = tuple(f"command{k}" for k in range(len(model.device.motors)))
+    unit = model.device.motors[0].unit
     channels = haptid.Channels(haptid.Signal(position, "rad"), haptid.Signal(command, unit, side="motor"), time="t")
     return haptid.Log(Path("bench"), "", made.t[inner], made.position[inner], made.command[inner], channels)
 
@@ -176,7 +176,7 @@ def exact_motion(case: Case, made: bench.Recording) -> haptid.Motion:
 def errors(case: Case, estimate: haptid.Estimate, unseen: bench.Recording) -> dict[str, float]:
     """Errors in per cent, against the truth; the torque's on an unseen motion, where no joint may stick."""
     model, beta = device_of(case), device_of(case).base.of(truth_of(case))
-    active = list(model.active)
+    active = list(model.device.active)
     moving = (np.abs(unseen.qd) > STICKS).all(axis=1)
     q, qd, qdd = (x[moving][:, active].T for x in (unseen.q, unseen.qd, unseen.qdd))
     tau = unseen.torque[moving].T

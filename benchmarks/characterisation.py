@@ -33,10 +33,10 @@ DEVICES = {
 def model_of(name: str) -> GivenModel:
     """The device with parameters of some size, and a covariance of one per cent."""
     model = haptid.DynamicModel(haptid.read_device(name))
-    chi = np.nan_to_num(model.chi_prior)
+    chi = np.nan_to_num(model.device.chi_prior)
     if not chi.any():
         kinds = {"ZZ": 0.02, "XX": 0.015, "YY": 0.015, "M": 0.3, "MX": 0.01, "IA": 0.001, "FV": 1e-3, "FC": 0.05}
-        chi = np.array([kinds.get(kind, 0.0) for kind in model.parameters.kinds])
+        chi = np.array([kinds.get(kind, 0.0) for kind in model.device.parameters.kinds])
     beta = model.base.of(chi)
     rng = np.random.default_rng(0)
     L = 0.01 * np.abs(beta)[:, None] * rng.normal(size=(len(beta),) * 2) / np.sqrt(len(beta))

@@ -18,20 +18,20 @@ class Closed:
 
     def __init__(self) -> None:
         self.model = haptid.DynamicModel(haptid.read_device(NAME))
-        self.n, self.links = len(self.model.active), len(self.model.joints)
+        self.n, self.links = len(self.model.device.active), len(self.model.device.joints)
         rng = np.random.default_rng(0)
         self.qa = np.array(CENTRE)[:, None] + rng.uniform(-0.4, 0.4, (self.n, SAMPLES))
-        self.c = np.ascontiguousarray(self.model.frame @ self.qa)
+        self.c = np.ascontiguousarray(self.model.device.frame @ self.qa)
         self.cd, self.cdd = rng.normal(size=(2, self.n, SAMPLES))
         self.core = _core.Mechanism(*mechanism_arguments(self.model))
-        S = self.model.parameters.S[:, list(self.model.base.kept)]
+        S = self.model.device.parameters.S[:, list(self.model.base.kept)]
         self.columns = [int(k) for k in np.flatnonzero(S.any(axis=1)) if k < 10 * self.links]
         self.reached = np.array(self.core.reach(self.columns))
 
     def case(self) -> dict[str, object]:
         """The tree and its motion, the rates of its joints by the coordinates, and the wanted entries."""
-        followed = self.model.closure.follow(self.qa).by(self.model.frame)
-        joints, G = self.model.joints, followed.G
+        followed = self.model.device.closure.follow(self.qa).by(self.model.device.frame)
+        joints, G = self.model.device.joints, followed.G
         assert G.ndim == 2, "rates that do not vary"
         rows, chosen = np.nonzero(self.reached)
         none = np.zeros(self.links)
@@ -39,7 +39,7 @@ class Closed:
             "parent": np.array([joint.parent for joint in joints], dtype=np.int32),
             "rotation": np.round([joint.rotation for joint in joints], 15),
             "translation": np.array([joint.translation for joint in joints]),
-            "gravity": np.array(self.model.gravity),
+            "gravity": np.array(self.model.device.gravity),
             "wanted": np.column_stack([rows, np.array(self.columns)[chosen]]),
             "rates": G,
             "q": followed.q,

@@ -147,15 +147,15 @@ def device_of(name: str) -> haptid.Device:
 
 def peer_function(ca: Any, model: haptid.Device) -> Any:
     """Newton-Euler as in the books, link frames and inertias about their origins, then common subexpressions."""
-    n, links = len(model.drives), 10 * len(model.joints)
+    n, links = len(model.device.drives), 10 * len(model.device.joints)
     q, qd, qdd, p = (ca.SX.sym(name, size) for name, size in zip("qvap", (n, n, n, len(model.base)), strict=True))
-    S = ca.sparsify(ca.DM(model.parameters.S[:, list(model.base.kept)]))
-    rates = ca.sparsify(ca.DM(model.rates))
+    S = ca.sparsify(ca.DM(model.device.parameters.S[:, list(model.base.kept)]))
+    rates = ca.sparsify(ca.DM(model.device.rates))
     chi, tree = S @ p, [rates @ x for x in (q, qd, qdd)]
-    z, down = ca.DM([0, 0, 1]), -ca.DM(model.gravity)
+    z, down = ca.DM([0, 0, 1]), -ca.DM(model.device.gravity)
     motion: list[Any] = []
-    for i, joint in enumerate(model.joints):
-        angle = tree[0][i] + model.closure.offset[i]
+    for i, joint in enumerate(model.device.joints):
+        angle = tree[0][i] + model.device.closure.offset[i]
         c, s = ca.cos(angle), ca.sin(angle)
         turn = ca.blockcat([[c, -s, 0], [s, c, 0], [0, 0, 1]])
         fixed = ca.sparsify(ca.DM(np.where(abs(joint.rotation) < 1e-12, 0.0, joint.rotation)))
@@ -165,17 +165,17 @@ def peer_function(ca: Any, model: haptid.Device) -> Any:
         w, wd = R.T @ w, R.T @ wd
         wd = wd + z * tree[2][i] + ca.cross(w, z * tree[1][i])
         motion.append((w + z * tree[1][i], wd, a, R, arm))
-    force = [ca.SX(3, 1) for _ in model.joints]
-    moment = [ca.SX(3, 1) for _ in model.joints]
-    felt = [ca.SX(1, 1) for _ in model.joints]
-    for i in reversed(range(len(model.joints))):
+    force = [ca.SX(3, 1) for _ in model.device.joints]
+    moment = [ca.SX(3, 1) for _ in model.device.joints]
+    felt = [ca.SX(1, 1) for _ in model.device.joints]
+    for i in reversed(range(len(model.device.joints))):
         w, wd, a, R, arm = motion[i]
         xx, xy, xz, yy, yz, zz, x, y, zc, m = ca.vertsplit(chi[10 * i : 10 * i + 10])
         J, h = ca.blockcat([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]]), ca.vertcat(x, y, zc)
         force[i] += m * a + ca.cross(wd, h) + ca.cross(w, ca.cross(w, h))
         moment[i] += J @ wd + ca.cross(w, J @ w) + ca.cross(h, a)
         felt[i] = moment[i][2]
-        parent = model.joints[i].parent
+        parent = model.device.joints[i].parent
         if parent >= 0:
             force[parent] += R @ force[i]
             moment[parent] += R @ moment[i] + ca.cross(arm, R @ force[i])
@@ -198,7 +198,7 @@ def measured(model: haptid.Device, beta: np.ndarray, code: Code, ca: Any | None)
             generator.add(peer_function(ca, model))
             generator.generate(f"{folder}/")
             sources.append("peer.c")
-        n = len(model.drives)
+        n = len(model.device.drives)
         text = TIMING.format(
             n=n, states=STATES, batches=BATCHES, peer=PEER if ca is not None else NO_PEER, everything=everything(code)
         )
@@ -210,7 +210,7 @@ def measured(model: haptid.Device, beta: np.ndarray, code: Code, ca: Any | None)
         for which in (0, 1):
             library.torques(which, _pointer(x), _pointer(made[which]))
         if ca is not None and np.abs(made[0] - made[1]).max() > 1e-10 * np.abs(made[0]).max():
-            raise ArithmeticError(f"the two codes of {model.name} differ")
+            raise ArithmeticError(f"the two codes of {model.device.name} differ")
         median = np.zeros(3)
         library.timed(_pointer(x), _pointer(made[0]), _pointer(median))
     return {"ours": float(median[0]), "peer": float(median[1]), "tick": float(median[2])}

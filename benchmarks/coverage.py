@@ -50,8 +50,8 @@ def clean_motion(name: str, seconds: float, treatment: haptid.Treatment) -> tupl
     """A multisine with exact rates and exact torque, and the parameters."""
     model = haptid.DynamicModel(haptid.read_device(name))
     beta = truth(model)
-    q, qd, qdd = multisine(len(model.active), seconds, 1e-3, 1)
-    tau = haptid.inverse_dynamics(model, beta, q, qd, qdd)[list(model.measured)]
+    q, qd, qdd = multisine(len(model.device.active), seconds, 1e-3, 1)
+    tau = haptid.inverse_dynamics(model, beta, q, qd, qdd)[list(model.device.measured)]
     return haptid.Motion(1e-3, q.T, tau.T, treatment, rates=(qd.T, qdd.T)), beta
 
 

@@ -47,6 +47,6 @@ def run() -> dict[str, float]:
         figures[f"{name}, speed, rad/s"] = float(np.abs(made.qd).max())
         figures[f"{name}, acceleration, rad/s^2"] = float(np.abs(made.qdd).max())
         figures[f"{name}, torque, N m"] = float(np.abs(tau).max())
-        loops = loop_openness(model, model.closure.positions(made.q[::10].T).T)
+        loops = loop_openness(model, model.device.closure.positions(made.q[::10].T).T)
         figures[f"{name}, least distance of a loop from flat"] = float(loops.min())
     return figures | sought()

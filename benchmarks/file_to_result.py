@@ -112,10 +112,10 @@ def write_log(path: Path, samples: int) -> None:
     other = [x[:, :: PERIOD // CHECKED] for x in motion(rng, PERIOD)]
     np.savez(
         path.with_suffix(".npz"),
-        parent=[joint.parent for joint in model.joints],
-        rotation=[joint.rotation for joint in model.joints],
-        translation=[joint.translation for joint in model.joints],
-        gravity=model.gravity,
+        parent=[joint.parent for joint in model.device.joints],
+        rotation=[joint.rotation for joint in model.device.joints],
+        translation=[joint.translation for joint in model.device.joints],
+        gravity=model.device.gravity,
         tau=haptid.inverse_dynamics(model, beta, *other),
         **dict(zip(("q", "qd", "qdd"), other, strict=True)),
     )

@@ -44,7 +44,7 @@ def write_log(folder: Path, samples: int) -> None:
     """Tile one periodic motion; noise differs all along."""
     model = haptid.DynamicModel(haptid.read_device("puma560"))
     rng = np.random.default_rng(0)
-    n = len(model.active)
+    n = len(model.device.active)
     t = np.arange(PERIOD) / RATE_HZ
     omega = 2 * np.pi * np.array([3, 7, 13, 22, 31]) * RATE_HZ / PERIOD
     size = 0.8 / omega**0.7

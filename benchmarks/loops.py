@@ -26,7 +26,7 @@ def run() -> dict[str, float]:
     figures = {}
     for name in NAMES:
         model = haptid.DynamicModel(haptid.read_device(name))
-        closure = model.closure
+        closure = model.device.closure
         assert isinstance(closure, NewtonClosure)
         q, qd, qdd = path(model, SAMPLES * DT, DT)
         motion = haptid.Motion(

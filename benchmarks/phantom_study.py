@@ -65,13 +65,13 @@ class Found:
 
 def study(key: str, seed: int) -> Found:
     """One mounting and seed."""
-    demo, model = read_demo(NAME), haptid.DynamicModel(haptid.read_device(read_demo(NAME).model))
+    demo, model = read_demo(NAME), haptid.DynamicModel(haptid.read_device(read_demo(NAME).device))
     drawn = seed + APART * (1 + demo.mountings.index(demo.mounting(key)))
     with tempfile.TemporaryDirectory() as folder:
 
         def made(experiment: str, exact: bool = False, quiet: bool = False) -> Recorded:
             path, out = demo.folder / experiment, Path(folder) / f"{experiment}-{exact}-{quiet}.parquet"
-            record(Take(demo.model, path, out, exact, drawn, STEP, quiet))
+            record(Take(demo.device, path, out, exact, drawn, STEP, quiet))
             return read_recorded(model, path, out)
 
         own = demo.mounting(key).experiment

@@ -34,10 +34,10 @@ def free_motion(name: str, seconds: float) -> tuple[float, float]:
     mj_model.opt.enableflags |= mujoco.mjtEnableBit.mjENBL_ENERGY
     data, order = mujoco.MjData(mj_model), depth_first(model)
     centre, springs, speeds = (np.array(figures) for figures in FREE[name])
-    for j, stiffness, rest in zip(model.active, springs, centre, strict=True):
+    for j, stiffness, rest in zip(model.device.active, springs, centre, strict=True):
         mj_model.jnt_stiffness[order.index(j)] = stiffness
         mj_model.qpos_spring[order.index(j)] = rest
-    data.qpos[:], data.qvel[:] = closed(model, centre), model.closure.G[list(order)] @ speeds
+    data.qpos[:], data.qvel[:] = closed(model, centre), model.device.closure.G[list(order)] @ speeds
     mujoco.mj_forward(mj_model, data)
     first, gap, drift, kinetic = data.energy.sum(), 0.0, 0.0, 0.0
     for _ in range(round(seconds / 1e-3)):
@@ -79,7 +79,7 @@ def exact_identification(model: haptid.Device, made: bench.Recording) -> dict[st
 
     Inertial parameters count where they carry 2 % of a motor's torque at least.
     """
-    active = list(model.active)
+    active = list(model.device.active)
     q, qd, qdd = made.q[:, active], made.qd[:, active], made.qdd[:, active]
     settled = slice(2000, None)
     treatment = haptid.Treatment(cutoff_hz=None, low_speed=0.01)

@@ -25,12 +25,12 @@ SIZES = {"FV": 6e-4, "FC": 0.01, "IA": 1e-3, "OFF": 0.01}
 def true_parameters(model: haptid.Device, **sizes: float) -> np.ndarray:
     """Free standard parameters, (p,): the prior where it makes bodies, else drawn bodies; `sizes` are of kinds."""
     sizes = {**SIZES, **sizes}
-    chi = np.nan_to_num(model.chi_prior)
-    if not model.name.startswith("PHANToM"):
+    chi = np.nan_to_num(model.device.chi_prior)
+    if not model.device.name.startswith("PHANToM"):
         rng = np.random.default_rng(3)
-        for joint in model.joints:
-            put(model, chi, joint.name, *(CEA[joint.name] if model.name.startswith("CEA") else drawn(rng)))
-    for k, kind in enumerate(model.parameters.kinds):
+        for joint in model.device.joints:
+            put(model, chi, joint.name, *(CEA[joint.name] if model.device.name.startswith("CEA") else drawn(rng)))
+    for k, kind in enumerate(model.device.parameters.kinds):
         if kind in sizes:
             chi[k] = sizes[kind]
         elif len(kind) > 2 or kind[0] == "K":
@@ -53,5 +53,5 @@ def put(model, chi, name, mass, com, moments, products):
     J += mass * (com @ com * np.eye(3) - np.outer(com, com))
     values = [J[0, 0], J[0, 1], J[0, 2], J[1, 1], J[1, 2], J[2, 2], *(mass * com), mass]
     for kind, value in zip(INERTIAL, values, strict=True):
-        if kind + name in model.parameters.index:
-            chi[model.parameters.index[kind + name]] = value
+        if kind + name in model.device.parameters.index:
+            chi[model.device.parameters.index[kind + name]] = value

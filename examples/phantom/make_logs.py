@@ -46,9 +46,9 @@ def motion(seed: int) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
 def main(folder: Path) -> None:
     """Write sweep.parquet, check.parquet and truth.json."""
     model = haptid.DynamicModel(haptid.read_device("phantom_premium_15"))
-    chi = np.nan_to_num(model.chi_prior)  # what is not known of a link is taken as zero
+    chi = np.nan_to_num(model.device.chi_prior)  # what is not known of a link is taken as zero
     for name, value in FRICTION.items():
-        chi[model.parameters.index[name]] = value
+        chi[model.device.parameters.index[name]] = value
     beta = model.base.of(chi)
     folder.mkdir(parents=True, exist_ok=True)
     for seed, name in ((1, "sweep"), (2, "check")):
@@ -58,7 +58,7 @@ def main(folder: Path) -> None:
         columns = {"t": t}
         columns |= {f"q{k + 1}": STEP * np.round(q[k] / STEP) for k in range(3)}
         # The amplifier box is commanded in its own units: the device file knows its gain.
-        columns |= {f"command{k + 1}": tau[k] / model.drives[k].gain / model.drives[k].gear for k in range(3)}
+        columns |= {f"command{k + 1}": tau[k] / model.device.drives[k].gain / model.device.drives[k].gear for k in range(3)}
         pq.write_table(pa.table(columns), folder / f"{name}.parquet")
     truth = dict(zip(model.base.names, beta.tolist(), strict=True))
     (folder / "truth.json").write_text(json.dumps(truth, indent=1) + "\n", encoding="utf-8")

@@ -38,7 +38,7 @@ def shake(model, chi, pose, law, direction, newtons=0.05):
     push = bench.Push(tuple(newtons * direction), SHAKEN_HZ, start=-0.25 / SHAKEN_HZ)
     setup = bench.Setup(model, chi, OFF, hand=(push,), law=law)
     found = bench.simulate(setup, rest(pose), np.random.default_rng(0))
-    qa, qda, qdda = (x[500:, list(model.active)].T for x in (found.q, found.qd, found.qdd))
+    qa, qda, qdda = (x[500:, list(model.device.active)].T for x in (found.q, found.qd, found.qdd))
     J = handle_motion(model, qa).jacobian[:, :3]
     a = np.einsum("pij,jp->pi", J, qdda) + drift(model, qa, qda)[:, :3]
     v = np.einsum("pij,jp->pi", J, qda)

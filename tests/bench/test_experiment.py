@@ -254,7 +254,7 @@ def test_weights_and_mounting_are_part_of_the_truth(tmp_path):
     for name, text in (("plain", SHORT), ("mounted", mounted)):
         (tmp_path / f"{name}.toml").write_text(text)
     plain, other = (bench.read_experiment(tmp_path / f"{n}.toml").setup(model) for n in ("plain", "mounted"))
-    added = dict(zip(model.parameters.names, other.chi - plain.chi, strict=True))
+    added = dict(zip(model.device.parameters.names, other.chi - plain.chi, strict=True))
     wanted = {"Ma": 0.03, "MXa": 0.03 * 0.17, "YYa": 0.03 * 0.17**2, "ZZa": 0.03 * 0.17**2}
     for name, value in added.items():
         assert value == pytest.approx(wanted.get(name, 0.0), abs=1e-15), name

@@ -124,7 +124,7 @@ def test_in_real_time_the_observer_beats_differentiated_velocities(bench_run, es
     qdda = np.diff(qda, axis=1, prepend=qda[:, :1]) / dt
     soft = softened(model, observer.reversal_speed)
     differentiated = core_torque(soft, raw_parameters(model, estimate.beta), qa, qda, qdda) - tau
-    exact = handle_motion(model, found.q[:, list(model.active)].T)
+    exact = handle_motion(model, found.q[:, list(model.device.active)].T)
     hand = observer.smooth(np.einsum("nij,ni->jn", exact.jacobian[:, :3], found.hand), dt)
     during = push(found.t)
     error = rms((seen - hand).T[during])

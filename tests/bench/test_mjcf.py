@@ -21,10 +21,10 @@ def tree_torques(model, chi, qa, qda, qdda):
     found = np.empty_like(qa)
     for k in range(qa.shape[1]):
         data.qpos[:] = closed(model, qa[:, k])
-        data.qvel[:], data.qacc[:] = model.closure.G[order] @ qda[:, k], model.closure.G[order] @ qdda[:, k]
+        data.qvel[:], data.qacc[:] = model.device.closure.G[order] @ qda[:, k], model.device.closure.G[order] @ qdda[:, k]
         mujoco.mj_inverse(mj_model, data)
         mujoco.mj_fwdActuation(mj_model, data)
-        found[:, k] = model.rates[order].T @ (data.qfrc_inverse - data.qfrc_actuator)
+        found[:, k] = model.device.rates[order].T @ (data.qfrc_inverse - data.qfrc_actuator)
     return found
 
 
@@ -33,7 +33,7 @@ def test_tree_dynamics_projected_are_haptids(name):
     model = haptid.DynamicModel(haptid.read_device(name))
     chi = true_parameters(model, FC=0.0)
     rng = np.random.default_rng(0)
-    qa, qda, qdda = rng.uniform(-1, 1, (3, len(model.active), 40)) * np.array([1.5, 3.0, 20.0])[:, None, None]
+    qa, qda, qdda = rng.uniform(-1, 1, (3, len(model.device.active), 40)) * np.array([1.5, 3.0, 20.0])[:, None, None]
     wanted = haptid.inverse_dynamics(model, model.base.of(chi), qa, qda, qdda)
     found = tree_torques(model, chi, qa, qda, qdda)
     np.testing.assert_allclose(found, wanted, atol=1e-12 * np.abs(wanted).max(), rtol=0)
@@ -44,7 +44,7 @@ def test_cut_sites_meet_where_the_relations_say(name):
     model = haptid.DynamicModel(haptid.read_device(name))
     mj_model = mujoco.MjModel.from_xml_string(mjcf(model, true_parameters(model)))
     data = mujoco.MjData(mj_model)
-    for qa in np.random.default_rng(1).uniform(-2, 2, (20, len(model.active))):
+    for qa in np.random.default_rng(1).uniform(-2, 2, (20, len(model.device.active))):
         data.qpos[:] = closed(model, qa)
         mujoco.mj_kinematics(mj_model, data)
         for one, other in cut_sites(model):
@@ -55,7 +55,7 @@ def test_inertia_that_no_body_has_is_moved_to_the_rotor():
     """The published arm and lever break the triangle inequality: their motors' inertia is in them."""
     model = haptid.DynamicModel(haptid.read_device("phantom_premium_15"))
     mj_model = mujoco.MjModel.from_xml_string(mjcf(model, true_parameters(model)))
-    order = [model.joints[j].name for j in depth_first(model)]
+    order = [model.device.joints[j].name for j in depth_first(model)]
     armature = dict(zip(order, mj_model.dof_armature, strict=True))
     assert armature["ba"] == 11.87e-4
     assert 0.4e-4 < armature["be"] < 1.4e-4
@@ -108,8 +108,8 @@ def test_relations_coupled_motors_springs_and_offsets_keep_the_dynamics(tmp_path
     path.write_text(RELATED)
     model = haptid.DynamicModel(haptid.read_device(path))
     rng = np.random.default_rng(1)
-    chi = rng.uniform(0.1, 1.0, len(model.parameters))
-    for joint in model.joints:
+    chi = rng.uniform(0.1, 1.0, len(model.device.parameters))
+    for joint in model.device.joints:
         put(model, chi, joint.name, *drawn(rng))
     qa, qda, qdda = rng.uniform(-1, 1, (3, 2, 40))
     wanted = haptid.inverse_dynamics(model, model.base.of(chi), qa, qda, qdda)
@@ -137,7 +137,7 @@ def test_what_no_body_can_be_is_refused(changes, error, part):
     model = haptid.DynamicModel(haptid.read_device("phantom_premium_15"))
     chi = true_parameters(model)
     for name, value in changes.items():
-        chi[model.parameters.index[name]] = value
+        chi[model.device.parameters.index[name]] = value
     with pytest.raises(error, match=part):
         mjcf(model, chi)
 
@@ -146,7 +146,7 @@ def test_terms_without_counterpart_and_payload_without_handle_are_refused(tmp_pa
     model = haptid.DynamicModel(haptid.read_device("kuka_kr300"))
     chi = true_parameters(model, FC=0.0)
     external = next(term.name for term in model.terms if term.kind == "external")
-    chi[model.parameters.index[external]] = 5.0
+    chi[model.device.parameters.index[external]] = 5.0
     with pytest.raises(errors.UnsimulatedTermError, match=external):
         mjcf(model, chi)
     path = tmp_path / "related.toml"

@@ -15,7 +15,7 @@ TIMES = [0.0, 0.5, 1.0]
 @pytest.mark.parametrize("name", ["phantom_premium_15", "cea_medical_branch", "rx90"])
 def test_strip_of_stick_figures_is_drawn(name, tmp_path):
     model = haptid.DynamicModel(haptid.read_device(name))
-    qa = np.random.default_rng(0).uniform(-0.5, 0.5, (3, len(model.active)))
+    qa = np.random.default_rng(0).uniform(-0.5, 0.5, (3, len(model.device.active)))
     bench.draw_strip(model, qa, TIMES, tmp_path / "strip.png")
     assert (tmp_path / "strip.png").read_bytes().startswith(b"\x89PNG")
 

@@ -39,7 +39,7 @@ def test_free_motion_keeps_loops_closed_and_energy(name):
 @pytest.mark.parametrize("name", CENTRES)
 def test_motor_torques_are_those_of_the_model_at_the_exact_states(name):
     setup, found = made(name)
-    model, active = setup.model, list(setup.model.active)
+    model, active = setup.model, list(setup.model.device.active)
     q, qd, qdd = (x[:, active].T for x in (found.q, found.qd, found.qdd))
     tau = haptid.inverse_dynamics(model, model.base.of(setup.chi), q, qd, qdd).T
     moving = (np.abs(found.qd) > 0.05).all(axis=1)
@@ -63,7 +63,7 @@ def test_the_hand_is_in_the_balance_of_forces():
     """Motor torques and the hand's force on the handle together are the model's torque."""
     push = bench.Push((1.0, 0.5, -0.8), frequency_hz=2.0, start=0.2, stop=1.5)
     setup, found = made(seconds=2.0, hand=(push,), sensor=bench.ForceSensor())
-    model, active = setup.model, list(setup.model.active)
+    model, active = setup.model, list(setup.model.device.active)
     q, qd, qdd = (x[:, active].T for x in (found.q, found.qd, found.qdd))
     tau = haptid.inverse_dynamics(model, model.base.of(setup.chi), q, qd, qdd).T
     eps, jacobian = 1e-6, np.empty((len(found), 3, 3))
@@ -84,8 +84,8 @@ def test_the_hand_is_in_the_balance_of_forces():
 def handle(model, qa):
     from haptid.device import poses
 
-    at = poses(model, (model.closure.G @ qa + model.closure.offset[:, None]).T)[:, model.handle.link]
-    return at[:, :3, :3] @ model.handle.translation + at[:, :3, 3]
+    at = poses(model, (model.device.closure.G @ qa + model.device.closure.offset[:, None]).T)[:, model.device.handle.link]
+    return at[:, :3, :3] @ model.device.handle.translation + at[:, :3, 3]
 
 
 def test_encoders_have_steps_and_velocity_is_their_filtered_difference():
@@ -94,7 +94,7 @@ def test_encoders_have_steps_and_velocity_is_their_filtered_difference():
     steps = 2 * np.pi / (4000 * np.array([13.3, 11.2, 11.2]))
     counts = found.position / steps
     np.testing.assert_allclose(counts, np.round(counts), atol=1e-6)
-    exact = found.q[:, list(setup.model.active)]
+    exact = found.q[:, list(setup.model.device.active)]
     assert (np.abs(found.position - exact).max(axis=0) <= 0.500001 * steps).all()
     keep, velocity = np.exp(-2 * np.pi * 100 * found.dt), np.zeros(3)
     for before, here, shown in zip(found.position[:-1], found.position[1:], found.velocity[1:], strict=True):
@@ -105,7 +105,7 @@ def test_encoders_have_steps_and_velocity_is_their_filtered_difference():
 def test_amplifiers_have_gain_delay_noise_and_saturation():
     amplifiers = bench.Amplifiers(gain=(1.02, 0.97, 1.0), delay=1.3e-3)
     setup, found = made(seconds=2.0, amplifiers=amplifiers)
-    asked = found.command * [drive.gain for drive in setup.model.motors]
+    asked = found.command * [drive.gain for drive in setup.model.device.motors]
     # 1.3 ms late: at the beginning of a period the command of two periods before still acts.
     np.testing.assert_allclose(found.torque[2:], [1.02, 0.97, 1.0] * asked[:-2], rtol=1e-12, atol=1e-15)
     _, noisy = made(seconds=2.0, amplifiers=bench.Amplifiers(noise=(2e-3,)))
@@ -120,7 +120,7 @@ def test_gravity_feed_forward_and_integral_hold_better_than_pd():
     for what, extra in (("pd", {}), ("gravity", {"gravity": True}), ("pid", {"ki": (20.0, 20.0, 10.0)})):
         controller = bench.Controller((8.0, 7.0, 3.0), (0.2, 0.15, 0.08), **extra)
         setup, found = made(seconds=2.0, still=True, controller=controller)
-        reach[what] = np.abs(found.q[-1, list(setup.model.active)] - found.target[-1]).max()
+        reach[what] = np.abs(found.q[-1, list(setup.model.device.active)] - found.target[-1]).max()
     assert reach["gravity"] < 1e-6
     assert reach["pid"] < reach["pd"]
 

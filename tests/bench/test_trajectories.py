@@ -107,7 +107,7 @@ def test_flat_loops_are_refused():
     model = haptid.DynamicModel(haptid.read_device("cea_medical_branch"))
     with pytest.raises(errors.FlatLoopError, match="close to flat"):
         check(bench.Multisine(4.0, (0.0, 0.0, 3.8), (0.3,)), model, true_parameters(model))
-    assert bench.loop_openness(model, np.array([model.closure.G @ [0, 0.0, 1.0] + model.closure.offset]))[0] < 1e-9
+    assert bench.loop_openness(model, np.array([model.device.closure.G @ [0, 0.0, 1.0] + model.device.closure.offset]))[0] < 1e-9
 
 
 def test_velocity_and_torque_limits_of_the_device_file_are_kept(tmp_path):
@@ -123,8 +123,8 @@ limits = { velocity = 2.0, torque = 0.5 }
     path = tmp_path / "pendulum.toml"
     path.write_text(text)
     model = haptid.DynamicModel(haptid.read_device(path))
-    chi = np.zeros(len(model.parameters))
-    chi[model.parameters.index["ZZ1"]] = 0.1
+    chi = np.zeros(len(model.device.parameters))
+    chi[model.device.parameters.index["ZZ1"]] = 0.1
     with pytest.raises(errors.TrajectoryLimitError, match=r"speed of joint 1 .* 2 rad/s"):
         check(bench.Multisine(4.0, (0.0,), (1.0,)), model, chi)
     with pytest.raises(errors.TrajectoryLimitError, match=r"torque of joint 1 .* 0\.5 N m"):

@@ -24,7 +24,7 @@ def demo():
 
 @pytest.fixture(scope="module")
 def model(demo):
-    return haptid.DynamicModel(haptid.read_device(demo.model))
+    return haptid.DynamicModel(haptid.read_device(demo.device))
 
 
 def test_every_file_of_the_plan_is_there_and_its_names_fit(demo, model):
@@ -35,7 +35,7 @@ def test_every_file_of_the_plan_is_there_and_its_names_fit(demo, model):
         assert branch.table == TABLES[branch.key]
     keys = {branch.key for branch in demo.branches}
     assert {drawn.branch for drawn in demo.drawn} <= keys
-    assert {drawn.motor for drawn in demo.drawn} <= set(model.row_names)
+    assert {drawn.motor for drawn in demo.drawn} <= set(model.device.row_names)
     assert {said.sweep for said in demo.statements} <= {sweep.key for sweep in demo.sweeps}
     assert demo.compensation.branch in keys
 
@@ -93,7 +93,7 @@ def shorter(take, folder):
     text = text.replace("[0.2, 0.3, 0.45, 0.7, 1.0, 1.4]", "[0.8, 1.2]")
     path = folder / take.experiment.name
     path.write_text(text, encoding="utf-8")
-    return Take(take.model, path, take.out, seed=take.seed)
+    return Take(take.device, path, take.out, seed=take.seed)
 
 
 def test_everything_is_written(found):
@@ -134,11 +134,11 @@ def test_friction_test_finds_coulomb_friction(found):
 def test_compensation_takes_off_what_it_promises(found):
     _, results = found
     made = results.compensated
-    np.testing.assert_allclose(made.before, made.model, rtol=0.05)
+    np.testing.assert_allclose(made.before, made.estimated, rtol=0.05)
     np.testing.assert_allclose(made.after, made.promised, rtol=0.15)
     assert results.demo.compensation.share < made.bound < 1
     # Of one pose, the heaviest, the share towards its mass is the share that is set.
-    assert made.target == pytest.approx((1 - results.demo.compensation.share) * made.model[0])
+    assert made.target == pytest.approx((1 - results.demo.compensation.share) * made.estimated[0])
     np.testing.assert_allclose(made.even, made.after, rtol=0.05)
 
 

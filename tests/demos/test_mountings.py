@@ -77,7 +77,7 @@ def results(tmp_path_factory):
 
 
 def coarse(take):
-    return Take(take.model, take.experiment, take.out, take.exact, take.seed, STEP)
+    return Take(take.device, take.experiment, take.out, take.exact, take.seed, STEP)
 
 
 def test_everything_is_written(results):
@@ -139,5 +139,5 @@ def test_truth_and_targets_are_of_the_file(results):
     _, found = results
     fits = found.fits["usd"]
     assert fits.model is found.model
-    assert isinstance(found.model, haptid.Device)
+    assert isinstance(found.model, haptid.DynamicModel)
     assert np.sign(fits["encoders"].targets["pi_8"].value) == 1

@@ -25,7 +25,7 @@ def demo():
 
 @pytest.fixture(scope="module")
 def model(demo):
-    return haptid.DynamicModel(haptid.read_device(demo.model))
+    return haptid.DynamicModel(haptid.read_device(demo.device))
 
 
 def test_the_command_lists_demos():
@@ -46,9 +46,9 @@ def test_every_file_of_a_plan_is_there_and_its_names_fit(demo, model):
     keys = {mounting.key for mounting in demo.mountings}
     files = [*(m.experiment for m in demo.mountings), demo.hand.experiment, demo.tool.experiment]
     for file in files:
-        assert read_experiment(demo.folder / file).setup(model).model.name == model.name
-    assert demo.parameters.rows == tuple(target.name for target in model.targets)
-    assert demo.errors.rows == model.row_names
+        assert read_experiment(demo.folder / file).setup(model).model.name == model.device.name
+    assert demo.parameters.rows == tuple(target.name for target in model.device.targets)
+    assert demo.errors.rows == model.device.row_names
     assert set(demo.errors.columns) == keys == set(demo.parameters.columns) - {"bodies"}
     assert {demo.hand.mounting, demo.tool.mounting} <= keys
     assert {key for pair in demo.comparisons for key in (pair.first, pair.second)} <= keys
@@ -86,8 +86,8 @@ def test_without_terms_the_links_are_the_same(model):
 def test_a_device_turned_over_has_its_weights_with_the_other_sign(model):
     """In the targets of the file as it is, pi_7 and pi_8 alone change."""
     beta, C = truth(model), target_map(model)
-    seen = as_in_file(model, model.with_gravity(-model.gravity), beta)
-    wanted = (C @ beta) * np.where(np.isin([t.name for t in model.targets], ["pi_7", "pi_8"]), -1, 1)
+    seen = as_in_file(model, model.with_gravity(-model.device.gravity), beta)
+    wanted = (C @ beta) * np.where(np.isin([t.name for t in model.device.targets], ["pi_7", "pi_8"]), -1, 1)
     np.testing.assert_allclose(C @ seen, wanted, rtol=1e-9)
 
 

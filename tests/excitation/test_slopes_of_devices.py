@@ -16,13 +16,13 @@ def limited(name: str) -> Bounds:
     """A device whose passive joints have narrow limits too, and so have torques."""
     model = haptid.DynamicModel(haptid.read_device(name))
     joints = tuple(
-        joint if j in model.active else replace(joint, position_limits=(-0.1, 0.2), velocity_limit=0.5)
-        for j, joint in enumerate(model.joints)
+        joint if j in model.device.active else replace(joint, position_limits=(-0.1, 0.2), velocity_limit=0.5)
+        for j, joint in enumerate(model.device.joints)
     )
     model = replace(model, joints=joints)
-    weights = tuple(np.linspace(1.0, 2.0, len(model.active)))
+    weights = tuple(np.linspace(1.0, 2.0, len(model.device.active)))
     limits = Limits(
-        ((-0.1, 0.1),) * len(model.active),
+        ((-0.1, 0.1),) * len(model.device.active),
         (0.5,),
         torque=(0.1,),
         acceleration=(2.0,),
@@ -35,8 +35,8 @@ def limited(name: str) -> Bounds:
 def states_of(model: haptid.Device, count: int = 60) -> np.ndarray:
     """Near the start pose, no coordinate at rest: friction jumps there."""
     rng = np.random.default_rng(1)
-    q = getattr(model.closure, "at", np.zeros(len(model.active)))[:, None]
-    states = rng.uniform(-1, 1, (3, len(model.active), count)) * np.array([0.2, 2.0, 8.0])[:, None, None]
+    q = getattr(model.device.closure, "at", np.zeros(len(model.device.active)))[:, None]
+    states = rng.uniform(-1, 1, (3, len(model.device.active), count)) * np.array([0.2, 2.0, 8.0])[:, None, None]
     states[0] += q
     states[1] += 0.1 * np.sign(states[1])
     return states
@@ -61,7 +61,7 @@ def test_slopes_of_the_criterion_are_differences_of_the_cost(name, criterion):
     bounds = limited(name)
     states, model = states_of(bounds.model), bounds.model
     some = tuple(range(0, len(model.base), 2))
-    slopes = Slopes.of(bounds, criterion, some, np.ones(sum(model.measured)))
+    slopes = Slopes.of(bounds, criterion, some, np.ones(sum(model.device.measured)))
     way, step = np.random.default_rng(2).normal(size=states.shape), 1e-6
     wanted = (slopes.cost(states + step * way, 2.0) - slopes.cost(states - step * way, 2.0)) / (2 * step)
     found = np.sum(slopes(states, 2.0, 0.0)[1] * way)

@@ -42,12 +42,12 @@ def tree_torques(built, model, q, qd, qdd):
     """
     built.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_EQUALITY
     data, order = mujoco.MjData(built), list(depth_first(model))
-    found = np.empty((len(model.active), q.shape[1]))
+    found = np.empty((len(model.device.active), q.shape[1]))
     for k in range(q.shape[1]):
         data.qpos[:], data.qvel[:], data.qacc[:] = q[order, k], qd[order, k], qdd[order, k]
         mujoco.mj_inverse(built, data)
         mujoco.mj_fwdActuation(built, data)
-        found[:, k] = model.rates[order].T @ (data.qfrc_inverse - data.qfrc_actuator)
+        found[:, k] = model.device.rates[order].T @ (data.qfrc_inverse - data.qfrc_actuator)
     return found
 
 
@@ -58,7 +58,7 @@ def test_mjcf_has_the_dynamics_of_the_model(tmp_path, name):
     beta = model.base.of(true_parameters(model, FC=0.0))
     built = loaded(export_mjcf((model, beta), tmp_path))
     built.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_FRICTIONLOSS | mujoco.mjtDisableBit.mjDSBL_LIMIT
-    qa, qda, qdda = np.random.default_rng(0).uniform(-1, 1, (3, len(model.active), 40))
+    qa, qda, qdda = np.random.default_rng(0).uniform(-1, 1, (3, len(model.device.active), 40))
     wanted = haptid.inverse_dynamics(model, beta, qa, qda, qdda)
     found = tree_torques(built, model, *model.tree(qa, qda, qdda))
     np.testing.assert_allclose(found, wanted, atol=1e-8 * np.abs(wanted).max())
@@ -70,7 +70,7 @@ def test_random_mechanisms_keep_their_dynamics_in_mjcf(mechanism):
     """Trees with branches and sliding joints, rotors, viscous friction, springs and offsets."""
     model = as_device(mechanism, ("rotor", "viscous", "offset", "spring"))
     beta = model.base.of(parameters(mechanism, model))
-    states = np.random.default_rng(1).uniform(-0.9, 0.9, (3, len(model.active), 10))
+    states = np.random.default_rng(1).uniform(-0.9, 0.9, (3, len(model.device.active), 10))
     wanted = haptid.inverse_dynamics(model, beta, *states)
     with tempfile.TemporaryDirectory() as folder:
         built = loaded(export_mjcf((model, beta), folder))
@@ -83,7 +83,7 @@ def test_random_mechanisms_keep_their_dynamics_in_mjcf(mechanism):
 def test_random_mechanisms_keep_their_dynamics_in_urdf(mechanism):
     model = as_device(mechanism, ("rotor",))
     beta = model.base.of(parameters(mechanism, model))
-    states = np.random.default_rng(1).uniform(-0.9, 0.9, (3, len(model.active), 10))
+    states = np.random.default_rng(1).uniform(-0.9, 0.9, (3, len(model.device.active), 10))
     wanted = haptid.inverse_dynamics(model, beta, *states)
     with tempfile.TemporaryDirectory() as folder:
         made = export_urdf((model, beta), folder)
@@ -97,7 +97,7 @@ def test_damping_and_dry_friction_are_the_identified_ones(tmp_path, name):
     model, beta = mj_model(name)
     built = loaded(export_mjcf((model, beta), tmp_path))
     index = {n: k for k, n in enumerate(model.base.names)}
-    named = [(joint.name, kind) for joint in model.joints for kind in ("FV", "FC") if kind + joint.name in index]
+    named = [(joint.name, kind) for joint in model.device.joints for kind in ("FV", "FC") if kind + joint.name in index]
     for name_, kind in named:
         dof = built.joint(name_)
         value = (dof.damping if kind == "FV" else dof.frictionloss)[0]
@@ -108,9 +108,9 @@ def pinocchio_torque(path, model, qa, qda, qdda, armature):
     """Inverse dynamics of the URDF's tree, projected on the device's coordinates, (coordinates, samples)."""
     pin = pytest.importorskip("pinocchio")
     built = pin.buildModelFromUrdf(str(path))
-    built.gravity.linear = np.array([0.0, 0.0, -np.linalg.norm(model.gravity)])
+    built.gravity.linear = np.array([0.0, 0.0, -np.linalg.norm(model.device.gravity)])
     data = built.createData()
-    at = [built.joints[built.getJointId(joint.name)] for joint in model.joints]
+    at = [built.joints[built.getJointId(joint.name)] for joint in model.device.joints]
     found = np.empty_like(qa)
     q, qd, qdd = model.tree(qa, qda, qdda)
     for k in range(qa.shape[1]):
@@ -123,7 +123,7 @@ def pinocchio_torque(path, model, qa, qda, qdda, armature):
                 x[joint.idx_q] = q[j, k]
             v[joint.idx_v], a[joint.idx_v] = qd[j, k], qdd[j, k]
         tau = pin.rnea(built, data, x, v, a)
-        found[:, k] = model.rates.T @ ([tau[joint.idx_v] for joint in at] + armature * qdd[:, k])
+        found[:, k] = model.device.rates.T @ ([tau[joint.idx_v] for joint in at] + armature * qdd[:, k])
     return found
 
 
@@ -131,9 +131,9 @@ def rotors(path, model):
     """Rotor inertia on each joint, as Drake reads it from the file."""
     from xml.etree import ElementTree
 
-    made = np.zeros(len(model.joints))
+    made = np.zeros(len(model.device.joints))
     for element in ElementTree.parse(path).getroot().findall("transmission"):
-        j = model.joint_names.index(element.find("joint").attrib["name"])
+        j = model.device.joint_names.index(element.find("joint").attrib["name"])
         made[j] = float(element.find("actuator/{http://drake.mit.edu}rotor_inertia").attrib["value"])
     return made
 
@@ -145,7 +145,7 @@ def test_urdf_has_the_dynamics_of_the_model(tmp_path, name):
     beta = model.base.of(chi)
     made = export_urdf((model, beta), tmp_path)
     path = made.folder / made.files[0]
-    qa, qda, qdda = np.random.default_rng(0).uniform(-1, 1, (3, len(model.active), 30))
+    qa, qda, qdda = np.random.default_rng(0).uniform(-1, 1, (3, len(model.device.active), 30))
     wanted = haptid.inverse_dynamics(model, beta, qa, qda, qdda)
     found = pinocchio_torque(path, model, qa, qda, qdda, rotors(path, model))
     np.testing.assert_allclose(found, wanted, atol=1e-8 * np.abs(wanted).max())
@@ -197,7 +197,7 @@ def test_an_estimate_on_the_border_is_brought_inside(tmp_path):
 def simulated_torque(built, model, plan):
     """The same of the treated rows, decimated as the measured one, (coordinates, rows)."""
     c, cd, cdd, _ = plan.signals(*plan.window(0, plan.rows))
-    to_joints = np.linalg.inv(model.frame)
+    to_joints = np.linalg.inv(model.device.frame)
     torque = tree_torques(built, model, *model.tree(*(to_joints @ x for x in (c, cd, cdd))))
     return decimate(torque, plan.filter.taps, plan.motion.treatment.decimation)
 
@@ -214,7 +214,7 @@ def test_mujoco_predicts_the_unseen_log_as_the_model_does(tmp_path, name):
     validation = haptid.validate(estimate, unseen)
     built = loaded(export_mjcf(estimate, tmp_path, validation=validation))
     prediction = haptid.predict(estimate, unseen)
-    torque = simulated_torque(built, model, Plan.of(model, unseen))[list(model.measured)]
+    torque = simulated_torque(built, model, Plan.of(model, unseen))[list(model.device.measured)]
     wanted = np.where(prediction.used, prediction.measured, 0.0)
     missed = np.where(prediction.used, torque - prediction.measured, 0.0)
     relative = 100 * np.linalg.norm(missed, axis=1) / np.linalg.norm(wanted, axis=1)

@@ -14,8 +14,8 @@ from haptid.end_effector.characterisation import GivenModel, characterise, felt_
 from haptid.end_effector.characterisation.velocity_forces import drift
 
 DEMO = read_demo("medical")
-DEVICE = haptid.DynamicModel(haptid.read_device(DEMO.model))
-D3, D4, D6, D7, D9 = (DEVICE.lengths[name] for name in ("d3", "d4", "d6", "d7", "d9"))
+DEVICE = haptid.DynamicModel(haptid.read_device(DEMO.device))
+D3, D4, D6, D7, D9 = (DEVICE.device.lengths[name] for name in ("d3", "d4", "d6", "d7", "d9"))
 # What the printed groupings have beside the right ones of sign set A, by base and standard parameter.
 PRINTED = {
     "T1": {"ZZ1R": {"XX4": -2.0, "XX8": -2.0}},

@@ -43,8 +43,8 @@ def equation_4(mass, moments, base_yy):
 
 def standard(model, mass, moments, base_yy):
     """The same bodies as standard parameters in link frames, moved to the joints by Huygens and Steiner, (p,)."""
-    chi = np.zeros(len(model.parameters))
-    chi[model.parameters.index["ZZba"]] = base_yy
+    chi = np.zeros(len(model.device.parameters))
+    chi[model.device.parameters.index["ZZba"]] = base_yy
     middle = {"a": (L2 / 2, L2 / 2), "c": (L1 / 2, L1 / 2), "be": (L5, 0.0), "df": (-L6, 0.0)}
     for body, (x, moved) in middle.items():
         ix, iy, iz = moments[body]
@@ -52,7 +52,7 @@ def standard(model, mass, moments, base_yy):
         steiner = mass[body] * moved**2
         values = {"XX": along, "YY": across + steiner, "ZZ": ix + steiner, "MX": mass[body] * x, "M": mass[body]}
         for kind, value in values.items():
-            chi[model.parameters.index[kind + body]] = value
+            chi[model.device.parameters.index[kind + body]] = value
     return chi
 
 
@@ -62,8 +62,8 @@ def model():
 
 
 def test_targets_of_the_prior_bodies_are_equation_4_and_table_1(model):
-    rows = np.array([target.row for target in model.targets[:8]])
-    found = rows @ np.nan_to_num(model.chi_prior)
+    rows = np.array([target.row for target in model.device.targets[:8]])
+    found = rows @ np.nan_to_num(model.device.chi_prior)
     np.testing.assert_allclose(found, equation_4(MASS, MOMENTS, BASE_YY), rtol=1e-13)
     np.testing.assert_allclose(ALPHA * found, TABLE1, atol=2e-4)
     golden = [0.00283279, 0.00113189, -0.00039120, 0.00091230, 0.00242640, 0.00093189, -0.01629804, -0.07375521]
@@ -72,7 +72,7 @@ def test_targets_of_the_prior_bodies_are_equation_4_and_table_1(model):
 
 def test_targets_of_any_bodies_are_equation_4(model):
     rng = np.random.default_rng(0)
-    rows = np.array([target.row for target in model.targets[:8]])
+    rows = np.array([target.row for target in model.device.targets[:8]])
     for _ in range(20):
         mass = {body: value * rng.uniform(0.1, 3) for body, value in MASS.items()}
         moments = {body: tuple(rng.uniform(0.1, 3, 3) * value) for body, value in MOMENTS.items()}
@@ -86,7 +86,7 @@ def test_the_eight_base_parameters_and_pi_span_one_space(model):
     assert np.linalg.matrix_rank(C[:8, :8]) == 8
     np.testing.assert_array_equal(C[:8, 8:], 0)
     np.testing.assert_array_equal(C[8:], np.eye(14)[8:])
-    rows = np.array([target.row for target in model.targets])
+    rows = np.array([target.row for target in model.device.targets])
     np.testing.assert_allclose(C @ model.base.regrouping, rows, atol=1e-15)
     np.testing.assert_allclose(np.linalg.solve(C, rows), model.base.regrouping, atol=1e-12)
 
@@ -96,7 +96,7 @@ def test_the_groupings_of_equation_4_are_found_in_link_frames(model):
     C, names = target_map(model), list(model.base.names)
     found = {
         target.name: formula(row, tuple(names), int(np.argmax(row != 0)))
-        for target, row in zip(model.targets, np.round(C, 12), strict=True)
+        for target, row in zip(model.device.targets, np.round(C, 12), strict=True)
     }
     assert found["pi_1"] == "ZZbaR + 0.5 XXbeR + 0.5 XXdfR"
     assert found["pi_2"] == "-0.5 XXbeR"

@@ -62,7 +62,7 @@ def model():
 def to_pi(model):
     """pi = to_pi beta, by the papers' eq. (4); 9.81 m/s^2 is in pi_7 and pi_8."""
     row = {name: k for k, name in enumerate(model.base.names)}
-    L1, g = model.lengths["L1"], 9.81
+    L1, g = model.device.lengths["L1"], 9.81
     combinations = [
         {"ZZbaR": 1, "XXbeR": 0.5, "XXdfR": 0.5},
         {"XXbeR": -0.5},
@@ -83,7 +83,7 @@ def to_pi(model):
 
 def test_the_combinations_are_the_papers(model, to_pi):
     """From the bodies of Cavusoglu et al.: the printed column (pi_1 and pi_2 are one off in the last digit)."""
-    beta = model.base.of(np.nan_to_num(model.chi_prior))
+    beta = model.base.of(np.nan_to_num(model.device.chi_prior))
     np.testing.assert_allclose((to_pi @ beta)[:8], CAVUSOGLU[:8], atol=2e-4)
 
 

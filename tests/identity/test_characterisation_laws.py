@@ -37,7 +37,7 @@ def held(draw_from, most=8):
 @given(held())
 def test_the_kernel_takes_the_road_of_python(case):
     model, identified, qa = case
-    n = len(model.active)
+    n = len(model.device.active)
     for count in (1, 7, 8, 11):
         part = np.ascontiguousarray(qa[:, :count])
         got = _core.handle_dynamics(*core_arguments(identified, part), list(range(6)))
@@ -56,7 +56,7 @@ def test_masses_are_inverse_mobilities(case):
     A, J = mass_matrix(model, identified.beta, qa), handle_motion(model, qa).row_jacobian[:, :3]
     assume((np.linalg.eigvalsh(A)[:, 0] > 1e-6 * np.abs(A).max()).all())
     found = felt_mass(identified, qa, worst_condition=WORST)
-    r = min(3, len(model.active))
+    r = min(3, len(model.device.active))
     s = np.linalg.svd(J, compute_uv=False)
     np.testing.assert_array_equal(found.usable[s[:, -1] == 0], False)
     clear = found.usable & (s[:, 0] < 0.9 * WORST * s[:, -1])
@@ -73,10 +73,10 @@ def test_masses_are_inverse_mobilities(case):
 def test_kinetic_energy_is_the_same_at_the_handle(case, seed):
     """1/2 xd' M xd = 1/2 qd' A qd where the handle's motion determines the joints'."""
     model, identified, qa = case
-    assume(len(model.active) <= 3)
+    assume(len(model.device.active) <= 3)
     found = felt_mass(identified, qa, worst_condition=WORST)
     A, J = mass_matrix(model, identified.beta, qa), handle_motion(model, qa).row_jacobian[:, :3]
-    qd = np.random.default_rng(seed).normal(size=(qa.shape[1], len(model.active)))
+    qd = np.random.default_rng(seed).normal(size=(qa.shape[1], len(model.device.active)))
     xd = np.einsum("pij,pj->pi", J, qd)
     known = found.definite
     along = np.einsum("pei,pi->pe", found.directions, xd)
@@ -146,7 +146,7 @@ def test_dry_friction_takes_the_power_that_joints_lose(name):
 def true_terms(model):
     """Values of the terms' parameters, as core columns."""
     chi = true_parameters(model)
-    return (model.parameters.S @ chi)[10 * len(model.joints) :]
+    return (model.device.parameters.S @ chi)[10 * len(model.device.joints) :]
 
 
 def test_weight_is_the_slope_of_the_energy():
@@ -171,7 +171,7 @@ def test_stiffness_moves_as_joints_do():
 def test_no_direction_is_weaker_than_the_weakest():
     model, identified, qa = shipped()
     c = characterise(identified, qa)
-    limits = dict(zip((m.name for m in model.motors), (3.0, 2.5, 2.0), strict=True))
+    limits = dict(zip((m.name for m in model.device.motors), (3.0, 2.5, 2.0), strict=True))
     worst, direction = c.greatest_force(limits)
     for d in np.random.default_rng(1).normal(size=(200, 3)):
         assert (c.force_along(d, limits).value >= worst.value * (1 - 1e-12)).all()
@@ -193,7 +193,7 @@ def test_pinocchio_agrees():
         robot.appendBodyToJoint(
             k, pin.Inertia(mechanism.mass[i], mechanism.com[i], mechanism.inertia[i]), pin.SE3.Identity()
         )
-    placement = pin.SE3(model.handle.rotation, model.handle.translation)
+    placement = pin.SE3(model.device.handle.rotation, model.device.handle.translation)
     frame = robot.addFrame(pin.Frame("handle", 5, 0, placement, pin.FrameType.OP_FRAME))
     data = robot.createData()
     found = felt_mass(identified, qa, worst_condition=WORST)

@@ -31,7 +31,7 @@ def recorded(model, folder, seed):
     np.savetxt(path, rows, delimiter=",", header="t,q1,q2,q3,u1,u2,u3", comments="", fmt="%.15g")
     channels = haptid.Channels(
         position=haptid.Signal(("q1", "q2", "q3"), unit="rad"),
-        torque=haptid.Signal(("u1", "u2", "u3"), unit=model.motors[0].unit, side="motor"),
+        torque=haptid.Signal(("u1", "u2", "u3"), unit=model.device.motors[0].unit, side="motor"),
         time="t",
     )
     return haptid.read_log(path, channels)

@@ -23,7 +23,7 @@ def test_poses_and_jacobian_are_pinocchios(mechanism):
     for i, parent in enumerate(mechanism.parent):
         joint = pin.JointModelPZ() if mechanism.prismatic[i] else pin.JointModelRZ()
         pin_model.addJoint(parent + 1, joint, pin.SE3(mechanism.rotation[i], mechanism.translation[i]), f"joint{i}")
-    placement = pin.SE3(model.handle.rotation, model.handle.translation)
+    placement = pin.SE3(model.device.handle.rotation, model.device.handle.translation)
     frame = pin_model.addFrame(pin.Frame("handle", len(mechanism.parent), 0, placement, pin.FrameType.OP_FRAME))
     data = pin_model.createData()
     for k in range(3):

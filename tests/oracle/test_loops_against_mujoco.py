@@ -62,8 +62,8 @@ def tree_of(model, mj_model, data, q, qd):
     friction = -(rows[dry].T * data.efc_frictionloss[dry]) @ np.sign(rows[dry] @ qd)
     constant = data.qfrc_actuator.copy()
     J = rows[kinds == mujoco.mjtConstraint.mjCNSTR_EQUALITY].copy()
-    A = np.empty((mj_model.nv, len(model.motors)))
-    for k in range(len(model.motors)):
+    A = np.empty((mj_model.nv, len(model.device.motors)))
+    for k in range(len(model.device.motors)):
         data.ctrl[:] = 0.0
         data.ctrl[k] = 1.0
         mujoco.mj_fwdActuation(mj_model, data)
@@ -86,7 +86,7 @@ def rates(model, mj_model, data, J):
 
 def weights(model):
     """True parameters with bodies and friction, (p,)."""
-    if model.name.startswith(("PHANToM", "CEA")):
+    if model.device.name.startswith(("PHANToM", "CEA")):
         return true_parameters(model)
     return light(model)
 
@@ -96,7 +96,7 @@ def compared(request):
     """A device, its parameters, states on its loops, and MuJoCo's quantities there."""
     model = haptid.DynamicModel(haptid.read_device(request.param))
     chi, rng = weights(model), np.random.default_rng(7)
-    qa = model.closure.draw(rng, STATES)
+    qa = model.device.closure.draw(rng, STATES)
     qda, qdda = rng.uniform(-1, 1, (2, *qa.shape)) * np.array([5.0, 50.0])[:, None, None]
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(
@@ -105,14 +105,14 @@ def compared(request):
         mj_model = mujoco.MjModel.from_xml_string(mjcf(model, chi))
     data, order = mujoco.MjData(mj_model), list(depth_first(model))
     q, qd, qdd = (x[order] for x in model.tree(qa, qda, qdda))
-    active = [order.index(j) for j in model.active]
+    active = [order.index(j) for j in model.device.active]
     trees = [tree_of(model, mj_model, data, q[:, k], qd[:, k]) for k in range(STATES)]
     return model, model.base.of(chi), (qa, qda, qdda), (q, qd, qdd), active, trees
 
 
 def on_drives(model, rows):
     """Torques of rows as torques of the drives, (active, samples)."""
-    return np.linalg.solve(model.coupling.T, model.frame.T @ rows)
+    return np.linalg.solve(model.device.coupling.T, model.device.frame.T @ rows)
 
 
 def close(found, wanted, size=0.0):
@@ -122,7 +122,7 @@ def close(found, wanted, size=0.0):
 
 def test_pins_allow_the_motion_and_no_other(compared):
     model, _, (qa, _, _), (_, qd, qdd), active, trees = compared
-    G = np.broadcast_to(model.closure.follow(qa).G, (STATES, *model.closure.constant.shape))
+    G = np.broadcast_to(model.device.closure.follow(qa).G, (STATES, *model.device.closure.constant.shape))
     G = G[:, list(depth_first(model))]
     for k, tree in enumerate(trees):
         close(tree.basis(active), G[k])
@@ -138,18 +138,18 @@ def test_inverse_dynamics_with_rigid_pins(compared):
         both = np.column_stack([tree.A, tree.J.T])
         solved = np.linalg.lstsq(both, wanted, rcond=1e-12)[0]
         np.testing.assert_allclose(both @ solved, wanted, rtol=0, atol=TIGHT * np.abs(wanted).max())
-        found.append(solved[: len(model.motors)])
+        found.append(solved[: len(model.device.motors)])
     close(on_drives(model, haptid.inverse_dynamics(model, beta, *motion)).T, np.array(found))
 
 
 def test_forward_dynamics_with_rigid_pins(compared):
     """The accelerations that given motor torques make."""
     model, beta, (qa, qda, _), (_, qd, _), active, trees = compared
-    u = np.random.default_rng(1).uniform(-0.2, 0.2, (len(model.motors), STATES))
-    tau = np.linalg.solve(model.frame.T, model.coupling.T @ u)
+    u = np.random.default_rng(1).uniform(-0.2, 0.2, (len(model.device.motors), STATES))
+    tau = np.linalg.solve(model.device.frame.T, model.device.coupling.T @ u)
     rest = haptid.inverse_dynamics(model, beta, qa, qda, np.zeros_like(qa))
     cdd = np.linalg.solve(haptid.mass_matrix(model, beta, qa), (tau - rest).T[..., None])[..., 0]
-    ours = np.linalg.solve(model.frame, cdd.T).T
+    ours = np.linalg.solve(model.device.frame, cdd.T).T
     theirs = []
     for k, tree in enumerate(trees):
         Z, still = tree.basis(active), tree.still(qd[:, k], active)
@@ -160,7 +160,7 @@ def test_forward_dynamics_with_rigid_pins(compared):
 
 def test_mass_matrix_and_bias_of_the_closed_chain(compared):
     model, beta, (qa, qda, _), (_, qd, _), active, trees = compared
-    back = np.linalg.inv(model.frame)
+    back = np.linalg.inv(model.device.frame)
     M = haptid.mass_matrix(model, beta, qa)
     h = haptid.bias_torque(model, beta, qa, qda).T
     for k, tree in enumerate(trees):

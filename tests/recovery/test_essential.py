@@ -43,7 +43,7 @@ def fitted(model, seed=1, method=None, **noise):
 def explicit(model, made):
     """W and y of a motion with exact rates, stored."""
     c, cd, cdd = made.kinematics(0, len(made))
-    W = np.einsum("apk,pb->kab", rows(model, c, cd, cdd), model.parameters.S[:, list(model.base.kept)])
+    W = np.einsum("apk,pb->kab", rows(model, c, cd, cdd), model.device.parameters.S[:, list(model.base.kept)])
     return W.reshape(-1, len(model.base)), made.tau.reshape(-1)
 
 

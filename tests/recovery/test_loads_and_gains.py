@@ -57,8 +57,8 @@ def recorded(model, load=None, seed=1, noise=0.02, factor=1.0, seconds=10.0):
 def test_a_load_is_the_base_parameters_of_its_body(model):
     """Against the torque of a device that has the load as one more link, fixed."""
     shift = haptid.load_shift(model, "3", LOAD)
-    chi = np.zeros(len(model.parameters.names))
-    index, com = model.parameters.index, LOAD.com
+    chi = np.zeros(len(model.device.parameters.names))
+    index, com = model.device.parameters.index, LOAD.com
     J = LOAD.inertia + LOAD.mass * (com @ com * np.eye(3) - np.outer(com, com))
     for kind, value in zip(("XX", "YY", "ZZ", "XY", "XZ", "YZ"), (*np.diag(J), J[0, 1], J[0, 2], J[1, 2]), strict=True):
         chi[index[f"{kind}3"]] = value

@@ -21,7 +21,7 @@ def model():
 
 def recorded(model, beta, treatment, seed, noise):
     """A multisine as encoders see it, and its exact torque with white noise of a share of its own size."""
-    q, qd, qdd = multisine(len(model.active), 15.0, DT, seed, size=0.8)
+    q, qd, qdd = multisine(len(model.device.active), 15.0, DT, seed, size=0.8)
     tau = haptid.inverse_dynamics(model, beta, q, qd, qdd)
     tau += noise * tau.std(axis=1, keepdims=True) * np.random.default_rng(seed).standard_normal(tau.shape)
     return haptid.Motion(DT, (COUNT * np.round(q / COUNT)).T, tau.T, treatment)

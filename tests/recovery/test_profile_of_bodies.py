@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 
 import haptid
-from haptid.estimation import Profile, profile, pseudo_inertia
+from haptid.estimation import Profile, pseudo_inertia
+from haptid.estimation.intervals import profile
 from motions import motion
 from small_study import two_links
 from true_parameters import true_parameters
@@ -15,7 +16,7 @@ RUNS = 100
 def truth(model, viscous=0.05):
     """Base parameters; the second joint's viscous friction is given."""
     chi = true_parameters(model, FV=0.05, FC=0.2)
-    chi[model.parameters.index["FV2"]] = viscous
+    chi[model.device.parameters.index["FV2"]] = viscous
     return model.base.of(chi)
 
 
@@ -67,7 +68,7 @@ def test_ends_are_the_furthest_that_bodies_can_have():
     found = at_the_border()
     k, R = found.base.names.index("FC2"), found.fit.solution.R
     inside = found.possible.chi
-    raw = found.model.parameters.S @ inside
+    raw = found.model.device.parameters.S @ inside
     assert np.linalg.eigvalsh(pseudo_inertia(raw[10:20]))[0] > -1e-9
     size = np.linalg.norm(found.fit.solution.root[k])
     half = float(np.diff(haptid.estimate(found.observation, haptid.WLS()).interval95[k])[0] / 2)

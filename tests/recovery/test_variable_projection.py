@@ -53,9 +53,9 @@ def model(tmp_path_factory):
 
 
 def test_a_device_file_says_where_to_search(model):
-    assert [constant.name for _, constant in model.searched] == ["velocity", "velocity"]
-    assert [model.terms[k].constant("velocity") for k, _ in model.searched] == [0.5, 0.5]
-    assert [(c.low, c.high, c.unit) for _, c in model.searched] == [(0.02, 5.0, "rad/s")] * 2
+    assert [constant.name for _, constant in model.device.searched] == ["velocity", "velocity"]
+    assert [model.terms[k].constant("velocity") for k, _ in model.device.searched] == [0.5, 0.5]
+    assert [(c.low, c.high, c.unit) for _, c in model.device.searched] == [(0.02, 5.0, "rad/s")] * 2
     changed = model.with_constants((0.1, 0.2))
     assert [changed.terms[k].constant("velocity") for k, _ in changed.searched] == [0.1, 0.2]
 

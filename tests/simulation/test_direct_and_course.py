@@ -26,7 +26,7 @@ ARM, PHANTOM = "open arm, 3 joints", "PHANToM, one parallelogram"
 
 
 def base_of(model):
-    return np.asarray(model.parameters.S[:, list(model.base.kept)])
+    return np.asarray(model.device.parameters.S[:, list(model.base.kept)])
 
 
 @settings(deadline=None, max_examples=8)
@@ -34,7 +34,7 @@ def base_of(model):
 def test_accelerations_undo_the_inverse_model(mechanism, seed):
     model = as_device(mechanism)
     chi = parameters(mechanism, model)
-    raw = model.parameters.S @ chi
+    raw = model.device.parameters.S @ chi
     c, cd, cdd = states(mechanism, 5, seed)
     beta = model.base.of(chi)
     forward = ForwardDynamics(model, raw)
@@ -48,7 +48,7 @@ def test_accelerations_undo_the_inverse_model(mechanism, seed):
 @pytest.mark.parametrize("name", ["five_bar", "cea_medical_branch"])
 def test_slopes_are_those_of_differences(name):
     model, rng, step = haptid.DynamicModel(haptid.read_device(name)), np.random.default_rng(1), 1e-5
-    c = model.frame @ (model.closure.draw(rng, 9) if name == "five_bar" else rng.uniform(-0.3, 0.3, (3, 9)))
+    c = model.device.frame @ (model.device.closure.draw(rng, 9) if name == "five_bar" else rng.uniform(-0.3, 0.3, (3, 9)))
     cd, cdd = rng.normal(size=(2, *c.shape))
     forward = ForwardDynamics(model, np.abs(rng.normal(size=model.mechanism.columns)))
     found = forward.slopes(c, cd, cdd)
@@ -63,13 +63,13 @@ def test_slopes_are_those_of_differences(name):
 def test_loops_too_and_every_set_for_itself(name):
     model = haptid.DynamicModel(haptid.read_device(name))
     rng = np.random.default_rng(0)
-    c = model.frame @ (model.closure.draw(rng, 6) if name == "five_bar" else rng.uniform(-0.3, 0.3, (3, 6)))
+    c = model.device.frame @ (model.device.closure.draw(rng, 6) if name == "five_bar" else rng.uniform(-0.3, 0.3, (3, 6)))
     cd = rng.normal(size=c.shape)
     raw = np.zeros((2, model.mechanism.columns))
     for k in range(2):
-        for j in range(len(model.joints)):
+        for j in range(len(model.device.joints)):
             raw[k, 10 * j : 10 * j + 10] = [0.02 + k, 0, 0, 0.02 + k, 0, 0.03 + k, 0.01, 0, 0, 1.0]
-        raw[k, 10 * len(model.joints) :] = 0.01
+        raw[k, 10 * len(model.device.joints) :] = 0.01
     tau = rng.normal(size=c.shape)
     both = ForwardDynamics(model, raw).acceleration(np.tile(c, 2), np.tile(cd, 2), np.tile(tau, 2))
     each = [ForwardDynamics(model, one).acceleration(c, cd, tau) for one in raw]

@@ -58,7 +58,7 @@ def test_slopes_of_the_inverse_model_are_those_of_differences(model):
 
 def states_of(model, many=200):
     qa = np.random.default_rng(0).normal(size=(3, 2, many))
-    return qa, [np.ascontiguousarray(model.frame @ x) for x in qa]
+    return qa, [np.ascontiguousarray(model.device.frame @ x) for x in qa]
 
 
 def test_accelerations_undo_the_inverse_model(model):
@@ -77,7 +77,7 @@ def test_inertia_is_the_slope_of_the_inverse_model(model):
     beta, step = truth(model), 1e-6
     _, (c, cd, cdd) = states_of(model, 20)
     found = ForwardDynamics(model, sets_of(model, beta)).inertia(c, cd, cdd)
-    back = np.linalg.inv(model.frame)
+    back = np.linalg.inv(model.device.frame)
     for k in range(2):
         ahead, behind = (
             haptid.inverse_dynamics(model, beta, back @ c, back @ cd, back @ (cdd + side * step * np.eye(2)[:, [k]]))
@@ -88,7 +88,7 @@ def test_inertia_is_the_slope_of_the_inverse_model(model):
 
 def test_it_falls_as_a_solver_says(model):
     """Oracle: accelerations from the inverse model by fixed point, along a solver with steps of its own."""
-    beta, dt, back = truth(model), 2e-3, np.linalg.inv(model.frame)
+    beta, dt, back = truth(model), 2e-3, np.linalg.inv(model.device.frame)
 
     def slope(_t, x):
         cdd = np.zeros(2)

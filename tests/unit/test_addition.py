@@ -18,8 +18,8 @@ def model():
 def chi(model):
     """Of the measured bodies, with some friction, (p,)."""
     friction = {"FV": 6e-4, "FC": 0.02}
-    kinds = model.parameters.kinds
-    return np.array([friction.get(kind, x) for kind, x in zip(kinds, np.nan_to_num(model.chi_prior), strict=True)])
+    kinds = model.device.parameters.kinds
+    return np.array([friction.get(kind, x) for kind, x in zip(kinds, np.nan_to_num(model.device.chi_prior), strict=True)])
 
 
 def estimated(model, chi, seed):
@@ -30,9 +30,9 @@ def estimated(model, chi, seed):
 def point(model, link, mass, x):
     """A point mass on a link's own x axis, as standard parameters, (p,)."""
     values = {"M": mass, "MX": mass * x, "YY": mass * x**2, "ZZ": mass * x**2}
-    found = np.zeros(len(model.parameters))
+    found = np.zeros(len(model.device.parameters))
     for kind, value in values.items():
-        found[model.parameters.index[kind + link]] = value
+        found[model.device.parameters.index[kind + link]] = value
     return found
 
 
@@ -45,7 +45,7 @@ def test_a_tool_at_the_handle_is_found(model, chi, before):
     tool = point(model, "a", 0.05, 0.17)
     found = addition(before, estimated(model, chi + tool, seed=2), "a")
     assert found.names == ("XXa", "YYa", "ZZa", "MXa", "Ma")
-    truth = np.array([tool[model.parameters.index[name]] for name in found.names])
+    truth = np.array([tool[model.device.parameters.index[name]] for name in found.names])
     low, high = found.interval95.T
     assert ((low <= truth) & (truth <= high)).all()
     assert found.value[found.names.index("Ma")] == pytest.approx(0.05, rel=0.01)
@@ -55,7 +55,7 @@ def test_a_tool_at_the_handle_is_found(model, chi, before):
 
 def test_friction_that_changed_meanwhile_does_no_harm(model, chi, before):
     other = chi + point(model, "a", 0.05, 0.17)
-    for k, kind in enumerate(model.parameters.kinds):
+    for k, kind in enumerate(model.device.parameters.kinds):
         other[k] *= 1.5 if kind in ("FV", "FC") else 1.0
     found = addition(before, estimated(model, other, seed=3), "a")
     assert found.value[found.names.index("Ma")] == pytest.approx(0.05, rel=0.01)

@@ -136,7 +136,7 @@ def test_spare_joints_leave_friction_open_but_masses_known():
     with pytest.raises(errors.SpareJointsError, match="5 joints"):
         _ = found.weight
     assert "not determined" in found.summary()
-    limits = {motor.name: 5.0 for motor in model.motors}
+    limits = {motor.name: 5.0 for motor in model.device.motors}
     assert (found.greatest_force(limits)[0].value >= 0).all()
 
 
@@ -181,7 +181,7 @@ def test_settings_that_mean_nothing(phantom):
 
 
 def test_a_handle_on_the_base_moves_nothing(phantom):
-    fixed = replace(phantom, handle=replace(phantom.handle, link=-1))
+    fixed = replace(phantom, handle=replace(phantom.device.handle, link=-1))
     with pytest.raises(errors.CharacterisationSettingError, match="a link that moves"):
         felt_mass(GivenModel(fixed, np.ones(len(fixed.base))), POSES)
     with pytest.raises(errors.HandleMissingError):

@@ -107,10 +107,10 @@ def test_the_same_device_differs_in_about_one_comparison_of_twenty(model, beta):
 
 def test_a_tool_at_the_end_of_the_forearm_is_found_and_nothing_else(model, beta):
     """20 g at the tip: eq. (4) says by how much each pi must change."""
-    mass, L1, L2 = 0.020, model.lengths["L1"], model.lengths["L2"]
-    chi = np.zeros(len(model.parameters))
+    mass, L1, L2 = 0.020, model.device.lengths["L1"], model.device.lengths["L2"]
+    chi = np.zeros(len(model.device.parameters))
     for kind, value in (("YY", L2**2), ("ZZ", L2**2), ("MX", L2), ("M", 1.0)):
-        chi[model.parameters.index[f"{kind}a"]] = mass * value
+        chi[model.device.parameters.index[f"{kind}a"]] = mass * value
     bare, loaded = fitted(model, beta, 1), fitted(model, beta + model.base.of(chi), 2)
     made = compare(targets(bare), targets(loaded))
     changed = {"pi_1": (L1**2 + L2**2) / 2, "pi_2": L1**2 / 2, "pi_3": -(L2**2) / 2, "pi_4": 2 * L1 * L2,
@@ -125,7 +125,7 @@ def test_a_tool_at_the_end_of_the_forearm_is_found_and_nothing_else(model, beta)
 
 def test_upside_down_with_the_file_unchanged_only_gravity_flips(model, beta):
     """What the paper did: one model, c2 and s3 its gravity columns, a log from the device hung upside-down."""
-    down = model.with_gravity(-model.gravity)
+    down = model.with_gravity(-model.device.gravity)
     made = compare(targets(fitted(model, beta, 1)), targets(fitted(down, beta, 2, other_model=model)))
     assert set(made.differs) == set(made.flipped) == {"pi_7", "pi_8"}
     assert "pi_8 changes its sign" in made.sentences[0]
@@ -133,7 +133,7 @@ def test_upside_down_with_the_file_unchanged_only_gravity_flips(model, beta):
 
 
 def test_upside_down_with_gravity_told_nothing_differs(model, beta):
-    down = model.with_gravity(-model.gravity)
+    down = model.with_gravity(-model.device.gravity)
     made = compare(targets(fitted(model, beta, 1)), targets(fitted(down, beta, 2)))
     assert not made.differs
     assert made.sentences == ("No parameter differs at 95 % confidence for all 14 together.",)

@@ -8,7 +8,8 @@ from scipy.optimize import lsq_linear
 
 import haptid
 from haptid.errors import MetricError, NoBodyError, ParameterValueError, ShapeError, UnsolvedError
-from haptid.estimation import Consistent, possible, programme, project, pseudo_inertia
+from haptid.estimation import Consistent, possible, project, pseudo_inertia
+from haptid.estimation.feasibility import conic_program
 from haptid.estimation.feasibility.cone import PSEUDO, UPPER, cone, never_negative
 from haptid.report.tables import parameter_cells
 from haptid.results.write import finite, parameter
@@ -88,9 +89,9 @@ def test_the_nearest_possible_parameters_are_optimal(mechanism, seed):
 
 def dual_margin(model, price, scale):
     """How far prices of the standard parameters, (n,), are inside of the dual cone, in scaled parameters."""
-    price, links = price * scale, 10 * len(model.joints)
+    price, links = price * scale, 10 * len(model.device.joints)
     least = [0.0]
-    for j in range(len(model.joints)):
+    for j in range(len(model.device.joints)):
         vector = np.linalg.solve(PSEUDO.T, price[10 * j : 10 * j + 10])
         D = np.zeros((4, 4))
         for value, (i, k) in zip(vector, UPPER, strict=True):
@@ -164,7 +165,7 @@ def test_links_on_the_border_are_named():
     assert not possible(model, found.held.free).ok
     assert any("its inertia is on the boundary of physical consistency" in s for s in found.held.active)
     assert all(cost.held < 1.05 * cost.free for cost in found.held.costs)
-    for matrix, joint in zip(found.possible.pseudo_inertias, model.joints, strict=True):
+    for matrix, joint in zip(found.possible.pseudo_inertias, model.device.joints, strict=True):
         assert np.linalg.eigvalsh(matrix)[0] >= -ROUNDING * np.trace(matrix), joint.name
     assert found.held.active[0] in found.notes[-len(found.held.active) - 1]
 
@@ -269,14 +270,14 @@ def test_questions_that_mean_nothing(model):
 
 
 def test_a_solver_that_gives_up_is_an_error(model, monkeypatch):
-    whole = programme.settings
+    whole = conic_program.settings
 
     def short(equilibrate):
         made = whole(equilibrate)
         made.max_iter = 1
         return made
 
-    monkeypatch.setattr(programme, "settings", short)
+    monkeypatch.setattr(conic_program, "settings", short)
     with pytest.raises(UnsolvedError, match=r"after 1 iterations.*MaxIterations"):
         possible(model, truth(model))
 
@@ -286,4 +287,4 @@ def test_arrays_of_the_answers_are_read_only(model):
     for array in (found.beta, found.chi):
         with pytest.raises(ValueError, match="read-only"):
             array[0] = 1.0
-    assert found.pseudo_inertias.shape == (len(model.joints), 4, 4)
+    assert found.pseudo_inertias.shape == (len(model.device.joints), 4, 4)

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 import haptid
+from haptid.dynamics.mechanism import mechanism_arguments
 from haptid import _core
 
 # More than one piece of rows, more than two parts of samples, and no whole lanes.
@@ -24,7 +25,7 @@ def three_links() -> tuple[haptid.Device, list[np.ndarray], list[int]]:
 @pytest.mark.parametrize("backend", _core.backends())
 def test_a_long_block_has_the_inner_products_of_all_its_rows(backend: str) -> None:
     model, motion, columns = three_links()
-    core = _core.Mechanism(*haptid.device.mechanism_arguments(model)._replace(backend=backend))
+    core = _core.Mechanism(*mechanism_arguments(model)._replace(backend=backend))
     tau = np.random.default_rng(4).normal(size=motion[0].shape)
     Y = core.regressor(*motion, columns)
     made = core.reduce(*motion, tau, columns, np.ones(1), 1, 0, SAMPLES, SAMPLES, np.ones_like(tau))

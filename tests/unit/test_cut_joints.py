@@ -72,12 +72,12 @@ def written(folder: Path, text: str) -> Path:
 
 def turned(model: haptid.DynamicModel, qa: np.ndarray) -> np.ndarray:
     """Angle from a frame to its twin by the poses of their links, (cuts, samples)."""
-    links = poses(model, model.closure.positions(qa).T)
+    links = poses(model, model.device.closure.positions(qa).T)
 
     def rotation(frame: Frame) -> np.ndarray:
         return (links[:, frame.link, :3, :3] if frame.link >= 0 else np.eye(3)) @ frame.rotation
 
-    seen = [np.swapaxes(rotation(cut.frame), -1, -2) @ rotation(cut.twin) for cut in model.closure.cuts]
+    seen = [np.swapaxes(rotation(cut.frame), -1, -2) @ rotation(cut.twin) for cut in model.device.closure.cuts]
     return np.array([np.arctan2(R[:, 1, 0], R[:, 0, 0]) for R in seen])
 
 
@@ -89,8 +89,8 @@ def test_cut_joints_of_the_branch_move_as_printed(
     model = changed("cea_medical_branch", tmp_path, *changes)
     qa = np.random.default_rng(0).uniform(-3, 3, (3, 20))
     printed = np.array([qa[2] - qa[1] - half, -qa[1], 3 * np.pi / 2 - qa[2]])
-    found = np.array([cut.positions(qa) for cut in model.cut_joints])
-    assert [cut.name for cut in model.cut_joints] == ["10", "11", "12"]
+    found = np.array([cut.positions(qa) for cut in model.device.cut_joints])
+    assert [cut.name for cut in model.device.cut_joints] == ["10", "11", "12"]
     for other in (printed, turned(model, qa)):
         np.testing.assert_allclose(np.exp(1j * (found - other)), 1, atol=1e-12)
 
@@ -113,7 +113,7 @@ def test_cut_of_any_parallelogram_turns_with_its_links(
     text = BARS.format(ground=ground, crank=crank, turn=turn, joints='["cut"]')
     model = read_device(written(tmp_path_factory.mktemp("bars"), text))
     qa = np.linspace(-2, 2, 7)[None]
-    (cut,) = model.cut_joints
+    (cut,) = model.device.cut_joints
     np.testing.assert_allclose(np.exp(1j * (cut.positions(qa) - turned(model, qa)[0])), 1, atol=1e-7)
     assert abs(cut.offset - turn) < 1e-7
     assert model.terms[0].name == "FVcut"
@@ -128,7 +128,7 @@ def test_power_lost_in_cut_joints_is_that_of_their_rates() -> None:
     step = 1e-6
     rates = np.angle(np.exp(1j * (turned(model, q + step * v) - turned(model, q - step * v)))) / (2 * step)
     values = {"FV10": 0.3, "FV11": 0.5, "FV12": 0.7, "FC10": 0.2, "FC11": 0.4, "FC12": 0.6}
-    chi = np.array([values.get(name, 0.0) for name in model.parameters.names])
+    chi = np.array([values.get(name, 0.0) for name in model.device.parameters.names])
     torque = haptid.inverse_dynamics(model, model.base.regrouping @ chi, q, v, np.zeros_like(q))
     lost = sum(values[f"FV{k}"] * r**2 + values[f"FC{k}"] * np.abs(r) for k, r in zip((10, 11, 12), rates, strict=True))
     np.testing.assert_allclose((torque * v).sum(axis=0), lost, rtol=1e-7)
@@ -136,7 +136,7 @@ def test_power_lost_in_cut_joints_is_that_of_their_rates() -> None:
 
 def test_cut_that_slides(tmp_path: Path) -> None:
     model = haptid.DynamicModel(read_device(written(tmp_path, SLIDES)))
-    (cut,) = model.cut_joints
+    (cut,) = model.device.cut_joints
     assert cut.relation == "qc = 0.3 - 3*qa"
     np.testing.assert_allclose(cut.positions(np.array([[0.0, 0.1]])), [0.3, 0.0], atol=1e-15)
     assert [term.unit for term in model.terms] == ["N"] * 3
@@ -149,18 +149,18 @@ def test_spring_at_a_cut_has_one_rest_everywhere(tmp_path: Path) -> None:
     springs = spring.format("10") + spring.format("3")
     model = changed("cea_medical_branch", tmp_path, ("[handle]", springs + "[handle]"))
     qa = np.array([[0.1, 0.2], [0.3, -0.4], [0.5, 0.7]])
-    chi = (np.array(model.parameters.names) == "K10").astype(float)
+    chi = (np.array(model.device.parameters.names) == "K10").astype(float)
     still = np.zeros_like(qa)
     torque = haptid.inverse_dynamics(model, model.base.regrouping @ chi, qa, still, still)
-    (cut, *_) = model.cut_joints
+    (cut, *_) = model.device.cut_joints
     np.testing.assert_allclose(torque, cut.row[:, None] * cut.positions(qa), atol=1e-9)
     assert len(model.regroupings) == len(model.base)
 
 
 def test_unnamed_cuts_stay_out_of_all_joints(tmp_path: Path) -> None:
     model = changed("cea_medical_branch", tmp_path, *((f'name = "{k}", ', "") for k in (10, 11, 12)))
-    assert model.cut_joints == ()
-    assert not {"FV10", "FC11"} & set(model.parameters.names)
+    assert model.device.cut_joints == ()
+    assert not {"FV10", "FC11"} & set(model.device.parameters.names)
     assert len(model.base) == 34
 
 
@@ -186,12 +186,12 @@ def test_simulated_device_has_what_acts_on_its_cuts() -> None:
     """A cut that two motors turn is a tendon of its own; one that follows a single motor loads that motor's joint."""
     model = haptid.DynamicModel(read_device("cea_medical_branch"))
     values = {"FV10": 0.3, "FC11": 0.4}
-    chi = np.array([values.get(name, 0.0) for name in model.parameters.names])
-    chi[[k for k, kind in enumerate(model.parameters.kinds) if kind in ("XX", "YY", "ZZ", "M")]] = 1e-2
+    chi = np.array([values.get(name, 0.0) for name in model.device.parameters.names])
+    chi[[k for k, kind in enumerate(model.device.parameters.kinds) if kind in ("XX", "YY", "ZZ", "M")]] = 1e-2
     acts = {act.name: act for act in effects(model, chi, bodies(model, chi))}
     tendon = acts["cut 10"]
     assert (tendon.viscous, tendon.coulomb) == (0.3, 0.0)
-    np.testing.assert_array_equal(tendon.joints[list(model.active)], [0, -1, 1])
+    np.testing.assert_array_equal(tendon.joints[list(model.device.active)], [0, -1, 1])
     assert acts["2"].coulomb == 0.4
     assert not {"cut 11", "cut 12"} & set(acts)
 
@@ -202,16 +202,16 @@ def test_mujoco_feels_friction_and_springs_at_cuts_as_the_model_does(tmp_path: P
     springs = "".join(f'[[terms]]\nkind = "spring"\njoints = ["{k}"]\nrest = 0.2\n' for k in (10, 12))
     model = changed("cea_medical_branch", tmp_path, ("[handle]", springs + "[handle]"))
     values = {"FV10": 0.3, "FV12": 0.5, "K10": 0.7, "K12": 0.9}
-    chi = np.array([values.get(name, 0.0) for name in model.parameters.names])
-    chi[[k for k, kind in enumerate(model.parameters.kinds) if kind in ("XX", "YY", "ZZ", "M")]] = 1e-2
+    chi = np.array([values.get(name, 0.0) for name in model.device.parameters.names])
+    chi[[k for k, kind in enumerate(model.device.parameters.kinds) if kind in ("XX", "YY", "ZZ", "M")]] = 1e-2
     mj_model = mujoco.MjModel.from_xml_string(mjcf(model, chi))
     mj_model.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_EQUALITY
     data, order = mujoco.MjData(mj_model), list(depth_first(model))
     q, v = np.random.default_rng(2).uniform(-1, 1, (2, 3, 5))
     found = np.empty_like(q)
     for k in range(q.shape[1]):
-        data.qpos[:], data.qvel[:] = closed(model, q[:, k]), model.closure.constant[order] @ v[:, k]
+        data.qpos[:], data.qvel[:] = closed(model, q[:, k]), model.device.closure.constant[order] @ v[:, k]
         mujoco.mj_forward(mj_model, data)
-        found[:, k] = -model.rates[order].T @ data.qfrc_passive
-    terms = model.base.regrouping @ np.where(np.isin(model.parameters.names, list(values)), chi, 0.0)
+        found[:, k] = -model.device.rates[order].T @ data.qfrc_passive
+    terms = model.base.regrouping @ np.where(np.isin(model.device.parameters.names, list(values)), chi, 0.0)
     np.testing.assert_allclose(found, haptid.inverse_dynamics(model, terms, q, v, np.zeros_like(q)), atol=1e-9)

@@ -52,8 +52,8 @@ def model(tmp_path_factory):
 
 def true_beta(model, factor=1.1):
     """Bodies heavier than the prior by a factor, and friction."""
-    chi = np.nan_to_num(model.chi_prior) * factor
-    for k, kind in enumerate(model.parameters.kinds):
+    chi = np.nan_to_num(model.device.chi_prior) * factor
+    for k, kind in enumerate(model.device.parameters.kinds):
         chi[k] = {"FV": 0.3, "FC": 0.5}.get(kind, chi[k])
     return model.base.of(chi)
 
@@ -63,12 +63,12 @@ def observed(model, noise=0.05, seed=1, seconds=8.0):
 
 
 def test_a_prior_that_is_the_truth_stays(model):
-    conditions = roomy(model, model.base.of(np.nan_to_num(model.chi_prior) + 0.1))
+    conditions = roomy(model, model.base.of(np.nan_to_num(model.device.chi_prior) + 0.1))
     pull = Pull(conditions, tuple(block.is_link for block in conditions.blocks))
     R = np.zeros((len(model.base),) * 2)  # no data
     x = pull.least(R, np.zeros(len(model.base)), 1.0)
-    raw = [k for k, kind in enumerate(model.parameters.kinds) if kind not in ("FV", "FC")]
-    np.testing.assert_allclose((conditions.scale * x)[raw], model.chi_prior[raw], rtol=1e-6, atol=1e-9)
+    raw = [k for k, kind in enumerate(model.device.parameters.kinds) if kind not in ("FV", "FC")]
+    np.testing.assert_allclose((conditions.scale * x)[raw], model.device.chi_prior[raw], rtol=1e-6, atol=1e-9)
 
 
 def test_a_vanishing_pull_is_the_consistent_estimate(model):
@@ -82,8 +82,8 @@ def test_a_vanishing_pull_is_the_consistent_estimate(model):
 
 def test_a_strong_pull_is_the_prior(model):
     pulled = haptid.estimate(observed(model), Entropic(1e14))
-    chi, prior = pulled.possible.chi, model.chi_prior
-    links = [k for k, kind in enumerate(model.parameters.kinds) if kind not in ("FV", "FC")]
+    chi, prior = pulled.possible.chi, model.device.chi_prior
+    links = [k for k, kind in enumerate(model.device.parameters.kinds) if kind not in ("FV", "FC")]
     np.testing.assert_allclose(chi[links], prior[links], rtol=1e-3, atol=1e-5)
 
 

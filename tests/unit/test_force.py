@@ -28,7 +28,7 @@ def estimated(model, beta, noise=0.0, seconds=4.0):
 def pushed(estimate, wrench, seconds=0.4, seed=7, treatment=PLAIN, at=None):
     """A motion with exact rates whose motors also balance a wrench in the base frame, wrench (n, 6)."""
     model = estimate.model
-    q, qd, qdd = multisine(len(model.active), seconds, 1e-3, seed) if at is None else at
+    q, qd, qdd = multisine(len(model.device.active), seconds, 1e-3, seed) if at is None else at
     load = np.einsum("nij,ni->jn", handle_motion(model, q).row_jacobian, wrench)
     tau = haptid.inverse_dynamics(model, estimate.beta, q, qd, qdd) - load
     return haptid.Motion(1e-3, q.T, tau.T, treatment, rates=(qd.T, qdd.T))
@@ -186,8 +186,8 @@ def test_dry_friction_is_smoothed_and_doubted_where_a_joint_turns_back(phantom):
     soft = softened(model, speed)
     assert softened(model, 0.0) is model
     assert [t.settings[0] for t in soft.terms if t.kind == "coulomb"] == [speed] * 3
-    chi = np.zeros(len(model.parameters.raw))
-    chi[model.parameters.raw.index("FCM2" if "FCM2" in model.parameters.raw else "FC2")] = 0.02
+    chi = np.zeros(len(model.device.parameters.raw))
+    chi[model.device.parameters.raw.index("FCM2" if "FCM2" in model.device.parameters.raw else "FC2")] = 0.02
     cd = np.array([[0.0, 0.5], [0.0, 0.5], [0.0, 0.5]])
     c = np.zeros_like(cd)
     np.testing.assert_allclose(doubt(model, chi, c, cd, speed), [[0, 0], [0.02, 0], [0, 0]], atol=1e-12)

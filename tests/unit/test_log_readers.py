@@ -20,7 +20,8 @@ from hypothesis.extra import numpy as hnp
 from pyarrow import parquet
 
 from haptid import errors
-from haptid.log import Channels, Signal, content, read_log
+from haptid.log import Channels, Signal, read_log
+from haptid.log.formats import content
 from haptid.log.read import FORMATS
 
 QUICK = settings(max_examples=25, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])

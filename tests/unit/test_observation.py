@@ -37,9 +37,9 @@ def beta(model):
 
 def dense(model, motion):
     """W and y without any of the observation's machinery, motor by motor, (3, n, p) and (3, n)."""
-    N = model.coupling
+    N = model.device.coupling
     Y = rows(model, N @ motion.q.T, N @ motion.qd.T, N @ motion.qdd.T)
-    W = np.einsum("ark,rp->akp", Y, model.parameters.S[:, list(model.base.kept)])
+    W = np.einsum("ark,rp->akp", Y, model.device.parameters.S[:, list(model.base.kept)])
     return W, motion.tau.T
 
 

@@ -20,7 +20,7 @@ FREQUENCIES = 2 * np.pi * np.array([0.5, 2.0, 5.0])
 
 def pushed(model, beta, dt, seconds=1.0):
     """States, the motors' torque on the rows, and the hand's torque on them, each (rows, samples): sines of 1 N m."""
-    q, qd, qdd = multisine(len(model.active), seconds, dt, 4)
+    q, qd, qdd = multisine(len(model.device.active), seconds, dt, 4)
     t = dt * np.arange(q.shape[1])
     hand = np.array([np.sin(FREQUENCIES * time).sum() for time in t]) * np.linspace(1, 2, len(q))[:, None]
     return q, qd, haptid.inverse_dynamics(model, beta, q, qd, qdd) - hand, hand

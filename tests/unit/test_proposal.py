@@ -24,7 +24,7 @@ def phantom():
 
 def recorded(model, *, seconds=20.0, late=0.0, step=STEP, noise=0.0, size=0.2, seed=1, stretch=1.0):
     """A log with torque that is late by so many samples; `stretch` slows the motion down."""
-    q, qd, qdd = multisine(len(model.active), seconds / stretch, 1e-3 / stretch, seed, size)
+    q, qd, qdd = multisine(len(model.device.active), seconds / stretch, 1e-3 / stretch, seed, size)
     q = q + CENTRE[:, None]
     tau = haptid.inverse_dynamics(model, truth(model), q, qd / stretch, qdd / stretch**2).T
     tau = np.asarray(delayed(tau, -late))  # recorded before it acts
@@ -35,7 +35,7 @@ def recorded(model, *, seconds=20.0, late=0.0, step=STEP, noise=0.0, size=0.2, s
         haptid.Signal(("u1", "u2", "u3"), "N m", side="motor"),
         time="t",
     )
-    gains = [motor.gear * motor.gain for motor in model.motors]
+    gains = [motor.gear * motor.gain for motor in model.device.motors]
     return haptid.Log(Path("made"), str(seed), 1e-3 * np.arange(q.shape[1]), position, tau / gains, channels)
 
 

@@ -74,9 +74,9 @@ def test_every_device_comes_back_from_its_own_tables(name):
     again = device_of(*checked(json.loads(json.dumps(device_file(model))), "here"))
     assert again.base.names == model.base.names
     np.testing.assert_allclose(again.base.regrouping, model.base.regrouping, atol=1e-12)
-    np.testing.assert_array_equal(again.gravity, model.gravity)
-    assert again.prior == model.prior
-    assert again.tables.joints == model.tables.joints
+    np.testing.assert_array_equal(again.gravity, model.device.gravity)
+    assert again.prior == model.device.prior
+    assert again.tables.joints == model.device.tables.joints
 
 
 def test_gravity_comes_back_as_it_was_mounted():

@@ -105,7 +105,7 @@ def test_combinations_are_linear_in_their_parameters(factors):
 )
 def test_units_follow_from_the_expression(tmp_path, text, unit):
     model = written(tmp_path, ARM + f'[targets]\na = "{text}"')
-    assert model.targets[0].unit == unit
+    assert model.device.targets[0].unit == unit
 
 
 @pytest.mark.parametrize("text", ["MX1 + 0.3*M2", "(L + 0.1)*M2", "g*MX1 + L*M2"])
@@ -113,14 +113,14 @@ def test_a_unit_that_cannot_be_told_must_be_said(tmp_path, text):
     with pytest.raises(errors.DeviceValueError, match=r"not one unit .* say the unit"):
         written(tmp_path, ARM + f'[targets]\na = "{text}"')
     model = written(tmp_path, ARM + f'[targets]\na = {{ expression = "{text}", unit = "kg m" }}')
-    assert model.targets[0].unit == "kg m"
+    assert model.device.targets[0].unit == "kg m"
 
 
 def test_a_parameter_declared_equal_to_another_stands_for_both(tmp_path):
     equal = '[[symmetry]]\nreason = "one drawing"\nequal = [["MX1", "MX2"]]\nzero = ["MY1"]\n'
     model = written(tmp_path, ARM + equal + '[targets]\na = "MX1 + MX2 + MY1"')
-    assert model.targets[0].row[model.parameters.index["MX1"]] == 2.0
-    assert np.count_nonzero(model.targets[0].row) == 1
+    assert model.device.targets[0].row[model.device.parameters.index["MX1"]] == 2.0
+    assert np.count_nonzero(model.device.targets[0].row) == 1
 
 
 @settings(max_examples=20, deadline=None, suppress_health_check=[HealthCheck.too_slow])
@@ -272,8 +272,8 @@ def test_tables_show_every_target(phantom):
 def test_gravity_of_another_mounting_changes_gravity_alone(phantom):
     model = phantom.model
     other = model.with_gravity([0.0, 9.81, 0.0])
-    assert other.targets == model.targets
-    assert model.gravity[1] == -9.81
+    assert other.targets == model.device.targets
+    assert model.device.gravity[1] == -9.81
     zero, at = np.zeros((3, 5)), np.random.default_rng(0).uniform(-1, 1, (3, 5))
     upright, upside_down = (haptid.inverse_dynamics(d, phantom.beta, at, zero, zero) for d in (model, other))
     assert np.abs(upright).max() > 1e-3

@@ -59,7 +59,7 @@ def test_no_pose_has_a_smaller_eigenvalue(mechanism):
     assert found.positive
     M = mass_matrix(model, beta, found.at[:, None])[0]
     np.testing.assert_allclose(M @ found.direction, found.smallest * found.direction, atol=1e-9 * np.abs(M).max())
-    if len({joint.prismatic for joint in model.joints}) == 1:
+    if len({joint.prismatic for joint in model.device.joints}) == 1:
         assert "has a meaning" not in found.summary()
 
 
