@@ -62,7 +62,7 @@ from haptid.estimation import (
     project,
     pseudo_inertia,
 )
-from haptid.estimation.methods.entropic import Entropic
+from haptid.estimation.methods.regularised import Entropic
 from haptid.estimation.nonlinear import Projection, variable_projection
 from haptid.estimation.nonlinear.load_friction import settled_loads
 from haptid.experiment.friction_test.choice import FrictionChoice, choose_friction

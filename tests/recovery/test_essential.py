@@ -9,7 +9,7 @@ from scipy import stats
 import haptid
 from haptid import errors
 from haptid.dynamics.regressor import rows
-from haptid.estimation.methods.zeroed import Without
+from haptid.estimation.methods.constrained import Without
 from haptid.inference.elimination import (
     AtMost,
     Essential,

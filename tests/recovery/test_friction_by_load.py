@@ -64,7 +64,7 @@ def test_known_coefficients_come_back_in_their_intervals(model):
     for seed in range(10):
         made = moved(model, seed)
         found = haptid.estimate(haptid.observe(settled_loads(model, [made]), made), haptid.WLS())
-        low, high = found.interval95.T
+        low, high = found.conf_int().T
         inside.append((low <= beta) & (beta <= high))
         # Of thirty draws no error is above 2 %, and their deviation is below 1 %.
         assert [found[name].value for name in NAMES] == pytest.approx([SIZE, SIZE], rel=0.025)

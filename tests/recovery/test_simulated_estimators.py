@@ -10,9 +10,9 @@ import haptid
 from bench_identification import CASES, device_of, log_of, record, truth_of
 from haptid import errors, estimation
 from haptid.estimation.least_squares import solve
-from haptid.estimation.methods.iv import second_stage
-from haptid.estimation.methods.kalman import Belief, gained
-from haptid.estimation.methods.simulating import along
+from haptid.estimation.methods.instrumental import second_stage
+from haptid.estimation.methods.kalman import FilterState, information_rows
+from haptid.estimation.methods.simulation_based import along
 from haptid.observation.rows import Rows
 from haptid.simulation import PID
 
@@ -42,7 +42,7 @@ def observed(name, cutoff_hz, decimation):
 def test_the_closed_loop_gives_the_truth_back(name, kind):
     _, _, law, beta = made(name)
     found = haptid.estimate(observed(name, 30, 10), kind(law))
-    low, high = found.interval95.T
+    low, high = found.conf_int().T
     assert ((low <= beta) & (beta <= high)).mean() >= 0.7
     assert (np.abs(found.beta - beta) <= 6 * found.sd).all()
     assert haptid.direct(found).relative < 1.0
@@ -56,7 +56,7 @@ def test_the_open_loop_and_the_filter_come_near(method):
     """Dry friction that turns over smoothly costs them a little: stated in the documentation."""
     _, _, _, beta = made(ARM)
     found = haptid.estimate(observed(ARM, 30, 10), method)
-    low, high = found.interval95.T
+    low, high = found.conf_int().T
     assert ((low <= beta) & (beta <= high)).mean() >= 0.6
     assert haptid.direct(found).relative < 1.0
     assert np.median(np.abs(found.beta / beta - 1)) < 0.03
@@ -119,13 +119,13 @@ def test_a_robust_fit_inside_and_a_possible_one_around():
 def test_a_measurement_is_kalman_s():
     rng = np.random.default_rng(0)
     S, x, noise = np.tril(rng.normal(size=(5, 5))) + 3 * np.eye(5), rng.normal(size=5), np.array([0.3, 0.5])
-    after = Belief(x, S).measured(np.array([1.0, -1.0]), noise)
+    after = FilterState(x, S).measured(np.array([1.0, -1.0]), noise)
     P, H = S @ S.T, np.eye(2, 5)
     gain = P @ H.T @ np.linalg.inv(H @ P @ H.T + np.diag(noise**2))
     np.testing.assert_allclose(after.x, x + gain @ (np.array([1.0, -1.0]) - x[:2]), rtol=1e-10)
     np.testing.assert_allclose(after.S @ after.S.T, (np.eye(5) - gain @ H) @ P, rtol=1e-8, atol=1e-10)
-    rows = gained(Belief(x, S).information(2), after.information(2))
-    more = after.information(2)[0] - Belief(x, S).information(2)[0]
+    rows = information_rows(FilterState(x, S).information(2), after.information(2))
+    more = after.information(2)[0] - FilterState(x, S).information(2)[0]
     np.testing.assert_allclose(rows[:2, :2].T @ rows[:2, :2], more, rtol=1e-6, atol=1e-9)
 
 

@@ -11,8 +11,7 @@ import haptid
 from haptid import errors
 from haptid import estimation as e
 from haptid.advice.eliminate import with_reduced
-from haptid.estimation.nonlinear.linearise import settled
-from haptid.estimation.nonlinear.load_friction import settled_loads
+from haptid.estimation.nonlinear.load_friction import settled, settled_loads
 from haptid.inference.elimination import without
 from haptid.results.read import read_result
 from haptid.results.write import write_result

@@ -77,7 +77,7 @@ def test_truth_is_inside_the_intervals(model):
         observation = haptid.observe(found.model, moved)
         joint = haptid.estimate(observation, haptid.WLS(), found.intervals)
         held = haptid.estimate(observation, haptid.WLS())
-        low, high = joint.interval95.T
+        low, high = joint.conf_int().T
         inside += ((low < beta) & (beta < high)).tolist()
         inside += [found[n].conf_int()[0] < value < found[n].conf_int()[1] for n, value in TRUTH.items()]
         wider.append(joint["FS1"].sd / held["FS1"].sd)

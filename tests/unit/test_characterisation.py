@@ -82,7 +82,7 @@ def test_intervals_of_an_estimate_hold_the_truth(estimate, phantom):
 
 
 def test_an_estimate_that_leans_on_one_stretch_has_infinite_deviations(estimate):
-    lonely = replace(estimate, lonely=(0,))
+    lonely = replace(estimate, quantities=replace(estimate.quantities, unbounded=(0,)))
     found = characterise(lonely, POSES)
     assert np.isinf(found.apparent_mass.sd).all()
     assert "infinite" in found.summary()

@@ -111,7 +111,7 @@ def test_a_possible_free_fit_stays_as_it_is(model):
     assert held.held.active == ()
     assert held.notes == free.notes
     assert held.status == free.status
-    assert (held.interval95[:, 1] == free.interval95[:, 1]).all()
+    assert (held.conf_int()[:, 1] == free.conf_int()[:, 1]).all()
 
 
 @pytest.mark.parametrize("weighting", [haptid.OLS(), haptid.WLS()])
@@ -143,7 +143,7 @@ def test_what_is_far_outside_of_its_interval_is_said(model):
     assert found.status == "strained"
     assert "FV1" in found.notes[-1]
     assert "does not repair it" in found.notes[-1]
-    low, high = found["FV1"].interval
+    low, high = found["FV1"].conf_int()
     assert low == 0.0 < high
     np.testing.assert_allclose(found.held.free, haptid.estimate(found.observation, haptid.WLS()).beta)
     held, other = found["FV1"], found["FC3"]
@@ -175,7 +175,7 @@ def test_intervals_stop_where_parameters_cannot_go(model):
     beta = truth(model)
     beta[model.base.names.index("FV2")] = 2e-5
     found = haptid.estimate(observed(model, beta, noise=0.1), Consistent())
-    low, high = found.interval95.T
+    low, high = found.conf_int().T
     assert (low <= found.beta).all()
     assert (found.beta <= high).all()
     bounded = never_negative(model)

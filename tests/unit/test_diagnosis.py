@@ -8,7 +8,7 @@ import pytest
 
 import haptid
 from diagnosed import estimated, log, phantom
-from haptid.estimation.methods.zeroed import Without
+from haptid.estimation.methods.constrained import Without
 from haptid.inference.diagnosis import diagnose
 from haptid.inference.diagnosis.added_variable import Extra, widen
 from haptid.inference.diagnosis.delay_test import rates

@@ -22,7 +22,7 @@ from haptid.estimation import (
     Sandwich,
     Textbook,
 )
-from haptid.estimation.intervals.autoregression import burg
+from haptid.estimation.intervals.model_based import burg
 from haptid.estimation.least_squares import solve
 from haptid.observation.rows import Rows
 from motions import motion, truth
@@ -109,7 +109,7 @@ def test_fixed_b_with_all_cosines_is_the_variance_of_independent_blocks(observat
     found = haptid.estimate(observation, haptid.WLS(), FixedB(share=1.0))
     moments = found.fit.moments
     series = np.zeros((len(observation.blocks), len(found.beta)))
-    np.add.at(series, moments.block, moments.moved @ found.fit.solution.root.T)
+    np.add.at(series, moments.block, moments.leave_out_shifts @ found.fit.solution.root.T)
     n = len(series)
     np.testing.assert_allclose(found.covariance, n * np.cov(series, rowvar=False), rtol=1e-6)
 
@@ -133,7 +133,7 @@ def test_a_profile_is_the_honest_interval_where_no_limit_is_near(observation):
     plain = haptid.estimate(observation, haptid.WLS())
     far = {name: (float(b) - 1e3, None) for name, b in zip(plain.base.names, plain.beta, strict=True)}
     found = haptid.estimate(observation, Bounded(far), Profile())
-    np.testing.assert_allclose(found.interval95, plain.interval95, rtol=1e-5)
+    np.testing.assert_allclose(found.conf_int(), plain.conf_int(), rtol=1e-5)
 
 
 def test_a_profile_beside_a_limit_is_narrower_and_stays_within(observation):
@@ -142,9 +142,9 @@ def test_a_profile_beside_a_limit_is_narrower_and_stays_within(observation):
     low = float(plain.beta[k] + plain.sd[k])
     cut = haptid.estimate(observation, Bounded({"FC2": (low, None)}))
     found = haptid.estimate(observation, Bounded({"FC2": (low, None)}), Profile())
-    ends = found.interval95
+    ends = found.conf_int()
     assert ends[k, 0] == pytest.approx(low, rel=1e-6)
-    width = np.diff(ends, axis=1) / np.diff(cut.interval95, axis=1)
+    width = np.diff(ends, axis=1) / np.diff(cut.conf_int(), axis=1)
     assert width.max() < 1.5
     assert width.min() < 0.9
     assert (ends[:, 0] <= found.beta).all()

@@ -102,7 +102,7 @@ def test_jackknife_is_what_refitting_without_each_block_gives(model, beta):
     freedom = leverage.sum(axis=0) ** 2 / (leverage**2).sum(axis=0) - 1
     np.testing.assert_allclose(found.freedom, freedom, rtol=1e-7)
     half = stats.t.ppf(0.975, freedom) * np.sqrt(np.diag(found.covariance))
-    np.testing.assert_allclose(found.interval95, np.column_stack([found.beta - half, found.beta + half]), rtol=1e-9)
+    np.testing.assert_allclose(found.conf_int(), np.column_stack([found.beta - half, found.beta + half]), rtol=1e-9)
 
 
 def test_observations_add_and_do_not_care_about_order(model, beta):
@@ -260,7 +260,7 @@ def test_what_one_stretch_alone_tells_has_no_interval(model, beta):
     assert lonely.status == "weak"
     assert len(lonely.lonely) > 5
     assert np.isinf(lonely.sd[list(lonely.lonely)]).all()
-    assert np.isinf(lonely.interval95[list(lonely.lonely)]).all()
+    assert np.isinf(lonely.conf_int()[list(lonely.lonely)]).all()
     assert "nothing says how far to trust it" in " ".join(lonely.notes)
 
 

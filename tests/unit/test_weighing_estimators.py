@@ -24,14 +24,13 @@ from haptid.estimation import (
     StudentT,
     Tukey,
 )
-from haptid.estimation.intervals.autoregression import Autoregression, burg
+from haptid.estimation.intervals.model_based import Autoregression, burg
 from haptid.estimation.least_squares import solve
-from haptid.estimation.methods.gls import models
-from haptid.estimation.methods.heteroscedastic import variances
-from haptid.estimation.methods.irls import judged
-from haptid.estimation.methods.ridge import STRENGTHS, prediction_error, strengthened
-from haptid.estimation.methods.sur import covariance, nearest_correlation
-from haptid.estimation.methods.tls import least_noise
+from haptid.estimation.methods.errors_in_variables import smallest_generalised_eigenvalue
+from haptid.estimation.methods.gls import covariance, nearest_correlation, residual_models
+from haptid.estimation.methods.regularised import RIDGE_STRENGTHS, prediction_error, strengthened
+from haptid.estimation.methods.robust import robust_scales
+from haptid.estimation.methods.wls import variance_function
 from haptid.observation.rows import Rows
 from motions import motion, multisine, truth
 
@@ -125,12 +124,12 @@ def test_whitening_is_the_inverse_of_the_cholesky_factor(reflections, n):
 
 
 def test_gls_is_aitkens_estimate(observation):
-    """beta = (W' V^-1 W)^-1 W' V^-1 y with the covariance of the models, all rows in memory."""
+    """beta = (W' V^-1 W)^-1 W' V^-1 y with the covariance of the residual_models, all rows in memory."""
     found = haptid.estimate(observation, GLS(passes=1))
     W, y = stacked(observation)
     start = haptid.estimate(observation, haptid.WLS()).beta
     H, b = np.zeros((len(start),) * 2), np.zeros(len(start))
-    for other_model, own, torque in zip(models(Rows(observation), start, 20), W, y, strict=True):
+    for other_model, own, torque in zip(residual_models(Rows(observation), start, 20), W, y, strict=True):
         white, target = other_model.whitened(own), other_model.whitened(torque)
         H += white.T @ white
         b += white.T @ target
@@ -223,7 +222,7 @@ def test_weights_reach_the_fit(observation):
         found = haptid.estimate(observation, method)
         W, y = stacked(observation)
         e = y - W @ found.beta
-        made = judged(Rows(observation), method.loss, found.beta)
+        made = robust_scales(Rows(observation), method.loss, found.beta)
         unit = (made.gain / made.unit**2)[:, None]
         weighted, plain = (
             np.einsum("mrp,mr->p", W, unit * x) for x in (method.loss.weight(e / made.scale[:, None]) * e, e)
@@ -257,7 +256,7 @@ def test_variances_that_grow_with_speed_are_found(model):
     rng = np.random.default_rng(1)
     sd = 0.01 * np.exp(0.5 * 1.5 * speed / np.sqrt(np.mean(speed**2, axis=0)))
     observation = haptid.observe(model, replace(plain, tau=plain.tau + sd * rng.standard_normal(sd.shape)))
-    found = variances(Rows(observation), beta, None)
+    found = variance_function(Rows(observation), beta, None)
     np.testing.assert_allclose(found.a[:, 1], 1.5, atol=0.2)
     np.testing.assert_allclose(found.a[:, 2], 0.0, atol=0.2)
     wls, ml = (haptid.estimate(observation, method) for method in (haptid.WLS(), Heteroscedastic()))
@@ -276,7 +275,7 @@ def test_least_noise_is_the_smallest_generalised_eigenvalue(seed, exact):
     noisy = np.arange(5) >= exact
     C = np.diag(np.where(noisy, rng.uniform(0.5, 2, 5), 0.0))
     inverse = linalg.eigh(C, whole.T @ whole, eigvals_only=True)[-1]
-    assert least_noise(whole, noisy, C) == pytest.approx(1 / inverse, rel=1e-9)
+    assert smallest_generalised_eigenvalue(whole, noisy, C) == pytest.approx(1 / inverse, rel=1e-9)
 
 
 def test_tls_is_golub_and_van_loans_where_no_column_is_exact():
@@ -362,8 +361,10 @@ def test_the_strength_is_that_which_predicts_other_blocks_best(observation):
             left = motor.triangles[b] @ np.append(-beta[motor.columns], 1.0) * weights[m]
             total += float(left @ left)
     assert prediction_error(observation, weights, prior) == pytest.approx(total, rel=1e-6)
-    tried = [prediction_error(observation, weights, strengthened(method._prior(observation), s)) for s in STRENGTHS]
-    best = haptid.estimate(observation, Ridge(strength=STRENGTHS[int(np.argmin(tried))]))
+    tried = [
+        prediction_error(observation, weights, strengthened(method._prior(observation), s)) for s in RIDGE_STRENGTHS
+    ]
+    best = haptid.estimate(observation, Ridge(strength=RIDGE_STRENGTHS[int(np.argmin(tried))]))
     np.testing.assert_allclose(haptid.estimate(observation, method).beta, best.beta, rtol=1e-3)
 
 

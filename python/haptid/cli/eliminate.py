@@ -118,7 +118,7 @@ def reduction_values(found: Reduction) -> dict[str, Any]:
                 "name": p.name,
                 "value": p.value,
                 "sd": p.sd,
-                "interval95": list(p.interval),
+                "interval95": list(p.conf_int()),
                 "unit": p.unit,
                 "moved_sd": m,
             }

@@ -178,8 +178,10 @@ class Estimate:
             return self.quantities.conf_int(level)
         if level not in self._constrained_intervals:
             half = half_width(self.sd, self.freedom, level)
-            limiting = isinstance(self.intervals, Limiting)
-            ends = self.intervals.limits(self.fit, self.held, half) if limiting else self.held.interval(half)
+            if isinstance(self.intervals, Limiting):
+                ends = self.intervals.limits(self.fit, self.held, half)
+            else:
+                ends = self.held.interval(half)
             self._constrained_intervals[level] = read_only(ends)
         return self._constrained_intervals[level]
 
@@ -282,8 +284,8 @@ def _status_and_notes(
     if scaled > WELL_CONDITIONED:
         status = "weak"
         notes.append(
-            f"The regressor is ill-conditioned (condition number {scaled:.0f} with unit columns, {raw:.0f} raw). Torque "
-            f"predictions are reliable; individual parameters only where the standard error is small."
+            f"The regressor is ill-conditioned (condition number {scaled:.0f} with unit columns, {raw:.0f} raw). "
+            f"Torque predictions are reliable; individual parameters only where the standard error is small."
         )
     if quantities.unbounded:
         status = "weak"

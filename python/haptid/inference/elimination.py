@@ -25,7 +25,7 @@ from haptid._internal.arrays import Array, positive
 from haptid.errors import MethodSettingError
 from haptid.estimation.estimate import Estimate, Restricted, estimate
 from haptid.estimation.least_squares import EXCITED
-from haptid.estimation.methods.zeroed import Without
+from haptid.estimation.methods.constrained import Without
 from haptid.motion.treatment import Motion
 from haptid.observation.observation import Observation, observe
 from haptid.validation.validation import Validation, direct, validate
@@ -172,7 +172,7 @@ class Reduction:
         for k in self.reduced.kept:
             p = self.reduced.parameters[k]
             lines.append(
-                f"  {p.name:8s} {p.value:11.4g} {p.unit:10s} {p.interval[0]:11.4g} .. {p.interval[1]:.4g}, "
+                f"  {p.name:8s} {p.value:11.4g} {p.unit:10s} {p.conf_int()[0]:11.4g} .. {p.conf_int()[1]:.4g}, "
                 f"{p.relative_sd:.2g} %, moved by {self.shift[k]:+.2f} of its deviations"
             )
         for kind, both in (("rows of the fit", self.seen), ("unseen rows", self.unseen)):

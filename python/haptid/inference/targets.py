@@ -7,7 +7,6 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
-from scipy import stats
 
 from haptid._internal.arrays import Array, expect, freeze, read_only
 from haptid.device.priors import combined_prior
@@ -15,7 +14,7 @@ from haptid.dynamics.base_parameters import base_combinations
 from haptid.dynamics.model import DynamicModel
 from haptid.errors import NoTargetsError
 from haptid.estimation import Estimate, Parameter
-from haptid.estimation.intervals.spread import correlations
+from haptid.uncertainty.quantities import LEVEL, correlations, half_width
 
 # Relative size below which a rate counts as rounding.
 ROUNDING = 1e-7
@@ -78,16 +77,11 @@ class Targets:
         sd[list(self.lonely)] = np.inf
         return freeze(sd)
 
-    @cached_property
-    def interval95(self) -> Array:
-        """Honest 95 % intervals, (k, 2)."""
-        low, high = np.minimum(self.free - self._half, self.value), np.maximum(self.free + self._half, self.value)
+    def conf_int(self, level: float = LEVEL) -> Array:
+        """Confidence intervals, (k, 2), widened to the value where the estimate is constrained."""
+        half = half_width(self.sd, self.freedom, level)
+        low, high = np.minimum(self.free - half, self.value), np.maximum(self.free + half, self.value)
         return freeze(np.column_stack([low, high]))
-
-    @property
-    def _half(self) -> Array:
-        """Half-widths of the 95 % intervals of the free fit, (k,)."""
-        return np.asarray(stats.t.ppf(0.975, self.freedom) * self.sd)
 
     @cached_property
     def correlation(self) -> Array:
@@ -98,7 +92,7 @@ class Targets:
     def parameters(self) -> tuple[Parameter, ...]:
         """The targets one by one, as an estimate gives its base parameters."""
         textbook = np.sqrt(np.diag(self.textbook_covariance))
-        strained = np.abs(self.value - self.free) > self._half
+        strained = np.abs(self.value - self.free) > half_width(self.sd, self.freedom)
         return tuple(
             Parameter(
                 name=name,
@@ -107,10 +101,11 @@ class Targets:
                 value=float(self.value[k]),
                 sd=float(self.sd[k]),
                 textbook_sd=float(textbook[k]),
-                interval=(float(self.interval95[k, 0]), float(self.interval95[k, 1])),
                 prior=self.prior[k],
                 free=float(self.free[k]),
                 strained=bool(strained[k]),
+                owner=self,
+                index=k,
             )
             for k, name in enumerate(self.names)
         )
@@ -138,7 +133,7 @@ class Targets:
                 "" if p.prior is None else f"{p.prior[0]:.4g}",
                 f"{p.value:.4g}",
                 f"{p.sd:.2g}",
-                f"{p.interval[0]:.4g} .. {p.interval[1]:.4g}",
+                f"{p.conf_int()[0]:.4g} .. {p.conf_int()[1]:.4g}",
                 p.unit,
             )
             for p in self.parameters

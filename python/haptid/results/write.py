@@ -103,7 +103,7 @@ def searched(projection: Projection | None) -> list[dict[str, Any]]:
             "name": constant.name,
             "value": constant.value,
             "sd": constant.sd,
-            "interval95": list(constant.interval),
+            "interval95": list(constant.conf_int()),
             "range": [constant.low, constant.high],
             "unit": constant.unit,
         }
@@ -188,7 +188,7 @@ def parameter(p: Parameter) -> dict[str, Any]:
         "value": p.value,
         "free": p.free,
         "sd": p.sd,
-        "interval95": list(p.interval),
+        "interval95": list(p.conf_int()),
         "relative_sd_percent": p.relative_sd,
         "textbook_sd": p.textbook_sd,
         "unit": p.unit,
@@ -253,7 +253,7 @@ def write_result(identification: Identification, folder: Path, verdict: Verdict 
 
 def _row(p: Parameter) -> list[object]:
     relative = "" if p.strained else p.relative_sd
-    return [p.name, p.value, p.sd, *p.interval, relative, p.textbook_sd, p.unit, p.grouping, p.free]
+    return [p.name, p.value, p.sd, *p.conf_int(), relative, p.textbook_sd, p.unit, p.grouping, p.free]
 
 
 def _write_table(path: Path, rows: Iterable[Sequence[object]]) -> None:

@@ -1,4 +1,4 @@
-"""The physically consistent standard parameters as a cone: a semidefinite condition for every link, a sign for terms."""
+"""The cone of physically consistent standard parameters: semidefinite pseudo-inertias, non-negative terms."""
 
 from __future__ import annotations
 

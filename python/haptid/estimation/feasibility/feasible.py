@@ -1,4 +1,4 @@
-"""Physical consistency of base parameters: feasibility, interior standard parameters, projection on the feasible set."""
+"""Physical consistency of base parameters: feasibility, interior points, projection on the feasible set."""
 
 from __future__ import annotations
 
@@ -104,7 +104,7 @@ def possible(model: DynamicModel, beta: Array) -> Possible:
 
 
 def inside(model: DynamicModel, conditions: Cone, beta: Array, x: Array, fixed: Sequence[Part] = ()) -> Possible:
-    """The most interior standard parameters with given base parameters, from any scaled ones x, (n,), that have them."""
+    """The most interior standard parameters with given base parameters, from any scaled x, (n,), that has them."""
     found = interior(conditions, x, fixed)
     failing = tuple(
         _contradiction(part, shares)

@@ -63,7 +63,7 @@ class SUR(UnitVarianceRows):
 
 @dataclass(frozen=True, eq=False)
 class Decorrelation:
-    """Row transformation: the rows of each instant times the inverse Cholesky factor of a covariance (motors, motors)."""
+    """Row transformation: the rows of each instant times the inverse Cholesky factor of (motors, motors)."""
 
     covariance: Array
 

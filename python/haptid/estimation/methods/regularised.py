@@ -1,4 +1,4 @@
-"""Regularised least squares: ridge towards prior values (`Ridge`), entropic divergence from prior bodies (`Entropic`)."""
+"""Regularised least squares: ridge regression (`Ridge`) and entropic divergence from prior bodies (`Entropic`)."""
 
 from __future__ import annotations
 

@@ -70,9 +70,7 @@ class CandidateRows:
         """Number of the model's own columns."""
         return len(self.model.base)
 
-    def fit(
-        self, weights: Array, instead: Mapping[int, int] | None = None, extra: Array | None = None
-    ) -> CandidateFit:
+    def fit(self, weights: Array, instead: Mapping[int, int] | None = None, extra: Array | None = None) -> CandidateFit:
         """Least squares on the model's own columns, some of them replaced by candidates.
 
         Args:

@@ -78,9 +78,7 @@ class _Profile:
             wanted = f"at most {most:.4g}: the profile extends to {PROFILE_EXTENT:g} standard errors"
             raise MethodSettingError("Constant.conf_int", "level", level, wanted)
         limit = float(np.sqrt(t**2 * self.noise * self.ratio**2))
-        low, high = (
-            self.x + side * _crossing(side * (self.grid - self.x), self.increase, limit) for side in (-1, 1)
-        )
+        low, high = (self.x + side * _crossing(side * (self.grid - self.x), self.increase, limit) for side in (-1, 1))
         return value_of(self.searched, low), value_of(self.searched, high)
 
 
@@ -396,9 +394,7 @@ def _profile(
     model = found.rows.model
     constant = model.device.searched[k][1]
     x, ends = coordinate(constant, found.values[k]), [coordinate(constant, e) for e in (constant.low, constant.high)]
-    grid = np.linspace(
-        max(x - PROFILE_EXTENT * se, ends[0]), min(x + PROFILE_EXTENT * se, ends[1]), PROFILE_POINTS
-    )
+    grid = np.linspace(max(x - PROFILE_EXTENT * se, ends[0]), min(x + PROFILE_EXTENT * se, ends[1]), PROFILE_POINTS)
     tried = [Candidate(k, value_of(constant, at)) for at in grid.tolist()]
     rows = candidate_rows(model, motions, [*found.rows.candidates, *tried])
     first = len(found.rows.candidates)

@@ -22,7 +22,7 @@ from haptid.dynamics.inverse import rigid
 from haptid.dynamics.model import DynamicModel
 from haptid.errors import AccelerationColumnError, ControllerError, MasslessError, SimulationLostError
 from haptid.estimation import IV, Estimate, Method
-from haptid.estimation.methods.simulating import ClosedLoop, treated_as
+from haptid.estimation.methods.simulation_based import ClosedLoop, treated_as
 from haptid.inference.diagnosis.added_variable import Extra, Widened
 from haptid.inference.diagnosis.context import Sight, torque_of
 from haptid.inference.diagnosis.finding import LEVEL, Finding, holm
