@@ -63,7 +63,8 @@ def test_at_the_border_the_interval_has_one_side_and_stays_inside():
     assert ends[1, 0] >= -1e-9
 
 
-def test_ends_are_the_furthest_that_bodies_can_have():
+@pytest.mark.parametrize("level", [0.8, 0.95])
+def test_ends_are_the_furthest_that_bodies_can_have(level):
     """Oracle: the cost of the best fit with the parameter fixed just inside an end, and just outside."""
     found = at_the_border()
     k, R = found.base.names.index("FC2"), found.fit.solution.R
@@ -71,7 +72,7 @@ def test_ends_are_the_furthest_that_bodies_can_have():
     raw = found.model.device.parameters.S @ inside
     assert np.linalg.eigvalsh(pseudo_inertia(raw[10:20]))[0] > -1e-9
     size = np.linalg.norm(found.fit.solution.root[k])
-    half = float(np.diff(haptid.estimate(found.observation, haptid.WLS()).conf_int()[k])[0] / 2)
+    half = float(np.diff(haptid.estimate(found.observation, haptid.WLS()).conf_int(level)[k])[0] / 2)
     most = np.sum((R @ (found.beta - found.held.free)) ** 2) + (half / size) ** 2
 
     def cost(value):
@@ -82,7 +83,7 @@ def test_ends_are_the_furthest_that_bodies_can_have():
         near = haptid.project(found.model, target, np.linalg.qr(metric, mode="r"))
         return np.sum((R @ (near.beta - found.held.free)) ** 2)
 
-    low, high = found.conf_int()[k]
+    low, high = found.conf_int(level)[k]
     step = 0.02 * (high - low)
     assert cost(low + step) < most < cost(low - step)
     assert cost(high - step) < most < cost(high + step)

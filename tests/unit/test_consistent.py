@@ -184,6 +184,13 @@ def test_intervals_stop_where_parameters_cannot_go(model):
         *("ZZbaR", "ZZbeR", "ZZdfR"),
     }
     assert (low[bounded] >= 0).all()
+    free = haptid.estimate(found.observation, haptid.WLS())
+    for level in (0.5, 0.99):
+        low, high = free.conf_int(level).T
+        high = np.where(bounded & (high < 0), high - free.beta, high)
+        low = np.where(bounded, np.maximum(low, 0.0), low)
+        expected = np.column_stack([np.minimum(low, found.beta), np.maximum(high, found.beta)])
+        np.testing.assert_allclose(found.conf_int(level), expected, rtol=1e-9, atol=1e-12)
 
 
 DRY = """

@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from scipy import linalg
+from scipy import linalg, optimize, stats
 
 import haptid
 from haptid import errors
@@ -149,6 +149,46 @@ def test_a_profile_beside_a_limit_is_narrower_and_stays_within(observation):
     assert width.min() < 0.9
     assert (ends[:, 0] <= found.beta).all()
     assert (found.beta <= ends[:, 1]).all()
+
+
+@pytest.mark.parametrize("level", [0.8, 0.95, 0.99])
+def test_ends_of_a_profile_are_where_the_best_fit_is_too_bad(observation, level):
+    """By definition, with a solver of its own: the best fit with the parameter at an end, the others within limits."""
+    plain = haptid.estimate(observation, haptid.WLS())
+    j = plain.base.names.index("FC2")
+    limit = float(plain.beta[j] + plain.sd[j])
+    found = haptid.estimate(observation, Bounded({"FC2": (limit, None)}), Profile())
+    R, free = found.fit.solution.R, plain.beta
+    others = np.arange(len(free)) != np.arange(len(free))[:, None]
+
+    def best(k, value):
+        low = np.where(np.arange(len(free)) == j, limit, -np.inf)[others[k]]
+        fit = optimize.lsq_linear(
+            R[:, others[k]], R @ free - R[:, k] * value, (low, np.inf), tol=1e-14, lsmr_tol="auto"
+        )
+        return 2 * fit.cost
+
+    half = stats.t.ppf((1 + level) / 2, plain.freedom) * plain.sd
+    limits = np.sum((R @ (found.beta - free)) ** 2) + (half / np.linalg.norm(found.fit.solution.root, axis=1)) ** 2
+    for k, (low, high) in enumerate(found.conf_int(level)):
+        assert best(k, high) == pytest.approx(limits[k], rel=1e-4)
+        if k == j:
+            assert low == pytest.approx(limit, rel=1e-6)
+        else:
+            assert best(k, low) == pytest.approx(limits[k], rel=1e-4)
+
+
+@pytest.mark.parametrize("level", [0.5, 0.8, 0.99])
+def test_an_interval_within_limits_is_the_free_one_cut_and_widened(observation, level):
+    plain = haptid.estimate(observation, haptid.WLS())
+    j = plain.base.names.index("FC2")
+    limit = float(plain.beta[j] + plain.sd[j])
+    found = haptid.estimate(observation, Bounded({"FC2": (limit, None)}))
+    low, high = plain.conf_int(level).T
+    low = np.where(np.arange(len(low)) == j, np.maximum(low, limit), low)
+    high = np.where(np.arange(len(low)) == j, np.maximum(high, limit), high)
+    expected = np.column_stack([np.minimum(low, found.beta), np.maximum(high, found.beta)])
+    np.testing.assert_allclose(found.conf_int(level), expected, rtol=1e-12)
 
 
 def test_a_profile_of_what_is_not_held_is_refused(observation):

@@ -136,10 +136,18 @@ def directions(known: Knowledge, kept: Sequence[int]) -> tuple[Array, Array]:
 
 def check_excited(names: Sequence[str], R: Array) -> None:
     """Raise UnexcitedError, naming the least excited parameter, where R is numerically singular."""
-    lengths = np.linalg.norm(R, axis=0)
-    if (lengths == 0).any():
-        raise UnexcitedError(names[int(np.argmin(lengths))], 0.0, EXCITED)
-    _, singular, directions = np.linalg.svd(R / lengths)
-    ratio = float(singular[-1] / singular[0])
+    k, ratio = weakest(R)
     if ratio < EXCITED:
-        raise UnexcitedError(names[int(np.argmax(np.abs(directions[-1])))], ratio, EXCITED)
+        raise UnexcitedError(names[k], ratio, EXCITED)
+
+
+def weakest(R: Array) -> tuple[int, float]:
+    """The least excited column of an R factor with columns of unit length, and its ratio of singular values.
+
+    The column with the largest part in the last singular vector; a zero column, and 0, where there is one.
+    """
+    lengths = np.linalg.norm(R, axis=0)
+    if not lengths.all():
+        return int(np.argmin(lengths)), 0.0
+    _, singular, directions = np.linalg.svd(R / lengths)
+    return int(np.argmax(np.abs(directions[-1]))), float(singular[-1] / singular[0])

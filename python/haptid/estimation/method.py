@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Protocol, runtime_checkable
+from typing import ClassVar, Protocol, runtime_checkable
 
 import numpy as np
 
@@ -95,55 +95,39 @@ class Fit:
     @cached_property
     def moments(self) -> Moments:
         """Of every block of every motor that has rows."""
-        return moments(self.observation, self.weights, self.solution, self.noise)
+        blocks, G, s = zip(*self._cells(), strict=True)
+        return Moments(np.concatenate(G), np.concatenate(s), np.concatenate(blocks))
 
     @cached_property
     def pooled_moments(self) -> Moments:
         """Of every block of time, summed over motors."""
-        return pooled_moments(self.observation, self.weights, self.solution, self.noise)
+        many, k = len(self.observation.blocks), self.solution.root.shape[1]
+        G, s, there = np.zeros((many, k, k)), np.zeros((many, k)), np.zeros(many, dtype=bool)
+        for blocks, here, score in self._cells():
+            G[blocks] += here
+            s[blocks] += score
+            there[blocks] = True
+        return Moments(G[there], s[there], np.flatnonzero(there))
+
+    def _cells(self) -> Iterator[tuple[np.ndarray, Array, Array]]:
+        """Indices of some blocks of one motor, and their G and s."""
+        solution = self.solution
+        for m, (motor, weight) in enumerate(zip(self.observation.motors, self.weights, strict=True)):
+            filled = np.flatnonzero(motor.rows > 0)
+            for blocks in np.array_split(filled, 1 + len(filled) // BATCH):
+                T = motor.triangles[blocks] * weight
+                U = T[:, :, :-1] @ solution.root[motor.columns]
+                e = T[:, :, -1] - T[:, :, :-1] @ solution.beta[motor.columns]
+                G, s = U.transpose(0, 2, 1) @ U, np.einsum("bij,bi->bj", U, e)
+                if self.noise is not None:
+                    N = self.noise[m][blocks]
+                    G = G - solution.root.T @ N[:, :-1, :-1] @ solution.root
+                    s = s - (N[:, :-1, -1] - N[:, :-1, :-1] @ solution.beta) @ solution.root
+                yield blocks, G, s
 
     def combined(self, combinations: Array | None) -> Array:
         """Combinations (q, p) of base parameters in the coordinates of `moments`, (q, k); of each one where None."""
         return self.solution.root if combinations is None else combinations @ self.solution.root
-
-
-def moments(
-    observation: Observation, weights: Array, solution: Solution, noise: Sequence[Array] | None = None
-) -> Moments:
-    """Normal equations and scores of each block of each motor: see `Fit` for the arguments."""
-    blocks, G, s = zip(*_cells(observation, weights, solution, noise), strict=True)
-    return Moments(np.concatenate(G), np.concatenate(s), np.concatenate(blocks))
-
-
-def pooled_moments(
-    observation: Observation, weights: Array, solution: Solution, noise: Sequence[Array] | None = None
-) -> Moments:
-    """Normal equations and scores of each block, summed over motors: see `Fit` for the arguments."""
-    many, k = len(observation.blocks), solution.root.shape[1]
-    G, s, there = np.zeros((many, k, k)), np.zeros((many, k)), np.zeros(many, dtype=bool)
-    for blocks, here, score in _cells(observation, weights, solution, noise):
-        G[blocks] += here
-        s[blocks] += score
-        there[blocks] = True
-    return Moments(G[there], s[there], np.flatnonzero(there))
-
-
-def _cells(
-    observation: Observation, weights: Array, solution: Solution, noise: Sequence[Array] | None
-) -> Iterator[tuple[np.ndarray, Array, Array]]:
-    """Indices of some blocks of one motor, and their G and s."""
-    for m, (motor, weight) in enumerate(zip(observation.motors, weights, strict=True)):
-        filled = np.flatnonzero(motor.rows > 0)
-        for blocks in np.array_split(filled, 1 + len(filled) // BATCH):
-            T = motor.triangles[blocks] * weight
-            U = T[:, :, :-1] @ solution.root[motor.columns]
-            e = T[:, :, -1] - T[:, :, :-1] @ solution.beta[motor.columns]
-            G, s = U.transpose(0, 2, 1) @ U, np.einsum("bij,bi->bj", U, e)
-            if noise is not None:
-                N = noise[m][blocks]
-                G = G - solution.root.T @ N[:, :-1, :-1] @ solution.root
-                s = s - (N[:, :-1, -1] - N[:, :-1, :-1] @ solution.beta) @ solution.root
-            yield blocks, G, s
 
 
 class Method(Protocol):
@@ -223,10 +207,7 @@ class Wrapper:
 class UnitVarianceRows:
     """Base of methods whose rows are scaled to unit variance already."""
 
-    @property
-    def unit_residual(self) -> bool:
-        """The weighted residual has unit variance."""
-        return True
+    unit_residual: ClassVar[bool] = True
 
     def weights(self, observation: Observation) -> Array:
         """One for each motor, (motors,)."""

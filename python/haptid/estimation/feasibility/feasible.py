@@ -14,6 +14,7 @@ from haptid.dynamics.model import DynamicModel
 from haptid.errors import MetricError, NoBodyError, ParameterValueError
 from haptid.estimation.feasibility.cone import Block, Cone, Part, cone, parts, pseudo_inertia
 from haptid.estimation.feasibility.conic_program import Condition, minimise
+from haptid.estimation.least_squares import weakest
 from haptid.observation.observation import triangle
 
 # A margin this little below zero is rounding.
@@ -168,13 +169,9 @@ def check_metric(model: DynamicModel, R: Array) -> None:
     """Raise MetricError, naming the parameter of least weight, where R is numerically singular."""
     p = len(model.base)
     expect("R", np.shape(R), (p, p))
-    sizes = np.linalg.norm(R, axis=0)
-    if not sizes.all():
-        raise MetricError(model.base.names[int(np.argmin(sizes))], 0.0, WEIGHED)
-    _, singular, directions = np.linalg.svd(R / sizes)
-    ratio = float(singular[-1] / singular[0])
+    k, ratio = weakest(R)
     if ratio < WEIGHED:
-        raise MetricError(model.base.names[int(np.argmax(np.abs(directions[-1])))], ratio, WEIGHED)
+        raise MetricError(model.base.names[k], ratio, WEIGHED)
 
 
 def roomy(model: DynamicModel, beta: Array) -> Cone:

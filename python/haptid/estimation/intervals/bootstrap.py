@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import ClassVar
 
 import numpy as np
 
@@ -29,15 +30,12 @@ class Bootstrap:
         seed: of the random draws.
     """
 
+    name: ClassVar[str] = "block bootstrap, Student t"
     draws: int = 499
     seed: int = 0
 
     def __post_init__(self) -> None:
         expect_whole("Bootstrap", "draws", self.draws, 2)
-
-    @property
-    def name(self) -> str:
-        return "block bootstrap, Student t"
 
     def spread(self, fit: Fit, combinations: Array | None = None) -> Spread:
         """Covariance of base parameters, or of combinations (q, p) of them."""

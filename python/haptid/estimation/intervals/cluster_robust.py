@@ -9,13 +9,14 @@ effective blocks. Only the R factors of the blocks are needed.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import ClassVar
 
 import numpy as np
 
 from haptid._internal.arrays import Array
 from haptid.estimation.intervals.covariance import Spread, with_prior_variance
 from haptid.estimation.least_squares import Solution
-from haptid.estimation.method import ALONE, Fit, Moments, pooled_moments
+from haptid.estimation.method import ALONE, Fit, Moments
 from haptid.observation.observation import Observation
 
 # Least degrees of freedom: with fewer effective blocks an interval means nothing.
@@ -34,13 +35,16 @@ class Clustered:
     (2018), Journal of Business and Economic Statistics 36, section 3.2, for rows that are independent.
     """
 
-    @property
-    def name(self) -> str:
-        return "CR2 over time blocks of all motors, Student t with Satterthwaite degrees of freedom"
+    name: ClassVar[str] = "CR2 over time blocks of all motors, Student t with Satterthwaite degrees of freedom"
 
     def spread(self, fit: Fit, combinations: Array | None = None) -> Spread:
         """Covariance of base parameters, or of combinations (q, p) of them; a prior adds its own variance."""
-        return _cr2(fit.pooled_moments, fit.combined(combinations), fit.solution.pull)
+        moments, own = fit.pooled_moments, fit.combined(combinations)
+        adjustment = Adjustment.of(moments.G)
+        scores = adjustment.times(moments.s) @ own.T
+        freedom = _cr2_freedom(moments, adjustment, own)
+        covariance, freedom = with_prior_variance(scores.T @ scores, freedom, own, fit.solution.pull)
+        return Spread(covariance, freedom, len(moments.s), moments.alone(own))
 
 
 def clustered(
@@ -54,17 +58,7 @@ def clustered(
         solution: the fit with these weights.
         combinations: of base parameters, (q, p); each base parameter where None.
     """
-    own = solution.root if combinations is None else combinations @ solution.root
-    return _cr2(pooled_moments(observation, weights, solution), own, solution.pull)
-
-
-def _cr2(moments: Moments, combinations: Array, pull: Array | None) -> Spread:
-    """Of combinations (q, k) of the moments' coordinates."""
-    adjustment = Adjustment.of(moments.G)
-    scores = adjustment.times(moments.s) @ combinations.T
-    freedom = _cr2_freedom(moments, adjustment, combinations)
-    covariance, freedom = with_prior_variance(scores.T @ scores, freedom, combinations, pull)
-    return Spread(covariance, freedom, len(moments.s), moments.alone(combinations))
+    return Clustered().spread(Fit(observation, weights, solution, True), combinations)
 
 
 @dataclass(frozen=True, eq=False)
@@ -133,9 +127,7 @@ class BlockJackknife:
     Source: Bell and McCaffrey (2002), Survey Methodology 28, CR3, and their degrees of freedom.
     """
 
-    @property
-    def name(self) -> str:
-        return "CR3 jackknife over motor and time block, Student t with Satterthwaite degrees of freedom"
+    name: ClassVar[str] = "CR3 jackknife over motor and time block, Student t with Satterthwaite degrees of freedom"
 
     def spread(self, fit: Fit, combinations: Array | None = None) -> Spread:
         """Covariance of base parameters, or of combinations (q, p) of them; a prior adds its own variance."""

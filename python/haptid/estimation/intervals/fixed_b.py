@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import ClassVar
 
 import numpy as np
 from scipy import fft
@@ -32,15 +33,12 @@ class FixedB:
         share: of the cosines, of which there are as many as blocks, that are used.
     """
 
+    name: ClassVar[str] = "fixed-b, cosines of time blocks, Student t"
     share: float = 0.5
 
     def __post_init__(self) -> None:
         if not (isinstance(self.share, float) or whole(self.share)) or not 0 < self.share <= 1:
             raise MethodSettingError("FixedB", "share", self.share, "a number above 0, up to 1")
-
-    @property
-    def name(self) -> str:
-        return "fixed-b, cosines of time blocks, Student t"
 
     def spread(self, fit: Fit, combinations: Array | None = None) -> Spread:
         """Covariance of base parameters, or of combinations (q, p) of them."""

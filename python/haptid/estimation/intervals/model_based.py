@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from typing import ClassVar
 
 import numpy as np
 from scipy import fft, signal
@@ -26,9 +27,7 @@ class Textbook:
     Source: Janot et al. (2007), ISIE, eqs 15 and 16.
     """
 
-    @property
-    def name(self) -> str:
-        return "classical, for white residuals"
+    name: ClassVar[str] = "classical, for white residuals"
 
     def spread(self, fit: Fit, combinations: Array | None = None) -> Spread:
         """Covariance of base parameters, or of combinations (q, p) of them."""
@@ -52,14 +51,11 @@ class Sandwich:
         most_order: largest order of the models.
     """
 
+    name: ClassVar[str] = "AR(bic) sandwich, Student t"
     most_order: int = 20
 
     def __post_init__(self) -> None:
         expect_whole("Sandwich", "most_order", self.most_order, 0)
-
-    @property
-    def name(self) -> str:
-        return "AR(bic) sandwich, Student t"
 
     def spread(self, fit: Fit, combinations: Array | None = None) -> Spread:
         """Covariance of base parameters, or of combinations (q, p) of them."""

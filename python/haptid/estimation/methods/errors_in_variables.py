@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
+from typing import ClassVar
 
 import numpy as np
 from scipy import linalg
@@ -27,10 +28,7 @@ EXACT_KINDS = ("FC", "OFF")
 class _NoisyColumns:
     """What both methods share: weights of WLS."""
 
-    @property
-    def unit_residual(self) -> bool:
-        """The variance of the residual is estimated."""
-        return False
+    unit_residual: ClassVar[bool] = False
 
     def weights(self, observation: Observation) -> Array:
         """Those of WLS, (motors,)."""
@@ -52,9 +50,7 @@ class TLS(_NoisyColumns):
     Least Squares Problem, section 3.6 for exact columns; Gautier, Vandanjon and Presse (1994), Proc. IEEE CDC.
     """
 
-    @property
-    def name(self) -> str:
-        return "TLS"
+    name: ClassVar[str] = "TLS"
 
     def fit(self, observation: Observation) -> Fit:
         """The solution of least noise.
@@ -135,6 +131,7 @@ class Corrected(_NoisyColumns):
         draws: number of perturbations.
     """
 
+    name: ClassVar[str] = "TLS, encoder noise"
     resolution: float | tuple[float, ...] | None = None
     draws: int = 4
 
@@ -142,10 +139,6 @@ class Corrected(_NoisyColumns):
         expect_whole("Corrected", "draws", self.draws, 1)
         if self.resolution is not None and not all(positive(r) for r in np.atleast_1d(self.resolution).tolist()):
             raise MethodSettingError("Corrected", "resolution", self.resolution, "finite steps above zero, or None")
-
-    @property
-    def name(self) -> str:
-        return "TLS, encoder noise"
 
     def fit(self, observation: Observation) -> Fit:
         """The corrected solution.

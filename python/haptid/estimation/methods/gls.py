@@ -4,15 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import ClassVar
 
 import numpy as np
 from scipy import stats
 
 from haptid._internal.arrays import Array
-from haptid.errors import NoTorqueError
 from haptid.estimation.intervals.model_based import Autoregression, burg, residual_runs, runs_of
 from haptid.estimation.least_squares import solve
-from haptid.estimation.method import Moments, UnitVarianceRows, expect_whole, moments
+from haptid.estimation.method import Fit, Moments, UnitVarianceRows, expect_whole
 from haptid.estimation.methods.wls import WLS
 from haptid.observation.observation import Observation
 from haptid.observation.rows import Rows, RowStretch
@@ -36,14 +36,11 @@ class SUR(UnitVarianceRows):
         passes: how often the covariance is estimated from the residuals of the last fit.
     """
 
+    name: ClassVar[str] = "SUR"
     passes: int = 2
 
     def __post_init__(self) -> None:
         expect_whole("SUR", "passes", self.passes, 1)
-
-    @property
-    def name(self) -> str:
-        return "SUR"
 
     def rows(self, observation: Observation) -> Observation:
         """Decorrelated across motors.
@@ -81,20 +78,13 @@ class Decorrelation:
 
 
 def covariance(rows: Rows, beta: Array) -> Array:
-    """Covariance of all motors' residuals at one instant, (motors, motors), from the instants used of both of a pair.
-
-    Raises:
-        NoTorqueError: a motor's torque is zero throughout.
-    """
+    """Covariance of all motors' residuals at one instant, (motors, motors), from the instants used of both motors."""
     motors = rows.observation.motors
     products, pairs = np.zeros((len(motors),) * 2), np.zeros((len(motors),) * 2)
     for stretch in rows:
         e = stretch.residual(beta)
         products += e @ e.T
         pairs += stretch.used.astype(float) @ stretch.used.T
-    for motor in motors:
-        if motor.norm == 0:
-            raise NoTorqueError(motor.name)
     # Standard deviations are those of WLS; correlations come from pairs. A motor that fits exactly has none.
     sd = np.array([1.0 / WLS().weight(motor, beta) for motor in motors])
     raw = np.sqrt(np.diag(products) / np.diag(pairs))
@@ -131,16 +121,13 @@ class GLS(UnitVarianceRows):
         most_order: largest order of the models.
     """
 
+    name: ClassVar[str] = "GLS"
     passes: int = 3
     most_order: int = 20
 
     def __post_init__(self) -> None:
         expect_whole("GLS", "passes", self.passes, 1)
         expect_whole("GLS", "most_order", self.most_order, 0)
-
-    @property
-    def name(self) -> str:
-        return "GLS"
 
     def rows(self, observation: Observation) -> Observation:
         """Whitened in time.
@@ -179,7 +166,7 @@ def prediction_errors(observation: Observation, weights: Array, seen: Observatio
     """
     ones = np.ones(len(weights))
     solution = solve(seen, ones)
-    found, sums = moments(seen, ones, solution), np.zeros(len(observation.blocks))
+    found, sums = Fit(seen, ones, solution, True).moments, np.zeros(len(observation.blocks))
     G, s = np.zeros((len(sums), *found.G.shape[1:])), np.zeros((len(sums), found.s.shape[1]))
     np.add.at(G, found.block, found.G)
     np.add.at(s, found.block, found.s)
@@ -208,15 +195,9 @@ class Whitening:
 
 
 def residual_models(rows: Rows, beta: Array, most_order: int) -> list[Autoregression]:
-    """Autoregressive model of every motor's residual; powers are corrected for the degrees of freedom of the fit.
-
-    Raises:
-        NoTorqueError: a motor's torque is zero throughout.
-    """
+    """Autoregressive model of every motor's residual; powers are corrected for the degrees of freedom of the fit."""
     models = []
     for motor, own in zip(rows.observation.motors, residual_runs(rows, beta), strict=True):
-        if motor.norm == 0:
-            raise NoTorqueError(motor.name)
         found, n = burg(own, most_order), int(motor.rows.sum())
         floor = (np.finfo(float).eps * motor.norm) ** 2 / n
         taken = n / max(1, n - len(motor.columns))

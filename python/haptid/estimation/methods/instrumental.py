@@ -8,8 +8,7 @@ import numpy as np
 
 from haptid._internal.arrays import Array
 from haptid.dynamics.model import DynamicModel
-from haptid.errors import UnexcitedError
-from haptid.estimation.least_squares import EXCITED
+from haptid.estimation.least_squares import check_excited
 from haptid.estimation.methods.simulation_based import ClosedLoop, along, treated_as
 from haptid.observation.observation import Observation, triangle
 from haptid.observation.rows import Rows, RowStretch
@@ -59,7 +58,8 @@ def second_stage(observation: Observation, instruments: Observation, weights: Ar
         parts = np.concatenate([z, stretch.W, stretch.y[:, :, None]], axis=2) * weights[:, None, None]
         corner = triangle(np.concatenate([corner, parts.reshape(-1, 2 * p + 1)]))
     RZ, QW, Qy = corner[:p, :p], corner[:p, p : 2 * p], corner[:p, -1]
-    _check_excited(observation, RZ, QW)
+    for corner in (RZ, QW):
+        check_excited(observation.base.names, corner)
     beta = np.asarray(np.linalg.solve(QW, Qy), dtype=np.float64)
     P = np.linalg.solve(RZ, QW)
 
@@ -69,13 +69,3 @@ def second_stage(observation: Observation, instruments: Observation, weights: Ar
 
     reached = [np.arange(p) for _ in observation.motors]
     return rows.folded(change, reached)
-
-
-def _check_excited(observation: Observation, *corners: Array) -> None:
-    """Raise UnexcitedError, naming the least excited parameter, where a matrix is numerically singular."""
-    for corner in corners:
-        scale = np.linalg.norm(corner, axis=0)
-        _, values, directions = np.linalg.svd(corner / np.where(scale > 0, scale, 1.0))
-        if values[-1] <= EXCITED * values[0]:
-            name = observation.base.names[int(np.argmax(np.abs(directions[-1])))]
-            raise UnexcitedError(name, float(values[-1] / values[0]), EXCITED)

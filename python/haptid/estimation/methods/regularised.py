@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from typing import ClassVar
 
 import numpy as np
 
@@ -14,7 +15,7 @@ from haptid.errors import MethodSettingError, NoPriorError, UnsolvedError
 from haptid.estimation.feasibility.cone import Block, Cone
 from haptid.estimation.feasibility.feasible import Possible, roomy
 from haptid.estimation.least_squares import Knowledge, Solution, solve
-from haptid.estimation.method import Method, Wrapper, expect_positive, expect_weighting, expect_whole, moments
+from haptid.estimation.method import Fit, Method, Wrapper, expect_positive, expect_weighting, expect_whole
 from haptid.estimation.methods.constrained import Held, costs
 from haptid.estimation.methods.wls import WLS
 from haptid.observation.observation import Observation
@@ -52,6 +53,7 @@ class Ridge:
         passes: how often the weights are computed from the residuals of the last fit.
     """
 
+    name: ClassVar[str] = "ridge towards the prior"
     share: float = 0.3
     strength: float | None = None
     passes: int = 2
@@ -62,14 +64,7 @@ class Ridge:
             expect_positive("Ridge", "strength", self.strength, ", or None")
         expect_whole("Ridge", "passes", self.passes, 1)
 
-    @property
-    def name(self) -> str:
-        return "ridge towards the prior"
-
-    @property
-    def unit_residual(self) -> bool:
-        """The weighted residual has unit variance."""
-        return True
+    unit_residual: ClassVar[bool] = True
 
     def weights(self, observation: Observation) -> Array:
         """One over the standard deviation of each motor's residual in the fit with the prior, (motors,).
@@ -120,7 +115,8 @@ def strengthened(prior: Knowledge, strength: float) -> Knowledge:
 def prediction_error(observation: Observation, weights: Array, known: Knowledge) -> float:
     """Leave-one-block-out cross-validation: sum of squared weighted prediction errors."""
     solution = solve(observation, weights, (), known)
-    shifts, first, total = moments(observation, weights, solution).leave_out_shifts @ solution.root.T, 0, 0.0
+    moments, first, total = Fit(observation, weights, solution, True).moments, 0, 0.0
+    shifts = moments.leave_out_shifts @ solution.root.T
     for motor, weight in zip(observation.motors, weights, strict=True):
         T = motor.triangles[motor.rows > 0] * weight
         beta = (solution.beta - shifts[first : first + len(T)])[:, motor.columns]

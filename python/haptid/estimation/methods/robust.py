@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
-from typing import Protocol
+from typing import ClassVar, Protocol
 
 import numpy as np
 
@@ -41,14 +41,11 @@ class Huber:
     Source: Huber (1964), Annals of Mathematical Statistics 35(1).
     """
 
+    name: ClassVar[str] = "Huber"
     k: float = 1.345
 
     def __post_init__(self) -> None:
         expect_positive("Huber", "k", self.k)
-
-    @property
-    def name(self) -> str:
-        return "Huber"
 
     def weight(self, u: Array) -> Array:
         """psi(u) / u."""
@@ -66,14 +63,11 @@ class Tukey:
     Source: Beaton and Tukey (1974), Technometrics 16(2).
     """
 
+    name: ClassVar[str] = "Tukey"
     c: float = 4.685
 
     def __post_init__(self) -> None:
         expect_positive("Tukey", "c", self.c)
-
-    @property
-    def name(self) -> str:
-        return "Tukey"
 
     def weight(self, u: Array) -> Array:
         """psi(u) / u."""
@@ -92,14 +86,11 @@ class StudentT:
     Source: Lange, Little and Taylor (1989), JASA 84.
     """
 
+    name: ClassVar[str] = "Student t"
     freedom: float = 4.0
 
     def __post_init__(self) -> None:
         expect_positive("StudentT", "freedom", self.freedom)
-
-    @property
-    def name(self) -> str:
-        return "Student t"
 
     def weight(self, u: Array) -> Array:
         """psi(u) / u, one at zero."""

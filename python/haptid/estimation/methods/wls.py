@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import ClassVar
 
 import numpy as np
 
@@ -28,14 +29,9 @@ class OLS:
     Source: Janot et al. (2007), ISIE, eqs 13 to 17.
     """
 
-    @property
-    def name(self) -> str:
-        return "OLS"
+    name: ClassVar[str] = "OLS"
 
-    @property
-    def unit_residual(self) -> bool:
-        """The variance of the residual is estimated."""
-        return False
+    unit_residual: ClassVar[bool] = False
 
     def weights(self, observation: Observation) -> Array:
         """One for every motor, (motors,)."""
@@ -52,19 +48,13 @@ class WLS:
         passes: how often the weights are computed from the residuals of the last fit.
     """
 
+    name: ClassVar[str] = "WLS"
     passes: int = 2
 
     def __post_init__(self) -> None:
         expect_whole("WLS", "passes", self.passes, 1)
 
-    @property
-    def name(self) -> str:
-        return "WLS"
-
-    @property
-    def unit_residual(self) -> bool:
-        """The weighted residual has unit variance."""
-        return True
+    unit_residual: ClassVar[bool] = True
 
     def weights(self, observation: Observation) -> Array:
         """One over the standard deviation of each motor's residual, (motors,), 1/(N m) or 1/N."""
@@ -101,14 +91,11 @@ class Heteroscedastic(UnitVarianceRows):
         passes: how often the variances are estimated from the residuals of the last fit.
     """
 
+    name: ClassVar[str] = "heteroscedastic ML"
     passes: int = 5
 
     def __post_init__(self) -> None:
         expect_whole("Heteroscedastic", "passes", self.passes, 1)
-
-    @property
-    def name(self) -> str:
-        return "heteroscedastic ML"
 
     def rows(self, observation: Observation) -> Observation:
         """Each row divided by its own standard deviation.
@@ -159,11 +146,7 @@ def variance_regressors(stretch: RowStretch, speed: Array, load: Array, beta: Ar
 
 
 def variance_function(rows: Rows, beta: Array, before: VarianceFunction | None) -> VarianceFunction:
-    """The maximum-likelihood variance function for the residuals of given parameters.
-
-    Raises:
-        NoTorqueError: a motor's torque is zero throughout.
-    """
+    """The maximum-likelihood variance function for the residuals of given parameters."""
     motors = rows.observation.motors
     speed, load = rms_speed_and_load(rows, beta)
     a = np.zeros((len(motors), 3)) if before is None else np.array(before.a)
@@ -177,19 +160,9 @@ def variance_function(rows: Rows, beta: Array, before: VarianceFunction | None) 
     for k, own in enumerate(parts):
         Z, e = (np.concatenate(each) for each in zip(*own, strict=True))
         squares = e**2 * len(e) / max(1, len(e) - len(motors[k].columns))
-        a[k] = fisher_scoring(Z, squares, a[k], variance_floor(motors[k]))
+        rounding = (np.finfo(float).eps * motors[k].norm) ** 2 / int(motors[k].rows.sum())
+        a[k] = fisher_scoring(Z, squares, a[k], rounding)
     return VarianceFunction(a, speed, load, beta)
-
-
-def variance_floor(motor: MotorRows) -> float:
-    """Variance of rounding errors, for a motor that fits exactly.
-
-    Raises:
-        NoTorqueError: the motor's torque is zero throughout.
-    """
-    if motor.norm == 0:
-        raise NoTorqueError(motor.name)
-    return (np.finfo(float).eps * motor.norm) ** 2 / int(motor.rows.sum())
 
 
 def rms_speed_and_load(rows: Rows, beta: Array) -> tuple[Array, Array]:
