@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from scipy import optimize
+from scipy import optimize, stats
 
 import haptid
 from haptid import errors
@@ -83,6 +83,19 @@ def test_truth_is_inside_the_intervals(model):
         wider.append(joint["FS1"].sd / held["FS1"].sd)
     assert np.mean(inside) >= 0.9
     assert np.median(wider) > 1.0  # what is not known of the constants is in the parameters' deviations
+
+
+def test_intervals_of_constants_at_other_levels(model):
+    """A noise this small leaves the profile near a parabola: widths are those of Student's t."""
+    moved, _ = motion_of(model, tuple(TRUTH.values()), 3, noise=0.01)
+    found = variable_projection(model, [moved])
+    for constant in found.constants:
+        assert constant.conf_int() == constant.conf_int(0.95)
+        widths = [float(np.diff(np.log(constant.conf_int(level)))[0]) for level in (0.8, 0.95, 0.99)]
+        t = stats.t.ppf([0.9, 0.975, 0.995], constant.profile.freedom)
+        np.testing.assert_allclose(widths, widths[1] * t / t[1], rtol=0.02)
+        with pytest.raises(errors.MethodSettingError, match="6 standard errors"):
+            constant.conf_int(1 - 1e-12)
 
 
 def test_least_squares_in_everything_finds_the_same(model):
