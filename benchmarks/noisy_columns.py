@@ -21,7 +21,7 @@ from haptid.experiment import bench
 from haptid.simulation import PID
 
 CASE, COUNTS, SECONDS, READINGS, EVERY = CASES["PHANToM, one parallelogram"], 4000.0, 10.0, 20, 2
-NOISE, TREATMENT = 5e-3, haptid.Treatment(cutoff_hz=90.0, torque_delay=5e-4)
+NOISE, TREATMENT = 5e-3, haptid.Treatment(cutoff_hz=90.0, torque_delay_s=5e-4)
 NAMES = ("OLS", "IV", "DIDIM", "CLIE")
 # With so much noise in the columns the simulated motion settles slowly, and IV not below a tenth of a deviation.
 PASSES, SETTLED = 40, 0.3

@@ -2,7 +2,7 @@
 
 from haptid import errors
 from haptid._core import __version__
-from haptid._internal.workers import Cluster, Here, Processes, Workers
+from haptid._internal.workers import DaskExecutor, SerialExecutor, ProcessExecutor, Executor
 from haptid.device import Device, device_schema, read_device, shipped_devices
 from haptid.dynamics.base_parameters import BaseParameters, base_parameters
 from haptid.dynamics.inverse import bias_torque, gravity_torque, inverse_dynamics, mass_matrix
@@ -10,12 +10,12 @@ from haptid.dynamics.kinematics import HandleMotion, handle_motion, link_poses
 from haptid.dynamics.model import DynamicModel
 from haptid.dynamics.symbolic import Regroupings, loop_regroupings, regroupings
 from haptid.dynamics.workspace import Box, Workspace, workspace
-from haptid.end_effector.characterisation import Characterisation, FeltMass, GivenModel, characterise, felt_mass
+from haptid.end_effector.characterisation import Characterisation, ApparentMass, GivenParameters, characterise, apparent_mass
 from haptid.end_effector.compensation import Compensation, stable_share
 from haptid.end_effector.definiteness import Definiteness, definiteness
 from haptid.end_effector.force import HandleForce, estimate_force
-from haptid.end_effector.momentum_observer import MomentumObserver, Watched, observe_force
-from haptid.end_effector.torque_decomposition import Dissection, dissect
+from haptid.end_effector.momentum_observer import MomentumObserver, ObserverResult, observe_force
+from haptid.end_effector.torque_decomposition import TorqueDecomposition, decompose_torque
 from haptid.estimation import (
     CLIE,
     CLOE,
@@ -31,42 +31,42 @@ from haptid.estimation import (
     WLS,
     BlockJackknife,
     Bootstrap,
-    Bounded,
-    Clustered,
-    Consistent,
-    Corrected,
+    Bounds,
+    ClusterRobust,
+    PhysicallyConsistent,
+    ErrorsInVariables,
     Cost,
-    Equal,
+    EqualityConstraints,
     Estimate,
     Fit,
     FixedB,
-    Held,
+    Constrained,
     Heteroscedastic,
     Huber,
     Intervals,
     Method,
-    OutputError,
+    OutputErrorMethod,
     Parameter,
-    Possible,
+    FeasibleParameters,
     Profile,
     Ridge,
     Sandwich,
     Spread,
     StudentT,
-    Textbook,
+    Classical,
     Tukey,
-    Within,
-    Without,
+    BoundedSolution,
+    FixedAtZero,
     estimate,
     possible,
     project,
     pseudo_inertia,
 )
 from haptid.estimation.methods.regularised import Entropic
-from haptid.estimation.nonlinear import Projection, variable_projection
-from haptid.estimation.nonlinear.load_friction import settled_loads
+from haptid.estimation.nonlinear import VariableProjection, variable_projection
+from haptid.estimation.nonlinear.load_friction import fit_load_friction
 from haptid.experiment.friction_test.choice import FrictionChoice, choose_friction
-from haptid.experiment.friction_test.curve import ByModel, ByPairs, Constant, FrictionCurve, friction_curve
+from haptid.experiment.friction_test.curve import ModelSubtraction, DirectionPairs, Constant, FrictionCurve, friction_curve
 from haptid.export import (
     CCode,
     CExport,
@@ -83,16 +83,16 @@ from haptid.inference.comparison import Comparison, compare
 from haptid.inference.diagnosis import Diagnosis, Finding, Verdict, diagnose
 from haptid.inference.drift import Drift, drift
 from haptid.inference.drive_gains import DriveGains, drive_gains
-from haptid.inference.elimination import AtMost, Essential, Reduction, TimesSmallest, essential, essential_by_motor
-from haptid.inference.payload_estimate import Addition, addition
+from haptid.inference.elimination import MaxRelativeStd, BackwardElimination, Elimination, GautierRatio, essential, eliminate_by_motor
+from haptid.inference.payload_estimate import PayloadEstimate, estimate_payload
 from haptid.inference.several import Series, compare_all
 from haptid.inference.targets import Targets, side_by_side, target_map, targets
 from haptid.log import Channels, Log, Signal, open_log, read_log
 from haptid.motion.causal import Causal, HighPass
-from haptid.motion.shapes import Bell, Sharp
+from haptid.motion.shapes import KaiserSmoother, WindowedSinc
 from haptid.motion.treatment import Motion, Treatment, treat
-from haptid.observation.batch import Kept, observe_all
-from haptid.observation.known_payload import Load, load_shift, log_without_load, without_load
+from haptid.observation.batch import RFactorCache, observe_all
+from haptid.observation.known_payload import Payload, payload_torque, log_without_payload, without_payload
 from haptid.observation.observation import Block, MotorRows, Observation, observe
 from haptid.report import Hand, Report, make_report, read_report, write_comparison
 from haptid.results.read import Recorded, RecordedLog, read_result
@@ -119,62 +119,62 @@ __all__ = [
     "TLS",
     "UKF",
     "WLS",
-    "Addition",
-    "AtMost",
+    "PayloadEstimate",
+    "MaxRelativeStd",
     "BaseParameters",
-    "Bell",
+    "KaiserSmoother",
     "Block",
     "BlockJackknife",
     "Bootstrap",
-    "Bounded",
+    "Bounds",
     "Box",
-    "ByModel",
-    "ByPairs",
+    "ModelSubtraction",
+    "DirectionPairs",
     "CCode",
     "CExport",
     "Causal",
     "Channels",
     "Characterisation",
-    "Cluster",
-    "Clustered",
+    "DaskExecutor",
+    "ClusterRobust",
     "Comparison",
     "Compensation",
-    "Consistent",
+    "PhysicallyConsistent",
     "Constant",
-    "Corrected",
+    "ErrorsInVariables",
     "Cost",
     "Definiteness",
     "Delay",
     "Device",
     "Diagnosis",
-    "Dissection",
+    "TorqueDecomposition",
     "Drift",
     "DriveGains",
     "DynamicModel",
     "Entropic",
-    "Equal",
-    "Essential",
+    "EqualityConstraints",
+    "BackwardElimination",
     "Estimate",
     "Export",
-    "FeltMass",
+    "ApparentMass",
     "Finding",
     "Fit",
     "FixedB",
     "FrictionChoice",
     "FrictionCurve",
-    "GivenModel",
+    "GivenParameters",
     "Hand",
     "HandleForce",
     "HandleMotion",
-    "Held",
-    "Here",
+    "Constrained",
+    "SerialExecutor",
     "Heteroscedastic",
     "HighPass",
     "Huber",
     "Identification",
     "Intervals",
-    "Kept",
-    "Load",
+    "RFactorCache",
+    "Payload",
     "Log",
     "Method",
     "MomentumObserver",
@@ -182,42 +182,42 @@ __all__ = [
     "MotorError",
     "MotorRows",
     "Observation",
-    "OutputError",
+    "OutputErrorMethod",
     "Parameter",
-    "Possible",
+    "FeasibleParameters",
     "Prediction",
-    "Processes",
+    "ProcessExecutor",
     "Profile",
-    "Projection",
+    "VariableProjection",
     "Proposal",
     "Recorded",
     "RecordedLog",
-    "Reduction",
+    "Elimination",
     "Regroupings",
     "Report",
     "Ridge",
     "Run",
     "Sandwich",
     "Series",
-    "Sharp",
+    "WindowedSinc",
     "Signal",
     "Spread",
     "StudentT",
     "Study",
     "Targets",
-    "Textbook",
-    "TimesSmallest",
+    "Classical",
+    "GautierRatio",
     "Treatment",
     "Tukey",
     "Validation",
     "Verdict",
-    "Watched",
-    "Within",
-    "Without",
-    "Workers",
+    "ObserverResult",
+    "BoundedSolution",
+    "FixedAtZero",
+    "Executor",
     "Workspace",
     "__version__",
-    "addition",
+    "estimate_payload",
     "base_parameters",
     "bias_torque",
     "characterise",
@@ -228,12 +228,12 @@ __all__ = [
     "device_schema",
     "diagnose",
     "direct",
-    "dissect",
+    "decompose_torque",
     "drift",
     "drive_gains",
     "errors",
     "essential",
-    "essential_by_motor",
+    "eliminate_by_motor",
     "estimate",
     "estimate_force",
     "export_c",
@@ -243,7 +243,7 @@ __all__ = [
     "export_mjcf",
     "export_rust",
     "export_urdf",
-    "felt_mass",
+    "apparent_mass",
     "find_delay",
     "friction_curve",
     "gravity_torque",
@@ -251,8 +251,8 @@ __all__ = [
     "identify",
     "inverse_dynamics",
     "link_poses",
-    "load_shift",
-    "log_without_load",
+    "payload_torque",
+    "log_without_payload",
     "loop_regroupings",
     "make_report",
     "mass_matrix",
@@ -262,7 +262,7 @@ __all__ = [
     "open_log",
     "possible",
     "predict",
-    "project",
+    "project_to_feasible",
     "propose",
     "pseudo_inertia",
     "read_device",
@@ -272,7 +272,7 @@ __all__ = [
     "read_study",
     "regroupings",
     "result",
-    "settled_loads",
+    "fit_load_friction",
     "shipped_devices",
     "side_by_side",
     "stable_share",
@@ -282,7 +282,7 @@ __all__ = [
     "treat",
     "validate",
     "variable_projection",
-    "without_load",
+    "without_payload",
     "workspace",
     "write_comparison",
     "write_result",

@@ -80,7 +80,7 @@ def test_truth_is_inside_the_intervals(model):
         low, high = joint.conf_int().T
         inside += ((low < beta) & (beta < high)).tolist()
         inside += [found[n].conf_int()[0] < value < found[n].conf_int()[1] for n, value in TRUTH.items()]
-        wider.append(joint["FS1"].sd / held["FS1"].sd)
+        wider.append(joint["FS1"].se / held["FS1"].se)
     assert np.mean(inside) >= 0.9
     assert np.median(wider) > 1.0  # what is not known of the constants is in the parameters' deviations
 
@@ -92,7 +92,7 @@ def test_intervals_of_constants_at_other_levels(model):
     for constant in found.constants:
         assert constant.conf_int() == constant.conf_int(0.95)
         widths = [float(np.diff(np.log(constant.conf_int(level)))[0]) for level in (0.8, 0.95, 0.99)]
-        t = stats.t.ppf([0.9, 0.975, 0.995], constant.profile.freedom)
+        t = stats.t.ppf([0.9, 0.975, 0.995], constant.profile.dof)
         np.testing.assert_allclose(widths, widths[1] * t / t[1], rtol=0.02)
         with pytest.raises(errors.MethodSettingError, match="6 standard errors"):
             constant.conf_int(1 - 1e-12)

@@ -311,7 +311,7 @@ __all__ = [
     "NotByRowsError",
     "NotNumericError",
     "OptionError",
-    "OutputError",
+    "OutputErrorMethod",
     "OversizedLogError",
     "ParameterNameError",
     "ParameterValueError",

@@ -112,9 +112,9 @@ class CommandUnitError(EstimationError):
 class NoRowsError(EstimationError):
     """A motor whose rows were all dropped."""
 
-    def __init__(self, motor: str, low_speed: object) -> None:
+    def __init__(self, motor: str, reversal_speed: object) -> None:
         super().__init__(
-            f"every row of motor {motor} is slower than low_speed = {low_speed}, so none is left. Lower `low_speed`, "
+            f"every row of motor {motor} is slower than reversal_speed = {reversal_speed}, so none is left. Lower `reversal_speed`, "
             f"or record motion that turns this joint faster."
         )
 

@@ -63,5 +63,5 @@ class RowsByBlockError(EstimationError):
     def __init__(self, method: str) -> None:
         super().__init__(
             f"{method} keeps what each block of time tells of the parameters, and no single rows, which this kind of "
-            f"interval needs. Take BlockJackknife() or Textbook()."
+            f"interval needs. Take BlockJackknife() or Classical()."
         )

@@ -6,21 +6,21 @@ and simulations; it does not use validation or inference.
 
 from haptid.estimation.estimate import Estimate, Parameter, Restricted, estimate
 from haptid.estimation.feasibility.cone import pseudo_inertia
-from haptid.estimation.feasibility.feasible import Possible, possible, project
+from haptid.estimation.feasibility.feasible import FeasibleParameters, possible, project
 from haptid.estimation.intervals.bootstrap import Bootstrap
-from haptid.estimation.intervals.cluster_robust import BlockJackknife, Clustered
+from haptid.estimation.intervals.cluster_robust import BlockJackknife, ClusterRobust
 from haptid.estimation.intervals.covariance import Intervals, Spread
 from haptid.estimation.intervals.fixed_b import FixedB
-from haptid.estimation.intervals.model_based import Sandwich, Textbook
+from haptid.estimation.intervals.model_based import Sandwich, Classical
 from haptid.estimation.intervals.profile import Profile
 from haptid.estimation.least_squares import Knowledge
 from haptid.estimation.method import ByRows, Fit, Fitting, Knowing, Method, Reduced
-from haptid.estimation.methods.constrained import Bounded, Consistent, Cost, Equal, Held, Within, Without
-from haptid.estimation.methods.errors_in_variables import TLS, Corrected
+from haptid.estimation.methods.constrained import Bounds, PhysicallyConsistent, Cost, EqualityConstraints, Constrained, BoundedSolution, FixedAtZero
+from haptid.estimation.methods.errors_in_variables import TLS, ErrorsInVariables
 from haptid.estimation.methods.gls import GLS, SUR
 from haptid.estimation.methods.instrumental import IV
 from haptid.estimation.methods.kalman import EKF, UKF
-from haptid.estimation.methods.open_loop import OutputError
+from haptid.estimation.methods.open_loop import OutputErrorMethod
 from haptid.estimation.methods.regularised import Entropic, Ridge
 from haptid.estimation.methods.robust import IRLS, Huber, Loss, StudentT, Tukey
 from haptid.estimation.methods.simulation_based import CLIE, CLOE, DIDIM
@@ -41,19 +41,19 @@ __all__ = [
     "WLS",
     "BlockJackknife",
     "Bootstrap",
-    "Bounded",
+    "Bounds",
     "ByRows",
-    "Clustered",
-    "Consistent",
-    "Corrected",
+    "ClusterRobust",
+    "PhysicallyConsistent",
+    "ErrorsInVariables",
     "Cost",
     "Entropic",
-    "Equal",
+    "EqualityConstraints",
     "Estimate",
     "Fit",
     "Fitting",
     "FixedB",
-    "Held",
+    "Constrained",
     "Heteroscedastic",
     "Huber",
     "Intervals",
@@ -61,9 +61,9 @@ __all__ = [
     "Knowledge",
     "Loss",
     "Method",
-    "OutputError",
+    "OutputErrorMethod",
     "Parameter",
-    "Possible",
+    "FeasibleParameters",
     "Profile",
     "Reduced",
     "Restricted",
@@ -71,12 +71,12 @@ __all__ = [
     "Sandwich",
     "Spread",
     "StudentT",
-    "Textbook",
+    "Classical",
     "Tukey",
-    "Within",
-    "Without",
+    "BoundedSolution",
+    "FixedAtZero",
     "estimate",
     "possible",
-    "project",
+    "project_to_feasible",
     "pseudo_inertia",
 ]

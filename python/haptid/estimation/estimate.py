@@ -11,12 +11,12 @@ import numpy as np
 from haptid._internal.arrays import Array, read_only
 from haptid.dynamics.base_parameters import BaseParameters
 from haptid.dynamics.model import DynamicModel
-from haptid.estimation.feasibility.feasible import Possible
-from haptid.estimation.intervals.cluster_robust import Clustered
+from haptid.estimation.feasibility.feasible import FeasibleParameters
+from haptid.estimation.intervals.cluster_robust import ClusterRobust
 from haptid.estimation.intervals.covariance import Intervals, Limiting, Spread
 from haptid.estimation.least_squares import Solution, solve
 from haptid.estimation.method import Fit, Fitting, Knowing, Method, Reduced, rows_of
-from haptid.estimation.methods.constrained import Held, Within
+from haptid.estimation.methods.constrained import Constrained, BoundedSolution
 from haptid.estimation.methods.wls import WLS
 from haptid.observation.observation import Observation
 from haptid.uncertainty.quantities import LEVEL, Quantities, half_width
@@ -27,9 +27,9 @@ WELL_CONDITIONED = 200.0
 
 @runtime_checkable
 class Restricted(Method, Protocol):
-    """A method with inequality constraints, such as `Consistent`."""
+    """A method with inequality constraints, such as `PhysicallyConsistent`."""
 
-    def hold(self, observation: Observation, free: Solution) -> Held | Within:
+    def hold(self, observation: Observation, free: Solution) -> Constrained | BoundedSolution:
         """The constrained solution, with the unconstrained one."""
 
 
@@ -46,11 +46,11 @@ class Parameter:
 
     Attributes:
         name, unit, grouping: ZZ1R, kg m^2, and what regroups into it.
-        value, sd: and its cluster-robust standard error, SI.
-        textbook_sd: its classical standard error, valid for white residuals.
+        value, se: and its cluster-robust standard error, SI.
+        classical_se: its classical standard error, valid for white residuals.
         prior: prior value and standard deviation, or None.
         free: value of the unconstrained fit, to which `sd` belongs; `value` without constraints.
-        strained: whether constraints move the value outside of the interval of the unconstrained fit.
+        constrained_outside_ci: whether constraints move the value outside of the interval of the unconstrained fit.
         owner, index: the estimate or targets that it is one of, and where.
     """
 
@@ -58,11 +58,11 @@ class Parameter:
     unit: str
     grouping: str
     value: float
-    sd: float
-    textbook_sd: float
+    se: float
+    classical_se: float
     prior: tuple[float, float | None] | None
     free: float
-    strained: bool
+    constrained_outside_ci: bool
     owner: HasIntervals = field(repr=False, compare=False)
     index: int = field(repr=False, compare=False)
 
@@ -72,14 +72,14 @@ class Parameter:
         return float(low), float(high)
 
     @property
-    def relative_sd(self) -> float:
+    def relative_se(self) -> float:
         """Relative standard error 100 sd / |value|, per cent (Janot et al. 2007, eq. 17, with absolute value).
 
-        NaN where `strained`: the standard error then does not describe the value.
+        NaN where `constrained_outside_ci`: the standard error then does not describe the value.
         """
-        if self.strained:
+        if self.constrained_outside_ci:
             return float("nan")
-        return 100 * self.sd / abs(self.value) if self.value else float("inf")
+        return 100 * self.se / abs(self.value) if self.value else float("inf")
 
 
 @dataclass(frozen=True, eq=False)
@@ -95,7 +95,7 @@ class Estimate:
         intervals: covariance estimator.
         quantities: names, units, values, cluster-robust covariance and degrees of freedom of the base parameters;
             unbounded where a parameter is excited in a single block, so that its standard error cannot be estimated.
-        textbook_covariance: classical, valid for white residuals, (p, p).
+        classical_covariance: classical, valid for white residuals, (p, p).
         weights: of each motor's rows, (motors,); of a method that weights single rows one over each motor's residual.
         status: "ok", "weak" (ill-conditioned), or "strained" where constraints contradict an interval.
         notes: for the user.
@@ -109,15 +109,15 @@ class Estimate:
     fit: Fit
     intervals: Intervals
     quantities: Quantities
-    textbook_covariance: Array
+    classical_covariance: Array
     weights: Array
     status: str
     notes: tuple[str, ...]
-    held: Held | Within | None = None
+    held: Constrained | BoundedSolution | None = None
     zero: tuple[int, ...] = ()
 
     def __post_init__(self) -> None:
-        for name in ("textbook_covariance", "weights"):
+        for name in ("classical_covariance", "weights"):
             object.__setattr__(self, name, read_only(getattr(self, name)))
 
     @property
@@ -134,9 +134,9 @@ class Estimate:
         return tuple(k for k in range(len(self.base)) if k not in self.zero)
 
     @property
-    def possible(self) -> Possible | None:
+    def possible(self) -> FeasibleParameters | None:
         """Bodies that have these base parameters, of a method that looks for them."""
-        return self.held.possible if isinstance(self.held, Held) else None
+        return self.held.possible if isinstance(self.held, Constrained) else None
 
     @property
     def beta(self) -> Array:
@@ -149,17 +149,17 @@ class Estimate:
         return self.quantities.covariance
 
     @property
-    def freedom(self) -> Array:
+    def dof(self) -> Array:
         """Degrees of freedom of each interval, (p,)."""
         return self.quantities.dof
 
     @property
-    def lonely(self) -> tuple[int, ...]:
+    def single_block(self) -> tuple[int, ...]:
         """Parameters excited in a single block: their standard errors cannot be estimated and are infinite."""
         return self.quantities.unbounded
 
     @property
-    def sd(self) -> Array:
+    def se(self) -> Array:
         """Cluster-robust standard errors, (p,)."""
         return self.quantities.se
 
@@ -177,7 +177,7 @@ class Estimate:
         if self.held is None:
             return self.quantities.conf_int(level)
         if level not in self._constrained_intervals:
-            half = half_width(self.sd, self.freedom, level)
+            half = half_width(self.se, self.dof, level)
             if isinstance(self.intervals, Limiting):
                 ends = self.intervals.limits(self.fit, self.held, half)
             else:
@@ -193,19 +193,19 @@ class Estimate:
     @cached_property
     def parameters(self) -> tuple[Parameter, ...]:
         """The estimate, parameter by parameter."""
-        textbook, free = np.sqrt(np.diag(self.textbook_covariance)), self.held.free if self.held else self.beta
-        strained = self.held.strained(half_width(self.sd, self.freedom)) if self.held else ()
+        classical, free = np.sqrt(np.diag(self.classical_covariance)), self.held.free if self.held else self.beta
+        constrained_outside_ci = self.held.constrained_outside_ci(half_width(self.se, self.dof)) if self.held else ()
         return tuple(
             Parameter(
                 name=name,
                 unit=self.base.units[k],
                 grouping=self.base.groupings[k],
                 value=float(self.beta[k]),
-                sd=float(self.sd[k]),
-                textbook_sd=float(textbook[k]),
+                se=float(self.se[k]),
+                classical_se=float(classical[k]),
                 prior=self.model.base_prior[k],
                 free=float(free[k]),
-                strained=name in strained,
+                constrained_outside_ci=name in constrained_outside_ci,
                 owner=self,
                 index=k,
             )
@@ -225,15 +225,15 @@ def estimate(observation: Observation, method: Method, intervals: Intervals | No
 
     Args:
         observation: the rows.
-        method: `OLS()`, `WLS()`, `GLS()`, `Consistent()`, ...
-        intervals: covariance estimator; `Clustered()` where None.
+        method: `OLS()`, `WLS()`, `GLS()`, `PhysicallyConsistent()`, ...
+        intervals: covariance estimator; `ClusterRobust()` where None.
 
     Raises:
         TooFewRowsError: fewer rows than parameters.
         UnexcitedError: the motion does not excite a direction of the parameters.
-        NoBodyError, UnsolvedError: `Consistent()` finds no bodies.
+        NoBodyError, UnsolvedError: `PhysicallyConsistent()` finds no bodies.
     """
-    intervals = intervals or Clustered()
+    intervals = intervals or ClusterRobust()
     zero = method.zero(observation) if isinstance(method, Reduced) else ()
     fit = method.fit(observation) if isinstance(method, Fitting) else fitted(observation, method, zero)
     solution, spread = fit.solution, intervals.spread(fit)
@@ -243,7 +243,7 @@ def estimate(observation: Observation, method: Method, intervals: Intervals | No
         units=observation.base.units,
         values=held.beta if held else solution.beta,
         covariance=spread.covariance,
-        dof=spread.freedom,
+        dof=spread.dof,
         unbounded=tuple(int(k) for k in spread.alone),
     )
     status, notes = _status_and_notes(observation, quantities, held, zero)
@@ -254,7 +254,7 @@ def estimate(observation: Observation, method: Method, intervals: Intervals | No
         fit=fit,
         intervals=intervals,
         quantities=quantities,
-        textbook_covariance=solution.textbook_covariance(fit.unit_residual),
+        classical_covariance=solution.classical_covariance(fit.unit_residual),
         weights=fit.weights if own else np.array([WLS().weight(m, solution.beta) for m in observation.motors]),
         status=status,
         notes=notes,
@@ -272,7 +272,7 @@ def fitted(observation: Observation, method: Method, zero: tuple[int, ...]) -> F
 
 
 def _status_and_notes(
-    observation: Observation, quantities: Quantities, held: Held | Within | None, zero: tuple[int, ...]
+    observation: Observation, quantities: Quantities, held: Constrained | BoundedSolution | None, zero: tuple[int, ...]
 ) -> tuple[str, tuple[str, ...]]:
     """The status of an estimate, and notes for the user, each once."""
     notes = list(observation.model.device.notes)
@@ -296,6 +296,6 @@ def _status_and_notes(
         )
     if held:
         half = half_width(quantities.se, quantities.dof)
-        status = "strained" if held.strained(half) else status
+        status = "strained" if held.constrained_outside_ci(half) else status
         notes += held.notes(half)
     return status, tuple(notes)

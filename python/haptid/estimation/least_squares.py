@@ -23,30 +23,30 @@ class Knowledge:
     Attributes:
         A: (m, p).
         b: (m,), SI.
-        sd: standard deviation of each, zero where it is exact, (m,).
+        se: standard deviation of each, zero where it is exact, (m,).
     """
 
     A: Array
     b: Array
-    sd: Array
+    se: Array
 
     def __post_init__(self) -> None:
         m = np.shape(self.b)[0]
         expect("A", np.shape(self.A), (m, None))
-        expect("sd", np.shape(self.sd), (m,))
+        expect("sd", np.shape(self.se), (m,))
         for name in ("A", "b", "sd"):
             object.__setattr__(self, name, read_only(getattr(self, name)))
 
     @property
     def exact(self) -> tuple[Array, Array]:
         """The equality constraints, A and b."""
-        return self.A[self.sd == 0], self.b[self.sd == 0]
+        return self.A[self.se == 0], self.b[self.se == 0]
 
     @property
     def rows(self) -> Array:
         """The priors as rows of unit variance, [A b] / sd, (k, p + 1)."""
-        uncertain = self.sd > 0
-        return np.asarray(np.column_stack([self.A, self.b])[uncertain] / self.sd[uncertain, None])
+        uncertain = self.se > 0
+        return np.asarray(np.column_stack([self.A, self.b])[uncertain] / self.se[uncertain, None])
 
     @staticmethod
     def nothing(p: int) -> Knowledge:
@@ -64,7 +64,7 @@ class Solution:
             are the parameters themselves, without those fixed at zero.
         root: the directions times the inverse of R: root root' is (W'W)^-1, (p, k).
         rest: norm of the weighted residual.
-        freedom: residual degrees of freedom: rows less unconstrained directions.
+        dof: residual degrees of freedom: rows less unconstrained directions.
         pull: prior rows in the coordinates of `root`, (known, k); None without a prior.
     """
 
@@ -72,17 +72,17 @@ class Solution:
     R: Array
     root: Array
     rest: float
-    freedom: int
+    dof: int
     pull: Array | None = None
 
-    def textbook_covariance(self, unit_residual: bool) -> Array:
+    def classical_covariance(self, unit_residual: bool) -> Array:
         """Classical (nonrobust) covariance, valid for white residuals, (p, p).
 
         Args:
             unit_residual: the weights were one over the residual standard deviations (WLS), so the weighted residual
                 has unit variance; otherwise it is estimated from the residual (Janot et al. 2007, eqs 15 and 16).
         """
-        variance = 1.0 if unit_residual else self.rest**2 / self.freedom
+        variance = 1.0 if unit_residual else self.rest**2 / self.dof
         return np.asarray(variance * self.root @ self.root.T)
 
 

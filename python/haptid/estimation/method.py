@@ -155,7 +155,7 @@ class ByRows(Method, Protocol):
 
 @runtime_checkable
 class Reduced(Method, Protocol):
-    """A method that fixes some base parameters at zero, such as `Without`."""
+    """A method that fixes some base parameters at zero, such as `FixedAtZero`."""
 
     def zero(self, observation: Observation) -> tuple[int, ...]:
         """Their indices."""
@@ -163,7 +163,7 @@ class Reduced(Method, Protocol):
 
 @runtime_checkable
 class Knowing(Method, Protocol):
-    """A method with equality constraints or priors, such as `Equal` and `Ridge`."""
+    """A method with equality constraints or priors, such as `EqualityConstraints` and `Ridge`."""
 
     def knowledge(self, observation: Observation) -> Knowledge:
         """The constraints and priors."""

@@ -21,23 +21,23 @@ from haptid.estimation import (
     WLS,
     BlockJackknife,
     Bootstrap,
-    Bounded,
-    Clustered,
-    Consistent,
-    Corrected,
-    Equal,
+    Bounds,
+    ClusterRobust,
+    PhysicallyConsistent,
+    ErrorsInVariables,
+    EqualityConstraints,
     FixedB,
     Heteroscedastic,
     Huber,
     Intervals,
     Loss,
     Method,
-    OutputError,
+    OutputErrorMethod,
     Profile,
     Ridge,
     Sandwich,
     StudentT,
-    Textbook,
+    Classical,
     Tukey,
 )
 from haptid.estimation.methods.regularised import Entropic
@@ -54,21 +54,21 @@ METHODS: Mapping[str, tuple[Callable[..., Method], tuple[str, ...]]] = {
     "IRLS": (IRLS, ("loss",)),
     "heteroscedastic": (Heteroscedastic, ("passes",)),
     "TLS": (TLS, ()),
-    "encoder noise": (Corrected, ("resolution",)),
+    "encoder noise": (ErrorsInVariables, ("resolution",)),
     "ridge": (Ridge, ("share", "strength", "passes")),
     "entropic": (Entropic, ("strength",)),
     "IV": (IV, ()),
     "DIDIM": (DIDIM, ()),
     "CLIE": (CLIE, ()),
     "CLOE": (CLOE, ()),
-    "output error": (OutputError, ()),
+    "output error": (OutputErrorMethod, ()),
     "EKF": (EKF, ()),
     "UKF": (UKF, ()),
 }
 INTERVALS: Mapping[str, Callable[[], Intervals]] = {
-    "clustered": Clustered,
+    "clustered": ClusterRobust,
     "jackknife": BlockJackknife,
-    "textbook": Textbook,
+    "textbook": Classical,
     "sandwich": Sandwich,
     "fixed-b": FixedB,
     "bootstrap": Bootstrap,
@@ -107,7 +107,7 @@ def method_of(study: Path, table: EstimateTable, controller: PID | None) -> Meth
 def _held(table: EstimateTable, weighting: Method) -> Method:
     """The method with what holds its estimate."""
     if table.possible:
-        return Consistent(weighting)
+        return PhysicallyConsistent(weighting)
     if table.limits:
-        return Bounded({name: (limit.low, limit.high) for name, limit in table.limits.items()}, weighting)
-    return Equal(table.relations, weighting) if table.relations else weighting
+        return Bounds({name: (limit.low, limit.high) for name, limit in table.limits.items()}, weighting)
+    return EqualityConstraints(table.relations, weighting) if table.relations else weighting

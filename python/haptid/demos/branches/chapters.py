@@ -120,7 +120,7 @@ def _steps(drops: tuple[Drop, ...]) -> Iterator[str]:
     for k, drop in enumerate(drops):
         if k < STEPS_TOLD or k >= len(drops) - STEPS_TOLD:
             yield (
-                f"step {k + 1}: without {drop.name}, whose relative deviation is {drop.relative_sd:.0f} %; p of all "
+                f"step {k + 1}: without {drop.name}, whose relative deviation is {drop.relative_se:.0f} %; p of all "
                 f"left out so far {drop.test.p:.2f}"
             )
 
@@ -132,14 +132,14 @@ def differences(one: Identified) -> Iterator[str]:
     for name in one.missing:
         (drop,) = [drop for drop in one.reduction.drops if drop.name == name]
         yield (
-            f"{name} is published and left out here: its relative deviation was {drop.relative_sd:.3g} %, its value "
+            f"{name} is published and left out here: its relative deviation was {drop.relative_se:.3g} %, its value "
             f"{one.full[name].value:.2g} {one.full[name].unit}."
         )
     for name in one.more:
         p = one.reduced[name]
         yield (
             f"{name} is kept here and not published: it is {p.value:.2g} {p.unit} with a relative deviation of "
-            f"{p.relative_sd:.3g} %; its true value is {one.true(name):.2g}."
+            f"{p.relative_se:.3g} %; its true value is {one.true(name):.2g}."
         )
 
 

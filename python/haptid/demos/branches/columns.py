@@ -24,7 +24,7 @@ def parameters(found: Identified) -> list[list[str]]:
         cad, published, relative = (table.figures[name, column] for column in table.columns)
         kept = name in found.reduction.essential
         low, high = p.conf_int()
-        ours = [f"{p.value:.5f}", f"{p.relative_sd:.2f}", f"{low:.5f} .. {high:.5f}"] if kept else ["left out", "", ""]
+        ours = [f"{p.value:.5f}", f"{p.relative_se:.2f}", f"{low:.5f} .. {high:.5f}"] if kept else ["left out", "", ""]
         cells.append([name, p.unit, f"{cad:g}", f"{published:g}", f"{relative:g}", *ours, f"{found.true(name):.5f}"])
     return cells
 
@@ -64,8 +64,8 @@ def ranged(values: Array) -> str:
 
 def deviation(figure: Figure) -> Array:
     """Deviations of a figure that has them."""
-    assert figure.sd is not None
-    return figure.sd
+    assert figure.se is not None
+    return figure.se
 
 
 def posture(found: Results) -> list[list[str]]:

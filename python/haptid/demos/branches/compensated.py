@@ -11,7 +11,7 @@ from haptid._internal.arrays import Array, freeze
 from haptid.demos.branches.plan import Compensating, Sweep
 from haptid.dynamics.inverse import mass_matrix
 from haptid.dynamics.kinematics import handle_motion
-from haptid.end_effector.characterisation import felt_mass
+from haptid.end_effector.characterisation import apparent_mass
 from haptid.end_effector.characterisation.velocity_forces import drift
 from haptid.end_effector.compensation import Compensation, stable_share
 from haptid.estimation import Estimate
@@ -59,7 +59,7 @@ def compensated(
     """Shake the handle at every pose, without the law, with it, and with a share that depends on the pose."""
     model, made = estimated.model, smooth(read_experiment(folder / experiment).setup(estimated.model))
     qa = replace_poses(sweep, settings.degrees).along(model)
-    felt = felt_mass(estimated, qa)
+    felt = apparent_mass(estimated, qa)
     target = (1 - settings.share) * float(felt.mass.value.max())
     laws = [Compensation(estimated, share) for share in (0.0, settings.share)]
     laws.append(Compensation(estimated, settings.share, towards=target))

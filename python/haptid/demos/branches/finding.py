@@ -13,7 +13,7 @@ from haptid.demos.kind import Tell
 from haptid.demos.recordings import Recorded, Take, read_recorded
 from haptid.device import read_device
 from haptid.dynamics.model import DynamicModel
-from haptid.end_effector.characterisation import Characterisation, FeltMass, characterise, felt_mass
+from haptid.end_effector.characterisation import Characterisation, ApparentMass, characterise, apparent_mass
 
 
 @dataclass(frozen=True, eq=False)
@@ -25,7 +25,7 @@ class Handle:
         essential, full: at the posture, from the essential parameters, and from all, which have viscous friction.
     """
 
-    sweeps: Mapping[str, FeltMass]
+    sweeps: Mapping[str, ApparentMass]
     essential: Characterisation
     full: Characterisation
 
@@ -99,7 +99,7 @@ def handle(demo: Branches, found: Identified) -> Handle:
     """What the hand feels along the sweeps and at the posture."""
     model, at = found.model, demo.posture.at(found.model)
     return Handle(
-        sweeps={sweep.key: felt_mass(found.reduced, sweep.along(model)) for sweep in demo.sweeps},
+        sweeps={sweep.key: apparent_mass(found.reduced, sweep.along(model)) for sweep in demo.sweeps},
         essential=characterise(found.reduced, at),
         full=characterise(found.full, at),
     )

@@ -15,7 +15,7 @@ from haptid.dynamics.model import DynamicModel
 from haptid.estimation import WLS, Estimate, estimate
 from haptid.experiment.friction_test.choice import FrictionChoice, choose_friction
 from haptid.experiment.friction_test.curve import FrictionCurve, friction_curve
-from haptid.inference.elimination import Reduction, essential, essential_by_motor
+from haptid.inference.elimination import Elimination, essential, eliminate_by_motor
 from haptid.motion.treatment import Motion, Treatment
 from haptid.observation.observation import Observation, observe
 from haptid.treatment_choice.propose import Proposal, propose
@@ -42,7 +42,7 @@ class Identified:
     fit: Motion
     unseen: Motion
     every: Observation
-    reduction: Reduction
+    reduction: Elimination
 
     @property
     def model(self) -> DynamicModel:
@@ -71,9 +71,9 @@ class Identified:
         return self.reduction.unseen[1]
 
     @cached_property
-    def by_motor(self) -> tuple[Reduction, ...]:
+    def by_motor(self) -> tuple[Elimination, ...]:
         """The same reduction of each motor's rows by themselves."""
-        return essential_by_motor(self.full)
+        return eliminate_by_motor(self.full)
 
     @property
     def condition_of_published(self) -> tuple[float, float]:
@@ -111,7 +111,7 @@ def identified(branch: Branch, table: Table, stretch: Stretch, recorded: Recorde
         unseen.motion(stretch.unseen, proposal.treatment),
     )
     full = estimate(observe(model, fit), WLS())
-    every = observe(model, replace(fit, treatment=replace(fit.treatment, low_speed=0.0)))
+    every = observe(model, replace(fit, treatment=replace(fit.treatment, reversal_speed=0.0)))
     reduction = essential(full, unseen=other)
     return Identified(branch, table, recorded.beta, proposal, fit, other, every, reduction)
 
@@ -137,7 +137,7 @@ class FrictionTest:
 def friction_test(stretch: Stretch, recorded: Recorded) -> FrictionTest:
     """Friction of each motor from a log in which the joints move in turn."""
     ends = stretch.friction_edge, float(recorded.t[-1]) - stretch.friction_edge
-    treatment = Treatment(cutoff_hz=stretch.friction_cutoff_hz, torque_delay=recorded.dt / 2)
+    treatment = Treatment(cutoff_hz=stretch.friction_cutoff_hz, torque_delay_s=recorded.dt / 2)
     curve = friction_curve(recorded.model, recorded.motion(ends, treatment))
     return FrictionTest(curve, choose_friction(curve))
 

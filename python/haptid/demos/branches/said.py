@@ -91,7 +91,7 @@ def alike(found: Results) -> Iterator[str]:
 
 def published_deviations(one: Identified) -> str:
     """Relative deviations beside the published ones."""
-    ratios = {name: one.reduced[name].relative_sd / one.table.figures[name, "relative"] for name in kept(one)}
+    ratios = {name: one.reduced[name].relative_se / one.table.figures[name, "relative"] for name in kept(one)}
     worst = max(ratios, key=ratios.__getitem__)
     return (
         f"Relative deviations are {100 * min(ratios.values()):.0f} to {100 * ratios[worst]:.0f} % of the published "

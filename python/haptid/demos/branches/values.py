@@ -49,7 +49,7 @@ def _branch(found: Results, key: str) -> dict[str, Any]:
         "relative_error_percent": {"direct": _errors(one.direct), "cross": _errors(one.cross)},
         "parameters": {name: _parameter(one, name) for name in one.full.base.names},
         "essential": one.reduction.essential,
-        "essential_by_motor": {made.full.observation.motors[0].name: made.essential for made in one.by_motor},
+        "eliminate_by_motor": {made.full.observation.motors[0].name: made.essential for made in one.by_motor},
         "sweeps": {name: {"mass": _lists(felt.mass.value)} for name, felt in handle.sweeps.items()},
         "posture": {f"{what}, {unit}": text for (what, unit), text in at_posture(found, handle)},
     }
@@ -60,10 +60,10 @@ def _parameter(one: Identified, name: str) -> dict[str, Any]:
     made: dict[str, Any] = {
         "unit": full.unit,
         "true": one.true(name),
-        "full": {"value": full.value, "sd": full.sd, "interval95": full.conf_int()},
+        "full": {"value": full.value, "sd": full.se, "interval95": full.conf_int()},
     }
     if name in one.reduction.essential:
-        made["essential"] = {"value": reduced.value, "sd": reduced.sd, "interval95": reduced.conf_int()}
+        made["essential"] = {"value": reduced.value, "sd": reduced.se, "interval95": reduced.conf_int()}
     return made
 
 

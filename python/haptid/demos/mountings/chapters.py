@@ -13,7 +13,7 @@ from haptid.demos.mountings.fits import Accuracy, accuracy
 from haptid.demos.mountings.judged import Judged
 from haptid.demos.report import claims
 from haptid.demos.tables import markdown
-from haptid.end_effector.torque_decomposition import RIGID, dissect
+from haptid.end_effector.torque_decomposition import RIGID, decompose_torque
 
 VISCOUS = "viscous"
 
@@ -56,7 +56,7 @@ def _parameters(found: Results) -> Iterator[str]:
         ("True on the bench", truth(found)),
     ):
         yield from (f"{title}:", "", *markdown(table1(found, columns)), "")
-    variances = np.concatenate([np.diag(fits["exact"].command.textbook_covariance) for fits in found.fits.values()])
+    variances = np.concatenate([np.diag(fits["exact"].command.classical_covariance) for fits in found.fits.values()])
     honest = np.concatenate([np.diag(fits["exact"].command.covariance) for fits in found.fits.values()])
     yield (
         f"Published variances are between 1e-9 and 1e-6. Ours with exact velocities, as if residuals were white, are "
@@ -212,7 +212,7 @@ def _torques(found: Results) -> Iterator[str]:
     yield ""
     cells = [["mounting", "motor", "inertia", "Coriolis and centrifugal", "gravity", "friction"]]
     for key, fits in found.fits.items():
-        made = dissect(fits["exact"].estimate, fits["exact"].unseen)
+        made = decompose_torque(fits["exact"].estimate, fits["exact"].unseen)
         whole = np.sqrt((made.total**2).mean(axis=1))
         parts = [*(made[part] for part in RIGID), made.friction]
         for k, motor in enumerate(made.motors):

@@ -16,7 +16,7 @@ from haptid.demos.mountings.finding import Results
 from haptid.demos.mountings.fits import Fit, Fits
 from haptid.demos.mountings.hand import Felt
 from haptid.dynamics.model import DynamicModel
-from haptid.end_effector.torque_decomposition import dissect
+from haptid.end_effector.torque_decomposition import decompose_torque
 from haptid.motion.treatment import Motion
 from haptid.observation.chunks import stretches
 from haptid.validation.prediction import predict
@@ -165,7 +165,7 @@ def _along(felt: Felt, axis: int, styles: Mapping[str, tuple[str, float]]) -> li
 
 def _parts(fit: Fit, seconds: float) -> tuple[Array, dict[str, Array]]:
     """Times, and the parts of the command by name, measured and friction among them, each (motors, rows)."""
-    made, scale = dissect(fit.estimate, beginning(fit.unseen, seconds)), per_command(fit.estimate.model)[:, None]
+    made, scale = decompose_torque(fit.estimate, beginning(fit.unseen, seconds)), per_command(fit.estimate.model)[:, None]
     parts = {part: scale * made[part] for part in made.parts}
     return made.t, parts | {"friction": scale * made.friction, "measured": scale * made.measured}
 

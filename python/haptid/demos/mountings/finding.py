@@ -16,7 +16,7 @@ from haptid.device import read_device
 from haptid.dynamics.model import DynamicModel
 from haptid.experiment.bench.experiment import read_experiment
 from haptid.inference.comparison import Comparison, compare
-from haptid.inference.payload_estimate import Addition, addition
+from haptid.inference.payload_estimate import PayloadEstimate, estimate_payload
 
 # Fits whose mass matrix and bodies are judged.
 JUDGED = ("encoders", "held")
@@ -45,7 +45,7 @@ class Results:
     judged: Mapping[tuple[str, str], Judged]
     comparisons: tuple[tuple[Pair, Comparison], ...]
     felt: Felt
-    tool: Addition
+    tool: PayloadEstimate
     tool_truth: Mapping[str, float]
 
 
@@ -93,13 +93,13 @@ def find(demo: Mountings, logs: Path, tell: Tell) -> Results:
     )
 
 
-def tool_found(demo: Mountings, without: Fits, recorded: Recorded) -> Addition:
+def tool_found(demo: Mountings, without: Fits, recorded: Recorded) -> PayloadEstimate:
     """What the tool adds to the handle's link, from the mounting without it and a log with it."""
     model, treatment = without.model, without.proposal.treatment
     assert model.device.handle is not None
     first, second = (recorded.motion(half, treatment) for half in (demo.stretch.fit, demo.stretch.unseen))
     fit = fitted("with the tool", model, first, second)
-    return addition(without["encoders"].estimate, fit.estimate, model.device.joint_names[model.device.handle.link])
+    return estimate_payload(without["encoders"].estimate, fit.estimate, model.device.joint_names[model.device.handle.link])
 
 
 def tool_truth(demo: Mountings, model: DynamicModel) -> dict[str, float]:

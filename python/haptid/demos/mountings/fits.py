@@ -14,7 +14,7 @@ from haptid.demos.mountings.plan import Mounting, Mountings
 from haptid.demos.recordings import Recorded
 from haptid.dynamics.inverse import inverse_dynamics
 from haptid.dynamics.model import DynamicModel
-from haptid.estimation import WLS, Consistent, Estimate, Method, estimate
+from haptid.estimation import WLS, PhysicallyConsistent, Estimate, Method, estimate
 from haptid.inference.targets import Targets, target_map, targets
 from haptid.motion.treatment import Motion
 from haptid.observation.observation import observe
@@ -104,7 +104,7 @@ def fit_all(demo: Mountings, mounting: Mounting, exact: Recorded, encoders: Reco
         "frictionless": fitted("8 parameters, exact velocity", without_terms(model), *known),
         "exact": fitted("exact velocity, causal filter", model, *known),
         "encoders": fitted("encoders, proposed treatment", model, *read),
-        "held": fitted("the same, held to what is possible", model, *read, Consistent()),
+        "held": fitted("the same, held to what is possible", model, *read, PhysicallyConsistent()),
     }
     for lag in demo.published.lags:
         late = demo.published.treatment(encoders.dt, lag)
@@ -116,7 +116,7 @@ def fit_all(demo: Mountings, mounting: Mounting, exact: Recorded, encoders: Reco
 def fitted(title: str, model: DynamicModel, first: Motion, second: Motion, method: Method | None = None) -> Fit:
     """A fit to the first motion, validated on the second."""
     found = estimate(observe(model, first), method or WLS())
-    everywhere = replace(second, treatment=replace(second.treatment, low_speed=0.0))
+    everywhere = replace(second, treatment=replace(second.treatment, reversal_speed=0.0))
     return Fit(title, found, validate(found, second), validate(found, everywhere), second)
 
 
@@ -178,5 +178,5 @@ def accuracy(found: Targets, recorded: Recorded, stretch: tuple[float, float]) -
 
 def _kind(model: DynamicModel, row: Array) -> str:
     """What a target is: friction of one sort, or bodies."""
-    kinds = {model.device.parameters.kinds[model.base.kept[k]][:2] for k in np.flatnonzero(row)}
+    kinds = {model.device.parameters.kinds[model.base.independent_columns[k]][:2] for k in np.flatnonzero(row)}
     return {"FV": "viscous", "FC": "Coulomb"}.get(kinds.pop(), "body") if len(kinds) == 1 else "body"

@@ -11,7 +11,7 @@ from haptid._internal.arrays import Array
 from haptid.demos.mountings.plan import Mountings, Place
 from haptid.dynamics.model import DynamicModel
 from haptid.end_effector.definiteness import Definiteness, definiteness
-from haptid.estimation import Estimate, Possible, possible
+from haptid.estimation import Estimate, FeasibleParameters, possible
 from haptid.inference.targets import Targets, target_map
 
 
@@ -27,7 +27,7 @@ class Judged:
 
     title: str
     definite: tuple[Definiteness, ...]
-    possible: Possible
+    possible: FeasibleParameters
 
     def eigenvalues(self, per_command: float) -> tuple[float, ...]:
         """Least eigenvalue of M in each workspace, in units of command."""

@@ -15,7 +15,7 @@ from haptid.device.geometry import Reader
 from haptid.device.loops.cut_joint import CutJoint
 from haptid.device.loops.linear import Closure
 from haptid.device.loops.newton import NewtonClosure
-from haptid.device.terms.term import PLACES, UNITS, Counterbalance, Load, Searched, TermColumn
+from haptid.device.terms.term import PLACES, UNITS, Counterbalance, LoadDependentFriction, Searched, TermColumn
 from haptid.device.toml.place import Place
 from haptid.device.toml.schema import (
     AnyTerm,
@@ -226,7 +226,7 @@ def _columns(table: AnyTerm, target: Target, targets: Targets, reader: Reader, p
             return [_with_constants(column, {"width": table.width}, reader, place) for column in made]
         case LoadTerm():
             width = _not_negative(table.width, reader, place.at("width"))
-            return [target.external(name(), "1", Load(_row(target, place), width))]
+            return [target.external(name(), "1", LoadDependentFriction(_row(target, place), width))]
         case StribeckTerm():
             given = {key: getattr(table, key) for key in PLACES["stribeck"]}
             return [_with_constants(target.column(name(), "stribeck"), given, reader, place)]

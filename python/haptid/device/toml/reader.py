@@ -293,10 +293,10 @@ def _prior(
 def _named_prior(value: PriorTable | float | str, reader: Reader, place: Place) -> Prior:
     if not isinstance(value, PriorTable):
         return Prior(reader.number(value, place))
-    sd = None if value.sd is None else reader.number(value.sd, place.at("sd"))
-    if sd is not None and sd <= 0:
-        raise DeviceValueError(str(place.at("sd")), f"found {sd:g}", "Write a standard deviation above zero, or none.")
-    return Prior(reader.number(value.value, place.at("value")), sd)
+    std = None if value.std is None else reader.number(value.std, place.at("sd"))
+    if std is not None and std <= 0:
+        raise DeviceValueError(str(place.at("sd")), f"found {std:g}", "Write a standard deviation above zero, or none.")
+    return Prior(reader.number(value.value, place.at("value")), std)
 
 
 def _body(table: PriorBodyTable, reader: Reader, place: Place) -> Body:

@@ -112,8 +112,8 @@ def _numbered(name: str, figure: Figure) -> Iterator[Column]:
 
 def _named(name: str, figure: Figure, names: Sequence[str]) -> Iterator[Column]:
     for k, one in enumerate(names):
-        sd = None if figure.sd is None else figure.sd[:, k]
-        yield Column(f"{name} {one}", Figure(figure.value[:, k], sd, figure.freedom, figure.unit))
+        se = None if figure.se is None else figure.se[:, k]
+        yield Column(f"{name} {one}", Figure(figure.value[:, k], se, figure.dof, figure.unit))
 
 
 def write_columns(found: Characterisation, made: Sequence[Column], path: Path) -> None:

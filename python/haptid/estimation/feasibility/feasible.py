@@ -39,7 +39,7 @@ CENTRED = 1e-9
 
 
 @dataclass(frozen=True, eq=False)
-class Possible:
+class FeasibleParameters:
     """Physical consistency of base parameters, with standard parameters of rigid bodies that have them.
 
     A body's parameters are those of some distribution of mass, which is so if and only if its pseudo-inertia is
@@ -87,7 +87,7 @@ class Possible:
         return "\n".join([f"Not physically consistent: margin {self.margin:.2g}.", *self.failing])
 
 
-def possible(model: DynamicModel, beta: Array) -> Possible:
+def possible(model: DynamicModel, beta: Array) -> FeasibleParameters:
     """Whether rigid bodies and passive terms can have these base parameters, identified or published.
 
     Args:
@@ -104,7 +104,7 @@ def possible(model: DynamicModel, beta: Array) -> Possible:
     return inside(model, conditions, beta, conditions.start(beta))
 
 
-def inside(model: DynamicModel, conditions: Cone, beta: Array, x: Array, fixed: Sequence[Part] = ()) -> Possible:
+def inside(model: DynamicModel, conditions: Cone, beta: Array, x: Array, fixed: Sequence[Part] = ()) -> FeasibleParameters:
     """The most interior standard parameters with given base parameters, from any scaled x, (n,), that has them."""
     found = interior(conditions, x, fixed)
     failing = tuple(
@@ -112,10 +112,10 @@ def inside(model: DynamicModel, conditions: Cone, beta: Array, x: Array, fixed: 
         for part, margin, shares in zip(conditions.parts, found.margins, found.multipliers, strict=True)
         if margin < -ROUNDING
     )
-    return Possible(model, beta, conditions.scale * found.x, float(found.margins.min(initial=1.0)), failing)
+    return FeasibleParameters(model, beta, conditions.scale * found.x, float(found.margins.min(initial=1.0)), failing)
 
 
-def project(model: DynamicModel, beta: Array, R: Array) -> Possible:
+def project_to_feasible(model: DynamicModel, beta: Array, R: Array) -> FeasibleParameters:
     """Projection of base parameters on the physically consistent set: |R (b - beta)| is least.
 
     With the R factor of an observation, `observation.stack(weights)[:-1, :-1]`, it changes the torque least.
@@ -137,7 +137,7 @@ def project(model: DynamicModel, beta: Array, R: Array) -> Possible:
     return found if found.ok else nearest_feasible(model, beta, triangle(R))[0]
 
 
-def nearest_feasible(model: DynamicModel, beta: Array, R: Array) -> tuple[Possible, tuple[Block, ...]]:
+def nearest_feasible(model: DynamicModel, beta: Array, R: Array) -> tuple[FeasibleParameters, tuple[Block, ...]]:
     """The feasible base parameters nearest to infeasible ones, and the active conditions."""
     conditions = roomy(model, beta)
     x, multipliers = nearest(conditions, R, beta)

@@ -1,4 +1,4 @@
-"""Cluster-robust standard errors: time blocks as clusters, CR2 (`Clustered`) and CR3 (`BlockJackknife`).
+"""Cluster-robust standard errors: time blocks as clusters, CR2 (`ClusterRobust`) and CR3 (`BlockJackknife`).
 
 Residuals of robots are serially correlated, and motors share the errors of the model, so standard errors that take the
 rows as independent are far too small. The covariance is built from the score of each block instead. CR2 corrects each
@@ -28,7 +28,7 @@ NEGLIGIBLE = 1e-13
 
 
 @dataclass(frozen=True)
-class Clustered:
+class ClusterRobust:
     """The default: CR2 over time blocks, all motors together.
 
     Source: Bell and McCaffrey (2002), Survey Methodology 28, CR2, with degrees of freedom after Pustejovsky and Tipton
@@ -42,9 +42,9 @@ class Clustered:
         moments, own = fit.pooled_moments, fit.combined(combinations)
         adjustment = Adjustment.of(moments.G)
         scores = adjustment.times(moments.s) @ own.T
-        freedom = _cr2_freedom(moments, adjustment, own)
-        covariance, freedom = with_prior_variance(scores.T @ scores, freedom, own, fit.solution.pull)
-        return Spread(covariance, freedom, len(moments.s), moments.alone(own))
+        dof = _cr2_freedom(moments, adjustment, own)
+        covariance, dof = with_prior_variance(scores.T @ scores, dof, own, fit.solution.pull)
+        return Spread(covariance, dof, len(moments.s), moments.alone(own))
 
 
 def clustered(
@@ -58,7 +58,7 @@ def clustered(
         solution: the fit with these weights.
         combinations: of base parameters, (q, p); each base parameter where None.
     """
-    return Clustered().spread(Fit(observation, weights, solution, True), combinations)
+    return ClusterRobust().spread(Fit(observation, weights, solution, True), combinations)
 
 
 @dataclass(frozen=True, eq=False)
@@ -134,8 +134,8 @@ class BlockJackknife:
         moments, own = fit.moments, fit.combined(combinations)
         shifts, blocks = moments.leave_out_shifts @ own.T, len(moments.s)
         outer = shifts.T @ shifts * (blocks - 1) / max(blocks, 1)
-        covariance, freedom = with_prior_variance(outer, _cr3_freedom(moments, own), own, fit.solution.pull)
-        return Spread(covariance, freedom, blocks, moments.alone(own))
+        covariance, dof = with_prior_variance(outer, _cr3_freedom(moments, own), own, fit.solution.pull)
+        return Spread(covariance, dof, blocks, moments.alone(own))
 
 
 def _cr3_freedom(moments: Moments, combinations: Array) -> Array:

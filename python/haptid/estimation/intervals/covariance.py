@@ -17,13 +17,13 @@ class Spread:
 
     Attributes:
         covariance: (q, q).
-        freedom: degrees of freedom of the Student t interval of each, (q,).
+        dof: degrees of freedom of the Student t interval of each, (q,).
         blocks: number of blocks of rows.
         alone: indices of those excited in a single block, whose standard error cannot be estimated, (k,).
     """
 
     covariance: Array
-    freedom: Array
+    dof: Array
     blocks: int
     alone: np.ndarray
 
@@ -48,18 +48,18 @@ class Limiting(Intervals, Protocol):
 
 
 def with_prior_variance(
-    covariance: Array, freedom: Array, combinations: Array, pull: Array | None
+    covariance: Array, dof: Array, combinations: Array, pull: Array | None
 ) -> tuple[Array, Array]:
     """Covariance (q, q) and degrees of freedom (q,) with the variance of the prior added, as if drawn from it.
 
     Args:
-        covariance, freedom: of the combinations, from the rows.
+        covariance, dof: of the combinations, from the rows.
         combinations: in coordinates in which rows and prior together are the unit matrix, (q, k).
         pull: the prior rows in these coordinates, (rows, k); None without a prior.
     """
     if pull is None:
-        return covariance, freedom
+        return covariance, dof
     total = covariance + (combinations @ pull.T) @ (combinations @ pull.T).T
     own, whole = np.diag(covariance), np.diag(total)
     # The prior variance is taken as known, so only the rows' part has finite degrees of freedom (Satterthwaite 1946).
-    return total, freedom * np.divide(whole, own, out=np.ones_like(whole), where=own > 0) ** 2
+    return total, dof * np.divide(whole, own, out=np.ones_like(whole), where=own > 0) ** 2

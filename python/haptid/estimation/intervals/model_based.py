@@ -1,4 +1,4 @@
-"""Standard errors from a model of the residual: white (`Textbook`, classical) or autoregressive (`Sandwich`)."""
+"""Standard errors from a model of the residual: white (`Classical`, classical) or autoregressive (`Sandwich`)."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ NOTHING_LEFT = 1e-24
 
 
 @dataclass(frozen=True)
-class Textbook:
+class Classical:
     """Classical (nonrobust) covariance, (W'W)^-1 times the variance of the residual: valid for white residuals only.
 
     Of whitened rows, as of `GLS()`, it is the method's own.
@@ -31,11 +31,11 @@ class Textbook:
 
     def spread(self, fit: Fit, combinations: Array | None = None) -> Spread:
         """Covariance of base parameters, or of combinations (q, p) of them."""
-        covariance = fit.solution.textbook_covariance(fit.unit_residual)
+        covariance = fit.solution.classical_covariance(fit.unit_residual)
         if combinations is not None:
             covariance = combinations @ covariance @ combinations.T
-        freedom = np.full(len(covariance), float(fit.solution.freedom))
-        return Spread(covariance, freedom, _blocks(fit), np.array([], dtype=int))
+        dof = np.full(len(covariance), float(fit.solution.dof))
+        return Spread(covariance, dof, _blocks(fit), np.array([], dtype=int))
 
 
 @dataclass(frozen=True)
@@ -64,8 +64,8 @@ class Sandwich:
         middle = _middle(rows, fit, models)
         if fit.solution.pull is not None:
             middle = middle + fit.solution.pull.T @ fit.solution.pull
-        freedom = np.full(len(own), float(fit.solution.freedom))
-        return Spread(own @ middle @ own.T, freedom, _blocks(fit), fit.moments.alone(own))
+        dof = np.full(len(own), float(fit.solution.dof))
+        return Spread(own @ middle @ own.T, dof, _blocks(fit), fit.moments.alone(own))
 
 
 def _blocks(fit: Fit) -> int:

@@ -14,10 +14,10 @@ from haptid._internal.arrays import Array
 from haptid.errors import MethodSettingError, PulledProfileError, UnsolvedError
 from haptid.estimation.feasibility.conic_program import ENOUGH, SOLVED, TIGHT, Condition, cones_of, settings
 from haptid.estimation.feasibility.feasible import roomy
-from haptid.estimation.intervals.cluster_robust import Clustered
+from haptid.estimation.intervals.cluster_robust import ClusterRobust
 from haptid.estimation.intervals.covariance import Intervals, Spread
 from haptid.estimation.method import Fit
-from haptid.estimation.methods.constrained import Held, Within, bound_conditions
+from haptid.estimation.methods.constrained import Constrained, BoundedSolution, bound_conditions
 
 # Weight of a quadratic penalty on directions without torque, which makes the solution unique.
 PENALTY = 1e-6
@@ -32,7 +32,7 @@ class Profile:
     The test allows |R (b - beta)|^2 to rise above that of the estimate by t^2 times the ratio of the cluster-robust to
     the classical variance of that parameter: away from all constraints the interval is the cluster-robust one. Where
     constraints on other parameters are active it is narrower than the unconstrained one, because they are information.
-    Constraints are those of `Bounded`, or physical consistency, of `Consistent`; a cone programme is solved only where
+    Constraints are those of `Bounds`, or physical consistency, of `PhysicallyConsistent`; a cone programme is solved only where
     the end of the unconstrained interval is not found to be feasible as it is.
 
     Sources: Murphy and van der Vaart (2000), JASA 95; Kent (1982), Biometrika 69, for the factor.
@@ -41,7 +41,7 @@ class Profile:
         free: covariance estimator of the unconstrained fit.
     """
 
-    free: Intervals = field(default_factory=Clustered)
+    free: Intervals = field(default_factory=ClusterRobust)
 
     @property
     def name(self) -> str:
@@ -60,7 +60,7 @@ class Profile:
             half: half-widths of the unconstrained intervals, (p,).
 
         Raises:
-            MethodSettingError: the estimate is not one of `Bounded()` or `Consistent()`.
+            MethodSettingError: the estimate is not one of `Bounds()` or `PhysicallyConsistent()`.
             PulledProfileError: it is regularised towards a prior.
             UnsolvedError: the solver stopped without a solution.
         """
@@ -82,7 +82,7 @@ class Profile:
             MethodSettingError, PulledProfileError, UnsolvedError: as `limits`.
         """
         constrained = expect_constrained(held)
-        feasible = between_bounds(fit, constrained) if isinstance(constrained, Within) else consistent(fit, constrained)
+        feasible = between_bounds(fit, constrained) if isinstance(constrained, BoundedSolution) else consistent(fit, constrained)
         least = float(np.sum((fit.solution.R @ inner(fit, feasible.beta - feasible.free)) ** 2))
         ends = np.empty((len(half), 2))
         for row, (wanted, wide) in enumerate(zip(combinations, half.tolist(), strict=True)):
@@ -115,16 +115,16 @@ class FeasibleSet:
     holds: Callable[[Array], bool]
 
 
-def expect_constrained(held: object) -> Within | Held:
+def expect_constrained(held: object) -> BoundedSolution | Constrained:
     """The constrained estimate; other estimates have no profile.
 
     Raises:
         MethodSettingError: the estimate is unconstrained.
         PulledProfileError: it is not the best fit within its constraints.
     """
-    if isinstance(held, Held) and held.pulled:
+    if isinstance(held, Constrained) and held.pulled:
         raise PulledProfileError
-    if isinstance(held, Within | Held):
+    if isinstance(held, BoundedSolution | Constrained):
         return held
     wanted = "an estimate by Bounded(...) or Consistent(...)"
     raise MethodSettingError("Profile", "method", type(held).__name__, wanted)
@@ -135,7 +135,7 @@ def inner(fit: Fit, change: Array) -> Array:
     return np.asarray(np.linalg.lstsq(fit.solution.root @ fit.solution.R, change, rcond=None)[0])
 
 
-def between_bounds(fit: Fit, held: Within) -> FeasibleSet:
+def between_bounds(fit: Fit, held: BoundedSolution) -> FeasibleSet:
     """The set between bounds."""
     size = np.linalg.norm(fit.solution.root, axis=1)
     own = bound_conditions(held.free, size, held.low, held.high)
@@ -147,7 +147,7 @@ def between_bounds(fit: Fit, held: Within) -> FeasibleSet:
     return FeasibleSet(held.free, held.beta, fit.solution.root, conditions, holds)
 
 
-def consistent(fit: Fit, held: Held) -> FeasibleSet:
+def consistent(fit: Fit, held: Constrained) -> FeasibleSet:
     """The physically consistent set; y moves standard parameters without effect on the base parameters."""
     cone = roomy(held.possible.model, held.beta)
     x = held.possible.chi / cone.scale + cone.inverse @ (held.free - held.beta)

@@ -15,7 +15,7 @@ from haptid.dynamics.model import DynamicModel
 from haptid.errors import BaseNameError, ContradictionError, MethodSettingError
 from haptid.estimation.feasibility.cone import never_negative
 from haptid.estimation.feasibility.conic_program import Condition, minimise
-from haptid.estimation.feasibility.feasible import Possible, nearest_feasible, possible
+from haptid.estimation.feasibility.feasible import FeasibleParameters, nearest_feasible, possible
 from haptid.estimation.least_squares import Knowledge, Solution
 from haptid.estimation.method import Method, Wrapper, expect_weighting
 from haptid.estimation.methods.wls import WLS
@@ -28,7 +28,7 @@ TOUCHING = 1e-6
 
 
 @dataclass(frozen=True)
-class Without(Wrapper):
+class FixedAtZero(Wrapper):
     """Another method with some base parameters fixed at zero, without uncertainty.
 
     Weights are those of the fit with all parameters: they represent the noise, which a smaller model does not change.
@@ -70,7 +70,7 @@ def indices(known: tuple[str, ...], names: tuple[str, ...]) -> tuple[int, ...]:
 
 
 @dataclass(frozen=True)
-class Equal(Wrapper):
+class EqualityConstraints(Wrapper):
     """Another method with equality constraints on parameters: a link that was weighed, links of equal inertia.
 
     Solved on the R factor in the null space of the constraints.
@@ -130,7 +130,7 @@ class Equal(Wrapper):
 
 
 @dataclass(frozen=True)
-class Bounded(Wrapper):
+class Bounds(Wrapper):
     """Another method with bounds on base parameters.
 
     A quadratic programme on the R factor. Intervals are those of the unconstrained fit, cut at the bounds and widened
@@ -157,7 +157,7 @@ class Bounded(Wrapper):
     def name(self) -> str:
         return f"{self.weighting.name}, bounded"
 
-    def hold(self, observation: Observation, free: Solution) -> Within:
+    def hold(self, observation: Observation, free: Solution) -> BoundedSolution:
         """The unconstrained fit if it is within the bounds, else the nearest parameters that are, in weighted torque.
 
         Raises:
@@ -168,8 +168,8 @@ class Bounded(Wrapper):
         indices(names, tuple(self.limits))
         low, high = (np.array([self._bound(name, side) for name in names]) for side in (0, 1))
         if ((low <= free.beta) & (free.beta <= high)).all():
-            return Within(names, free.beta, free.beta, low, high)
-        return Within(names, nearest_within(free, low, high), free.beta, low, high)
+            return BoundedSolution(names, free.beta, free.beta, low, high)
+        return BoundedSolution(names, nearest_within(free, low, high), free.beta, low, high)
 
     def _bound(self, name: str, side: int) -> float:
         """Lower (0) or upper (1) bound of a parameter; infinite where there is none."""
@@ -203,7 +203,7 @@ def _outside(names: Sequence[str], beta: Array, free: Array, half: Array) -> tup
 
 
 @dataclass(frozen=True, eq=False)
-class Within:
+class BoundedSolution:
     """A bounded estimate, with the unconstrained one.
 
     Attributes:
@@ -238,27 +238,27 @@ class Within:
         ends = np.clip(np.column_stack([self.free - half, self.free + half]), self.low[:, None], self.high[:, None])
         return np.column_stack([np.minimum(ends[:, 0], self.beta), np.maximum(ends[:, 1], self.beta)])
 
-    def strained(self, half: Array) -> tuple[str, ...]:
+    def constrained_outside_ci(self, half: Array) -> tuple[str, ...]:
         """Names of the parameters outside of their unconstrained interval, whose half-widths are given, (p,)."""
         return _outside(self.names, self.beta, self.free, half)
 
     def notes(self, half: Array) -> tuple[str, ...]:
         """Notes for the user: active bounds, and whether they contradict the data."""
         notes = [f"{sentence}." for sentence in self.active]
-        if strained := self.strained(half):
+        if constrained_outside_ci := self.constrained_outside_ci(half):
             notes.append(
-                f"{', '.join(strained)}: outside of the confidence interval of the unconstrained fit. Noise alone does "
+                f"{', '.join(constrained_outside_ci)}: outside of the confidence interval of the unconstrained fit. Noise alone does "
                 f"not explain this: check the bounds, and look for a term that is missing in the device file."
             )
         return tuple(notes)
 
 
 @dataclass(frozen=True)
-class Consistent(Wrapper):
+class PhysicallyConsistent(Wrapper):
     """Weighted least squares constrained to physically consistent parameters: of a mass distribution, passive friction.
 
     beta = A chi, with the pseudo-inertia of every link positive semidefinite, rotor inertia and friction non-negative;
-    springs, offsets and user-defined columns are unconstrained (see `Possible`). A semidefinite programme on the R
+    springs, offsets and user-defined columns are unconstrained (see `FeasibleParameters`). A semidefinite programme on the R
     factor, whose size does not depend on the length of the log. Weights are those of the unconstrained fit. Where that
     fit is feasible, it is the estimate, to the last digit.
 
@@ -288,7 +288,7 @@ class Consistent(Wrapper):
     def name(self) -> str:
         return f"{self.weighting.name}, physically consistent"
 
-    def hold(self, observation: Observation, free: Solution) -> Held:
+    def hold(self, observation: Observation, free: Solution) -> Constrained:
         """The unconstrained fit if it is feasible, else the nearest feasible parameters, in weighted torque.
 
         Raises:
@@ -297,10 +297,10 @@ class Consistent(Wrapper):
         """
         found = possible(observation.model, free.beta)
         if found.ok:
-            return Held(found, free.beta, (), costs(observation.motors, free.beta, free.beta))
+            return Constrained(found, free.beta, (), costs(observation.motors, free.beta, free.beta))
         nearest, blocks = nearest_feasible(observation.model, free.beta, free.R)
         active = tuple(dict.fromkeys(_active(block.label, block.is_link) for block in blocks))
-        return Held(nearest, free.beta, active, costs(observation.motors, free.beta, nearest.beta))
+        return Constrained(nearest, free.beta, active, costs(observation.motors, free.beta, nearest.beta))
 
 
 def _active(label: str, is_link: bool) -> str:
@@ -334,7 +334,7 @@ def costs(motors: Sequence[MotorRows], free: Array, held: Array) -> tuple[Cost, 
 
 
 @dataclass(frozen=True, eq=False)
-class Held:
+class Constrained:
     """A physically consistent estimate, with the unconstrained one.
 
     Attributes:
@@ -345,7 +345,7 @@ class Held:
         pulled: whether it is regularised towards prior bodies too, so that it is not the best feasible fit.
     """
 
-    possible: Possible
+    possible: FeasibleParameters
     free: Array
     active: tuple[str, ...]
     costs: tuple[Cost, ...]
@@ -371,7 +371,7 @@ class Held:
         low = np.where(bounded, np.maximum(low, 0.0), low)
         return np.column_stack([np.minimum(low, self.beta), np.maximum(high, self.beta)])
 
-    def strained(self, half: Array) -> tuple[str, ...]:
+    def constrained_outside_ci(self, half: Array) -> tuple[str, ...]:
         """Names of the parameters outside of their unconstrained interval, whose half-widths are given, (p,)."""
         return _outside(self.possible.model.base.names, self.beta, self.free, half)
 
@@ -382,9 +382,9 @@ class Held:
         figures = "; ".join(f"{cost.label} {cost.free:.3g} % to {cost.held:.3g} %" for cost in self.costs)
         notes = [f"{sentence}." for sentence in self.active]
         notes.append(f"Relative error of the unconstrained and of the physically consistent fit: {figures}.")
-        if strained := self.strained(half):
+        if constrained_outside_ci := self.constrained_outside_ci(half):
             notes.append(
-                f"{', '.join(strained)}: outside of the confidence interval of the unconstrained fit. Noise alone does "
+                f"{', '.join(constrained_outside_ci)}: outside of the confidence interval of the unconstrained fit. Noise alone does "
                 f"not explain this: look for a lag of the velocity, or for friction that is missing in the device "
                 f"file. The constraint does not repair it."
             )

@@ -1,4 +1,4 @@
-"""Errors in variables: least squares with noise in the columns, of unknown size (`TLS`) or known (`Corrected`)."""
+"""Errors in variables: least squares with noise in the columns, of unknown size (`TLS`) or known (`ErrorsInVariables`)."""
 
 from __future__ import annotations
 
@@ -43,7 +43,7 @@ class TLS(_NoisyColumns):
     noise covariance up to a factor: the mean squares of the columns and of the torque. Columns of Coulomb friction and
     offsets are exact. The factor is the smallest generalised eigenvalue; on the R factor.
 
-    Where the noise comes from encoders, `Corrected()` knows its size and is the better method: columns of one device
+    Where the noise comes from encoders, `ErrorsInVariables()` knows its size and is the better method: columns of one device
     are not noisy in proportion to their size.
 
     Sources: Golub and Van Loan (1980), SIAM J. Numerical Analysis 17(6); Van Huffel and Vandewalle (1991), The Total
@@ -112,11 +112,11 @@ def noise_corrected(observation: Observation, weights: Array, noise: Sequence[Ar
     beta = plain.beta + root @ root.T @ (N[:-1, :-1] @ plain.beta - N[:-1, -1])
     rest = float(np.linalg.norm(observation.stack(weights) @ np.append(-beta, 1.0)))
     R = triangle((np.sqrt(1.0 - shares) * vectors).T @ plain.R)
-    return Fit(observation, weights, Solution(beta, R, root, rest, plain.freedom), False, tuple(noise))
+    return Fit(observation, weights, Solution(beta, R, root, rest, plain.dof), False, tuple(noise))
 
 
 @dataclass(frozen=True)
-class Corrected(_NoisyColumns):
+class ErrorsInVariables(_NoisyColumns):
     """Least squares corrected for encoder noise in W'W: errors in variables with known noise covariance.
 
     The noise covariance of the columns is computed by simulation: the logs' positions are perturbed by noise of the

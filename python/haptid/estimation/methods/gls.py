@@ -86,12 +86,12 @@ def covariance(rows: Rows, beta: Array) -> Array:
         products += e @ e.T
         pairs += stretch.used.astype(float) @ stretch.used.T
     # Standard deviations are those of WLS; correlations come from pairs. A motor that fits exactly has none.
-    sd = np.array([1.0 / WLS().weight(motor, beta) for motor in motors])
+    se = np.array([1.0 / WLS().weight(motor, beta) for motor in motors])
     raw = np.sqrt(np.diag(products) / np.diag(pairs))
     scale = np.outer(raw, raw) * np.maximum(pairs, 1.0)
     correlation = np.divide(products, scale, out=np.zeros_like(products), where=scale > 0)
     np.fill_diagonal(correlation, 1.0)
-    return np.asarray(np.outer(sd, sd) * nearest_correlation(correlation))
+    return np.asarray(np.outer(se, se) * nearest_correlation(correlation))
 
 
 def nearest_correlation(C: Array) -> Array:
@@ -108,7 +108,7 @@ class GLS(UnitVarianceRows):
 
     Torque and columns pass the filter that whitens the residual, with the first rows of every stretch kept
     (Prais-Winsten); the model is estimated again from the residual of each fit, its order by BIC. The whitened
-    residual has unit variance, so `Textbook()` intervals are the method's own.
+    residual has unit variance, so `Classical()` intervals are the method's own.
 
     An error of the model is serially correlated too, and whitening would then fit it at the highest frequencies, where
     the motion has least power. So the fit has to predict the torque of unseen blocks as well as `WLS()` does: where it

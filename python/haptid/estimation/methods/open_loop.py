@@ -20,7 +20,7 @@ LEAST_NOISE = 1e-7
 
 
 @dataclass(frozen=True)
-class OutputError(SimulationBased):
+class OutputErrorMethod(SimulationBased):
     """Open-loop output error by multiple shooting: no controller is needed.
 
     The initial state of every stretch is near the treated one, estimated with the parameters and eliminated stretch by

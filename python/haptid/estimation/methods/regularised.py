@@ -13,10 +13,10 @@ from haptid.device import INERTIAL
 from haptid.dynamics.model import DynamicModel
 from haptid.errors import MethodSettingError, NoPriorError, UnsolvedError
 from haptid.estimation.feasibility.cone import Block, Cone
-from haptid.estimation.feasibility.feasible import Possible, roomy
+from haptid.estimation.feasibility.feasible import FeasibleParameters, roomy
 from haptid.estimation.least_squares import Knowledge, Solution, solve
 from haptid.estimation.method import Fit, Method, Wrapper, expect_positive, expect_weighting, expect_whole
-from haptid.estimation.methods.constrained import Held, costs
+from haptid.estimation.methods.constrained import Constrained, costs
 from haptid.estimation.methods.wls import WLS
 from haptid.observation.observation import Observation
 
@@ -103,13 +103,13 @@ class Ridge:
         if not known:
             raise NoPriorError(model.device.name)
         values = np.array([value for _, (value, _) in known])
-        sd = np.array([sd or self.share * abs(value) for _, (value, sd) in known])
-        return Knowledge(np.eye(len(model.base))[[k for k, _ in known]], values, sd)
+        se = np.array([se or self.share * abs(value) for _, (value, se) in known])
+        return Knowledge(np.eye(len(model.base))[[k for k, _ in known]], values, se)
 
 
 def strengthened(prior: Knowledge, strength: float) -> Knowledge:
     """The prior with its weight multiplied."""
-    return Knowledge(prior.A, prior.b, prior.sd / np.sqrt(strength))
+    return Knowledge(prior.A, prior.b, prior.se / np.sqrt(strength))
 
 
 def prediction_error(observation: Observation, weights: Array, known: Knowledge) -> float:
@@ -135,11 +135,11 @@ class Entropic(Wrapper):
         D(P || P0) = tr(P0^-1 P) - log det(P0^-1 P) - 4.
 
     It does not depend on frames and units, is zero only at the prior, and tends to infinity towards the boundary of
-    physical consistency. As the strength tends to zero the estimate tends to that of `Consistent()`. Links without a
+    physical consistency. As the strength tends to zero the estimate tends to that of `PhysicallyConsistent()`. Links without a
     prior body, and friction, are only constrained to be physically consistent.
 
     Where no strength is given, it is chosen by cross-validation over five folds of blocks. Intervals are those of the
-    unconstrained fit, widened to the estimate; see `Consistent`.
+    unconstrained fit, widened to the estimate; see `PhysicallyConsistent`.
 
     Source: Lee, Wensing and Park (2020), IEEE Transactions on Robotics 36(2), eqs 24 and 33.
 
@@ -153,7 +153,7 @@ class Entropic(Wrapper):
 
     def __post_init__(self) -> None:
         if self.strength is not None and not (positive(self.strength) and self.strength >= WEAKEST):
-            wanted = f"{WEAKEST:g} or more (`Consistent()` has no regularisation), or None"
+            wanted = f"{WEAKEST:g} or more (`PhysicallyConsistent()` has no regularisation), or None"
             raise MethodSettingError("Entropic", "strength", self.strength, wanted)
         expect_weighting("Entropic", self.weighting)
 
@@ -161,7 +161,7 @@ class Entropic(Wrapper):
     def name(self) -> str:
         return f"{self.weighting.name}, entropic regularisation towards prior bodies"
 
-    def hold(self, observation: Observation, free: Solution) -> Held:
+    def hold(self, observation: Observation, free: Solution) -> Constrained:
         """The regularised estimate, with the unconstrained one.
 
         Raises:
@@ -174,13 +174,13 @@ class Entropic(Wrapper):
         if not known:
             raise NoPriorError(model.device.name)
         cone = roomy(model, free.beta)
-        scale = 1.0 if self.unit_residual else free.rest / np.sqrt(free.freedom)
+        scale = 1.0 if self.unit_residual else free.rest / np.sqrt(free.dof)
         penalty = EntropicPenalty(cone, tuple(block.label in known for block in cone.blocks))
         strength = self.strength or best_strength(observation, self.weights(observation) / scale, penalty)
         x = penalty.minimiser(free.R / scale, free.beta, strength)
         beta = cone.A @ x
-        bodies = Possible(model, beta, cone.scale * x, min(1.0, cone.margin(x)), ())
-        return Held(bodies, free.beta, (), costs(observation.motors, free.beta, beta), pulled=True)
+        bodies = FeasibleParameters(model, beta, cone.scale * x, min(1.0, cone.margin(x)), ())
+        return Constrained(bodies, free.beta, (), costs(observation.motors, free.beta, beta), pulled=True)
 
 
 def prior_links(model: DynamicModel) -> list[str]:

@@ -87,18 +87,18 @@ class StudentT:
     """
 
     name: ClassVar[str] = "Student t"
-    freedom: float = 4.0
+    dof: float = 4.0
 
     def __post_init__(self) -> None:
-        expect_positive("StudentT", "freedom", self.freedom)
+        expect_positive("StudentT", "freedom", self.dof)
 
     def weight(self, u: Array) -> Array:
         """psi(u) / u, one at zero."""
-        return np.asarray(self.freedom / (self.freedom + u**2))
+        return np.asarray(self.dof / (self.dof + u**2))
 
     def slope(self, u: Array) -> Array:
         """psi'(u)."""
-        return np.asarray(self.freedom * (self.freedom - u**2) / (self.freedom + u**2) ** 2)
+        return np.asarray(self.dof * (self.dof - u**2) / (self.dof + u**2) ** 2)
 
 
 @dataclass(frozen=True)

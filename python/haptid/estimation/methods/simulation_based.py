@@ -84,7 +84,7 @@ class SimulationBased(Wrapper, ABC):
             beta, rows = self._next(observation, smoothed, beta, goal)
             rows = rows_of(self.weighting, rows)
             found = estimate(rows, self.weighting)
-            moved = np.abs(found.beta - beta) / np.maximum(found.sd, np.finfo(float).tiny)
+            moved = np.abs(found.beta - beta) / np.maximum(found.se, np.finfo(float).tiny)
             if moved.max() <= self.tolerance:
                 return rows
         worst = int(np.argmax(moved))
@@ -233,13 +233,13 @@ class CLOE(CLIE):
 
 def base_columns(model: DynamicModel) -> Array:
     """Selection of the regressor's columns that are base parameters, (r, p)."""
-    return np.asarray(model.device.parameters.S[:, list(model.base.kept)])
+    return np.asarray(model.device.parameters.S[:, list(model.base.independent_columns)])
 
 
 def torque_error(model: DynamicModel, course: Course) -> Array:
     """Measured less simulated torque, treated alike, (n, samples), N m or N."""
     motion = course.motion
-    late = motion.treatment.torque_delay / motion.dt if motion.log else 0.0
+    late = motion.treatment.torque_delay_s / motion.dt if motion.log else 0.0
     simulated = delayed(course.tau.T, late).T if late else course.tau
     return coordinate_torque(model.device, motion, 0, len(motion)) - simulated
 

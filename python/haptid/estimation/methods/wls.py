@@ -72,9 +72,9 @@ class WLS:
         """
         if motor.norm == 0:
             raise NoTorqueError(motor.name)
-        freedom = max(1, int(motor.rows.sum()) - len(motor.columns))
-        floor = np.finfo(float).eps * motor.norm / np.sqrt(freedom)
-        return float(1.0 / max(motor.residual(beta) / np.sqrt(freedom), floor))
+        dof = max(1, int(motor.rows.sum()) - len(motor.columns))
+        floor = np.finfo(float).eps * motor.norm / np.sqrt(dof)
+        return float(1.0 / max(motor.residual(beta) / np.sqrt(dof), floor))
 
 
 @dataclass(frozen=True)

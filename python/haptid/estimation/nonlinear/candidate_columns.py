@@ -118,7 +118,7 @@ def candidate_rows(model: DynamicModel, sources: Sequence[RowSource], candidates
         HaptidError: as `observe`.
     """
     wide = _WidenedModel(model, [_column(model, copy, f":{number}") for number, copy in enumerate(candidates)])
-    names = [model.device.parameters.names[k] for k in model.base.kept]
+    names = [model.device.parameters.names[k] for k in model.base.independent_columns]
     return CandidateRows(
         model=model,
         candidates=tuple(candidates),

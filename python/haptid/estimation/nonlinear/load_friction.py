@@ -10,17 +10,17 @@ from dataclasses import replace
 
 import numpy as np
 
-from haptid.device.terms.term import Load
+from haptid.device.terms.term import LoadDependentFriction
 from haptid.dynamics.model import DynamicModel
 from haptid.errors import UnsettledError
 from haptid.estimation.estimate import estimate
 from haptid.estimation.intervals.covariance import Intervals
 from haptid.estimation.method import Method, only_weighs
-from haptid.estimation.methods.constrained import Without
+from haptid.estimation.methods.constrained import FixedAtZero
 from haptid.estimation.methods.kalman import Filtering
 from haptid.estimation.methods.wls import WLS
 from haptid.estimation.nonlinear.candidate_columns import RowSource, observed
-from haptid.estimation.nonlinear.variable_projection import Projection, variable_projection
+from haptid.estimation.nonlinear.variable_projection import VariableProjection, variable_projection
 
 # Largest number of passes, and convergence: largest move of a parameter, in standard errors.
 MOST_PASSES, CONVERGED = 20, 0.01
@@ -41,7 +41,7 @@ def settled(
     method: Method | None = None,
     intervals: Intervals | None = None,
     tell: Progress | None = None,
-) -> tuple[DynamicModel, Projection | None]:
+) -> tuple[DynamicModel, VariableProjection | None]:
     """The model with its searched constants and loads estimated, linear in all other parameters.
 
     Loads are estimated first with the initial constants, so that the search starts with approximate loads, and again
@@ -51,11 +51,11 @@ def settled(
         model: as its file has it.
         motions: treated, or every other block of one.
         method: of estimation, `WLS()` where None.
-        intervals: of the constants, `Clustered()` where None.
+        intervals: of the constants, `ClusterRobust()` where None.
         tell: called with the present step and the share of it done.
 
     Raises:
-        HaptidError: as `settled_loads` and `variable_projection`.
+        HaptidError: as `fit_load_friction` and `variable_projection`.
     """
     tell = tell or (lambda _what, _share: None)
     model = _loaded(model, motions, method, tell)
@@ -74,12 +74,12 @@ def _loaded(model: DynamicModel, motions: Sequence[RowSource], method: Method | 
     if not model.has_loads:
         return model
     tell("estimating loads", 0.0)
-    model = settled_loads(model, motions, method)
+    model = fit_load_friction(model, motions, method)
     tell("estimating loads", 1.0)
     return model
 
 
-def settled_loads(model: DynamicModel, motions: Sequence[RowSource], method: Method | None = None) -> DynamicModel:
+def fit_load_friction(model: DynamicModel, motions: Sequence[RowSource], method: Method | None = None) -> DynamicModel:
     """The model with the load of its own bodies in its friction by load, by fixed-point iteration of fits.
 
     The first fit is without that friction; every next one has its columns from the bodies of the one before. The
@@ -100,13 +100,13 @@ def settled_loads(model: DynamicModel, motions: Sequence[RowSource], method: Met
         HaptidError: as `observe` and `estimate`.
     """
     weighting = _weighting(method)
-    names = {term.name for term in model.terms if isinstance(term.shape, Load)}
+    names = {term.name for term in model.terms if isinstance(term.shape, LoadDependentFriction)}
     own = tuple(name for name in model.base.names if name in names)
-    beta = estimate(observed(model, motions), Without(own, weighting)).beta
+    beta = estimate(observed(model, motions), FixedAtZero(own, weighting)).beta
     for _ in range(MOST_PASSES):
         here = model.loaded(beta)
         found = estimate(observed(here, motions), weighting)
-        moved = np.abs(found.beta - beta) / np.maximum(found.sd, ROUNDING * np.abs(found.beta).max())
+        moved = np.abs(found.beta - beta) / np.maximum(found.se, ROUNDING * np.abs(found.beta).max())
         if moved.max() <= CONVERGED:
             return here
         beta = found.beta

@@ -19,7 +19,7 @@ from haptid.device.terms.term import Searched
 from haptid.dynamics.model import DynamicModel
 from haptid.errors import MethodSettingError, UnsearchableError
 from haptid.estimation.estimate import fitted
-from haptid.estimation.intervals.cluster_robust import Clustered
+from haptid.estimation.intervals.cluster_robust import ClusterRobust
 from haptid.estimation.intervals.covariance import Intervals, Spread
 from haptid.estimation.method import Fit, Method, Reduced, expect_weighting
 from haptid.estimation.methods.wls import WLS
@@ -54,7 +54,7 @@ class _Profile:
         increase: of the weighted squared residual over its minimum, (points,).
         noise: variance of the weighted residual.
         ratio: cluster-robust over classical standard error.
-        freedom: degrees of freedom.
+        dof: degrees of freedom.
     """
 
     searched: Searched
@@ -63,7 +63,7 @@ class _Profile:
     increase: Array
     noise: float
     ratio: float
-    freedom: float
+    dof: float
 
     def conf_int(self, level: float) -> tuple[float, float]:
         """Where the increase is t^2 times the noise variance and the squared ratio; at most the ends of the grid.
@@ -71,10 +71,10 @@ class _Profile:
         Raises:
             MethodSettingError: the profile does not extend to this level.
         """
-        t = float(half_width(1.0, self.freedom, level))
+        t = float(half_width(1.0, self.dof, level))
         ends = [coordinate(self.searched, end) for end in (self.searched.low, self.searched.high)]
         if level > LEVEL and t > PROFILE_EXTENT and (self.grid[0] > ends[0] or self.grid[-1] < ends[1]):
-            most = 2 * stats.t.cdf(PROFILE_EXTENT, self.freedom) - 1
+            most = 2 * stats.t.cdf(PROFILE_EXTENT, self.dof) - 1
             wanted = f"at most {most:.4g}: the profile extends to {PROFILE_EXTENT:g} standard errors"
             raise MethodSettingError("Constant.conf_int", "level", level, wanted)
         limit = float(np.sqrt(t**2 * self.noise * self.ratio**2))
@@ -104,7 +104,7 @@ class Constant:
         name: "FS1.velocity": the parameter of its term, and its own name.
         unit: of the constant.
         value: SI.
-        sd: cluster-robust standard error of its linearised fit; NaN where it has no effect on torque.
+        se: cluster-robust standard error of its linearised fit; NaN where it has no effect on torque.
         low, high: the range in which it was searched.
         profile: its likelihood profile; None where it has no effect on torque.
     """
@@ -112,7 +112,7 @@ class Constant:
     name: str
     unit: str
     value: float
-    sd: float
+    se: float
     low: float
     high: float
     profile: _Profile | None = field(default=None, repr=False, compare=False)
@@ -159,7 +159,7 @@ class Joint:
 
 
 @dataclass(frozen=True, eq=False)
-class Projection:
+class VariableProjection:
     """Estimated nonlinear constants, and the model with their values.
 
     Attributes:
@@ -184,14 +184,14 @@ def variable_projection(
     method: Method | None = None,
     intervals: Intervals | None = None,
     progress: Callable[[float], None] | None = None,
-) -> Projection:
+) -> VariableProjection:
     """Estimate the constants that a device file leaves open: Stribeck velocities, exponents, widths, user-defined ones.
 
     Args:
         model: with searched constants.
         motions: treated, or every other block of one.
         method: of estimation, `WLS()` where None; the search weights motors as it does.
-        intervals: `Clustered()` where None.
+        intervals: `ClusterRobust()` where None.
         progress: called with the share of the work done, 0 to 1.
 
     Raises:
@@ -212,17 +212,17 @@ def variable_projection(
         report((many + 1) / (SEARCHES + 1))
     zero = method.zero(found.rows.observation) if isinstance(method, Reduced) else ()
     fit = fitted(found.rows.observation, weighting, zero)
-    inner = intervals or Clustered()
+    inner = intervals or ClusterRobust()
     constants = tuple(_constant(found, motions, fit, inner, k) for k in range(len(start)))
     report(1.0)
     joint = Joint(inner, fit, _own_parameters(found.rows))
-    return Projection(found.rows.model, constants, joint, tuple(_notes(constants)))
+    return VariableProjection(found.rows.model, constants, joint, tuple(_notes(constants)))
 
 
 def _check_searchable(model: DynamicModel) -> None:
     if not model.device.searched:
         raise UnsearchableError(model.device.name, "no term of it has a constant to be searched")
-    kept = [model.device.parameters.members[k] for k in model.base.kept]
+    kept = [model.device.parameters.members[k] for k in model.base.independent_columns]
     for k, constant in model.device.searched:
         name = model.terms[k].name
         members = next((names for names in kept if name in names), ())
@@ -379,10 +379,10 @@ def _constant(found: Iterate, motions: Sequence[RowSource], fit: Fit, intervals:
     row[0, rows.own + k] = found.step[k] / beta
     spread = intervals.spread(fit, row)
     robust = float(np.sqrt(spread.covariance[0, 0]))
-    classical = float(np.sqrt((row @ fit.solution.textbook_covariance(fit.unit_residual) @ row.T)[0, 0]))
-    noise = 1.0 if fit.unit_residual else fit.solution.rest**2 / fit.solution.freedom
+    classical = float(np.sqrt((row @ fit.solution.classical_covariance(fit.unit_residual) @ row.T)[0, 0]))
+    noise = 1.0 if fit.unit_residual else fit.solution.rest**2 / fit.solution.dof
     x, grid, increase = _profile(found, motions, fit.weights, k, robust)
-    profile = _Profile(searched, x, grid, increase, noise, robust / classical, float(spread.freedom[0]))
+    profile = _Profile(searched, x, grid, increase, noise, robust / classical, float(spread.dof[0]))
     slope = value if searched.positive else searched.high - searched.low
     return Constant(name, searched.unit, value, robust * slope, searched.low, searched.high, profile)
 
@@ -408,7 +408,7 @@ def _notes(constants: Sequence[Constant]) -> Iterator[str]:
     for c in constants:
         (low, high), unit = c.conf_int(), f" {c.unit}" if c.unit else ""
         ends = [end for end in (c.low, c.high) if np.isclose(c.value, end, rtol=AT_LIMIT)]
-        if np.isnan(c.sd):
+        if np.isnan(c.se):
             yield f"{c.name} is not identifiable: its term has no effect on torque in this log."
         elif ends:
             yield f"{c.name} is at the end of its range, {ends[0]:g}{unit}: widen the range, or give the constant."

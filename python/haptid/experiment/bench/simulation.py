@@ -151,7 +151,7 @@ class _Control:
         if settings.gravity:
             still = np.zeros_like(trajectory.q.T)
             held = inverse_dynamics(model, model.base.of(setup.chi), trajectory.q.T, still, still)
-            self.forward[:] = np.linalg.solve(self.coupling.T, model.device.frame.T @ held)[self.driven].T
+            self.forward[:] = np.linalg.solve(self.coupling.T, model.device.row_map.T @ held)[self.driven].T
         self.limit = np.full(len(motors), np.inf) if saturation is None else saturation[self.driven]
         self.step, self.dt = setup.encoders.step(model), setup.dt
         self.keep = float(np.exp(-2 * np.pi * settings.velocity_cutoff_hz * self.dt))

@@ -9,7 +9,7 @@ from typing import Any, ClassVar
 import numpy as np
 
 from haptid._internal.arrays import Array, expect, read_only
-from haptid.end_effector.characterisation import Characterisation, GivenModel, characterise
+from haptid.end_effector.characterisation import Characterisation, GivenParameters, characterise
 from haptid.errors import CharacterisationSettingError, SpareJointsError
 from haptid.report.chart import Chart, figure, packed
 from haptid.report.section import Section
@@ -99,7 +99,7 @@ class Slices:
         return made
 
 
-def slices_of(identified: GivenModel, sliders: Sequence[dict[str, Any]]) -> Slices:
+def slices_of(identified: GivenParameters, sliders: Sequence[dict[str, Any]]) -> Slices:
     """Slices over the two joints that change the mass most, the first of them upwards, through the third.
 
     Raises:
@@ -129,7 +129,7 @@ def slices_of(identified: GivenModel, sliders: Sequence[dict[str, Any]]) -> Slic
     )
 
 
-def ranked(identified: GivenModel, sliders: Sequence[dict[str, Any]]) -> list[int]:
+def ranked(identified: GivenParameters, sliders: Sequence[dict[str, Any]]) -> list[int]:
     """Joints by how much the largest mass changes along each by itself, most first."""
     start = np.array([s["start"] for s in sliders])
     changes = []
