@@ -16,7 +16,19 @@ from pathlib import Path
 
 import haptid
 from haptid.errors import HaptidError
-from haptid.estimation import GLS, IRLS, SUR, TLS, Bounds, ErrorsInVariables, Heteroscedastic, Huber, Ridge, StudentT, Tukey
+from haptid.estimation import (
+    GLS,
+    IRLS,
+    SUR,
+    TLS,
+    Bounds,
+    ErrorsInVariables,
+    Heteroscedastic,
+    Huber,
+    Ridge,
+    StudentT,
+    Tukey,
+)
 from haptid.study.identify import held_out
 from haptid.validation.validation import pooled
 

@@ -17,6 +17,7 @@ import numpy as np
 
 import haptid
 from bench_identification import CASES, ENDS, device_of, log_of, record, truth_of
+from haptid import estimation
 from haptid.experiment import bench
 from haptid.simulation import PID
 
@@ -37,7 +38,7 @@ def methods() -> dict[str, haptid.Method]:
     """What is compared."""
     target = exact().target[ENDS:-ENDS:EVERY]
     law = PID(CASE.kp, CASE.kd, reference=(target,), velocity_cutoff_hz=100.0, rate_hz=1000.0)
-    simulated = {name: getattr(estimators, name)(law, most=PASSES, tolerance=SETTLED) for name in NAMES[1:]}
+    simulated = {name: getattr(estimation, name)(law, most=PASSES, tolerance=SETTLED) for name in NAMES[1:]}
     return {"OLS": haptid.OLS(), **simulated}
 
 

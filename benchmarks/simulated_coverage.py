@@ -17,6 +17,7 @@ from scipy import stats
 
 import bench_identification  # finds the tests' devices
 import haptid
+from haptid import estimation
 from haptid.experiment import bench
 from small_study import FRICTION, driven, log_of, two_links
 from true_parameters import true_parameters
@@ -32,8 +33,8 @@ def methods() -> Mapping[str, haptid.Method]:
     """What is compared."""
     made: dict[str, haptid.Method] = {}
     for name, width in WIDE.items():
-        made[f"{name}, wide"] = getattr(estimators, name)(friction=width)
-        made[name] = getattr(estimators, name)()
+        made[f"{name}, wide"] = getattr(estimation, name)(friction=width)
+        made[name] = getattr(estimation, name)()
     return made
 
 

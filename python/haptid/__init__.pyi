@@ -2,7 +2,7 @@
 
 from haptid import errors
 from haptid._core import __version__
-from haptid._internal.workers import DaskExecutor, SerialExecutor, ProcessExecutor, Executor
+from haptid._internal.workers import DaskExecutor, Executor, ProcessExecutor, SerialExecutor
 from haptid.device import Device, device_schema, read_device, shipped_devices
 from haptid.dynamics.base_parameters import BaseParameters, base_parameters
 from haptid.dynamics.inverse import bias_torque, gravity_torque, inverse_dynamics, mass_matrix
@@ -10,7 +10,13 @@ from haptid.dynamics.kinematics import HandleMotion, handle_motion, link_poses
 from haptid.dynamics.model import DynamicModel
 from haptid.dynamics.symbolic import Regroupings, loop_regroupings, regroupings
 from haptid.dynamics.workspace import Box, Workspace, workspace
-from haptid.end_effector.characterisation import Characterisation, ApparentMass, GivenParameters, characterise, apparent_mass
+from haptid.end_effector.characterisation import (
+    ApparentMass,
+    Characterisation,
+    GivenParameters,
+    apparent_mass,
+    characterise,
+)
 from haptid.end_effector.compensation import Compensation, stable_share
 from haptid.end_effector.definiteness import Definiteness, definiteness
 from haptid.end_effector.force import HandleForce, estimate_force
@@ -31,42 +37,48 @@ from haptid.estimation import (
     WLS,
     BlockJackknife,
     Bootstrap,
+    BoundedSolution,
     Bounds,
+    Classical,
     ClusterRobust,
-    PhysicallyConsistent,
-    ErrorsInVariables,
+    Constrained,
     Cost,
     EqualityConstraints,
+    ErrorsInVariables,
     Estimate,
+    FeasibleParameters,
     Fit,
+    FixedAtZero,
     FixedB,
-    Constrained,
     Heteroscedastic,
     Huber,
     Intervals,
     Method,
     OutputErrorMethod,
     Parameter,
-    FeasibleParameters,
+    PhysicallyConsistent,
     Profile,
     Ridge,
     Sandwich,
     Spread,
     StudentT,
-    Classical,
     Tukey,
-    BoundedSolution,
-    FixedAtZero,
     estimate,
     possible,
-    project,
+    project_to_feasible,
     pseudo_inertia,
 )
 from haptid.estimation.methods.regularised import Entropic
 from haptid.estimation.nonlinear import VariableProjection, variable_projection
 from haptid.estimation.nonlinear.load_friction import fit_load_friction
 from haptid.experiment.friction_test.choice import FrictionChoice, choose_friction
-from haptid.experiment.friction_test.curve import ModelSubtraction, DirectionPairs, Constant, FrictionCurve, friction_curve
+from haptid.experiment.friction_test.curve import (
+    Constant,
+    DirectionPairs,
+    FrictionCurve,
+    ModelSubtraction,
+    friction_curve,
+)
 from haptid.export import (
     CCode,
     CExport,
@@ -79,24 +91,30 @@ from haptid.export import (
     export_rust,
     export_urdf,
 )
-from haptid.inference.comparison import Comparison, compare
+from haptid.inference.comparison import Comparison, Series, compare
 from haptid.inference.diagnosis import Diagnosis, Finding, Verdict, diagnose
 from haptid.inference.drift import Drift, drift
 from haptid.inference.drive_gains import DriveGains, drive_gains
-from haptid.inference.elimination import MaxRelativeStd, BackwardElimination, Elimination, GautierRatio, essential, eliminate_by_motor
+from haptid.inference.elimination import (
+    BackwardElimination,
+    Elimination,
+    GautierRatio,
+    MaxRelativeStd,
+    eliminate_by_motor,
+    essential,
+)
 from haptid.inference.payload_estimate import PayloadEstimate, estimate_payload
-from haptid.inference.several import Series, compare_all
 from haptid.inference.targets import Targets, side_by_side, target_map, targets
 from haptid.log import Channels, Log, Signal, open_log, read_log
 from haptid.motion.causal import Causal, HighPass
 from haptid.motion.shapes import KaiserSmoother, WindowedSinc
 from haptid.motion.treatment import Motion, Treatment, treat
 from haptid.observation.batch import RFactorCache, observe_all
-from haptid.observation.known_payload import Payload, payload_torque, log_without_payload, without_payload
+from haptid.observation.known_payload import Payload, log_without_payload, payload_torque, without_payload
 from haptid.observation.observation import Block, MotorRows, Observation, observe
 from haptid.report import Hand, Report, make_report, read_report, write_comparison
-from haptid.results.read import Recorded, RecordedLog, read_result
-from haptid.results.write import result, write_result
+from haptid.results.result import Result, result_schema
+from haptid.results.schema import ResultLog
 from haptid.simulation import PID
 from haptid.study import Study, read_study, study_schema
 from haptid.study.identify import Identification, Run, identify
@@ -119,123 +137,123 @@ __all__ = [
     "TLS",
     "UKF",
     "WLS",
-    "PayloadEstimate",
-    "MaxRelativeStd",
+    "ApparentMass",
+    "BackwardElimination",
     "BaseParameters",
-    "KaiserSmoother",
     "Block",
     "BlockJackknife",
     "Bootstrap",
+    "BoundedSolution",
     "Bounds",
     "Box",
-    "ModelSubtraction",
-    "DirectionPairs",
     "CCode",
     "CExport",
     "Causal",
     "Channels",
     "Characterisation",
-    "DaskExecutor",
+    "Classical",
     "ClusterRobust",
     "Comparison",
     "Compensation",
-    "PhysicallyConsistent",
     "Constant",
-    "ErrorsInVariables",
+    "Constrained",
     "Cost",
+    "DaskExecutor",
     "Definiteness",
     "Delay",
     "Device",
     "Diagnosis",
-    "TorqueDecomposition",
+    "DirectionPairs",
     "Drift",
     "DriveGains",
     "DynamicModel",
+    "Elimination",
     "Entropic",
     "EqualityConstraints",
-    "BackwardElimination",
+    "ErrorsInVariables",
     "Estimate",
+    "Executor",
     "Export",
-    "ApparentMass",
+    "FeasibleParameters",
     "Finding",
     "Fit",
+    "FixedAtZero",
     "FixedB",
     "FrictionChoice",
     "FrictionCurve",
+    "GautierRatio",
     "GivenParameters",
     "Hand",
     "HandleForce",
     "HandleMotion",
-    "Constrained",
-    "SerialExecutor",
     "Heteroscedastic",
     "HighPass",
     "Huber",
     "Identification",
     "Intervals",
-    "RFactorCache",
-    "Payload",
+    "KaiserSmoother",
     "Log",
+    "MaxRelativeStd",
     "Method",
+    "ModelSubtraction",
     "MomentumObserver",
     "Motion",
     "MotorError",
     "MotorRows",
     "Observation",
+    "ObserverResult",
     "OutputErrorMethod",
     "Parameter",
-    "FeasibleParameters",
+    "Payload",
+    "PayloadEstimate",
+    "PhysicallyConsistent",
     "Prediction",
     "ProcessExecutor",
     "Profile",
-    "VariableProjection",
     "Proposal",
-    "Recorded",
-    "RecordedLog",
-    "Elimination",
+    "RFactorCache",
     "Regroupings",
     "Report",
+    "Result",
+    "ResultLog",
     "Ridge",
     "Run",
     "Sandwich",
+    "SerialExecutor",
     "Series",
-    "WindowedSinc",
     "Signal",
     "Spread",
     "StudentT",
     "Study",
     "Targets",
-    "Classical",
-    "GautierRatio",
+    "TorqueDecomposition",
     "Treatment",
     "Tukey",
     "Validation",
+    "VariableProjection",
     "Verdict",
-    "ObserverResult",
-    "BoundedSolution",
-    "FixedAtZero",
-    "Executor",
+    "WindowedSinc",
     "Workspace",
     "__version__",
-    "estimate_payload",
+    "apparent_mass",
     "base_parameters",
     "bias_torque",
     "characterise",
     "choose_friction",
     "compare",
-    "compare_all",
+    "decompose_torque",
     "definiteness",
     "device_schema",
     "diagnose",
     "direct",
-    "decompose_torque",
     "drift",
     "drive_gains",
+    "eliminate_by_motor",
     "errors",
     "essential",
-    "eliminate_by_motor",
     "estimate",
     "estimate_force",
+    "estimate_payload",
     "export_c",
     "export_json",
     "export_latex",
@@ -243,15 +261,14 @@ __all__ = [
     "export_mjcf",
     "export_rust",
     "export_urdf",
-    "apparent_mass",
     "find_delay",
+    "fit_load_friction",
     "friction_curve",
     "gravity_torque",
     "handle_motion",
     "identify",
     "inverse_dynamics",
     "link_poses",
-    "payload_torque",
     "log_without_payload",
     "loop_regroupings",
     "make_report",
@@ -260,6 +277,7 @@ __all__ = [
     "observe_all",
     "observe_force",
     "open_log",
+    "payload_torque",
     "possible",
     "predict",
     "project_to_feasible",
@@ -268,11 +286,9 @@ __all__ = [
     "read_device",
     "read_log",
     "read_report",
-    "read_result",
     "read_study",
     "regroupings",
-    "result",
-    "fit_load_friction",
+    "result_schema",
     "shipped_devices",
     "side_by_side",
     "stable_share",
@@ -285,5 +301,4 @@ __all__ = [
     "without_payload",
     "workspace",
     "write_comparison",
-    "write_result",
 ]

@@ -11,11 +11,11 @@ from haptid import errors
 from haptid.dynamics.regressor import rows
 from haptid.estimation.methods.constrained import FixedAtZero
 from haptid.inference.elimination import (
-    MaxRelativeStd,
     BackwardElimination,
     GautierRatio,
-    essential,
+    MaxRelativeStd,
     eliminate_by_motor,
+    essential,
     objection,
     without,
 )
@@ -43,7 +43,9 @@ def fitted(model, seed=1, method=None, **noise):
 def explicit(model, made):
     """W and y of a motion with exact rates, stored."""
     c, cd, cdd = made.kinematics(0, len(made))
-    W = np.einsum("apk,pb->kab", rows(model, c, cd, cdd), model.device.parameters.S[:, list(model.base.independent_columns)])
+    W = np.einsum(
+        "apk,pb->kab", rows(model, c, cd, cdd), model.device.parameters.S[:, list(model.base.independent_columns)]
+    )
     return W.reshape(-1, len(model.base)), made.tau.reshape(-1)
 
 
@@ -160,7 +162,9 @@ def test_a_held_estimate_is_refused(model):
         essential(fitted(model, method=haptid.PhysicallyConsistent(), noise=0.02))
 
 
-@pytest.mark.parametrize("make", [lambda: GautierRatio(1.0), lambda: MaxRelativeStd(0.0), lambda: BackwardElimination(level=1.5)])
+@pytest.mark.parametrize(
+    "make", [lambda: GautierRatio(1.0), lambda: MaxRelativeStd(0.0), lambda: BackwardElimination(level=1.5)]
+)
 def test_settings_that_mean_nothing(make):
     with pytest.raises(errors.MethodSettingError):
         make()

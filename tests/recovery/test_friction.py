@@ -9,7 +9,7 @@ import haptid
 from haptid import errors
 from haptid.experiment import bench
 from haptid.experiment.friction_test.choice import choose_friction
-from haptid.experiment.friction_test.curve import ModelSubtraction, Constant, friction_curve
+from haptid.experiment.friction_test.curve import Constant, ModelSubtraction, friction_curve
 from motions import motion as multisine
 from motions import truth
 from true_parameters import true_parameters

@@ -48,7 +48,7 @@ reversal_speed = 0.05"""
 def test_a_locked_joint_adds_what_the_others_tell(study, tmp_path):
     done = CliRunner().invoke(app, ["identify", str(study), "--out", str(tmp_path / "out")])
     assert done.exit_code == 0, done.output
-    found = haptid.read_result(tmp_path / "out")
+    found = haptid.Result.load(tmp_path / "out")
     wanted = truth(found.model) + 0.1
     low, high = found.conf_int().T
     assert ((low < wanted) & (wanted < high)).mean() >= 0.8
@@ -100,6 +100,8 @@ def test_a_locked_joint_alone_does_not_tell_the_device():
 def test_all_joints_locked_are_no_rows():
     model = two_links()
     still = np.full((500, 2), 0.4)
-    motion = haptid.Motion(2e-3, still, still, haptid.Treatment(cutoff_hz=None, reversal_speed=SLOW), rates=(0 * still,) * 2)
+    motion = haptid.Motion(
+        2e-3, still, still, haptid.Treatment(cutoff_hz=None, reversal_speed=SLOW), rates=(0 * still,) * 2
+    )
     with pytest.raises(errors.NoRowsError):
         haptid.observe(model, motion)

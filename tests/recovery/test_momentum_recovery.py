@@ -53,7 +53,12 @@ def test_a_lagging_velocity_takes_its_lag_times_inertia_from_the_viscous_terms(m
     for cutoff in (200.0, 30.0, 15.0):
         velocity = HighPass(cutoff)
         treatment = haptid.Treatment(
-            cutoff_hz=None, reversal_speed=0.1, parallel_cutoff_hz=10.0, parallel_shape=Causal(), velocity=velocity, **PLAIN
+            cutoff_hz=None,
+            reversal_speed=0.1,
+            parallel_cutoff_hz=10.0,
+            parallel_shape=Causal(),
+            velocity=velocity,
+            **PLAIN,
         )
         made = recorded(model, beta, treatment, 3, 0.0)
         found.append(haptid.estimate(haptid.observe(model, made), haptid.WLS()).beta[viscous])

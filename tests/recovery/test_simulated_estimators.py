@@ -119,7 +119,7 @@ def test_a_robust_fit_inside_and_a_possible_one_around():
 def test_a_measurement_is_kalman_s():
     rng = np.random.default_rng(0)
     S, x, noise = np.tril(rng.normal(size=(5, 5))) + 3 * np.eye(5), rng.normal(size=5), np.array([0.3, 0.5])
-    after = FilterState(x, S).measured(np.array([1.0, -1.0]), noise)
+    after = FilterState(x, S).updated(np.array([1.0, -1.0]), noise)
     P, H = S @ S.T, np.eye(2, 5)
     gain = P @ H.T @ np.linalg.inv(H @ P @ H.T + np.diag(noise**2))
     np.testing.assert_allclose(after.x, x + gain @ (np.array([1.0, -1.0]) - x[:2]), rtol=1e-10)

@@ -6,7 +6,18 @@ import numpy as np
 import pytest
 
 import haptid
-from haptid.estimation import GLS, IRLS, SUR, Bounds, EqualityConstraints, FixedB, Heteroscedastic, Huber, Sandwich, Classical
+from haptid.estimation import (
+    GLS,
+    IRLS,
+    SUR,
+    Bounds,
+    Classical,
+    EqualityConstraints,
+    FixedB,
+    Heteroscedastic,
+    Huber,
+    Sandwich,
+)
 from motions import motion, truth
 
 DEVICE = haptid.DynamicModel(haptid.read_device("phantom_premium_15"))

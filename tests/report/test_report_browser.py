@@ -151,7 +151,9 @@ def test_the_device_turns_when_it_is_dragged(report):
 def test_any_device_is_drawn_and_closes_its_loops(tab, folder, name):
     model = haptid.DynamicModel(haptid.read_device(name))
     rng = np.random.default_rng(0)
-    start = getattr(model.device.closure, "at", np.array([0.3, 0.1, 0.8, 0.3, 0.2, 0.5, 0.3])[: len(model.device.active)])
+    start = getattr(
+        model.device.closure, "at", np.array([0.3, 0.1, 0.8, 0.3, 0.2, 0.5, 0.3])[: len(model.device.active)]
+    )
     qa = start[:, None] + 0.05 * np.sin(rng.uniform(0, 6, (len(start), 50)))
     section = MechanismSection.drawn(model, model.base.of(true_parameters(model)), qa)
     path = folder / f"{name}.html"

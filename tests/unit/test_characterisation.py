@@ -8,7 +8,7 @@ import pytest
 import haptid
 from haptid import errors
 from haptid.dynamics.workspace import workspace
-from haptid.end_effector.characterisation import GivenParameters, characterise, apparent_mass, line, sweep
+from haptid.end_effector.characterisation import GivenParameters, apparent_mass, characterise, line, sweep
 from haptid.end_effector.characterisation.plots import Sweep, plot_map, plot_sweeps
 from mechanisms import draw
 from motions import motion

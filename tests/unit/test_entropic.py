@@ -130,7 +130,7 @@ def test_there_is_no_profile_of_what_is_pulled(model):
     observation = observed(model, seconds=2.0)
     found = haptid.estimate(observation, Entropic(1.0), Profile())
     assert found.held.pulled
-    with pytest.raises(errors.EntropicPenaltyedProfileError, match="Clustered"):
+    with pytest.raises(errors.PulledProfileError, match="Clustered"):
         _ = found.conf_int()
     assert not haptid.estimate(observation, PhysicallyConsistent()).held.pulled
 

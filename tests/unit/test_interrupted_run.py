@@ -53,7 +53,7 @@ def study(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Of one log that is just long enough for its triangles to be kept."""
     folder = tmp_path_factory.mktemp("long")
     (folder / "device.toml").write_text(DEVICE)
-    logs = '[[logs]]\npath = "log.parquet"\n[treatment]\ntorque_delay = 0.0\nlow_speed = 0.0'
+    logs = '[[logs]]\npath = "log.parquet"\n[treatment]\ntorque_delay_s = 0.0\nreversal_speed = 0.0'
     head, _, tail = STUDY.partition('[[logs]]\npath = "log.csv"')
     (folder / "study.toml").write_text(head + logs + tail[tail.index("[treatment]") + len("[treatment]") :])
     parquet.write_table(pa.table(columns(1, (LEAST_KEPT + 9_000) * 2e-3)), folder / "log.parquet")
@@ -92,7 +92,7 @@ def await_parts(run: subprocess.Popen[str], out: Path, meanwhile: Callable[[], o
 def check(out: Path, wanted: np.ndarray) -> None:
     """The result is that of the run in memory, and nothing of the way to it is left."""
     said = json.loads((out / "result.json").read_text())["estimate"]["parameters"]
-    found = np.array([[p["value"], p["sd"], *p["interval95"]] for p in said])
+    found = np.array([[p["value"], p["se"], *p["conf_int"]] for p in said])
     assert_allclose(found, wanted, rtol=1e-12, atol=1e-12 * np.abs(wanted).max())
     assert [path.name for path in out.parent.iterdir()] == [out.name]
 

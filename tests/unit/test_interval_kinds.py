@@ -14,13 +14,13 @@ from haptid.estimation import (
     BlockJackknife,
     Bootstrap,
     Bounds,
+    Classical,
     ClusterRobust,
     EqualityConstraints,
     FixedB,
     Profile,
     Ridge,
     Sandwich,
-    Classical,
 )
 from haptid.estimation.intervals.model_based import burg
 from haptid.estimation.least_squares import solve
@@ -163,10 +163,8 @@ def test_ends_of_a_profile_are_where_the_best_fit_is_too_bad(observation, level)
 
     def best(k, value):
         low = np.where(np.arange(len(free)) == j, limit, -np.inf)[others[k]]
-        fit = optimize.lsq_linear(
-            R[:, others[k]], R @ free - R[:, k] * value, (low, np.inf), tol=1e-14, lsmr_tol="auto"
-        )
-        return 2 * fit.cost
+        y = R @ free - R[:, k] * value
+        return 2 * optimize.lsq_linear(R[:, others[k]], y, (low, np.inf), tol=1e-14, lsmr_tol="auto").cost
 
     half = stats.t.ppf((1 + level) / 2, plain.dof) * plain.se
     limits = np.sum((R @ (found.beta - free)) ** 2) + (half / np.linalg.norm(found.fit.solution.root, axis=1)) ** 2
@@ -179,7 +177,7 @@ def test_ends_of_a_profile_are_where_the_best_fit_is_too_bad(observation, level)
 
 
 @pytest.mark.parametrize("level", [0.5, 0.8, 0.99])
-def test_an_interval_within_limits_is_the_free_one_cut_and_widened(observation, level):
+def test_an_interval_within_bounds_is_the_free_one_cut_and_widened(observation, level):
     plain = haptid.estimate(observation, haptid.WLS())
     j = plain.base.names.index("FC2")
     limit = float(plain.beta[j] + plain.se[j])

@@ -229,7 +229,7 @@ def test_targets_that_motors_of_different_gains_show_have_no_unit_of_command(tmp
     np.testing.assert_allclose(command.value, found.value[[0, 2, 4, 5]] * [-1.0, -1.0, 2.0, -1.0], rtol=1e-12)
     assert command.conf_int()[0, 0] < command.value[0] < command.conf_int()[0, 1]
     assert command.units == ("kg m^2 V/(N m)", "V", "N m s/rad V/(N m)", "half a unit V/(N m)")
-    assert command.notes[-1].endswith("show them: tip, moment.")
+    assert command.notes[-1].endswith("coupled motors: tip, moment.")
     assert "tip, moment" in command.summary()
 
 

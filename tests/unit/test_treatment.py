@@ -32,7 +32,10 @@ def test_position_filter_is_3_db_down_at_its_cutoff_and_has_no_delay(share, orde
 
 @settings(max_examples=30, deadline=None)
 @given(
-    st.integers(2, 60), st.floats(0.1, 0.9), st.floats(100.0, 5000.0), st.sampled_from([haptid.KaiserSmoother(), haptid.WindowedSinc()])
+    st.integers(2, 60),
+    st.floats(0.1, 0.9),
+    st.floats(100.0, 5000.0),
+    st.sampled_from([haptid.KaiserSmoother(), haptid.WindowedSinc()]),
 )
 def test_parallel_filter_is_3_db_down_at_its_cutoff_and_has_no_delay(decimation, share, rate, shape):
     cutoff = share * 0.5 * rate / decimation

@@ -16,8 +16,8 @@ from haptid.estimation import (
     SUR,
     TLS,
     Bounds,
-    ErrorsInVariables,
     EqualityConstraints,
+    ErrorsInVariables,
     Heteroscedastic,
     Huber,
     Ridge,
@@ -361,9 +361,7 @@ def test_the_strength_is_that_which_predicts_other_blocks_best(observation):
             left = motor.triangles[b] @ np.append(-beta[motor.columns], 1.0) * weights[m]
             total += float(left @ left)
     assert prediction_error(observation, weights, prior) == pytest.approx(total, rel=1e-6)
-    tried = [
-        prediction_error(observation, weights, strengthened(method._prior(observation), s)) for s in RIDGE_STRENGTHS
-    ]
+    tried = [prediction_error(observation, weights, strengthened(method._prior(observation), s)) for s in RIDGE_STRENGTHS]
     best = haptid.estimate(observation, Ridge(strength=RIDGE_STRENGTHS[int(np.argmin(tried))]))
     np.testing.assert_allclose(haptid.estimate(observation, method).beta, best.beta, rtol=1e-3)
 
@@ -399,7 +397,7 @@ def test_relations_told_twice_are_told_once_and_others_are_refused(observation):
     np.testing.assert_allclose(twice.beta, once.beta, rtol=1e-9)
     with pytest.raises(errors.ContradictionError, match="FC1"):
         haptid.estimate(observation, EqualityConstraints({"FC1 - FC2": 0.0, "2*FC2 - 2*FC1": 1.0}))
-    with pytest.raises(errors.UnknownNameError):
+    with pytest.raises(errors.UnknownDeviceNameError):
         haptid.estimate(observation, EqualityConstraints({"nothing": 0.0}))
 
 

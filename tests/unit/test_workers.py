@@ -13,7 +13,7 @@ import pytest
 
 import haptid
 from haptid import errors
-from haptid._internal.workers import DaskExecutor, SerialExecutor, ProcessExecutor
+from haptid._internal.workers import DaskExecutor, ProcessExecutor, SerialExecutor
 from haptid.observation.batch import RFactorCache, observe_all
 from motions import motion, truth
 

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import typer
 
-from haptid._internal.workers import DaskExecutor, SerialExecutor, ProcessExecutor, Executor
+from haptid._internal.workers import DaskExecutor, Executor, ProcessExecutor, SerialExecutor
 from haptid.cli.common import EXIT_INTERRUPTED, complain, err
 from haptid.observation.batch import RFactorCache
 

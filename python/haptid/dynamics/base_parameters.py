@@ -43,8 +43,8 @@ class BaseParameters:
     Attributes:
         names: ZZ1R where others regroup into ZZ1, FC2 where nothing does, (p,).
         units: of each, (p,).
-        kept: index in the device's standard parameters of the one each is named after, (p,).
-        regrouping: (p, standard parameters), the identity on `kept`.
+        independent_columns: index in the device's standard parameters of the one each is named after, (p,).
+        regrouping: (p, standard parameters), the identity on `independent_columns`.
         standard: names of the standard parameters.
         no_effect: names of the standard parameters that no motion can show.
         tolerance: relative length below which a column counts as a combination of those before it.
@@ -69,7 +69,10 @@ class BaseParameters:
     @cached_property
     def groupings(self) -> tuple[str, ...]:
         """Readable formulas, such as `ZZ1 + IA1 + YY2 + 0.2025 M3`."""
-        return tuple(formula(row, self.standard, kept) for row, kept in zip(self.regrouping, self.independent_columns, strict=True))
+        return tuple(
+            formula(row, self.standard, kept)
+            for row, kept in zip(self.regrouping, self.independent_columns, strict=True)
+        )
 
     @property
     def is_clear(self) -> bool:

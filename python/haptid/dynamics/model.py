@@ -217,7 +217,9 @@ class DynamicModel:
         return replace(
             self,
             terms=tuple(
-                replace(term, shape=replace(term.shape, bodies=bodies)) if isinstance(term.shape, LoadDependentFriction) else term
+                replace(term, shape=replace(term.shape, bodies=bodies))
+                if isinstance(term.shape, LoadDependentFriction)
+                else term
                 for term in self.terms
             ),
         )

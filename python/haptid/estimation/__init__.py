@@ -6,16 +6,24 @@ and simulations; it does not use validation or inference.
 
 from haptid.estimation.estimate import Estimate, Parameter, Restricted, estimate
 from haptid.estimation.feasibility.cone import pseudo_inertia
-from haptid.estimation.feasibility.feasible import FeasibleParameters, possible, project
+from haptid.estimation.feasibility.feasible import FeasibleParameters, possible, project_to_feasible
 from haptid.estimation.intervals.bootstrap import Bootstrap
 from haptid.estimation.intervals.cluster_robust import BlockJackknife, ClusterRobust
 from haptid.estimation.intervals.covariance import Intervals, Spread
 from haptid.estimation.intervals.fixed_b import FixedB
-from haptid.estimation.intervals.model_based import Sandwich, Classical
+from haptid.estimation.intervals.model_based import Classical, Sandwich
 from haptid.estimation.intervals.profile import Profile
 from haptid.estimation.least_squares import Knowledge
 from haptid.estimation.method import ByRows, Fit, Fitting, Knowing, Method, Reduced
-from haptid.estimation.methods.constrained import Bounds, PhysicallyConsistent, Cost, EqualityConstraints, Constrained, BoundedSolution, FixedAtZero
+from haptid.estimation.methods.constrained import (
+    BoundedSolution,
+    Bounds,
+    Constrained,
+    Cost,
+    EqualityConstraints,
+    FixedAtZero,
+    PhysicallyConsistent,
+)
 from haptid.estimation.methods.errors_in_variables import TLS, ErrorsInVariables
 from haptid.estimation.methods.gls import GLS, SUR
 from haptid.estimation.methods.instrumental import IV
@@ -41,19 +49,22 @@ __all__ = [
     "WLS",
     "BlockJackknife",
     "Bootstrap",
+    "BoundedSolution",
     "Bounds",
     "ByRows",
+    "Classical",
     "ClusterRobust",
-    "PhysicallyConsistent",
-    "ErrorsInVariables",
+    "Constrained",
     "Cost",
     "Entropic",
     "EqualityConstraints",
+    "ErrorsInVariables",
     "Estimate",
+    "FeasibleParameters",
     "Fit",
     "Fitting",
+    "FixedAtZero",
     "FixedB",
-    "Constrained",
     "Heteroscedastic",
     "Huber",
     "Intervals",
@@ -63,7 +74,7 @@ __all__ = [
     "Method",
     "OutputErrorMethod",
     "Parameter",
-    "FeasibleParameters",
+    "PhysicallyConsistent",
     "Profile",
     "Reduced",
     "Restricted",
@@ -71,10 +82,7 @@ __all__ = [
     "Sandwich",
     "Spread",
     "StudentT",
-    "Classical",
     "Tukey",
-    "BoundedSolution",
-    "FixedAtZero",
     "estimate",
     "possible",
     "project_to_feasible",

@@ -16,9 +16,9 @@ from haptid.estimation.intervals.cluster_robust import ClusterRobust
 from haptid.estimation.intervals.covariance import Intervals, Limiting, Spread
 from haptid.estimation.least_squares import Solution, solve
 from haptid.estimation.method import Fit, Fitting, Knowing, Method, Reduced, rows_of
-from haptid.estimation.methods.constrained import Constrained, BoundedSolution
+from haptid.estimation.methods.constrained import BoundedSolution, Constrained
 from haptid.estimation.methods.wls import WLS
-from haptid.observation.observation import Observation
+from haptid.observation.observation import Block, Observation
 from haptid.uncertainty.quantities import LEVEL, Quantities, half_width
 
 # Condition number with unit columns above which single parameters are unreliable (Gautier's rule).
@@ -129,6 +129,31 @@ class Estimate:
         return self.observation.base
 
     @property
+    def names(self) -> tuple[str, ...]:
+        """Of the base parameters, (p,)."""
+        return self.quantities.names
+
+    @property
+    def units(self) -> tuple[str, ...]:
+        """Of the base parameters, (p,)."""
+        return self.quantities.units
+
+    @property
+    def blocks(self) -> tuple[Block, ...]:
+        """Time blocks of the logs that it was made from."""
+        return self.observation.blocks
+
+    @property
+    def free(self) -> Array:
+        """Base parameters of the unconstrained fit, to which covariance and standard errors belong, (p,), SI."""
+        return self.held.free if self.held else self.beta
+
+    @property
+    def constrained(self) -> bool:
+        """Whether a constraint is active, so that `beta` differs from `free`."""
+        return bool(self.held and self.held.active)
+
+    @property
     def kept(self) -> tuple[int, ...]:
         """Indices of the parameters that are not fixed at zero."""
         return tuple(k for k in range(len(self.base)) if k not in self.zero)
@@ -193,7 +218,7 @@ class Estimate:
     @cached_property
     def parameters(self) -> tuple[Parameter, ...]:
         """The estimate, parameter by parameter."""
-        classical, free = np.sqrt(np.diag(self.classical_covariance)), self.held.free if self.held else self.beta
+        classical = np.sqrt(np.diag(self.classical_covariance))
         constrained_outside_ci = self.held.constrained_outside_ci(half_width(self.se, self.dof)) if self.held else ()
         return tuple(
             Parameter(
@@ -204,12 +229,12 @@ class Estimate:
                 se=float(self.se[k]),
                 classical_se=float(classical[k]),
                 prior=self.model.base_prior[k],
-                free=float(free[k]),
+                free=float(self.free[k]),
                 constrained_outside_ci=name in constrained_outside_ci,
                 owner=self,
                 index=k,
             )
-            for k, name in enumerate(self.base.names)
+            for k, name in enumerate(self.names)
         )
 
     def __getitem__(self, name: str) -> Parameter:

@@ -206,7 +206,9 @@ class BackwardElimination:
             raise MethodSettingError("Essential", "level", self.level, "a probability between 0 and 1")
 
 
-def essential(full: Estimate, how: BackwardElimination | None = None, unseen: Motion | Observation | None = None) -> Elimination:
+def essential(
+    full: Estimate, how: BackwardElimination | None = None, unseen: Motion | Observation | None = None
+) -> Elimination:
     """Leave out, one by one, the parameters that the log does not miss.
 
     Args:

@@ -17,7 +17,7 @@ import numpy as np
 
 from haptid._core import __version__
 from haptid._internal.arrays import Array
-from haptid._internal.workers import SerialExecutor, Executor
+from haptid._internal.workers import Executor, SerialExecutor
 from haptid.dynamics.model import DynamicModel
 from haptid.motion.channels import check_log
 from haptid.motion.treatment import Motion

@@ -16,7 +16,7 @@ from scipy import signal
 
 from haptid._internal.arrays import Array
 from haptid.dynamics.model import DynamicModel
-from haptid.errors import MotionTooShortError, NoRowsError, TooFewRowsError, TreatmentValueError, UnexcitedError
+from haptid.errors import IdentifiabilityError, MotionTooShortError, NoRowsError, TreatmentValueError
 from haptid.log import Log
 from haptid.motion.channels import check_log, state
 from haptid.motion.treatment import Treatment, treat
@@ -269,7 +269,9 @@ def _timed(model: DynamicModel, logs: Sequence[Log], treatment: Treatment, asked
     rates = sorted({f"{log.rate_hz:.4g}" for log in logs})
     if len(rates) > 1:
         many = " and ".join(rates)
-        return treatment, (f"How late the torque is was not looked for: the logs have {many} Hz. Give `torque_delay_s`.",)
+        return treatment, (
+            f"How late the torque is was not looked for: the logs have {many} Hz. Give `torque_delay_s`.",
+        )
     dt = float(logs[0].dt)
     plain = treatment
     if treatment.velocity is not None:  # a differentiator is late itself, which is no delay of the torque
@@ -277,7 +279,7 @@ def _timed(model: DynamicModel, logs: Sequence[Log], treatment: Treatment, asked
         plain = replace(treatment, velocity=None, cutoff_hz=cutoff)
     try:
         delay = find_delay(model, logs, plain)
-    except (NoRowsError, TooFewRowsError, UnexcitedError, MotionTooShortError):
+    except (NoRowsError, IdentifiabilityError, MotionTooShortError):
         delay = None
     if delay is None or delay.se > KNOWN * dt:
         return treatment, ("The logs do not tell how late the torque is; it is taken as it is.",)

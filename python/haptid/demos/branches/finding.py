@@ -13,7 +13,7 @@ from haptid.demos.kind import Tell
 from haptid.demos.recordings import Recorded, Take, read_recorded
 from haptid.device import read_device
 from haptid.dynamics.model import DynamicModel
-from haptid.end_effector.characterisation import Characterisation, ApparentMass, characterise, apparent_mass
+from haptid.end_effector.characterisation import ApparentMass, Characterisation, apparent_mass, characterise
 
 
 @dataclass(frozen=True, eq=False)

@@ -15,7 +15,7 @@ from haptid.dynamics.model import DynamicModel
 from haptid.estimation import WLS, Estimate, estimate
 from haptid.experiment.friction_test.choice import FrictionChoice, choose_friction
 from haptid.experiment.friction_test.curve import FrictionCurve, friction_curve
-from haptid.inference.elimination import Elimination, essential, eliminate_by_motor
+from haptid.inference.elimination import Elimination, eliminate_by_motor, essential
 from haptid.motion.treatment import Motion, Treatment
 from haptid.observation.observation import Observation, observe
 from haptid.treatment_choice.propose import Proposal, propose

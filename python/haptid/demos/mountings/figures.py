@@ -165,7 +165,10 @@ def _along(felt: Felt, axis: int, styles: Mapping[str, tuple[str, float]]) -> li
 
 def _parts(fit: Fit, seconds: float) -> tuple[Array, dict[str, Array]]:
     """Times, and the parts of the command by name, measured and friction among them, each (motors, rows)."""
-    made, scale = decompose_torque(fit.estimate, beginning(fit.unseen, seconds)), per_command(fit.estimate.model)[:, None]
+    made, scale = (
+        decompose_torque(fit.estimate, beginning(fit.unseen, seconds)),
+        per_command(fit.estimate.model)[:, None],
+    )
     parts = {part: scale * made[part] for part in made.parts}
     return made.t, parts | {"friction": scale * made.friction, "measured": scale * made.measured}
 

@@ -99,7 +99,9 @@ def tool_found(demo: Mountings, without: Fits, recorded: Recorded) -> PayloadEst
     assert model.device.handle is not None
     first, second = (recorded.motion(half, treatment) for half in (demo.stretch.fit, demo.stretch.unseen))
     fit = fitted("with the tool", model, first, second)
-    return estimate_payload(without["encoders"].estimate, fit.estimate, model.device.joint_names[model.device.handle.link])
+    return estimate_payload(
+        without["encoders"].estimate, fit.estimate, model.device.joint_names[model.device.handle.link]
+    )
 
 
 def tool_truth(demo: Mountings, model: DynamicModel) -> dict[str, float]:

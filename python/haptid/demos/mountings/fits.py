@@ -14,7 +14,7 @@ from haptid.demos.mountings.plan import Mounting, Mountings
 from haptid.demos.recordings import Recorded
 from haptid.dynamics.inverse import inverse_dynamics
 from haptid.dynamics.model import DynamicModel
-from haptid.estimation import WLS, PhysicallyConsistent, Estimate, Method, estimate
+from haptid.estimation import WLS, Estimate, Method, PhysicallyConsistent, estimate
 from haptid.inference.targets import Targets, target_map, targets
 from haptid.motion.treatment import Motion
 from haptid.observation.observation import observe

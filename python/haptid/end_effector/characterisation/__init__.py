@@ -6,14 +6,14 @@ from haptid.end_effector.characterisation.jacobian import Grasp
 from haptid.end_effector.characterisation.model import Figure, GivenParameters, IdentifiedModel
 
 __all__ = [
-    "Characterisation",
     "ApparentMass",
+    "Characterisation",
     "Figure",
     "GivenParameters",
     "Grasp",
     "IdentifiedModel",
-    "characterise",
     "apparent_mass",
+    "characterise",
     "line",
     "sweep",
 ]

@@ -45,7 +45,9 @@ class GivenParameters:
             expect("covariance", self.covariance.shape, (p, p))
 
     @classmethod
-    def of(cls, model: DynamicModel, values: Mapping[str, float], se: Mapping[str, float] | None = None) -> GivenParameters:
+    def of(
+        cls, model: DynamicModel, values: Mapping[str, float], se: Mapping[str, float] | None = None
+    ) -> GivenParameters:
         """From a table as papers print it; parameters that it does not have are zero.
 
         Args:

@@ -104,7 +104,9 @@ def possible(model: DynamicModel, beta: Array) -> FeasibleParameters:
     return inside(model, conditions, beta, conditions.start(beta))
 
 
-def inside(model: DynamicModel, conditions: Cone, beta: Array, x: Array, fixed: Sequence[Part] = ()) -> FeasibleParameters:
+def inside(
+    model: DynamicModel, conditions: Cone, beta: Array, x: Array, fixed: Sequence[Part] = ()
+) -> FeasibleParameters:
     """The most interior standard parameters with given base parameters, from any scaled x, (n,), that has them."""
     found = interior(conditions, x, fixed)
     failing = tuple(

@@ -47,9 +47,7 @@ class Limiting(Intervals, Protocol):
         """Ends of the intervals, (p, 2), at the level of the unconstrained fit's half-widths, (p,)."""
 
 
-def with_prior_variance(
-    covariance: Array, dof: Array, combinations: Array, pull: Array | None
-) -> tuple[Array, Array]:
+def with_prior_variance(covariance: Array, dof: Array, combinations: Array, pull: Array | None) -> tuple[Array, Array]:
     """Covariance (q, q) and degrees of freedom (q,) with the variance of the prior added, as if drawn from it.
 
     Args:

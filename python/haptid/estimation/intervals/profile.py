@@ -17,7 +17,7 @@ from haptid.estimation.feasibility.feasible import roomy
 from haptid.estimation.intervals.cluster_robust import ClusterRobust
 from haptid.estimation.intervals.covariance import Intervals, Spread
 from haptid.estimation.method import Fit
-from haptid.estimation.methods.constrained import Constrained, BoundedSolution, bound_conditions
+from haptid.estimation.methods.constrained import BoundedSolution, Constrained, bound_conditions
 
 # Weight of a quadratic penalty on directions without torque, which makes the solution unique.
 PENALTY = 1e-6
@@ -82,7 +82,11 @@ class Profile:
             MethodSettingError, PulledProfileError, UnsolvedError: as `limits`.
         """
         constrained = expect_constrained(held)
-        feasible = between_bounds(fit, constrained) if isinstance(constrained, BoundedSolution) else consistent(fit, constrained)
+        feasible = (
+            between_bounds(fit, constrained)
+            if isinstance(constrained, BoundedSolution)
+            else consistent(fit, constrained)
+        )
         least = float(np.sum((fit.solution.R @ inner(fit, feasible.beta - feasible.free)) ** 2))
         ends = np.empty((len(half), 2))
         for row, (wanted, wide) in enumerate(zip(combinations, half.tolist(), strict=True)):

@@ -14,10 +14,9 @@ from haptid.dynamics.forward import ForwardDynamics, sets_of
 from haptid.dynamics.model import DynamicModel
 from haptid.dynamics.regressor import columns
 from haptid.errors import (
-    MasslessError,
     NoControllerError,
     RowsByBlockError,
-    SimulationLostError,
+    SimulationError,
     UnsettledError,
 )
 from haptid.estimation.estimate import estimate
@@ -97,7 +96,7 @@ class SimulationBased(Wrapper, ABC):
         for _ in range(HALVINGS):
             try:
                 return found, self.linearised_rows(observation, smoothed, found)
-            except (SimulationLostError, MasslessError):
+            except SimulationError:
                 if before is None:
                     raise
                 found = 0.5 * (before + found)

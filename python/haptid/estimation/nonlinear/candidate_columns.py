@@ -174,7 +174,7 @@ class _WidenedModel(DynamicModel):
             own,
             names=(*own.names, *(self.device.parameters.names[k] for k in more)),
             units=(*own.units, *(self.device.parameters.units[k] for k in more)),
-            kept=(*own.kept, *more),
+            independent_columns=(*own.independent_columns, *more),
             regrouping=linalg.block_diag(own.regrouping, np.eye(len(more))),
             standard=tuple(self.device.parameters.names),
         )

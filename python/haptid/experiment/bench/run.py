@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from haptid._internal.atomic_folder import publishing
-from haptid._internal.workers import ProcessExecutor, Executor
+from haptid._internal.workers import Executor, ProcessExecutor
 from haptid.device import read_device
 from haptid.dynamics.model import DynamicModel
 from haptid.errors import OutputError
