@@ -141,7 +141,7 @@ def test_what_cannot_be_searched(tmp_path, found):
         )
     with pytest.raises(errors.NoFeasibleMotionError, match="exceeds the torque"):
         design(PHANTOM, FAMILIES[0], replace(WITHIN, torque=(1e-3,)), beta=BETA, search=replace(SHORT, tries=20))
-    with pytest.raises(errors.BaseNameError, match="ZZ9R"):
+    with pytest.raises(errors.UnknownNameError, match="ZZ9R"):
         design(PHANTOM, FAMILIES[0], WITHIN, columns=("ZZ9R",))
     with pytest.raises(errors.MethodSettingError, match="tries"):
         Search(tries=0)

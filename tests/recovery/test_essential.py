@@ -172,7 +172,7 @@ def test_settings_that_mean_nothing(make):
 
 def test_names_that_are_none(model):
     full = fitted(model, noise=0.02)
-    with pytest.raises(errors.BaseNameError, match="no base parameter 'FV9'"):
+    with pytest.raises(errors.UnknownNameError, match="FV9"):
         without(full, ("FV9",))
     with pytest.raises(errors.MotorNameError, match="no rows of a motor '9'"):
         full.observation.only("9")

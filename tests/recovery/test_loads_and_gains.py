@@ -118,5 +118,5 @@ def test_what_cannot_be_is_refused(model, tmp_path, monkeypatch):
     loaded = haptid.observe(model, recorded(model, LOAD, seed=2, factor=0.5))
     with pytest.raises(errors.GainSettlingError, match="still move"):
         haptid.drive_gains(bare, loaded, "3", LOAD)
-    with pytest.raises(errors.UnexcitedError, match="gain"):
+    with pytest.raises(errors.IdentifiabilityError, match="gain"):
         haptid.drive_gains(bare, haptid.observe(model, recorded(model, seed=3)), "3", Body(0.0, np.zeros(3), None))

@@ -144,11 +144,11 @@ def test_a_log_that_does_not_bound_a_constant_says_so(model):
 @pytest.mark.parametrize(
     ("old", "new", "error"),
     [
-        ("start = 0.5, low = 0.02, high = 5", "start = 9, low = 0.02, high = 5", errors.DeviceValueError),
-        ("start = 0.5, low = 0.02, high = 5", "start = 0.5, low = -1, high = 5", errors.DeviceValueError),
-        ("start = 0.5, low = 0.02, high = 5", "start = -0.5", errors.DeviceKeyError),
-        ("start = 0.5, low = 0.02", "start = 0.5, lowest = 0.02", errors.DeviceKeyError),
-        ("{ start = 0.5, low = 0.02, high = 5 }", "true", errors.DeviceValueError),
+        ("start = 0.5, low = 0.02, high = 5", "start = 9, low = 0.02, high = 5", errors.DeviceFileError),
+        ("start = 0.5, low = 0.02, high = 5", "start = 0.5, low = -1, high = 5", errors.DeviceFileError),
+        ("start = 0.5, low = 0.02, high = 5", "start = -0.5", errors.DeviceFileError),
+        ("start = 0.5, low = 0.02", "start = 0.5, lowest = 0.02", errors.DeviceFileError),
+        ("{ start = 0.5, low = 0.02, high = 5 }", "true", errors.DeviceFileError),
     ],
 )
 def test_a_range_that_means_nothing_is_refused(tmp_path, old, new, error):
@@ -159,8 +159,8 @@ def test_a_range_that_means_nothing_is_refused(tmp_path, old, new, error):
 def test_what_cannot_be_searched_is_refused(tmp_path, model):
     moved, _ = motion_of(model, tuple(TRUTH.values()), 5, seconds=4.0)
     known = device_of(tmp_path, DEVICE.replace("{ start = 0.5, low = 0.02, high = 5 }", "0.5"))
-    with pytest.raises(errors.UnsearchableError, match="no term"):
+    with pytest.raises(errors.EstimationError, match="no term"):
         variable_projection(known, [moved])
     equal = device_of(tmp_path, DEVICE + '[[symmetry]]\nreason = "alike"\nequal = [["FS1", "FS2"]]\n')
-    with pytest.raises(errors.UnsearchableError, match="one parameter with"):
+    with pytest.raises(errors.EstimationError, match="one parameter with"):
         variable_projection(equal, [moved])

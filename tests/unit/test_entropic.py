@@ -1,4 +1,4 @@
-"""The entropic pull: zero at the prior, the same in every frame, `PhysicallyConsistent()` in the limit, better in poor logs."""
+"""The entropic penalty: zero at the prior, frame-invariant, consistent in the limit, better in poor logs."""
 
 import numpy as np
 import pytest
@@ -130,15 +130,17 @@ def test_there_is_no_profile_of_what_is_pulled(model):
     observation = observed(model, seconds=2.0)
     found = haptid.estimate(observation, Entropic(1.0), Profile())
     assert found.held.pulled
-    with pytest.raises(errors.PulledProfileError, match="Clustered"):
+    with pytest.raises(errors.SettingError) as raised:
         _ = found.conf_int()
+    assert raised.value.where == "intervals"
+    assert "ClusterRobust" in raised.value.advice
     assert not haptid.estimate(observation, PhysicallyConsistent()).held.pulled
 
 
 def test_what_cannot_be_pulled_is_refused(model, tmp_path):
     assert prior_links(model) == ["1", "2", "3"]
-    with pytest.raises(errors.MethodSettingError):
+    with pytest.raises(errors.SettingError):
         Entropic(-1.0)
     bare = device_of(tmp_path, DEVICE.split("[[prior_bodies]]")[0])
-    with pytest.raises(errors.NoPriorError):
+    with pytest.raises(errors.IncompleteDeviceError):
         haptid.estimate(observed(model).__class__(bare, observed(model).motors, observed(model).blocks, ()), Entropic())

@@ -201,5 +201,5 @@ def test_what_is_no_number_is_an_error():
         given = [bad if k == j else still for j in range(3)]
         with pytest.raises(errors.ForceSettingError, match=rf"{name}\[1, 2\] is nan"):
             MomentumObserver().follow(model, beta, 1e-3, *given)
-    with pytest.raises(errors.ParameterValueError):
+    with pytest.raises(errors.SettingError):
         MomentumObserver().follow(model, np.full_like(beta, np.nan), 1e-3, still, still, still)

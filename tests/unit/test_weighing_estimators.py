@@ -97,7 +97,7 @@ def test_held_and_reduced_versions_take_the_same_rows(observation, method):
 @pytest.mark.parametrize("method", [*WEIGHING, TLS()], ids=lambda method: method.name)
 def test_a_motor_without_torque_is_refused(model, method):
     made = motion(model, truth(model), seconds=4.0, dt=2e-3)
-    with pytest.raises(errors.NoTorqueError):
+    with pytest.raises(errors.IdentifiabilityError):
         haptid.estimate(haptid.observe(model, replace(made, tau=made.tau * [1.0, 1.0, 0.0])), method)
 
 
@@ -310,15 +310,17 @@ def test_noise_of_encoders_is_taken_off_the_columns():
 def test_what_encoders_cannot_say_is_refused():
     model = haptid.DynamicModel(haptid.read_device("emps"))
     exact = haptid.observe(model, motion(model, np.array([95.0, 200.0, 20.0, -3.0]), seconds=4.0, noise=0.1))
-    with pytest.raises(errors.NoResolutionError, match="no log"):
+    with pytest.raises(errors.SettingError, match="no log"):
         haptid.estimate(exact, ErrorsInVariables())
-    with pytest.raises(errors.NoResolutionError, match="exact"):
+    with pytest.raises(errors.SettingError, match="exact"):
         haptid.estimate(exact, ErrorsInVariables(resolution=1e-4))
     q, qd, qdd = multisine(1, 4.0, 1e-3, 0)
     tau = haptid.inverse_dynamics(model, np.array([95.0, 200.0, 20.0, -3.0]), q, qd, qdd)
     coarse = haptid.Motion(1e-3, q.T, tau.T, haptid.Treatment(cutoff_hz=None))
-    with pytest.raises(errors.NoisyColumnsError, match="M1"):
+    with pytest.raises(errors.IdentifiabilityError) as raised:
         haptid.estimate(haptid.observe(model, coarse), ErrorsInVariables(resolution=0.1))
+    assert "M1" in raised.value.where
+    assert raised.value.found > raised.value.limit
 
 
 # --- what is known beforehand -----------------------------------------------------------------------------------
@@ -361,7 +363,9 @@ def test_the_strength_is_that_which_predicts_other_blocks_best(observation):
             left = motor.triangles[b] @ np.append(-beta[motor.columns], 1.0) * weights[m]
             total += float(left @ left)
     assert prediction_error(observation, weights, prior) == pytest.approx(total, rel=1e-6)
-    tried = [prediction_error(observation, weights, strengthened(method._prior(observation), s)) for s in RIDGE_STRENGTHS]
+    tried = [
+        prediction_error(observation, weights, strengthened(method._prior(observation), s)) for s in RIDGE_STRENGTHS
+    ]
     best = haptid.estimate(observation, Ridge(strength=RIDGE_STRENGTHS[int(np.argmin(tried))]))
     np.testing.assert_allclose(haptid.estimate(observation, method).beta, best.beta, rtol=1e-3)
 
@@ -369,8 +373,9 @@ def test_the_strength_is_that_which_predicts_other_blocks_best(observation):
 def test_ridge_needs_a_prior():
     model = haptid.DynamicModel(haptid.read_device("emps"))
     made = haptid.observe(model, motion(model, np.array([95.0, 200.0, 20.0, -3.0]), seconds=4.0, noise=0.1))
-    with pytest.raises(errors.NoPriorError, match="EMPS"):
+    with pytest.raises(errors.IncompleteDeviceError) as raised:
         haptid.estimate(made, Ridge())
+    assert raised.value.where == model.device.name
 
 
 def test_relations_hold_and_the_rest_is_the_best_under_them(observation):
@@ -395,9 +400,10 @@ def test_relations_told_twice_are_told_once_and_others_are_refused(observation):
     once = haptid.estimate(observation, EqualityConstraints({"FC1 - FC2": 0.0}))
     twice = haptid.estimate(observation, EqualityConstraints({"FC1 - FC2": 0.0, "2*FC2 - 2*FC1": 0.0}))
     np.testing.assert_allclose(twice.beta, once.beta, rtol=1e-9)
-    with pytest.raises(errors.ContradictionError, match="FC1"):
+    with pytest.raises(errors.SettingError) as raised:
         haptid.estimate(observation, EqualityConstraints({"FC1 - FC2": 0.0, "2*FC2 - 2*FC1": 1.0}))
-    with pytest.raises(errors.UnknownDeviceNameError):
+    assert raised.value.where == "relations"
+    with pytest.raises(errors.DeviceFileError):
         haptid.estimate(observation, EqualityConstraints({"nothing": 0.0}))
 
 
@@ -445,5 +451,5 @@ def test_bounds_are_kept_and_met_only_where_they_hold(observation):
     ],
 )
 def test_settings_that_mean_nothing_are_refused(make):
-    with pytest.raises(errors.MethodSettingError):
+    with pytest.raises(errors.SettingError):
         make()

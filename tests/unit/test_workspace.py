@@ -113,7 +113,7 @@ def test_limits_of_nothing_or_upside_down_are_errors():
 
 def test_definiteness_of_what_is_no_number_is_an_error():
     model, beta = two_dof()
-    with pytest.raises(errors.ParameterValueError):
+    with pytest.raises(errors.SettingError):
         definiteness(np.full_like(beta, np.nan), workspace(model))
     with pytest.raises(errors.ShapeError):
         definiteness(beta[1:], workspace(model))

@@ -254,9 +254,9 @@ def estimate(observation: Observation, method: Method, intervals: Intervals | No
         intervals: covariance estimator; `ClusterRobust()` where None.
 
     Raises:
-        TooFewRowsError: fewer rows than parameters.
-        UnexcitedError: the motion does not excite a direction of the parameters.
-        NoBodyError, UnsolvedError: `PhysicallyConsistent()` finds no bodies.
+        NoRowsError: fewer rows than parameters.
+        IdentifiabilityError: the motion does not excite a direction of the parameters.
+        PhysicalConsistencyError, ConvergenceError: `PhysicallyConsistent()` finds no bodies.
     """
     intervals = intervals or ClusterRobust()
     zero = method.zero(observation) if isinstance(method, Reduced) else ()

@@ -9,7 +9,7 @@ import numpy as np
 from scipy import linalg
 
 from haptid._internal.arrays import Array, expect, read_only
-from haptid.errors import TooFewRowsError, UnexcitedError
+from haptid.errors import IdentifiabilityError, NoRowsError
 from haptid.observation.observation import Observation, triangle
 
 # Least ratio of singular values of the R factor with unit columns: below it a direction is not excited.
@@ -23,30 +23,30 @@ class Knowledge:
     Attributes:
         A: (m, p).
         b: (m,), SI.
-        se: standard deviation of each, zero where it is exact, (m,).
+        std: standard deviation of each, zero where it is exact, (m,).
     """
 
     A: Array
     b: Array
-    se: Array
+    std: Array
 
     def __post_init__(self) -> None:
         m = np.shape(self.b)[0]
         expect("A", np.shape(self.A), (m, None))
-        expect("sd", np.shape(self.se), (m,))
-        for name in ("A", "b", "sd"):
+        expect("std", np.shape(self.std), (m,))
+        for name in ("A", "b", "std"):
             object.__setattr__(self, name, read_only(getattr(self, name)))
 
     @property
     def exact(self) -> tuple[Array, Array]:
         """The equality constraints, A and b."""
-        return self.A[self.se == 0], self.b[self.se == 0]
+        return self.A[self.std == 0], self.b[self.std == 0]
 
     @property
     def rows(self) -> Array:
         """The priors as rows of unit variance, [A b] / sd, (k, p + 1)."""
-        uncertain = self.se > 0
-        return np.asarray(np.column_stack([self.A, self.b])[uncertain] / self.se[uncertain, None])
+        uncertain = self.std > 0
+        return np.asarray(np.column_stack([self.A, self.b])[uncertain] / self.std[uncertain, None])
 
     @staticmethod
     def nothing(p: int) -> Knowledge:
@@ -98,14 +98,19 @@ def solve(
         known: equality constraints, and priors that count as rows of unit variance.
 
     Raises:
-        TooFewRowsError: fewer rows than parameters.
-        UnexcitedError: the motion does not excite a direction of the parameters.
+        NoRowsError: fewer rows than parameters.
+        IdentifiabilityError: the motion does not excite a direction of the parameters.
     """
     p = len(observation.base)
     kept = [k for k in range(p) if k not in zero]
     known = known or Knowledge.nothing(p)
     if observation.rows <= len(kept):
-        raise TooFewRowsError(observation.rows, len(kept))
+        raise NoRowsError(
+            f"{observation.rows} rows are not enough for {len(kept)} parameters.",
+            found=observation.rows,
+            limit=len(kept),
+            advice="Record a longer motion, or decimate less.",
+        )
     start, free = directions(known, kept)
     change = np.zeros((p + 1, free.shape[1] + 1))
     change[:p, :-1], change[:p, -1], change[p, -1] = free, -start, 1.0
@@ -135,10 +140,17 @@ def directions(known: Knowledge, kept: Sequence[int]) -> tuple[Array, Array]:
 
 
 def check_excited(names: Sequence[str], R: Array) -> None:
-    """Raise UnexcitedError, naming the least excited parameter, where R is numerically singular."""
+    """Raise IdentifiabilityError, naming the least excited parameter, where R is numerically singular."""
     k, ratio = weakest(R)
     if ratio < EXCITED:
-        raise UnexcitedError(names[k], ratio, EXCITED)
+        raise IdentifiabilityError(
+            f"base parameter {names[k]} is not excited by this log: the ratio of singular values of the regressor is "
+            f"{ratio:.1e} (limit {EXCITED:.1e}).",
+            where=names[k],
+            found=ratio,
+            limit=EXCITED,
+            advice="Record motion that moves its link, or leave the term out of the device file.",
+        )
 
 
 def weakest(R: Array) -> tuple[int, float]:

@@ -10,7 +10,7 @@ from typing import ClassVar, Protocol, runtime_checkable
 import numpy as np
 
 from haptid._internal.arrays import Array, positive, whole
-from haptid.errors import MethodSettingError
+from haptid.errors import ConvergenceError, SettingError
 from haptid.estimation.least_squares import Knowledge, Solution
 from haptid.observation.observation import Observation
 
@@ -219,25 +219,42 @@ def only_weighs(method: Method) -> bool:
     return not (isinstance(method, Reduced | Knowing | Fitting) or hasattr(method, "hold"))
 
 
+def setting_error(owner: str, name: str, value: object, wanted: str) -> SettingError:
+    """The error for a setting of a method or of intervals that has no meaning."""
+    return SettingError(f"{owner}: {name} is {value!r}; write {wanted}.", where=name, found=value, limit=wanted)
+
+
+def not_converged(method: str, passes: int, name: str, moved: float, limit: float) -> ConvergenceError:
+    """The error for a fixed-point iteration whose last pass moved parameter `name` by `moved` standard errors."""
+    return ConvergenceError(
+        f"{method} has not converged after {passes} passes: the last one moved {name} by {moved:.2g} standard errors "
+        f"(limit {limit:g}).",
+        where=name,
+        found=moved,
+        limit=limit,
+        advice="Allow more passes with `most`, or a larger `tolerance`; or begin nearer with another `start`.",
+    )
+
+
 def expect_weighting(owner: str, method: Method) -> None:
     """Check that a method does no more than weight rows.
 
     Raises:
-        MethodSettingError: it constrains or fixes parameters or has a prior, which the wrapping method would ignore.
+        SettingError: it constrains or fixes parameters or has a prior, which the wrapping method would ignore.
     """
     if not only_weighs(method):
         wanted = "a method that only weights rows: OLS, WLS, SUR, GLS, IRLS or Heteroscedastic"
-        raise MethodSettingError(owner, "weighting", method.name, wanted)
+        raise setting_error(owner, "weighting", method.name, wanted)
 
 
 def expect_whole(owner: str, name: str, value: object, least: int) -> None:
     """Check that a setting is a whole number of at least `least`.
 
     Raises:
-        MethodSettingError: it is not.
+        SettingError: it is not.
     """
     if not (whole(value) and value >= least):  # type: ignore[operator]
-        raise MethodSettingError(owner, name, value, f"a whole number, {least} or more")
+        raise setting_error(owner, name, value, f"a whole number, {least} or more")
 
 
 def expect_positive(owner: str, name: str, value: object, otherwise: str = "") -> None:
@@ -248,7 +265,7 @@ def expect_positive(owner: str, name: str, value: object, otherwise: str = "") -
         otherwise: what else is allowed, for the message.
 
     Raises:
-        MethodSettingError: it is not.
+        SettingError: it is not.
     """
     if not positive(value):
-        raise MethodSettingError(owner, name, value, f"a finite number above zero{otherwise}")
+        raise setting_error(owner, name, value, f"a finite number above zero{otherwise}")

@@ -11,7 +11,7 @@ import numpy as np
 from scipy import sparse
 
 from haptid._internal.arrays import Array
-from haptid.errors import UnsolvedError
+from haptid.errors import ConvergenceError
 
 # Tolerances of the solver on numbers near one, and those of an answer accepted where rounding stops it short of them.
 TIGHT = 1e-11
@@ -38,6 +38,15 @@ def cones_of(conditions: Sequence[Condition]) -> list[Any]:
     return [clarabel.PSDTriangleConeT(4) if c.matrix else clarabel.NonnegativeConeT(len(c.f)) for c in conditions]
 
 
+def unsolved(status: str, iterations: int) -> ConvergenceError:
+    """The error for a solver that stopped with a status other than solved."""
+    return ConvergenceError(
+        f"the search for feasible parameters stopped after {iterations} iterations without a solution ({status}).",
+        found=status,
+        advice="Check that no parameter is off by orders of magnitude, such as by a unit; or estimate with WLS.",
+    )
+
+
 def minimise(P: Array, q: Array, conditions: Sequence[Condition]) -> tuple[Array, tuple[Array, ...]]:
     """The v that minimises v'P v / 2 + q'v under conditions, and the multiplier of each condition.
 
@@ -49,7 +58,7 @@ def minimise(P: Array, q: Array, conditions: Sequence[Condition]) -> tuple[Array
         conditions: at least one.
 
     Raises:
-        UnsolvedError: the solver stopped without a solution.
+        ConvergenceError: the solver stopped without a solution.
     """
     cones = cones_of(conditions)
     A = sparse.csc_matrix(np.concatenate([-c.F for c in conditions]))
@@ -61,7 +70,7 @@ def minimise(P: Array, q: Array, conditions: Sequence[Condition]) -> tuple[Array
         if str(answer.status) in SOLVED:
             ends = np.cumsum([len(c.f) for c in conditions])[:-1]
             return np.array(answer.x), tuple(np.split(np.array(answer.z), ends))
-    raise UnsolvedError(str(answer.status), answer.iterations)
+    raise unsolved(str(answer.status), answer.iterations)
 
 
 def settings(equilibrate: bool) -> clarabel.DefaultSettings:

@@ -11,7 +11,7 @@ from scipy import linalg
 
 from haptid._internal.arrays import Array, expect, read_only
 from haptid.dynamics.model import DynamicModel
-from haptid.errors import MetricError, NoBodyError, ParameterValueError
+from haptid.errors import IdentifiabilityError, PhysicalConsistencyError, SettingError
 from haptid.estimation.feasibility.cone import Block, Cone, Part, cone, parts, pseudo_inertia
 from haptid.estimation.feasibility.conic_program import Condition, minimise
 from haptid.estimation.least_squares import weakest
@@ -95,9 +95,9 @@ def possible(model: DynamicModel, beta: Array) -> FeasibleParameters:
         beta: its base parameters, in its order, (p,), SI.
 
     Raises:
-        ParameterValueError: one is not a finite number.
-        NoBodyError: the symmetries declared for the device leave no feasible body.
-        UnsolvedError: the solver stopped without a solution.
+        SettingError: one is not a finite number.
+        PhysicalConsistencyError: the symmetries declared for the device leave no feasible body.
+        ConvergenceError: the solver stopped without a solution.
     """
     beta = checked(model, beta)
     conditions = roomy(model, beta)
@@ -128,10 +128,10 @@ def project_to_feasible(model: DynamicModel, beta: Array, R: Array) -> FeasibleP
         R: of the metric, (p, p): an R factor, or any other root of its square.
 
     Raises:
-        ParameterValueError: a parameter is not a finite number.
-        MetricError: the metric is singular.
-        NoBodyError: the symmetries declared for the device leave no feasible body.
-        UnsolvedError: the solver stopped without a solution.
+        SettingError: a parameter is not a finite number.
+        IdentifiabilityError: the metric is singular.
+        PhysicalConsistencyError: the symmetries declared for the device leave no feasible body.
+        ConvergenceError: the solver stopped without a solution.
     """
     beta = checked(model, beta)
     check_metric(model, R)
@@ -157,30 +157,39 @@ def checked(model: DynamicModel, beta: ArrayLike) -> Array:
 
     Raises:
         ShapeError: there are too many or too few.
-        ParameterValueError: one is not a finite number.
+        SettingError: one is not a finite number.
     """
     beta = np.asarray(beta, dtype=float)
     expect("beta", beta.shape, (len(model.base),))
     for name, value in zip(model.base.names, beta, strict=True):
         if not np.isfinite(value):
-            raise ParameterValueError(name, float(value))
+            raise SettingError(
+                f"base parameter {name} is {value}, not a finite number.", where=name, found=float(value)
+            )
     return beta
 
 
 def check_metric(model: DynamicModel, R: Array) -> None:
-    """Raise MetricError, naming the parameter of least weight, where R is numerically singular."""
+    """Raise IdentifiabilityError, naming the parameter of least weight, where R is numerically singular."""
     p = len(model.base)
     expect("R", np.shape(R), (p, p))
     k, ratio = weakest(R)
     if ratio < WEIGHED:
-        raise MetricError(model.base.names[k], ratio, WEIGHED)
+        name = model.base.names[k]
+        raise IdentifiabilityError(
+            f"the metric has no weight on base parameter {name}: {ratio:.1e} of the largest (limit {WEIGHED:.1e}).",
+            where=name,
+            found=ratio,
+            limit=WEIGHED,
+            advice="Use the R factor of an observation that excites all parameters.",
+        )
 
 
 def roomy(model: DynamicModel, beta: Array) -> Cone:
     """The cone of a device, scaled for base parameters of about this size, with a point well inside as its ball.
 
     Raises:
-        NoBodyError: the cone has no interior: the symmetries leave no feasible body.
+        PhysicalConsistencyError: the cone has no interior: the symmetries leave no feasible body.
     """
     found = cone(model, beta)
     if found.margin(found.ball) > BORDER:
@@ -190,7 +199,15 @@ def roomy(model: DynamicModel, beta: Array) -> Cone:
     centre = interior(free, found.ball)
     for part, margin in zip(free.parts, centre.margins, strict=True):
         if margin < BORDER:
-            raise NoBodyError([block.label for block in part.blocks], float(margin), BORDER)
+            labels = ", ".join(block.label for block in part.blocks)
+            raise PhysicalConsistencyError(
+                f"with the symmetries in the device file no body of positive volume is possible for {labels}: the "
+                f"least eigenvalue is at most {margin:.1e} (limit {BORDER:.1e}).",
+                where=labels,
+                found=float(margin),
+                limit=BORDER,
+                advice="Take a zero out of [[symmetry]], such as the moment of inertia of a rod about its own axis.",
+            )
     return replace(found, ball=centre.x)
 
 

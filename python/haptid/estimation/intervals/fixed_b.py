@@ -9,9 +9,8 @@ import numpy as np
 from scipy import fft
 
 from haptid._internal.arrays import Array, whole
-from haptid.errors import MethodSettingError
 from haptid.estimation.intervals.covariance import Spread
-from haptid.estimation.method import Fit
+from haptid.estimation.method import Fit, setting_error
 
 # Least number of cosines.
 FEWEST = 3
@@ -38,7 +37,7 @@ class FixedB:
 
     def __post_init__(self) -> None:
         if not (isinstance(self.share, float) or whole(self.share)) or not 0 < self.share <= 1:
-            raise MethodSettingError("FixedB", "share", self.share, "a number above 0, up to 1")
+            raise setting_error("FixedB", "share", self.share, "a number above 0, up to 1")
 
     def spread(self, fit: Fit, combinations: Array | None = None) -> Spread:
         """Covariance of base parameters, or of combinations (q, p) of them."""

@@ -11,12 +11,12 @@ import numpy as np
 from scipy import sparse
 
 from haptid._internal.arrays import Array
-from haptid.errors import MethodSettingError, PulledProfileError, UnsolvedError
-from haptid.estimation.feasibility.conic_program import ENOUGH, SOLVED, TIGHT, Condition, cones_of, settings
+from haptid.errors import SettingError
+from haptid.estimation.feasibility.conic_program import ENOUGH, SOLVED, TIGHT, Condition, cones_of, settings, unsolved
 from haptid.estimation.feasibility.feasible import roomy
 from haptid.estimation.intervals.cluster_robust import ClusterRobust
 from haptid.estimation.intervals.covariance import Intervals, Spread
-from haptid.estimation.method import Fit
+from haptid.estimation.method import Fit, setting_error
 from haptid.estimation.methods.constrained import BoundedSolution, Constrained, bound_conditions
 
 # Weight of a quadratic penalty on directions without torque, which makes the solution unique.
@@ -32,8 +32,8 @@ class Profile:
     The test allows |R (b - beta)|^2 to rise above that of the estimate by t^2 times the ratio of the cluster-robust to
     the classical variance of that parameter: away from all constraints the interval is the cluster-robust one. Where
     constraints on other parameters are active it is narrower than the unconstrained one, because they are information.
-    Constraints are those of `Bounds`, or physical consistency, of `PhysicallyConsistent`; a cone programme is solved only where
-    the end of the unconstrained interval is not found to be feasible as it is.
+    Constraints are those of `Bounds` or `PhysicallyConsistent`; a cone programme is solved only where the end of the
+    unconstrained interval is not found to be feasible as it is.
 
     Sources: Murphy and van der Vaart (2000), JASA 95; Kent (1982), Biometrika 69, for the factor.
 
@@ -60,9 +60,8 @@ class Profile:
             half: half-widths of the unconstrained intervals, (p,).
 
         Raises:
-            MethodSettingError: the estimate is not one of `Bounds()` or `PhysicallyConsistent()`.
-            PulledProfileError: it is regularised towards a prior.
-            UnsolvedError: the solver stopped without a solution.
+            SettingError: the estimate is not one of `Bounds()` or `PhysicallyConsistent()`, or is regularised.
+            ConvergenceError: the solver stopped without a solution.
         """
         known = np.flatnonzero(np.isfinite(half))
         ends = np.array(expect_constrained(held).interval(half))
@@ -79,7 +78,7 @@ class Profile:
             half: half-widths of their unconstrained intervals, (q,).
 
         Raises:
-            MethodSettingError, PulledProfileError, UnsolvedError: as `limits`.
+            SettingError, ConvergenceError: as `limits`.
         """
         constrained = expect_constrained(held)
         feasible = (
@@ -123,15 +122,19 @@ def expect_constrained(held: object) -> BoundedSolution | Constrained:
     """The constrained estimate; other estimates have no profile.
 
     Raises:
-        MethodSettingError: the estimate is unconstrained.
-        PulledProfileError: it is not the best fit within its constraints.
+        SettingError: the estimate is unconstrained, or is not the best fit within its constraints.
     """
     if isinstance(held, Constrained) and held.pulled:
-        raise PulledProfileError
+        raise SettingError(
+            "Profile: the estimate is regularised towards prior bodies, so it is not the best fit of which a profile "
+            "could be made.",
+            where="intervals",
+            advice="Use ClusterRobust(), or estimate with PhysicallyConsistent().",
+        )
     if isinstance(held, BoundedSolution | Constrained):
         return held
-    wanted = "an estimate by Bounded(...) or Consistent(...)"
-    raise MethodSettingError("Profile", "method", type(held).__name__, wanted)
+    wanted = "an estimate by Bounds(...) or PhysicallyConsistent(...)"
+    raise setting_error("Profile", "method", type(held).__name__, wanted)
 
 
 def inner(fit: Fit, change: Array) -> Array:
@@ -170,7 +173,7 @@ def furthest(feasible: FeasibleSet, reach: float, wanted: Array) -> Array:
     Solved for h / reach, a vector of length at most one; y is kept near zero by a negligible penalty.
 
     Raises:
-        UnsolvedError: the solver stopped without a solution.
+        ConvergenceError: the solver stopped without a solution.
     """
     k, size = feasible.change.shape[1], feasible.conditions[0].F.shape[1]
     scale = np.append(np.full(k, reach), np.ones(size - k))
@@ -189,4 +192,4 @@ def furthest(feasible: FeasibleSet, reach: float, wanted: Array) -> Array:
         answer = clarabel.DefaultSolver(*problem, how).solve()
         if str(answer.status) in SOLVED:
             return np.asarray(feasible.change @ np.array(answer.x)[:k] * reach)
-    raise UnsolvedError(str(answer.status), answer.iterations)
+    raise unsolved(str(answer.status), answer.iterations)

@@ -12,12 +12,12 @@ from haptid.device.expressions import combination
 from haptid.device.toml.place import Place
 from haptid.dynamics.base_parameters import base_combinations
 from haptid.dynamics.model import DynamicModel
-from haptid.errors import BaseNameError, ContradictionError, MethodSettingError
+from haptid.errors import SettingError, UnknownNameError, suggestion
 from haptid.estimation.feasibility.cone import never_negative
 from haptid.estimation.feasibility.conic_program import Condition, minimise
 from haptid.estimation.feasibility.feasible import FeasibleParameters, nearest_feasible, possible
 from haptid.estimation.least_squares import Knowledge, Solution
-from haptid.estimation.method import Method, Wrapper, expect_weighting
+from haptid.estimation.method import Method, Wrapper, expect_weighting, setting_error
 from haptid.estimation.methods.wls import WLS
 from haptid.observation.observation import MotorRows, Observation
 
@@ -52,7 +52,7 @@ class FixedAtZero(Wrapper):
         """Indices of the base parameters left out.
 
         Raises:
-            BaseNameError: the device has no base parameter of that name.
+            UnknownNameError: the device has no base parameter of that name.
         """
         return indices(observation.base.names, self.names)
 
@@ -61,11 +61,17 @@ def indices(known: tuple[str, ...], names: tuple[str, ...]) -> tuple[int, ...]:
     """Indices of some base parameters among all, ascending.
 
     Raises:
-        BaseNameError: there is none of that name.
+        UnknownNameError: there is none of that name.
     """
     for name in names:
         if name not in known:
-            raise BaseNameError(name, known)
+            raise UnknownNameError(
+                f"the device has no base parameter {name!r}.",
+                where="base parameter",
+                found=name,
+                limit=tuple(known),
+                advice=suggestion(name, known),
+            )
     return tuple(sorted({known.index(name) for name in names}))
 
 
@@ -98,16 +104,23 @@ class EqualityConstraints(Wrapper):
         """The equality constraints.
 
         Raises:
-            UnknownNameError, ExpressionError, NonlinearTargetError: the text is no combination of parameters.
-            UnidentifiableTargetError: it is no combination of base parameters, so it has no effect on torque alone.
-            ContradictionError: the constraints contradict each other.
+            DeviceFileError: the text is no combination of parameters.
+            IdentifiabilityError: it is no combination of base parameters, so it has no effect on torque alone.
+            SettingError: the constraints contradict each other.
         """
         A, b = self._rows(observation.model), np.array(list(self.relations.values()), dtype=float)
         sizes = np.linalg.norm(A, axis=1)
         met = np.linalg.lstsq(A / sizes[:, None], b / sizes, rcond=None)[0]
         off = np.abs(A @ met - b) / (np.abs(A) @ np.abs(met) + np.abs(b) + np.finfo(float).tiny)
         if off.max(initial=0.0) > CONTRADICTION:
-            raise ContradictionError(", ".join(f"{k} = {v:g}" for k, v in self.relations.items()), float(off.max()))
+            relations, left = ", ".join(f"{k} = {v:g}" for k, v in self.relations.items()), float(off.max())
+            raise SettingError(
+                f"the relations {relations} contradict each other: one is off by {left:.3g} of its size at best.",
+                where="relations",
+                found=left,
+                limit=CONTRADICTION,
+                advice="Leave one out.",
+            )
         rank = np.linalg.matrix_rank(A / sizes[:, None])
         if rank < len(b):  # redundant but consistent: an equivalent set of full rank
             u, values, vt = np.linalg.svd(A / sizes[:, None])
@@ -151,7 +164,7 @@ class Bounds(Wrapper):
         object.__setattr__(self, "limits", dict(self.limits))
         for name, (low, high) in self.limits.items():
             if low is not None and high is not None and not low < high:
-                raise MethodSettingError("Bounded", f"limits of {name}", (low, high), "a lower one below the upper one")
+                raise setting_error("Bounds", f"limits of {name}", (low, high), "a lower one below the upper one")
 
     @property
     def name(self) -> str:
@@ -161,8 +174,8 @@ class Bounds(Wrapper):
         """The unconstrained fit if it is within the bounds, else the nearest parameters that are, in weighted torque.
 
         Raises:
-            BaseNameError: the device has no base parameter of that name.
-            UnsolvedError: the solver stopped without a solution.
+            UnknownNameError: the device has no base parameter of that name.
+            ConvergenceError: the solver stopped without a solution.
         """
         names = observation.base.names
         indices(names, tuple(self.limits))
@@ -245,9 +258,9 @@ class BoundedSolution:
     def notes(self, half: Array) -> tuple[str, ...]:
         """Notes for the user: active bounds, and whether they contradict the data."""
         notes = [f"{sentence}." for sentence in self.active]
-        if constrained_outside_ci := self.constrained_outside_ci(half):
+        if outside := self.constrained_outside_ci(half):
             notes.append(
-                f"{', '.join(constrained_outside_ci)}: outside of the confidence interval of the unconstrained fit. Noise alone does "
+                f"{', '.join(outside)}: outside of the confidence interval of the unconstrained fit. Noise alone does "
                 f"not explain this: check the bounds, and look for a term that is missing in the device file."
             )
         return tuple(notes)
@@ -258,9 +271,9 @@ class PhysicallyConsistent(Wrapper):
     """Weighted least squares constrained to physically consistent parameters: of a mass distribution, passive friction.
 
     beta = A chi, with the pseudo-inertia of every link positive semidefinite, rotor inertia and friction non-negative;
-    springs, offsets and user-defined columns are unconstrained (see `FeasibleParameters`). A semidefinite programme on the R
-    factor, whose size does not depend on the length of the log. Weights are those of the unconstrained fit. Where that
-    fit is feasible, it is the estimate, to the last digit.
+    springs, offsets and user-defined columns are unconstrained (see `FeasibleParameters`). A semidefinite programme on
+    the R factor, whose size does not depend on the length of the log. Weights are those of the unconstrained fit. Where
+    that fit is feasible, it is the estimate, to the last digit.
 
     Torque determines beta, not chi: of all chi with these beta it has the one of least log-det divergence from the
     prior, or from a homogeneous ball for every link without one, which is well inside the cone where that is possible.
@@ -292,8 +305,8 @@ class PhysicallyConsistent(Wrapper):
         """The unconstrained fit if it is feasible, else the nearest feasible parameters, in weighted torque.
 
         Raises:
-            NoBodyError: the symmetries declared for the device leave no feasible body.
-            UnsolvedError: the solver stopped without a solution.
+            PhysicalConsistencyError: the symmetries declared for the device leave no feasible body.
+            ConvergenceError: the solver stopped without a solution.
         """
         found = possible(observation.model, free.beta)
         if found.ok:
@@ -382,9 +395,9 @@ class Constrained:
         figures = "; ".join(f"{cost.label} {cost.free:.3g} % to {cost.held:.3g} %" for cost in self.costs)
         notes = [f"{sentence}." for sentence in self.active]
         notes.append(f"Relative error of the unconstrained and of the physically consistent fit: {figures}.")
-        if constrained_outside_ci := self.constrained_outside_ci(half):
+        if outside := self.constrained_outside_ci(half):
             notes.append(
-                f"{', '.join(constrained_outside_ci)}: outside of the confidence interval of the unconstrained fit. Noise alone does "
+                f"{', '.join(outside)}: outside of the confidence interval of the unconstrained fit. Noise alone does "
                 f"not explain this: look for a lag of the velocity, or for friction that is missing in the device "
                 f"file. The constraint does not repair it."
             )

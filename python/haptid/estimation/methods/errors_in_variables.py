@@ -1,4 +1,4 @@
-"""Errors in variables: least squares with noise in the columns, of unknown size (`TLS`) or known (`ErrorsInVariables`)."""
+"""Errors in variables: noise in the columns, of unknown size (`TLS`) or of known size (`ErrorsInVariables`)."""
 
 from __future__ import annotations
 
@@ -11,9 +11,9 @@ import numpy as np
 from scipy import linalg
 
 from haptid._internal.arrays import Array, positive
-from haptid.errors import MethodSettingError, NoisyColumnsError, NoResolutionError
+from haptid.errors import IdentifiabilityError, SettingError
 from haptid.estimation.least_squares import Solution, solve
-from haptid.estimation.method import Fit, expect_whole
+from haptid.estimation.method import Fit, expect_whole, setting_error
 from haptid.estimation.methods.wls import WLS
 from haptid.motion.treatment import Motion, treat
 from haptid.observation.observation import Observation, triangle
@@ -43,8 +43,8 @@ class TLS(_NoisyColumns):
     noise covariance up to a factor: the mean squares of the columns and of the torque. Columns of Coulomb friction and
     offsets are exact. The factor is the smallest generalised eigenvalue; on the R factor.
 
-    Where the noise comes from encoders, `ErrorsInVariables()` knows its size and is the better method: columns of one device
-    are not noisy in proportion to their size.
+    Where the noise comes from encoders, `ErrorsInVariables()` knows its size and is the better method: columns of one
+    device are not noisy in proportion to their size.
 
     Sources: Golub and Van Loan (1980), SIAM J. Numerical Analysis 17(6); Van Huffel and Vandewalle (1991), The Total
     Least Squares Problem, section 3.6 for exact columns; Gautier, Vandanjon and Presse (1994), Proc. IEEE CDC.
@@ -56,8 +56,8 @@ class TLS(_NoisyColumns):
         """The solution of least noise.
 
         Raises:
-            UnexcitedError: the motion does not excite a direction of the parameters.
-            NoisyColumnsError: noise makes up too much of the information on a direction: use another method.
+            IdentifiabilityError: a direction of the parameters is not excited, or noise makes up too much of the
+                information on it.
         """
         solve(observation, np.ones(len(observation.motors)))  # raises where a direction is not excited
         weights = self.weights(observation)
@@ -99,7 +99,7 @@ def noise_corrected(observation: Observation, weights: Array, noise: Sequence[Ar
         noise: expected squares of the noise of every motor's blocks in weighted rows, each (blocks, p + 1, p + 1).
 
     Raises:
-        NoisyColumnsError: more than half of the information on a direction of the parameters would be noise.
+        IdentifiabilityError: more than half of the information on a direction of the parameters would be noise.
     """
     plain = solve(observation, weights)
     N = np.sum([own[motor.rows > 0].sum(axis=0) for own, motor in zip(noise, observation.motors, strict=True)], axis=0)
@@ -107,7 +107,15 @@ def noise_corrected(observation: Observation, weights: Array, noise: Sequence[Ar
     shares, vectors = np.linalg.eigh(plain.root.T @ N[:-1, :-1] @ plain.root)
     if shares[-1] >= MOST_NOISE:
         largest = int(np.argmax(np.abs(plain.root @ vectors[:, -1]) / np.linalg.norm(plain.root, axis=1)))
-        raise NoisyColumnsError(observation.base.names[largest], float(shares[-1]), MOST_NOISE)
+        name, share = observation.base.names[largest], float(shares[-1])
+        raise IdentifiabilityError(
+            f"{100 * share:.0f} % of the information on {name} would be noise of the columns (limit "
+            f"{100 * MOST_NOISE:.0f} %).",
+            where=name,
+            found=share,
+            limit=MOST_NOISE,
+            advice="Lower the cut-off of the position filter, check the resolution of the encoders, or use WLS().",
+        )
     root = plain.root @ (vectors / np.sqrt(1.0 - shares))
     beta = plain.beta + root @ root.T @ (N[:-1, :-1] @ plain.beta - N[:-1, -1])
     rest = float(np.linalg.norm(observation.stack(weights) @ np.append(-beta, 1.0)))
@@ -136,16 +144,17 @@ class ErrorsInVariables(_NoisyColumns):
     draws: int = 4
 
     def __post_init__(self) -> None:
-        expect_whole("Corrected", "draws", self.draws, 1)
+        expect_whole("ErrorsInVariables", "draws", self.draws, 1)
         if self.resolution is not None and not all(positive(r) for r in np.atleast_1d(self.resolution).tolist()):
-            raise MethodSettingError("Corrected", "resolution", self.resolution, "finite steps above zero, or None")
+            wanted = "finite steps above zero, or None"
+            raise setting_error("ErrorsInVariables", "resolution", self.resolution, wanted)
 
     def fit(self, observation: Observation) -> Fit:
         """The corrected solution.
 
         Raises:
-            NoResolutionError: the encoder steps are not given, and the log does not show them.
-            NoisyColumnsError: noise makes up too much of the information on a direction.
+            SettingError: the encoder steps are not given, and the log does not show them.
+            IdentifiabilityError: noise makes up too much of the information on a direction.
         """
         weights = self.weights(observation)
         p = len(observation.base)
@@ -181,13 +190,13 @@ def encoder_steps(motion: Motion, resolution: float | tuple[float, ...] | None) 
     """Resolution of each position channel's encoder, (channels,), rad or m.
 
     Raises:
-        NoResolutionError: not given, and the log does not show it.
+        SettingError: not given, and the log does not show it.
     """
     channels = motion.q.shape[1]
     if resolution is not None:
         return np.broadcast_to(np.asarray(resolution, dtype=float), (channels,))
     if motion.log is None:
-        raise NoResolutionError("the motion has no log")
+        raise _no_resolution("the motion has no log")
     moves = np.abs(np.diff(motion.log.position, axis=0))
     least = 1e-9 * np.ptp(motion.log.position, axis=0)
     return np.array([own[own > floor].min(initial=np.inf) for own, floor in zip(moves.T, least, strict=True)])
@@ -197,11 +206,20 @@ def perturbed(motion: Motion, step: Array, rng: np.random.Generator) -> Motion:
     """The motion with uniform noise of one encoder step added to its positions, treated the same.
 
     Raises:
-        NoResolutionError: its rates are exact and not computed from positions.
+        SettingError: its rates are exact and not computed from positions.
     """
     noise = rng.uniform(-0.5, 0.5, motion.q.shape) * step
     if motion.log is not None:
         return treat(replace(motion.log, position=motion.log.position + noise), motion.treatment)
     if motion.rates is not None:
-        raise NoResolutionError("the motion's velocities are exact, not made from positions")
+        raise _no_resolution("the motion's velocities are exact, not made from positions")
     return replace(motion, q=motion.q + noise)
+
+
+def _no_resolution(why: str) -> SettingError:
+    """The error for encoder steps that are neither given nor in the log."""
+    return SettingError(
+        f"the steps of the encoders are not known: {why}.",
+        where="resolution",
+        advice="Give `resolution`, in rad or m of the position channels.",
+    )

@@ -46,7 +46,7 @@ class SUR(UnitVarianceRows):
         """Decorrelated across motors.
 
         Raises:
-            NoTorqueError: a motor's torque is zero throughout.
+            IdentifiabilityError: a motor's torque is zero throughout.
         """
         rows = Rows(observation)
         beta = solve(observation, WLS().weights(observation)).beta
@@ -133,7 +133,7 @@ class GLS(UnitVarianceRows):
         """Whitened in time.
 
         Raises:
-            NoTorqueError: a motor's torque is zero throughout.
+            IdentifiabilityError: a motor's torque is zero throughout.
         """
         rows = Rows(observation)
         beta = solve(observation, WLS().weights(observation)).beta

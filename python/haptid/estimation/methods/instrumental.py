@@ -48,7 +48,7 @@ def second_stage(observation: Observation, instruments: Observation, weights: Ar
         weights: of each motor's rows, (motors,).
 
     Raises:
-        UnexcitedError: the instruments do not excite a direction of the parameters.
+        IdentifiabilityError: the instruments do not excite a direction of the parameters.
     """
     rows, p = Rows(observation), len(observation.base)
     Z = {stretch.blocks: stretch for stretch in Rows(instruments)}

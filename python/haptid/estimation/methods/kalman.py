@@ -22,9 +22,9 @@ from haptid._internal.arrays import Array, positive
 from haptid.dynamics.inverse import inverse_dynamics
 from haptid.dynamics.model import DynamicModel
 from haptid.dynamics.parametric import ParametricForwardDynamics
-from haptid.errors import MethodSettingError, SimulationLostError
+from haptid.errors import SimulationError
 from haptid.estimation.estimate import Estimate, estimate
-from haptid.estimation.method import Method, UnitVarianceRows, expect_positive
+from haptid.estimation.method import Method, UnitVarianceRows, expect_positive, setting_error
 from haptid.estimation.methods.open_loop import position_noise, recorded_positions, sampled_torque
 from haptid.estimation.methods.simulation_based import base_columns, block_log, by_block
 from haptid.estimation.methods.wls import WLS
@@ -113,7 +113,7 @@ class Filtering(UnitVarianceRows, ABC):
         for name in ("position_noise", "torque_noise"):
             if not all(positive(value) for value in getattr(self, name)):
                 wanted = "finite deviations above zero, one for each torque row"
-                raise MethodSettingError(self.name, name, getattr(self, name), wanted)
+                raise setting_error(self.name, name, getattr(self, name), wanted)
 
     @property
     def name(self) -> str:
@@ -123,8 +123,7 @@ class Filtering(UnitVarianceRows, ABC):
         """The information on the parameters that every block of time adds, as rows of that block.
 
         Raises:
-            SimulationLostError: the filter diverges.
-            MasslessError: a mass matrix cannot be inverted.
+            SimulationError: the filter diverges, or a mass matrix cannot be inverted.
         """
         model, first = observation.model, estimate(observation, self.start)
         smoothed = smooth(model, observation.motions, self.friction)
@@ -164,7 +163,7 @@ class Filtering(UnitVarianceRows, ABC):
             torques = left.std(axis=1)
         for name, figures in (("position_noise", positions), ("torque_noise", torques)):
             if figures.shape != (len(raw),):
-                raise MethodSettingError(self.name, name, figures.tolist(), f"{len(raw)} figures, one for each row")
+                raise setting_error(self.name, name, figures.tolist(), f"{len(raw)} figures, one for each row")
         return FilterInput(motion, raw, sampled_torque(model, motion), treated, (positions, torques))
 
 
@@ -183,12 +182,19 @@ def initial_state(given: FilterInput, k: int, beta: Array, root: Array) -> Filte
 
 
 def _check_speeds(model: DynamicModel, motion: Motion, k: int, state: FilterState) -> None:
-    """Raise SimulationLostError where the filter has diverged."""
+    """Raise SimulationError where the filter has diverged."""
     n = len(model.device.row_names)
     speeds = np.abs(state.x[n : 2 * n])
     if not speeds.max() < FASTEST:
         row = int(np.argmax(np.nan_to_num(speeds, nan=np.inf)))
-        raise SimulationLostError(motion.t0 + k * motion.dt, model.device.row_labels[row], float(speeds[row]), FASTEST)
+        t, label, speed = motion.t0 + k * motion.dt, model.device.row_labels[row], float(speeds[row])
+        raise SimulationError(
+            f"the filter diverges: at {t:.3f} s the speed of {label} is {speed:.3g} rad/s or m/s (limit {FASTEST:g}).",
+            where=t,
+            found=speed,
+            limit=FASTEST,
+            advice="Start from parameters that are physically consistent, such as those of PhysicallyConsistent().",
+        )
 
 
 def information_rows(before: tuple[Array, Array], after: tuple[Array, Array]) -> Array:

@@ -11,11 +11,20 @@ import numpy as np
 from haptid._internal.arrays import Array, positive
 from haptid.device import INERTIAL
 from haptid.dynamics.model import DynamicModel
-from haptid.errors import MethodSettingError, NoPriorError, UnsolvedError
+from haptid.errors import IncompleteDeviceError
 from haptid.estimation.feasibility.cone import Block, Cone
+from haptid.estimation.feasibility.conic_program import unsolved
 from haptid.estimation.feasibility.feasible import FeasibleParameters, roomy
 from haptid.estimation.least_squares import Knowledge, Solution, solve
-from haptid.estimation.method import Fit, Method, Wrapper, expect_positive, expect_weighting, expect_whole
+from haptid.estimation.method import (
+    Fit,
+    Method,
+    Wrapper,
+    expect_positive,
+    expect_weighting,
+    expect_whole,
+    setting_error,
+)
 from haptid.estimation.methods.constrained import Constrained, costs
 from haptid.estimation.methods.wls import WLS
 from haptid.observation.observation import Observation
@@ -70,8 +79,8 @@ class Ridge:
         """One over the standard deviation of each motor's residual in the fit with the prior, (motors,).
 
         Raises:
-            NoPriorError: the device has no prior values.
-            NoTorqueError: a motor's torque is zero throughout.
+            IncompleteDeviceError: the device has no prior values.
+            IdentifiabilityError: a motor's torque is zero throughout.
         """
         return self._weighted(observation, self._prior(observation))
 
@@ -79,7 +88,7 @@ class Ridge:
         """The prior, with standard deviations scaled by the strength.
 
         Raises:
-            NoPriorError: the device has no prior values.
+            IncompleteDeviceError: the device has no prior values.
         """
         prior = self._prior(observation)
         if self.strength is not None:
@@ -101,15 +110,24 @@ class Ridge:
         model = observation.model
         known = [(k, p) for k, p in enumerate(model.base_prior) if p is not None and (p[1] or p[0])]
         if not known:
-            raise NoPriorError(model.device.name)
+            raise _no_prior(model.device.name)
         values = np.array([value for _, (value, _) in known])
-        se = np.array([se or self.share * abs(value) for _, (value, se) in known])
-        return Knowledge(np.eye(len(model.base))[[k for k, _ in known]], values, se)
+        std = np.array([std or self.share * abs(value) for _, (value, std) in known])
+        return Knowledge(np.eye(len(model.base))[[k for k, _ in known]], values, std)
+
+
+def _no_prior(device: str) -> IncompleteDeviceError:
+    """The error for a device without the prior that a method needs."""
+    return IncompleteDeviceError(
+        f"no base parameter of {device!r} has a prior value other than zero to regularise towards.",
+        where=device,
+        advice="Give bodies or values in the device file, for all the parameters of a group, or use WLS().",
+    )
 
 
 def strengthened(prior: Knowledge, strength: float) -> Knowledge:
     """The prior with its weight multiplied."""
-    return Knowledge(prior.A, prior.b, prior.se / np.sqrt(strength))
+    return Knowledge(prior.A, prior.b, prior.std / np.sqrt(strength))
 
 
 def prediction_error(observation: Observation, weights: Array, known: Knowledge) -> float:
@@ -135,8 +153,8 @@ class Entropic(Wrapper):
         D(P || P0) = tr(P0^-1 P) - log det(P0^-1 P) - 4.
 
     It does not depend on frames and units, is zero only at the prior, and tends to infinity towards the boundary of
-    physical consistency. As the strength tends to zero the estimate tends to that of `PhysicallyConsistent()`. Links without a
-    prior body, and friction, are only constrained to be physically consistent.
+    physical consistency. As the strength tends to zero the estimate tends to that of `PhysicallyConsistent()`. Links
+    without a prior body, and friction, are only constrained to be physically consistent.
 
     Where no strength is given, it is chosen by cross-validation over five folds of blocks. Intervals are those of the
     unconstrained fit, widened to the estimate; see `PhysicallyConsistent`.
@@ -154,7 +172,7 @@ class Entropic(Wrapper):
     def __post_init__(self) -> None:
         if self.strength is not None and not (positive(self.strength) and self.strength >= WEAKEST):
             wanted = f"{WEAKEST:g} or more (`PhysicallyConsistent()` has no regularisation), or None"
-            raise MethodSettingError("Entropic", "strength", self.strength, wanted)
+            raise setting_error("Entropic", "strength", self.strength, wanted)
         expect_weighting("Entropic", self.weighting)
 
     @property
@@ -165,14 +183,14 @@ class Entropic(Wrapper):
         """The regularised estimate, with the unconstrained one.
 
         Raises:
-            NoPriorError: no link of the device has a prior body.
-            NoBodyError: the symmetries declared for the device leave no feasible body.
-            UnsolvedError: Newton's method did not converge.
+            IncompleteDeviceError: no link of the device has a prior body.
+            PhysicalConsistencyError: the symmetries declared for the device leave no feasible body.
+            ConvergenceError: Newton's method did not converge.
         """
         model = observation.model
         known = [f"link {name}" for name in prior_links(model)]
         if not known:
-            raise NoPriorError(model.device.name)
+            raise _no_prior(model.device.name)
         cone = roomy(model, free.beta)
         scale = 1.0 if self.unit_residual else free.rest / np.sqrt(free.dof)
         penalty = EntropicPenalty(cone, tuple(block.label in known for block in cone.blocks))
@@ -204,7 +222,7 @@ class EntropicPenalty:
         """The x that minimises |R (A x - beta)|^2 / 2 + strength D, (n,).
 
         Raises:
-            UnsolvedError: Newton's method did not converge.
+            ConvergenceError: Newton's method did not converge.
         """
         stronger = [s for s in ENTROPIC_STRENGTHS if strength < s <= 1.0]
         return self.path(R, beta, (strength, *stronger))[0]
@@ -213,7 +231,7 @@ class EntropicPenalty:
         """The minimisers for ascending strengths, by continuation from the strongest, which is well inside the cone.
 
         Raises:
-            UnsolvedError: Newton's method did not converge.
+            ConvergenceError: Newton's method did not converge.
         """
         x, minimisers = _interior_start(self.cone), []
         for strength in reversed(strengths):
@@ -239,7 +257,7 @@ class EntropicPenalty:
             if decrease < CENTRED**2 * max(1.0, strength):
                 return x
             x = _line_search(rows, R @ beta, blocks, x, step, decrease)
-        raise UnsolvedError("not converged", MOST_STEPS)
+        raise unsolved("Newton's method did not converge", MOST_STEPS)
 
 
 @dataclass(frozen=True, eq=False)

@@ -8,9 +8,9 @@ from typing import ClassVar, Protocol
 import numpy as np
 
 from haptid._internal.arrays import Array
-from haptid.errors import NoTorqueError
 from haptid.estimation.least_squares import solve
 from haptid.estimation.method import UnitVarianceRows, expect_positive, expect_whole
+from haptid.estimation.methods.wls import no_torque
 from haptid.observation.observation import MotorRows, Observation
 from haptid.observation.rows import Rows, RowStretch
 
@@ -90,7 +90,7 @@ class StudentT:
     dof: float = 4.0
 
     def __post_init__(self) -> None:
-        expect_positive("StudentT", "freedom", self.dof)
+        expect_positive("StudentT", "dof", self.dof)
 
     def weight(self, u: Array) -> Array:
         """psi(u) / u, one at zero."""
@@ -131,7 +131,7 @@ class IRLS(UnitVarianceRows):
         """As pseudo-values.
 
         Raises:
-            NoTorqueError: a motor's torque is zero throughout.
+            IdentifiabilityError: a motor's torque is zero throughout.
         """
         rows = Rows(observation)
         beta = solve(observation, np.array([1.0 / _rms_torque(motor) for motor in observation.motors])).beta
@@ -145,10 +145,10 @@ def _rms_torque(motor: MotorRows) -> float:
     """Root mean square torque.
 
     Raises:
-        NoTorqueError: it is zero.
+        IdentifiabilityError: it is zero.
     """
     if motor.norm == 0:
-        raise NoTorqueError(motor.name)
+        raise no_torque(motor.name)
     return motor.norm / float(np.sqrt(motor.rows.sum()))
 
 

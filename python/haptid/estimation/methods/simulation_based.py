@@ -13,14 +13,17 @@ from haptid._internal.arrays import Array, freeze
 from haptid.dynamics.forward import ForwardDynamics, sets_of
 from haptid.dynamics.model import DynamicModel
 from haptid.dynamics.regressor import columns
-from haptid.errors import (
-    NoControllerError,
-    RowsByBlockError,
-    SimulationError,
-    UnsettledError,
-)
+from haptid.errors import SettingError, SimulationError
 from haptid.estimation.estimate import estimate
-from haptid.estimation.method import Method, Wrapper, expect_positive, expect_weighting, expect_whole, rows_of
+from haptid.estimation.method import (
+    Method,
+    Wrapper,
+    expect_positive,
+    expect_weighting,
+    expect_whole,
+    not_converged,
+    rows_of,
+)
 from haptid.estimation.methods.wls import WLS
 from haptid.motion.channels import coordinate_torque, position_map, state
 from haptid.motion.time_shift import delayed
@@ -71,9 +74,9 @@ class SimulationBased(Wrapper, ABC):
         """Rows linearised about the simulation at the estimate: their weighted least squares give the estimate.
 
         Raises:
-            NoControllerError, ControllerError: a closed loop without controller, or with that of another device.
-            SimulationLostError, MasslessError: the model cannot be simulated with the initial parameters.
-            UnsettledError: no convergence within `most` passes.
+            SettingError: a closed loop without controller, or with that of another device.
+            SimulationError: the model cannot be simulated with the initial parameters.
+            ConvergenceError: no convergence within `most` passes.
         """
         self.check(observation)
         beta, found = None, estimate(observation, self.start)
@@ -87,7 +90,8 @@ class SimulationBased(Wrapper, ABC):
             if moved.max() <= self.tolerance:
                 return rows
         worst = int(np.argmax(moved))
-        raise UnsettledError(self.name, self.most, observation.base.names[worst], float(moved[worst]), self.tolerance)
+        name = observation.base.names[worst]
+        raise not_converged(self.name, self.most, name, float(moved[worst]), self.tolerance)
 
     def _next(
         self, observation: Observation, smoothed: DynamicModel, before: Array | None, found: Array
@@ -129,18 +133,22 @@ class ClosedLoop(SimulationBased):
         """The controller.
 
         Raises:
-            NoControllerError: there is none.
+            SettingError: there is none.
         """
         if self.controller is None:
-            raise NoControllerError(type(self).__name__)
+            raise SettingError(
+                f"{self.name} simulates the device under the controller of the log, and none is given.",
+                where="controller",
+                advice=f"Write {self.name}(PID(kp=(...), kd=(...), reference=...)) with the gains at the joint side, "
+                "N m/rad and N m s/rad; or estimate with WLS, which needs none.",
+            )
         return self.controller
 
     def check(self, observation: Observation) -> None:
         """Raise for missing inputs before any simulation.
 
         Raises:
-            NoControllerError: there is no controller.
-            ControllerError: it is one of another device.
+            SettingError: there is no controller, or it is one of another device.
         """
         self.law.figures("kp", observation.model)
 
@@ -328,7 +336,11 @@ def by_block(observation: Observation, method: str, triangles: Array, rows: np.n
     """
 
     def refuse(_: RowStretch) -> RowStretch:
-        raise RowsByBlockError(method)
+        raise SettingError(
+            f"{method} stores the information of each block of time, and no single rows, which these intervals need.",
+            where=method,
+            advice="Use BlockJackknife() or Classical().",
+        )
 
     name = observation.motors[0].name  # a known one, so that a request for its rows gets as far as `refuse`
     motor = MotorRows(name, method, "1", np.arange(triangles.shape[1] - 1), freeze(triangles), rows)

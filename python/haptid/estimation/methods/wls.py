@@ -8,7 +8,7 @@ from typing import ClassVar
 import numpy as np
 
 from haptid._internal.arrays import Array
-from haptid.errors import NoTorqueError
+from haptid.errors import IdentifiabilityError
 from haptid.estimation.least_squares import solve
 from haptid.estimation.method import UnitVarianceRows, expect_whole
 from haptid.observation.observation import MotorRows, Observation
@@ -20,6 +20,16 @@ SCORING_STEPS = 20
 LARGEST_STEP = 2.0
 # Range of log variances around that of the motor, so that a few rows that fit exactly do not take all the weight.
 LOG_RANGE = 6.0
+
+
+def no_torque(motor: str) -> IdentifiabilityError:
+    """The error for a motor whose treated torque is zero throughout."""
+    return IdentifiabilityError(
+        f"the treated torque of motor {motor} is zero in every row, so its rows cannot be weighted by their residual.",
+        where=motor,
+        found=0.0,
+        advice="Map the channel that holds its torque, or estimate with OLS.",
+    )
 
 
 @dataclass(frozen=True)
@@ -68,10 +78,10 @@ class WLS:
         """One over the standard deviation of one motor's residual, limited by rounding where the fit is exact.
 
         Raises:
-            NoTorqueError: the motor's torque is zero throughout.
+            IdentifiabilityError: the motor's torque is zero throughout.
         """
         if motor.norm == 0:
-            raise NoTorqueError(motor.name)
+            raise no_torque(motor.name)
         dof = max(1, int(motor.rows.sum()) - len(motor.columns))
         floor = np.finfo(float).eps * motor.norm / np.sqrt(dof)
         return float(1.0 / max(motor.residual(beta) / np.sqrt(dof), floor))
@@ -101,7 +111,7 @@ class Heteroscedastic(UnitVarianceRows):
         """Each row divided by its own standard deviation.
 
         Raises:
-            NoTorqueError: a motor's torque is zero throughout.
+            IdentifiabilityError: a motor's torque is zero throughout.
         """
         rows = Rows(observation)
         beta = solve(observation, WLS().weights(observation)).beta

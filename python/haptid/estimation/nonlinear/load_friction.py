@@ -12,10 +12,9 @@ import numpy as np
 
 from haptid.device.terms.term import LoadDependentFriction
 from haptid.dynamics.model import DynamicModel
-from haptid.errors import UnsettledError
 from haptid.estimation.estimate import estimate
 from haptid.estimation.intervals.covariance import Intervals
-from haptid.estimation.method import Method, only_weighs
+from haptid.estimation.method import Method, not_converged, only_weighs
 from haptid.estimation.methods.constrained import FixedAtZero
 from haptid.estimation.methods.kalman import Filtering
 from haptid.estimation.methods.wls import WLS
@@ -95,8 +94,8 @@ def fit_load_friction(model: DynamicModel, motions: Sequence[RowSource], method:
             and priors apply in the final fit.
 
     Raises:
-        AccelerationColumnError: a motion has no accelerations.
-        UnsettledError: no convergence.
+        MissingAccelerationError: a motion has no accelerations.
+        ConvergenceError: no convergence.
         HaptidError: as `observe` and `estimate`.
     """
     weighting = _weighting(method)
@@ -111,7 +110,8 @@ def fit_load_friction(model: DynamicModel, motions: Sequence[RowSource], method:
             return here
         beta = found.beta
     worst = int(np.argmax(moved))
-    raise UnsettledError("friction by load", MOST_PASSES, model.base.names[worst], float(moved[worst]), CONVERGED)
+    name = model.base.names[worst]
+    raise not_converged("friction by load", MOST_PASSES, name, float(moved[worst]), CONVERGED)
 
 
 def _weighting(method: Method | None) -> Method:

@@ -17,7 +17,7 @@ from scipy import stats
 from haptid._internal.arrays import Array
 from haptid.device.terms.term import Searched
 from haptid.dynamics.model import DynamicModel
-from haptid.errors import MethodSettingError, UnsearchableError
+from haptid.errors import EstimationError, SettingError
 from haptid.estimation.estimate import fitted
 from haptid.estimation.intervals.cluster_robust import ClusterRobust
 from haptid.estimation.intervals.covariance import Intervals, Spread
@@ -48,6 +48,7 @@ class _Profile:
     """Likelihood profile of one constant: increase of the squared residual, all other parameters fitted again.
 
     Attributes:
+        name: of the constant.
         searched: the constant and its range.
         x: its estimate, in units of `coordinate`.
         grid: values of the profile, in the same units, (points,).
@@ -57,6 +58,7 @@ class _Profile:
         dof: degrees of freedom.
     """
 
+    name: str
     searched: Searched
     x: float
     grid: Array
@@ -69,14 +71,20 @@ class _Profile:
         """Where the increase is t^2 times the noise variance and the squared ratio; at most the ends of the grid.
 
         Raises:
-            MethodSettingError: the profile does not extend to this level.
+            SettingError: the profile does not extend to this level.
         """
         t = float(half_width(1.0, self.dof, level))
         ends = [coordinate(self.searched, end) for end in (self.searched.low, self.searched.high)]
         if level > LEVEL and t > PROFILE_EXTENT and (self.grid[0] > ends[0] or self.grid[-1] < ends[1]):
-            most = 2 * stats.t.cdf(PROFILE_EXTENT, self.dof) - 1
-            wanted = f"at most {most:.4g}: the profile extends to {PROFILE_EXTENT:g} standard errors"
-            raise MethodSettingError("Constant.conf_int", "level", level, wanted)
+            most = float(2 * stats.t.cdf(PROFILE_EXTENT, self.dof) - 1)
+            raise SettingError(
+                f"{self.name}: the likelihood profile extends to {PROFILE_EXTENT:g} standard errors, too little "
+                f"for the level {level:g} (at most {most:.4g}).",
+                where="level",
+                found=level,
+                limit=most,
+                advice="Record longer, so that there are more degrees of freedom, or use a lower level.",
+            )
         limit = float(np.sqrt(t**2 * self.noise * self.ratio**2))
         low, high = (self.x + side * _crossing(side * (self.grid - self.x), self.increase, limit) for side in (-1, 1))
         return value_of(self.searched, low), value_of(self.searched, high)
@@ -123,7 +131,7 @@ class Constant:
         An end at a limit of the range means that the log does not bound it.
 
         Raises:
-            MethodSettingError: the profile does not extend to this level.
+            SettingError: the profile does not extend to this level.
         """
         return (self.low, self.high) if self.profile is None else self.profile.conf_int(level)
 
@@ -195,8 +203,8 @@ def variable_projection(
         progress: called with the share of the work done, 0 to 1.
 
     Raises:
-        UnsearchableError: the device has none, or one whose term is regrouped with another term.
-        MethodSettingError: the method does more than weight rows, fix parameters at zero or constrain them.
+        EstimationError: the device has none, or one whose term is regrouped with another term.
+        SettingError: the method does more than weight rows, fix parameters at zero or constrain them.
         HaptidError: as `observe` and `estimate`.
     """
     weighting = getattr(method, "weighting", method) or WLS()
@@ -220,21 +228,25 @@ def variable_projection(
 
 
 def _check_searchable(model: DynamicModel) -> None:
-    if not model.device.searched:
-        raise UnsearchableError(model.device.name, "no term of it has a constant to be searched")
+    """Raise EstimationError where there is no constant to search, or where its term is regrouped."""
+    why = "no term of it has a constant to be searched"
     kept = [model.device.parameters.members[k] for k in model.base.independent_columns]
     for k, constant in model.device.searched:
         name = model.terms[k].name
         members = next((names for names in kept if name in names), ())
         if len(members) != 1:
-            why = (
-                f"{name} is one parameter with {', '.join(n for n in members if n != name)}"
-                if members
-                else "it has no separate effect on torque"
-            )
-            raise UnsearchableError(
-                model.device.name, f"{name}.{constant.name} belongs to no parameter of its own: {why}"
-            )
+            others = ", ".join(n for n in members if n != name)
+            why = f"{name}.{constant.name} belongs to no parameter of its own: "
+            why += f"{name} is one parameter with {others}" if members else "it has no separate effect on torque"
+            break
+    else:
+        if model.device.searched:
+            return
+    raise EstimationError(
+        f"{model.device.name}: {why}.",
+        where=model.device.name,
+        advice="Write a constant as velocity = { start = 0.05, low = 0.005, high = 0.5 }, each term on its own.",
+    )
 
 
 def coordinate(constant: Searched, value: float) -> float:
@@ -382,7 +394,7 @@ def _constant(found: Iterate, motions: Sequence[RowSource], fit: Fit, intervals:
     classical = float(np.sqrt((row @ fit.solution.classical_covariance(fit.unit_residual) @ row.T)[0, 0]))
     noise = 1.0 if fit.unit_residual else fit.solution.rest**2 / fit.solution.dof
     x, grid, increase = _profile(found, motions, fit.weights, k, robust)
-    profile = _Profile(searched, x, grid, increase, noise, robust / classical, float(spread.dof[0]))
+    profile = _Profile(name, searched, x, grid, increase, noise, robust / classical, float(spread.dof[0]))
     slope = value if searched.positive else searched.high - searched.low
     return Constant(name, searched.unit, value, robust * slope, searched.low, searched.high, profile)
 
