@@ -66,7 +66,7 @@ def test_a_prior_that_is_the_truth_stays(model):
     conditions = roomy(model, model.base.of(np.nan_to_num(model.device.chi_prior) + 0.1))
     pull = EntropicPenalty(conditions, tuple(block.is_link for block in conditions.blocks))
     R = np.zeros((len(model.base),) * 2)  # no data
-    x = pull.least(R, np.zeros(len(model.base)), 1.0)
+    x = pull.minimiser(R, np.zeros(len(model.base)), 1.0)
     raw = [k for k, kind in enumerate(model.device.parameters.kinds) if kind not in ("FV", "FC")]
     np.testing.assert_allclose((conditions.scale * x)[raw], model.device.chi_prior[raw], rtol=1e-6, atol=1e-9)
 
