@@ -18,7 +18,8 @@ from haptid.estimation.least_squares import Solution, solve
 from haptid.estimation.method import Fit, Fitting, Knowing, Method, Reduced, rows_of
 from haptid.estimation.methods.constrained import BoundedSolution, Constrained
 from haptid.estimation.methods.wls import WLS
-from haptid.observation.observation import Block, Observation
+from haptid.observation.observation import Observation
+from haptid.observation.plan import Block
 from haptid.uncertainty.quantities import LEVEL, Quantities, half_width
 
 # Condition number with unit columns above which single parameters are unreliable (Gautier's rule).

@@ -10,7 +10,8 @@ from scipy import linalg
 
 from haptid._internal.arrays import Array, expect, read_only
 from haptid.errors import IdentifiabilityError, NoRowsError
-from haptid.observation.observation import Observation, triangle
+from haptid.observation.observation import Observation
+from haptid.observation.r_factor import triangle
 
 # Least ratio of singular values of the R factor with unit columns: below it a direction is not excited.
 EXCITED = 1e-10

@@ -15,7 +15,7 @@ from haptid.errors import IdentifiabilityError, PhysicalConsistencyError, Settin
 from haptid.estimation.feasibility.cone import Block, Cone, Part, cone, parts, pseudo_inertia
 from haptid.estimation.feasibility.conic_program import Condition, minimise
 from haptid.estimation.least_squares import weakest
-from haptid.observation.observation import triangle
+from haptid.observation.r_factor import triangle
 
 # A margin this little below zero is rounding.
 ROUNDING = 1e-7

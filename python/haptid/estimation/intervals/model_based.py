@@ -77,15 +77,13 @@ def _middle(rows: Rows, fit: Fit, models: Sequence[Autoregression]) -> Array:
     """W'C W in the coordinates of `fit.moments`, (k, k); unused rows are zero, so gaps count as time."""
     k = fit.solution.root.shape[1]
     middle = np.zeros((k, k))
-    for stretch in rows:
-        length = fft.next_fast_len(2 * stretch.y.shape[1], real=True)
+    for chunk in rows:
+        length = fft.next_fast_len(2 * chunk.y.shape[1], real=True)
         once = np.full(length // 2 + 1, 2.0)
         once[0] = 1.0
         if length % 2 == 0:
             once[-1] = 1.0
-        for W, weight, autoregression, motor in zip(
-            stretch.W, fit.weights, models, rows.observation.motors, strict=True
-        ):
+        for W, weight, autoregression, motor in zip(chunk.W, fit.weights, models, rows.observation.motors, strict=True):
             taken = motor.rows.sum() / max(1, motor.rows.sum() - len(motor.columns))
             X = fft.rfft(weight**2 * (W @ fit.solution.root), length, axis=0)
             power = taken * autoregression.spectrum(length) * once / length
@@ -156,8 +154,8 @@ def burg(parts: Sequence[Array], most: int) -> Autoregression:
 def residual_runs(rows: Rows, beta: Array) -> list[list[Array]]:
     """The unbroken runs of every motor's residual, motor by motor."""
     parts: list[list[Array]] = [[] for _ in rows.observation.motors]
-    for stretch in rows:
-        for own, e, used in zip(parts, stretch.residual(beta), stretch.used, strict=True):
+    for chunk in rows:
+        for own, e, used in zip(parts, chunk.residual(beta), chunk.used, strict=True):
             own.extend(e[run] for run in runs_of(used))
     return parts
 

@@ -16,8 +16,9 @@ from haptid.estimation.least_squares import Solution, solve
 from haptid.estimation.method import Fit, expect_whole, setting_error
 from haptid.estimation.methods.wls import WLS
 from haptid.motion.treatment import Motion, treat
-from haptid.observation.observation import Observation, triangle
-from haptid.observation.rows import Rows, stretches_of
+from haptid.observation.observation import Observation
+from haptid.observation.r_factor import triangle
+from haptid.observation.rows import Rows, chunks_of
 
 # Largest share of noise in the information on a direction; with more, the corrected equations are ill-conditioned.
 MOST_NOISE = 0.5
@@ -171,7 +172,7 @@ class ErrorsInVariables(_NoisyColumns):
         motions = [perturbed(motion, encoder_steps(motion, self.resolution), rng) for motion in observation.motions]
         names = {id(a): b for a, b in zip(observation.motions, motions, strict=True)}
         other = of_motions(observation, [names[id(motion)] for motion in observation.motions])
-        for plain, moved in zip(Rows(observation), stretches_of(other), strict=True):
+        for plain, moved in zip(Rows(observation), chunks_of(other), strict=True):
             both = plain.used & moved.used
             change = (moved.W - plain.W) * both[:, :, None]
             for k, (start, stop) in zip(plain.blocks, pairwise(plain.edges), strict=True):

@@ -15,7 +15,7 @@ from haptid.estimation.least_squares import solve
 from haptid.estimation.method import Fit, Moments, UnitVarianceRows, expect_whole
 from haptid.estimation.methods.wls import WLS
 from haptid.observation.observation import Observation
-from haptid.observation.rows import Rows, RowStretch
+from haptid.observation.rows import Chunk, Rows
 
 # Significance level of the test whether whitened rows predict unseen blocks worse than weighted ones.
 SIGNIFICANCE = 0.01
@@ -64,27 +64,27 @@ class Decorrelation:
 
     covariance: Array
 
-    def __call__(self, stretch: RowStretch) -> RowStretch:
-        W, y = np.zeros_like(stretch.W), np.zeros_like(stretch.y)
-        patterns, which = np.unique(stretch.used, axis=1, return_inverse=True)
+    def __call__(self, chunk: Chunk) -> Chunk:
+        W, y = np.zeros_like(chunk.W), np.zeros_like(chunk.y)
+        patterns, which = np.unique(chunk.used, axis=1, return_inverse=True)
         for number, pattern in enumerate(patterns.T):
             motors, at = np.flatnonzero(pattern), np.flatnonzero(which.ravel() == number)
             if not len(motors):
                 continue
             mix = np.linalg.inv(np.linalg.cholesky(self.covariance[np.ix_(motors, motors)]))
             here = np.ix_(motors, at)
-            W[here], y[here] = np.einsum("ij,jrp->irp", mix, stretch.W[here]), mix @ stretch.y[here]
-        return replace(stretch, W=W, y=y)
+            W[here], y[here] = np.einsum("ij,jrp->irp", mix, chunk.W[here]), mix @ chunk.y[here]
+        return chunk.with_rows(W, y)
 
 
 def covariance(rows: Rows, beta: Array) -> Array:
     """Covariance of all motors' residuals at one instant, (motors, motors), from the instants used of both motors."""
     motors = rows.observation.motors
     products, pairs = np.zeros((len(motors),) * 2), np.zeros((len(motors),) * 2)
-    for stretch in rows:
-        e = stretch.residual(beta)
+    for chunk in rows:
+        e = chunk.residual(beta)
         products += e @ e.T
-        pairs += stretch.used.astype(float) @ stretch.used.T
+        pairs += chunk.used.astype(float) @ chunk.used.T
     # Standard deviations are those of WLS; correlations come from pairs. A motor that fits exactly has none.
     se = np.array([1.0 / WLS().weight(motor, beta) for motor in motors])
     raw = np.sqrt(np.diag(products) / np.diag(pairs))
@@ -106,7 +106,7 @@ def nearest_correlation(C: Array) -> Array:
 class GLS(UnitVarianceRows):
     """Generalised least squares with an autoregressive model of each motor's residual.
 
-    Torque and columns pass the filter that whitens the residual, with the first rows of every stretch kept
+    Torque and columns pass the filter that whitens the residual, with the first rows of every chunk kept
     (Prais-Winsten); the model is estimated again from the residual of each fit, its order by BIC. The whitened
     residual has unit variance, so `Classical()` intervals are the method's own.
 
@@ -184,14 +184,14 @@ class Whitening:
 
     models: Sequence[Autoregression]
 
-    def __call__(self, stretch: RowStretch) -> RowStretch:
-        W, y = np.zeros_like(stretch.W), np.zeros_like(stretch.y)
+    def __call__(self, chunk: Chunk) -> Chunk:
+        W, y = np.zeros_like(chunk.W), np.zeros_like(chunk.y)
         for k, autoregression in enumerate(self.models):
-            reached = np.flatnonzero(stretch.W[k].any(axis=0))
-            for run in runs_of(stretch.used[k]):
-                W[k, run, reached] = autoregression.whitened(stretch.W[k, run][:, reached]).T
-                y[k, run] = autoregression.whitened(stretch.y[k, run])
-        return replace(stretch, W=W, y=y)
+            reached = np.flatnonzero(chunk.W[k].any(axis=0))
+            for run in runs_of(chunk.used[k]):
+                W[k, run, reached] = autoregression.whitened(chunk.W[k, run][:, reached]).T
+                y[k, run] = autoregression.whitened(chunk.y[k, run])
+        return chunk.with_rows(W, y)
 
 
 def residual_models(rows: Rows, beta: Array, most_order: int) -> list[Autoregression]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -10,8 +10,9 @@ from haptid._internal.arrays import Array
 from haptid.dynamics.model import DynamicModel
 from haptid.estimation.least_squares import check_excited
 from haptid.estimation.methods.simulation_based import ClosedLoop, along, treated_as
-from haptid.observation.observation import Observation, triangle
-from haptid.observation.rows import Rows, RowStretch
+from haptid.observation.observation import Observation
+from haptid.observation.r_factor import triangle
+from haptid.observation.rows import Chunk, Rows
 
 
 @dataclass(frozen=True)
@@ -51,11 +52,11 @@ def second_stage(observation: Observation, instruments: Observation, weights: Ar
         IdentifiabilityError: the instruments do not excite a direction of the parameters.
     """
     rows, p = Rows(observation), len(observation.base)
-    Z = {stretch.blocks: stretch for stretch in Rows(instruments)}
+    Z = {chunk.blocks: chunk for chunk in Rows(instruments)}
     corner = np.zeros((2 * p + 1, 2 * p + 1))
-    for stretch in rows:
-        z = Z[stretch.blocks].W * stretch.used[:, :, None]
-        parts = np.concatenate([z, stretch.W, stretch.y[:, :, None]], axis=2) * weights[:, None, None]
+    for chunk in rows:
+        z = Z[chunk.blocks].W * chunk.used[:, :, None]
+        parts = np.concatenate([z, chunk.W, chunk.y[:, :, None]], axis=2) * weights[:, None, None]
         corner = triangle(np.concatenate([corner, parts.reshape(-1, 2 * p + 1)]))
     RZ, QW, Qy = corner[:p, :p], corner[:p, p : 2 * p], corner[:p, -1]
     for corner in (RZ, QW):
@@ -63,9 +64,9 @@ def second_stage(observation: Observation, instruments: Observation, weights: Ar
     beta = np.asarray(np.linalg.solve(QW, Qy), dtype=np.float64)
     P = np.linalg.solve(RZ, QW)
 
-    def change(stretch: RowStretch) -> RowStretch:
-        fitted = (Z[stretch.blocks].W * stretch.used[:, :, None]) @ P
-        return replace(stretch, W=fitted, y=stretch.residual(beta) + fitted @ beta)
+    def change(chunk: Chunk) -> Chunk:
+        fitted = (Z[chunk.blocks].W * chunk.used[:, :, None]) @ P
+        return chunk.with_rows(fitted, chunk.residual(beta) + fitted @ beta)
 
     reached = [np.arange(p) for _ in observation.motors]
     return rows.folded(change, reached)

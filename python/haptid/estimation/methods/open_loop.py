@@ -12,7 +12,8 @@ from haptid.dynamics.model import DynamicModel
 from haptid.estimation.methods.simulation_based import SimulationBased, base_columns, block_log, by_block
 from haptid.motion.channels import coordinate_torque, position_map
 from haptid.motion.treatment import Motion
-from haptid.observation.observation import Observation, triangle
+from haptid.observation.observation import Observation
+from haptid.observation.r_factor import triangle
 from haptid.simulation import Stretches, measured_state, open_loop, sensitivity
 
 # Least standard deviation of position noise, relative to that of the positions.

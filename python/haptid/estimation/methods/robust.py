@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from typing import ClassVar, Protocol
 
 import numpy as np
@@ -12,7 +12,7 @@ from haptid.estimation.least_squares import solve
 from haptid.estimation.method import UnitVarianceRows, expect_positive, expect_whole
 from haptid.estimation.methods.wls import no_torque
 from haptid.observation.observation import MotorRows, Observation
-from haptid.observation.rows import Rows, RowStretch
+from haptid.observation.rows import Chunk, Rows
 
 # Median absolute deviation of a unit normal distribution.
 NORMAL_MAD = 0.6744897501960817
@@ -207,9 +207,9 @@ class Reweighting:
 
     scales: RobustScales
 
-    def __call__(self, stretch: RowStretch) -> RowStretch:
-        weights = self.scales.weights(stretch.residual(self.scales.beta))
-        return stretch.scaled(np.sqrt(weights * self.scales.gain[:, None]) / self.scales.unit[:, None])
+    def __call__(self, chunk: Chunk) -> Chunk:
+        weights = self.scales.weights(chunk.residual(self.scales.beta))
+        return chunk.scaled(np.sqrt(weights * self.scales.gain[:, None]) / self.scales.unit[:, None])
 
 
 @dataclass(frozen=True, eq=False)
@@ -218,8 +218,8 @@ class PseudoValues:
 
     scales: RobustScales
 
-    def __call__(self, stretch: RowStretch) -> RowStretch:
-        e = stretch.residual(self.scales.beta)
+    def __call__(self, chunk: Chunk) -> Chunk:
+        e = chunk.residual(self.scales.beta)
         kept = e * self.scales.weights(e) * self.scales.gain[:, None]
-        values = replace(stretch, y=np.where(stretch.used, stretch.y - e + kept, 0.0))
+        values = chunk.with_rows(chunk.W, np.where(chunk.used, chunk.y - e + kept, 0.0))
         return values.scaled(np.broadcast_to(1.0 / self.scales.unit[:, None], e.shape))

@@ -26,10 +26,12 @@ from haptid.estimation.method import (
 )
 from haptid.estimation.methods.wls import WLS
 from haptid.motion.channels import coordinate_torque, position_map, state
-from haptid.motion.time_shift import delayed
+from haptid.motion.streaming import delayed
 from haptid.motion.treatment import Motion, treat
-from haptid.observation.observation import MotorRows, Observation, Plan
-from haptid.observation.rows import Rows, RowStretch, decimated
+from haptid.observation.filtering import decimate
+from haptid.observation.observation import MotorRows, Observation
+from haptid.observation.plan import Plan
+from haptid.observation.rows import Chunk, Rows
 from haptid.simulation import PID, Course, Sensitivity, Steps, Stretches, closed_loop, sensitivity, smooth
 
 # Number of full Gauss-Newton steps; later ones are halved, because some would oscillate between two points.
@@ -265,7 +267,7 @@ def along(observation: Observation, motions: list[Motion]) -> Observation:
     """The observation with its rows made from other motions, one for each of its own, with the same samples."""
     names = {block_log(old): block_log(new) for old, new in zip(observation.motions, motions, strict=True)}
     blocks = tuple(replace(block, log=names[block.log]) for block in observation.blocks)
-    return Rows(replace(observation, motions=tuple(motions), blocks=blocks)).folded(lambda stretch: stretch)
+    return Rows(replace(observation, motions=tuple(motions), blocks=blocks)).folded(lambda chunk: chunk)
 
 
 def block_log(motion: Motion) -> str:
@@ -303,9 +305,9 @@ def linearised_observation(
     """
     by_index = {block: rows for part in parts for block, rows in _block_rows(observation, part)}
 
-    def change(stretch: RowStretch) -> RowStretch:
-        J, error = (np.concatenate(x, axis=1) for x in zip(*(by_index[k] for k in stretch.blocks), strict=True))
-        return replace(stretch, W=J * stretch.used[:, :, None], y=(error + J @ beta) * stretch.used)
+    def change(chunk: Chunk) -> Chunk:
+        J, error = (np.concatenate(x, axis=1) for x in zip(*(by_index[k] for k in chunk.blocks), strict=True))
+        return chunk.with_rows(J * chunk.used[:, :, None], (error + J @ beta) * chunk.used)
 
     folded = Rows(observation).folded(change, [np.arange(len(beta)) for _ in observation.motors])
     motors = (replace(motor, unit=unit) for motor, unit in zip(folded.motors, units, strict=True))
@@ -321,8 +323,8 @@ def _block_rows(observation: Observation, part: Linearised) -> Iterator[tuple[in
     for block, (start, stop) in zip(plan.blocks(block_log(part.motion)), starts, strict=True):
         if block in index:
             low, high = plan.window(start, stop)
-            J = decimated(part.slope[own, :, low:high], plan.taps, d)
-            yield index[block], (J.transpose(0, 2, 1), decimated(part.error[own, low:high], plan.taps, d))
+            J = decimate(part.slope[own, :, low:high], plan.taps, d)
+            yield index[block], (J.transpose(0, 2, 1), decimate(part.error[own, low:high], plan.taps, d))
 
 
 def by_block(observation: Observation, method: str, triangles: Array, rows: np.ndarray) -> Observation:
@@ -335,7 +337,7 @@ def by_block(observation: Observation, method: str, triangles: Array, rows: np.n
         rows: in each, (blocks,).
     """
 
-    def refuse(_: RowStretch) -> RowStretch:
+    def refuse(_: Chunk) -> Chunk:
         raise SettingError(
             f"{method} stores the information of each block of time, and no single rows, which these intervals need.",
             where=method,

@@ -12,7 +12,7 @@ from haptid.errors import IdentifiabilityError
 from haptid.estimation.least_squares import solve
 from haptid.estimation.method import UnitVarianceRows, expect_whole
 from haptid.observation.observation import MotorRows, Observation
-from haptid.observation.rows import Rows, RowStretch
+from haptid.observation.rows import Chunk, Rows
 
 # Fisher scoring steps for the variance function in each pass; the next pass continues from there.
 SCORING_STEPS = 20
@@ -138,21 +138,21 @@ class VarianceFunction:
     load: Array
     beta: Array
 
-    def __call__(self, stretch: RowStretch) -> RowStretch:
-        return stretch.scaled(np.where(stretch.used, np.exp(-0.5 * self.log_variances(stretch)), 0.0))
+    def __call__(self, chunk: Chunk) -> Chunk:
+        return chunk.scaled(np.where(chunk.used, np.exp(-0.5 * self.log_variances(chunk)), 0.0))
 
-    def log_variances(self, stretch: RowStretch) -> Array:
+    def log_variances(self, chunk: Chunk) -> Array:
         """log sigma^2 of all rows, (motors, rows)."""
-        Z = variance_regressors(stretch, self.speed, self.load, self.beta)
+        Z = variance_regressors(chunk, self.speed, self.load, self.beta)
         logs = np.einsum("mrk,mk->mr", Z, self.a)
         middle = self.a @ np.array([1.0, 1.0, 1.0])
         return np.asarray(np.clip(logs, middle[:, None] - LOG_RANGE, middle[:, None] + LOG_RANGE))
 
 
-def variance_regressors(stretch: RowStretch, speed: Array, load: Array, beta: Array) -> Array:
+def variance_regressors(chunk: Chunk, speed: Array, load: Array, beta: Array) -> Array:
     """One, speed and load, divided by their root mean squares, (motors, rows, 3)."""
-    torque = np.abs(stretch.W @ beta) / load[:, None]
-    return np.stack([np.ones_like(torque), np.abs(stretch.velocity) / speed[:, None], torque], axis=2)
+    torque = np.abs(chunk.W @ beta) / load[:, None]
+    return np.stack([np.ones_like(torque), np.abs(chunk.velocity) / speed[:, None], torque], axis=2)
 
 
 def variance_function(rows: Rows, beta: Array, before: VarianceFunction | None) -> VarianceFunction:
@@ -163,9 +163,9 @@ def variance_function(rows: Rows, beta: Array, before: VarianceFunction | None) 
     if before is None:
         a[:, 0] = [-2.0 * np.log(WLS().weight(motor, beta)) for motor in motors]
     parts: list[list[tuple[Array, Array]]] = [[] for _ in motors]
-    for stretch in rows:
-        Z, e = variance_regressors(stretch, speed, load, beta), stretch.residual(beta)
-        for k, used in enumerate(stretch.used):
+    for chunk in rows:
+        Z, e = variance_regressors(chunk, speed, load, beta), chunk.residual(beta)
+        for k, used in enumerate(chunk.used):
             parts[k].append((Z[k, used], e[k, used]))
     for k, own in enumerate(parts):
         Z, e = (np.concatenate(each) for each in zip(*own, strict=True))
@@ -178,9 +178,9 @@ def variance_function(rows: Rows, beta: Array, before: VarianceFunction | None) 
 def rms_speed_and_load(rows: Rows, beta: Array) -> tuple[Array, Array]:
     """Root mean square speed and model torque of every motor's used rows, each (motors,); one where zero."""
     sums = np.zeros((2, len(rows.observation.motors)))
-    for stretch in rows:
-        sums[0] += (np.where(stretch.used, stretch.velocity, 0.0) ** 2).sum(axis=1)
-        sums[1] += ((stretch.W @ beta) ** 2).sum(axis=1)
+    for chunk in rows:
+        sums[0] += (np.where(chunk.used, chunk.velocity, 0.0) ** 2).sum(axis=1)
+        sums[1] += ((chunk.W @ beta) ** 2).sum(axis=1)
     counts = np.array([motor.rows.sum() for motor in rows.observation.motors])
     speed, load = np.sqrt(sums / counts)
     return np.where(speed > 0, speed, 1.0), np.where(load > 0, load, 1.0)
