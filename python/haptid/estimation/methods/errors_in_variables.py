@@ -170,9 +170,7 @@ class ErrorsInVariables(_NoisyColumns):
     def _changes(self, observation: Observation, rng: np.random.Generator) -> Iterator[tuple[int, int, Array]]:
         """Block, motor, and the change of its columns by a perturbation of the positions, (rows, p)."""
         motions = [perturbed(motion, encoder_steps(motion, self.resolution), rng) for motion in observation.motions]
-        names = {id(a): b for a, b in zip(observation.motions, motions, strict=True)}
-        other = of_motions(observation, [names[id(motion)] for motion in observation.motions])
-        for plain, moved in zip(Rows(observation), chunks_of(other), strict=True):
+        for plain, moved in zip(Rows(observation), chunks_of(of_motions(observation, motions)), strict=True):
             both = plain.used & moved.used
             change = (moved.W - plain.W) * both[:, :, None]
             for k, (start, stop) in zip(plain.blocks, pairwise(plain.edges), strict=True):
@@ -181,9 +179,9 @@ class ErrorsInVariables(_NoisyColumns):
 
 
 def of_motions(observation: Observation, motions: Sequence[Motion]) -> Observation:
-    """The same blocks of other motions of the same lengths."""
-    of = {f"motion {id(a):x}": f"motion {id(b):x}" for a, b in zip(observation.motions, motions, strict=True)}
-    blocks = tuple(replace(block, log=of.get(block.log, block.log)) for block in observation.blocks)
+    """The same blocks of other motions, one for each of the observation's, with the same samples."""
+    names = {old.name: new.name for old, new in zip(observation.motions, motions, strict=True)}
+    blocks = tuple(replace(block, log=names[block.log]) for block in observation.blocks)
     return replace(observation, motions=tuple(motions), blocks=blocks)
 
 

@@ -26,7 +26,7 @@ from haptid.errors import SimulationError
 from haptid.estimation.estimate import Estimate, estimate
 from haptid.estimation.method import Method, UnitVarianceRows, expect_positive, setting_error
 from haptid.estimation.methods.open_loop import position_noise, recorded_positions, sampled_torque
-from haptid.estimation.methods.simulation_based import base_columns, block_log, by_block
+from haptid.estimation.methods.simulation_based import base_columns, by_block
 from haptid.estimation.methods.wls import WLS
 from haptid.motion.channels import coordinate_torque, coordinates
 from haptid.motion.treatment import Motion
@@ -211,10 +211,9 @@ def information_rows(before: tuple[Array, Array], after: tuple[Array, Array]) ->
 
 def consecutive_blocks(observation: Observation, motion: Motion) -> Iterator[list[tuple[int, int, int]]]:
     """Runs of consecutive blocks of one motion: index in the observation, first sample, and one past the last."""
-    name = block_log(motion)
     run: list[tuple[int, int, int]] = []
     for k, block in enumerate(observation.blocks):
-        if block.log != name:
+        if block.log != motion.name:
             continue
         start, stop = (
             int(np.clip(round((t - motion.t0) / motion.dt), 0, len(motion) - 1)) for t in (block.start, block.stop)

@@ -9,7 +9,7 @@ import numpy as np
 from haptid._internal.arrays import Array
 from haptid.dynamics.forward import ForwardDynamics, sets_of
 from haptid.dynamics.model import DynamicModel
-from haptid.estimation.methods.simulation_based import SimulationBased, base_columns, block_log, by_block
+from haptid.estimation.methods.simulation_based import SimulationBased, base_columns, by_block
 from haptid.motion.channels import coordinate_torque, position_map
 from haptid.motion.treatment import Motion
 from haptid.observation.observation import Observation
@@ -98,7 +98,6 @@ def position_noise(raw: Array, treated: Array, motion: Motion) -> Array:
 
 def stretch_blocks(observation: Observation, motion: Motion, stretches: Stretches) -> list[int | None]:
     """Index of the block that each stretch lies in, None where there is none."""
-    name = block_log(motion)
-    own = [(k, block) for k, block in enumerate(observation.blocks) if block.log == name]
+    own = [(k, block) for k, block in enumerate(observation.blocks) if block.log == motion.name]
     middle = motion.t0 + motion.dt * stretches.sample[len(stretches.sample) // 2]
     return [next((k for k, block in own if block.start <= t < block.stop), None) for t in middle]

@@ -24,6 +24,7 @@ from haptid.estimation.method import (
     not_converged,
     rows_of,
 )
+from haptid.estimation.methods.errors_in_variables import of_motions
 from haptid.estimation.methods.wls import WLS
 from haptid.motion.channels import coordinate_torque, position_map, state
 from haptid.motion.streaming import delayed
@@ -265,14 +266,7 @@ def treated_as(model: DynamicModel, course: Course) -> Motion:
 
 def along(observation: Observation, motions: list[Motion]) -> Observation:
     """The observation with its rows made from other motions, one for each of its own, with the same samples."""
-    names = {block_log(old): block_log(new) for old, new in zip(observation.motions, motions, strict=True)}
-    blocks = tuple(replace(block, log=names[block.log]) for block in observation.blocks)
-    return Rows(replace(observation, motions=tuple(motions), blocks=blocks)).folded(lambda chunk: chunk)
-
-
-def block_log(motion: Motion) -> str:
-    """The name under which blocks refer to a motion."""
-    return motion.log.sha256 if motion.log else f"motion {id(motion):x}"
+    return Rows(of_motions(observation, motions)).folded(lambda chunk: chunk)
 
 
 @dataclass(frozen=True, eq=False)
@@ -320,7 +314,7 @@ def _block_rows(observation: Observation, part: Linearised) -> Iterator[tuple[in
     plan, d = Plan.of(observation.model, part.motion), part.motion.treatment.decimation
     index = {block: k for k, block in enumerate(observation.blocks)}
     starts = pairwise([*range(0, plan.rows, plan.block), plan.rows])
-    for block, (start, stop) in zip(plan.blocks(block_log(part.motion)), starts, strict=True):
+    for block, (start, stop) in zip(plan.blocks(part.motion.name), starts, strict=True):
         if block in index:
             low, high = plan.window(start, stop)
             J = decimate(part.slope[own, :, low:high], plan.taps, d)
