@@ -19,9 +19,9 @@ import numpy as np
 from scipy import linalg
 
 from haptid._internal.arrays import Array, positive
+from haptid.dynamics.forward import ParametricForwardDynamics
 from haptid.dynamics.inverse import inverse_dynamics
 from haptid.dynamics.model import DynamicModel
-from haptid.dynamics.parametric import ParametricForwardDynamics
 from haptid.errors import SimulationError
 from haptid.estimation.estimate import Estimate, estimate
 from haptid.estimation.method import Method, UnitVarianceRows, expect_positive, setting_error
