@@ -57,7 +57,7 @@ def test_a_device_file_says_where_to_search(model):
     assert [model.terms[k].constant("velocity") for k, _ in model.device.searched] == [0.5, 0.5]
     assert [(c.low, c.high, c.unit) for _, c in model.device.searched] == [(0.02, 5.0, "rad/s")] * 2
     changed = model.at_constants((0.1, 0.2))
-    assert [changed.terms[k].constant("velocity") for k, _ in changed.searched] == [0.1, 0.2]
+    assert [changed.terms[k].constant("velocity") for k, _ in changed.device.searched] == [0.1, 0.2]
 
 
 def test_without_noise_constants_are_exact(model):
