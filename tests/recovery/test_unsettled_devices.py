@@ -11,8 +11,7 @@ import haptid
 from haptid import errors
 from haptid import estimation as e
 from haptid.advice.eliminate import with_reduced
-from haptid.estimation.nonlinear.linearise import settled
-from haptid.estimation.nonlinear.load_friction import fit_load_friction
+from haptid.estimation.nonlinear.load_friction import fit_load_friction, settled
 from haptid.inference.elimination import refit_without
 from haptid.results.result import Result
 from haptid.validation.cross_validation import alternate, each_log

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 import haptid
 from changed_devices import SET_B, changed
 from haptid.device import Frame, poses, read_device
-from haptid.errors import DuplicateNameError, RegroupingError, UnknownDeviceNameError
+from haptid.errors import RegroupingError
 from haptid.experiment.bench import mjcf
 from haptid.experiment.bench.bodies import bodies, effects
 from haptid.experiment.bench.mjcf import closed, depth_first

@@ -43,7 +43,7 @@ def test_the_figures_come_back_to_the_last_bit(made):
     np.testing.assert_array_equal(read.beta, estimate.beta)
     for name in ("values", "covariance", "dof", "se"):
         np.testing.assert_array_equal(getattr(read.quantities, name), getattr(estimate.quantities, name))
-    np.testing.assert_array_equal(read.conf_int(), estimate.interval95)
+    np.testing.assert_array_equal(read.conf_int(), estimate.conf_int())
     assert (read.estimate.method, read.estimate.constraints, read.estimate.status) == ("WLS", None, "ok")
     assert tuple(read.notes[:-1]) == estimate.notes
     assert read.quantities.unbounded == estimate.single_block == ()

@@ -12,7 +12,7 @@ from haptid import errors
 from haptid.device.device import Combination
 from haptid.device.expressions import combination
 from haptid.device.toml.place import Place
-from haptid.estimation.methods.consistent import PhysicallyConsistent
+from haptid.estimation.methods.constrained import PhysicallyConsistent
 from haptid.inference.targets import side_by_side, target_map, targets
 from mechanisms import mechanisms
 from motions import motion, truth
@@ -180,7 +180,7 @@ def test_a_base_parameter_as_target_has_its_interval_and_scale_does_not_matter(p
     rows = [factor * row for row in phantom.base.regrouping for factor in (1.0, -1e3)]
     found = targets(_again(phantom, rows))
     np.testing.assert_allclose(found.value[::2], phantom.beta, rtol=1e-12)
-    np.testing.assert_allclose(found.conf_int()[::2], phantom.interval95, rtol=1e-9)
+    np.testing.assert_allclose(found.conf_int()[::2], phantom.conf_int(), rtol=1e-9)
     np.testing.assert_allclose(found.dof[1::2], found.dof[::2], rtol=1e-9)
     np.testing.assert_allclose(found.se[1::2], 1e3 * found.se[::2], rtol=1e-9)
 

@@ -315,7 +315,7 @@ def _constants(projection: VariableProjection | None) -> Iterator[NonlinearConst
             unit=constant.unit,
             value=constant.value,
             se=constant.se,
-            conf_int=constant.interval,
+            conf_int=constant.conf_int(),
             range=(constant.low, constant.high),
         )
 

@@ -98,7 +98,7 @@ class Identified:
 
     def inside(self, name: str) -> bool:
         """Whether the essential estimate's interval of a parameter holds the truth."""
-        low, high = self.reduced[name].interval
+        low, high = self.reduced[name].conf_int()
         return low <= self.true(name) <= high
 
 
