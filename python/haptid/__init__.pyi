@@ -68,7 +68,7 @@ from haptid.estimation import (
     project_to_feasible,
     pseudo_inertia,
 )
-from haptid.estimation.methods.entropic import Entropic
+from haptid.estimation.methods.regularised import Entropic
 from haptid.estimation.nonlinear import VariableProjection, variable_projection
 from haptid.estimation.nonlinear.load_friction import fit_load_friction
 from haptid.experiment.friction_test.choice import FrictionChoice, choose_friction
@@ -100,8 +100,8 @@ from haptid.inference.elimination import (
     Elimination,
     GautierRatio,
     MaxRelativeStd,
+    eliminate,
     eliminate_by_motor,
-    essential,
 )
 from haptid.inference.payload_estimate import PayloadEstimate, estimate_payload
 from haptid.inference.targets import Targets, side_by_side, target_map, targets
@@ -249,9 +249,9 @@ __all__ = [
     "direct",
     "drift",
     "drive_gains",
+    "eliminate",
     "eliminate_by_motor",
     "errors",
-    "essential",
     "estimate",
     "estimate_force",
     "estimate_payload",

@@ -82,7 +82,7 @@ def test_intervals_of_an_estimate_hold_the_truth(estimate, phantom):
 
 
 def test_an_estimate_that_leans_on_one_stretch_has_infinite_deviations(estimate):
-    single_block = replace(estimate, single_block=(0,))
+    single_block = replace(estimate, quantities=replace(estimate.quantities, unbounded=(0,)))
     found = characterise(single_block, POSES)
     assert np.isinf(found.apparent_mass.se).all()
     assert "infinite" in found.summary()
@@ -187,12 +187,14 @@ def test_settings_that_mean_nothing(phantom):
 
 
 def test_a_handle_on_the_base_moves_nothing(phantom):
-    fixed = replace(phantom, handle=replace(phantom.device.handle, link=-1))
+    handle = replace(phantom.device.handle, link=-1)
+    fixed = haptid.DynamicModel(replace(phantom.device, handle=handle))
     with pytest.raises(errors.SettingError) as raised:
         apparent_mass(GivenParameters(fixed, np.ones(len(fixed.base))), POSES)
     assert raised.value.where == "handle.link"
     with pytest.raises(errors.IncompleteDeviceError):
-        apparent_mass(GivenParameters(replace(phantom, handle=None), np.ones(len(phantom.base))), POSES)
+        bare = haptid.DynamicModel(replace(phantom.device, handle=None))
+        apparent_mass(GivenParameters(bare, np.ones(len(phantom.base))), POSES)
 
 
 def test_a_table_of_parameters_as_papers_print_it(phantom):

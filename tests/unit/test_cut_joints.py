@@ -111,13 +111,13 @@ def test_cut_of_any_parallelogram_turns_with_its_links(
     tmp_path_factory: pytest.TempPathFactory, ground: float, crank: float, turn: float
 ) -> None:
     text = BARS.format(ground=ground, crank=crank, turn=turn, joints='["cut"]')
-    model = read_device(written(tmp_path_factory.mktemp("bars"), text))
+    model = haptid.DynamicModel(read_device(written(tmp_path_factory.mktemp("bars"), text)))
     qa = np.linspace(-2, 2, 7)[None]
     (cut,) = model.device.cut_joints
     np.testing.assert_allclose(np.exp(1j * (cut.positions(qa) - turned(model, qa)[0])), 1, atol=1e-7)
     assert abs(cut.offset - turn) < 1e-7
-    assert model.terms[0].name == "FVcut"
-    np.testing.assert_array_equal(model.terms[0].weights, cut.row)
+    assert model.device.terms[0].name == "FVcut"
+    np.testing.assert_array_equal(model.device.terms[0].weights, cut.row)
 
 
 def test_power_lost_in_cut_joints_is_that_of_their_rates() -> None:

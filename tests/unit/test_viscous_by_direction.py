@@ -9,8 +9,8 @@ from haptid.end_effector.characterisation import GivenParameters
 from haptid.end_effector.characterisation.friction import viscous_matrix
 from haptid.end_effector.compensation import Compensation
 from haptid.export import CCode, export_c
-from haptid.export.functions import code_of
-from haptid.export.golden import Golden
+from haptid.export.model.functions import code_of
+from haptid.export.selftest import Golden
 from motions import motion
 from small_study import DEVICE
 
@@ -71,7 +71,7 @@ def test_different_parameters_come_back(tmp_path):
         found = haptid.estimate(
             haptid.observe(model, motion(model, beta, noise=0.05, dt=4e-3, seed=seed)), haptid.WLS()
         )
-        low, high = found.interval95.T
+        low, high = found.conf_int().T
         inside.append((low <= beta) & (beta <= high))
     assert np.mean(inside) > 0.85
 

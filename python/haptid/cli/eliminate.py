@@ -50,7 +50,7 @@ def essential(
     from haptid.advice.eliminate import with_reduced
     from haptid.inference.diagnosis import diagnose
     from haptid.inference.elimination import BackwardElimination, GautierRatio, MaxRelativeStd, eliminate_by_motor
-    from haptid.inference.elimination import essential as reduce
+    from haptid.inference.elimination import eliminate as reduce
     from haptid.results.result import Result
     from haptid.study import read_study
     from haptid.study.identify import identify
@@ -118,7 +118,7 @@ def reduction_values(found: Elimination) -> dict[str, Any]:
                 "name": p.name,
                 "value": p.value,
                 "sd": p.se,
-                "interval95": list(p.interval),
+                "interval95": list(p.conf_int()),
                 "unit": p.unit,
                 "moved_sd": m,
             }

@@ -53,7 +53,7 @@ def searched_table(projection: VariableProjection) -> Table:
     for heading in ("", "value", "95 % interval", "unit"):
         table.add_column(heading, justify="left" if heading in ("", "unit") else "right", no_wrap=True)
     for c in projection.constants:
-        ends = " .. ".join(f"{end:.3g}" for end in c.interval)
+        ends = " .. ".join(f"{end:.3g}" for end in c.conf_int())
         table.add_row(c.name, f"{c.value:.4g}", ends, c.unit, style=None if c.bounded else "dim")
     return table
 
@@ -70,7 +70,7 @@ def parameter_table(title: str, parameters: Sequence[Parameter]) -> Table:
 
 def parameter_cells(p: Parameter) -> list[str]:
     """One row of the table, as many digits as the deviation allows; no deviation of a value that is strained."""
-    low, high = (with_digits(end, p.se) for end in p.interval)
+    low, high = (with_digits(end, p.se) for end in p.conf_int())
     return [
         p.name,
         f"{p.value:.4g}" if p.constrained_outside_ci else with_digits(p.value, p.se),

@@ -22,7 +22,7 @@ def parameters(found: Identified) -> list[list[str]]:
         p = found.reduced[name]
         cad, published, relative = (table.figures[name, column] for column in table.columns)
         kept = name in found.reduction.essential
-        low, high = p.interval
+        low, high = p.conf_int()
         ours = [f"{p.value:.5f}", f"{p.relative_se:.2f}", f"{low:.5f} .. {high:.5f}"] if kept else ["left out", "", ""]
         cells.append([name, p.unit, f"{cad:g}", f"{published:g}", f"{relative:g}", *ours, f"{found.true(name):.5f}"])
     return cells

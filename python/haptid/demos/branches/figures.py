@@ -52,7 +52,7 @@ def draw_friction(found: Results, path: Path) -> None:
 
 def _friction(panels: np.ndarray, test: FrictionTest, title: str, colour: str) -> None:
     for panel, joint in zip(panels, test.curve.joints, strict=True):
-        low, high = joint.interval95.T
+        low, high = joint.conf_int().T
         panel.errorbar(
             joint.velocity,
             joint.torque,

@@ -15,7 +15,7 @@ from haptid.dynamics.model import DynamicModel
 from haptid.estimation import WLS, Estimate, estimate
 from haptid.experiment.friction_test.choice import FrictionChoice, choose_friction
 from haptid.experiment.friction_test.curve import FrictionCurve, friction_curve
-from haptid.inference.elimination import Elimination, eliminate_by_motor, essential
+from haptid.inference.elimination import Elimination, eliminate, eliminate_by_motor
 from haptid.motion.treatment import Motion, Treatment
 from haptid.observation.observation import Observation, observe
 from haptid.treatment_choice.propose import Proposal, propose
@@ -98,7 +98,7 @@ class Identified:
 
     def inside(self, name: str) -> bool:
         """Whether the essential estimate's interval of a parameter holds the truth."""
-        low, high = self.reduced[name].interval
+        low, high = self.reduced[name].conf_int()
         return low <= self.true(name) <= high
 
 
@@ -112,7 +112,7 @@ def identified(branch: Branch, table: Table, stretch: Stretch, recorded: Recorde
     )
     full = estimate(observe(model, fit), WLS())
     every = observe(model, replace(fit, treatment=replace(fit.treatment, reversal_speed=0.0)))
-    reduction = essential(full, unseen=other)
+    reduction = eliminate(full, unseen=other)
     return Identified(branch, table, recorded.beta, proposal, fit, other, every, reduction)
 
 
@@ -131,7 +131,7 @@ class FrictionTest:
     def coulomb(self, label: str) -> tuple[float, tuple[float, float]]:
         """Coulomb friction of a motor and its 95 % interval, N m."""
         chosen = next(joint.chosen for joint in self.choice.joints if joint.label == label)
-        return chosen.values["FC"], chosen.intervals["FC"]
+        return chosen.values["FC"], chosen.conf_int()["FC"]
 
 
 def friction_test(stretch: Stretch, recorded: Recorded) -> FrictionTest:

@@ -60,10 +60,10 @@ def _parameter(one: Identified, name: str) -> dict[str, Any]:
     made: dict[str, Any] = {
         "unit": full.unit,
         "true": one.true(name),
-        "full": {"value": full.value, "sd": full.se, "interval95": full.interval},
+        "full": {"value": full.value, "sd": full.se, "interval95": full.conf_int()},
     }
     if name in one.reduction.essential:
-        made["essential"] = {"value": reduced.value, "sd": reduced.se, "interval95": reduced.interval}
+        made["essential"] = {"value": reduced.value, "sd": reduced.se, "interval95": reduced.conf_int()}
     return made
 
 

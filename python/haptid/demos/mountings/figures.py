@@ -61,7 +61,8 @@ def beginning(motion: Motion, seconds: float) -> Motion:
 
 def torques(fit: Fit, seconds: float, beta: Array | None = None) -> tuple[Array, Array, Array]:
     """Times (rows,), measured and predicted command (motors, rows) of the first seconds of the unseen half."""
-    model = fit.estimate if beta is None else replace(fit.estimate, beta=beta)
+    given = fit.estimate.quantities if beta is None else replace(fit.estimate.quantities, values=beta)
+    model = replace(fit.estimate, quantities=given)
     made, scale = predict(model, beginning(fit.unseen, seconds)), per_command(fit.estimate.model)[:, None]
     return made.t, scale * made.measured, scale * made.predicted
 

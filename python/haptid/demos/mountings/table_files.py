@@ -44,7 +44,7 @@ def _long(found: Results) -> list[list[Any]]:
             for p in fit.targets.parameters:
                 known = found.demo.parameters.figures.get((p.name, key), "")
                 lines.append(
-                    [key, name, p.name, p.unit, p.value, p.se, *p.interval, true[p.name], known, command[p.name]]
+                    [key, name, p.name, p.unit, p.value, p.se, *p.conf_int(), true[p.name], known, command[p.name]]
                 )
     return lines
 

@@ -50,7 +50,7 @@ def _mounting(found: Results, fits: Fits) -> dict[str, Any]:
             "relative_error_percent": fit.relative,
             "relative_error_percent_all_rows": fit.relative_everywhere,
             "parameters": [
-                {"name": p.name, "unit": p.unit, "value": p.value, "sd": p.se, "interval95": p.interval}
+                {"name": p.name, "unit": p.unit, "value": p.value, "sd": p.se, "interval95": p.conf_int()}
                 for p in fit.targets.parameters
             ],
         }
