@@ -233,13 +233,14 @@ def test_what_is_wrong_with_a_controller_is_said():
         ({"reference": ()}, "one for each motion"),
         ({"reference": haptid.Signal(("target1", "target2", "target3"), "rad")}, "no file"),
     ):
-        with pytest.raises(errors.ControllerError, match=word):
+        with pytest.raises(errors.SettingError, match=word):
             loop(**wrong)
     with pytest.raises(errors.ShapeError, match="reference"):
         loop(reference=(made.target[:5],))
-    with pytest.raises(errors.SimulationLostError, match="runs away"):
+    with pytest.raises(errors.SimulationError) as raised:
         loop(kp=-3000.0, reference=(made.target,))
-    with pytest.raises(errors.MasslessError, match="no inertia"):
+    assert raised.value.found > raised.value.limit
+    with pytest.raises(errors.SimulationError, match="no inertia"):
         closed_loop(ForwardDynamics(forward.model, 0 * forward.chi), PID(1.0, 1.0), motion, 0, stretches)
 
 
