@@ -158,8 +158,3 @@ def test_what_cannot_be_searched(tmp_path, found):
 def test_series_that_do_not_fit(sine, cosine, what):
     with pytest.raises(errors.FigureCountError, match=what):
         bench.plan(bench.Fourier(5.0, (0.0,), 0.2, sine, cosine), PHANTOM, 0.01, np.random.default_rng(0))
-
-
-def test_every_excitation_error_is_tested():
-    names = {kind.__name__ for kind in errors.ExcitationError.__subclasses__()}
-    assert names == {"NoRangeError", "NoFeasibleMotionError"}

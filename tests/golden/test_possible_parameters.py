@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import haptid
-from haptid.estimation import possible
+from haptid.estimation import possible, project_to_feasible
 from motions import motion
 
 # Table I of Tahmasebi et al. (2005), pi_1 to pi_14, in the amplifier's torque units: 2.73 times SI.

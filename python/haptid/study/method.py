@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from pathlib import Path
 
-from haptid.errors import MethodSettingError, PulledProfileError, StudyControllerError, StudyFileError
+from haptid.errors import PulledProfileError, SettingError, StudyControllerError, StudyFileError
 from haptid.estimation import (
     CLIE,
     CLOE,
@@ -100,7 +100,7 @@ def method_of(study: Path, table: EstimateTable, controller: PID | None) -> Meth
         raise StudyFileError(study, f"estimate.{held[1]}", f"beside {held[0]}: give one of {', '.join(HOLDING)}")
     try:
         return _held(table, make(**given))
-    except MethodSettingError as error:
+    except SettingError as error:
         raise StudyFileError(study, "estimate", str(error).rstrip(".")) from error
 
 

@@ -9,7 +9,7 @@ import numpy as np
 
 from haptid._internal.toml_tables import read_checked
 from haptid.device.priors import Body, tensor
-from haptid.errors import ControllerError, LogError, StudyFileError, StudyLogsError
+from haptid.errors import LogError, SettingError, StudyFileError, StudyLogsError
 from haptid.log import Channels, Signal
 from haptid.motion.filters import SHAPES, Causal, HighPass
 from haptid.motion.treatment import Treatment
@@ -81,7 +81,7 @@ def _controller(study: Path, table: ControllerTable) -> PID:
         given["reference"] = _signal(study, "controller.reference", signal)
     try:
         return PID(**given)
-    except ControllerError as error:
+    except SettingError as error:
         raise StudyFileError(study, "controller", str(error).rstrip(".")) from error
 
 

@@ -10,7 +10,7 @@ from haptid._internal.arrays import Array
 from haptid.demos.branches.finding import Handle, Results
 from haptid.demos.branches.fits import Identified, coulomb_of
 from haptid.end_effector.characterisation import Figure
-from haptid.inference.targets import aligned
+from haptid.uncertainty.quantities import aligned
 
 PARAMETERS = ["", "unit", "CAD", "published", "±, %", "found", "±, %", "95 % interval", "true"]
 AXES = "xyz"

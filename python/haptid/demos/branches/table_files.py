@@ -7,7 +7,7 @@ from pathlib import Path
 
 from haptid.demos.branches.columns import friction, parameters, posture, sweeps
 from haptid.demos.branches.finding import Results
-from haptid.inference.targets import aligned
+from haptid.uncertainty.quantities import aligned
 
 
 def write_tables(found: Results, folder: Path) -> None:

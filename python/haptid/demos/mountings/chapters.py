@@ -251,7 +251,7 @@ def _compared(found: Results) -> Iterator[str]:
         yield ""
     yield "What the tool at the handle is, from the log before and the log after:"
     yield ""
-    for name, value, (low, high) in zip(found.tool.names, found.tool.value, found.tool.interval95, strict=True):
+    for name, value, (low, high) in zip(found.tool.names, found.tool.value, found.tool.conf_int(), strict=True):
         if name in found.tool_truth:
             yield f"- {name}: {value:.5g}, 95 % interval {low:.5g} .. {high:.5g}; true {found.tool_truth[name]:.5g}"
     yield ""

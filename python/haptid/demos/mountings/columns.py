@@ -9,7 +9,7 @@ import numpy as np
 from haptid.demos.mountings.finding import Results
 from haptid.demos.mountings.fits import Fits
 from haptid.demos.tables import layout
-from haptid.inference.targets import aligned
+from haptid.uncertainty.quantities import aligned
 
 # Fits that the tables show, in their order.
 SHOWN = ("exact", "encoders", "held")

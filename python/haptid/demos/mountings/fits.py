@@ -164,7 +164,7 @@ def accuracy(found: Targets, recorded: Recorded, stretch: tuple[float, float]) -
     sizes = np.linalg.norm(whole, axis=1)
     parts = np.linalg.solve(C, np.diag(truth)).T
     shares = [np.linalg.norm(inverse_dynamics(model, part, *states), axis=1) / sizes for part in parts]
-    low, high = found.interval95.T
+    low, high = found.conf_int().T
     return Accuracy(
         names=found.names,
         truth=truth,

@@ -8,7 +8,7 @@ from typing import Any
 
 from haptid.demos.mountings.columns import cells2, ours, published_columns, table1, table2, titles, truth
 from haptid.demos.mountings.finding import Results
-from haptid.inference.targets import aligned
+from haptid.uncertainty.quantities import aligned
 
 
 def write_tables(found: Results, folder: Path) -> None:

@@ -33,7 +33,7 @@ def values(found: Results) -> dict[str, Any]:
         "tool": {
             name: {"value": value, "interval95": interval, "true": found.tool_truth.get(name)}
             for name, value, interval in zip(
-                found.tool.names, found.tool.value.tolist(), found.tool.interval95.tolist(), strict=True
+                found.tool.names, found.tool.value.tolist(), found.tool.conf_int().tolist(), strict=True
             )
         },
     }

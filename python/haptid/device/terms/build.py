@@ -29,7 +29,7 @@ from haptid.device.toml.schema import (
     StribeckTerm,
     TermTable,
 )
-from haptid.errors import DeviceKeyError, DeviceValueError, DuplicateNameError, UnknownNameError
+from haptid.errors import DeviceKeyError, DeviceValueError, DuplicateNameError, UnknownDeviceNameError
 
 # Stem of the parameter's name, by kind.
 STEMS = {
@@ -176,7 +176,7 @@ class Targets:
 
         Raises:
             DeviceKeyError: it names none.
-            UnknownNameError: it names one that is not there.
+            UnknownDeviceNameError: it names one that is not there.
         """
         if table.joints is None and table.motors is None:
             found = "the term acts on nothing"
@@ -195,7 +195,7 @@ class Targets:
             names = [target.name for target in known]
             for k, name in enumerate(wanted):
                 if name not in names:
-                    raise UnknownNameError(str(place.at(f"{what}s", k)), what, name, names)
+                    raise UnknownDeviceNameError(str(place.at(f"{what}s", k)), what, name, names)
             made += [target for target in known if target.name in wanted]
         return made
 

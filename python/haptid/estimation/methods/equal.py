@@ -51,7 +51,7 @@ class EqualityConstraints(Around):
         """The relations.
 
         Raises:
-            UnknownNameError, ExpressionError, NonlinearTargetError: the text is no combination of parameters.
+            DeviceFileError, ExpressionError, NonlinearTargetError: the text is no combination of parameters.
             UnidentifiableTargetError: it is none of base parameters, so that no torque could tell.
             ContradictionError: they cannot hold together.
         """

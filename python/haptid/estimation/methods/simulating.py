@@ -11,10 +11,9 @@ from haptid._internal.arrays import Array, positive, whole
 from haptid.dynamics.forward import ForwardDynamics, sets_of
 from haptid.dynamics.model import DynamicModel
 from haptid.errors import (
-    MasslessError,
     MethodSettingError,
     NoControllerError,
-    SimulationLostError,
+    SimulationError,
     UnsettledError,
 )
 from haptid.estimation.estimate import estimate
@@ -95,7 +94,7 @@ class Simulating(Around, ABC):
         for _ in range(HALVINGS):
             try:
                 return found, self.restate(observation, smoothed, found)
-            except (SimulationLostError, MasslessError):
+            except SimulationError:
                 if before is None:
                     raise
                 found = 0.5 * (before + found)

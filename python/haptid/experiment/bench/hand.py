@@ -75,7 +75,7 @@ def feel(
         stroke: how the hand moves; the default one where None.
 
     Raises:
-        BenchError: one class for each cause.
+        ExperimentError, SimulationError: one class for each cause.
     """
     stroke = stroke or Stroke()
     given = _Told(law) if law is not None else None

@@ -97,7 +97,7 @@ def rehearse(
         stroke: how the hand moves to feel; the default one where None.
 
     Raises:
-        BenchError: one class for each cause.
+        ExperimentError, SimulationError: one class for each cause.
     """
     assistance = Assistance(setup.model, code, friction=friction)
     lines = [(pose, axis) for pose in poses for axis in AXES]

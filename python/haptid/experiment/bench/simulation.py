@@ -60,7 +60,7 @@ def simulate(setup: Setup, trajectory: Trajectory, rng: np.random.Generator, tel
         tell: called now and then with the share that is done.
 
     Raises:
-        BenchError: one class for each cause, with the time and the joint; see `haptid.errors`.
+        ExperimentError, SimulationError: one class for each cause, with the time and the joint; see `haptid.errors`.
     """
     saturation = _saturation(setup)
     check_trajectory(setup.model, trajectory, setup.chi, saturation)
