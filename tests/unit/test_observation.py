@@ -201,6 +201,14 @@ def test_the_result_does_not_depend_on_the_segments(model, beta, monkeypatch):
         np.testing.assert_allclose(a.triangles, b.triangles, atol=1e-13)
 
 
+def test_several_motions_are_one_observation(model, beta):
+    motions = [motion(model, beta, seed=seed) for seed in (1, 2)]
+    first, second = (haptid.observe(model, each) for each in motions)
+    for both in (haptid.observe(model, *motions), sum([first, second])):
+        assert both.blocks == first.blocks + second.blocks
+        np.testing.assert_array_equal(both.stack(), (first + second).stack())
+
+
 def test_progress_runs_to_the_end(model, beta, monkeypatch):
     monkeypatch.setattr("haptid.observation.plan.SEGMENT", 1500)
     shares = []
