@@ -12,7 +12,7 @@ import pytest
 import haptid
 from haptid import estimation as e
 from haptid.device.priors import Body
-from haptid.errors import StudyFileError, UnknownNameError
+from haptid.errors import StudyFileError, UnknownLinkError
 from haptid.observation.cache import RFactorCache, fingerprint
 from haptid.observation.known_payload import Payload, log_without_payload
 from haptid.observation.plan import Plan
@@ -137,7 +137,7 @@ def test_a_load_that_is_none_is_refused(study, text, where):
 
 
 def test_a_load_on_no_link_is_refused(study):
-    with pytest.raises(UnknownNameError):
+    with pytest.raises(UnknownLinkError):
         haptid.identify(study("load = { link = '9', mass = 1.0, com = [0, 0, 0] }"))
 
 

@@ -179,8 +179,7 @@ def track(estimate: Estimate, run: Run) -> Track:
     model, motion = estimate.model, run.motion
     chi, rows = raw_parameters(model, estimate.beta), [k for k, known in enumerate(model.device.measured) if known]
     parts = (
-        (s.t, s.measured(), s.torque(chi), s.used, s.centres(s.c), s.centres(s.cd)[rows])
-        for s in chunks(model, motion)
+        (s.t, s.measured(), s.torque(chi), s.used, s.centres(s.c), s.centres(s.cd)[rows]) for s in chunks(model, motion)
     )
     t, measured, predicted, used, c, velocity = gathered(parts, Plan.of(model, motion).rows)
     return Track(
