@@ -9,7 +9,6 @@ import numpy as np
 from scipy import stats
 
 from haptid._internal.arrays import Array, read_only
-from haptid.demos.branches.plan import Stretch
 from haptid.dynamics.inverse import raw_parameters
 from haptid.estimation import Estimate
 from haptid.inference.diagnosis.added_variable import device_rows
@@ -17,6 +16,7 @@ from haptid.inference.diagnosis.finding import SIGNIFICANCE, Finding, Status, li
 from haptid.inference.diagnosis.subsample import block_numbers, row_ranges
 from haptid.motion.treatment import Motion
 from haptid.observation.plan import Plan
+from haptid.observation.rows import Chunk
 from haptid.uncertainty.multiple_testing import together
 
 # Missing rows between two ranges: more than any lag that is used.
@@ -105,7 +105,7 @@ def _of(estimate: Estimate, motion: Motion) -> Iterator[Part]:
     own = [measured_rows.index(row) for row in device_rows(estimate)]
     end = 0
     for start, stop in row_ranges(plan, wanted):
-        stretch = Stretch.of(plan, start, stop)
+        stretch = Chunk.of(plan, start, stop)
         if start > end:
             yield _gap(len(own), len(stretch.c))
         measured, predicted = stretch.measured()[own], stretch.torque(chi)[own]
