@@ -43,7 +43,7 @@ def device_of(folder, text=DEVICE):
 def motion_of(model, constants, seed, noise=0.03, seconds=20.0):
     """A motion of a device with these constants, with white noise of a share of the torque; and the true parameters."""
     beta = np.array([BETA.get(name[:2], 0.3) for name in model.base.names])
-    made = motion(model.with_constants(constants), beta, seconds=seconds, dt=DT, seed=seed, noise=noise)
+    made = motion(model.at_constants(constants), beta, seconds=seconds, dt=DT, seed=seed, noise=noise)
     return made, beta
 
 
@@ -56,7 +56,7 @@ def test_a_device_file_says_where_to_search(model):
     assert [constant.name for _, constant in model.device.searched] == ["velocity", "velocity"]
     assert [model.terms[k].constant("velocity") for k, _ in model.device.searched] == [0.5, 0.5]
     assert [(c.low, c.high, c.unit) for _, c in model.device.searched] == [(0.02, 5.0, "rad/s")] * 2
-    changed = model.with_constants((0.1, 0.2))
+    changed = model.at_constants((0.1, 0.2))
     assert [changed.terms[k].constant("velocity") for k, _ in changed.searched] == [0.1, 0.2]
 
 
@@ -89,7 +89,7 @@ def test_least_squares_in_everything_finds_the_same(model):
     moved, beta = motion_of(model, tuple(TRUTH.values()), 3)
 
     def residual(x):
-        trial = model.with_constants(np.exp(x[:2]))
+        trial = model.at_constants(np.exp(x[:2]))
         qd, qdd = moved.rates
         torque = haptid.inverse_dynamics(trial, x[2:], moved.q.T, qd.T, qdd.T)
         return (moved.tau - torque.T).ravel()
