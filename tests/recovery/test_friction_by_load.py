@@ -11,7 +11,7 @@ from typer.testing import CliRunner
 import haptid
 from haptid import errors
 from haptid.cli import app
-from haptid.device.terms.term import LoadDependentFriction
+from haptid.device.terms.friction import LoadDependentFriction
 from haptid.estimation.nonlinear.load_friction import fit_load_friction
 from haptid.results.result import Result
 from motions import motion

@@ -9,8 +9,7 @@ import pydantic
 import pytest
 
 import haptid
-from haptid.device.toml.reader import device_of
-from haptid.device.toml.tables import checked
+from haptid.device.toml.reader import checked, device_of
 from haptid.end_effector.characterisation.model import dof, trusted
 from haptid.errors import ResultFileError
 from haptid.results.result import Result, device_file, result_schema

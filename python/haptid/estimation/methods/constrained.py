@@ -9,7 +9,7 @@ import numpy as np
 
 from haptid._internal.arrays import Array, read_only
 from haptid.device.expressions import combination
-from haptid.device.toml.place import Place
+from haptid.device.toml.errors_at import Place
 from haptid.dynamics.base_parameters import base_combinations
 from haptid.dynamics.model import DynamicModel
 from haptid.errors import SettingError, UnknownNameError, suggestion

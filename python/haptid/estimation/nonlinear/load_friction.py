@@ -10,7 +10,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from haptid.device.terms.term import LoadDependentFriction
+from haptid.device.terms.friction import LoadDependentFriction
 from haptid.dynamics.model import DynamicModel
 from haptid.estimation.estimate import estimate
 from haptid.estimation.intervals.covariance import Intervals
