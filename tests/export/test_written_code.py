@@ -14,7 +14,7 @@ from haptid.export import CCode, export_c
 from haptid.export.model.functions import code_of
 from haptid.export.model.moments import moments_of
 from haptid.export.selftest import Golden
-from haptid.motion.causal import HighPass
+from haptid.motion.filters import HighPass
 from true_parameters import true_parameters
 
 SPEED = 0.01

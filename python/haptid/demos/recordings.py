@@ -21,7 +21,7 @@ from haptid.experiment.bench.experiment import read_experiment
 from haptid.experiment.bench.run import perform, truth_paths, write_log, write_truth
 from haptid.experiment.bench.setup import Encoders
 from haptid.log import Channels, Log, Signal, read_log
-from haptid.motion.time_shift import lost
+from haptid.motion.streaming import lost
 from haptid.motion.treatment import Motion, Treatment, treat
 
 # What of a mounting's torque the device's own base parameters may leave, as a share: rounding.

@@ -18,7 +18,7 @@ from haptid.end_effector.momentum_observer import MomentumObserver
 from haptid.export.expressions.dialects import DOUBLE, C
 from haptid.export.expressions.emit import Function
 from haptid.export.formats.c_source import CUTOFF_HZ, GAIN, STEP, Files
-from haptid.motion.causal import HighPass
+from haptid.motion.filters import HighPass
 from haptid.observation.reversals import softened
 
 # Smallest eigenvalue of a mass matrix, relative to the largest, at which its inverse is compared.

@@ -9,8 +9,7 @@ import numpy as np
 from haptid._internal.arrays import Array
 from haptid.demos.branches.finding import Handle, Results
 from haptid.demos.branches.fits import Identified, coulomb_of
-from haptid.end_effector.characterisation import Figure
-from haptid.uncertainty.quantities import aligned
+from haptid.uncertainty.quantities import Field, aligned
 
 PARAMETERS = ["", "unit", "CAD", "published", "±, %", "found", "±, %", "95 % interval", "true"]
 AXES = "xyz"
@@ -52,7 +51,7 @@ def sweeps(found: Results) -> list[list[str]]:
             row = [sweep.title if k == 0 else "", ["largest", "middle", "smallest"][k], f"{low:g} .. {high:g}"]
             for handle in found.handles.values():
                 figure = handle.sweeps[sweep.key].mass
-                row.append(f"{ranged(figure.value[:, k])}, ± {2 * deviation(figure)[:, k].max():.1g}")
+                row.append(f"{ranged(figure.values[:, k])}, ± {2 * deviation(figure)[:, k].max():.1g}")
             cells.append(row)
     return cells
 
@@ -62,7 +61,7 @@ def ranged(values: Array) -> str:
     return f"{values.min():.3f} .. {values.max():.3f}"
 
 
-def deviation(figure: Figure) -> Array:
+def deviation(figure: Field) -> Array:
     """Deviations of a figure that has them."""
     assert figure.se is not None
     return figure.se
@@ -100,10 +99,10 @@ def at_posture(found: Results, handle: Handle) -> Iterator[tuple[tuple[str, str]
     yield ("peak force in the worst direction", "N"), told(c.greatest_force(plan.limits)[0])
 
 
-def told(figure: Figure, k: int | None = None) -> str:
+def told(figure: Field, k: int | None = None) -> str:
     """The figure of the only pose, and its interval."""
     pick = 0 if k is None else (0, k)
-    value, band = float(figure.value[pick]), figure.interval95
+    value, band = float(figure.values[pick]), figure.conf_int()
     if band is None or not np.isfinite(band[pick]).all() or np.ptp(band[pick]) == 0:
         return f"{value:.4f}"
     low, high = band[pick]

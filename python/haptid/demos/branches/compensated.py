@@ -60,7 +60,7 @@ def compensated(
     model, made = estimated.model, smooth(read_experiment(folder / experiment).setup(estimated.model))
     qa = replace_poses(sweep, settings.degrees).along(model)
     felt = apparent_mass(estimated, qa)
-    target = (1 - settings.share) * float(felt.mass.value.max())
+    target = (1 - settings.share) * float(felt.mass.values.max())
     laws = [Compensation(estimated, share) for share in (0.0, settings.share)]
     laws.append(Compensation(estimated, settings.share, towards=target))
     shaken_masses = np.array(
@@ -73,10 +73,10 @@ def compensated(
     lag = laws[1].lag(made.dt)
     return Compensated(
         degrees=np.array(settings.degrees),
-        estimated=felt.mass.value[:, 0],
+        estimated=felt.mass.values[:, 0],
         before=freeze(shaken_masses[:, 0].copy()),
         after=freeze(shaken_masses[:, 1].copy()),
-        promised=freeze(left * felt.mass.value[:, 0]),
+        promised=freeze(left * felt.mass.values[:, 0]),
         target=target,
         even=freeze(shaken_masses[:, 2].copy()),
         bound=min(bound(settings, estimated, pose, lag) for pose in qa.T),

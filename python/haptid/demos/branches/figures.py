@@ -110,10 +110,10 @@ def draw_sweeps(found: Results, path: Path) -> None:
 def _masses(panel: Axes, found: Results, sweep: Sweep) -> None:
     for style, (key, handle) in zip(STYLES, found.handles.items(), strict=False):
         mass = handle.sweeps[sweep.key].mass
-        band = mass.interval95
+        band = mass.conf_int()
         for k, colour in enumerate(COLOURS):
             label = found.found[key].branch.title if k == 0 else None
-            panel.plot(sweep.plotted, mass.value[:, k], color=colour, linestyle=style, label=label)
+            panel.plot(sweep.plotted, mass.values[:, k], color=colour, linestyle=style, label=label)
             if band is not None:
                 panel.fill_between(sweep.plotted, *band[:, k].T, color=colour, alpha=0.3, linewidth=0)
 
@@ -122,7 +122,7 @@ def draw_compensation(found: Results, path: Path) -> None:
     """Largest mass along a sweep, without the law, with it, and as promised."""
     made, asked = found.compensated, found.demo.compensation
     sweep = found.demo.sweep(asked.sweep)
-    mass = found.handles[asked.branch].sweeps[sweep.key].mass.value[:, 0]
+    mass = found.handles[asked.branch].sweeps[sweep.key].mass.values[:, 0]
     figure = picture(f"Largest mass that a hand feels at {asked.shaken_hz:g} Hz on the bench", (7, 4.2))
     panel = figure.subplots()
     panel.plot(sweep.plotted, mass, color=BLACK, linewidth=1.0, label="model")

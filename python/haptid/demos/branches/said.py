@@ -29,7 +29,7 @@ def statements(found: Results) -> Iterator[str]:
     """Printed figures of the largest mass beside ours."""
     for said in found.demo.statements:
         ours = {
-            one.branch.title: FIGURES[said.what](found.handles[key].sweeps[said.sweep].mass.value[:, 0])
+            one.branch.title: FIGURES[said.what](found.handles[key].sweeps[said.sweep].mass.values[:, 0])
             for key, one in found.found.items()
         }
         worst = max(abs(value / said.published - 1) for value in ours.values())
@@ -50,7 +50,7 @@ def disagreements(found: Results) -> Iterator[str]:
         if max(one[0], other[0]) <= min(one[1], other[1]):
             continue
         for key, handle in found.handles.items():
-            masses = [handle.sweeps[sweep.key].mass.value[:, k] for sweep in (first, second)]
+            masses = [handle.sweeps[sweep.key].mass.values[:, k] for sweep in (first, second)]
             every, ours = np.concatenate(masses), " and ".join(ranged(mass) for mass in masses)
             yield (
                 f"The published ranges of mass {k + 1} are apart in the two sweeps, {one[0]:g} .. {one[1]:g} and "
@@ -63,7 +63,7 @@ def homogeneity(found: Results) -> Iterator[str]:
     """How much the largest mass changes in 10 degrees of each sweep."""
     rates = {}
     for sweep in found.demo.sweeps:
-        masses = [handle.sweeps[sweep.key].mass.value[:, 0] for handle in found.handles.values()]
+        masses = [handle.sweeps[sweep.key].mass.values[:, 0] for handle in found.handles.values()]
         rates[sweep.label.split(",")[0]] = max(10 * np.ptp(mass) / np.ptp(sweep.degrees) for mass in masses)
     told = ", ".join(f"{rate:.2f} kg along {label}" for label, rate in rates.items())
     low, high = sorted(rates.values())
@@ -78,7 +78,7 @@ def alike(found: Results) -> Iterator[str]:
     """How near the masses of each branch are to those of the first, along all sweeps."""
     first, *others = found.handles
     masses = {
-        key: np.concatenate([handle.sweeps[sweep.key].mass.value for sweep in found.demo.sweeps])
+        key: np.concatenate([handle.sweeps[sweep.key].mass.values for sweep in found.demo.sweeps])
         for key, handle in found.handles.items()
     }
     for key in others:

@@ -50,7 +50,7 @@ def _branch(found: Results, key: str) -> dict[str, Any]:
         "parameters": {name: _parameter(one, name) for name in one.full.base.names},
         "essential": one.reduction.essential,
         "eliminate_by_motor": {made.full.observation.motors[0].name: made.essential for made in one.by_motor},
-        "sweeps": {name: {"mass": _lists(felt.mass.value)} for name, felt in handle.sweeps.items()},
+        "sweeps": {name: {"mass": _lists(felt.mass.values)} for name, felt in handle.sweeps.items()},
         "posture": {f"{what}, {unit}": text for (what, unit), text in at_posture(found, handle)},
     }
 

@@ -18,7 +18,7 @@ from haptid.demos.mountings.hand import Felt
 from haptid.dynamics.model import DynamicModel
 from haptid.end_effector.torque_decomposition import decompose_torque
 from haptid.motion.treatment import Motion
-from haptid.observation.chunks import stretches
+from haptid.observation.rows import chunks
 from haptid.validation.prediction import predict
 
 # Seconds that are drawn, from the beginning of the half that validates.
@@ -92,7 +92,7 @@ def draw_clusters(fits: Fits, path: Path) -> None:
     fit = fits["frictionless"]
     model, scale = fit.estimate.model, per_command(fit.estimate.model)[:, None]
     made = predict(fit.estimate, fit.unseen)
-    speed = np.concatenate([s.filtered(s.cd) for s in stretches(model, fit.unseen)], axis=1)
+    speed = np.concatenate([s.filtered(s.cd) for s in chunks(model, fit.unseen)], axis=1)
     error = scale * (made.measured - made.predicted)
     figure = picture("Fig. 4: what 8 parameters do not predict, against velocity", (10, 3.6))
     for k, panel in enumerate(figure.subplots(1, len(error))):

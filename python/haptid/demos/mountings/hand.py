@@ -81,7 +81,7 @@ def feel(plan: Hand, fit: Fit, recorded: Recorded) -> Felt:
     at, taps = recorded.index(force.t[rows]), treatment.taps(dt)[:, None]
     acting = 0.5 * (recorded.hand + before(recorded.hand))
     true, measured = (signal.convolve(x, taps, mode="same")[at] for x in (acting, sensed(recorded)))
-    low, high = force.interval95[rows, :, 0], force.interval95[rows, :, 1]
+    low, high = np.moveaxis(force.conf_int()[rows], -1, 0)
     return Felt(
         t=force.t[rows],
         measured=measured,

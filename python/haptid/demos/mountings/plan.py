@@ -12,7 +12,7 @@ from haptid.demos.plan import Demo, Part
 from haptid.demos.tables import Table, read_table
 from haptid.dynamics.model import DynamicModel
 from haptid.dynamics.workspace import Box, Workspace, workspace
-from haptid.motion.causal import Causal, HighPass
+from haptid.motion.filters import Causal, HighPass
 from haptid.motion.treatment import Treatment
 
 Triple = Annotated[tuple[float, float, float], Field()]
