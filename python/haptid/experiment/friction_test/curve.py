@@ -136,7 +136,7 @@ class JointFriction:
     dof: Array
 
     def __post_init__(self) -> None:
-        for name in ("velocity", "torque", "sd", "freedom"):
+        for name in ("velocity", "torque", "se", "dof"):
             object.__setattr__(self, name, read_only(getattr(self, name)))
             expect(name, getattr(self, name).shape, self.velocity.shape)
 
