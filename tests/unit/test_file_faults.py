@@ -47,7 +47,7 @@ WRONG_STUDIES = [
 WRONG_EXPERIMENTS = [
     ("kp = 40.0", "kq = 40.0", "key `controller.kq`", "Keys here: kp, kd, ki"),
     ("centre = 0.1", "center = 0.1", "key `trajectory.center`", 'Did you mean "centre"? Keys here: amplitude'),
-    ("centre = 0.1", "centre = 0.1\ncount = 'a'", "key `trajectory.count`", "count is sines a joint"),
+    ("centre = 0.1", "centre = 0.1\ncount = 'a'", "key `trajectory.count`", "count is number of sines per joint"),
     ('"multisine"', '"sine"', "key `trajectory.kind`", """no kind 'sine'; write one of "multisine", "triangles","""),
     ("force = [0.0, 0.0, 1.0]", "force = [0.0]", "key `hand.0.force`", "force is in the base frame, N"),
     ("schema = 1", "schema = ", "line 2, column 10", "`haptid schema experiment` prints every key"),
