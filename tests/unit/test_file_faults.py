@@ -107,11 +107,11 @@ JUNK = st.one_of(
 
 
 @pytest.mark.parametrize(
-    ("table", "text"), [(StudyTable, STUDY), (ExperimentTable, EXPERIMENT), (ModifiedDHDevice, DEVICE)]
+    ("model", "text"), [(StudyTable, STUDY), (ExperimentTable, EXPERIMENT), (ModifiedDHDevice, DEVICE)]
 )
 @settings(deadline=None, max_examples=150)
 @given(data=st.data())
-def test_whatever_stands_there_is_told_where_it_stands(table, text, data):
+def test_whatever_stands_there_is_told_where_it_stands(model, text, data):
     """A fault's steps lead to something in the data, or to one key that it lacks."""
     tables = copy.deepcopy(tomllib.loads(text))
     here = tables
@@ -122,9 +122,9 @@ def test_whatever_stands_there_is_told_where_it_stands(table, text, data):
             break
         here = here[key]
     try:
-        table.model_validate(tables)
+        model.model_validate(tables)
     except ValidationError as error:
-        fault = Fault.of(error, table, tables)
+        fault = Fault.of(error, model, tables)
         lacks = fault.kind == "missing" or bool(fault.kinds)
         found = tables
         for step in fault.steps[:-1] if lacks else fault.steps:

@@ -15,7 +15,7 @@ from haptid.device.priors import Body
 from haptid.errors import StudyFileError, UnknownNameError
 from haptid.observation.cache import RFactorCache, fingerprint
 from haptid.observation.known_payload import Payload, log_without_payload
-from haptid.observation.observation import Plan
+from haptid.observation.plan import Plan
 from haptid.results.result import Result
 from haptid.uncertainty.quantities import correlations
 from motions import multisine, truth

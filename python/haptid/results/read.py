@@ -18,9 +18,9 @@ from haptid.dynamics.base_parameters import BaseParameters
 from haptid.dynamics.model import DynamicModel
 from haptid.end_effector.characterisation.model import GivenParameters
 from haptid.errors import ResultDeviceError, ResultFileError, ShapeError
-from haptid.estimation.intervals.spread import correlations
 from haptid.observation.observation import Block
 from haptid.study import Role
+from haptid.uncertainty.quantities import correlations
 from haptid.validation.validation import MotorError, Validation
 
 # A result of two hundred parameters is some megabytes; a file beyond this is something else.

@@ -11,10 +11,10 @@ from scipy import linalg
 
 from haptid._internal.arrays import Array, expect, read_only
 from haptid.dynamics.model import DynamicModel
-from haptid.end_effector.characterisation.force_capability import weakest
 from haptid.errors import IdentifiabilityError, PhysicalConsistencyError, SettingError
 from haptid.estimation.feasibility.cone import Block, Cone, Part, cone, parts, pseudo_inertia
 from haptid.estimation.feasibility.conic_program import Condition, minimise
+from haptid.estimation.least_squares import weakest
 from haptid.observation.r_factor import triangle
 
 # A margin this little below zero is rounding.

@@ -9,9 +9,8 @@ import numpy as np
 from scipy import fft
 
 from haptid._internal.arrays import Array, whole
-from haptid.end_effector.force import setting_error
 from haptid.estimation.intervals.covariance import Spread
-from haptid.estimation.method import Fit
+from haptid.estimation.method import Fit, setting_error
 
 # Least number of cosines.
 FEWEST = 3

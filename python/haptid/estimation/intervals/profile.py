@@ -11,13 +11,12 @@ import numpy as np
 from scipy import sparse
 
 from haptid._internal.arrays import Array
-from haptid.end_effector.force import setting_error
 from haptid.errors import SettingError
 from haptid.estimation.feasibility.conic_program import ENOUGH, SOLVED, TIGHT, Condition, cones_of, settings, unsolved
 from haptid.estimation.feasibility.feasible import roomy
 from haptid.estimation.intervals.cluster_robust import ClusterRobust
 from haptid.estimation.intervals.covariance import Intervals, Spread
-from haptid.estimation.method import Fit
+from haptid.estimation.method import Fit, setting_error
 from haptid.estimation.methods.constrained import BoundedSolution, Constrained, bound_conditions
 
 # Weight of a quadratic penalty on directions without torque, which makes the solution unique.

@@ -12,13 +12,12 @@ from haptid.device.expressions import combination
 from haptid.device.toml.errors_at import Place
 from haptid.dynamics.base_parameters import base_combinations
 from haptid.dynamics.model import DynamicModel
-from haptid.end_effector.force import setting_error
 from haptid.errors import SettingError, UnknownNameError, suggestion
 from haptid.estimation.feasibility.cone import never_negative
 from haptid.estimation.feasibility.conic_program import Condition, minimise
 from haptid.estimation.feasibility.feasible import FeasibleParameters, nearest_feasible, possible
 from haptid.estimation.least_squares import Knowledge, Solution
-from haptid.estimation.method import Method, Wrapper, expect_weighting
+from haptid.estimation.method import Method, Wrapper, expect_weighting, setting_error
 from haptid.estimation.methods.wls import WLS
 from haptid.observation.observation import MotorRows, Observation
 

@@ -11,10 +11,9 @@ import numpy as np
 from scipy import linalg
 
 from haptid._internal.arrays import Array, positive
-from haptid.end_effector.force import setting_error
 from haptid.errors import IdentifiabilityError, SettingError
 from haptid.estimation.least_squares import Solution, solve
-from haptid.estimation.method import Fit, expect_whole
+from haptid.estimation.method import Fit, expect_whole, setting_error
 from haptid.estimation.methods.wls import WLS
 from haptid.motion.treatment import Motion, treat
 from haptid.observation.observation import Observation

@@ -22,10 +22,9 @@ from haptid._internal.arrays import Array, positive
 from haptid.dynamics.forward import ParametricForwardDynamics
 from haptid.dynamics.inverse import inverse_dynamics
 from haptid.dynamics.model import DynamicModel
-from haptid.end_effector.force import setting_error
 from haptid.errors import SimulationError
 from haptid.estimation.estimate import Estimate, estimate
-from haptid.estimation.method import Method, UnitVarianceRows, expect_positive
+from haptid.estimation.method import Method, UnitVarianceRows, expect_positive, setting_error
 from haptid.estimation.methods.open_loop import position_noise, recorded_positions, sampled_torque
 from haptid.estimation.methods.simulation_based import base_columns, by_block
 from haptid.estimation.methods.wls import WLS

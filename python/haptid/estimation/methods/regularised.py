@@ -11,13 +11,20 @@ import numpy as np
 from haptid._internal.arrays import Array, positive
 from haptid.device import INERTIAL
 from haptid.dynamics.model import DynamicModel
-from haptid.end_effector.force import setting_error
 from haptid.errors import IncompleteDeviceError
 from haptid.estimation.feasibility.cone import Block, Cone
 from haptid.estimation.feasibility.conic_program import unsolved
 from haptid.estimation.feasibility.feasible import FeasibleParameters, roomy
 from haptid.estimation.least_squares import Knowledge, Solution, solve
-from haptid.estimation.method import Fit, Method, Wrapper, expect_positive, expect_weighting, expect_whole
+from haptid.estimation.method import (
+    Fit,
+    Method,
+    Wrapper,
+    expect_positive,
+    expect_weighting,
+    expect_whole,
+    setting_error,
+)
 from haptid.estimation.methods.constrained import Constrained, costs
 from haptid.estimation.methods.wls import WLS
 from haptid.observation.observation import Observation
