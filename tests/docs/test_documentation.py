@@ -240,7 +240,7 @@ def base_parameters_of(path: Path) -> int:
     """Of a device, or of one whose loops need a guess that `loop_regroupings` does without."""
     try:
         return len(haptid.DynamicModel(haptid.read_device(path)).base)
-    except haptid.errors.LoopBranchError:
+    except haptid.errors.LoopClosureError:
         return len(haptid.loop_regroupings(path))
 
 
