@@ -35,7 +35,7 @@ WRONG_STUDIES = [
     ("cutoff_hz = 30", "cutoff = 30", "key `treatment.cutoff`", '(found 30). Did you mean "cutoff_hz"? Keys here: cut'),
     ('path = "log.csv"', 'pth = "log.csv"', "key `logs.0.pth`", 'Did you mean "path"? Keys here: path, role'),
     ("[treatment]", "[estimate.limits.FC1]\nloww = 1\n[treatment]", "key `estimate.limits.FC1.loww`", "low, high."),
-    ("[treatment]", "[estimate.relations]\na = 'b'\n[treatment]", "key `estimate.relations.a`", "relations is combin"),
+    ("[treatment]", "[estimate.relations]\na = 'b'\n[treatment]", "key `estimate.relations.a`", "relations is equality"),
     ("[treatment]", "[estimate]\npossible = 'yes'\n[treatment]", "key `estimate.possible`", "Write true or false"),
     ('path = "log.csv"', "path = 3", "key `logs.0.path`", "Write a text in double quotes"),
     ("cutoff_hz = 30", "order = 13", "key `treatment.order`", "12 (found 13); order is order of one pass"),
@@ -47,7 +47,7 @@ WRONG_STUDIES = [
 WRONG_EXPERIMENTS = [
     ("kp = 40.0", "kq = 40.0", "key `controller.kq`", "Keys here: kp, kd, ki"),
     ("centre = 0.1", "center = 0.1", "key `trajectory.center`", 'Did you mean "centre"? Keys here: amplitude'),
-    ("centre = 0.1", "centre = 0.1\ncount = 'a'", "key `trajectory.count`", "count is sines a joint"),
+    ("centre = 0.1", "centre = 0.1\ncount = 'a'", "key `trajectory.count`", "count is number of sines per joint"),
     ('"multisine"', '"sine"', "key `trajectory.kind`", """no kind 'sine'; write one of "multisine", "triangles","""),
     ("force = [0.0, 0.0, 1.0]", "force = [0.0]", "key `hand.0.force`", "force is in the base frame, N"),
     ("schema = 1", "schema = ", "line 2, column 10", "`haptid schema experiment` prints every key"),

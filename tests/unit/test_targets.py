@@ -127,7 +127,7 @@ def test_a_parameter_declared_equal_to_another_stands_for_both(tmp_path):
 @settings(max_examples=20, deadline=None, suppress_health_check=[HealthCheck.too_slow])
 @given(mechanisms(most=4), st.integers(0, 2**32 - 1))
 def test_what_base_parameters_combine_to_is_identifiable_and_nothing_else(mechanism, seed):
-    model, rng = haptid.DynamicModel(as_device(mechanism)), np.random.default_rng(seed)
+    model, rng = as_device(mechanism), np.random.default_rng(seed)
     base = model.base
     wanted = rng.normal(size=(3, len(base)))
     rows = wanted @ base.regrouping
