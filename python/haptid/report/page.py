@@ -14,7 +14,7 @@ from markupsafe import Markup
 
 from haptid.errors import OutputError
 from haptid.report.chart import Chart
-from haptid.report.section import Shown
+from haptid.report.section import PageSection
 from haptid.results.write import finite
 
 # The script's parts, in the order in which they need each other.
@@ -22,7 +22,7 @@ SCRIPTS = ("numbers.js", "svg.js", "plot.js", "heat.js", "bars.js", "mechanism.j
 STYLES = ("page.css",)
 
 
-def page(title: str, about: str, sections: Sequence[Shown]) -> str:
+def page(title: str, about: str, sections: Sequence[PageSection]) -> str:
     """A whole HTML document.
 
     Args:
@@ -31,7 +31,7 @@ def page(title: str, about: str, sections: Sequence[Shown]) -> str:
     """
     charts = {chart.key: chart for section in sections for chart in section.charts}
     shown = [
-        {"key": s.key, "title": s.title, "html": Markup(_environment().get_template(f"{s.key}.html").render(s=s))}
+        {"key": s.key, "title": s.title, "html": Markup(_environment().get_template(f"{s.template}.html").render(s=s))}
         for s in sections
     ]
     return (
@@ -71,6 +71,7 @@ def _environment() -> Environment:
     )
     made.globals["show"] = _show
     made.filters["number"] = _number
+    made.tests["figure"] = lambda cell: cell.lstrip("-")[:1].isdigit()
     made.filters["embedded"] = _embedded
     made.filters["unit"] = lambda unit: unit.replace("^2", "\u00b2").replace("^3", "\u00b3")
     return made

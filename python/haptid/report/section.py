@@ -6,10 +6,26 @@ import dataclasses
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any, ClassVar, Self
+from typing import Any, ClassVar, Protocol, Self
 
 from haptid.report.chart import Chart
 from haptid.report.source import Source
+
+
+class PageSection(Protocol):
+    """What a page requires of a section: a key that is its anchor, a title, a template and its charts."""
+
+    @property
+    def key(self) -> str: ...
+
+    @property
+    def title(self) -> str: ...
+
+    @property
+    def template(self) -> str: ...
+
+    @property
+    def charts(self) -> tuple[Chart, ...]: ...
 
 
 @dataclass(frozen=True)
@@ -25,6 +41,11 @@ class Shown:
     key: ClassVar[str]
     title: ClassVar[str]
     charts: tuple[Chart, ...]
+
+    @property
+    def template(self) -> str:
+        """Name of the template, without its ending."""
+        return self.key
 
     def plain(self) -> dict[str, Any]:
         """The same as values that JSON can say."""
