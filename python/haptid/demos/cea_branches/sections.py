@@ -31,8 +31,8 @@ def _friction(found: Results) -> DocumentSection:
     text = [
         f"{found.model.device.name} on the virtual bench with encoders and noise. Each branch has three logs: a "
         f"friction test, the motion that identifies, and another motion for validation. The experiment files are "
-        f"next to the logs, for `haptid bench`. The true parameters are the published identified values, and zero where the paper "
-        f"reports none; those of the real device are unknown.",
+        f"next to the logs, for `haptid bench`. The true parameters are the published identified values, and zero "
+        f"where the paper reports none; those of the real device are unknown.",
         "In the friction test each joint in turn moves to and fro at constant velocities; friction models are compared "
         "by AICc.",
     ]
