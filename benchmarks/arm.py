@@ -33,7 +33,7 @@ class Arm:
         second = 0.01 * np.eye(3) + 0.005 * shape @ shape.transpose(0, 2, 1)
         self.inertia = np.trace(second, axis1=1, axis2=2)[:, None, None] * np.eye(3) - second
         self.core = _core.Mechanism(*mechanism_arguments(self.model))
-        S = self.model.device.parameters.S[:, list(self.model.base.kept)]
+        S = self.model.device.parameters.S[:, list(self.model.base.independent_columns)]
         self.columns = [int(c) for c in np.flatnonzero(S.any(axis=1))]
         self.reached = np.array(self.core.reach(self.columns))
 

@@ -169,7 +169,7 @@ def exact_motion(case: Case, made: bench.Recording) -> haptid.Motion:
     """The simulator's own states and torques."""
     active, inner = list(device_of(case).active), slice(ENDS, len(made) - ENDS)
     q, qd, qdd = (x[inner][:, active] for x in (made.q, made.qd, made.qdd))
-    treatment = haptid.Treatment(cutoff_hz=None, low_speed=STICKS)
+    treatment = haptid.Treatment(cutoff_hz=None, reversal_speed=STICKS)
     return haptid.Motion(made.dt, q, made.torque[inner], treatment, rates=(qd, qdd))
 
 

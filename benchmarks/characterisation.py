@@ -20,7 +20,7 @@ import haptid
 from haptid import _core
 from haptid.dynamics.inverse import mass_matrix
 from haptid.dynamics.kinematics import handle_motion
-from haptid.end_effector.characterisation import GivenModel, felt_mass
+from haptid.end_effector.characterisation import GivenParameters, apparent_mass
 from haptid.end_effector.characterisation.apparent_mass import core_arguments
 
 POSES = 1_000_000
@@ -30,7 +30,7 @@ DEVICES = {
 }
 
 
-def model_of(name: str) -> GivenModel:
+def model_of(name: str) -> GivenParameters:
     """The device with parameters of some size, and a covariance of one per cent."""
     model = haptid.DynamicModel(haptid.read_device(name))
     chi = np.nan_to_num(model.device.chi_prior)
@@ -40,7 +40,7 @@ def model_of(name: str) -> GivenModel:
     beta = model.base.of(chi)
     rng = np.random.default_rng(0)
     L = 0.01 * np.abs(beta)[:, None] * rng.normal(size=(len(beta),) * 2) / np.sqrt(len(beta))
-    return GivenModel(model, beta, L @ L.T)
+    return GivenParameters(model, beta, L @ L.T)
 
 
 def poses_of(centre: tuple[float, ...], count: int) -> np.ndarray:
@@ -59,11 +59,11 @@ def best_of(work: Callable[[], object], times: int = 3) -> float:
     return min(taken)
 
 
-def check(identified: GivenModel, qa: np.ndarray) -> None:
+def check(identified: GivenParameters, qa: np.ndarray) -> None:
     """The kernel's masses are those of the plain road."""
     A, J = mass_matrix(identified.model, identified.beta, qa), handle_motion(identified.model, qa).row_jacobian[:, :3]
     wanted = np.linalg.eigvalsh(np.linalg.inv(J @ np.linalg.solve(A, J.mT)))[:, ::-1]
-    found = felt_mass(identified, qa)
+    found = apparent_mass(identified, qa)
     np.testing.assert_allclose(found.mass.value[found.definite], wanted[found.definite], rtol=1e-8)
 
 
@@ -76,7 +76,7 @@ def timed() -> dict[str, float]:
         qa = poses_of(centre, POSES)
         at = core_arguments(identified, qa)
         made[f"{label}: Jacobian and mass matrix"] = best_of(lambda at=at: _core.handle_dynamics(*at, rows=[0, 1, 2]))
-        made[f"{label}: masses with deviations"] = best_of(lambda m=identified, qa=qa: felt_mass(m, qa))
+        made[f"{label}: masses with deviations"] = best_of(lambda m=identified, qa=qa: apparent_mass(m, qa))
     return made
 
 

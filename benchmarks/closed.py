@@ -21,16 +21,16 @@ class Closed:
         self.n, self.links = len(self.model.device.active), len(self.model.device.joints)
         rng = np.random.default_rng(0)
         self.qa = np.array(CENTRE)[:, None] + rng.uniform(-0.4, 0.4, (self.n, SAMPLES))
-        self.c = np.ascontiguousarray(self.model.device.frame @ self.qa)
+        self.c = np.ascontiguousarray(self.model.device.row_map @ self.qa)
         self.cd, self.cdd = rng.normal(size=(2, self.n, SAMPLES))
         self.core = _core.Mechanism(*mechanism_arguments(self.model))
-        S = self.model.device.parameters.S[:, list(self.model.base.kept)]
+        S = self.model.device.parameters.S[:, list(self.model.base.independent_columns)]
         self.columns = [int(k) for k in np.flatnonzero(S.any(axis=1)) if k < 10 * self.links]
         self.reached = np.array(self.core.reach(self.columns))
 
     def case(self) -> dict[str, object]:
         """The tree and its motion, the rates of its joints by the coordinates, and the wanted entries."""
-        followed = self.model.device.closure.follow(self.qa).by(self.model.device.frame)
+        followed = self.model.device.closure.follow(self.qa).by(self.model.device.row_map)
         joints, G = self.model.device.joints, followed.G
         assert G.ndim == 2, "rates that do not vary"
         rows, chosen = np.nonzero(self.reached)

@@ -149,7 +149,7 @@ def peer_function(ca: Any, model: haptid.Device) -> Any:
     """Newton-Euler as in the books, link frames and inertias about their origins, then common subexpressions."""
     n, links = len(model.device.drives), 10 * len(model.device.joints)
     q, qd, qdd, p = (ca.SX.sym(name, size) for name, size in zip("qvap", (n, n, n, len(model.base)), strict=True))
-    S = ca.sparsify(ca.DM(model.device.parameters.S[:, list(model.base.kept)]))
+    S = ca.sparsify(ca.DM(model.device.parameters.S[:, list(model.base.independent_columns)]))
     rates = ca.sparsify(ca.DM(model.device.rates))
     chi, tree = S @ p, [rates @ x for x in (q, qd, qdd)]
     z, down = ca.DM([0, 0, 1]), -ca.DM(model.device.gravity)

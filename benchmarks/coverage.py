@@ -19,7 +19,7 @@ import numpy as np
 from scipy import signal, stats
 
 import haptid
-from haptid.estimation import BlockJackknife, Bootstrap, Clustered, FixedB, Intervals, Sandwich
+from haptid.estimation import BlockJackknife, Bootstrap, ClusterRobust, FixedB, Intervals, Sandwich
 from haptid.observation.rows import Rows, decimated
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "tests"))
@@ -121,7 +121,7 @@ def holds(found: haptid.Estimate, beta: np.ndarray) -> np.ndarray:
 
 def textbook_holds(found: haptid.Estimate, beta: np.ndarray) -> np.ndarray:
     """The same of the textbook's."""
-    wide = stats.norm.ppf(0.975) * np.sqrt(np.diag(found.textbook_covariance))
+    wide = stats.norm.ppf(0.975) * np.sqrt(np.diag(found.classical_covariance))
     return np.asarray(np.abs(found.beta - beta) <= wide)
 
 
@@ -137,17 +137,17 @@ def shares(
         made[1] += textbook_holds(found, bed.beta)
         for k, intervals in enumerate(others):
             spread = intervals.spread(found.fit)
-            half = stats.t.ppf(0.975, spread.freedom) * np.sqrt(np.diag(spread.covariance))
+            half = stats.t.ppf(0.975, spread.dof) * np.sqrt(np.diag(spread.covariance))
             made[2 + k] += np.abs(found.beta - bed.beta) <= half
     return tuple(made / runs)
 
 
-def told(what: str, default: np.ndarray, textbook: np.ndarray) -> Iterator[tuple[str, float]]:
+def told(what: str, default: np.ndarray, classical: np.ndarray) -> Iterator[tuple[str, float]]:
     """Figures of one case, per cent."""
     yield f"{what}: default, mean", 100 * float(default.mean())
     yield f"{what}: default, worst", 100 * float(default.min())
     yield f"{what}: default, best", 100 * float(default.max())
-    yield f"{what}: textbook, mean", 100 * float(textbook.mean())
+    yield f"{what}: textbook, mean", 100 * float(classical.mean())
 
 
 def beside() -> Iterator[tuple[str, float]]:
@@ -172,8 +172,8 @@ def sandwiched() -> Iterator[tuple[str, float]]:
             noisy = replace(motion, tau=motion.tau + NOISE * motion.tau.std(axis=0) * made)
             found = haptid.estimate(haptid.observe(model, noisy), haptid.WLS(), Sandwich())
             inside += holds(found, beta)
-            wide = Clustered().spread(found.fit)
-            half = stats.t.ppf(0.975, wide.freedom) * np.sqrt(np.diag(wide.covariance))
+            wide = ClusterRobust().spread(found.fit)
+            half = stats.t.ppf(0.975, wide.dof) * np.sqrt(np.diag(wide.covariance))
             width.append(np.median((found.interval95[:, 1] - found.beta) / half))
         yield f"{sort}, as it is: AR(bic) sandwich, mean", 100 * float(inside.mean()) / SANDWICHES
         yield f"{sort}, as it is: AR(bic) sandwich, width beside the default's", float(np.median(width))
@@ -195,8 +195,8 @@ def run() -> dict[str, float]:
     for name, (treated, treatment) in product(DEVICES, TREATMENTS.items()):
         bed = Bed.of(name, SECONDS, treatment)
         for sort, (phi, shared) in NOISES.items():
-            default, textbook = shares(bed, phi, shared, RUNS)
-            figures |= told(f"{name}, {sort}, {treated}", default, textbook)
+            default, classical = shares(bed, phi, shared, RUNS)
+            figures |= told(f"{name}, {sort}, {treated}", default, classical)
     figures |= told("encoders of 4000 counts, treated as proposed", *quantised(ENCODER_RUNS))
     figures |= {**dict(beside()), **dict(sandwiched())}
     seen = [diagnose(estimated(log(k, stribeck=0.25)))["friction near standstill"].status != "ok" for k in range(LOGS)]

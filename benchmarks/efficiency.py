@@ -31,26 +31,26 @@ SECONDS = 10.0
 OUTLIERS, SIZE = 0.2, 10.0
 
 
-def bound(observation: haptid.Observation, sd: np.ndarray, phi: float) -> np.ndarray:
+def bound(observation: haptid.Observation, se: np.ndarray, phi: float) -> np.ndarray:
     """Least deviation of every parameter for AR(1) noise of known deviation and coefficient, (p,)."""
     filters = (np.ones(1), np.array([1.0, -phi]))
-    models = [Autoregression(filters, s**2 * np.array([1.0, 1.0 - phi**2])) for s in sd]
+    models = [Autoregression(filters, s**2 * np.array([1.0, 1.0 - phi**2])) for s in se]
     seen = Rows(observation).folded(Whitening(models))
-    return np.asarray(np.linalg.norm(solve(seen, np.ones(len(sd))).root, axis=1))
+    return np.asarray(np.linalg.norm(solve(seen, np.ones(len(se))).root, axis=1))
 
 
 def errors(method: haptid.Method, phi: float, runs: int, shared: float = 0.0) -> tuple[np.ndarray, np.ndarray]:
     """Errors of every run and parameter in units of the bound, (runs, p), and stated deviations in the same."""
     model = haptid.DynamicModel(haptid.read_device("phantom_premium_15"))
     motion, beta = clean_motion("phantom_premium_15", SECONDS, haptid.Treatment(cutoff_hz=None))
-    sd, rng = NOISE * motion.tau.std(axis=0), np.random.default_rng(3)
-    least = bound(haptid.observe(model, motion), sd, phi)
+    se, rng = NOISE * motion.tau.std(axis=0), np.random.default_rng(3)
+    least = bound(haptid.observe(model, motion), se, phi)
     found, stated = [], []
     for _ in range(runs):
-        made = noise((len(sd), len(motion)), phi, shared, rng).T
-        estimate = haptid.estimate(haptid.observe(model, replace(motion, tau=motion.tau + sd * made)), method)
+        made = noise((len(se), len(motion)), phi, shared, rng).T
+        estimate = haptid.estimate(haptid.observe(model, replace(motion, tau=motion.tau + se * made)), method)
         found.append((estimate.beta - beta) / least)
-        stated.append(estimate.sd / least)
+        stated.append(estimate.se / least)
     return np.array(found), np.array(stated)
 
 
@@ -63,13 +63,13 @@ def wild(method: haptid.Method, one_way: bool) -> float:
     """Root mean square error with outliers, in units of the bound without."""
     model = haptid.DynamicModel(haptid.read_device("phantom_premium_15"))
     motion, beta = clean_motion("phantom_premium_15", SECONDS, haptid.Treatment(cutoff_hz=None))
-    sd, rng, found = NOISE * motion.tau.std(axis=0), np.random.default_rng(4), []
-    least = bound(haptid.observe(model, motion), sd, 0.0)
+    se, rng, found = NOISE * motion.tau.std(axis=0), np.random.default_rng(4), []
+    least = bound(haptid.observe(model, motion), se, 0.0)
     for _ in range(FEW):
         made = rng.standard_normal(motion.tau.shape)
         sign = 1.0 if one_way else rng.choice([-1.0, 1.0], made.shape)
         made = np.where(rng.random(made.shape) < OUTLIERS, SIZE * sign * (1 + rng.random(made.shape)), made)
-        estimate = haptid.estimate(haptid.observe(model, replace(motion, tau=motion.tau + sd * made)), method)
+        estimate = haptid.estimate(haptid.observe(model, replace(motion, tau=motion.tau + se * made)), method)
         found.append((estimate.beta - beta) / least)
     return rms(np.array(found))
 

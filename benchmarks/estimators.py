@@ -16,7 +16,19 @@ from pathlib import Path
 
 import haptid
 from haptid.errors import HaptidError
-from haptid.estimation import GLS, IRLS, SUR, TLS, Bounded, Corrected, Heteroscedastic, Huber, Ridge, StudentT, Tukey
+from haptid.estimation import (
+    GLS,
+    IRLS,
+    SUR,
+    TLS,
+    Bounds,
+    ErrorsInVariables,
+    Heteroscedastic,
+    Huber,
+    Ridge,
+    StudentT,
+    Tukey,
+)
 from haptid.study.identify import held_out
 from haptid.validation.validation import pooled
 
@@ -37,10 +49,10 @@ def methods(model: haptid.Device) -> Mapping[str, haptid.Method]:
         "IRLS, Student t": IRLS(StudentT()),
         "heteroscedastic ML": Heteroscedastic(),
         "TLS": TLS(),
-        "TLS, encoder noise": Corrected(),
+        "TLS, encoder noise": ErrorsInVariables(),
         "ridge towards the prior": Ridge(),
-        "friction not negative": Bounded(friction),
-        "physically consistent": haptid.Consistent(),
+        "friction not negative": Bounds(friction),
+        "physically consistent": haptid.PhysicallyConsistent(),
     }
 
 

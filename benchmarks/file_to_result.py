@@ -99,7 +99,7 @@ def write_log(path: Path, samples: int) -> None:
 
     import haptid
 
-    model, rng = DynamicModel(haptid.read_device("arm7")), np.random.default_rng(0)
+    model, rng = haptid.DynamicModel(haptid.read_device("arm7")), np.random.default_rng(0)
     q, qd, qdd = motion(rng, PERIOD)
     beta = rng.uniform(0.2, 1.0, len(model.base))
     tau = haptid.inverse_dynamics(model, beta, q, qd, qdd)

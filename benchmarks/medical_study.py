@@ -87,7 +87,7 @@ def found_of(one: Identified) -> Found:
     return Found(
         inside={name: one.inside(name) for name in names},
         inside_full=held,
-        ratio={name: one.reduced[name].relative_sd / one.table.figures[name, "relative"] for name in names},
+        ratio={name: one.reduced[name].relative_se / one.table.figures[name, "relative"] for name in names},
         missing=len(one.missing),
         more=len(one.more),
         moved=float(np.nanmax(np.abs(one.reduction.shift))),

@@ -17,11 +17,12 @@ import numpy as np
 
 import haptid
 from bench_identification import CASES, ENDS, device_of, log_of, record, truth_of
+from haptid import estimation
 from haptid.experiment import bench
 from haptid.simulation import PID
 
 CASE, COUNTS, SECONDS, READINGS, EVERY = CASES["PHANToM, one parallelogram"], 4000.0, 10.0, 20, 2
-NOISE, TREATMENT = 5e-3, haptid.Treatment(cutoff_hz=90.0, torque_delay=5e-4)
+NOISE, TREATMENT = 5e-3, haptid.Treatment(cutoff_hz=90.0, torque_delay_s=5e-4)
 NAMES = ("OLS", "IV", "DIDIM", "CLIE")
 # With so much noise in the columns the simulated motion settles slowly, and IV not below a tenth of a deviation.
 PASSES, SETTLED = 40, 0.3
@@ -37,7 +38,7 @@ def methods() -> dict[str, haptid.Method]:
     """What is compared."""
     target = exact().target[ENDS:-ENDS:EVERY]
     law = PID(CASE.kp, CASE.kd, reference=(target,), velocity_cutoff_hz=100.0, rate_hz=1000.0)
-    simulated = {name: getattr(estimators, name)(law, most=PASSES, tolerance=SETTLED) for name in NAMES[1:]}
+    simulated = {name: getattr(estimation, name)(law, most=PASSES, tolerance=SETTLED) for name in NAMES[1:]}
     return {"OLS": haptid.OLS(), **simulated}
 
 

@@ -29,7 +29,7 @@ from haptid.demos.phantom_configurations.hand import hand_forces
 from haptid.demos.phantom_configurations.plan import PhantomDemo
 from haptid.demos.recordings import BenchRecording, Take, read_recording, record
 from haptid.end_effector.definiteness import definiteness
-from haptid.estimation import Consistent, possible
+from haptid.estimation import PhysicallyConsistent, possible
 
 NAME, SEEDS, STEP = "phantom", range(1, 21), 5e-4
 # Up to this seed there are logs without noise too.
@@ -81,7 +81,7 @@ def study(key: str, seed: int) -> Found:
             logs["encoders, no noise"] = made(key, quiet=True)
         fits = {sort: (by_exact_velocity if "exact" in sort else encoders)(demo, log) for sort, log in logs.items()}
         near = {sort: accuracy(fit.targets, logs[sort], demo.stretch.unseen) for sort, fit in fits.items()}
-        free, held = fits["encoders"], encoders(demo, logs["encoders"], Consistent())
+        free, held = fits["encoders"], encoders(demo, logs["encoders"], PhysicallyConsistent())
         reachable = next(place for place in demo.workspaces if place.name == REACHABLE).of(model)
         return Found(
             inside={sort: one.inside for sort, one in near.items()},

@@ -17,13 +17,14 @@ from scipy import stats
 
 import bench_identification  # finds the tests' devices
 import haptid
+from haptid import estimation
 from haptid.experiment import bench
 from small_study import FRICTION, driven, log_of, two_links
 from true_parameters import true_parameters
 
 assert bench_identification
 RUNS, SECONDS, RATE_HZ, NOISE, ENCODERS = 100, 5.0, 250.0, 0.02, bench.Encoders((4000.0,), (10.0,))
-TREATMENT = haptid.Treatment(cutoff_hz=25, decimation=10, torque_delay=0.5 / RATE_HZ, low_speed=0.05)
+TREATMENT = haptid.Treatment(cutoff_hz=25, decimation=10, torque_delay_s=0.5 / RATE_HZ, reversal_speed=0.05)
 # Widths, as shares of the root mean square speed, that are compared with those of the methods' own.
 WIDE = {"OutputError": 0.01, "EKF": 0.02}
 
@@ -32,8 +33,8 @@ def methods() -> Mapping[str, haptid.Method]:
     """What is compared."""
     made: dict[str, haptid.Method] = {}
     for name, width in WIDE.items():
-        made[f"{name}, wide"] = getattr(estimators, name)(friction=width)
-        made[name] = getattr(estimators, name)()
+        made[f"{name}, wide"] = getattr(estimation, name)(friction=width)
+        made[name] = getattr(estimation, name)()
     return made
 
 
@@ -46,7 +47,7 @@ def reading(seed: int) -> dict[str, np.ndarray]:
     made = {}
     for name, method in methods().items():
         found = haptid.estimate(observation, method)
-        made[name] = np.array([found.beta - beta, found.sd, stats.t.ppf(0.975, found.freedom) * found.sd])
+        made[name] = np.array([found.beta - beta, found.se, stats.t.ppf(0.975, found.dof) * found.se])
     return made
 
 
@@ -56,11 +57,11 @@ def run() -> dict[str, float]:
         made = list(pool.map(reading, range(RUNS)))
     figures: dict[str, float] = {}
     for name in made[0]:
-        error, sd, half = np.array([one[name] for one in made]).transpose(1, 0, 2)
+        error, se, half = np.array([one[name] for one in made]).transpose(1, 0, 2)
         inside, scatter = np.abs(error) <= half, error.std(axis=0)
         figures[f"{name}: intervals that hold the truth, %"] = 100 * float(inside.mean())
         figures[f"{name}: of the worst parameter, %"] = 100 * float(inside.mean(axis=0).min())
-        figures[f"{name}: deviation over scatter"] = float(np.median(np.sqrt((sd**2).mean(axis=0)) / scatter))
+        figures[f"{name}: deviation over scatter"] = float(np.median(np.sqrt((se**2).mean(axis=0)) / scatter))
         figures[f"{name}: largest bias over scatter"] = float((np.abs(error.mean(axis=0)) / scatter).max())
     return figures
 

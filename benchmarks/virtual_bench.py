@@ -82,7 +82,7 @@ def exact_identification(model: haptid.Device, made: bench.Recording) -> dict[st
     active = list(model.device.active)
     q, qd, qdd = made.q[:, active], made.qd[:, active], made.qdd[:, active]
     settled = slice(2000, None)
-    treatment = haptid.Treatment(cutoff_hz=None, low_speed=0.01)
+    treatment = haptid.Treatment(cutoff_hz=None, reversal_speed=0.01)
     motion = haptid.Motion(made.dt, q[settled], made.torque[settled], treatment, rates=(qd[settled], qdd[settled]))
     estimate = haptid.estimate(haptid.observe(model, motion), haptid.WLS())
     truth = model.base.of(true_parameters(model))

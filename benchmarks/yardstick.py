@@ -32,7 +32,7 @@ KP, KD = (1500.0, 1500.0, 500.0, 200.0, 200.0, 90.0), (60.0, 60.0, 20.0, 8.0, 8.
 GEAR, COUNTS = (32.0, 32.0, 45.0, 48.0, 45.0, 32.0), 4096.0
 NOISE = (0.5, 0.5, 0.3, 0.1, 0.1, 0.1)
 # The motion is below 3 Hz; a command is held from one sample to the next.
-TREATMENT = haptid.Treatment(cutoff_hz=40.0, decimation=10, low_speed=0.05, torque_delay=0.5 / RATE_HZ)
+TREATMENT = haptid.Treatment(cutoff_hz=40.0, decimation=10, reversal_speed=0.05, torque_delay_s=0.5 / RATE_HZ)
 # Simulated dry friction turns over within this share of the speed: less would cost time, for little.
 FRICTION = 0.02
 # Controller's velocity filter on the bench, Hz.
@@ -50,16 +50,16 @@ METHODS: dict[str, Makes] = {
     "IRLS": lambda _: estimation.IRLS(),
     "TLS": lambda _: estimation.TLS(),
     "maximum likelihood": lambda _: estimation.Heteroscedastic(),
-    "consistent OLS": lambda _: estimation.Consistent(estimation.OLS()),
-    "consistent WLS": lambda _: estimation.Consistent(),
-    "consistent IRLS": lambda _: estimation.Consistent(estimation.IRLS()),
+    "consistent OLS": lambda _: estimation.PhysicallyConsistent(estimation.OLS()),
+    "consistent WLS": lambda _: estimation.PhysicallyConsistent(),
+    "consistent IRLS": lambda _: estimation.PhysicallyConsistent(estimation.IRLS()),
     "IV": lambda law: estimation.IV(law, friction=FRICTION),
-    "consistent IV": lambda law: estimation.Consistent(estimation.IV(law, friction=FRICTION)),
+    "consistent IV": lambda law: estimation.PhysicallyConsistent(estimation.IV(law, friction=FRICTION)),
     "DIDIM": lambda law: estimation.DIDIM(law, friction=FRICTION),
-    "consistent DIDIM": lambda law: estimation.Consistent(estimation.DIDIM(law, friction=FRICTION)),
+    "consistent DIDIM": lambda law: estimation.PhysicallyConsistent(estimation.DIDIM(law, friction=FRICTION)),
     "CLIE": lambda law: estimation.CLIE(law, friction=FRICTION),
     "CLOE": lambda law: estimation.CLOE(law, friction=FRICTION),
-    "OutputError": lambda _: estimation.OutputError(friction=FRICTION),
+    "OutputError": lambda _: estimation.OutputErrorMethod(friction=FRICTION),
     "EKF": lambda _: estimation.EKF(),
     "UKF": lambda _: estimation.UKF(),
 }

@@ -72,5 +72,5 @@ def log(
 
 def estimated(made: haptid.Log, **asked) -> haptid.Estimate:
     """Treated as proposed, but for what is asked."""
-    treatment = haptid.propose(phantom(), made, **{"torque_delay": 0.0, **asked}).treatment
+    treatment = haptid.propose(phantom(), made, **{"torque_delay_s": 0.0, **asked}).treatment
     return haptid.estimate(haptid.observe(phantom(), haptid.treat(made, treatment)), haptid.WLS())

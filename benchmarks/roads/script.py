@@ -58,8 +58,8 @@ def road(case: Case) -> tuple[Callable[[Path], dict[str, float]], Callable[[], n
             kept = signal.decimate(y, DECIMATION, ftype="fir", axis=0).reshape(-1, WIDTH + 1)
             R = linalg.qr(np.concatenate([R, kept]), mode="r")[0][: WIDTH + 1]
             count += len(kept)
-        beta, sd, base = solved(R, count)
-        assert np.isfinite(sd).all()
+        beta, se, base = solved(R, count)
+        assert np.isfinite(se).all()
         found[:] = 0.0
         found[base] = beta
         return {}

@@ -58,7 +58,9 @@ def main(folder: Path) -> None:
         columns = {"t": t}
         columns |= {f"q{k + 1}": STEP * np.round(q[k] / STEP) for k in range(3)}
         # The amplifier box is commanded in its own units: the device file knows its gain.
-        columns |= {f"command{k + 1}": tau[k] / model.device.drives[k].gain / model.device.drives[k].gear for k in range(3)}
+        columns |= {
+            f"command{k + 1}": tau[k] / model.device.drives[k].gain / model.device.drives[k].gear for k in range(3)
+        }
         pq.write_table(pa.table(columns), folder / f"{name}.parquet")
     truth = dict(zip(model.base.names, beta.tolist(), strict=True))
     (folder / "truth.json").write_text(json.dumps(truth, indent=1) + "\n", encoding="utf-8")

@@ -34,7 +34,7 @@ def handle_dynamics(
     (rotors,) are beside them. Rows are of the velocity in the base frame: 0 to 2 linear, 3 to 5 angular.
     """
 
-def felt_mass(
+def apparent_mass(
     mechanism: Mechanism,
     position: Array,
     rates: Array,

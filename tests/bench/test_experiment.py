@@ -139,7 +139,7 @@ def test_many_logs_at_a_time_are_those_made_one_by_one(short, tmp_path):
         for seed in (5, 6)
     ]
     told = []
-    made = bench.make_logs(jobs, workers=haptid.Processes(2), tell=lambda path, share: told.append((path, share)))
+    made = bench.make_logs(jobs, workers=haptid.ProcessExecutor(2), tell=lambda path, share: told.append((path, share)))
     assert made == (tmp_path / "5.parquet", tmp_path / "6.parquet")
     assert {path for path, _ in told} == set(made)
     assert told[-1][1] == 1.0

@@ -17,7 +17,7 @@ from motions import motion
 from true_parameters import true_parameters
 
 # A command is held for a period of 1 ms: it acts half of that late.
-TREATMENT = haptid.Treatment(cutoff_hz=40.0, decimation=10, torque_delay=5e-4)
+TREATMENT = haptid.Treatment(cutoff_hz=40.0, decimation=10, torque_delay_s=5e-4)
 PUSHES_FROM, SECONDS = 3.0, 8.0
 
 

@@ -21,7 +21,10 @@ def tree_torques(model, chi, qa, qda, qdda):
     found = np.empty_like(qa)
     for k in range(qa.shape[1]):
         data.qpos[:] = closed(model, qa[:, k])
-        data.qvel[:], data.qacc[:] = model.device.closure.G[order] @ qda[:, k], model.device.closure.G[order] @ qdda[:, k]
+        data.qvel[:], data.qacc[:] = (
+            model.device.closure.G[order] @ qda[:, k],
+            model.device.closure.G[order] @ qdda[:, k],
+        )
         mujoco.mj_inverse(mj_model, data)
         mujoco.mj_fwdActuation(mj_model, data)
         found[:, k] = model.device.rates[order].T @ (data.qfrc_inverse - data.qfrc_actuator)

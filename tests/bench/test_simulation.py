@@ -1,7 +1,5 @@
 """The bench keeps loops closed and energy, moves as haptid's model says, and gives the parameters back."""
 
-from pathlib import Path
-
 import numpy as np
 import pytest
 
@@ -84,7 +82,9 @@ def test_the_hand_is_in_the_balance_of_forces():
 def handle(model, qa):
     from haptid.device import poses
 
-    at = poses(model, (model.device.closure.G @ qa + model.device.closure.offset[:, None]).T)[:, model.device.handle.link]
+    at = poses(model, (model.device.closure.G @ qa + model.device.closure.offset[:, None]).T)[
+        :, model.device.handle.link
+    ]
     return at[:, :3, :3] @ model.device.handle.translation + at[:, :3, 3]
 
 
@@ -176,12 +176,3 @@ def test_without_mujoco_the_error_says_what_to_install(monkeypatch):
     monkeypatch.setitem(__import__("sys").modules, "mujoco", None)
     with pytest.raises(errors.MujocoMissingError, match="pip install"):
         made(seconds=2.0)
-
-
-def test_every_error_of_the_bench_has_its_test():
-    """By name, in the tests of this folder; the command line's and the files' are in test_experiment.py."""
-    written = "".join(path.read_text(encoding="utf-8") for path in Path(__file__).parent.glob("test_*.py"))
-    kinds = [kind for kind in vars(errors).values() if isinstance(kind, type) and issubclass(kind, errors.BenchError)]
-    assert len(kinds) > 10
-    for kind in kinds:
-        assert kind is errors.BenchError or f"errors.{kind.__name__}" in written, kind.__name__

@@ -107,7 +107,10 @@ def test_flat_loops_are_refused():
     model = haptid.DynamicModel(haptid.read_device("cea_medical_branch"))
     with pytest.raises(errors.FlatLoopError, match="close to flat"):
         check(bench.Multisine(4.0, (0.0, 0.0, 3.8), (0.3,)), model, true_parameters(model))
-    assert bench.loop_openness(model, np.array([model.device.closure.G @ [0, 0.0, 1.0] + model.device.closure.offset]))[0] < 1e-9
+    assert (
+        bench.loop_openness(model, np.array([model.device.closure.G @ [0, 0.0, 1.0] + model.device.closure.offset]))[0]
+        < 1e-9
+    )
 
 
 def test_velocity_and_torque_limits_of_the_device_file_are_kept(tmp_path):

@@ -10,7 +10,7 @@ from haptid.demos import kind_of, read_demo
 from haptid.demos.cea_branches.compensation import bound, without_friction
 from haptid.demos.recordings import record
 from haptid.demos.run import write_results
-from haptid.end_effector.characterisation import GivenModel
+from haptid.end_effector.characterisation import GivenParameters
 from haptid.estimation import possible
 from haptid.experiment.bench import read_experiment
 
@@ -116,9 +116,9 @@ def test_a_small_log_finds_the_branch(found):
     assert one.cross.relative < 3
     assert np.mean([one.inside(name) for name in one.reduction.essential]) > 0.7
     assert not one.missing
-    true = GivenModel(results.model, one.beta)
+    true = GivenParameters(results.model, one.beta)
     for sweep in results.demo.sweeps:
-        felt = haptid.felt_mass(true, sweep.along(results.model)).mass.value
+        felt = haptid.apparent_mass(true, sweep.along(results.model)).mass.value
         np.testing.assert_allclose(results.handles["upper"].sweeps[sweep.key].mass.value, felt, rtol=0.02)
 
 
@@ -143,7 +143,7 @@ def test_compensation_takes_off_what_it_promises(found):
 
 def test_the_bound_is_that_of_one_motion_where_stiffness_and_damping_are_of_one_shape(demo, model):
     asked, table = demo.compensation, demo.tables["upper"]
-    identified = GivenModel.of(model, dict(zip(table.rows, table.column("identified"), strict=True)))
+    identified = GivenParameters.of(model, dict(zip(table.rows, table.column("identified"), strict=True)))
     pose = demo.sweeps[1].along(model)[:, 0]
     wanted = 1 / (1 + 5e-3 * asked.hand_stiffness / asked.hand_damping)
     assert bound(asked, identified, pose, 5e-3) == pytest.approx(wanted)

@@ -16,7 +16,7 @@ from haptid.cli import app
 from haptid.export import CCode, export_c
 from haptid.export.functions import code_of
 from haptid.export.golden import Golden
-from haptid.inference.elimination import AtMost, Essential, essential, without
+from haptid.inference.elimination import BackwardElimination, MaxRelativeStd, essential, without
 from motions import motion, multisine, truth
 from small_study import two_links, write_study
 
@@ -125,7 +125,7 @@ def test_rows_held_out_are_predicted_without_what_is_left_out(study):
     path = study.parent / "alternate.toml"
     path.write_text(study.read_text().replace("[treatment]", '[holdout]\npattern = "alternate"\n[treatment]'))
     found = haptid.identify(haptid.read_study(path))
-    made = with_reduced(found, essential(found.estimate, Essential(AtMost(20.0))).reduced)
+    made = with_reduced(found, essential(found.estimate, BackwardElimination(MaxRelativeStd(20.0))).reduced)
     assert len(made.runs[0].unseen) == len(found.runs[0].unseen)
     for ours, full in zip(made.runs[0].unseen, found.runs[0].unseen, strict=True):
         assert ours.relative == pytest.approx(full.relative, rel=0.05)

@@ -188,7 +188,7 @@ def test_an_estimate_on_the_border_is_brought_inside(tmp_path):
     model, beta = mj_model("arm3")
     wrong = np.array(beta)
     wrong[model.base.names.index("ZZ3R" if "ZZ3R" in model.base.names else "ZZ3")] *= -0.01
-    held = haptid.project(model, wrong, np.eye(len(beta)))
+    held = haptid.project_to_feasible(model, wrong, np.eye(len(beta)))
     chi = standard_parameters(model, held.beta)
     assert departure(model, held.beta, chi) < 1e-8
     assert loaded(export_mjcf((model, held.beta), tmp_path)).nv == 3
@@ -197,7 +197,7 @@ def test_an_estimate_on_the_border_is_brought_inside(tmp_path):
 def simulated_torque(built, model, plan):
     """The same of the treated rows, decimated as the measured one, (coordinates, rows)."""
     c, cd, cdd, _ = plan.signals(*plan.window(0, plan.rows))
-    to_joints = np.linalg.inv(model.device.frame)
+    to_joints = np.linalg.inv(model.device.row_map)
     torque = tree_torques(built, model, *model.tree(*(to_joints @ x for x in (c, cd, cdd))))
     return decimate(torque, plan.filter.taps, plan.motion.treatment.decimation)
 
@@ -210,7 +210,7 @@ def test_mujoco_predicts_the_unseen_log_as_the_model_does(tmp_path, name):
     logs = [replace(log_of(case, recording), sha256=str(seed)) for seed, recording in made]
     treatment = haptid.propose(model, logs[0]).treatment
     fit, unseen = (haptid.treat(log, treatment) for log in logs)
-    estimate = haptid.estimate(haptid.observe(model, fit), haptid.Consistent())
+    estimate = haptid.estimate(haptid.observe(model, fit), haptid.PhysicallyConsistent())
     validation = haptid.validate(estimate, unseen)
     built = loaded(export_mjcf(estimate, tmp_path, validation=validation))
     prediction = haptid.predict(estimate, unseen)

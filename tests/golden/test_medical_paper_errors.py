@@ -10,7 +10,7 @@ import haptid
 from haptid.demos import read_demo
 from haptid.dynamics.inverse import core_torque, mass_matrix
 from haptid.dynamics.kinematics import handle_motion
-from haptid.end_effector.characterisation import GivenModel, characterise, felt_mass
+from haptid.end_effector.characterisation import GivenParameters, apparent_mass, characterise
 from haptid.end_effector.characterisation.velocity_forces import drift
 
 DEMO = read_demo("medical")
@@ -67,7 +67,7 @@ def test_t1_a_larger_end_piece_is_harder_to_turn():
 @pytest.mark.parametrize("branch", TABLES)
 def test_t5_the_neglected_force_needs_the_inverse_jacobian(branch):
     """A handle that moves straight at constant speed: the force is F_d as mended, not as printed."""
-    identified, (qa, _, _) = GivenModel.of(DEVICE, without_friction(TABLES[branch])), states(20)
+    identified, (qa, _, _) = GivenParameters.of(DEVICE, without_friction(TABLES[branch])), states(20)
     J = handle_motion(DEVICE, qa).jacobian[:, :3]
     v = np.random.default_rng(2).uniform(-1, 1, (20, 3))
     qd = np.linalg.solve(J, v[:, :, None])[:, :, 0].T
@@ -103,7 +103,7 @@ def test_t6_printed_friction_can_drive(branch):
     printed = np.einsum("ni,ni,ni->n", hand(J, np.repeat(fc[:, None], 400, axis=1)), np.sign(v), v)
     np.testing.assert_allclose(exact, np.abs(qd) @ fc, rtol=1e-9)
     assert (printed < 0).mean() > 0.2
-    c = characterise(GivenModel.of(DEVICE, TABLES[branch]), qa[:, :1], worst_condition=1e4)
+    c = characterise(GivenParameters.of(DEVICE, TABLES[branch]), qa[:, :1], worst_condition=1e4)
     found = c.coulomb_friction(v[0]).value[0] @ v[0]
     assert found == pytest.approx(exact[0])
 
@@ -127,8 +127,8 @@ def smallest(table, d3, d4, q2, f):
 @pytest.mark.parametrize("branch", TABLES)
 def test_t9_the_smallest_mass_is_the_same_in_both_sweeps(branch):
     """With the inferred lengths within 2 %, and about ZZ3R / d4^2; so the two published ranges cannot both be."""
-    identified, table = GivenModel.of(DEVICE, TABLES[branch]), TABLES[branch]
-    arm, forearm = (felt_mass(identified, sweep.along(DEVICE)).mass.value[:, 2] for sweep in DEMO.sweeps)
+    identified, table = GivenParameters.of(DEVICE, TABLES[branch]), TABLES[branch]
+    arm, forearm = (apparent_mass(identified, sweep.along(DEVICE)).mass.value[:, 2] for sweep in DEMO.sweeps)
     both = np.concatenate([arm, forearm])
     assert np.ptp(both) < 0.02 * both.mean()
     np.testing.assert_allclose(both, table["ZZ3R"] / D4**2, rtol=0.02)
@@ -142,7 +142,9 @@ def test_t9_no_lengths_have_both_ranges(branch):
     table, (first, second) = TABLES[branch], (sweep.published[2] for sweep in DEMO.sweeps)
     qa = DEMO.sweeps[0].along(DEVICE)
     by_hand = smallest(table, D3, D4, qa[1], qa[2] - np.pi)
-    np.testing.assert_allclose(felt_mass(GivenModel.of(DEVICE, table), qa).mass.value[:, 2], by_hand, rtol=1e-9)
+    np.testing.assert_allclose(
+        apparent_mass(GivenParameters.of(DEVICE, table), qa).mass.value[:, 2], by_hand, rtol=1e-9
+    )
     lengths, angles = np.linspace(0.15, 0.4, 8), np.radians(np.linspace(-80, -20, 5))
     arm, forearm = angles, np.radians(np.linspace(50, 70, 5))
     for d3 in lengths:

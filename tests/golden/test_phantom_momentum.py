@@ -57,7 +57,7 @@ def pi_of_beta(model):
         *({f"{kind}{k}": 1} for kind in ("FV", "FC") for k in (1, 2, 3)),
     ]
     P = np.array([[row.get(name, 0.0) for name in model.device.parameters.names] for row in rows])
-    B = P[:, list(model.base.kept)]
+    B = P[:, list(model.base.independent_columns)]
     np.testing.assert_allclose(B @ model.base.regrouping, P, atol=1e-9)  # the papers' set is the base's
     return B
 
@@ -70,7 +70,7 @@ def made():
     core = model.mechanism
     momentum, rest = core.momentum_regressor(q, v, np.zeros((0, q.shape[1])), list(range(core.columns)))
     rows = filtered(momentum, LOW_PASS.slope) + filtered(rest, LOW_PASS.taps)
-    S = model.device.parameters.S[:, list(model.base.kept)]
+    S = model.device.parameters.S[:, list(model.base.independent_columns)]
     W = np.einsum("ark,rp->akp", rows, S) @ np.linalg.inv(pi_of_beta(model))
     return W.transpose(0, 2, 1), q, v
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import haptid
-from haptid.estimation import possible, project
+from haptid.estimation import possible, project_to_feasible
 from motions import motion
 
 # Table I of Tahmasebi et al. (2005), pi_1 to pi_14, in the amplifier's torque units: 2.73 times SI.
@@ -113,7 +113,7 @@ def test_the_nearest_possible_obey_the_necessary_conditions(model, to_pi, instal
     """Conditions on pi that any bodies fulfil, derived by hand from the mass matrix; torque changes by per cents."""
     R = metric(model, to_pi, installation)
     beta = np.linalg.solve(to_pi, TABLE[installation])
-    found = project(model, beta, R)
+    found = project_to_feasible(model, beta, R)
     assert found.ok
     p1, p2, p3, p4, p5, p6, *_ = pi = to_pi @ found.beta
     slack = 1e-8
@@ -135,7 +135,7 @@ def metric(model, to_pi, installation):
 def test_the_nearest_possible_to_the_normal_column(model, to_pi):
     """Near a projection computed elsewhere, on another multisine and with the necessary conditions alone."""
     R = metric(model, to_pi, "normal")
-    pi = to_pi @ project(model, np.linalg.solve(to_pi, TABLE["normal"]), R).beta
+    pi = to_pi @ project_to_feasible(model, np.linalg.solve(to_pi, TABLE["normal"]), R).beta
     wanted = [0.0045, 0.0028, -0.0009, 0.0020, 0.0057, 0.0026, -0.0522, -0.3003, 0, 0, 0, 0.0664, 0.0221, 0.0244]
     np.testing.assert_allclose(pi[:6], wanted[:6], atol=4e-4)
     np.testing.assert_allclose(pi[6:8], wanted[6:8], rtol=0.01)

@@ -5,7 +5,7 @@ import pytest
 
 import haptid
 from haptid.dynamics.inverse import mass_matrix
-from haptid.end_effector.characterisation import GivenModel, characterise, felt_mass, sweep
+from haptid.end_effector.characterisation import GivenParameters, apparent_mass, characterise, sweep
 
 D3, D4 = 0.225, 0.275
 # Janot et al. (2007), tables 1 and 2, identified values, SI.
@@ -51,7 +51,7 @@ def model():
 
 
 def identified(model, table):
-    return GivenModel.of(model, table)
+    return GivenParameters.of(model, table)
 
 
 def closed_form(table, qa):
@@ -82,7 +82,7 @@ def test_masses_are_those_of_the_closed_form(model, table):
     A, J = closed_form(table, qa)
     np.testing.assert_allclose(mass_matrix(model, m.beta, qa), A, atol=1e-12)
     wanted = np.linalg.inv(J).mT @ A @ np.linalg.inv(J)
-    found = felt_mass(m, qa, worst_condition=1e4)
+    found = apparent_mass(m, qa, worst_condition=1e4)
     np.testing.assert_allclose(found.mass.value, np.linalg.eigvalsh(wanted)[:, ::-1], rtol=1e-9)
     rebuilt = np.einsum("pe,pei,pej->pij", found.mass.value, found.directions, found.directions)
     np.testing.assert_allclose(rebuilt, wanted, atol=1e-9 * np.abs(wanted).max())
@@ -117,7 +117,7 @@ def test_figure_7(model):
         "forearm": [(0.58, 0.86), (0.35, 0.61), (0.158, 0.184)],
     }
     for name, qa in (("arm", arm), ("forearm", forearm)):
-        both = [felt_mass(identified(model, table), qa).mass.value for table in (UPPER, LOWER)]
+        both = [apparent_mass(identified(model, table), qa).mass.value for table in (UPPER, LOWER)]
         for k, (low, high) in enumerate(ranges[name]):
             values = np.concatenate([value[:, k] for value in both])
             assert abs(values.min() - low) < 0.01, (name, k, values.min())
@@ -126,7 +126,7 @@ def test_figure_7(model):
 
 def test_branches_are_close_to_each_other(model):
     qa = poses()
-    upper, lower = (felt_mass(identified(model, table), qa).mass.value for table in (UPPER, LOWER))
+    upper, lower = (apparent_mass(identified(model, table), qa).mass.value for table in (UPPER, LOWER))
     assert (np.abs(upper / lower - 1) < 0.25).all()
 
 
@@ -142,7 +142,7 @@ def test_coulomb_friction_of_the_first_joint_alone(model):
 
 def test_the_phantom_holds_less_force_the_further_it_reaches():
     model = haptid.DynamicModel(haptid.read_device("phantom_premium_15"))
-    c = characterise(GivenModel(model, model.base.of(np.nan_to_num(model.device.chi_prior))), np.zeros((3, 1)))
+    c = characterise(GivenParameters(model, model.base.of(np.nan_to_num(model.device.chi_prior))), np.zeros((3, 1)))
     limits = {"1": 0.2, "2": 0.2, "3": 0.2}
     force, direction = c.greatest_force(limits)
     # At zero the arm is level and the forearm hangs: motor 1 turns the tip at 0.215 m and carries no weight.

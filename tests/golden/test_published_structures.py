@@ -12,7 +12,7 @@ INERTIAL = ("XX", "XY", "XZ", "YY", "YZ", "ZZ", "MX", "MY", "MZ", "M", "IA")
 
 
 def inertial(model):
-    kept = model.base.kept
+    kept = model.base.independent_columns
     return [model.base.names[k] for k, index in enumerate(kept) if model.device.parameters.kinds[index] in INERTIAL]
 
 

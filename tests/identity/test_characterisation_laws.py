@@ -9,7 +9,7 @@ import haptid
 from haptid import _core
 from haptid.dynamics.inverse import bias_torque, mass_matrix
 from haptid.dynamics.kinematics import handle_motion
-from haptid.end_effector.characterisation import GivenModel, characterise, felt_mass
+from haptid.end_effector.characterisation import GivenParameters, apparent_mass, characterise
 from haptid.end_effector.characterisation.apparent_mass import core_arguments
 from haptid.end_effector.characterisation.velocity_forces import drift
 from mechanisms import draw, mechanisms
@@ -21,7 +21,7 @@ WORST = 1e4
 
 def bodies(model, chi):
     """A model whose core columns are these very standard parameters."""
-    return GivenModel(model, model.base.of(chi))
+    return GivenParameters(model, model.base.of(chi))
 
 
 @st.composite
@@ -55,7 +55,7 @@ def test_masses_are_inverse_mobilities(case):
     model, identified, qa = case
     A, J = mass_matrix(model, identified.beta, qa), handle_motion(model, qa).row_jacobian[:, :3]
     assume((np.linalg.eigvalsh(A)[:, 0] > 1e-6 * np.abs(A).max()).all())
-    found = felt_mass(identified, qa, worst_condition=WORST)
+    found = apparent_mass(identified, qa, worst_condition=WORST)
     r = min(3, len(model.device.active))
     s = np.linalg.svd(J, compute_uv=False)
     np.testing.assert_array_equal(found.usable[s[:, -1] == 0], False)
@@ -74,7 +74,7 @@ def test_kinetic_energy_is_the_same_at_the_handle(case, seed):
     """1/2 xd' M xd = 1/2 qd' A qd where the handle's motion determines the joints'."""
     model, identified, qa = case
     assume(len(model.device.active) <= 3)
-    found = felt_mass(identified, qa, worst_condition=WORST)
+    found = apparent_mass(identified, qa, worst_condition=WORST)
     A, J = mass_matrix(model, identified.beta, qa), handle_motion(model, qa).row_jacobian[:, :3]
     qd = np.random.default_rng(seed).normal(size=(qa.shape[1], len(model.device.active)))
     xd = np.einsum("pij,pj->pi", J, qd)
@@ -196,7 +196,7 @@ def test_pinocchio_agrees():
     placement = pin.SE3(model.device.handle.rotation, model.device.handle.translation)
     frame = robot.addFrame(pin.Frame("handle", 5, 0, placement, pin.FrameType.OP_FRAME))
     data = robot.createData()
-    found = felt_mass(identified, qa, worst_condition=WORST)
+    found = apparent_mass(identified, qa, worst_condition=WORST)
     for k in range(4):
         A = pin.crba(robot, data, qa[:, k])
         A = np.triu(A) + np.triu(A, 1).T

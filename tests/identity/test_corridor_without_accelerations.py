@@ -5,7 +5,7 @@ import pytest
 
 import haptid
 from haptid.end_effector.force import estimate_force
-from haptid.end_effector.torque_decomposition import dissect
+from haptid.end_effector.torque_decomposition import decompose_torque
 from haptid.motion.causal import Causal, HighPass
 from haptid.treatment_choice import propose as proposal
 from motions import motion, multisine, truth
@@ -13,7 +13,7 @@ from motions import motion, multisine, truth
 DT = 1e-3
 CAUSAL = {"parallel_cutoff_hz": 8.0, "parallel_shape": Causal(2), "accelerations": "momentum"}
 WITHOUT_DELAY = haptid.Treatment(decimation=10, accelerations="momentum")
-RAW = haptid.Treatment(cutoff_hz=None, decimation=10, velocity=HighPass(200.0), torque_delay=5e-4, **CAUSAL)
+RAW = haptid.Treatment(cutoff_hz=None, decimation=10, velocity=HighPass(200.0), torque_delay_s=5e-4, **CAUSAL)
 
 
 @pytest.fixture(scope="module")
@@ -62,7 +62,7 @@ def test_parts_and_hand_force_are_those_with_accelerations(model, shape):
         treatment = haptid.Treatment(**{"cutoff_hz": None, **shape, "accelerations": kind})
         made = motion(model, beta, seconds=6.0, dt=DT, treatment=treatment, noise=0.02)
         found = haptid.estimate(haptid.observe(model, made), haptid.OLS())
-        parts.append(dissect(found, made))
+        parts.append(decompose_torque(found, made))
         forces.append(estimate_force(found, made))
         np.testing.assert_allclose(parts[-1].model, haptid.predict(found, made).predicted, rtol=0, atol=1e-12)
     wanted, got = (part.rms for part in parts)

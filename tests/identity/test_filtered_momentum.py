@@ -60,7 +60,7 @@ RAW = haptid.Treatment(
     parallel_cutoff_hz=10.0,
     parallel_shape=Causal(),
     decimation=5,
-    low_speed=0.05,
+    reversal_speed=0.05,
     **PLAIN,
 )
 
@@ -108,7 +108,7 @@ def test_rows_near_slow_motion_are_those_behind_it_where_the_filter_is_causal():
     q = np.cumsum(np.where(still, 0.0, 0.3)) * DT
     treatment = haptid.Treatment(
         cutoff_hz=None,
-        low_speed=0.05,
+        reversal_speed=0.05,
         accelerations="momentum",
         parallel_cutoff_hz=10.0,
         parallel_shape=Causal(),

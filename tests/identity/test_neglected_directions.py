@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 
 import haptid
 from haptid.demos import read_demo
-from haptid.end_effector.characterisation import GivenModel, characterise
+from haptid.end_effector.characterisation import GivenParameters, characterise
 from haptid.end_effector.characterisation.velocity_forces import unit_directions
 from mechanisms import draw
 from random_devices import as_device, parameters
@@ -25,9 +25,9 @@ def largest(found, speed):
 def shipped(name):
     model = haptid.DynamicModel(haptid.read_device(name))
     if name == "phantom_premium_15":
-        return GivenModel(model, model.base.of(true_parameters(model)))
+        return GivenParameters(model, model.base.of(true_parameters(model)))
     table = read_demo("medical").tables["upper"]
-    return GivenModel.of(model, dict(zip(table.rows, table.column("identified"), strict=True)))
+    return GivenParameters.of(model, dict(zip(table.rows, table.column("identified"), strict=True)))
 
 
 CENTRES = {"phantom_premium_15": (0.0, 0.3, 0.1), "cea_medical_branch": (0.0, -0.9, np.pi + 0.9)}
@@ -50,7 +50,7 @@ def test_no_direction_of_thousands_has_more(name, speed):
 def test_nor_of_random_arms(seed, speed):
     mechanism = draw(seed, joints=3, closed=False, chain=True)
     model = as_device(mechanism)
-    identified = GivenModel(model, model.base.of(parameters(mechanism, model)))
+    identified = GivenParameters(model, model.base.of(parameters(mechanism, model)))
     found = characterise(identified, np.random.default_rng(seed).normal(size=(3, 9)), worst_condition=100.0)
     usable = found.grasp.usable
     assume(usable.any())

@@ -136,7 +136,7 @@ def test_what_nothing_pushes_keeps_its_energy(mechanism):
 def test_loops_whose_rates_vary(name):
     model = haptid.DynamicModel(haptid.read_device(name))
     qa, qda, qdda = poses(model, 41)
-    c, cd, cdd = (model.device.frame @ x for x in (qa, qda, qdda))
+    c, cd, cdd = (model.device.row_map @ x for x in (qa, qda, qdda))
     chi = model.device.parameters.S @ bodies(model)
     Y = rows(model, c, cd, cdd)
     wanted, scale = by_rows(Y, chi[None])

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from haptid import errors
-from haptid.device.loops import assembly
 from haptid.device.geometry import Reader
+from haptid.device.loops import assembly
 from haptid.device.loops.from_toml import read_loops
 from haptid.device.toml.place import Place
 from haptid.device.toml.reader import device_of

@@ -112,7 +112,7 @@ def compared(request):
 
 def on_drives(model, rows):
     """Torques of rows as torques of the drives, (active, samples)."""
-    return np.linalg.solve(model.device.coupling.T, model.device.frame.T @ rows)
+    return np.linalg.solve(model.device.coupling.T, model.device.row_map.T @ rows)
 
 
 def close(found, wanted, size=0.0):
@@ -146,10 +146,10 @@ def test_forward_dynamics_with_rigid_pins(compared):
     """The accelerations that given motor torques make."""
     model, beta, (qa, qda, _), (_, qd, _), active, trees = compared
     u = np.random.default_rng(1).uniform(-0.2, 0.2, (len(model.device.motors), STATES))
-    tau = np.linalg.solve(model.device.frame.T, model.device.coupling.T @ u)
+    tau = np.linalg.solve(model.device.row_map.T, model.device.coupling.T @ u)
     rest = haptid.inverse_dynamics(model, beta, qa, qda, np.zeros_like(qa))
     cdd = np.linalg.solve(haptid.mass_matrix(model, beta, qa), (tau - rest).T[..., None])[..., 0]
-    ours = np.linalg.solve(model.device.frame, cdd.T).T
+    ours = np.linalg.solve(model.device.row_map, cdd.T).T
     theirs = []
     for k, tree in enumerate(trees):
         Z, still = tree.basis(active), tree.still(qd[:, k], active)
@@ -160,7 +160,7 @@ def test_forward_dynamics_with_rigid_pins(compared):
 
 def test_mass_matrix_and_bias_of_the_closed_chain(compared):
     model, beta, (qa, qda, _), (_, qd, _), active, trees = compared
-    back = np.linalg.inv(model.device.frame)
+    back = np.linalg.inv(model.device.row_map)
     M = haptid.mass_matrix(model, beta, qa)
     h = haptid.bias_torque(model, beta, qa, qda).T
     for k, tree in enumerate(trees):

@@ -237,7 +237,7 @@ def test_base_parameters_of_loops_in_many_digits(name: str, count: int) -> None:
     W[:, idle] = mpf(0)
     pivots, echelon = eliminate(W, preference(model))
     assert len(pivots) == count
-    assert sorted(pivots) == list(model.base.kept)
+    assert sorted(pivots) == list(model.base.independent_columns)
     assert tuple(np.array(model.device.parameters.names)[idle]) == model.base.no_effect
     relations = np.array(echelon[np.argsort(pivots)], dtype=float)
     np.testing.assert_allclose(relations, model.base.regrouping, rtol=1e-9, atol=1e-9)

@@ -34,8 +34,8 @@ def emps(examples, shared_data):
 
 @pytest.mark.parametrize("name", EMPS)
 def test_emps_parameters_are_the_published_ones(emps, name):
-    value, sd = EMPS[name]
-    assert abs(emps.estimate[name].value - value) < 2 * sd
+    value, se = EMPS[name]
+    assert abs(emps.estimate[name].value - value) < 2 * se
 
 
 def test_emps_errors_are_the_published_ones(emps):
@@ -45,9 +45,9 @@ def test_emps_errors_are_the_published_ones(emps):
 
 
 def test_emps_textbook_deviations_are_the_published_ones_and_the_honest_ones_are_larger(emps):
-    for name, (_, sd) in EMPS.items():
-        assert emps.estimate[name].textbook_sd == pytest.approx(sd, rel=0.1)
-        assert emps.estimate[name].sd > emps.estimate[name].textbook_sd
+    for name, (_, se) in EMPS.items():
+        assert emps.estimate[name].classical_se == pytest.approx(se, rel=0.1)
+        assert emps.estimate[name].se > emps.estimate[name].classical_se
 
 
 def test_emps_with_friction_by_direction_predicts_better(examples, shared_data):
@@ -126,12 +126,12 @@ def test_tx40_well_known_parameters_are_reproduced(tx40, published):
     """
     estimate, base = tx40.estimate, tx40.estimate.base
     compared = 0
-    for name, (_, _, value, sd) in published.items():
-        if sd > 0.05 * abs(value):
+    for name, (_, _, value, se) in published.items():
+        if se > 0.05 * abs(value):
             continue
         row = np.zeros(len(base))
         row[[base.names.index(n) for n in ([name, "FVM6"] if name in ("FV5", "FV6") else [name])]] = 1.0
-        combined = np.hypot(sd, np.sqrt(row @ estimate.covariance @ row))
+        combined = np.hypot(se, np.sqrt(row @ estimate.covariance @ row))
         assert abs(row @ estimate.beta - value) < 4 * combined, name
         compared += 1
     assert compared == 19

@@ -9,13 +9,13 @@ from scipy import stats
 import haptid
 from haptid import errors
 from haptid.dynamics.regressor import rows
-from haptid.estimation.methods.zeroed import Without
+from haptid.estimation.methods.zeroed import FixedAtZero
 from haptid.inference.elimination import (
-    AtMost,
-    Essential,
-    TimesSmallest,
+    BackwardElimination,
+    GautierRatio,
+    MaxRelativeStd,
+    eliminate_by_motor,
     essential,
-    essential_by_motor,
     objection,
     without,
 )
@@ -43,7 +43,9 @@ def fitted(model, seed=1, method=None, **noise):
 def explicit(model, made):
     """W and y of a motion with exact rates, stored."""
     c, cd, cdd = made.kinematics(0, len(made))
-    W = np.einsum("apk,pb->kab", rows(model, c, cd, cdd), model.device.parameters.S[:, list(model.base.kept)])
+    W = np.einsum(
+        "apk,pb->kab", rows(model, c, cd, cdd), model.device.parameters.S[:, list(model.base.independent_columns)]
+    )
     return W.reshape(-1, len(model.base)), made.tau.reshape(-1)
 
 
@@ -54,25 +56,25 @@ def test_reduced_estimate_is_least_squares_on_the_columns_kept(model):
     wanted, rest, *_ = np.linalg.lstsq(W[:, reduced.kept], y, rcond=None)
     np.testing.assert_allclose(reduced.beta[list(reduced.kept)], wanted, rtol=1e-9)
     assert (reduced.beta[list(reduced.zero)] == 0).all()
-    assert (reduced.sd[list(reduced.zero)] == 0).all()
+    assert (reduced.se[list(reduced.zero)] == 0).all()
     deviation = np.sqrt(
         np.diag(np.linalg.inv(W[:, reduced.kept].T @ W[:, reduced.kept])) * rest / (len(y) - len(reduced.kept))
     )
-    textbook = np.sqrt(np.diag(reduced.textbook_covariance))[list(reduced.kept)]
-    np.testing.assert_allclose(textbook, deviation, rtol=1e-9)
+    classical = np.sqrt(np.diag(reduced.classical_covariance))[list(reduced.kept)]
+    np.testing.assert_allclose(classical, deviation, rtol=1e-9)
 
 
 def test_leaving_out_by_name_is_the_same_as_what_the_reduction_does(model):
     full = fitted(model, noise=0.05)
-    named = haptid.estimate(full.observation, Without(ZERO, haptid.WLS()))
+    named = haptid.estimate(full.observation, FixedAtZero(ZERO, haptid.WLS()))
     np.testing.assert_allclose(named.beta, without(full, ZERO).beta, rtol=1e-12)
     np.testing.assert_allclose(named.covariance, without(full, ZERO).covariance, rtol=1e-9, atol=1e-30)
 
 
 def test_nothing_left_out_is_the_full_estimate(model):
     full = fitted(model, noise=0.05)
-    same = haptid.estimate(full.observation, Without((), haptid.WLS()))
-    for name in ("beta", "covariance", "textbook_covariance", "freedom"):
+    same = haptid.estimate(full.observation, FixedAtZero((), haptid.WLS()))
+    for name in ("beta", "covariance", "classical_covariance", "freedom"):
         np.testing.assert_array_equal(getattr(same, name), getattr(full, name))
 
 
@@ -80,8 +82,8 @@ def test_nothing_left_out_is_the_full_estimate(model):
 def test_what_is_zero_is_left_out_and_what_is_needed_is_kept(model, method):
     for seed in range(3):
         full = fitted(model, seed, method, noise=0.02, phi=0.9)
-        found = essential(full, Essential(AtMost(30.0), level=0.01))
-        carried = np.abs(full.beta) > 8 * full.sd
+        found = essential(full, BackwardElimination(MaxRelativeStd(30.0), level=0.01))
+        carried = np.abs(full.beta) > 8 * full.se
         assert {full.base.names[k] for k in np.flatnonzero(carried)} <= set(found.essential)
         assert set(ZERO) <= {drop.name for drop in found.drops}
         assert np.nanmax(np.abs(found.shift)) < 4
@@ -105,48 +107,48 @@ def test_of_one_parameter_the_test_is_the_honest_t(model):
     full = fitted(model, noise=0.05, phi=0.8)
     k = full.base.names.index("FV1")
     test = objection(full, (k,))
-    assert pytest.approx((full.beta[k] / full.sd[k]) ** 2, rel=1e-9) == test.F
-    assert test.freedom == pytest.approx((1.0, full.freedom[k]), rel=1e-9)
-    assert test.p == pytest.approx(2 * stats.t.sf(np.sqrt(test.F), full.freedom[k]), rel=1e-6)
+    assert pytest.approx((full.beta[k] / full.se[k]) ** 2, rel=1e-9) == test.F
+    assert test.dof == pytest.approx((1.0, full.dof[k]), rel=1e-9)
+    assert test.p == pytest.approx(2 * stats.t.sf(np.sqrt(test.F), full.dof[k]), rel=1e-6)
 
 
 def test_with_white_residuals_it_is_the_textbook_f(model):
     full = fitted(model, method=haptid.OLS(), noise=0.05)
-    freedom = full.observation.rows - len(full.beta)
-    white = replace(full, covariance=full.textbook_covariance, freedom=np.full(len(full.beta), freedom / len(ZERO)))
+    dof = full.observation.rows - len(full.beta)
+    white = replace(full, covariance=full.classical_covariance, dof=np.full(len(full.beta), dof / len(ZERO)))
     reduced = without(full, ZERO)
     squares = [sum(m.residual(e.beta) ** 2 for m in full.observation.motors) for e in (full, reduced)]
     test = objection(white, reduced.zero)
-    assert pytest.approx((squares[1] - squares[0]) / 3 / (squares[0] / freedom), rel=1e-6) == test.F
-    assert test.freedom == pytest.approx((3, freedom), rel=1e-9)
+    assert pytest.approx((squares[1] - squares[0]) / 3 / (squares[0] / dof), rel=1e-6) == test.F
+    assert test.dof == pytest.approx((3, dof), rel=1e-9)
 
 
 def test_correlated_residuals_do_not_make_it_object_to_zeros(model):
     """At a level of 0.05 the test objects 5 times in 100; taken as white, the same residuals object most times."""
-    honest, textbook, runs = 0, 0, 40
+    honest, classical, runs = 0, 0, 40
     for seed in range(runs):
         full = fitted(model, seed, noise=0.1, phi=0.95)
         zero = tuple(full.base.names.index(name) for name in ZERO)
         honest += objection(full, zero).p < 0.05
-        textbook += objection(replace(full, covariance=full.textbook_covariance), zero).p < 0.05
+        classical += objection(replace(full, covariance=full.classical_covariance), zero).p < 0.05
     assert honest <= 6
-    assert textbook > 20
+    assert classical > 20
 
 
 def test_gautiers_rule_ends_at_ten_times_the_smallest(model):
     full = fitted(model, noise=1e-3)
-    found = essential(full, Essential(TimesSmallest(1e9)))
+    found = essential(full, BackwardElimination(GautierRatio(1e9)))
     assert not found.drops
     assert found.essential == full.base.names
     assert "within" in found.reason
-    found = essential(full, Essential(TimesSmallest(10.0), level=1e-300))
-    relative = [found.reduced.parameters[k].relative_sd for k in found.reduced.kept]
+    found = essential(full, BackwardElimination(GautierRatio(10.0), level=1e-300))
+    relative = [found.reduced.parameters[k].relative_se for k in found.reduced.kept]
     assert max(relative) <= 10 * min(relative)
 
 
 def test_by_motor_each_has_its_own(model):
     full = fitted(model, noise=0.02)
-    found = essential_by_motor(full)
+    found = eliminate_by_motor(full)
     assert [len(r.full.observation.motors) for r in found] == [1, 1, 1]
     assert "FV1" not in found[0].essential
     assert "FC1" in found[0].essential
@@ -157,10 +159,12 @@ def test_by_motor_each_has_its_own(model):
 
 def test_a_held_estimate_is_refused(model):
     with pytest.raises(errors.MethodSettingError, match=r"OLS\(\) or WLS\(\)"):
-        essential(fitted(model, method=haptid.Consistent(), noise=0.02))
+        essential(fitted(model, method=haptid.PhysicallyConsistent(), noise=0.02))
 
 
-@pytest.mark.parametrize("make", [lambda: TimesSmallest(1.0), lambda: AtMost(0.0), lambda: Essential(level=1.5)])
+@pytest.mark.parametrize(
+    "make", [lambda: GautierRatio(1.0), lambda: MaxRelativeStd(0.0), lambda: BackwardElimination(level=1.5)]
+)
 def test_settings_that_mean_nothing(make):
     with pytest.raises(errors.MethodSettingError):
         make()

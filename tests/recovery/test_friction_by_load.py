@@ -11,8 +11,8 @@ from typer.testing import CliRunner
 import haptid
 from haptid import errors
 from haptid.cli import app
-from haptid.device.terms.term import Load
-from haptid.estimation.nonlinear.load_friction import settled_loads
+from haptid.device.terms.term import LoadDependentFriction
+from haptid.estimation.nonlinear.load_friction import fit_load_friction
 from haptid.results.read import read_result
 from motions import motion
 from small_study import DEVICE, FRICTION, STUDY
@@ -63,7 +63,7 @@ def test_known_coefficients_come_back_in_their_intervals(model):
     beta, inside = truth(model), []
     for seed in range(10):
         made = moved(model, seed)
-        found = haptid.estimate(haptid.observe(settled_loads(model, [made]), made), haptid.WLS())
+        found = haptid.estimate(haptid.observe(fit_load_friction(model, [made]), made), haptid.WLS())
         low, high = found.interval95.T
         inside.append((low <= beta) & (beta <= high))
         # Of thirty draws no error is above 2 %, and their deviation is below 1 %.
@@ -73,7 +73,7 @@ def test_known_coefficients_come_back_in_their_intervals(model):
 
 def test_without_noise_it_is_exact(model):
     made = moved(model, noise=0.0)
-    found = haptid.estimate(haptid.observe(settled_loads(model, [made], haptid.OLS()), made), haptid.OLS())
+    found = haptid.estimate(haptid.observe(fit_load_friction(model, [made], haptid.OLS()), made), haptid.OLS())
     np.testing.assert_allclose(found.beta, truth(model), rtol=1e-9)
 
 
@@ -89,10 +89,10 @@ def test_rows_without_accelerations_and_exports_are_refused(model, tmp_path):
     still = haptid.Motion(made.dt, made.q, made.tau, haptid.Treatment(cutoff_hz=20, accelerations="momentum"))
     with pytest.raises(errors.AccelerationColumnError):
         haptid.observe(model, still)
-    found = haptid.estimate(haptid.observe(settled_loads(model, [made]), made), haptid.WLS())
+    found = haptid.estimate(haptid.observe(fit_load_friction(model, [made]), made), haptid.WLS())
     with pytest.raises(errors.UnexportableTermError, match="load"):
         haptid.export_c(found, tmp_path / "c")
-    assert "friction by load" in haptid.dissect(found, made).parts
+    assert "friction by load" in haptid.decompose_torque(found, made).parts
 
 
 def test_a_load_is_of_one_coordinate(tmp_path):
@@ -105,7 +105,7 @@ def test_a_load_is_of_one_coordinate(tmp_path):
 def test_the_command_settles_it_and_the_result_keeps_it(model, tmp_path):
     (tmp_path / "device.toml").write_text(DEVICE + LOAD)
     study = STUDY.replace("log.csv", "log.parquet").replace('[[logs]]\npath = "check.csv"\nrole = "validate"\n', "")
-    (tmp_path / "study.toml").write_text(study.replace("cutoff_hz = 30", "torque_delay = 0\ncutoff_hz = 30"))
+    (tmp_path / "study.toml").write_text(study.replace("cutoff_hz = 30", "torque_delay_s = 0\ncutoff_hz = 30"))
     made = moved(model)
     columns = {"t": made.t0 + made.dt * np.arange(len(made))}
     columns |= {f"q{k + 1}": made.q[:, k] for k in (0, 1)} | {f"tau{k + 1}": made.tau[:, k] for k in (0, 1)}
@@ -115,6 +115,10 @@ def test_the_command_settles_it_and_the_result_keeps_it(model, tmp_path):
     values = json.loads((tmp_path / "out" / "result.json").read_text())["estimate"]["parameters"]
     found = {p["name"]: p["value"] for p in values}
     assert [found[name] for name in NAMES] == pytest.approx([SIZE, SIZE], rel=0.025)
-    loads = [term.shape for term in read_result(tmp_path / "out").model.terms if isinstance(term.shape, Load)]
+    loads = [
+        term.shape
+        for term in read_result(tmp_path / "out").model.terms
+        if isinstance(term.shape, LoadDependentFriction)
+    ]
     assert len(loads) == len(NAMES)
     assert all(load.bodies is not None for load in loads)

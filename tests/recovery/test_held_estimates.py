@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import haptid
-from haptid.estimation import Consistent
+from haptid.estimation import PhysicallyConsistent
 from motions import motion
 from true_parameters import true_parameters
 
@@ -16,7 +16,7 @@ def test_without_noise_they_come_back(name):
     model = haptid.DynamicModel(haptid.read_device(name))
     beta = model.base.of(true_parameters(model))
     observation = haptid.observe(model, motion(model, beta, seconds=20.0, dt=4e-3))
-    found = haptid.estimate(observation, Consistent(haptid.OLS()))
+    found = haptid.estimate(observation, PhysicallyConsistent(haptid.OLS()))
     np.testing.assert_allclose(found.beta, beta, rtol=1e-6, atol=1e-8 * np.abs(beta).max())
     assert found.possible.ok
 
@@ -26,7 +26,7 @@ def test_the_held_estimate_is_nearer_to_the_truth_than_the_free_one():
     model = haptid.DynamicModel(haptid.read_device("arm7"))
     beta = model.base.of(true_parameters(model))
     made = motion(model, beta, seconds=10.0, dt=4e-3, noise=0.3, phi=0.9)
-    found = haptid.estimate(haptid.observe(model, made), Consistent())
+    found = haptid.estimate(haptid.observe(model, made), PhysicallyConsistent())
     R = found.observation.stack(found.weights)[:-1, :-1]
     far = [np.linalg.norm(R @ (guess - beta)) for guess in (found.held.free, found.beta)]
     assert found.held.active
@@ -43,7 +43,7 @@ def test_intervals_hold_the_truth_on_the_border_too():
     for run in range(runs):
         noise = np.random.default_rng(run).standard_normal(clean.tau.shape) * 0.1 * clean.tau.std(axis=0)
         made = replace(clean, tau=clean.tau + noise)
-        found = haptid.estimate(haptid.observe(model, made), Consistent())
+        found = haptid.estimate(haptid.observe(model, made), PhysicallyConsistent())
         low, high = found.interval95.T
         inside += (low <= beta) & (beta <= high)
         held += bool(found.held.active)

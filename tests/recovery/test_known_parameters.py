@@ -61,7 +61,7 @@ def test_textbook_intervals_do_not_hold_it_when_residuals_are_correlated():
     found = haptid.estimate(
         haptid.observe(model, motion(model, truth(model), seconds=20.0, noise=0.1, phi=0.98)), haptid.WLS()
     )
-    ratio = found.sd / np.sqrt(np.diag(found.textbook_covariance))
+    ratio = found.se / np.sqrt(np.diag(found.classical_covariance))
     assert np.median(ratio) > 2
 
 

@@ -49,14 +49,14 @@ def true_beta(model):
 
 def recorded(model, load=None, seed=1, noise=0.02, factor=1.0, seconds=10.0):
     """A motion; `factor` is what the motors give over what the file says, (3,)."""
-    beta = true_beta(model) + (haptid.load_shift(model, "3", load) if load else 0.0)
+    beta = true_beta(model) + (haptid.payload_torque(model, "3", load) if load else 0.0)
     moved = motion(model, beta, seconds=seconds, dt=2e-3, seed=seed, noise=noise)
     return haptid.Motion(moved.dt, moved.q, moved.tau / factor, moved.treatment, rates=moved.rates)
 
 
 def test_a_load_is_the_base_parameters_of_its_body(model):
     """Against the torque of a device that has the load as one more link, fixed."""
-    shift = haptid.load_shift(model, "3", LOAD)
+    shift = haptid.payload_torque(model, "3", LOAD)
     chi = np.zeros(len(model.device.parameters.names))
     index, com = model.device.parameters.index, LOAD.com
     J = LOAD.inertia + LOAD.mass * (com @ com * np.eye(3) - np.outer(com, com))
@@ -70,12 +70,12 @@ def test_a_load_is_the_base_parameters_of_its_body(model):
 
 def test_logs_with_and_without_a_load_tell_one_model(model):
     bare, loaded = recorded(model), recorded(model, LOAD, seed=2)
-    both = haptid.observe(model, bare) + haptid.observe(model, haptid.without_load(model, loaded, "3", LOAD))
+    both = haptid.observe(model, bare) + haptid.observe(model, haptid.without_payload(model, loaded, "3", LOAD))
     estimate = haptid.estimate(both, haptid.WLS())
     low, high = estimate.interval95.T
     inside = (low < true_beta(model)) & (true_beta(model) < high)
     assert inside.mean() >= 0.85
-    exact = haptid.observe(model, haptid.without_load(model, recorded(model, LOAD, noise=0.0), "3", LOAD))
+    exact = haptid.observe(model, haptid.without_payload(model, recorded(model, LOAD, noise=0.0), "3", LOAD))
     np.testing.assert_allclose(haptid.estimate(exact, haptid.OLS()).beta, true_beta(model), rtol=1e-9)
 
 
@@ -107,10 +107,10 @@ def test_gains_are_inside_their_intervals(model):
 
 def test_what_cannot_be_is_refused(model, tmp_path, monkeypatch):
     with pytest.raises(errors.UnknownLinkError):
-        haptid.load_shift(model, "9", LOAD)
+        haptid.payload_torque(model, "9", LOAD)
     flat = device_of(tmp_path, DEVICE + '[[symmetry]]\nreason = "flat"\nzero = ["MZ3"]\n')
     with pytest.raises(errors.LoadSymmetryError, match="MZ3"):
-        haptid.load_shift(flat, "3", LOAD)
+        haptid.payload_torque(flat, "3", LOAD)
     bare = haptid.observe(model, recorded(model))
     with pytest.raises(errors.DifferentModelError):
         haptid.drive_gains(bare, haptid.observe(flat, recorded(flat, seed=2)), "3", LOAD)

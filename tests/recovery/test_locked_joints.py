@@ -40,7 +40,7 @@ time = "t"
 position = { channels = ["q1", "q2"], unit = "rad", constant_ok = true }
 torque = { channels = ["tau1", "tau2"], unit = "N m", constant_ok = true }
 [treatment]
-low_speed = 0.05"""
+reversal_speed = 0.05"""
     path.write_text(path.read_text().replace("[treatment]", entry))
     return path
 
@@ -68,7 +68,7 @@ def test_the_sum_is_least_squares_of_all_rows_that_count():
             q[1], qd[1], qdd[1] = 0.4, 0.0, 0.0
         tau = haptid.inverse_dynamics(model, truth(model) + 0.1, q, qd, qdd)
         tau += 0.02 * np.random.default_rng(seed).standard_normal(tau.shape)
-        treatment = haptid.Treatment(cutoff_hz=None, low_speed=SLOW)
+        treatment = haptid.Treatment(cutoff_hz=None, reversal_speed=SLOW)
         motion = haptid.Motion(2e-3, q.T, tau.T, treatment, rates=(qd.T, qdd.T))
         made.append(haptid.observe(model, motion))
     free, clamped = made
@@ -82,7 +82,7 @@ def test_the_sum_is_least_squares_of_all_rows_that_count():
             A[np.ix_(motor.columns, motor.columns)] += R.T @ R
             b[motor.columns] += R.T @ z
     np.testing.assert_allclose(both.beta, np.linalg.solve(A, b), rtol=1e-8)
-    assert both.textbook_covariance.trace() < haptid.estimate(free, haptid.OLS()).textbook_covariance.trace()
+    assert both.classical_covariance.trace() < haptid.estimate(free, haptid.OLS()).classical_covariance.trace()
     for method in (haptid.WLS(), haptid.GLS(), haptid.IRLS()):
         assert np.abs(haptid.estimate(free + clamped, method).beta - both.beta).max() < 0.1
 
@@ -92,7 +92,7 @@ def test_a_locked_joint_alone_does_not_tell_the_device():
     q, qd, qdd = multisine(2, 4.0, 2e-3, 5)
     q[1], qd[1], qdd[1] = 0.4, 0.0, 0.0
     tau = haptid.inverse_dynamics(model, truth(model), q, qd, qdd)
-    motion = haptid.Motion(2e-3, q.T, tau.T, haptid.Treatment(cutoff_hz=None, low_speed=SLOW), rates=(qd.T, qdd.T))
+    motion = haptid.Motion(2e-3, q.T, tau.T, haptid.Treatment(cutoff_hz=None, reversal_speed=SLOW), rates=(qd.T, qdd.T))
     with pytest.raises((errors.UnexcitedError, errors.NoTorqueError)):
         haptid.estimate(haptid.observe(model, motion), haptid.WLS())
 
@@ -100,6 +100,8 @@ def test_a_locked_joint_alone_does_not_tell_the_device():
 def test_all_joints_locked_are_no_rows():
     model = two_links()
     still = np.full((500, 2), 0.4)
-    motion = haptid.Motion(2e-3, still, still, haptid.Treatment(cutoff_hz=None, low_speed=SLOW), rates=(0 * still,) * 2)
+    motion = haptid.Motion(
+        2e-3, still, still, haptid.Treatment(cutoff_hz=None, reversal_speed=SLOW), rates=(0 * still,) * 2
+    )
     with pytest.raises(errors.NoRowsError):
         haptid.observe(model, motion)

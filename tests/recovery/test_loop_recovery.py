@@ -5,7 +5,7 @@ import pytest
 
 import haptid
 from closed_devices import bodies, path
-from haptid.end_effector.torque_decomposition import dissect
+from haptid.end_effector.torque_decomposition import decompose_torque
 
 TREATMENTS = {
     "differences": haptid.Treatment(cutoff_hz=None, parallel_cutoff_hz=30.0, decimation=5),
@@ -30,5 +30,5 @@ def test_they_are_inside_their_intervals_and_predict_another_motion(name, accele
     low, high = found.interval95.T
     assert ((low <= beta) & (beta <= high)).mean() > 0.8
     assert haptid.validate(found, made[1]).relative < 3
-    parts = dissect(found, made[1])
+    parts = decompose_torque(found, made[1])
     np.testing.assert_allclose(parts.model, haptid.predict(found, made[1]).predicted, atol=1e-9)

@@ -10,8 +10,8 @@ from motions import multisine, truth
 DT = 1e-3
 COUNT = 1.4e-4  # rad
 PLAIN = {"decimation": 10, "accelerations": "momentum"}
-WITHOUT_DELAY = haptid.Treatment(low_speed=0.1, **PLAIN)
-CAUSAL = haptid.Treatment(low_speed=0.1, parallel_cutoff_hz=10.0, parallel_shape=Causal(2), **PLAIN)
+WITHOUT_DELAY = haptid.Treatment(reversal_speed=0.1, **PLAIN)
+CAUSAL = haptid.Treatment(reversal_speed=0.1, parallel_cutoff_hz=10.0, parallel_shape=Causal(2), **PLAIN)
 
 
 @pytest.fixture(scope="module")
@@ -53,7 +53,12 @@ def test_a_lagging_velocity_takes_its_lag_times_inertia_from_the_viscous_terms(m
     for cutoff in (200.0, 30.0, 15.0):
         velocity = HighPass(cutoff)
         treatment = haptid.Treatment(
-            cutoff_hz=None, low_speed=0.1, parallel_cutoff_hz=10.0, parallel_shape=Causal(), velocity=velocity, **PLAIN
+            cutoff_hz=None,
+            reversal_speed=0.1,
+            parallel_cutoff_hz=10.0,
+            parallel_shape=Causal(),
+            velocity=velocity,
+            **PLAIN,
         )
         made = recorded(model, beta, treatment, 3, 0.0)
         found.append(haptid.estimate(haptid.observe(model, made), haptid.WLS()).beta[viscous])

@@ -28,7 +28,7 @@ def test_with_room_all_around_it_is_the_ordinary_interval():
     model = two_links()
     rows = observed(model, truth(model))
     free = haptid.estimate(rows, haptid.WLS())
-    found = haptid.estimate(rows, haptid.Consistent(), Profile())
+    found = haptid.estimate(rows, haptid.PhysicallyConsistent(), Profile())
     assert not found.held.active
     np.testing.assert_allclose(found.interval95, free.interval95, rtol=1e-6, atol=1e-9)
 
@@ -37,7 +37,7 @@ def at_the_border():
     """An estimate whose viscous friction is held at zero."""
     model = two_links()
     for seed in range(1, 20):
-        found = haptid.estimate(observed(model, truth(model, 0.0), seed), haptid.Consistent(), Profile())
+        found = haptid.estimate(observed(model, truth(model, 0.0), seed), haptid.PhysicallyConsistent(), Profile())
         if "FV2" in str(found.held.active) or "viscous friction of" in str(found.held.active):
             return found
     raise AssertionError
@@ -79,7 +79,7 @@ def test_ends_are_the_furthest_that_bodies_can_have():
         rows[k] = 1e6
         metric, target = np.vstack([R, rows]), found.held.free.copy()
         target = np.linalg.lstsq(metric, np.append(R @ target, 1e6 * value), rcond=None)[0]
-        near = haptid.project(found.model, target, np.linalg.qr(metric, mode="r"))
+        near = haptid.project_to_feasible(found.model, target, np.linalg.qr(metric, mode="r"))
         return np.sum((R @ (near.beta - found.held.free)) ** 2)
 
     low, high = found.interval95[k]
@@ -93,10 +93,10 @@ def test_it_holds_the_truth_as_often_as_it_says():
     beta = truth(model, 0.0)
     inside, widths = [], []
     for seed in range(RUNS):
-        found = haptid.estimate(observed(model, beta, seed), haptid.Consistent(), Profile())
+        found = haptid.estimate(observed(model, beta, seed), haptid.PhysicallyConsistent(), Profile())
         low, high = found.interval95.T
         inside.append((low - 1e-9 <= beta) & (beta <= high + 1e-9))
-        free = haptid.estimate(found.observation, haptid.Consistent()).interval95
+        free = haptid.estimate(found.observation, haptid.PhysicallyConsistent()).interval95
         widths.append((high - low) / (free[:, 1] - free[:, 0]))
     assert np.mean(inside) > 0.93
     assert np.mean(inside, axis=0).min() > 0.86
@@ -108,7 +108,7 @@ def test_an_end_of_an_arm_of_seven_joints_is_one_programme(monkeypatch):
     furthest = profile.furthest
     monkeypatch.setattr(profile, "furthest", lambda *given: (asked.append(given), furthest(*given))[1])
     beta = model.base.of(true_parameters(model))
-    found = haptid.estimate(observed(model, beta, seconds=10.0), haptid.Consistent(), Profile())
+    found = haptid.estimate(observed(model, beta, seconds=10.0), haptid.PhysicallyConsistent(), Profile())
     ends = found.interval95
     assert 0 < len(asked) <= 2 * len(beta)
     assert (ends[:, 0] <= found.beta).all()

@@ -33,7 +33,7 @@ def made(name):
 @cache
 def observed(name, cutoff_hz, decimation):
     model, log, _, _ = made(name)
-    treatment = haptid.Treatment(cutoff_hz=cutoff_hz, decimation=decimation, torque_delay=5e-4, low_speed=0.05)
+    treatment = haptid.Treatment(cutoff_hz=cutoff_hz, decimation=decimation, torque_delay_s=5e-4, reversal_speed=0.05)
     return haptid.observe(model, haptid.treat(log, treatment))
 
 
@@ -44,13 +44,13 @@ def test_the_closed_loop_gives_the_truth_back(name, kind):
     found = haptid.estimate(observed(name, 30, 10), kind(law))
     low, high = found.interval95.T
     assert ((low <= beta) & (beta <= high)).mean() >= 0.7
-    assert (np.abs(found.beta - beta) <= 6 * found.sd).all()
+    assert (np.abs(found.beta - beta) <= 6 * found.se).all()
     assert haptid.direct(found).relative < 1.0
     assert found.method.name == kind.__name__
 
 
 @pytest.mark.parametrize(
-    "method", [estimation.OutputError(), estimation.EKF(), estimation.EKF(torque_noise=(0.05,) * 3)]
+    "method", [estimation.OutputErrorMethod(), estimation.EKF(), estimation.EKF(torque_noise=(0.05,) * 3)]
 )
 def test_the_open_loop_and_the_filter_come_near(method):
     """Dry friction that turns over smoothly costs them a little: stated in the documentation."""
@@ -67,7 +67,7 @@ def test_noise_in_the_columns_biases_least_squares_and_not_the_others():
     model, log, law, beta = made(PHANTOM)
     half = haptid.Log(log.path, "", log.t[::2], log.position[::2], log.torque[::2], log.channels)
     law = PID(law.kp, law.kd, reference=(law.reference[0][::2],), velocity_cutoff_hz=100, rate_hz=1000)
-    motion = haptid.treat(half, haptid.Treatment(cutoff_hz=90, torque_delay=5e-4))
+    motion = haptid.treat(half, haptid.Treatment(cutoff_hz=90, torque_delay_s=5e-4))
     observation = haptid.observe(model, motion)
     away = {}
     carried = np.sqrt((observation.stack()[:-1, :-1] ** 2).sum(axis=0))
@@ -88,7 +88,7 @@ def test_instruments_that_are_the_columns_change_nothing():
 def test_two_stages_are_the_textbook_s_one():
     """(Z'W)^-1 Z'y, instruments of another filter."""
     log = made(ARM)[1]
-    calm = haptid.treat(log, haptid.Treatment(cutoff_hz=12, decimation=10, torque_delay=5e-4, low_speed=0.05))
+    calm = haptid.treat(log, haptid.Treatment(cutoff_hz=12, decimation=10, torque_delay_s=5e-4, reversal_speed=0.05))
     observation = observed(ARM, 30, 10)
     instruments = along(observation, [haptid.treat(replace(log, position=calm.q), observation.motions[0].treatment)])
     weights, p = np.ones(3), len(observation.base)
@@ -108,7 +108,7 @@ def test_a_robust_fit_inside_and_a_possible_one_around():
     observation = observed(ARM, 30, 10)
     for method in (
         estimation.DIDIM(law, weighting=estimation.IRLS(), tolerance=0.5),
-        estimation.Consistent(estimation.DIDIM(law)),
+        estimation.PhysicallyConsistent(estimation.DIDIM(law)),
     ):
         found = haptid.estimate(observation, method)
         assert haptid.direct(found).relative < 1.0
@@ -146,6 +146,6 @@ def test_what_is_missing_is_said():
         with pytest.raises(errors.MethodSettingError):
             estimation.EKF(**wrong)
     with pytest.raises(errors.RowsByBlockError, match="OutputError"):
-        haptid.estimate(observation, estimation.OutputError(), estimation.Sandwich())
+        haptid.estimate(observation, estimation.OutputErrorMethod(), estimation.Sandwich())
     with pytest.raises(errors.MethodSettingError, match="one for each row"):
         haptid.estimate(observation, estimation.EKF(torque_noise=(1.0,)))

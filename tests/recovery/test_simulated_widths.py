@@ -21,11 +21,11 @@ DT = 4e-3
 def observed(seed):
     """Encoders of 4000 counts behind a gear, noise on the torque."""
     log = log_of(driven(seed, 5.0, 1 / DT, encoders=bench.Encoders((4000.0,), (10.0,))))
-    treatment = haptid.Treatment(cutoff_hz=25, decimation=5, torque_delay=DT / 2, low_speed=0.05)
+    treatment = haptid.Treatment(cutoff_hz=25, decimation=5, torque_delay_s=DT / 2, reversal_speed=0.05)
     return haptid.observe(two_links(), haptid.treat(log, treatment))
 
 
-@pytest.mark.parametrize(("kind", "wide"), [(estimation.OutputError, 0.01), (estimation.EKF, 0.02)])
+@pytest.mark.parametrize(("kind", "wide"), [(estimation.OutputErrorMethod, 0.01), (estimation.EKF, 0.02)])
 def test_a_narrow_band_takes_the_bias_off_dry_friction(kind, wide):
     rows = observed(3)
     model = rows.model
@@ -60,4 +60,4 @@ def test_steps_of_the_filter_are_cut_where_friction_turns_over(monkeypatch):
     cut = haptid.estimate(rows, estimation.EKF())
     monkeypatch.setattr(ParametricForwardDynamics, "turning", lambda *_: False)
     whole = haptid.estimate(rows, estimation.EKF())
-    assert np.sum(((cut.beta - beta) / cut.sd) ** 2) < np.sum(((whole.beta - beta) / whole.sd) ** 2)
+    assert np.sum(((cut.beta - beta) / cut.se) ** 2) < np.sum(((whole.beta - beta) / whole.se) ** 2)

@@ -12,7 +12,7 @@ from haptid import errors
 from haptid import estimation as e
 from haptid.advice.eliminate import with_reduced
 from haptid.estimation.nonlinear.linearise import settled
-from haptid.estimation.nonlinear.load_friction import settled_loads
+from haptid.estimation.nonlinear.load_friction import fit_load_friction
 from haptid.inference.elimination import without
 from haptid.results.read import read_result
 from haptid.results.write import write_result
@@ -43,8 +43,8 @@ pattern = "each-log"
 cutoff_hz = 30
 parallel_cutoff_hz = 20
 decimation = 5
-torque_delay = 0
-low_speed = 0.0
+torque_delay_s = 0
+reversal_speed = 0.0
 """
 SIZES = {"FV": 0.4, "FC": 0.3, "FS": 0.8, "FLM": 0.08}
 VELOCITY = 0.4
@@ -93,7 +93,7 @@ def test_loads_are_settled_with_the_constants_that_were_found(found, model):
     motions = [run.motion for run in found.runs]
     velocity = found.projection["FS2.velocity"].value
     assert velocity == pytest.approx(VELOCITY, rel=0.3)
-    wanted, early = (settled_loads(d, motions).load for d in (model.with_constants((velocity,)), model))
+    wanted, early = (fit_load_friction(d, motions).load for d in (model.with_constants((velocity,)), model))
     left = np.abs(found.model.load - wanted).max()
     assert left < 1e-6
     assert np.abs(early - wanted).max() > 100 * left
@@ -116,7 +116,7 @@ def test_loads_alone_are_settled_by_every_fold(tmp_path):
     heavy = np.where([name.startswith("F") for name in model.base.names], light, 2.0 * light)
     near, far = (motion(model.loaded(b), b, seconds=8.0, dt=4e-3, seed=s) for s, b in ((1, light), (2, heavy)))
     fold = each_log(model, far, [near], haptid.WLS())
-    here = settled_loads(model, [near])
+    here = fit_load_friction(model, [near])
     own = haptid.validate(haptid.estimate(haptid.observe(here, near), haptid.WLS()), haptid.observe(here, far))
     assert fold.relative == pytest.approx(own.relative, rel=1e-9)
     assert alternate(model, near, [], haptid.WLS()).relative < 0.1
@@ -134,7 +134,7 @@ def test_the_reduced_estimate_is_held_out_as_the_full_one(found, model):
 def test_the_result_keeps_the_bodies_of_the_loads(found, tmp_path):
     """Those that the friction was made of, not those of the estimate that is held or reduced."""
     smaller = with_reduced(found, without(found.estimate, ("FV1", "FLM2")))
-    held = replace(found, estimate=haptid.estimate(found.estimate.observation, haptid.Consistent()))
+    held = replace(found, estimate=haptid.estimate(found.estimate.observation, haptid.PhysicallyConsistent()))
     for k, made in enumerate((found, smaller, held)):
         folder = tmp_path / str(k)
         folder.mkdir()
@@ -155,12 +155,13 @@ def test_a_result_without_the_bodies_is_refused(found, tmp_path):
 
 
 @pytest.mark.parametrize(
-    "method", [e.TLS(), e.Corrected(1e-4), e.Ridge(), e.EKF(), e.Equal({"FC1 - FC2": 0.0}, e.OLS())]
+    "method",
+    [e.TLS(), e.ErrorsInVariables(1e-4), e.Ridge(), e.EKF(), e.EqualityConstraints({"FC1 - FC2": 0.0}, e.OLS())],
 )
 def test_loads_settle_with_any_method(tmp_path, method):
     """Of a method that does more than weigh rows, what is around; of one that is no weighting at all, WLS."""
     (tmp_path / "device.toml").write_text(DEVICE + LOAD)
     model = haptid.DynamicModel(haptid.read_device(tmp_path / "device.toml"))
     made = motion(model.loaded(truth(model)), truth(model), seconds=8.0, dt=4e-3, noise=0.03)
-    wanted = settled_loads(model, [made], getattr(method, "weighting", haptid.WLS()))
-    np.testing.assert_array_equal(settled_loads(model, [made], method).load, wanted.load)
+    wanted = fit_load_friction(model, [made], getattr(method, "weighting", haptid.WLS()))
+    np.testing.assert_array_equal(fit_load_friction(model, [made], method).load, wanted.load)

@@ -80,7 +80,7 @@ def test_truth_is_inside_the_intervals(model):
         low, high = joint.interval95.T
         inside += ((low < beta) & (beta < high)).tolist()
         inside += [found[n].interval[0] < value < found[n].interval[1] for n, value in TRUTH.items()]
-        wider.append(joint["FS1"].sd / held["FS1"].sd)
+        wider.append(joint["FS1"].se / held["FS1"].se)
     assert np.mean(inside) >= 0.9
     assert np.median(wider) > 1.0  # what is not known of the constants is in the parameters' deviations
 

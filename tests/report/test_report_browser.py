@@ -125,7 +125,7 @@ def scene_of(tab):
 
 def agrees(identified, masses, pose):
     """The page's masses, three digits, are the library's at that pose."""
-    expected = haptid.felt_mass(identified, pose[:, None]).mass.value[0]
+    expected = haptid.apparent_mass(identified, pose[:, None]).mass.value[0]
     np.testing.assert_allclose(masses, expected, rtol=6e-3)
 
 
@@ -151,7 +151,9 @@ def test_the_device_turns_when_it_is_dragged(report):
 def test_any_device_is_drawn_and_closes_its_loops(tab, folder, name):
     model = haptid.DynamicModel(haptid.read_device(name))
     rng = np.random.default_rng(0)
-    start = getattr(model.device.closure, "at", np.array([0.3, 0.1, 0.8, 0.3, 0.2, 0.5, 0.3])[: len(model.device.active)])
+    start = getattr(
+        model.device.closure, "at", np.array([0.3, 0.1, 0.8, 0.3, 0.2, 0.5, 0.3])[: len(model.device.active)]
+    )
     qa = start[:, None] + 0.05 * np.sin(rng.uniform(0, 6, (len(start), 50)))
     section = MechanismSection.drawn(model, model.base.of(true_parameters(model)), qa)
     path = folder / f"{name}.html"
@@ -160,7 +162,7 @@ def test_any_device_is_drawn_and_closes_its_loops(tab, folder, name):
     assert tab.troubles == []
     _, masses, pose = scene_of(tab)
     tab.picture(folder / f"{name}.png", "#mechanism")
-    identified = haptid.GivenModel(model, model.base.of(true_parameters(model)))
+    identified = haptid.GivenParameters(model, model.base.of(true_parameters(model)))
     if masses:
         agrees(identified, masses, pose)
     set_joint(tab, 0, pose[0] + 0.1)

@@ -9,7 +9,7 @@ from scipy import integrate
 import haptid
 from haptid import errors, estimation
 from haptid.dynamics.forward import ForwardDynamics, sets_of
-from haptid.estimation.nonlinear.load_friction import settled_loads
+from haptid.estimation.nonlinear.load_friction import fit_load_friction
 from haptid.simulation import PID, Stretches, closed_loop, open_loop, smooth
 from motions import multisine
 from small_study import DEVICE
@@ -58,7 +58,7 @@ def test_slopes_of_the_inverse_model_are_those_of_differences(model):
 
 def states_of(model, many=200):
     qa = np.random.default_rng(0).normal(size=(3, 2, many))
-    return qa, [np.ascontiguousarray(model.device.frame @ x) for x in qa]
+    return qa, [np.ascontiguousarray(model.device.row_map @ x) for x in qa]
 
 
 def test_accelerations_undo_the_inverse_model(model):
@@ -77,7 +77,7 @@ def test_inertia_is_the_slope_of_the_inverse_model(model):
     beta, step = truth(model), 1e-6
     _, (c, cd, cdd) = states_of(model, 20)
     found = ForwardDynamics(model, sets_of(model, beta)).inertia(c, cd, cdd)
-    back = np.linalg.inv(model.device.frame)
+    back = np.linalg.inv(model.device.row_map)
     for k in range(2):
         ahead, behind = (
             haptid.inverse_dynamics(model, beta, back @ c, back @ cd, back @ (cdd + side * step * np.eye(2)[:, [k]]))
@@ -88,7 +88,7 @@ def test_inertia_is_the_slope_of_the_inverse_model(model):
 
 def test_it_falls_as_a_solver_says(model):
     """Oracle: accelerations from the inverse model by fixed point, along a solver with steps of its own."""
-    beta, dt, back = truth(model), 2e-3, np.linalg.inv(model.device.frame)
+    beta, dt, back = truth(model), 2e-3, np.linalg.inv(model.device.row_map)
 
     def slope(_t, x):
         cdd = np.zeros(2)
@@ -119,7 +119,7 @@ def test_estimators_that_simulate_find_it_again(tmp_path, kind):
     course = closed_loop(forward, law, planned, 0, Stretches.of(len(planned), len(planned), 0)).course(planned)
     noisy = course.tau.T + 0.01 * np.random.default_rng(0).normal(size=target.shape)
     moved = haptid.Motion(dt, course.c.T, noisy, haptid.Treatment(cutoff_hz=60))
-    here = settled_loads(model, [moved], kind(law))
+    here = fit_load_friction(model, [moved], kind(law))
     found = haptid.estimate(haptid.observe(here, moved), kind(law))
     low, high = found.interval95.T
     assert ((low <= beta) & (beta <= high)).mean() >= 0.7

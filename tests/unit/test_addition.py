@@ -5,7 +5,7 @@ import pytest
 
 import haptid
 from haptid import errors
-from haptid.inference.payload_estimate import addition
+from haptid.inference.payload_estimate import estimate_payload
 from motions import motion
 
 
@@ -19,7 +19,9 @@ def chi(model):
     """Of the measured bodies, with some friction, (p,)."""
     friction = {"FV": 6e-4, "FC": 0.02}
     kinds = model.device.parameters.kinds
-    return np.array([friction.get(kind, x) for kind, x in zip(kinds, np.nan_to_num(model.device.chi_prior), strict=True)])
+    return np.array(
+        [friction.get(kind, x) for kind, x in zip(kinds, np.nan_to_num(model.device.chi_prior), strict=True)]
+    )
 
 
 def estimated(model, chi, seed):
@@ -43,7 +45,7 @@ def before(model, chi):
 
 def test_a_tool_at_the_handle_is_found(model, chi, before):
     tool = point(model, "a", 0.05, 0.17)
-    found = addition(before, estimated(model, chi + tool, seed=2), "a")
+    found = estimate_payload(before, estimated(model, chi + tool, seed=2), "a")
     assert found.names == ("XXa", "YYa", "ZZa", "MXa", "Ma")
     truth = np.array([tool[model.device.parameters.index[name]] for name in found.names])
     low, high = found.interval95.T
@@ -57,38 +59,38 @@ def test_friction_that_changed_meanwhile_does_no_harm(model, chi, before):
     other = chi + point(model, "a", 0.05, 0.17)
     for k, kind in enumerate(model.device.parameters.kinds):
         other[k] *= 1.5 if kind in ("FV", "FC") else 1.0
-    found = addition(before, estimated(model, other, seed=3), "a")
+    found = estimate_payload(before, estimated(model, other, seed=3), "a")
     assert found.value[found.names.index("Ma")] == pytest.approx(0.05, rel=0.01)
 
 
 def test_nothing_added_is_nothing_found(model, chi, before):
-    found = addition(before, estimated(model, chi, seed=4), "a")
+    found = estimate_payload(before, estimated(model, chi, seed=4), "a")
     low, high = found.interval95.T
     assert ((low <= 0) & (high >= 0)).all()
 
 
 def test_what_torques_do_not_tell_has_no_value(model, chi, before):
     """Its mass alone, since the link turns about a point that stays where it is."""
-    found = addition(before, estimated(model, chi + point(model, "be", 0.1, -0.05), seed=5), "be")
+    found = estimate_payload(before, estimated(model, chi + point(model, "be", 0.1, -0.05), seed=5), "be")
     unknown = found.names.index("Mbe")
     assert np.isnan(found.value[unknown])
-    assert np.isnan(found.sd[unknown])
+    assert np.isnan(found.se[unknown])
     assert "Mbe: the torques do not tell it" in found.summary()
     assert found.value[found.names.index("MXbe")] == pytest.approx(-0.005, rel=0.02)
 
 
 def test_a_link_that_is_not_there_is_an_error(before):
     with pytest.raises(errors.UnknownLinkError, match="no link 'tip'"):
-        addition(before, before, "tip")
+        estimate_payload(before, before, "tip")
 
 
 def test_estimates_of_two_devices_are_an_error(before):
     other = haptid.DynamicModel(haptid.read_device("phantom_premium_15"))
     after = haptid.estimate(haptid.observe(other, motion(other, before.beta, seconds=2.0)), haptid.WLS())
     with pytest.raises(errors.DifferentModelError):
-        addition(before, after, "a")
+        estimate_payload(before, after, "a")
 
 
 def test_one_log_twice_is_an_error(before):
     with pytest.raises(errors.DependentEstimatesError):
-        addition(before, before, "a")
+        estimate_payload(before, before, "a")

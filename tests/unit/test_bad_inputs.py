@@ -182,16 +182,16 @@ BAD = {
     "no decimation": (text("study.toml", "decimation = 5", "decimation = 0"), r"decimation"),
     "time given twice": (text("study.toml", 'time = "t"', 'time = "t"\nrate_hz = 500'), r"one of the two"),
     "stretch upside down": (entry("stretch = [3, 1]"), r"before it begins"),
-    "every row too slow": (text("study.toml", "decimation = 5", "decimation = 5\nlow_speed = 90"), r"slower"),
+    "every row too slow": (text("study.toml", "decimation = 5", "decimation = 5\nreversal_speed = 90"), r"slower"),
     # the device
-    "low_speed of the wrong length": (text("study.toml", "decimation = 5", "low_speed = [1, 1, 1]"), r"each row"),
+    "reversal_speed of the wrong length": (text("study.toml", "decimation = 5", "reversal_speed = [1, 1, 1]"), r"each row"),
     "cut-off that is no number": (text("study.toml", "= 30", "= 'off'"), r"treatment\.cutoff_hz`.*'none'"),
     "order of a filter that has none": (text("study.toml", "decimation = 5", "parallel_order = 2"), r"only.*causal"),
     "differentiator with accelerations": (
         text("study.toml", "cutoff_hz = 30", "velocity_cutoff_hz = 30"), r"acceleration"
     ),
     "fewer rows than parameters": (
-        text("study.toml", "decimation = 5", "decimation = 420\nlow_speed = 0"), r"rows cannot tell"
+        text("study.toml", "decimation = 5", "decimation = 420\nreversal_speed = 0"), r"rows cannot tell"
     ),
     "device path with a zero byte": (text("study.toml", '"device.toml"', '"d\\u0000.toml"'), r"zero byte"),
     "no such device": (text("study.toml", "device.toml", "device2.toml"), r"device2\.toml"),

@@ -8,7 +8,7 @@ import pytest
 import haptid
 from haptid import errors
 from haptid.dynamics.workspace import workspace
-from haptid.end_effector.characterisation import GivenModel, characterise, felt_mass, line, sweep
+from haptid.end_effector.characterisation import GivenParameters, apparent_mass, characterise, line, sweep
 from haptid.end_effector.characterisation.plots import Sweep, plot_map, plot_sweeps
 from mechanisms import draw
 from motions import motion
@@ -38,7 +38,7 @@ def doubtful(phantom):
     rng = np.random.default_rng(0)
     L = 0.01 * np.abs(beta)[:, None] * rng.normal(size=(len(beta),) * 2) / np.sqrt(len(beta))
     drawn = beta + rng.normal(size=(3000, len(beta))) @ L.T
-    return GivenModel(phantom, beta, L @ L.T), [GivenModel(phantom, b) for b in drawn]
+    return GivenParameters(phantom, beta, L @ L.T), [GivenParameters(phantom, b) for b in drawn]
 
 
 FIGURES = {
@@ -64,7 +64,7 @@ def test_deviations_are_those_of_drawn_parameters(name, doubtful):
     # A deviation of so many draws is itself known to 1 / sqrt(2 count).
     close = 4.5 / np.sqrt(2 * count) + 0.03
     # Components that vanish by symmetry have rounding for a deviation.
-    np.testing.assert_allclose(figure.sd, spread, rtol=close, atol=1e-4 * spread.max())
+    np.testing.assert_allclose(figure.se, spread, rtol=close, atol=1e-4 * spread.max())
     np.testing.assert_allclose(
         figure.value, values.mean(axis=0), atol=6 * spread.max() / np.sqrt(count) + 0.02 * spread.max()
     )
@@ -72,25 +72,25 @@ def test_deviations_are_those_of_drawn_parameters(name, doubtful):
 
 def test_intervals_of_an_estimate_hold_the_truth(estimate, phantom):
     found = characterise(estimate, POSES)
-    true = characterise(GivenModel(phantom, phantom.base.of(true_parameters(phantom))), POSES)
+    true = characterise(GivenParameters(phantom, phantom.base.of(true_parameters(phantom))), POSES)
     for name in ("masses", "weight", "back-drive"):
         got, wanted = FIGURES[name](found), FIGURES[name](true).value
-        assert got.freedom < 100
+        assert got.dof < 100
         low, high = np.moveaxis(got.interval95, -1, 0)
         margin = 1e-9
         assert ((low - margin <= wanted) & (wanted <= high + margin)).mean() > 0.8, name
 
 
 def test_an_estimate_that_leans_on_one_stretch_has_infinite_deviations(estimate):
-    lonely = replace(estimate, lonely=(0,))
-    found = characterise(lonely, POSES)
-    assert np.isinf(found.apparent_mass.sd).all()
+    single_block = replace(estimate, single_block=(0,))
+    found = characterise(single_block, POSES)
+    assert np.isinf(found.apparent_mass.se).all()
     assert "infinite" in found.summary()
 
 
 def test_without_covariance_there_are_no_intervals(phantom):
-    found = characterise(GivenModel(phantom, np.ones(len(phantom.base))), POSES)
-    assert found.weight.sd is None
+    found = characterise(GivenParameters(phantom, np.ones(len(phantom.base))), POSES)
+    assert found.weight.se is None
     assert found.weight.interval95 is None
 
 
@@ -98,7 +98,7 @@ def test_singular_poses_are_reported_and_unknown(phantom):
     """At the PHANToM's full reach the arm and forearm are in line."""
     beta = phantom.base.of(true_parameters(phantom))
     qa = line([0.0, 0.2, 0.2], [0.0, 0.2, 0.2 + np.pi / 2], 101)
-    found = characterise(GivenModel(phantom, beta), qa)
+    found = characterise(GivenParameters(phantom, beta), qa)
     out = ~found.grasp.usable
     assert 0 < out.sum() < 101
     assert out[-1]
@@ -112,14 +112,14 @@ def test_singular_poses_are_reported_and_unknown(phantom):
 def test_a_mass_matrix_that_is_not_positive_gives_no_mass(phantom):
     beta = np.array(phantom.base.of(true_parameters(phantom)))
     beta[phantom.base.names.index("ZZdfR")] = -1e-3
-    found = characterise(GivenModel(phantom, beta), POSES)
+    found = characterise(GivenParameters(phantom, beta), POSES)
     assert not found.masses.definite.any()
     assert np.isnan(found.apparent_mass.value).all()
     assert "not positive definite" in found.summary()
 
 
 def test_a_workspace_is_characterised_on_its_grid(phantom):
-    identified = GivenModel(phantom, phantom.base.of(true_parameters(phantom)))
+    identified = GivenParameters(phantom, phantom.base.of(true_parameters(phantom)))
     found = characterise(identified, workspace(phantom), worst_condition=10.0)
     assert len(found.grasp) > 1000
     assert "left out" in found.summary()
@@ -131,7 +131,7 @@ def test_spare_joints_leave_friction_open_but_masses_known():
     mechanism = draw(5, joints=5, closed=False, chain=True)
     model = as_device(mechanism)
     qa = np.random.default_rng(0).normal(size=(5, 4))
-    found = characterise(GivenModel(model, model.base.of(parameters(mechanism, model))), qa, worst_condition=1e6)
+    found = characterise(GivenParameters(model, model.base.of(parameters(mechanism, model))), qa, worst_condition=1e6)
     assert np.isfinite(found.apparent_mass.value).all()
     with pytest.raises(errors.SpareJointsError, match="5 joints"):
         _ = found.weight
@@ -141,8 +141,8 @@ def test_spare_joints_leave_friction_open_but_masses_known():
 
 
 def test_chosen_rows(phantom):
-    identified = GivenModel(phantom, phantom.base.of(true_parameters(phantom)))
-    all_rows, across = felt_mass(identified, POSES), felt_mass(identified, POSES, rows=(0,))
+    identified = GivenParameters(phantom, phantom.base.of(true_parameters(phantom)))
+    all_rows, across = apparent_mass(identified, POSES), apparent_mass(identified, POSES, rows=(0,))
     assert across.mass.value.shape == (3, 1)
     # With y and z free to yield, x feels no more than the largest mass and no less than the smallest.
     assert (across.mass.value[:, 0] <= all_rows.mass.value[:, 0] * (1 + 1e-12)).all()
@@ -150,7 +150,7 @@ def test_chosen_rows(phantom):
 
 
 def test_settings_that_mean_nothing(phantom):
-    identified = GivenModel(phantom, np.ones(len(phantom.base)))
+    identified = GivenParameters(phantom, np.ones(len(phantom.base)))
     for wrong in (
         {"rows": ()},
         {"rows": (0, 0)},
@@ -161,7 +161,7 @@ def test_settings_that_mean_nothing(phantom):
         with pytest.raises(errors.CharacterisationSettingError, match="write"):
             characterise(identified, POSES, **wrong)
     with pytest.raises(errors.CharacterisationSettingError, match="finite positions"):
-        felt_mass(identified, np.full((3, 2), np.nan))
+        apparent_mass(identified, np.full((3, 2), np.nan))
     found = characterise(identified, POSES)
     with pytest.raises(errors.CharacterisationSettingError, match="direction"):
         found.mass_along([0.0, 0.0, 0.0])
@@ -183,19 +183,19 @@ def test_settings_that_mean_nothing(phantom):
 def test_a_handle_on_the_base_moves_nothing(phantom):
     fixed = replace(phantom, handle=replace(phantom.device.handle, link=-1))
     with pytest.raises(errors.CharacterisationSettingError, match="a link that moves"):
-        felt_mass(GivenModel(fixed, np.ones(len(fixed.base))), POSES)
+        apparent_mass(GivenParameters(fixed, np.ones(len(fixed.base))), POSES)
     with pytest.raises(errors.HandleMissingError):
-        felt_mass(GivenModel(replace(phantom, handle=None), np.ones(len(phantom.base))), POSES)
+        apparent_mass(GivenParameters(replace(phantom, handle=None), np.ones(len(phantom.base))), POSES)
 
 
 def test_a_table_of_parameters_as_papers_print_it(phantom):
-    identified = GivenModel.of(phantom, {"FV1": 2.0}, {"FV1": 0.5})
+    identified = GivenParameters.of(phantom, {"FV1": 2.0}, {"FV1": 0.5})
     k = phantom.base.names.index("FV1")
     assert identified.beta[k] == 2.0
     assert identified.covariance[k, k] == 0.25
     assert np.count_nonzero(identified.beta) == np.count_nonzero(identified.covariance) == 1
     with pytest.raises(errors.BaseNameError, match="FV9"):
-        GivenModel.of(phantom, {"FV9": 2.0})
+        GivenParameters.of(phantom, {"FV9": 2.0})
 
 
 def test_sweeps_and_lines():
@@ -206,8 +206,8 @@ def test_sweeps_and_lines():
 def test_sweeps_and_maps_are_drawn(doubtful, phantom, tmp_path):
     identified, _ = doubtful
     x = np.linspace(0.0, 0.8, 9)
-    masses = felt_mass(identified, sweep([0.0, 0.0, 0.3], 1, x)).mass
-    bare = felt_mass(GivenModel(phantom, identified.beta), sweep([0.0, 0.0, 0.3], 1, x)).mass
+    masses = apparent_mass(identified, sweep([0.0, 0.0, 0.3], 1, x)).mass
+    bare = apparent_mass(GivenParameters(phantom, identified.beta), sweep([0.0, 0.0, 0.3], 1, x)).mass
     drawn = Sweep("be, rad", x, {"with intervals": masses, "without": bare})
     plot_sweeps([drawn, drawn], "mass, kg", tmp_path / "sweeps.png")
     value = np.outer(np.linspace(1, 2, 5), masses.value[:, 0])

@@ -166,8 +166,8 @@ def test_the_same_study_gives_the_same_result_bit_for_bit(phantom, request):
         (-0.00226491, 2e-6, "-0.0022649"),
     ],
 )
-def test_digits_follow_the_deviation(value, sd, shown):
-    assert with_digits(value, sd) == shown
+def test_digits_follow_the_deviation(value, se, shown):
+    assert with_digits(value, se) == shown
 
 
 @pytest.mark.parametrize(

@@ -43,7 +43,9 @@ def test_a_motion_may_begin_where_the_start_does_not_lead_straight() -> None:
     way = np.concatenate([np.linspace(model.device.closure.at, corner, 300), np.linspace(corner, goal, 1500)]).T
     back = np.ascontiguousarray(way[:, ::-1])
     assert not model.device.closure.closes(back[:, :1])[0]
-    np.testing.assert_allclose(model.device.closure.positions(back)[:, ::-1], model.device.closure.positions(way), atol=1e-12)
+    np.testing.assert_allclose(
+        model.device.closure.positions(back)[:, ::-1], model.device.closure.positions(way), atol=1e-12
+    )
 
 
 def test_what_is_told_of_poses_out_of_reach_is_what_the_links_are_short_of() -> None:

@@ -14,7 +14,7 @@ import pytest
 
 import haptid
 from haptid import errors
-from haptid._internal.workers import Cluster
+from haptid._internal.workers import DaskExecutor
 from haptid.observation.batch import observe_all
 from motions import motion, truth
 
@@ -44,7 +44,7 @@ def killed_once(item: tuple[str, int]) -> int:
 
 def test_a_killed_worker_costs_only_its_tasks(address: str, tmp_path: Path) -> None:
     items = [(str(tmp_path / "killed"), k) for k in range(6)]
-    assert dict(Cluster(address).map(killed_once, items)) == {k: k for k in range(6)}
+    assert dict(DaskExecutor(address).map(killed_once, items)) == {k: k for k in range(6)}
     assert (tmp_path / "killed").exists()
 
 
@@ -52,7 +52,7 @@ def test_a_cluster_gives_the_observation_of_one_process(address: str) -> None:
     model = haptid.DynamicModel(haptid.read_device("phantom_premium_15"))
     treatment = haptid.Treatment(cutoff_hz=None, decimation=10)
     made = motion(model, truth(model), seconds=80.0, noise=0.1, treatment=treatment)
-    (there,) = observe_all(model, [made], Cluster(address))
+    (there,) = observe_all(model, [made], DaskExecutor(address))
     for a, b in zip(haptid.observe(model, made).motors, there.motors, strict=True):
         np.testing.assert_allclose(a.triangles, b.triangles, rtol=0, atol=1e-12 * np.abs(a.triangles).max())
 
@@ -60,4 +60,4 @@ def test_a_cluster_gives_the_observation_of_one_process(address: str) -> None:
 def test_a_scheduler_that_does_not_answer_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("haptid._internal.workers.PATIENCE", 1.0)
     with pytest.raises(errors.ClusterError, match=r"no Dask scheduler answers at tcp://127.0.0.1:9"):
-        list(Cluster("tcp://127.0.0.1:9").map(abs, [1]))
+        list(DaskExecutor("tcp://127.0.0.1:9").map(abs, [1]))

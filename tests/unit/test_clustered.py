@@ -7,7 +7,7 @@ import pytest
 from scipy import linalg
 
 import haptid
-from haptid.estimation import BlockJackknife, Clustered, Ridge
+from haptid.estimation import BlockJackknife, ClusterRobust, Ridge
 from haptid.estimation.intervals.cluster_robust import Adjustment
 from haptid.observation.rows import Rows
 from motions import motion, truth
@@ -59,7 +59,7 @@ def test_it_is_the_cr2_of_whole_rows(rows, method):
         for g, (w, A) in enumerate(zip(W, adjusted, strict=True)):
             G[ends[g] : ends[g + 1], g] = A @ w @ bread[k]
         P = G.T @ annihilator @ G
-        assert found.freedom[k] == pytest.approx(np.trace(P) ** 2 / (P**2).sum(), rel=2e-3)
+        assert found.dof[k] == pytest.approx(np.trace(P) ** 2 / (P**2).sum(), rel=2e-3)
 
 
 @pytest.mark.parametrize("size", [0.02, 0.3, 0.9])
@@ -82,7 +82,7 @@ def test_of_white_rows_the_variance_is_unbiased(model):
     for _ in range(60):
         noisy = replace(clean, tau=clean.tau + 0.05 * clean.tau.std(axis=0) * rng.standard_normal(clean.tau.shape))
         found = haptid.estimate(haptid.observe(model, noisy), haptid.WLS())
-        ratios.append(np.diag(found.covariance) / np.diag(found.textbook_covariance))
+        ratios.append(np.diag(found.covariance) / np.diag(found.classical_covariance))
     assert np.mean(ratios) == pytest.approx(1.0, abs=0.04)
 
 
@@ -91,7 +91,7 @@ def test_what_motors_share_is_in_the_interval():
     model = haptid.DynamicModel(haptid.read_device("arm3"))
     beta = truth(model)
     clean = motion(model, beta, seconds=10.0, dt=5e-3)
-    rng, errors, kinds = np.random.default_rng(0), [], (Clustered(), BlockJackknife())
+    rng, errors, kinds = np.random.default_rng(0), [], (ClusterRobust(), BlockJackknife())
     variances = {kind.name: [] for kind in kinds}
     for _ in range(150):
         common = rng.standard_normal((len(clean.tau), 1)) + 0.3 * rng.standard_normal(clean.tau.shape)

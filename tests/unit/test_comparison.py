@@ -10,7 +10,7 @@ from scipy import stats
 
 import haptid
 from haptid import errors
-from haptid.estimation.methods.consistent import Consistent
+from haptid.estimation.methods.consistent import PhysicallyConsistent
 from haptid.inference.comparison import Comparison, compare
 from haptid.inference.targets import targets
 from motions import motion, truth
@@ -31,9 +31,9 @@ def beta(model):
     return truth(model)
 
 
-def comparison(first, second, sd=1.0, freedom=20.0, confidence=0.95):
+def comparison(first, second, se=1.0, dof=20.0, confidence=0.95):
     first, second = np.asarray(first, dtype=float), np.asarray(second, dtype=float)
-    sds, many = np.broadcast_to(np.asarray(sd, dtype=float), first.shape), np.full(first.shape, freedom)
+    sds, many = np.broadcast_to(np.asarray(se, dtype=float), first.shape), np.full(first.shape, dof)
     names = tuple(f"p{k}" for k in range(len(first)))
     variance = np.diag(2 * sds**2)
     units = ("kg",) * len(first)
@@ -44,13 +44,13 @@ def test_one_parameter_is_welchs_test():
     """Against SciPy's, of two samples with unequal sizes and variances."""
     rng = np.random.default_rng(0)
     x, y = rng.normal(0.0, 1.0, 9), rng.normal(0.8, 3.0, 23)
-    sd = [np.std(s, ddof=1) / np.sqrt(len(s)) for s in (x, y)]
+    se = [np.std(s, ddof=1) / np.sqrt(len(s)) for s in (x, y)]
     made = Comparison(
-        ("a",), ("kg",), [x.mean()], [y.mean()], [sd[0]], [sd[1]], [8.0], [22.0], [[sd[0]**2 + sd[1]**2]], 0.9, ()
+        ("a",), ("kg",), [x.mean()], [y.mean()], [se[0]], [se[1]], [8.0], [22.0], [[se[0]**2 + se[1]**2]], 0.9, ()
     )  # fmt: skip
     oracle = stats.ttest_ind(y, x, equal_var=False)
     assert made.p[0] == pytest.approx(oracle.pvalue, rel=1e-12)
-    assert made.freedom[0] == pytest.approx(oracle.df, rel=1e-12)
+    assert made.dof[0] == pytest.approx(oracle.df, rel=1e-12)
     low, high = oracle.confidence_interval(0.9)
     np.testing.assert_allclose(made.interval[0], [low, high], rtol=1e-12)
 
@@ -92,10 +92,10 @@ def test_a_sign_flips_where_both_values_are_told_from_zero():
 
 
 def test_nothing_can_be_found_of_a_parameter_that_one_stretch_alone_tells():
-    made = comparison([0.0, 0.0], [50.0, 50.0], sd=[1.0, np.inf])
+    made = comparison([0.0, 0.0], [50.0, 50.0], se=[1.0, np.inf])
     assert made.differs == ("p0",)
     assert made.p[1] == 1.0
-    assert np.isfinite(made.freedom).all()
+    assert np.isfinite(made.dof).all()
 
 
 def test_the_same_device_differs_in_about_one_comparison_of_twenty(model, beta):
@@ -154,7 +154,7 @@ def test_base_parameters_are_compared_where_they_regroup_alike(model, beta):
 def test_the_free_fit_of_a_held_estimate_is_compared(model, beta):
     negative = beta.copy()
     negative[model.base.names.index("FV1")] = -5e-3
-    held = fitted(model, negative, 1, method=Consistent())
+    held = fitted(model, negative, 1, method=PhysicallyConsistent())
     other = fitted(model, negative, 2)
     for made in (compare(held, other), compare(targets(held), targets(other))):
         assert not made.differs
@@ -164,7 +164,7 @@ def test_the_free_fit_of_a_held_estimate_is_compared(model, beta):
 
 def test_lonely_parameters_are_named(model, beta):
     a, b = fitted(model, beta, 1), fitted(model, beta, 2)
-    made = compare(a, replace(b, lonely=(8,)))
+    made = compare(a, replace(b, single_block=(8,)))
     assert made.p[8] == 1.0
     assert made.notes == ("One stretch of the second log alone tells FV1: no difference can be found.",)
 

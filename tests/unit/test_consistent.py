@@ -8,7 +8,7 @@ from scipy.optimize import lsq_linear
 
 import haptid
 from haptid.errors import MetricError, NoBodyError, ParameterValueError, ShapeError, UnsolvedError
-from haptid.estimation import Consistent, possible, project, pseudo_inertia
+from haptid.estimation import PhysicallyConsistent, possible, project_to_feasible, pseudo_inertia
 from haptid.estimation.feasibility import conic_program
 from haptid.estimation.feasibility.cone import PSEUDO, UPPER, cone, never_negative
 from haptid.report.tables import parameter_cells
@@ -78,7 +78,7 @@ def test_the_nearest_possible_parameters_are_optimal(mechanism, seed):
     beta = model.base.of(parameters(mechanism, model))
     wrong = beta * (1 + 0.1 * np.random.default_rng(seed).normal(size=len(beta)))
     R = metric(len(beta), beta, seed)
-    found = project(model, wrong, R)
+    found = project_to_feasible(model, wrong, R)
     assert found.ok
     assert scaled_margin(model, found) >= -ROUNDING
     gradient = R.T @ (R @ (found.beta - wrong))
@@ -105,7 +105,7 @@ def dual_margin(model, price, scale):
 def test_a_possible_free_fit_stays_as_it_is(model):
     observation = observed(model, truth(model), noise=0.02)
     free = haptid.estimate(observation, haptid.WLS())
-    held = haptid.estimate(observation, Consistent())
+    held = haptid.estimate(observation, PhysicallyConsistent())
     np.testing.assert_array_equal(held.beta, free.beta)
     np.testing.assert_allclose(model.base.of(held.possible.chi), free.beta, rtol=1e-9)
     assert held.held.active == ()
@@ -120,7 +120,7 @@ def test_a_negative_friction_is_held_as_bounded_least_squares_would(model, weigh
     beta[model.base.names.index("FV1")] = -3e-4
     beta[model.base.names.index("FV3")] = -1e-4
     observation = observed(model, beta, noise=0.02)
-    found = haptid.estimate(observation, Consistent(weighting))
+    found = haptid.estimate(observation, PhysicallyConsistent(weighting))
     stack = observation.stack(found.weights)
     sizes = np.linalg.norm(stack[:-1, :-1], axis=0)
     low = np.where([name.startswith("FV") for name in model.base.names], 0.0, -np.inf)
@@ -139,7 +139,7 @@ def test_a_negative_friction_is_held_as_bounded_least_squares_would(model, weigh
 def test_what_is_far_outside_of_its_interval_is_said(model):
     beta = truth(model)
     beta[model.base.names.index("FV1")] = -1e-2
-    found = haptid.estimate(observed(model, beta, noise=0.01), Consistent())
+    found = haptid.estimate(observed(model, beta, noise=0.01), PhysicallyConsistent())
     assert found.status == "strained"
     assert "FV1" in found.notes[-1]
     assert "does not repair it" in found.notes[-1]
@@ -147,21 +147,21 @@ def test_what_is_far_outside_of_its_interval_is_said(model):
     assert low == 0.0 < high
     np.testing.assert_allclose(found.held.free, haptid.estimate(found.observation, haptid.WLS()).beta)
     held, other = found["FV1"], found["FC3"]
-    assert held.strained
+    assert held.constrained_outside_ci
     assert held.value == 0.0 > held.free
     assert parameter_cells(held)[1] == "0"
     assert parameter_cells(held)[3:5] == ["", ""]
     assert finite(parameter(held))["relative_sd_percent"] is None
     assert parameter(held)["free"] == held.free
-    assert not other.strained
-    assert other.relative_sd == 100 * other.sd / abs(other.value)
+    assert not other.constrained_outside_ci
+    assert other.relative_se == 100 * other.se / abs(other.value)
 
 
 def test_links_on_the_border_are_named():
     """Noise on a seven-joint arm: the free fit is no body's, the held one is, and costs next to nothing."""
     model = haptid.DynamicModel(haptid.read_device("arm7"))
     beta = model.base.of(true_parameters(model))
-    found = haptid.estimate(observed(model, beta, noise=0.3, phi=0.9), Consistent())
+    found = haptid.estimate(observed(model, beta, noise=0.3, phi=0.9), PhysicallyConsistent())
     assert not possible(model, found.held.free).ok
     assert any("its inertia lies on the border of what a body can have" in s for s in found.held.active)
     assert all(cost.held < 1.05 * cost.free for cost in found.held.costs)
@@ -174,7 +174,7 @@ def test_intervals_stop_where_parameters_cannot_go(model):
     """The free interval cut at zero: never empty, never without the estimate, never wider than it need be."""
     beta = truth(model)
     beta[model.base.names.index("FV2")] = 2e-5
-    found = haptid.estimate(observed(model, beta, noise=0.1), Consistent())
+    found = haptid.estimate(observed(model, beta, noise=0.1), PhysicallyConsistent())
     low, high = found.interval95.T
     assert (low <= found.beta).all()
     assert (found.beta <= high).all()
@@ -259,14 +259,14 @@ def test_questions_that_mean_nothing(model):
     with pytest.raises(ShapeError):
         possible(model, beta[:3])
     with pytest.raises(ShapeError):
-        project(model, beta, np.eye(3))
+        project_to_feasible(model, beta, np.eye(3))
     R = np.eye(p)
     R[2, 2] = 0.0
     with pytest.raises(MetricError, match=r"ZZbeR.*0\.0e"):
-        project(model, beta, R)
+        project_to_feasible(model, beta, R)
     R[1:3, 2] = 1.0, 1e-14
     with pytest.raises(MetricError, match="nothing about base parameter"):
-        project(model, beta, R)
+        project_to_feasible(model, beta, R)
 
 
 def test_a_solver_that_gives_up_is_an_error(model, monkeypatch):

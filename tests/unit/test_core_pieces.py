@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 import haptid
-from haptid.dynamics.mechanism import mechanism_arguments
 from haptid import _core
+from haptid.dynamics.mechanism import mechanism_arguments
 
 # More than one piece of rows, more than two parts of samples, and no whole lanes.
 SAMPLES = 4999

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 import haptid
 from changed_devices import SET_B, changed
 from haptid.device import Frame, poses, read_device
-from haptid.errors import DuplicateNameError, NoDyadError, UnknownNameError
+from haptid.errors import DuplicateNameError, NoDyadError, UnknownDeviceNameError
 from haptid.experiment.bench import mjcf
 from haptid.experiment.bench.bodies import bodies, effects
 from haptid.experiment.bench.mjcf import closed, depth_first
@@ -175,7 +175,7 @@ def test_name_that_is_taken(name: str, first: str, tmp_path: Path) -> None:
 
 def test_other_refusals(tmp_path: Path) -> None:
     term = '[[terms]]\nkind = "viscous"\nprefix = "D"\njoints = ["13"]\n[handle]'
-    with pytest.raises(UnknownNameError, match='no joint is named "13"'):
+    with pytest.raises(UnknownDeviceNameError, match='no joint is named "13"'):
         changed("cea_medical_branch", tmp_path, ("[handle]", term))
     text = BARS.format(ground=0.3, crank=0.2, turn=0.0, joints='"all"')
     with pytest.raises(NoDyadError, match="cut joint cut has a name"):

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 
 from haptid.device.expressions import column, number, relation
 from haptid.device.toml.place import Place
-from haptid.errors import DeviceError, ExpressionError, RelationError, UnknownNameError
+from haptid.errors import DeviceError, ExpressionError, RelationError, UnknownDeviceNameError
 
 HERE = Place("arm.toml", "joints[0].alpha")
 LENGTHS = {"d3": 0.45, "_r": -2.0}
@@ -127,11 +127,11 @@ def test_columns_see_the_joints_and_the_lengths() -> None:
 
 
 def test_names_that_are_not_there_get_a_suggestion() -> None:
-    with pytest.raises(UnknownNameError, match='Did you mean "d3"'):
+    with pytest.raises(UnknownDeviceNameError, match='Did you mean "d3"'):
         number("d33 + 1", LENGTHS, HERE)
-    with pytest.raises(UnknownNameError, match='Did you mean "q_2"'):
+    with pytest.raises(UnknownDeviceNameError, match='Did you mean "q_2"'):
         column("cos(q2)", ["1", "2"], {}, HERE)
-    with pytest.raises(UnknownNameError, match='Did you mean "sqrt"'):
+    with pytest.raises(UnknownDeviceNameError, match='Did you mean "sqrt"'):
         column("sqr(q_2)", ["1", "2"], {}, HERE)
 
 

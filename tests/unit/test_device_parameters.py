@@ -171,8 +171,8 @@ def test_terms_on_passive_joints_follow_the_loop() -> None:
 def test_rates_turn_coordinates_into_joints_and_drives() -> None:
     for name in ("staubli_tx40", "sr400", "phantom_premium_15"):
         device = read_device(name)
-        np.testing.assert_allclose(device.rates @ device.frame, device.closure.G, atol=1e-15)
-        np.testing.assert_allclose(device.drive_rates @ device.frame, device.coupling, atol=1e-15)
+        np.testing.assert_allclose(device.rates @ device.row_map, device.closure.G, atol=1e-15)
+        np.testing.assert_allclose(device.drive_rates @ device.row_map, device.coupling, atol=1e-15)
 
 
 @settings(max_examples=40)
@@ -244,9 +244,9 @@ def test_a_prior_body_keeps_its_kinetic_energy(seed: int) -> None:
 def test_prior_deviations_are_never_zero() -> None:
     joint = Joint("1", -1, False, np.eye(3), np.zeros(3), True, None, None, None, np.eye(3), np.zeros(3))
     made = body_prior(Body(2.0, np.zeros(3), np.diag([0.1, 0.2, 0.3])), joint, 10.0)
-    assert made["M1"].sd == pytest.approx(0.2)
-    assert made["XY1"].sd == pytest.approx(0.03)
-    assert made["MX1"].sd == pytest.approx(0.1 * np.sqrt(2.0 * 0.3))
+    assert made["M1"].se == pytest.approx(0.2)
+    assert made["XY1"].se == pytest.approx(0.03)
+    assert made["MX1"].se == pytest.approx(0.1 * np.sqrt(2.0 * 0.3))
     assert "XX1" not in body_prior(Body(2.0, np.zeros(3), None), joint, None)
 
 

@@ -8,7 +8,7 @@ import pytest
 
 import haptid
 from diagnosed import estimated, log, phantom
-from haptid.estimation.methods.zeroed import Without
+from haptid.estimation.methods.zeroed import FixedAtZero
 from haptid.inference.diagnosis import diagnose
 from haptid.inference.diagnosis.added_variable import Extra, widen
 from haptid.inference.diagnosis.delay_test import rates
@@ -58,8 +58,8 @@ def test_a_missing_column_is_what_a_device_with_that_term_estimates(without_visc
     added = widen(lacking, [Extra(row, 1, lambda sight: sight.motion[1][[1]])]).test([0])
     k = wanted.base.names.index("FV2")
     assert added.gamma[0] == pytest.approx(wanted.beta[k], rel=1e-8)
-    assert added.sd[0] == pytest.approx(wanted.sd[k], rel=1e-6)
-    assert added.freedom == pytest.approx(wanted.freedom[k], rel=1e-6)
+    assert added.se[0] == pytest.approx(wanted.se[k], rel=1e-6)
+    assert added.dof == pytest.approx(wanted.dof[k], rel=1e-6)
     np.testing.assert_allclose(lacking.beta + added.moved, np.delete(wanted.beta, k), rtol=1e-7)
     assert added.explained[1] > 0
 
@@ -88,11 +88,11 @@ def test_several_motions_are_diagnosed_together():
 
 
 def test_parameters_and_motors_that_were_left_out_stay_out(clean):
-    reduced = haptid.estimate(clean.observation, Without(("FV2",)))
+    reduced = haptid.estimate(clean.observation, FixedAtZero(("FV2",)))
     found = diagnose(reduced)
     assert found["bent viscosity"].figures["p"] < LEVEL or found["time delay"].status != "ok"
     assert "FV2" not in found["excitation"].sentence
-    own = haptid.estimate(clean.observation.only("1"), Without(untold_by_motor_1(clean), haptid.OLS()))
+    own = haptid.estimate(clean.observation.only("1"), FixedAtZero(untold_by_motor_1(clean), haptid.OLS()))
     alone = diagnose(own)
     assert "motor 1" in alone.verdict.sentences[0]
     assert not any("motor 2" in name for finding in alone.findings for name in finding.figures)

@@ -15,8 +15,8 @@ from small_study import KD, KP, between, driven, log_of, two_links
 
 DT, RUNS = 4e-3, 6
 CALM, POOR = (
-    haptid.Treatment(cutoff_hz=15, decimation=10, torque_delay=DT / 2, low_speed=0.1),
-    haptid.Treatment(cutoff_hz=50, torque_delay=DT / 2, low_speed=0.1),
+    haptid.Treatment(cutoff_hz=15, decimation=10, torque_delay_s=DT / 2, reversal_speed=0.1),
+    haptid.Treatment(cutoff_hz=50, torque_delay_s=DT / 2, reversal_speed=0.1),
 )
 
 
@@ -57,7 +57,7 @@ def test_coarse_encoders_are_seen():
 
 
 def test_an_instrumental_estimate_brings_its_own():
-    method = haptid.Consistent(estimation.IV(law()))
+    method = haptid.PhysicallyConsistent(estimation.IV(law()))
     assert known(method) is law()
     assert known(haptid.WLS()) is None
     found = diagnose(estimated(1, 1e7, CALM, method))["errors in W"]

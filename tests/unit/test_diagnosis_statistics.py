@@ -113,7 +113,7 @@ def test_regression_by_blocks_leaves_out_each_block():
     whole = np.linalg.lstsq(X, y, rcond=None)[0]
     left = np.array([np.linalg.lstsq(X[block != b], y[block != b], rcond=None)[0] for b in range(10)])
     np.testing.assert_allclose(found.value, whole)
-    np.testing.assert_allclose(found.sd, np.sqrt(0.9 * ((left - whole) ** 2).sum(axis=0)))
+    np.testing.assert_allclose(found.se, np.sqrt(0.9 * ((left - whole) ** 2).sum(axis=0)))
     assert regress(X[:40], y[:40], block[:40]) is None
 
 

@@ -6,7 +6,7 @@ from hypothesis import given, settings
 
 import haptid
 from haptid.dynamics.inverse import bias_torque, gravity_torque, mass_matrix
-from haptid.end_effector.torque_decomposition import dissect
+from haptid.end_effector.torque_decomposition import decompose_torque
 from mechanisms import mechanisms
 from motions import motion, multisine, truth
 from random_devices import as_device, parameters
@@ -52,7 +52,7 @@ def test_parts_sum_to_the_predicted_torque(name):
     treatment = haptid.Treatment(cutoff_hz=None, decimation=4)
     estimate = estimated(model, truth(model), treatment)
     unseen = motion(model, estimate.beta, seconds=2.0, seed=9, treatment=treatment)
-    parts, whole = dissect(estimate, unseen), haptid.predict(estimate, unseen)
+    parts, whole = decompose_torque(estimate, unseen), haptid.predict(estimate, unseen)
     np.testing.assert_allclose(parts.model, whole.predicted, rtol=0, atol=1e-12 * np.abs(whole.predicted).max())
     np.testing.assert_array_equal(parts.measured, whole.measured)
     np.testing.assert_array_equal(parts.t, whole.t)
@@ -74,7 +74,7 @@ def test_each_part_is_what_its_name_says(mechanism):
     q, qd, qdd = multisine(mechanism.coordinates, 0.3, 1e-3, 1)
     made = haptid.Motion(1e-3, q.T, np.zeros_like(q.T), plain, rates=(qd.T, qdd.T))
     estimate = estimated(model, beta, plain, noise=0.0)
-    parts = dissect(estimate, made)
+    parts = decompose_torque(estimate, made)
     exact = estimate.beta
     scale = np.abs(parts.torque).max()
     inertia = np.einsum("sij,js->is", mass_matrix(model, exact, q), qdd)
@@ -96,7 +96,7 @@ def test_every_kind_of_term_has_its_part(tmp_path):
     model = haptid.DynamicModel(haptid.read_device(path))
     treatment = haptid.Treatment(cutoff_hz=None)
     estimate = estimated(model, np.linspace(0.1, 0.5, len(model.base)), treatment, seconds=8.0)
-    parts = dissect(estimate, motion(model, estimate.beta, seconds=1.0, seed=5, treatment=treatment))
+    parts = decompose_torque(estimate, motion(model, estimate.beta, seconds=1.0, seed=5, treatment=treatment))
     assert parts.parts[3:] == ("Coulomb", "Stribeck", "counterbalance", "own columns")
     text = parts.summary()
     assert all(part in text for part in parts.parts)
@@ -107,6 +107,6 @@ def test_every_kind_of_term_has_its_part(tmp_path):
 def test_parts_are_read_only():
     model = haptid.DynamicModel(haptid.read_device("emps"))
     estimate = estimated(model, np.array([100.0, 200.0, 20.0, 3.0]), haptid.Treatment(cutoff_hz=None))
-    parts = dissect(estimate, motion(model, estimate.beta, seconds=1.0, seed=5))
+    parts = decompose_torque(estimate, motion(model, estimate.beta, seconds=1.0, seed=5))
     with pytest.raises(ValueError, match="read-only"):
         parts.torque[0, 0, 0] = 1.0

@@ -1,11 +1,11 @@
-"""The entropic pull: zero at the prior, the same in every frame, `Consistent()` in the limit, better in poor logs."""
+"""The entropic pull: zero at the prior, the same in every frame, `PhysicallyConsistent()` in the limit, better in poor logs."""
 
 import numpy as np
 import pytest
 
 import haptid
 from haptid import errors
-from haptid.estimation import Consistent, Profile
+from haptid.estimation import PhysicallyConsistent, Profile
 from haptid.estimation.feasibility.feasible import roomy
 from haptid.estimation.methods.entropic import Entropic, Pull, prior_links
 from motions import motion
@@ -73,7 +73,7 @@ def test_a_prior_that_is_the_truth_stays(model):
 
 def test_a_vanishing_pull_is_the_consistent_estimate(model):
     observation = observed(model, noise=0.6, seconds=3.0)
-    held = haptid.estimate(observation, Consistent())
+    held = haptid.estimate(observation, PhysicallyConsistent())
     pulled = haptid.estimate(observation, Entropic(1e-4))
     np.testing.assert_allclose(
         observation.stack(held.weights)[:-1, :-1] @ (pulled.beta - held.beta), 0.0, atol=0.2 * np.sqrt(len(held.beta))
@@ -132,7 +132,7 @@ def test_there_is_no_profile_of_what_is_pulled(model):
     assert found.held.pulled
     with pytest.raises(errors.PulledProfileError, match="Clustered"):
         _ = found.interval95
-    assert not haptid.estimate(observation, Consistent()).held.pulled
+    assert not haptid.estimate(observation, PhysicallyConsistent()).held.pulled
 
 
 def test_what_cannot_be_pulled_is_refused(model, tmp_path):

@@ -204,7 +204,7 @@ def test_linear_loops_stay_linear_beside_others(tmp_path: Path) -> None:
 def test_at_names_active_joints_only(tmp_path: Path) -> None:
     with pytest.raises(errors.RelationError, match="at names joint rocker, which a loop moves"):
         edited(tmp_path, "four_bar", ("at = { crank = 1.57 }", "at = { rocker = 1.57 }"))
-    with pytest.raises(errors.UnknownNameError, match=r"loops\[0\]\.at\.crink"):
+    with pytest.raises(errors.UnknownDeviceNameError, match=r"loops\[0\]\.at\.crink"):
         edited(tmp_path, "four_bar", ("at = { crank = 1.57 }", "at = { crink = 1.57 }"))
 
 

@@ -53,7 +53,7 @@ def study(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Of one log that is just long enough for its triangles to be kept."""
     folder = tmp_path_factory.mktemp("long")
     (folder / "device.toml").write_text(DEVICE)
-    logs = '[[logs]]\npath = "log.parquet"\n[treatment]\ntorque_delay = 0.0\nlow_speed = 0.0'
+    logs = '[[logs]]\npath = "log.parquet"\n[treatment]\ntorque_delay_s = 0.0\nreversal_speed = 0.0'
     head, _, tail = STUDY.partition('[[logs]]\npath = "log.csv"')
     (folder / "study.toml").write_text(head + logs + tail[tail.index("[treatment]") + len("[treatment]") :])
     parquet.write_table(pa.table(columns(1, (LEAST_KEPT + 9_000) * 2e-3)), folder / "log.parquet")
@@ -63,7 +63,7 @@ def study(tmp_path_factory: pytest.TempPathFactory) -> Path:
 @pytest.fixture(scope="module")
 def wanted(study: Path) -> np.ndarray:
     """Values and deviations of a run in memory, in this process."""
-    return np.array([[p.value, p.sd, *p.interval] for p in identify(read_study(study)).estimate.parameters])
+    return np.array([[p.value, p.se, *p.interval] for p in identify(read_study(study)).estimate.parameters])
 
 
 def start(study: Path, out: Path, *more: str, err: int = subprocess.PIPE) -> subprocess.Popen[str]:

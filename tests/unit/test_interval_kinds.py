@@ -13,21 +13,21 @@ from haptid.estimation import (
     TLS,
     BlockJackknife,
     Bootstrap,
-    Bounded,
-    Clustered,
-    Equal,
+    Bounds,
+    Classical,
+    ClusterRobust,
+    EqualityConstraints,
     FixedB,
     Profile,
     Ridge,
     Sandwich,
-    Textbook,
 )
 from haptid.estimation.intervals.autoregression import burg
 from haptid.estimation.least_squares import solve
 from haptid.observation.rows import Rows
 from motions import motion, truth
 
-KINDS = [Clustered(), BlockJackknife(), Textbook(), FixedB(), Bootstrap(99), Sandwich()]
+KINDS = [ClusterRobust(), BlockJackknife(), Classical(), FixedB(), Bootstrap(99), Sandwich()]
 
 
 @pytest.fixture(scope="module")
@@ -45,8 +45,8 @@ def test_kinds_say_how_far_the_same_estimate_may_be_off(observation, kind):
     plain = haptid.estimate(observation, haptid.WLS())
     found = haptid.estimate(observation, haptid.WLS(), kind)
     np.testing.assert_array_equal(found.beta, plain.beta)
-    assert np.linalg.eigvalsh(found.covariance / np.outer(found.sd, found.sd))[0] > -1e-9
-    assert (found.freedom >= 1).all()
+    assert np.linalg.eigvalsh(found.covariance / np.outer(found.se, found.se))[0] > -1e-9
+    assert (found.dof >= 1).all()
     assert found.intervals.name == kind.name
 
 
@@ -63,9 +63,9 @@ def test_combinations_have_the_deviations_of_their_covariance(model, kind, metho
 
 def test_of_a_white_residual_all_are_about_the_textbook(model):
     made = haptid.observe(model, motion(model, truth(model), seconds=30.0, dt=4e-3, noise=0.1))
-    textbook = haptid.estimate(made, haptid.WLS(), Textbook()).sd
+    classical = haptid.estimate(made, haptid.WLS(), Classical()).se
     for kind in KINDS:
-        ratio = haptid.estimate(made, haptid.WLS(), kind).sd / textbook
+        ratio = haptid.estimate(made, haptid.WLS(), kind).se / classical
         assert 0.8 < np.median(ratio) < 1.25, kind.name
 
 
@@ -82,7 +82,7 @@ def test_the_sandwich_is_the_sandwich(observation):
         middle += weight**4 * taken * W.T @ linalg.matmul_toeplitz(gamma, W)
     R = observation.stack(found.weights)[:-1, :-1]
     bread = np.linalg.inv(R.T @ R)
-    np.testing.assert_allclose(found.sd, np.sqrt(np.diag(bread @ middle @ bread)), rtol=1e-3)
+    np.testing.assert_allclose(found.se, np.sqrt(np.diag(bread @ middle @ bread)), rtol=1e-3)
 
 
 def test_the_jackknife_of_a_fit_with_a_prior_is_that_of_fits_without_each_block(model):
@@ -121,9 +121,9 @@ def test_the_bootstrap_of_a_seed_is_the_same_again(observation):
 
 @pytest.mark.parametrize("kind", KINDS, ids=lambda kind: kind.name)
 def test_what_is_known_exactly_has_no_deviation(observation, kind):
-    found = haptid.estimate(observation, Equal({"FC1": 0.02}), kind)
+    found = haptid.estimate(observation, EqualityConstraints({"FC1": 0.02}), kind)
     assert found["FC1"].value == pytest.approx(0.02)
-    assert found["FC1"].sd == pytest.approx(0.0, abs=1e-12)
+    assert found["FC1"].se == pytest.approx(0.0, abs=1e-12)
 
 
 # --- profile likelihood -----------------------------------------------------------------------------------------
@@ -132,16 +132,16 @@ def test_what_is_known_exactly_has_no_deviation(observation, kind):
 def test_a_profile_is_the_honest_interval_where_no_limit_is_near(observation):
     plain = haptid.estimate(observation, haptid.WLS())
     far = {name: (float(b) - 1e3, None) for name, b in zip(plain.base.names, plain.beta, strict=True)}
-    found = haptid.estimate(observation, Bounded(far), Profile())
+    found = haptid.estimate(observation, Bounds(far), Profile())
     np.testing.assert_allclose(found.interval95, plain.interval95, rtol=1e-5)
 
 
 def test_a_profile_beside_a_limit_is_narrower_and_stays_within(observation):
     plain = haptid.estimate(observation, haptid.WLS())
     k = plain.base.names.index("FC2")
-    low = float(plain.beta[k] + plain.sd[k])
-    cut = haptid.estimate(observation, Bounded({"FC2": (low, None)}))
-    found = haptid.estimate(observation, Bounded({"FC2": (low, None)}), Profile())
+    low = float(plain.beta[k] + plain.se[k])
+    cut = haptid.estimate(observation, Bounds({"FC2": (low, None)}))
+    found = haptid.estimate(observation, Bounds({"FC2": (low, None)}), Profile())
     ends = found.interval95
     assert ends[k, 0] == pytest.approx(low, rel=1e-6)
     width = np.diff(ends, axis=1) / np.diff(cut.interval95, axis=1)
@@ -154,7 +154,7 @@ def test_a_profile_beside_a_limit_is_narrower_and_stays_within(observation):
 def test_a_profile_of_what_is_not_held_is_refused(observation):
     found = haptid.estimate(observation, haptid.WLS())
     with pytest.raises(errors.MethodSettingError, match="Bounded"):
-        Profile().limits(found.fit, found.held, found.sd)
+        Profile().limits(found.fit, found.held, found.se)
 
 
 @pytest.mark.parametrize("make", [lambda: FixedB(0.0), lambda: FixedB(1.5), lambda: Bootstrap(1), lambda: Sandwich(-1)])

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import haptid
-from haptid.observation.batch import Kept, fingerprint, observe_all
+from haptid.observation.batch import RFactorCache, fingerprint, observe_all
 from haptid.observation.observation import Plan
 from small_study import DEVICE, write_study
 
@@ -67,7 +67,7 @@ def test_signals_that_differ_late_have_another_name(model, motion, what, where):
 
 
 def test_a_run_does_not_take_what_another_load_left(model, motion, tmp_path):
-    kept = Kept(tmp_path / "kept", least=1)
+    kept = RFactorCache(tmp_path / "kept", least=1)
     heavy = model.loaded(np.ones(len(model.base)))
     observe_all(model, [motion], kept=kept)
     (found,) = observe_all(heavy, [motion], kept=kept)

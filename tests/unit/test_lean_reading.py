@@ -19,7 +19,7 @@ from haptid.log.on_disk import CHUNK, OnDisk
 from haptid.motion.streaming import PIECE, filtered, memory
 
 
-class Held(OnDisk):
+class Constrained(OnDisk):
     """Samples in memory that go as if they were on disk."""
 
     def __init__(self, samples: np.ndarray) -> None:
@@ -53,7 +53,7 @@ def test_pieces_are_filtered_as_the_whole(order: int, cutoff: float, more: int, 
     samples = np.random.default_rng(seed).normal(size=(CHUNK + more, 2)).cumsum(axis=0)
     whole = signal.sosfiltfilt(sections, samples - samples[0], axis=0) + samples[0]
     assert memory(sections) >= 3 * (2 * len(sections) + 1)
-    for channels in (samples, as_array(Held(samples))):
+    for channels in (samples, as_array(Constrained(samples))):
         made = np.asarray(filtered(channels, sections))
         assert_allclose(made, whole, atol=1e-12 * np.abs(whole).max())
 

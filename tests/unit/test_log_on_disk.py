@@ -91,7 +91,7 @@ def test_the_observation_is_the_same_to_the_last_digits(tmp_path: Path) -> None:
     names = [f"q{k}" for k in (1, 2, 3)], [f"tau{k}" for k in (1, 2, 3)]
     columns = dict(zip(names[0] + names[1], [*made.q.T, *made.tau.T], strict=True))
     path = write(tmp_path, ".parquet", {"t": made.t, **columns})
-    treatment = haptid.Treatment(cutoff_hz=40.0, decimation=8, torque_delay=4e-4, low_speed=0.05)
+    treatment = haptid.Treatment(cutoff_hz=40.0, decimation=8, torque_delay_s=4e-4, reversal_speed=0.05)
     found = []
     for how in (read_log, open_log):
         log = how(path, Channels(Signal(names[0], "rad"), Signal(names[1], "N m", side="joint"), time="t"))

@@ -39,7 +39,7 @@ def dense(model, motion):
     """W and y without any of the observation's machinery, motor by motor, (3, n, p) and (3, n)."""
     N = model.device.coupling
     Y = rows(model, N @ motion.q.T, N @ motion.qd.T, N @ motion.qdd.T)
-    W = np.einsum("ark,rp->akp", Y, model.device.parameters.S[:, list(model.base.kept)])
+    W = np.einsum("ark,rp->akp", Y, model.device.parameters.S[:, list(model.base.independent_columns)])
     return W, motion.tau.T
 
 
@@ -60,7 +60,7 @@ def test_triangles_hold_the_dense_rows(model, beta):
     wanted, rest, *_ = np.linalg.lstsq(stacked, z, rcond=None)
     np.testing.assert_allclose(found.beta, wanted, rtol=1e-9)
     variance = rest[0] / (len(z) - len(beta))
-    np.testing.assert_allclose(found.textbook_covariance, variance * np.linalg.inv(stacked.T @ stacked), rtol=1e-7)
+    np.testing.assert_allclose(found.classical_covariance, variance * np.linalg.inv(stacked.T @ stacked), rtol=1e-7)
 
 
 def test_weighted_least_squares_weighs_motors_by_their_residual(model, beta):
@@ -99,9 +99,9 @@ def test_jackknife_is_what_refitting_without_each_block_gives(model, beta):
         leverage.append(((wide(*left)[:, :-1] @ inverse @ inverse.T) ** 2).sum(axis=0))
     shifts, leverage = np.array(shifts), np.array(leverage)
     np.testing.assert_allclose(found.covariance, (len(blocks) - 1) / len(blocks) * shifts.T @ shifts, rtol=1e-7)
-    freedom = leverage.sum(axis=0) ** 2 / (leverage**2).sum(axis=0) - 1
-    np.testing.assert_allclose(found.freedom, freedom, rtol=1e-7)
-    half = stats.t.ppf(0.975, freedom) * np.sqrt(np.diag(found.covariance))
+    dof = leverage.sum(axis=0) ** 2 / (leverage**2).sum(axis=0) - 1
+    np.testing.assert_allclose(found.dof, dof, rtol=1e-7)
+    half = stats.t.ppf(0.975, dof) * np.sqrt(np.diag(found.covariance))
     np.testing.assert_allclose(found.interval95, np.column_stack([found.beta - half, found.beta + half]), rtol=1e-9)
 
 
@@ -156,7 +156,7 @@ def test_validation_is_the_error_of_the_predicted_torque(model, beta):
 
 def test_prediction_passes_through_the_same_filter_as_the_rows(model, beta):
     """Filtering W beta is filtering W: the residual of the plots has the norm that the triangles say."""
-    treatment = haptid.Treatment(cutoff_hz=None, decimation=7, low_speed=0.05)
+    treatment = haptid.Treatment(cutoff_hz=None, decimation=7, reversal_speed=0.05)
     made = motion(model, beta, noise=0.1, treatment=treatment)
     found = haptid.estimate(haptid.observe(model, made), haptid.WLS())
     prediction = haptid.predict(found, made)
@@ -168,7 +168,7 @@ def test_prediction_passes_through_the_same_filter_as_the_rows(model, beta):
 
 
 def test_slow_rows_are_dropped_motor_by_motor(model, beta):
-    treatment = haptid.Treatment(cutoff_hz=None, decimation=5, low_speed=(0.0, 0.2, 0.0))
+    treatment = haptid.Treatment(cutoff_hz=None, decimation=5, reversal_speed=(0.0, 0.2, 0.0))
     made = motion(model, beta, treatment=treatment)
     observation = haptid.observe(model, made)
     first, second, third = (motor.rows.sum() for motor in observation.motors)
@@ -192,7 +192,7 @@ def test_blocks_of_a_long_motion_grow(model, beta, monkeypatch):
 
 
 def test_the_result_does_not_depend_on_the_segments(model, beta, monkeypatch):
-    treatment = haptid.Treatment(cutoff_hz=None, decimation=5, low_speed=0.05)
+    treatment = haptid.Treatment(cutoff_hz=None, decimation=5, reversal_speed=0.05)
     made = motion(model, beta, noise=0.1, treatment=treatment)
     whole = haptid.observe(model, made)
     monkeypatch.setattr("haptid.observation.observation.SEGMENT", 1500)
@@ -225,8 +225,8 @@ def test_too_few_rows(model, beta):
 
 
 def test_a_motor_that_is_always_slow(model, beta):
-    made = motion(model, beta, treatment=haptid.Treatment(cutoff_hz=None, low_speed=1e3))
-    with pytest.raises(NoRowsError, match="low_speed"):
+    made = motion(model, beta, treatment=haptid.Treatment(cutoff_hz=None, reversal_speed=1e3))
+    with pytest.raises(NoRowsError, match="reversal_speed"):
         haptid.observe(model, made)
 
 
@@ -254,28 +254,28 @@ def test_what_one_stretch_alone_tells_has_no_interval(model, beta):
     made = motion(model, beta, noise=0.1, treatment=treatment)
     whole = haptid.observe(model, made)
     assert len(whole.blocks) == 8  # a block is never longer than an eighth of its motion
-    assert np.isfinite(haptid.estimate(whole, haptid.OLS()).sd).all()
+    assert np.isfinite(haptid.estimate(whole, haptid.OLS()).se).all()
     single = replace(whole, blocks=whole.blocks[:1], motors=tuple(m.pick(np.array([0])) for m in whole.motors))
-    lonely = haptid.estimate(single, haptid.OLS())
-    assert lonely.status == "weak"
-    assert len(lonely.lonely) > 5
-    assert np.isinf(lonely.sd[list(lonely.lonely)]).all()
-    assert np.isinf(lonely.interval95[list(lonely.lonely)]).all()
-    assert "nothing says how far to trust it" in " ".join(lonely.notes)
+    single_block = haptid.estimate(single, haptid.OLS())
+    assert single_block.status == "weak"
+    assert len(single_block.single_block) > 5
+    assert np.isinf(single_block.se[list(single_block.single_block)]).all()
+    assert np.isinf(single_block.interval95[list(single_block.single_block)]).all()
+    assert "nothing says how far to trust it" in " ".join(single_block.notes)
 
 
 def test_a_guard_reaches_beyond_the_filter(model, beta):
     """Without decimation there is no filter, and rows within the guard of a reversal are dropped all the same."""
     rows = []
     for guard in (None, 0.0, 0.05):
-        treatment = haptid.Treatment(cutoff_hz=None, low_speed=0.05, guard=guard)
+        treatment = haptid.Treatment(cutoff_hz=None, reversal_speed=0.05, guard=guard)
         rows.append(haptid.observe(model, motion(model, beta, treatment=treatment)).rows)
     assert rows[0] == rows[1]
     assert rows[2] < 0.9 * rows[1]
 
 
 def test_low_speed_has_one_figure_or_one_for_each_row(model, beta):
-    treatment = haptid.Treatment(cutoff_hz=None, low_speed=(0.1, 0.2))
+    treatment = haptid.Treatment(cutoff_hz=None, reversal_speed=(0.1, 0.2))
     with pytest.raises(TreatmentValueError, match="one for each row"):
         haptid.observe(model, motion(model, beta, treatment=treatment))
 
@@ -324,7 +324,7 @@ def differential(tmp_path):
 def test_both_joints_of_a_differential_are_guarded(differential):
     """Each motor feels both joints' friction: rows are dropped where either is slow."""
     assert [len(differential.coulomb_terms(row)) for row in (0, 1)] == [2, 2]
-    treatment = haptid.Treatment(cutoff_hz=None, low_speed=0.2)
+    treatment = haptid.Treatment(cutoff_hz=None, reversal_speed=0.2)
     made = motion(differential, np.ones(len(differential.base)), treatment=treatment)
     prediction = haptid.predict(haptid.estimate(haptid.observe(differential, made), haptid.OLS()), made)
     for joint in (0, 1):

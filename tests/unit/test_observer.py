@@ -101,7 +101,7 @@ def test_along_a_motion_it_is_the_force_estimate_through_the_low_pass():
     wanted = observer.smooth(means.T, 1e-3).T
     np.testing.assert_allclose(late.force[settled], wanted[settled], atol=1e-4)
     np.testing.assert_array_equal(late.t, now.t)
-    assert (late.sd[settled, :3] <= 1.1 * now.sd[settled, :3]).mean() > 0.5
+    assert (late.se[settled, :3] <= 1.1 * now.se[settled, :3]).mean() > 0.5
     assert late.moment == "taken as zero"
 
 

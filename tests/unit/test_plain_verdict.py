@@ -13,7 +13,7 @@ LOOKS = (*PREDICTION, *COMPENSATION, *SINGLE)
 
 def given(relative, statuses, told=4, seen=False):
     """The verdict on an estimate of four parameters, of which so many are told well."""
-    parameters = [SimpleNamespace(name=f"P{k}", relative_sd=1.0 if k < told else 50.0) for k in range(4)]
+    parameters = [SimpleNamespace(name=f"P{k}", relative_se=1.0 if k < told else 50.0) for k in range(4)]
     errors = SimpleNamespace(motors=[SimpleNamespace(relative=relative, label="motor 1")], seen=seen)
     findings = [Finding(name, statuses.get(name, "ok"), {"p": 1e-5}, f"About {name}.") for name in LOOKS]
     return verdict(SimpleNamespace(parameters=parameters, kept=range(4)), errors, findings)

@@ -55,8 +55,8 @@ def test_the_filter_follows_the_speed_of_the_motion(phantom, stretch, seed):
 def test_the_delay_is_found(phantom, late, seed):
     made = recorded(phantom, late=late, seed=seed, noise=0.01)
     delay = haptid.find_delay(phantom, [made], haptid.Treatment(21.0, parallel_cutoff_hz=7.0, decimation=14))
-    assert delay.seconds == pytest.approx(1e-3 * late, abs=5 * delay.sd + 2e-5)
-    assert delay.sd < 5e-5
+    assert delay.seconds == pytest.approx(1e-3 * late, abs=5 * delay.se + 2e-5)
+    assert delay.se < 5e-5
 
 
 @pytest.mark.parametrize(
@@ -65,13 +65,13 @@ def test_the_delay_is_found(phantom, late, seed):
 )
 def test_a_delay_is_named(phantom, late, taken, words):
     proposal = haptid.propose(phantom, recorded(phantom, late=late, noise=0.003))
-    assert proposal.treatment.torque_delay == pytest.approx(taken, abs=2e-5)
+    assert proposal.treatment.torque_delay_s == pytest.approx(taken, abs=2e-5)
     assert words in proposal.reasons[-1]
 
 
 def test_a_log_that_does_not_tell_the_delay_is_taken_as_it_is(phantom):
     proposal = haptid.propose(phantom, recorded(phantom, late=3.0, noise=20.0))
-    assert proposal.treatment.torque_delay == 0
+    assert proposal.treatment.torque_delay_s == 0
     assert "do not tell how late" in proposal.reasons[-1]
 
 
@@ -79,15 +79,15 @@ def test_known_parameters_come_back_from_encoders_and_a_late_torque(phantom):
     made = recorded(phantom, late=0.5, noise=0.002, seconds=40.0)
     treatment = haptid.propose(phantom, made).treatment
     estimate = haptid.estimate(haptid.observe(phantom, haptid.treat(made, treatment)), haptid.WLS())
-    deviations = (estimate.beta - truth(phantom)) / estimate.sd
+    deviations = (estimate.beta - truth(phantom)) / estimate.se
     assert np.abs(deviations).max() < 4.5
     for name in ("FV1", "FV2", "FV3"):
-        assert estimate[name].relative_sd < 2
+        assert estimate[name].relative_se < 2
 
 
 def test_what_is_asked_for_stays(phantom):
     made = recorded(phantom, late=0.5)
-    asked = {"cutoff_hz": 60.0, "decimation": 5, "low_speed": 0.2, "torque_delay": 1e-3, "order": 2}
+    asked = {"cutoff_hz": 60.0, "decimation": 5, "reversal_speed": 0.2, "torque_delay_s": 1e-3, "order": 2}
     proposal = haptid.propose(phantom, made, **asked)
     for name, value in asked.items():
         assert getattr(proposal.treatment, name) == value
@@ -97,15 +97,15 @@ def test_what_is_asked_for_stays(phantom):
 
 def test_the_filter_is_widened_where_it_leaves_too_few_rows(phantom):
     made = recorded(phantom)
-    proposal = haptid.propose(phantom, made, torque_delay=0.0, low_speed=0.6)
+    proposal = haptid.propose(phantom, made, torque_delay_s=0.0, reversal_speed=0.6)
     assert proposal.treatment.parallel_cutoff_hz > 1.2 * 3 * bandwidth(made)
     assert any("widened" in reason for reason in proposal.reasons)
 
 
 def test_coarse_positions_are_named(phantom):
-    coarse = haptid.propose(phantom, recorded(phantom, step=0.02), torque_delay=0.0)
+    coarse = haptid.propose(phantom, recorded(phantom, step=0.02), torque_delay_s=0.0)
     assert any("read the positions finer" in reason for reason in coarse.reasons)
-    fine = haptid.propose(phantom, recorded(phantom), torque_delay=0.0)
+    fine = haptid.propose(phantom, recorded(phantom), torque_delay_s=0.0)
     assert not any("read the positions finer" in reason for reason in fine.reasons)
 
 
@@ -118,7 +118,7 @@ def test_a_device_without_dry_friction_loses_no_rows():
         haptid.Signal(names, "rad"), haptid.Signal(tuple(f"u{n}" for n in names), "N m"), time="t"
     )
     made = haptid.Log(Path("made"), "", 1e-3 * np.arange(q.shape[1]), q.T, tau.T, channels)
-    assert haptid.propose(model, made).treatment.low_speed == 0
+    assert haptid.propose(model, made).treatment.reversal_speed == 0
 
 
 def test_a_log_of_another_device_and_impossible_settings_are_errors(phantom):
@@ -142,7 +142,7 @@ def test_a_treatment_without_accelerations_is_proposed_too(phantom):
 def test_a_causal_differentiator_is_not_taken_for_a_late_torque(phantom):
     made = recorded(phantom, late=0.5, noise=0.002)
     asked = {"accelerations": "momentum", "velocity": haptid.HighPass(30.0)}
-    assert haptid.propose(phantom, made, **asked).treatment.torque_delay == pytest.approx(5e-4, abs=2e-5)
+    assert haptid.propose(phantom, made, **asked).treatment.torque_delay_s == pytest.approx(5e-4, abs=2e-5)
 
 
 def test_the_stretch_that_moves_is_looked_at(phantom):
@@ -158,21 +158,21 @@ def test_logs_at_different_rates_are_not_asked_for_one_delay(phantom):
     made = recorded(phantom, late=0.5)
     thin = haptid.Log(made.path, "t", made.t[::4], made.position[::4], made.torque[::4], made.channels)
     proposal = haptid.propose(phantom, made, thin)
-    assert proposal.treatment.torque_delay == 0
+    assert proposal.treatment.torque_delay_s == 0
     assert "1000 and 250 Hz" in proposal.reasons[-1]
 
 
 def test_a_rate_too_low_for_the_motion_is_named(phantom):
     made = recorded(phantom)
     slow = haptid.Log(made.path, "s", made.t[::100], made.position[::100], made.torque[::100], made.channels)
-    proposal = haptid.propose(phantom, slow, torque_delay=0.0)
+    proposal = haptid.propose(phantom, slow, torque_delay_s=0.0)
     assert "Record at a higher rate" in proposal.reasons[0]
 
 
 def test_times_in_the_wrong_unit_do_not_stop_the_program(phantom):
     made = recorded(phantom)
     micro = haptid.Log(made.path, "m", 1e6 * made.t, made.position, made.torque, made.channels)
-    assert haptid.propose(phantom, micro, torque_delay=0.0).treatment.parallel_cutoff_hz < 1e-3
+    assert haptid.propose(phantom, micro, torque_delay_s=0.0).treatment.parallel_cutoff_hz < 1e-3
 
 
 def test_settings_that_are_none_and_no_logs_at_all_are_errors(phantom):

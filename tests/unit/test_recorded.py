@@ -10,7 +10,7 @@ import pytest
 import haptid
 from haptid.device.toml.reader import device_of
 from haptid.device.toml.tables import checked
-from haptid.end_effector.characterisation.model import freedom, trusted
+from haptid.end_effector.characterisation.model import dof, trusted
 from haptid.errors import ResultDeviceError, ResultFileError
 from haptid.results.read import read_result
 from haptid.results.write import device_file, finite, result, write_result
@@ -44,7 +44,7 @@ def test_the_figures_come_back_to_the_last_bit(made):
         np.testing.assert_array_equal(getattr(read, name), getattr(estimate, name))
     np.testing.assert_array_equal(read.free, estimate.beta)
     assert (read.method, read.possible, read.status, read.notes[:-1]) == ("WLS", False, "ok", estimate.notes)
-    assert read.lonely == estimate.lonely == ()
+    assert read.single_block == estimate.single_block == ()
     assert (read.study, read.version, read.folder) == (found.study.name, haptid.__version__, folder)
 
 
@@ -62,10 +62,10 @@ def test_logs_treatment_and_verdict_come_back(made):
 def test_figures_at_the_handle_come_from_the_folder_alone(made):
     found, folder = made
     pose = np.array([[0.0], [0.2], [0.3]])
-    ours, theirs = (haptid.felt_mass(m, pose).mass for m in (read_result(folder).model, found.estimate))
+    ours, theirs = (haptid.apparent_mass(m, pose).mass for m in (read_result(folder).model, found.estimate))
     np.testing.assert_allclose(ours.value, theirs.value, rtol=1e-12)
-    np.testing.assert_allclose(ours.sd, theirs.sd, rtol=1e-6)
-    assert ours.freedom == found.estimate.freedom.min()
+    np.testing.assert_allclose(ours.se, theirs.se, rtol=1e-6)
+    assert ours.dof == found.estimate.dof.min()
 
 
 @pytest.mark.parametrize("name", haptid.shipped_devices())
@@ -93,11 +93,11 @@ def test_an_infinite_interval_comes_back(made, tmp_path):
         values["estimate"]["freedom"][3] = None
 
     read = read_result(changed(folder, tmp_path, lone))
-    assert read.lonely == (2,)
-    assert np.isinf(read.sd[2])
-    assert np.isinf(read.freedom[3])
+    assert read.single_block == (2,)
+    assert np.isinf(read.se[2])
+    assert np.isinf(read.dof[3])
     assert np.isinf(trusted(read.model, np.ones(3))).all()
-    assert freedom(read.model, np.eye(14)) == read.freedom.min()
+    assert dof(read.model, np.eye(14)) == read.dof.min()
 
 
 def test_what_is_no_result_is_refused_in_words(made, tmp_path):
@@ -107,7 +107,7 @@ def test_what_is_no_result_is_refused_in_words(made, tmp_path):
     for change, words in [
         (lambda v: v.pop("device_file"), "key `device_file` is missing"),
         (lambda v: v.update(schema=2), "key `schema` is wrong"),
-        (lambda v: v["estimate"].update(freedom="many"), "key `estimate.freedom` is wrong"),
+        (lambda v: v["estimate"].update(dof="many"), "key `estimate.freedom` is wrong"),
     ]:
         with pytest.raises(ResultFileError, match=words):
             read_result(changed(folder, tmp_path, change))

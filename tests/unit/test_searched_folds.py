@@ -30,7 +30,7 @@ pattern = "alternate"
 cutoff_hz = "none"
 parallel_cutoff_hz = 20
 decimation = 5
-torque_delay = 0
+torque_delay_s = 0
 """
 
 

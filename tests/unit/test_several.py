@@ -55,15 +55,15 @@ def fitted(model, seed, method=None, seconds=8.0, **changed):
     return haptid.estimate(haptid.observe(model, made), method or haptid.WLS())
 
 
-def series(value, sd, freedom=20.0, confidence=0.95):
+def series(value, se, dof=20.0, confidence=0.95):
     """Of a single parameter, or of columns of them."""
     value = np.atleast_2d(np.asarray(value, dtype=float).T).T
-    sd = np.broadcast_to(np.atleast_2d(np.asarray(sd, dtype=float).T).T, value.shape)
+    se = np.broadcast_to(np.atleast_2d(np.asarray(se, dtype=float).T).T, value.shape)
     n, k = value.shape
-    covariance = np.array([np.diag(np.where(np.isfinite(row), row, 1.0) ** 2) for row in sd])
+    covariance = np.array([np.diag(np.where(np.isfinite(row), row, 1.0) ** 2) for row in se])
     labels, names = (tuple(f"{what}{i}" for i in range(size)) for what, size in (("r", n), ("p", k)))
-    many = np.broadcast_to(np.asarray(freedom, dtype=float).reshape(-1, 1), value.shape)
-    return Series(labels, names, ("kg",) * k, value, sd, many, covariance, confidence, ())
+    many = np.broadcast_to(np.asarray(dof, dtype=float).reshape(-1, 1), value.shape)
+    return Series(labels, names, ("kg",) * k, value, se, many, covariance, confidence, ())
 
 
 finite = st.floats(-5, 5)
@@ -74,12 +74,12 @@ positive = st.floats(0.2, 4)
 def test_one_parameter_is_welchs_test_of_means(groups, seed):
     """Against SciPy's one-way analysis without equal variances."""
     rng = np.random.default_rng(seed)
-    samples = [rng.normal(mean, sd, n) for n, mean, sd in groups]
+    samples = [rng.normal(mean, se, n) for n, mean, se in groups]
     value = np.array([x.mean() for x in samples])
-    sd = np.array([np.std(x, ddof=1) / np.sqrt(len(x)) for x in samples])
-    freedom = np.array([len(x) - 1.0 for x in samples])
+    se = np.array([np.std(x, ddof=1) / np.sqrt(len(x)) for x in samples])
+    dof = np.array([len(x) - 1.0 for x in samples])
     oracle = stats.f_oneway(*samples, equal_var=False)
-    assert series(value, sd, freedom).p[0] == pytest.approx(oracle.pvalue, rel=1e-8, abs=1e-300)
+    assert series(value, se, dof).p[0] == pytest.approx(oracle.pvalue, rel=1e-8, abs=1e-300)
 
 
 def test_two_estimates_are_compared_as_before(model):
@@ -101,15 +101,15 @@ def test_two_estimates_are_compared_as_before(model):
     st.floats(-20, 20),
 )
 def test_a_line_is_numpys_and_does_not_know_its_clock(rows, scale, shift):
-    t, value, sd = np.array(rows).T
+    t, value, se = np.array(rows).T
     if np.ptp(t) < 0.1:
         return
-    made = drift(series(value, sd, np.inf), t)
-    fit, covariance = np.polyfit(t, value, 1, w=1 / sd, cov="unscaled")
+    made = drift(series(value, se, np.inf), t)
+    fit, covariance = np.polyfit(t, value, 1, w=1 / se, cov="unscaled")
     np.testing.assert_allclose(made.slope[0], fit[0], rtol=1e-6, atol=1e-9)
-    np.testing.assert_allclose(made.sd[0] ** 2, covariance[0, 0], rtol=1e-6)
+    np.testing.assert_allclose(made.se[0] ** 2, covariance[0, 0], rtol=1e-6)
     np.testing.assert_allclose(made.covariance[0, 0], covariance[0, 0], rtol=1e-6)
-    other = drift(series(value, sd, np.inf), scale * t + shift)
+    other = drift(series(value, se, np.inf), scale * t + shift)
     np.testing.assert_allclose(other.slope * scale, made.slope, rtol=1e-6, atol=1e-9)
     np.testing.assert_allclose(other.p, made.p, rtol=1e-6)
 
@@ -117,17 +117,17 @@ def test_a_line_is_numpys_and_does_not_know_its_clock(rows, scale, shift):
 def test_slopes_have_their_interval_as_often_as_they_say():
     """Deviations with ten degrees of freedom each, as drawn; the truth inside in 95 of 100, means and lines not
     found wanting in more than 5."""
-    rng, runs, n, freedom = np.random.default_rng(1), 3000, 5, 10
+    rng, runs, n, dof = np.random.default_rng(1), 3000, 5, 10
     t, true = np.array([0.0, 1.0, 2.0, 5.0, 6.0]), np.array([1.0, 2.0, 1.0, 0.5, 1.5])
-    sd = true[:, None] * np.sqrt(rng.chisquare(freedom, (n, runs)) / freedom)
+    se = true[:, None] * np.sqrt(rng.chisquare(dof, (n, runs)) / dof)
     noise = true[:, None] * rng.standard_normal((n, runs))
-    made = drift(series(0.3 * t[:, None] + noise, sd, freedom), t)
+    made = drift(series(0.3 * t[:, None] + noise, se, dof), t)
     inside = (made.interval[:, 0] < 0.3) & (made.interval[:, 1] > 0.3)
     assert inside.mean() == pytest.approx(0.95, abs=0.02)
-    level = np.mean(series(noise, sd, freedom).p < 0.05)
+    level = np.mean(series(noise, se, dof).p < 0.05)
     assert level == pytest.approx(0.05, abs=0.02)
     ones = np.column_stack([np.ones(n), t])
-    bent = np.mean([misfit(noise[:, k], sd[:, k], np.full(n, 10.0), ones) < 0.05 for k in range(runs)])
+    bent = np.mean([misfit(noise[:, k], se[:, k], np.full(n, 10.0), ones) < 0.05 for k in range(runs)])
     assert bent == pytest.approx(0.05, abs=0.02)
 
 
@@ -175,7 +175,9 @@ def test_what_is_held_has_no_deviation_and_differs_where_it_differs():
 
 def test_targets_are_compared_with_targets():
     phantom = haptid.DynamicModel(haptid.read_device("phantom_premium_15"))
-    made = [motion(phantom, phantom.base.of(np.nan_to_num(phantom.device.chi_prior)), seed=k, noise=0.05) for k in (1, 2, 3)]
+    made = [
+        motion(phantom, phantom.base.of(np.nan_to_num(phantom.device.chi_prior)), seed=k, noise=0.05) for k in (1, 2, 3)
+    ]
     fits = [haptid.estimate(haptid.observe(phantom, one), haptid.WLS()) for one in made]
     found = compare_all([targets(fit) for fit in fits])
     assert found.names == targets(fits[0]).names
@@ -276,13 +278,13 @@ def test_one_result_alone_is_refused(folders):
 
 
 @pytest.mark.parametrize("freedom", [3.0, 8.0])
-def test_the_mean_of_two_weights_has_meiers_variance(freedom):
+def test_the_mean_of_two_weights_has_meiers_variance(dof):
     """A line through four values at two times is the difference of two weighted means (Meier 1953, eq. for two)."""
-    value, sd = np.array([0.0, 0.2, 1.0, 1.1]), np.array([1.0, 2.0, 0.5, 1.5])
-    made = drift(series(value, sd, freedom), [0, 0, 1, 1])
+    value, se = np.array([0.0, 0.2, 1.0, 1.1]), np.array([1.0, 2.0, 0.5, 1.5])
+    made = drift(series(value, se, dof), [0, 0, 1, 1])
     wanted = 0.0
-    for pair in (sd[:2], sd[2:]):
+    for pair in (se[:2], se[2:]):
         share = pair**-2 / (pair**-2).sum()
-        wanted += (1 + 4 * np.sum(share * (1 - share)) / freedom) / (pair**-2).sum()
-    assert made.sd[0] ** 2 == pytest.approx(wanted, rel=1e-9)
+        wanted += (1 + 4 * np.sum(share * (1 - share)) / dof) / (pair**-2).sum()
+    assert made.se[0] ** 2 == pytest.approx(wanted, rel=1e-9)
     assert made.covariance[0, 0] == pytest.approx(wanted, rel=1e-9)

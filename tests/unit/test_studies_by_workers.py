@@ -14,7 +14,7 @@ from numpy.testing import assert_allclose
 from pyarrow import parquet
 
 import haptid
-from haptid._internal.workers import Cluster, Here, Processes, Workers
+from haptid._internal.workers import DaskExecutor, Executor, ProcessExecutor, SerialExecutor
 from haptid.estimation import Bootstrap
 from motions import motion, truth
 from small_study import two_links
@@ -40,12 +40,12 @@ kd = [0.5, 0.4, 0.16]
 
 
 @pytest.fixture(scope="module")
-def crews() -> Iterator[tuple[Workers, ...]]:
+def crews() -> Iterator[tuple[Executor, ...]]:
     """Two processes, and a scheduler with two workers."""
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
         with distributed.LocalCluster(n_workers=2, threads_per_worker=1, dashboard_address=None) as cluster:
-            yield Processes(2), Cluster(cluster.scheduler_address)
+            yield ProcessExecutor(2), DaskExecutor(cluster.scheduler_address)
 
 
 @dataclass(frozen=True, eq=False)
@@ -59,7 +59,7 @@ class Trial:
         treatment = haptid.Treatment(cutoff_hz=None, decimation=4)
         made = motion(self.model, self.beta, seconds=6.0, dt=2e-3, seed=seed, noise=0.05, treatment=treatment)
         found = haptid.estimate(haptid.observe(self.model, made), haptid.WLS())
-        return np.array([found.beta, found.sd])
+        return np.array([found.beta, found.se])
 
 
 @dataclass(frozen=True, eq=False)
@@ -72,28 +72,28 @@ class Draws:
         return Bootstrap(draws=20, seed=seed).spread(self.estimate.fit).covariance
 
 
-def made(workers: Workers, work: Trial | Draws) -> np.ndarray:
+def made(workers: Executor, work: Trial | Draws) -> np.ndarray:
     """Of four seeds, in their order."""
     return np.array([figures for _, figures in sorted(workers.map(work, range(4)), key=lambda pair: pair[0])])
 
 
-def test_monte_carlo_and_bootstrap(crews: tuple[Workers, ...]) -> None:
+def test_monte_carlo_and_bootstrap(crews: tuple[Executor, ...]) -> None:
     model = two_links()
     observation = haptid.observe(model, motion(model, truth(model) + 0.1, seconds=6.0, dt=2e-3, noise=0.05))
     for work in (Trial(model, truth(model) + 0.1), Draws(haptid.estimate(observation, haptid.WLS()))):
-        here = made(Here(), work)
+        here = made(SerialExecutor(), work)
         assert np.ptp(here, axis=0).max() > 0  # each seed draws anew
         for crew in crews:
             assert_allclose(made(crew, work), here, rtol=1e-12, atol=1e-12 * np.abs(here).max())
 
 
-def test_a_sweep_of_the_bench(crews: tuple[Workers, ...], tmp_path: Path) -> None:
+def test_a_sweep_of_the_bench(crews: tuple[Executor, ...], tmp_path: Path) -> None:
     pytest.importorskip("mujoco")
     from haptid.experiment.bench.run import Job, make_logs, repeated
 
     (tmp_path / "short.toml").write_text(EXPERIMENT)
     tables = []
-    for crew in (Here(), *crews):
+    for crew in (SerialExecutor(), *crews):
         folder = tmp_path / type(crew).__name__
         folder.mkdir()
         jobs = repeated(Job("phantom_premium_15", tmp_path / "short.toml", folder / "log.parquet", seed=3), 2)

@@ -30,7 +30,7 @@ pattern = "alternate"
 [treatment]
 cutoff_hz = 30
 decimation = 5
-torque_delay = 1e-3
+torque_delay_s = 1e-3
 """
 CONTROLLER = """
 [controller]
@@ -74,8 +74,8 @@ def test_the_command_identifies_with_it(folder, tmp_path, name):
     assert found["estimate"]["method"] == haptid.read_study(path).method.name
     beta = two_links().base.of(true_parameters(two_links(), **FRICTION))
     value = np.array([p["value"] for p in found["estimate"]["parameters"]])
-    sd = np.array([p["sd"] for p in found["estimate"]["parameters"]])
-    assert (np.abs(value - beta) < 5 * sd).all()
+    se = np.array([p["sd"] for p in found["estimate"]["parameters"]])
+    assert (np.abs(value - beta) < 5 * se).all()
 
 
 def test_every_key_reaches_the_controller(folder):
@@ -88,7 +88,7 @@ def test_every_key_reaches_the_controller(folder):
     assert law.velocity_cutoff_hz == 100.0
     assert law.reference.channels == ("target1", "target2")
     held = haptid.read_study(written(folder, CONTROLLER + method("IV") + "possible = true\n"))
-    assert isinstance(held.method, haptid.Consistent)
+    assert isinstance(held.method, haptid.PhysicallyConsistent)
 
 
 def test_every_method_has_a_name(folder):

@@ -13,8 +13,8 @@ import haptid
 from haptid import estimation as e
 from haptid.device.priors import Body
 from haptid.errors import StudyFileError, UnknownLinkError
-from haptid.observation.batch import Kept, fingerprint
-from haptid.observation.known_payload import Load, log_without_load
+from haptid.observation.batch import RFactorCache, fingerprint
+from haptid.observation.known_payload import Payload, log_without_payload
 from haptid.observation.observation import Plan
 from haptid.results.write import result
 from motions import multisine, truth
@@ -27,7 +27,7 @@ LOAD = "load = { link = '2', mass = 0.7, com = [0.25, 0.1, 0.0], inertia = [0, 0
 def loaded_columns(seed, noise=0.02, late=0.0, seconds=6.0):
     """A log of the small study's device with the load; its command acts so many seconds late."""
     model = two_links()
-    beta = truth(model) + 0.1 + haptid.load_shift(model, "2", BODY)
+    beta = truth(model) + 0.1 + haptid.payload_torque(model, "2", BODY)
     q, qd, qdd = multisine(2, seconds, 2e-3, seed)
     tau = haptid.inverse_dynamics(model, beta, q, qd, qdd)
     tau += noise * np.random.default_rng(seed).standard_normal(tau.shape)
@@ -59,7 +59,7 @@ def test_a_log_with_a_known_load_tells_the_device_without(study):
     wanted = truth(made.model) + 0.1
     low, high = made.estimate.interval95.T
     assert ((low < wanted) & (wanted < high)).mean() >= 0.8
-    assert made.estimate.sd.mean() < alone.estimate.sd.mean()
+    assert made.estimate.se.mean() < alone.estimate.se.mean()
     assert made.runs[2].direct.relative < 1.3 * made.runs[0].direct.relative
     ignored = haptid.identify(study(""))
     assert ignored.runs[2].direct.relative > 3 * made.runs[2].direct.relative
@@ -78,18 +78,18 @@ def test_the_result_says_what_was_taken_off(study, tmp_path):
 @pytest.mark.parametrize("late", [0.0, 4e-3])
 def test_a_load_is_taken_off_to_the_last_digits(tmp_path, late):
     """Exact torque of the device alone is left, with the torque's delay too."""
-    model, treatment = two_links(), haptid.Treatment(cutoff_hz=None, torque_delay=late)
+    model, treatment = two_links(), haptid.Treatment(cutoff_hz=None, torque_delay_s=late)
     names = haptid.Channels(haptid.Signal(("q1", "q2"), "rad"), haptid.Signal(("tau1", "tau2"), "N m"), "t")
     for name, made in (("loaded", loaded_columns(3, 0.0, late)), ("plain", columns(3))):
         pyarrow.csv.write_csv(pa.table(made), tmp_path / f"{name}.csv")
     log = haptid.read_log(tmp_path / "loaded.csv", names)
-    bare = log_without_load(model, log, treatment, Load("2", BODY))
+    bare = log_without_payload(model, log, treatment, Payload("2", BODY))
     motion = haptid.treat(bare, treatment)
     exact = haptid.inverse_dynamics(model, truth(model) + 0.1, *multisine(2, 6.0, 2e-3, 3))
     low, high = motion.usable
     inside = slice(low + 10, high - 10)
     np.testing.assert_allclose(motion.tau[inside], exact.T[inside], atol=2e-6 * np.abs(exact).max())
-    by_motion = haptid.without_load(model, haptid.treat(log, treatment), "2", BODY)
+    by_motion = haptid.without_payload(model, haptid.treat(log, treatment), "2", BODY)
     np.testing.assert_allclose(motion.tau[inside], by_motion.tau[inside], atol=1e-9)
 
 
@@ -99,14 +99,14 @@ def test_a_log_on_disk_loses_its_load_piece_by_piece(study, tmp_path):
     names = haptid.Channels(haptid.Signal(("q1", "q2"), "rad"), haptid.Signal(("tau1", "tau2"), "N m"), "t")
     pyarrow.parquet.write_table(pa.table(loaded_columns(3)), tmp_path / "loaded.parquet")
     read, opened = (f(tmp_path / "loaded.parquet", names) for f in (haptid.read_log, haptid.open_log))
-    whole, pieces = (log_without_load(model, log, treatment, Load("2", BODY)) for log in (read, opened))
+    whole, pieces = (log_without_payload(model, log, treatment, Payload("2", BODY)) for log in (read, opened))
     assert not isinstance(pieces.torque, np.ndarray)
     one, other = (haptid.observe(model, haptid.treat(log, treatment)) for log in (whole, pieces))
     np.testing.assert_allclose(
         haptid.estimate(one, haptid.OLS()).beta, haptid.estimate(other, haptid.OLS()).beta, rtol=1e-9
     )
     motion = haptid.treat(opened, treatment)
-    lighter = haptid.without_load(model, motion, "2", BODY)
+    lighter = haptid.without_payload(model, motion, "2", BODY)
     assert not isinstance(lighter.tau, np.ndarray)
     third = haptid.observe(model, lighter)
     np.testing.assert_allclose(haptid.estimate(third, haptid.OLS()).beta, haptid.estimate(one, haptid.OLS()).beta)
@@ -115,7 +115,7 @@ def test_a_log_on_disk_loses_its_load_piece_by_piece(study, tmp_path):
 
 def test_kept_triangles_are_of_one_load(study, tmp_path):
     """A run that goes on does not take triangles that were made with another load."""
-    kept = Kept(tmp_path / "kept", least=1)
+    kept = RFactorCache(tmp_path / "kept", least=1)
     with_load = haptid.identify(study(LOAD), kept=kept).estimate.beta
     without = haptid.identify(study(""), kept=kept).estimate.beta
     np.testing.assert_allclose(haptid.identify(study(""), kept=None).estimate.beta, without, rtol=1e-12)
@@ -144,10 +144,10 @@ def test_a_load_on_no_link_is_refused(study):
 @pytest.mark.parametrize(
     ("text", "intervals"),
     [
-        ("", e.Clustered()),
-        ('intervals = "clustered"', e.Clustered()),
+        ("", e.ClusterRobust()),
+        ('intervals = "clustered"', e.ClusterRobust()),
         ('intervals = "jackknife"', e.BlockJackknife()),
-        ('intervals = "textbook"', e.Textbook()),
+        ('intervals = "textbook"', e.Classical()),
         ('intervals = "sandwich"', e.Sandwich()),
         ('intervals = "fixed-b"', e.FixedB()),
         ('intervals = "bootstrap"', e.Bootstrap()),
@@ -179,8 +179,8 @@ def test_correlations_are_in_the_folder(study, tmp_path):
     R = np.array([found[name] for name in names])
     np.testing.assert_array_equal(R, made.estimate.correlation)
     np.testing.assert_allclose(np.diag(R), 1.0)
-    sd = made.estimate.sd
-    np.testing.assert_allclose(R * np.outer(sd, sd), made.estimate.covariance, rtol=1e-12)
+    se = made.estimate.se
+    np.testing.assert_allclose(R * np.outer(se, se), made.estimate.covariance, rtol=1e-12)
     assert np.linalg.eigvalsh(R).min() > -1e-9
 
 

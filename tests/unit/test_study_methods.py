@@ -39,11 +39,11 @@ def study(tmp_path):
         ('method = "IRLS"\nloss = "Student t"', e.IRLS(e.StudentT())),
         ('method = "heteroscedastic"', e.Heteroscedastic()),
         ('method = "TLS"', e.TLS()),
-        ('method = "encoder noise"\nresolution = [1e-4, 2e-4]', e.Corrected((1e-4, 2e-4))),
+        ('method = "encoder noise"\nresolution = [1e-4, 2e-4]', e.ErrorsInVariables((1e-4, 2e-4))),
         ('method = "ridge"\nshare = 0.1\nstrength = 2.0', e.Ridge(0.1, 2.0)),
-        ('method = "GLS"\npossible = true', haptid.Consistent(e.GLS())),
-        ("limits = { FC1 = { low = 0.0 } }", e.Bounded({"FC1": (0.0, None)})),
-        ('relations = { "FC1 - FC2" = 0.0 }', e.Equal({"FC1 - FC2": 0.0})),
+        ('method = "GLS"\npossible = true', haptid.PhysicallyConsistent(e.GLS())),
+        ("limits = { FC1 = { low = 0.0 } }", e.Bounds({"FC1": (0.0, None)})),
+        ('relations = { "FC1 - FC2" = 0.0 }', e.EqualityConstraints({"FC1 - FC2": 0.0})),
     ],
 )
 def test_every_key_reaches_its_method(study, text, method):

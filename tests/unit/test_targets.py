@@ -12,7 +12,7 @@ from haptid import errors
 from haptid.device.device import Combination
 from haptid.device.expressions import combination
 from haptid.device.toml.place import Place
-from haptid.estimation.methods.consistent import Consistent
+from haptid.estimation.methods.consistent import PhysicallyConsistent
 from haptid.inference.targets import side_by_side, target_map, targets
 from mechanisms import mechanisms
 from motions import motion, truth
@@ -131,7 +131,7 @@ def test_what_base_parameters_combine_to_is_identifiable_and_nothing_else(mechan
     wanted = rng.normal(size=(3, len(base)))
     rows = wanted @ base.regrouping
     np.testing.assert_allclose(target_map(with_targets(model, rows)), wanted, atol=1e-12)
-    hidden = [k for k in range(len(base.standard)) if k not in base.kept]
+    hidden = [k for k in range(len(base.standard)) if k not in base.independent_columns]
     if hidden:
         rows[1, rng.choice(hidden)] += 1e-3
         with pytest.raises(errors.UnidentifiableTargetError, match="target t1 cannot be identified"):
@@ -168,7 +168,7 @@ def test_value_and_covariance_are_those_of_the_linear_map(phantom):
     C = target_map(phantom.model)
     np.testing.assert_allclose(found.value, C @ phantom.beta, rtol=1e-14)
     np.testing.assert_allclose(found.covariance, C @ phantom.covariance @ C.T, rtol=1e-12)
-    np.testing.assert_allclose(found.textbook_covariance, C @ phantom.textbook_covariance @ C.T, rtol=1e-12)
+    np.testing.assert_allclose(found.classical_covariance, C @ phantom.classical_covariance @ C.T, rtol=1e-12)
     np.testing.assert_allclose(np.diag(found.correlation), 1.0)
     assert np.abs(found.correlation).max() <= 1 + 1e-12
     draws = np.random.default_rng(0).multivariate_normal(phantom.beta, phantom.covariance, 20_000)
@@ -180,8 +180,8 @@ def test_a_base_parameter_as_target_has_its_interval_and_scale_does_not_matter(p
     found = targets(_again(phantom, rows))
     np.testing.assert_allclose(found.value[::2], phantom.beta, rtol=1e-12)
     np.testing.assert_allclose(found.interval95[::2], phantom.interval95, rtol=1e-9)
-    np.testing.assert_allclose(found.freedom[1::2], found.freedom[::2], rtol=1e-9)
-    np.testing.assert_allclose(found.sd[1::2], 1e3 * found.sd[::2], rtol=1e-9)
+    np.testing.assert_allclose(found.dof[1::2], found.dof[::2], rtol=1e-9)
+    np.testing.assert_allclose(found.se[1::2], 1e3 * found.se[::2], rtol=1e-9)
 
 
 def _again(made, rows):
@@ -192,7 +192,7 @@ def _again(made, rows):
 
 def test_targets_are_frozen_and_found_by_name(phantom):
     found = targets(phantom)
-    for array in (found.value, found.covariance, found.sd, found.interval95, found.correlation, found.C):
+    for array in (found.value, found.covariance, found.se, found.interval95, found.correlation, found.C):
         assert not array.flags.writeable
     assert len(found) == 14
     assert found["pi_7"].unit == "N m"
@@ -234,11 +234,11 @@ def test_targets_that_motors_of_different_gains_show_have_no_unit_of_command(tmp
 
 
 def test_a_target_that_one_stretch_alone_tells_has_an_infinite_interval(phantom):
-    lonely = replace(targets(phantom), lonely=(3,))
-    assert np.isinf(lonely.sd[3])
-    assert np.isinf(lonely.interval95[3]).all()
-    assert np.isfinite(np.delete(lonely.sd, 3)).all()
-    assert lonely.in_command().lonely == (3,)
+    single_block = replace(targets(phantom), single_block=(3,))
+    assert np.isinf(single_block.se[3])
+    assert np.isinf(single_block.interval95[3]).all()
+    assert np.isfinite(np.delete(single_block.se, 3)).all()
+    assert single_block.in_command().single_block == (3,)
 
 
 def test_targets_of_a_held_estimate_take_the_free_fits_interval_widened_to_the_value():
@@ -246,7 +246,7 @@ def test_targets_of_a_held_estimate_take_the_free_fits_interval_widened_to_the_v
     beta = truth(model)
     beta[model.base.names.index("FV1")] = -2e-3  # no damping can be below zero
     observation = haptid.observe(model, motion(model, beta, noise=0.05))
-    free, held = (targets(haptid.estimate(observation, m)) for m in (haptid.WLS(), Consistent()))
+    free, held = (targets(haptid.estimate(observation, m)) for m in (haptid.WLS(), PhysicallyConsistent()))
     assert free["pi_9"].value < 0
     assert held["pi_9"].value == pytest.approx(0.0, abs=1e-9)
     np.testing.assert_array_equal(held.free, free.value)

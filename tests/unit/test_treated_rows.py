@@ -13,7 +13,7 @@ from windows import FILTERS, windows
 
 TREATMENTS = [
     haptid.Treatment(cutoff_hz=None),
-    haptid.Treatment(cutoff_hz=None, decimation=7, low_speed=0.1, guard=0.01),
+    haptid.Treatment(cutoff_hz=None, decimation=7, reversal_speed=0.1, guard=0.01),
     haptid.Treatment(cutoff_hz=None, decimation=10, accelerations="momentum"),
     haptid.Treatment(cutoff_hz=None, decimation=5, parallel_shape=Causal()),
 ]

@@ -32,7 +32,10 @@ def test_position_filter_is_3_db_down_at_its_cutoff_and_has_no_delay(share, orde
 
 @settings(max_examples=30, deadline=None)
 @given(
-    st.integers(2, 60), st.floats(0.1, 0.9), st.floats(100.0, 5000.0), st.sampled_from([haptid.Bell(), haptid.Sharp()])
+    st.integers(2, 60),
+    st.floats(0.1, 0.9),
+    st.floats(100.0, 5000.0),
+    st.sampled_from([haptid.KaiserSmoother(), haptid.WindowedSinc()]),
 )
 def test_parallel_filter_is_3_db_down_at_its_cutoff_and_has_no_delay(decimation, share, rate, shape):
     cutoff = share * 0.5 * rate / decimation
@@ -45,12 +48,12 @@ def test_parallel_filter_is_3_db_down_at_its_cutoff_and_has_no_delay(decimation,
     # A bell's length is not whole: two samples that come in at its ends weigh 1/427 of the middle each. What they add
     # and what they take from the others are two steps each of that size at most.
     assert abs(response[0]) == pytest.approx(
-        np.sqrt(0.5), abs=1e-6 if shape == haptid.Sharp() else 4 * taps.max() / 427
+        np.sqrt(0.5), abs=1e-6 if shape == haptid.WindowedSinc() else 4 * taps.max() / 427
     )
 
 
 def test_sharp_filter_stops_what_would_alias():
-    taps = haptid.Treatment(decimation=10, parallel_shape=haptid.Sharp()).taps(1e-3)
+    taps = haptid.Treatment(decimation=10, parallel_shape=haptid.WindowedSinc()).taps(1e-3)
     _, response = signal.freqz(taps, worN=[10.0, 30.0, 40.0, 50.0, 60.0], fs=1000.0)
     passed, still, cut, folding, stopped = abs(response)
     assert passed == pytest.approx(1.0, abs=5e-3)
@@ -65,7 +68,7 @@ def test_bell_rings_nowhere_and_reaches_a_third_as_far_as_a_sharp_filter_of_the_
     """Noise of positions grows with the square of frequency in accelerations: their share that each lets through."""
     bell = haptid.Treatment(decimation=10, parallel_cutoff_hz=20.0).taps(1e-3)
     assert (bell > 0).all()
-    sharp = haptid.Treatment(decimation=10, parallel_cutoff_hz=27.5, parallel_shape=haptid.Sharp()).taps(1e-3)
+    sharp = haptid.Treatment(decimation=10, parallel_cutoff_hz=27.5, parallel_shape=haptid.WindowedSinc()).taps(1e-3)
     f = np.linspace(0, 500, 2000)
     through = [np.sum(f**4 * np.abs(signal.freqz(taps, worN=f, fs=1000.0)[1]) ** 2) for taps in (bell, sharp)]
     assert through[0] == pytest.approx(through[1], rel=0.15)
@@ -128,11 +131,11 @@ def test_a_motion_keeps_what_it_was_given_and_nobody_can_write_to_it():
         {"order": 0},
         {"order": 2.5},
         {"decimation": 0},
-        {"low_speed": -0.1},
-        {"low_speed": (0.1, float("inf"))},
+        {"reversal_speed": -0.1},
+        {"reversal_speed": (0.1, float("inf"))},
         {"cutoff_hz": "40"},
         {"decimation": True},
-        {"low_speed": ()},
+        {"reversal_speed": ()},
         {"block": 0.0},
         {"guard": -0.1},
         {"parallel_cutoff_hz": 0.0},

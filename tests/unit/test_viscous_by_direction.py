@@ -5,7 +5,7 @@ import pytest
 
 import haptid
 from compiled import NAME, Library, relative
-from haptid.end_effector.characterisation import GivenModel
+from haptid.end_effector.characterisation import GivenParameters
 from haptid.end_effector.characterisation.friction import viscous_matrix
 from haptid.end_effector.compensation import Compensation
 from haptid.export import CCode, export_c
@@ -128,7 +128,7 @@ def test_written_friction_is_that_of_plain_viscous_friction(alike, tmp_path):
 
 
 def test_compensation_and_the_handle_feel_plain_viscous_friction(alike):
-    laws = [Compensation(GivenModel.of(model, dict(zip(model.base.names, beta, strict=True))), 0.0, 0.0, 1.0)
+    laws = [Compensation(GivenParameters.of(model, dict(zip(model.base.names, beta, strict=True))), 0.0, 0.0, 1.0)
             for model, beta in alike]  # fmt: skip
     steps = [law.begin(1e-3) for law in laws]
     path = 0.3 * np.sin(np.linspace(0, 3, 40))
@@ -145,7 +145,7 @@ def test_it_is_viscous_friction_and_never_negative(tmp_path):
     beta = np.full(len(model.base), 0.4)
     made = motion(model, beta, noise=0.01, dt=4e-3)
     found = haptid.estimate(haptid.observe(model, made), haptid.WLS())
-    assert "viscous" in haptid.dissect(found, made).parts
-    assert "own columns" not in haptid.dissect(found, made).parts
+    assert "viscous" in haptid.decompose_torque(found, made).parts
+    assert "own columns" not in haptid.decompose_torque(found, made).parts
     beta[model.base.names.index("FVN1")] = -0.2
     assert not haptid.possible(model, beta).ok

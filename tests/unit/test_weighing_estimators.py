@@ -15,9 +15,9 @@ from haptid.estimation import (
     IRLS,
     SUR,
     TLS,
-    Bounded,
-    Corrected,
-    Equal,
+    Bounds,
+    EqualityConstraints,
+    ErrorsInVariables,
     Heteroscedastic,
     Huber,
     Ridge,
@@ -72,27 +72,27 @@ def test_torque_of_other_parameters_added_adds_these_parameters(model, method):
     c = np.linspace(-1, 1, len(model.base)) * truth(model)
     moved = replace(plain, tau=plain.tau + haptid.inverse_dynamics(model, c, plain.q.T, *(r.T for r in plain.rates)).T)
     a, b = (haptid.estimate(haptid.observe(model, made), method) for made in (plain, moved))
-    np.testing.assert_allclose(b.beta - a.beta, c, atol=5e-3 * np.abs(a.sd).max(), rtol=1e-4)
+    np.testing.assert_allclose(b.beta - a.beta, c, atol=5e-3 * np.abs(a.se).max(), rtol=1e-4)
 
 
 @pytest.mark.parametrize("method", WEIGHING, ids=lambda method: method.name)
 def test_the_unit_of_torque_does_not_matter(model, method):
     plain = motion(model, truth(model), seconds=4.0, dt=2e-3, noise=0.1)
     a, b = (haptid.estimate(haptid.observe(model, replace(plain, tau=k * plain.tau)), method) for k in (1.0, 1e3))
-    np.testing.assert_allclose(b.beta, 1e3 * a.beta, atol=1e-2 * b.sd.min(), rtol=1e-5)
-    np.testing.assert_allclose(b.sd, 1e3 * a.sd, rtol=1e-3)
+    np.testing.assert_allclose(b.beta, 1e3 * a.beta, atol=1e-2 * b.se.min(), rtol=1e-5)
+    np.testing.assert_allclose(b.se, 1e3 * a.se, rtol=1e-3)
 
 
 @pytest.mark.parametrize("method", WEIGHING, ids=lambda method: method.name)
 def test_held_and_reduced_versions_take_the_same_rows(observation, method):
     plain = haptid.estimate(observation, method)
-    np.testing.assert_allclose(haptid.estimate(observation, haptid.Consistent(method)).held.free, plain.beta)
+    np.testing.assert_allclose(haptid.estimate(observation, haptid.PhysicallyConsistent(method)).held.free, plain.beta)
     name = observation.base.names[-1]
-    less = haptid.estimate(observation, haptid.Without((name,), method))
+    less = haptid.estimate(observation, haptid.FixedAtZero((name,), method))
     assert less[name].value == 0
-    equal = haptid.estimate(observation, Equal({name: 0.0}, method))
+    equal = haptid.estimate(observation, EqualityConstraints({name: 0.0}, method))
     np.testing.assert_allclose(equal.beta, less.beta, atol=1e-12)
-    np.testing.assert_allclose(equal.sd, less.sd, rtol=1e-6)
+    np.testing.assert_allclose(equal.se, less.se, rtol=1e-6)
 
 
 @pytest.mark.parametrize("method", [*WEIGHING, TLS()], ids=lambda method: method.name)
@@ -135,7 +135,7 @@ def test_gls_is_aitkens_estimate(observation):
         H += white.T @ white
         b += white.T @ target
     np.testing.assert_allclose(found.beta, np.linalg.solve(H, b), rtol=1e-6)
-    np.testing.assert_allclose(found.textbook_covariance, np.linalg.inv(H), rtol=1e-5, atol=1e-20)
+    np.testing.assert_allclose(found.classical_covariance, np.linalg.inv(H), rtol=1e-5, atol=1e-20)
 
 
 def test_whitening_gives_way_to_weights_where_the_model_is_wrong(model):
@@ -146,8 +146,8 @@ def test_whitening_gives_way_to_weights_where_the_model_is_wrong(model):
     late = replace(plain, tau=np.roll(plain.tau, 10, axis=0))  # the torque of 20 ms before
     wrong = haptid.observe(model, late)
     wls, gls = (haptid.estimate(wrong, method) for method in (haptid.WLS(), GLS()))
-    assert (np.abs(gls.beta - wls.beta) < 0.01 * wls.sd).all()
-    assert np.median(right.sd / haptid.estimate(haptid.observe(model, plain), haptid.WLS()).sd) < 0.9
+    assert (np.abs(gls.beta - wls.beta) < 0.01 * wls.se).all()
+    assert np.median(right.se / haptid.estimate(haptid.observe(model, plain), haptid.WLS()).se) < 0.9
 
 
 def test_burg_finds_order_and_coefficients():
@@ -235,7 +235,7 @@ def test_weights_reach_the_fit(observation):
 def test_outliers_cost_ols_five_times_what_they_cost_irls(model):
     beta = truth(model)
     plain = motion(model, beta, seconds=4.0, dt=2e-3, noise=0.1)
-    unit = np.sqrt(np.diag(haptid.estimate(haptid.observe(model, plain), haptid.WLS()).textbook_covariance))
+    unit = np.sqrt(np.diag(haptid.estimate(haptid.observe(model, plain), haptid.WLS()).classical_covariance))
     found = {"OLS": [], "IRLS": []}
     for seed in range(6):
         rng = np.random.default_rng(seed)
@@ -255,14 +255,14 @@ def test_variances_that_grow_with_speed_are_found(model):
     plain = motion(model, beta, seconds=8.0, dt=2e-3)
     speed = np.abs(plain.rates[0])
     rng = np.random.default_rng(1)
-    sd = 0.01 * np.exp(0.5 * 1.5 * speed / np.sqrt(np.mean(speed**2, axis=0)))
-    observation = haptid.observe(model, replace(plain, tau=plain.tau + sd * rng.standard_normal(sd.shape)))
+    se = 0.01 * np.exp(0.5 * 1.5 * speed / np.sqrt(np.mean(speed**2, axis=0)))
+    observation = haptid.observe(model, replace(plain, tau=plain.tau + se * rng.standard_normal(se.shape)))
     found = variances(Rows(observation), beta, None)
     np.testing.assert_allclose(found.a[:, 1], 1.5, atol=0.2)
     np.testing.assert_allclose(found.a[:, 2], 0.0, atol=0.2)
     wls, ml = (haptid.estimate(observation, method) for method in (haptid.WLS(), Heteroscedastic()))
-    assert np.median(ml.sd / wls.sd) < 0.9
-    assert (np.abs(ml.beta - beta) < 4 * ml.sd).all()
+    assert np.median(ml.se / wls.se) < 0.9
+    assert (np.abs(ml.beta - beta) < 4 * ml.se).all()
 
 
 # --- TLS and noise of encoders ----------------------------------------------------------------------------------
@@ -302,7 +302,7 @@ def test_noise_of_encoders_is_taken_off_the_columns():
         step = 5e-5
         coarse = haptid.Motion(2e-3, (step * np.round(q / step)).T, tau.T, haptid.Treatment(cutoff_hz=None))
         made = haptid.observe(model, coarse)
-        for name, method in (("WLS", haptid.WLS()), ("corrected", Corrected(resolution=step))):
+        for name, method in (("WLS", haptid.WLS()), ("corrected", ErrorsInVariables(resolution=step))):
             bias[name].append(haptid.estimate(made, method)["M1"].value / beta[0] - 1)
     assert np.mean(bias["WLS"]) < -0.2
     assert abs(np.mean(bias["corrected"])) < 0.05 * abs(np.mean(bias["WLS"]))
@@ -312,14 +312,14 @@ def test_what_encoders_cannot_say_is_refused():
     model = haptid.DynamicModel(haptid.read_device("emps"))
     exact = haptid.observe(model, motion(model, np.array([95.0, 200.0, 20.0, -3.0]), seconds=4.0, noise=0.1))
     with pytest.raises(errors.NoResolutionError, match="no log"):
-        haptid.estimate(exact, Corrected())
+        haptid.estimate(exact, ErrorsInVariables())
     with pytest.raises(errors.NoResolutionError, match="exact"):
-        haptid.estimate(exact, Corrected(resolution=1e-4))
+        haptid.estimate(exact, ErrorsInVariables(resolution=1e-4))
     q, qd, qdd = multisine(1, 4.0, 1e-3, 0)
     tau = haptid.inverse_dynamics(model, np.array([95.0, 200.0, 20.0, -3.0]), q, qd, qdd)
     coarse = haptid.Motion(1e-3, q.T, tau.T, haptid.Treatment(cutoff_hz=None))
     with pytest.raises(errors.NoisyColumnsError, match="M1"):
-        haptid.estimate(haptid.observe(model, coarse), Corrected(resolution=0.1))
+        haptid.estimate(haptid.observe(model, coarse), ErrorsInVariables(resolution=0.1))
 
 
 # --- what is known beforehand -----------------------------------------------------------------------------------
@@ -378,7 +378,7 @@ def test_relations_hold_and_the_rest_is_the_best_under_them(observation):
     """Oracle: the equations of Lagrange."""
     names = observation.base.names
     relations = {"FC1 - FC2": 0.001, f"2*{names[0]}": 0.01}
-    found = haptid.estimate(observation, Equal(relations))
+    found = haptid.estimate(observation, EqualityConstraints(relations))
     p = len(names)
     A = np.zeros((2, p))
     A[0, names.index("FC1")], A[0, names.index("FC2")], A[1, 0] = 1, -1, 2
@@ -389,36 +389,36 @@ def test_relations_hold_and_the_rest_is_the_best_under_them(observation):
     system = np.block([[H * np.outer(scale, scale), (A * scale).T], [A * scale, np.zeros((2, 2))]])
     best = np.linalg.solve(system, np.concatenate([b * scale, list(relations.values())]))[:p] * scale
     np.testing.assert_allclose(found.beta, best, rtol=1e-6)
-    assert found.sd[0] == pytest.approx(0.0, abs=1e-12)
+    assert found.se[0] == pytest.approx(0.0, abs=1e-12)
 
 
 def test_relations_told_twice_are_told_once_and_others_are_refused(observation):
-    once = haptid.estimate(observation, Equal({"FC1 - FC2": 0.0}))
-    twice = haptid.estimate(observation, Equal({"FC1 - FC2": 0.0, "2*FC2 - 2*FC1": 0.0}))
+    once = haptid.estimate(observation, EqualityConstraints({"FC1 - FC2": 0.0}))
+    twice = haptid.estimate(observation, EqualityConstraints({"FC1 - FC2": 0.0, "2*FC2 - 2*FC1": 0.0}))
     np.testing.assert_allclose(twice.beta, once.beta, rtol=1e-9)
     with pytest.raises(errors.ContradictionError, match="FC1"):
-        haptid.estimate(observation, Equal({"FC1 - FC2": 0.0, "2*FC2 - 2*FC1": 1.0}))
+        haptid.estimate(observation, EqualityConstraints({"FC1 - FC2": 0.0, "2*FC2 - 2*FC1": 1.0}))
     with pytest.raises(errors.UnknownNameError):
-        haptid.estimate(observation, Equal({"nothing": 0.0}))
+        haptid.estimate(observation, EqualityConstraints({"nothing": 0.0}))
 
 
 def test_bounds_are_kept_and_met_only_where_they_hold(observation):
     """Oracle: scipy's bounded least squares."""
     free = haptid.estimate(observation, haptid.WLS())
-    low, high = free.beta - 2 * free.sd, free.beta + 2 * free.sd
+    low, high = free.beta - 2 * free.se, free.beta + 2 * free.se
     k = free.base.names.index("FC2")
-    low[k], high[k] = free.beta[k] + free.sd[k], free.beta[k] + 3 * free.sd[k]
+    low[k], high[k] = free.beta[k] + free.se[k], free.beta[k] + 3 * free.se[k]
     limits = {name: (float(low[j]), float(high[j])) for j, name in enumerate(free.base.names)}
-    found = haptid.estimate(observation, Bounded(limits))
+    found = haptid.estimate(observation, Bounds(limits))
     rows = observation.stack(free.weights)
-    size = free.sd
+    size = free.se
     best = optimize.lsq_linear(
         rows[:-1, :-1] * size, rows[:-1, -1], (low / size, high / size), tol=1e-14, lsmr_tol="auto", method="bvls"
     )
     np.testing.assert_allclose(found.beta / size, best.x, rtol=1e-5, atol=1e-5)
     assert any("FC2" in sentence for sentence in found.held.active)
     wide = {name: (None, float(b) + 1e3) for name, b in zip(free.base.names, free.beta, strict=True)}
-    inside = haptid.estimate(observation, Bounded(wide))
+    inside = haptid.estimate(observation, Bounds(wide))
     np.testing.assert_array_equal(inside.beta, free.beta)
     assert inside.status == free.status
 
@@ -437,12 +437,12 @@ def test_bounds_are_kept_and_met_only_where_they_hold(observation):
         lambda: Ridge(share=0.0),
         lambda: Ridge(strength=-1.0),
         lambda: Ridge(passes=0),
-        lambda: Corrected(draws=0),
-        lambda: Corrected(resolution=0.0),
-        lambda: Bounded({"FC1": (1.0, 0.0)}),
-        lambda: Equal({}, Ridge()),
-        lambda: haptid.Consistent(haptid.Without(("FC1",))),
-        lambda: haptid.Without(("FC1",), TLS()),
+        lambda: ErrorsInVariables(draws=0),
+        lambda: ErrorsInVariables(resolution=0.0),
+        lambda: Bounds({"FC1": (1.0, 0.0)}),
+        lambda: EqualityConstraints({}, Ridge()),
+        lambda: haptid.PhysicallyConsistent(haptid.FixedAtZero(("FC1",))),
+        lambda: haptid.FixedAtZero(("FC1",), TLS()),
     ],
 )
 def test_settings_that_mean_nothing_are_refused(make):

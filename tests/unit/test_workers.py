@@ -13,8 +13,8 @@ import pytest
 
 import haptid
 from haptid import errors
-from haptid._internal.workers import Cluster, Here, Processes
-from haptid.observation.batch import Kept, observe_all
+from haptid._internal.workers import DaskExecutor, ProcessExecutor, SerialExecutor
+from haptid.observation.batch import RFactorCache, observe_all
 from motions import motion, truth
 
 
@@ -50,15 +50,15 @@ def refused(item: int) -> int:
 
 def test_the_same_is_made_by_whoever_works() -> None:
     wanted = {k: 2 * k for k in range(7)}
-    assert dict(Here().map(doubled, range(7))) == wanted
-    assert dict(Processes(2).map(doubled, range(7))) == wanted
-    assert dict(Processes(2).map(doubled, ())) == {}
+    assert dict(SerialExecutor().map(doubled, range(7))) == wanted
+    assert dict(ProcessExecutor(2).map(doubled, range(7))) == wanted
+    assert dict(ProcessExecutor(2).map(doubled, ())) == {}
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="no SIGKILL")
 def test_a_lost_process_costs_only_its_item(tmp_path: Path) -> None:
     items = [(tmp_path, k) for k in range(6)]
-    assert dict(Processes(2).map(killed_once, items)) == {k: k for k in range(6)}
+    assert dict(ProcessExecutor(2).map(killed_once, items)) == {k: k for k in range(6)}
     calls = sorted(path.name.split("-")[0] for path in tmp_path.glob("*-*"))
     assert calls == [str(k) for k in range(6)]  # each was finished once
 
@@ -66,14 +66,14 @@ def test_a_lost_process_costs_only_its_item(tmp_path: Path) -> None:
 @pytest.mark.skipif(sys.platform == "win32", reason="no SIGKILL")
 def test_an_item_that_loses_every_process_is_an_error() -> None:
     with pytest.raises(errors.WorkerLostError, match="part 2 of the work was lost 3 times"):
-        list(Processes(2).map(always_killed, range(3)))
+        list(ProcessExecutor(2).map(always_killed, range(3)))
 
 
 def test_an_error_comes_back_as_it_is() -> None:
     with pytest.raises(errors.ChannelCountError, match="a, b"):
-        list(Processes(1).map(refused, [3]))
+        list(ProcessExecutor(1).map(refused, [3]))
     with pytest.raises(errors.WorkerCountError, match="0 workers"):
-        Processes(0)
+        ProcessExecutor(0)
 
 
 def test_every_device_crosses_to_another_process() -> None:
@@ -104,7 +104,7 @@ def same(one: haptid.Observation, other: haptid.Observation) -> None:
 def test_processes_give_the_observations_of_one(model: haptid.Device, motions: list[haptid.Motion]) -> None:
     plain = [haptid.observe(model, made) for made in motions]
     told = []
-    shared = observe_all(model, motions, Processes(2), progress=lambda made, share: told.append((made, share)))
+    shared = observe_all(model, motions, ProcessExecutor(2), progress=lambda made, share: told.append((made, share)))
     for one, other, made in zip(plain, shared, motions, strict=True):
         assert other.motions == (made,)
         for a, b in zip(one.motors, other.motors, strict=True):
@@ -112,7 +112,7 @@ def test_processes_give_the_observations_of_one(model: haptid.Device, motions: l
         assert max(share for of, share in told if of is made) == 1.0
 
 
-class Interrupted(Here):
+class Interrupted(SerialExecutor):
     """Stops after so many items, as a run that is killed."""
 
     def __init__(self, after: int) -> None:
@@ -125,7 +125,7 @@ class Interrupted(Here):
             yield k, made
 
 
-class Counting(Here):
+class Counting(SerialExecutor):
     """Remembers how many items it had."""
 
     had: list[int] = []
@@ -146,7 +146,7 @@ def from_log(motions: list[haptid.Motion]) -> haptid.Motion:
 
 
 def test_an_interrupted_run_goes_on(tmp_path: Path, model: haptid.Device, from_log: haptid.Motion) -> None:
-    kept = Kept(tmp_path / "partial", least=1)
+    kept = RFactorCache(tmp_path / "partial", least=1)
     with pytest.raises(KeyboardInterrupt):
         observe_all(model, [from_log], Interrupted(1), kept)
     assert kept.count() == 1
@@ -160,18 +160,18 @@ def test_an_interrupted_run_goes_on(tmp_path: Path, model: haptid.Device, from_l
 
 
 def test_a_torn_file_is_made_again(tmp_path: Path, model: haptid.Device, from_log: haptid.Motion) -> None:
-    kept = Kept(tmp_path / "partial", least=1)
+    kept = RFactorCache(tmp_path / "partial", least=1)
     plain = observe_all(model, [from_log], kept=kept)[0]
     torn = next(kept.folder.glob("*.npz"))
     torn.write_bytes(torn.read_bytes()[:1000])
     same(observe_all(model, [from_log], kept=kept)[0], plain)
     kept.forget()
     assert kept.count() == 0
-    assert observe_all(model, [from_log], kept=Kept(tmp_path / "short"))  # too short to be kept
+    assert observe_all(model, [from_log], kept=RFactorCache(tmp_path / "short"))  # too short to be kept
     assert not (tmp_path / "short").exists()
 
 
 def test_a_cluster_that_is_not_there_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "distributed", None)
     with pytest.raises(errors.DistributedMissingError, match=r"haptid\[cluster\]"):
-        list(Cluster("tcp://127.0.0.1:1").map(doubled, [1]))
+        list(DaskExecutor("tcp://127.0.0.1:1").map(doubled, [1]))

@@ -77,9 +77,9 @@ def test_an_estimate_has_a_deviation_and_is_of_one_device():
     observation = haptid.observe(model, motion(model, beta, seconds=6.0, noise=0.05))
     estimate = haptid.estimate(observation, haptid.WLS())
     found, exact = definiteness(estimate, workspace(model)), definiteness(beta, workspace(model))
-    assert 0 < found.sd < 0.05 * found.smallest
-    assert abs(found.smallest - exact.smallest) < 5 * found.sd
-    assert exact.sd is None
+    assert 0 < found.se < 0.05 * found.smallest
+    assert abs(found.smallest - exact.smallest) < 5 * found.se
+    assert exact.se is None
     assert "standard deviation" in found.summary()
     with pytest.raises(errors.DifferentModelError):
         definiteness(estimate, workspace(haptid.DynamicModel(haptid.read_device("phantom_premium_15"))))

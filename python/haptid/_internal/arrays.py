@@ -29,7 +29,8 @@ def expect(name: str, got: tuple[int, ...], wanted: tuple[int | None, ...]) -> N
     if got == wanted:
         return
     if len(got) != len(wanted) or any(w is not None and g != w for g, w in zip(got, wanted, strict=True)):
-        raise ShapeError(name, got, wanted)
+        shown = tuple("any" if n is None else n for n in wanted)
+        raise ShapeError(f"{name} has shape {got}; {shown} is required.", where=name, found=got, limit=wanted)
 
 
 def whole(value: object) -> bool:

@@ -29,7 +29,7 @@ LOSSES = 3
 PATIENCE = 30.0
 
 
-class Workers(Protocol):
+class Executor(Protocol):
     """Whoever maps a function over items."""
 
     def map(self, function: Callable[[Item], Made], items: Iterable[Item]) -> Iterator[tuple[int, Made]]:
@@ -47,7 +47,7 @@ class Workers(Protocol):
 
 
 @dataclass(frozen=True)
-class Here:
+class SerialExecutor:
     """One item after the other, in this process."""
 
     def map(self, function: Callable[[Item], Made], items: Iterable[Item]) -> Iterator[tuple[int, Made]]:
@@ -56,7 +56,7 @@ class Here:
 
 
 @dataclass(frozen=True)
-class Processes:
+class ProcessExecutor:
     """Processes of this machine, each with one thread for linear algebra.
 
     A program that uses them starts its own work under `if __name__ == "__main__":`, as each process imports it.
@@ -166,7 +166,7 @@ def _serve(connection: Connection, function: bytes) -> None:
 
 
 @dataclass(frozen=True)
-class Cluster:
+class DaskExecutor:
     """The workers of a Dask scheduler, in processes anywhere that see the same files; `pip install "haptid[cluster]"`.
 
     Attributes:

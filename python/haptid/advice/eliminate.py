@@ -19,7 +19,7 @@ def with_reduced(found: Identification, reduced: Estimate) -> Identification:
 
     Args:
         found: a study walked to its end.
-        reduced: of the same rows, `Reduction.reduced`; where nothing was left out, the identification's own.
+        reduced: of the same rows, `Elimination.reduced`; where nothing was left out, the identification's own.
     """
     if reduced is found.estimate:
         return found

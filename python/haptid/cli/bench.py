@@ -52,7 +52,7 @@ def bench(
     scheduler: Annotated[str | None, typer.Option(help="a Dask scheduler whose workers make many logs")] = None,
     quiet: Annotated[bool, typer.Option("--quiet", "-q", help="no progress, no summary")] = False,
 ) -> None:
-    from haptid._internal.workers import Cluster, Processes
+    from haptid._internal.workers import DaskExecutor, ProcessExecutor
     from haptid.experiment.bench.logs import truth_paths
     from haptid.experiment.bench.run import Job, make_log, make_logs, repeated
 
@@ -64,7 +64,7 @@ def bench(
         else:
             make_logs(
                 jobs,
-                Cluster(scheduler) if scheduler else Processes(many),
+                DaskExecutor(scheduler) if scheduler else ProcessExecutor(many),
                 lambda _, share: progress.update(task, completed=share),
             )
     for job in () if quiet else jobs:

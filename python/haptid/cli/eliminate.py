@@ -11,7 +11,7 @@ import typer
 from haptid.cli.common import app, errors_shown, out, progress_bars, teller
 
 if TYPE_CHECKING:
-    from haptid.inference.elimination import Reduction
+    from haptid.inference.elimination import Elimination
     from haptid.study.identify import Identification
 
 HELP = """\
@@ -49,7 +49,7 @@ def essential(
     from haptid._internal.atomic_folder import check_writable, publishing
     from haptid.advice.eliminate import with_reduced
     from haptid.inference.diagnosis import diagnose
-    from haptid.inference.elimination import AtMost, Essential, TimesSmallest, essential_by_motor
+    from haptid.inference.elimination import BackwardElimination, GautierRatio, MaxRelativeStd, eliminate_by_motor
     from haptid.inference.elimination import essential as reduce
     from haptid.results.write import write_result
     from haptid.study import read_study
@@ -58,7 +58,7 @@ def essential(
     with errors_shown():
         check_writable(out_folder)
         plan = read_study(study)
-        how = Essential(TimesSmallest() if at_most is None else AtMost(at_most), level)
+        how = BackwardElimination(GautierRatio() if at_most is None else MaxRelativeStd(at_most), level)
         with progress_bars(quiet) as progress, publishing(out_folder) as folder:
             tell = teller(progress)
             found = identify(plan, data, tell)
@@ -67,7 +67,7 @@ def essential(
             reductions = {"all motors": reduce(found.estimate, how, unseen)}
             if by_motor:
                 labels = [motor.label for motor in found.estimate.observation.motors]
-                reductions |= dict(zip(labels, essential_by_motor(found.estimate, how, unseen), strict=True))
+                reductions |= dict(zip(labels, eliminate_by_motor(found.estimate, how, unseen), strict=True))
             tell("leaving out", 1.0)
             tell("diagnosing", 0.0)
             smaller = with_reduced(found, reductions["all motors"].reduced)
@@ -93,7 +93,7 @@ def _unseen(found: Identification) -> Any:
     return reduce(add, rows) if rows else None
 
 
-def reduction_values(found: Reduction) -> dict[str, Any]:
+def reduction_values(found: Elimination) -> dict[str, Any]:
     """A reduction as plain values."""
     from haptid.results.write import finite
 
@@ -105,7 +105,7 @@ def reduction_values(found: Reduction) -> dict[str, Any]:
         "left_out": [
             {
                 "name": d.name,
-                "relative_sd_percent": d.relative_sd,
+                "relative_sd_percent": d.relative_se,
                 "F": d.test.F,
                 "p": d.test.p,
                 "error_percent": d.error,
@@ -117,7 +117,7 @@ def reduction_values(found: Reduction) -> dict[str, Any]:
             {
                 "name": p.name,
                 "value": p.value,
-                "sd": p.sd,
+                "sd": p.se,
                 "interval95": list(p.interval),
                 "unit": p.unit,
                 "moved_sd": m,

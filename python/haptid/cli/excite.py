@@ -129,7 +129,7 @@ def _show(found: Excitation, path: Path) -> None:
     )
     for when, one in (("first motion within the limits", found.before), ("motion found", found.after)):
         out.print(f"  {when}: condition {one.raw:.4g} raw, {one.scaled:.4g} with unit columns", highlight=False)
-    weak = [name for name, sd in found.predicted.items() if sd > 50]
+    weak = [name for name, se in found.predicted.items() if se > 50]
     if weak and len(weak) < len(found.after.names):
         out.print(f"  hardly told, by the values known beforehand: {', '.join(weak)}", highlight=False)
     out.print(f"Experiment in {path}, samples in {path.with_suffix('.csv')}")

@@ -15,7 +15,7 @@ from haptid.cli.figures import named, numbers, ranges, spread
 from haptid.device import Device
 from haptid.dynamics.model import DynamicModel
 from haptid.dynamics.workspace import Workspace, workspace
-from haptid.end_effector.characterisation import Characterisation, felt_mass, line
+from haptid.end_effector.characterisation import Characterisation, apparent_mass, line
 from haptid.end_effector.characterisation.characterise import POSES
 from haptid.end_effector.characterisation.plots import Sweep, plot_map, plot_sweeps
 from haptid.end_effector.characterisation.summary import notes
@@ -109,7 +109,7 @@ def _draw_map(where: Workspace, found: Characterisation, path: Path) -> None:
     qa[-2:] = across.ravel(), up.ravel()
     mass = np.full(SIDE * SIDE, np.nan)
     inside = where.holds(qa)
-    mass[inside] = felt_mass(found.identified, qa[:, inside], worst_condition=found.grasp.worst).mass.value[:, 0]
+    mass[inside] = apparent_mass(found.identified, qa[:, inside], worst_condition=found.grasp.worst).mass.value[:, 0]
     joints = [found.model.device.joints[j] for j in found.model.device.active[-2:]]
     across_label, up_label = (f"{joint.name}, {'m' if joint.prismatic else 'rad'}" for joint in joints)
     labels = (across_label, up_label, "largest apparent mass, kg")

@@ -47,7 +47,7 @@ def model(
 def _in_vain(model: DynamicModel) -> Iterator[str]:
     """Parameters that were to be kept and are not, with the reason."""
     base = model.base
-    kept = {base.standard[k] for k in base.kept}
+    kept = {base.standard[k] for k in base.independent_columns}
     for name in model.device.keep:
         if name in base.no_effect:
             yield f"{name} cannot be kept: no motion shows it, it has no effect on the torque."

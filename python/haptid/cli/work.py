@@ -8,22 +8,22 @@ from pathlib import Path
 
 import typer
 
-from haptid._internal.workers import Cluster, Here, Processes, Workers
+from haptid._internal.workers import DaskExecutor, Executor, ProcessExecutor, SerialExecutor
 from haptid.cli.common import EXIT_INTERRUPTED, complain, err
-from haptid.observation.batch import Kept
+from haptid.observation.batch import RFactorCache
 
 
-def workers(count: int, scheduler: str | None) -> Workers:
+def workers(count: int, scheduler: str | None) -> Executor:
     """A cluster where there is one, processes where there are to be several."""
     if scheduler is not None:
-        return Cluster(scheduler)
-    return Here() if count == 1 else Processes(count)
+        return DaskExecutor(scheduler)
+    return SerialExecutor() if count == 1 else ProcessExecutor(count)
 
 
-def resumed(out: Path, fresh: bool, quiet: bool) -> Kept:
+def resumed(out: Path, fresh: bool, quiet: bool) -> RFactorCache:
     """What an interrupted run has left beside its folder, which is said; nothing where all is to be done anew."""
     target = out.resolve()
-    kept = Kept(target.with_name(f".{target.name}.partial"))
+    kept = RFactorCache(target.with_name(f".{target.name}.partial"))
     if fresh:
         kept.forget()
     elif not quiet and (parts := kept.count()):
@@ -32,7 +32,7 @@ def resumed(out: Path, fresh: bool, quiet: bool) -> Kept:
 
 
 @contextmanager
-def interruptible(kept: Kept) -> Iterator[None]:
+def interruptible(kept: RFactorCache) -> Iterator[None]:
     """An interruption as one line that says what is left of the work, and the exit status for it."""
     try:
         yield

@@ -12,7 +12,7 @@ import numpy as np
 from pyarrow import parquet
 
 from haptid._internal.arrays import Array, expect, read_only
-from haptid._internal.workers import Processes
+from haptid._internal.workers import ProcessExecutor
 from haptid.device import read_device
 from haptid.dynamics.inverse import inverse_dynamics
 from haptid.dynamics.model import DynamicModel
@@ -73,7 +73,7 @@ def record(take: Take) -> Path:
 
 def record_all(takes: Sequence[Take], processes: int | None = None) -> Iterator[Path]:
     """Record logs in parallel; yields the path of each as it is done."""
-    for _, path in Processes(processes).map(record, takes):
+    for _, path in ProcessExecutor(processes).map(record, takes):
         yield path
 
 
@@ -131,7 +131,7 @@ class BenchRecording:
         """The same with exact positions, velocities and accelerations in place of the sensors'."""
         motion = self.motion(stretch, treatment)
         at = self.index(motion.t)
-        edge = lost(treatment.torque_delay / motion.dt)
+        edge = lost(treatment.torque_delay_s / motion.dt)
         inner = slice(edge, len(at) - edge)
         q, qd, qdd = (x[:, at[inner]].T for x in (self.q, self.qd, self.qdd))
         return replace(motion, q=q, tau=motion.tau[inner], t0=float(motion.t[edge]), rates=(qd, qdd))

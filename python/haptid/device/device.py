@@ -133,7 +133,7 @@ class Prior:
     """What is known of a standard parameter beforehand: value and deviation (None: unknown), SI."""
 
     value: float
-    sd: float | None = None
+    std: float | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -246,7 +246,7 @@ class Device:
         return freeze(np.array([drive.row for drive in self.drives], dtype=float))
 
     @cached_property
-    def frame(self) -> Array:
+    def row_map(self) -> Array:
         """B in c = B qa: the coordinates that torque rows belong to, from active joints' positions, (active, active).
 
         The coupling N where rows are the motors', the identity where they are the joints'.
@@ -256,12 +256,12 @@ class Device:
     @cached_property
     def rates(self) -> Array:
         """G B^-1: all joints' rates from the coordinates' rates, (joints, active); zero where they vary."""
-        return freeze(np.ascontiguousarray(np.linalg.solve(self.frame.T, self.closure.constant.T).T))
+        return freeze(np.ascontiguousarray(np.linalg.solve(self.row_map.T, self.closure.constant.T).T))
 
     @cached_property
     def varying(self) -> np.ndarray:
         """Which rates from the coordinates' vary with the pose, (joints, active)."""
-        moved = np.linalg.inv(self.frame) != 0
+        moved = np.linalg.inv(self.row_map) != 0
         made = np.asarray((self.closure.varying.astype(int) @ moved) > 0)
         made.flags.writeable = False
         return made
@@ -269,7 +269,7 @@ class Device:
     @cached_property
     def drive_rates(self) -> Array:
         """N B^-1: all drives' rates from the coordinates' rates, (active, active)."""
-        return freeze(np.ascontiguousarray(np.linalg.solve(self.frame.T, self.coupling.T).T))
+        return freeze(np.ascontiguousarray(np.linalg.solve(self.row_map.T, self.coupling.T).T))
 
     @cached_property
     def row_names(self) -> tuple[str, ...]:
@@ -292,7 +292,7 @@ class Device:
     @cached_property
     def coordinate_units(self) -> tuple[str, ...]:
         """Unit of every coordinate: rad or m, after the first joint in it."""
-        first = [self.joints[self.active[int(np.argmax(row != 0))]] for row in self.frame]
+        first = [self.joints[self.active[int(np.argmax(row != 0))]] for row in self.row_map]
         return tuple("m" if joint.prismatic else "rad" for joint in first)
 
     @cached_property

@@ -13,7 +13,7 @@ import numpy as np
 
 from haptid._internal.arrays import Array
 from haptid.device.toml.place import Place
-from haptid.errors import ExpressionError, NonlinearTargetError, RelationError, UnknownNameError
+from haptid.errors import ExpressionError, NonlinearTargetError, RelationError, UnknownDeviceNameError
 
 # Longest expression, characters: enough for any column, too short to exhaust the stack.
 LONGEST = 400
@@ -97,7 +97,7 @@ def number(value: float | str, lengths: Mapping[str, float], place: Place) -> fl
 
     Raises:
         ExpressionError: the text is not such arithmetic, or its value is not finite or beyond LARGEST.
-        UnknownNameError: it uses a name that is not a length.
+        UnknownDeviceNameError: it uses a name that is not a length.
     """
     if isinstance(value, str):
         tree = _parse(value, place, ARITHMETIC)
@@ -118,7 +118,7 @@ def column(text: str, joints: list[str], lengths: Mapping[str, float], place: Pl
 
     Raises:
         ExpressionError: the text is not such arithmetic.
-        UnknownNameError: it uses a name that is neither a joint's motion nor a length.
+        UnknownDeviceNameError: it uses a name that is neither a joint's motion nor a length.
     """
     tree = _parse(text, place, COLUMN)
     motion = {f"{letter}_{joint}" for joint in joints for letter in "qva"}
@@ -131,13 +131,13 @@ def relation(text: str, symbols: list[str], lengths: Mapping[str, float], place:
 
     Raises:
         RelationError: it is not one symbol, an equals sign and a linear sum.
-        UnknownNameError: it uses a name that is neither a joint's symbol nor a length.
+        UnknownDeviceNameError: it uses a name that is neither a joint's symbol nor a length.
     """
     left, equals, right = text.partition("=")
     if not equals or "=" in right or not left.strip().isidentifier():
         raise RelationError(str(place), f'"{text}" is not one joint symbol, an equals sign and a sum', LINEAR)
     if left.strip() not in symbols:
-        raise UnknownNameError(str(place), "joint symbol", left.strip(), symbols)
+        raise UnknownDeviceNameError(str(place), "joint symbol", left.strip(), symbols)
     tree = _parse(right.strip(), place, LINEAR)
     known = {**lengths, "pi": math.pi}
     _Rules(text, frozenset({*known, *symbols}), place, LINEAR).check(tree)
@@ -156,7 +156,7 @@ def combination(text: str, symbols: Collection[str], constants: Mapping[str, flo
     Raises:
         ExpressionError: the text is not arithmetic over numbers, or too long.
         NonlinearTargetError: it multiplies parameters, divides by one, or has a part without one.
-        UnknownNameError: it uses a name that is neither a parameter nor a constant.
+        UnknownDeviceNameError: it uses a name that is neither a parameter nor a constant.
     """
     tree = _parse(text, place, TARGET)
     known = {**constants, "pi": math.pi}
@@ -217,7 +217,7 @@ class _Rules:
             case ast.Name(id=name):
                 if name not in self.known:
                     functions = FUNCTIONS if self.functions else ()
-                    raise UnknownNameError(str(self.place), "number", name, sorted({*self.known, *functions}))
+                    raise UnknownDeviceNameError(str(self.place), "number", name, sorted({*self.known, *functions}))
             case ast.UnaryOp(op=ast.USub() | ast.UAdd(), operand=operand):
                 self.check(operand)
             case ast.BinOp(left=left, op=op, right=right) if self.allows(op):
@@ -225,7 +225,7 @@ class _Rules:
                 self.check(right)
             case ast.Call(func=ast.Name(id=name), args=[argument], keywords=[]) if self.functions:
                 if name not in FUNCTIONS:
-                    raise UnknownNameError(str(self.place), "function", name, FUNCTIONS)
+                    raise UnknownDeviceNameError(str(self.place), "function", name, FUNCTIONS)
                 self.check(argument)
             case _:
                 raise self.refuse(node, "is not allowed here")

@@ -73,8 +73,8 @@ def body_prior(body: Body, joint: Joint, sd_percent: float | None) -> dict[str, 
     scale[9] = body.mass
     deviations = scale * (0.0 if sd_percent is None else sd_percent / 100)
     return {
-        kind + joint.name: Prior(float(value), float(sd) if sd > 0 else None)
-        for kind, value, sd in zip(INERTIAL, chi, deviations, strict=True)
+        kind + joint.name: Prior(float(value), float(std) if std > 0 else None)
+        for kind, value, std in zip(INERTIAL, chi, deviations, strict=True)
         if np.isfinite(value)
     }
 
@@ -82,21 +82,21 @@ def body_prior(body: Body, joint: Joint, sd_percent: float | None) -> dict[str, 
 def combined_prior(device: Device, rows: Array) -> tuple[tuple[float, float | None] | None, ...]:
     """Value and deviation of combinations of the free standard parameters, (k, p); None where one is not known."""
     parameters = device.parameters
-    sd = [_deviation(device, members) for members in parameters.members]
+    std = [_deviation(device, members) for members in parameters.members]
     made: list[tuple[float, float | None] | None] = []
     for row in rows:
         used = np.flatnonzero(row)
         if np.isnan(device.chi_prior[used]).any():
             made.append(None)
             continue
-        known = [sd[k] for k in used]
-        spread = None if None in known else float(np.hypot.reduce([row[k] * (sd[k] or 0.0) for k in used]))
+        known = [std[k] for k in used]
+        spread = None if None in known else float(np.hypot.reduce([row[k] * (std[k] or 0.0) for k in used]))
         made.append((float(row[used] @ device.chi_prior[used]), spread))
     return tuple(made)
 
 
 def _deviation(device: Device, members: tuple[str, ...]) -> float | None:
     """Deviation of the mean of the members that have a prior, taken as wholly correlated."""
-    known = [device.prior[name].sd for name in members if name in device.prior]
-    given = [sd for sd in known if sd is not None]
+    known = [device.prior[name].std for name in members if name in device.prior]
+    given = [std for std in known if std is not None]
     return float(np.mean(given)) if given and len(given) == len(known) else None

@@ -43,8 +43,8 @@ class BaseParameters:
     Attributes:
         names: ZZ1R where others regroup into ZZ1, FC2 where nothing does, (p,).
         units: of each, (p,).
-        kept: index in the device's standard parameters of the one each is named after, (p,).
-        regrouping: (p, standard parameters), the identity on `kept`.
+        independent_columns: index in the device's standard parameters of the one each is named after, (p,).
+        regrouping: (p, standard parameters), the identity on `independent_columns`.
         standard: names of the standard parameters.
         no_effect: names of the standard parameters that no motion can show.
         tolerance: relative length below which a column counts as a combination of those before it.
@@ -53,7 +53,7 @@ class BaseParameters:
 
     names: tuple[str, ...]
     units: tuple[str, ...]
-    kept: tuple[int, ...]
+    independent_columns: tuple[int, ...]
     regrouping: Array
     standard: tuple[str, ...]
     no_effect: tuple[str, ...]
@@ -69,7 +69,10 @@ class BaseParameters:
     @cached_property
     def groupings(self) -> tuple[str, ...]:
         """Readable formulas, such as `ZZ1 + IA1 + YY2 + 0.2025 M3`."""
-        return tuple(formula(row, self.standard, kept) for row, kept in zip(self.regrouping, self.kept, strict=True))
+        return tuple(
+            formula(row, self.standard, kept)
+            for row, kept in zip(self.regrouping, self.independent_columns, strict=True)
+        )
 
     @property
     def is_clear(self) -> bool:
@@ -119,7 +122,7 @@ def base_parameters(model: DynamicModel, seed: int = 0) -> BaseParameters:
     return BaseParameters(
         names=names,
         units=tuple(parameters.units[k] for k in kept),
-        kept=tuple(kept),
+        independent_columns=tuple(kept),
         regrouping=regrouping,
         standard=tuple(parameters.names),
         no_effect=tuple(parameters.names[k] for k in np.flatnonzero(~effective)),
@@ -138,7 +141,7 @@ def random_regressor(model: DynamicModel, seed: int) -> Array:
     rng = np.random.default_rng(seed)
     S = model.device.parameters.S
     states = 4 + -(-4 * S.shape[1] // max(sum(model.device.measured), 1))
-    c = model.device.frame @ model.device.closure.draw(rng, states)
+    c = model.device.row_map @ model.device.closure.draw(rng, states)
     cd, cdd = rng.uniform(-2, 2, (2, *c.shape))
     Y = rows(model, c, cd, cdd)[list(model.device.measured)]
     return np.asarray(Y.transpose(0, 2, 1).reshape(-1, Y.shape[1]) @ S)
@@ -205,7 +208,7 @@ def base_combinations(model: DynamicModel, names: Sequence[str], rows: Array) ->
         UnidentifiableTargetError: one is not, given by its name.
     """
     base = model.base
-    C = rows[:, list(base.kept)]
+    C = rows[:, list(base.independent_columns)]
     shown = C @ base.regrouping
     cancelled = np.abs(rows) + np.abs(C) @ np.abs(base.regrouping)
     hidden = np.where(np.abs(rows - shown) > CANCELLED * cancelled, rows - shown, 0.0)

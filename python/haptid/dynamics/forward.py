@@ -186,5 +186,5 @@ def turning(model: DynamicModel, c: Array, cd: Array, cdd: Array, period: float)
 
 def sets_of(model: DynamicModel, beta: Array) -> Array:
     """Parameters of the core's columns, (sets, r), from sets of base parameters, (sets, p)."""
-    S = model.device.parameters.S[:, list(model.base.kept)]
+    S = model.device.parameters.S[:, list(model.base.independent_columns)]
     return freeze(np.atleast_2d(beta) @ S.T)

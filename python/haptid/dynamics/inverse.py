@@ -83,7 +83,7 @@ def raw_parameters(model: DynamicModel, beta: ArrayLike) -> Array:
     """Parameters of the core's columns that give these base parameters' torque, (r,), SI: all others are zero."""
     beta = np.asarray(beta, dtype=float)
     expect("beta", beta.shape, (len(model.base),))
-    return np.asarray(model.device.parameters.S[:, list(model.base.kept)] @ beta)
+    return np.asarray(model.device.parameters.S[:, list(model.base.independent_columns)] @ beta)
 
 
 def rigid(model: DynamicModel, chi: Array) -> Array:
@@ -131,4 +131,4 @@ def _coordinates(model: DynamicModel, qa: ArrayLike, *rates: ArrayLike) -> list[
     samples = np.shape(qa)[-1] if np.ndim(qa) else 0
     for name, array in zip(("qa", "qda", "qdda"), (qa, *rates), strict=False):
         expect(name, np.shape(array), (len(model.device.active), samples))
-    return [np.ascontiguousarray(model.device.frame @ np.asarray(x, dtype=float)) for x in (qa, *rates)]
+    return [np.ascontiguousarray(model.device.row_map @ np.asarray(x, dtype=float)) for x in (qa, *rates)]

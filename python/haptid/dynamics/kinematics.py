@@ -54,7 +54,7 @@ class HandleMotion:
 
         Its transpose takes a wrench to the torque rows; the same as `jacobian` where rows are the active joints'.
         """
-        return freeze(self.jacobian @ np.linalg.inv(self.model.device.frame))
+        return freeze(self.jacobian @ np.linalg.inv(self.model.device.row_map))
 
 
 def link_poses(model: DynamicModel, qa: ArrayLike) -> Array:

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from haptid._internal.arrays import Array
-from haptid.device.terms.term import Load
+from haptid.device.terms.term import LoadDependentFriction
 from haptid.dynamics.inverse import core_mass, core_torque
 from haptid.dynamics.model import DynamicModel
 
@@ -57,7 +57,7 @@ def carried(model: DynamicModel, chi: Array, c: Array, cd: Array) -> list[Carrie
     return [
         Carried(term.weights, chi[:, first + k] * term.shape.side(cd), M[:, term.shape.row], h[term.shape.row])
         for k, term in enumerate(model.terms)
-        if isinstance(term.shape, Load)
+        if isinstance(term.shape, LoadDependentFriction)
     ]
 
 

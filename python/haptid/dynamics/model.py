@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike
 from haptid._internal.arrays import Array, expect, freeze, read_only
 from haptid.device import Device, Followed
 from haptid.device.priors import combined_prior
-from haptid.device.terms.term import DRY, Load, TermColumn, external_columns
+from haptid.device.terms.term import DRY, LoadDependentFriction, TermColumn, external_columns
 from haptid.dynamics.base_parameters import BaseParameters, base_parameters
 
 if TYPE_CHECKING:
@@ -83,7 +83,7 @@ class DynamicModel:
 
         In the parameters' order: where each is one column, the combinations are the identity.
         """
-        made = self.device.parameters.S[:, list(self.base.kept)]
+        made = self.device.parameters.S[:, list(self.base.independent_columns)]
         columns = np.flatnonzero(made.any(axis=1))
         columns = columns[np.argsort(made[columns].argmax(axis=1), kind="stable")]
         return tuple(columns.tolist()), freeze(made[columns])
@@ -128,8 +128,8 @@ class DynamicModel:
         Raises:
             LoopUnreachableError, SingularLoopError: as for `tree`.
         """
-        to_joints = np.linalg.inv(self.device.frame)
-        return self.device.closure.follow(to_joints @ c, to_joints @ cd).by(self.device.frame)
+        to_joints = np.linalg.inv(self.device.row_map)
+        return self.device.closure.follow(to_joints @ c, to_joints @ cd).by(self.device.row_map)
 
     def loops(self, c: Array, cd: Array) -> Array | None:
         """What the core needs with every sample where rates vary, (channels, samples); None where none does.
@@ -168,14 +168,14 @@ class DynamicModel:
             qda: their velocities.
             qdda: their accelerations.
         """
-        loads = self._loads(*(np.ascontiguousarray(self.device.frame @ x) for x in (qa, qda, qdda)))
+        loads = self._loads(*(np.ascontiguousarray(self.device.row_map @ x) for x in (qa, qda, qdda)))
         return external_columns(self.externals, self.device.joint_names, self.tree(qa, qda, qdda), loads)
 
     def _loads(self, c: Array, cd: Array, cdd: Array) -> dict[str, Array]:
         """Columns of friction by load, by name, each (samples,), from the coordinates' motion."""
         made = {}
         for term in self.externals:
-            if isinstance(term.shape, Load):
+            if isinstance(term.shape, LoadDependentFriction):
                 bare, chi = self.bodies
                 own, loops = np.zeros((0, c.shape[1])), bare.loops(c, cd)
                 made[term.name] = term.shape.values(bare.mechanism.torque(c, cd, cdd, own, chi, loops), cd)
@@ -191,16 +191,16 @@ class DynamicModel:
     @property
     def has_loads(self) -> bool:
         """Whether it has friction by load, whose columns depend on the bodies' parameters."""
-        return any(isinstance(term.shape, Load) for term in self.terms)
+        return any(isinstance(term.shape, LoadDependentFriction) for term in self.terms)
 
     @property
     def load(self) -> Array | None:
         """What friction by load is made of: parameters of links, then of rotors, (r,), SI; None where nothing is."""
-        return next((term.shape.bodies for term in self.terms if isinstance(term.shape, Load)), None)
+        return next((term.shape.bodies for term in self.terms if isinstance(term.shape, LoadDependentFriction)), None)
 
     def loaded(self, beta: Array) -> DynamicModel:
         """The same device with friction by load as these base parameters' bodies have it, (p,), SI."""
-        raw = self.device.parameters.S[:, list(self.base.kept)] @ beta
+        raw = self.device.parameters.S[:, list(self.base.independent_columns)] @ beta
         links = 10 * len(self.device.joints)
         rotors = [links + k for k, term in enumerate(self.terms) if term.kind == "rotor"]
         return self.with_load(np.concatenate([raw[:links], raw[rotors]]))
@@ -217,7 +217,9 @@ class DynamicModel:
         return replace(
             self,
             terms=tuple(
-                replace(term, shape=replace(term.shape, bodies=bodies)) if isinstance(term.shape, Load) else term
+                replace(term, shape=replace(term.shape, bodies=bodies))
+                if isinstance(term.shape, LoadDependentFriction)
+                else term
                 for term in self.terms
             ),
         )

@@ -9,7 +9,7 @@ import numpy as np
 
 from haptid._internal.arrays import Array
 from haptid.device.expressions import Column
-from haptid.device.terms.term import Load
+from haptid.device.terms.term import LoadDependentFriction
 from haptid.errors import AccelerationColumnError
 
 if TYPE_CHECKING:
@@ -88,7 +88,7 @@ def external(model: DynamicModel, c: Array, cd: Array, cdd: Array | None) -> Arr
     if cdd is None:
         cdd = np.zeros_like(c)  # which no column reads
         check_linear(model)
-    to_joints = np.linalg.inv(model.device.frame)
+    to_joints = np.linalg.inv(model.device.row_map)
     return np.ascontiguousarray(model.external(to_joints @ c, to_joints @ cd, to_joints @ cdd))
 
 
@@ -102,7 +102,7 @@ def check_columns(model: DynamicModel) -> None:
 def check_linear(model: DynamicModel) -> None:
     """The same, or if it has friction by load: torque is then not linear in accelerations."""
     for term in model.externals:
-        if isinstance(term.shape, Load):
+        if isinstance(term.shape, LoadDependentFriction):
             raise AccelerationColumnError(term.name)
     check_columns(model)
 

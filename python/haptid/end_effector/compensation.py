@@ -39,12 +39,12 @@ import numpy as np
 from scipy import linalg
 
 from haptid._internal.arrays import Array, expect, freeze, positive
-from haptid.device.terms.term import Load
+from haptid.device.terms.term import LoadDependentFriction
 from haptid.dynamics.inverse import core_momentum, core_torque, inverse_dynamics, raw_parameters, rigid
 from haptid.dynamics.kinematics import handle_of
 from haptid.dynamics.regressor import external
-from haptid.end_effector.characterisation.apparent_mass import felt_mass
-from haptid.end_effector.characterisation.model import GivenModel, IdentifiedModel
+from haptid.end_effector.characterisation.apparent_mass import apparent_mass
+from haptid.end_effector.characterisation.model import GivenParameters, IdentifiedModel
 from haptid.errors import CompensationSettingError
 from haptid.observation.reversals import softened
 
@@ -86,7 +86,7 @@ class Compensation:
             if not positive(getattr(self, name)):
                 raise CompensationSettingError(name, getattr(self, name), "a finite number above 0")
         for term in self.identified.model.terms if self.friction else ():
-            if isinstance(term.shape, Load):
+            if isinstance(term.shape, LoadDependentFriction):
                 wanted = f"0: term {term.name} needs accelerations, which a law does not have"
                 raise CompensationSettingError("friction", self.friction, wanted)
         if self.towards is not None:
@@ -104,7 +104,7 @@ class Compensation:
         """
         if self.towards is None:
             return freeze(np.full(qa.shape[1], self.share))
-        mass = felt_mass(GivenModel(self.identified.model, self.identified.beta), qa).mass.value[:, 0]
+        mass = apparent_mass(GivenParameters(self.identified.model, self.identified.beta), qa).mass.value[:, 0]
         wanted = 1 - self.towards / np.where(np.isfinite(mass), mass, np.inf)
         return freeze(np.clip(wanted, 0.0, self.share))
 
@@ -183,7 +183,7 @@ class _Law:
         resists = [False] * (10 * len(model.device.joints)) + [term.resists for term in model.terms]
         self.rubbing = np.where(resists, raw, 0.0)
         self.soft = softened(model, settings.slow)
-        self.to_joints = np.linalg.inv(model.device.frame)
+        self.to_joints = np.linalg.inv(model.device.row_map)
         self.to_motors = np.linalg.inv(model.device.drive_rates).T[[drive.motorised for drive in model.device.drives]]
         self.last: Array | None = None
         self.velocity = np.zeros((len(model.device.active), 1))
@@ -191,7 +191,7 @@ class _Law:
 
     def step(self, _t: float, qa: Array) -> Array:
         """Torque of the motors' coordinates, (motors,), N m or N."""
-        settings, c = self.settings, self.model.device.frame @ np.asarray(qa, dtype=float)[:, None]
+        settings, c = self.settings, self.model.device.row_map @ np.asarray(qa, dtype=float)[:, None]
         if self.last is not None:
             difference = (c - self.last) / self.dt
             self.velocity = self.keep_velocity * self.velocity + (1 - self.keep_velocity) * difference

@@ -34,7 +34,7 @@ class Definiteness:
     Attributes:
         workspace: the poses.
         smallest: eigenvalue, kg m^2, kg, or in mixed units.
-        sd: its deviation from the estimate's covariance; None for parameters without one.
+        se: its deviation from the estimate's covariance; None for parameters without one.
         at: the pose, (active,), rad or m.
         direction: its eigenvector over the coordinates that torque rows belong to, (active,).
         share: of the workspace's poses, those at which M is not positive definite, 0 to 1.
@@ -44,7 +44,7 @@ class Definiteness:
 
     workspace: Workspace
     smallest: float
-    sd: float | None
+    se: float | None
     at: Array
     direction: Array
     share: float
@@ -69,8 +69,8 @@ class Definiteness:
             f"{joint.name} {x:.4g} m" if joint.prismatic else f"{joint.name} {np.degrees(x):.4g} deg"
             for joint, x in zip(joints, self.at, strict=True)
         )
-        sd = "" if self.sd is None else f" (standard deviation {self.sd:.2g})"
-        least = f"smallest eigenvalue {self.smallest:.4g} {self.unit}{sd} at {pose}"
+        se = "" if self.se is None else f" (standard deviation {self.se:.2g})"
+        least = f"smallest eigenvalue {self.smallest:.4g} {self.unit}{se} at {pose}"
         if self.positive:
             shown = f"{self.poses} poses of the workspace, and descents from the lowest of them, show"
             text = f"The mass matrix is positive definite as far as {shown}: {least}."
@@ -132,7 +132,7 @@ def definiteness(identified: Estimate | ArrayLike, workspace: Workspace) -> Defi
     return Definiteness(
         workspace=workspace,
         smallest=float(found[best]),
-        sd=None if estimate is None else _deviation(estimate, at, direction),
+        se=None if estimate is None else _deviation(estimate, at, direction),
         at=at,
         direction=direction,
         share=float(np.mean(values <= 0)),
@@ -205,7 +205,7 @@ def _lowest_apart(poses: Array, values: Array, limits: Array) -> list[int]:
 
 def _deviation(estimate: Estimate, at: Array, direction: Array) -> float:
     """Of the eigenvalue: v' M v is linear in the parameters, and the eigenvalue's slope is that of v' M v."""
-    if estimate.lonely:
+    if estimate.single_block:
         return float("inf")
     model, p = estimate.model, len(estimate.beta)
     slope = [direction @ mass_matrix(model, unit, at[:, None])[0] @ direction for unit in np.eye(p)]

@@ -45,7 +45,7 @@ class HandleForce:
         t: (rows,), s.
         wrench: force, N, and moment, N m, of the hand on the device, (rows, 6); NaN at poses that are not usable.
         bare: the same without the dynamic model, as if motors balanced the hand alone, (rows, 6).
-        sd: deviation of `wrench`, from the estimate's covariance, the residual's level and the doubt of dry friction at
+        se: deviation of `wrench`, from the estimate's covariance, the residual's level and the doubt of dry friction at
             reversals, (rows, 6); NaN for a moment that was given or taken as zero.
         external: torque of the hand on the measured torque rows, (motors, rows), N m or N.
         lever: poses, condition numbers, and what torques can tell of a wrench.
@@ -58,7 +58,7 @@ class HandleForce:
     t: Array
     wrench: Array
     bare: Array
-    sd: Array
+    se: Array
     external: Array
     lever: Lever
     usable: np.ndarray
@@ -90,7 +90,7 @@ class HandleForce:
     @cached_property
     def interval95(self) -> Array:
         """95 % intervals of `force`, (rows, 3, 2), N."""
-        half = NORMAL95 * self.sd[:, :3]
+        half = NORMAL95 * self.se[:, :3]
         return freeze(np.stack([self.force - half, self.force + half], axis=2))
 
     def summary(self) -> str:
@@ -98,10 +98,10 @@ class HandleForce:
         used = self.usable
         lines = [f"Force of the hand on {self.model.device.name}: {used.sum()} of {len(used)} rows"]
         if used.any():
-            rms, bare, sd = (np.sqrt((x[used, :3] ** 2).mean(axis=0)) for x in (self.wrench, self.bare, self.sd))
+            rms, bare, se = (np.sqrt((x[used, :3] ** 2).mean(axis=0)) for x in (self.wrench, self.bare, self.se))
             for k, axis in enumerate("xyz"):
                 lines.append(
-                    f"  {axis}: RMS {rms[k]:.4g} N, deviation {sd[k]:.2g} N, without the model {bare[k]:.4g} N"
+                    f"  {axis}: RMS {rms[k]:.4g} N, deviation {se[k]:.2g} N, without the model {bare[k]:.4g} N"
                 )
         worst, middle = self.lever.condition.max(), np.median(self.lever.condition)
         lines.append(f"  condition number of the Jacobian: {middle:.3g} at the median, {worst:.3g} at worst")
@@ -243,7 +243,7 @@ def _pieces(estimate: Estimate, motion: Motion, moment: Array | None, speed: flo
     """Torques of the motion's rows, stretch by stretch."""
     model = estimate.model
     soft, chi = softened(model, speed), raw_parameters(model, estimate.beta)
-    to_joints = np.linalg.inv(model.device.frame)
+    to_joints = np.linalg.inv(model.device.row_map)
     for hard in stretches(model, motion):
         s = replace(hard, model=soft)
         motors, shown = s.measured(), np.zeros((0, s.stop - s.start))
@@ -289,14 +289,14 @@ def handle_force(estimate: Estimate, found: Lever, told: Told, notes: tuple[str,
     known = 6 - found.unknown
     moment = "given" if len(told.moment) else "taken as zero" if known else "estimated"
     rest = told.moment if len(told.moment) else np.zeros((known, len(told.t)))
-    deviation = np.full_like(told.variance, np.inf) if estimate.lonely else np.sqrt(told.variance)
+    deviation = np.full_like(told.variance, np.inf) if estimate.single_block else np.sqrt(told.variance)
     lacking = np.full((known, len(told.t)), np.nan)
-    wrench, bare, sd = (
+    wrench, bare, se = (
         np.where(told.usable, np.concatenate(halves), np.nan).T
         for halves in ((told.wrench, rest), (told.bare, rest), (deviation, lacking))
     )
     notes = (*notes, *_doubts(estimate, found, told.usable, moment))
-    return HandleForce(estimate.model, told.t, wrench, bare, sd, told.external, found, told.usable, moment, notes)
+    return HandleForce(estimate.model, told.t, wrench, bare, se, told.external, found, told.usable, moment, notes)
 
 
 def _doubts(estimate: Estimate, found: Lever, usable: np.ndarray, moment: str) -> Iterator[str]:
@@ -326,8 +326,8 @@ def _doubts(estimate: Estimate, found: Lever, usable: np.ndarray, moment: str) -
             f"{int((~usable).sum())} of {len(usable)} rows are left out: their poses are too near a "
             f"singular one (condition number of the Jacobian up to {found.condition.max():.3g})."
         )
-    if estimate.lonely:
-        names = ", ".join(estimate.base.names[k] for k in estimate.lonely)
+    if estimate.single_block:
+        names = ", ".join(estimate.base.names[k] for k in estimate.single_block)
         yield f"The estimate cannot say how far to trust {names}, so the force's interval is infinite."
     if len(set(estimate.model.device.coordinate_units)) > 1:
         yield "Some coordinates turn and others slide: condition numbers depend on the units."

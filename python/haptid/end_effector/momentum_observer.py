@@ -45,7 +45,7 @@ STRETCH = 1 << 14
 
 
 @dataclass(frozen=True, eq=False)
-class Watched:
+class ObserverResult:
     """What the observer knows after some samples, and all it needs for the next ones.
 
     Attributes:
@@ -104,8 +104,8 @@ class MomentumObserver:
         qa: ArrayLike,
         qda: ArrayLike,
         tau: ArrayLike,
-        before: Watched | None = None,
-    ) -> Watched:
+        before: ObserverResult | None = None,
+    ) -> ObserverResult:
         """Watch some more samples, one or many.
 
         Args:
@@ -131,15 +131,15 @@ class MomentumObserver:
             check_finite(name, array)
         if not shape[1]:
             raise ForceSettingError("number of samples", 0, "one sample or more")
-        c, cd = (model.device.frame @ np.asarray(x, dtype=float) for x in (qa, qda))
+        c, cd = (model.device.row_map @ np.asarray(x, dtype=float) for x in (qa, qda))
         p, pushed = self._balance(model, raw_parameters(model, checked(model, beta)), c, cd)
         pushed = pushed + np.asarray(tau, dtype=float)
         rest = np.zeros((len(c), 1))
-        last = before or Watched(rest, rest, p[:, 0], -pushed[:, 0])  # no step leads to the first sample
+        last = before or ObserverResult(rest, rest, p[:, 0], -pushed[:, 0])  # no step leads to the first sample
         explained = np.column_stack([last.pushed, pushed])
         mean = np.diff(p, axis=1, prepend=last.p[:, None]) / dt - 0.5 * (explained[:, 1:] + explained[:, :-1])
         made, _ = signal.lfilter(*self._filter(dt), mean, axis=1, zi=self._keep(dt) * last.torque[:, -1:])
-        return Watched(np.asarray(made), mean, p[:, -1], pushed[:, -1])
+        return ObserverResult(np.asarray(made), mean, p[:, -1], pushed[:, -1])
 
     def smooth(self, signals: Array, dt: float) -> Array:
         """The observer's own low-pass of other signals, from rest, (channels, samples): what to compare it with.
@@ -234,7 +234,7 @@ class _Path:
         """All samples that have rates."""
         model, (low, high) = estimate.model, motion.usable
         c, cd = state(model.device, motion, low, high)
-        to_joints, tau = np.linalg.inv(model.device.frame), coordinate_torque(model.device, motion, low, high)
+        to_joints, tau = np.linalg.inv(model.device.row_map), coordinate_torque(model.device, motion, low, high)
         t = np.asarray(motion.t0 + motion.dt * np.arange(low, high), dtype=np.float64)
         return _Path(estimate, motion.dt, t, to_joints @ c, to_joints @ cd, tau)
 
@@ -274,5 +274,5 @@ class _Path:
     def _doubts(self, observer: MomentumObserver) -> Array:
         """What dry friction may be off by, (active, samples), N m or N."""
         model = self.estimate.model
-        c, cd = model.device.frame @ self.qa, model.device.frame @ self.qda
+        c, cd = model.device.row_map @ self.qa, model.device.row_map @ self.qda
         return doubt(model, raw_parameters(model, self.estimate.beta), c, cd, observer.reversal_speed)

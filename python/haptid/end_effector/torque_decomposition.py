@@ -11,7 +11,7 @@ from functools import cached_property
 import numpy as np
 
 from haptid._internal.arrays import Array, expect, freeze, read_only
-from haptid.device.terms.term import Counterbalance, Load, TermColumn
+from haptid.device.terms.term import Counterbalance, LoadDependentFriction, TermColumn
 from haptid.dynamics.inverse import core_torque, raw_parameters, rigid
 from haptid.dynamics.model import DynamicModel
 from haptid.estimation import Estimate
@@ -34,7 +34,7 @@ PARTS = {
 
 
 @dataclass(frozen=True, eq=False)
-class Dissection:
+class TorqueDecomposition:
     """The model's torque in parts, treated like the measured torque; the parts sum to the model's torque.
 
     A base parameter counts with the part of the parameter it is named after: where an offset cannot be told from a
@@ -101,7 +101,7 @@ class Dissection:
         return "\n".join(lines)
 
 
-def dissect(estimate: Estimate, motion: Motion) -> Dissection:
+def decompose_torque(estimate: Estimate, motion: Motion) -> TorqueDecomposition:
     """The parts of an estimate's torque along a motion, through the same filter and decimation as in `predict`.
 
     Args:
@@ -118,7 +118,7 @@ def dissect(estimate: Estimate, motion: Motion) -> Dissection:
     pieces = ((s.t, _torques(s, rigid(model, chi), terms), s.measured()) for s in stretches(model, motion))
     t, torque, measured = gathered(pieces, Plan.of(model, motion).rows)
     rows = [k for k, known in enumerate(model.device.measured) if known]
-    return Dissection(
+    return TorqueDecomposition(
         motors=tuple(model.device.row_labels[k] for k in rows),
         units=tuple(model.device.torque_units[k] for k in rows),
         t=freeze(t),
@@ -133,7 +133,7 @@ def _part(term: TermColumn) -> str:
     if term.kind == "rotor":
         return ""
     if term.nature == "external":
-        named = {Counterbalance: "counterbalance", Load: "friction by load"}
+        named = {Counterbalance: "counterbalance", LoadDependentFriction: "friction by load"}
         return named.get(type(term.shape), "own columns")
     return PARTS[term.nature]
 

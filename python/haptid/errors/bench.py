@@ -4,34 +4,34 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 
-from haptid.errors.devices import keys_here, suggestion
-from haptid.errors.roots import BenchError
+from haptid.errors._both import (
+    ExperimentError,
+    ExportError,
+    IncompleteDeviceError,
+    MissingDependencyError,
+    PhysicalConsistencyError,
+    SimulationError,
+    TrajectoryError,
+    UnknownNameError,
+    suggestion,
+)
 
 
-class MujocoMissingError(BenchError):
+class MujocoMissingError(MissingDependencyError):
     """The simulator is not installed."""
 
     def __init__(self) -> None:
         super().__init__('the virtual bench needs MuJoCo, which is not installed: pip install "haptid[bench]".')
 
 
-class ExperimentFileError(BenchError):
-    """An experiment file that cannot be read, or a key in it that is wrong."""
-
-    def __init__(self, path: object, where: str, what: str, known: Sequence[str] = ()) -> None:
-        place = f"{path}, key `{where}`" if where else f"{path}"
-        keys = keys_here(where, known)
-        super().__init__(f"{place}: {what}.{keys} `haptid schema experiment` prints every key.")
-
-
-class ParameterNameError(BenchError):
+class ParameterNameError(UnknownNameError):
     """A true parameter that the device does not have."""
 
     def __init__(self, name: str, known: Iterable[str]) -> None:
         super().__init__(f"the device has no free parameter {name!r}. {suggestion(name, known)}")
 
 
-class LinkNameError(BenchError):
+class LinkNameError(UnknownNameError):
     """A mass on a link that the device does not have."""
 
     def __init__(self, table: str, name: str, known: Iterable[str]) -> None:
@@ -39,21 +39,21 @@ class LinkNameError(BenchError):
         super().__init__(f"[[{table}]]: the device has no link {name!r}.{still} {suggestion(name, known)}")
 
 
-class FigureCountError(BenchError):
+class FigureCountError(ExperimentError):
     """More or fewer figures than joints or motors."""
 
     def __init__(self, what: str, got: int, names: list[str]) -> None:
         super().__init__(f"{what} has {got} figures; write one for all, or {len(names)}, for {', '.join(names)}.")
 
 
-class UnphysicalBodyError(BenchError):
+class UnphysicalBodyError(PhysicalConsistencyError):
     """A link that no rigid body can be."""
 
     def __init__(self, link: str, found: str, instead: str) -> None:
         super().__init__(f"link {link}: {found}, which no rigid body has, so it cannot be simulated. {instead}")
 
 
-class WeightlessLinkError(BenchError):
+class WeightlessLinkError(PhysicalConsistencyError):
     """A joint that moves nothing: its acceleration is not determined."""
 
     def __init__(self, link: str) -> None:
@@ -63,7 +63,7 @@ class WeightlessLinkError(BenchError):
         )
 
 
-class UnsimulatedLoopError(BenchError):
+class UnsimulatedLoopError(ExportError):
     """A loop that is cut at a sliding joint and is not linear."""
 
     def __init__(self, device: str) -> None:
@@ -73,7 +73,7 @@ class UnsimulatedLoopError(BenchError):
         )
 
 
-class UnsimulatedTermError(BenchError):
+class UnsimulatedTermError(ExportError):
     """A term that has no counterpart in MuJoCo."""
 
     def __init__(self, name: str, kind: str, value: float) -> None:
@@ -83,7 +83,7 @@ class UnsimulatedTermError(BenchError):
         )
 
 
-class TrajectoryLimitError(BenchError):
+class TrajectoryLimitError(TrajectoryError):
     """A planned motion beyond what a joint, or its motor, can do."""
 
     def __init__(self, what: str, name: str, time: float, found: float, limit: float, unit: str, instead: str) -> None:
@@ -94,7 +94,7 @@ class TrajectoryLimitError(BenchError):
         )
 
 
-class FlatLoopError(BenchError):
+class FlatLoopError(TrajectoryError):
     """A planned motion through, or close to, a pose in which a loop is flat and its joints are not determined."""
 
     def __init__(self, time: float, found: float, limit: float, names: Iterable[str]) -> None:
@@ -105,7 +105,7 @@ class FlatLoopError(BenchError):
         )
 
 
-class TrajectoryTooShortError(BenchError):
+class TrajectoryTooShortError(TrajectoryError):
     """No time left between start and stop."""
 
     def __init__(self, seconds: float, needed: float) -> None:
@@ -115,7 +115,7 @@ class TrajectoryTooShortError(BenchError):
         )
 
 
-class TimingError(BenchError):
+class TimingError(ExperimentError):
     """A period or a delay that is no whole number of the simulator's steps."""
 
     def __init__(self, what: str, seconds: float, step: float) -> None:
@@ -125,14 +125,14 @@ class TimingError(BenchError):
         )
 
 
-class NoHandleError(BenchError):
+class NoHandleError(IncompleteDeviceError):
     """A payload, a hand or a force sensor on a device without a handle."""
 
     def __init__(self, what: str, device: str) -> None:
         super().__init__(f"the experiment has a {what}, and {device} has no handle. Add [handle] to the device file.")
 
 
-class UnstableError(BenchError):
+class UnstableError(SimulationError):
     """A simulation that ran away."""
 
     def __init__(self, time: float, joint: str, speed: float, limit: float) -> None:
@@ -143,7 +143,7 @@ class UnstableError(BenchError):
         )
 
 
-class LimitHitError(BenchError):
+class LimitHitError(SimulationError):
     """A joint at its stop."""
 
     def __init__(self, time: float, joint: str, position: float, limits: tuple[float, float]) -> None:
@@ -154,7 +154,7 @@ class LimitHitError(BenchError):
         )
 
 
-class TrackingLostError(BenchError):
+class TrackingLostError(SimulationError):
     """A device that no longer follows its controller."""
 
     def __init__(self, time: float, joint: str, error: float, limit: float) -> None:
@@ -165,7 +165,7 @@ class TrackingLostError(BenchError):
         )
 
 
-class LoopBrokenError(BenchError):
+class LoopBrokenError(SimulationError):
     """A loop that the simulator did not keep closed."""
 
     def __init__(self, time: float, gap: float, limit: float) -> None:
@@ -176,14 +176,14 @@ class LoopBrokenError(BenchError):
         )
 
 
-class PictureError(BenchError):
+class PictureError(ExperimentError):
     """A picture that cannot be drawn."""
 
     def __init__(self, path: object, what: str) -> None:
         super().__init__(f"cannot draw {path}: {what}.")
 
 
-class NoCodeError(BenchError):
+class NoCodeError(ExportError):
     """A folder without the code of one model."""
 
     def __init__(self, folder: object, found: Sequence[str]) -> None:
@@ -191,14 +191,14 @@ class NoCodeError(BenchError):
         super().__init__(f"{folder} {what}. Give a folder that `export_c`, or `haptid export --to c`, wrote.")
 
 
-class NoCompilerError(BenchError):
+class NoCompilerError(MissingDependencyError):
     """No compiler for the code of a model."""
 
     def __init__(self, command: str) -> None:
         super().__init__(f"there is no C compiler {command!r}. Install one, or name it in the environment variable CC.")
 
 
-class CompileError(BenchError):
+class CompileError(ExportError):
     """Code of a model that the compiler refuses."""
 
     def __init__(self, source: object, said: str) -> None:

@@ -4,17 +4,17 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from haptid.errors.roots import EstimationError
+from haptid.errors._both import SettingError
 
 
-class FewEstimatesError(EstimationError):
+class FewEstimatesError(SettingError):
     """Fewer estimates than can be compared."""
 
     def __init__(self, count: int, least: int) -> None:
         super().__init__(f"{count} estimates cannot be compared; give {least} or more.")
 
 
-class LabelCountError(EstimationError):
+class LabelCountError(SettingError):
     """Labels that do not name every estimate, or two alike."""
 
     def __init__(self, labels: Sequence[str], estimates: int) -> None:
@@ -24,14 +24,14 @@ class LabelCountError(EstimationError):
         )
 
 
-class TimeCountError(EstimationError):
+class TimeCountError(SettingError):
     """Times that do not belong to every estimate."""
 
     def __init__(self, times: int, estimates: int) -> None:
         super().__init__(f"{times} times are given for {estimates} estimates; give one for each.")
 
 
-class TimeValueError(EstimationError):
+class TimeValueError(SettingError):
     """Times along which nothing can drift."""
 
     def __init__(self, times: Sequence[float]) -> None:

@@ -2,28 +2,32 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from haptid.errors._both import (
+    ConvergenceError,
+    EstimationError,
+    IdentifiabilityError,
+    IncompleteDeviceError,
+    LogMismatchError,
+    MissingAccelerationError,
+    ModelMismatchError,
+    NoRowsError,
+    OutputFolderError,
+    PhysicalConsistencyError,
+    SettingError,
+    SharedRowsError,
+    StudyFileError,
+    TreatmentError,
+)
 
-from haptid.errors.devices import keys_here
-from haptid.errors.roots import EstimationError, StudyError, TreatmentError
 
-
-class StudyFileError(StudyError):
-    """A study file that cannot be read, or a key in it that is wrong."""
-
-    def __init__(self, path: object, where: str, what: str, known: Sequence[str] = ()) -> None:
-        place = f"{path}, key `{where}`" if where else f"{path}"
-        super().__init__(f"{place}: {what}.{keys_here(where, known)}")
-
-
-class StudyLogsError(StudyError):
+class StudyLogsError(StudyFileError):
     """Logs that cannot serve the study."""
 
     def __init__(self, path: object, what: str) -> None:
         super().__init__(f"{path}, key `logs`: {what}.")
 
 
-class StudyControllerError(StudyError):
+class StudyControllerError(StudyFileError):
     """A method that simulates the closed loop, in a study that does not say what closed it."""
 
     def __init__(self, path: object, method: str) -> None:
@@ -34,7 +38,7 @@ class StudyControllerError(StudyError):
         )
 
 
-class OutputError(StudyError):
+class OutputError(OutputFolderError):
     """A folder that results cannot be written to."""
 
     def __init__(self, path: object, why: str) -> None:
@@ -58,7 +62,7 @@ class CutoffError(TreatmentError):
         )
 
 
-class NoAccelerationError(TreatmentError):
+class NoAccelerationError(MissingAccelerationError):
     """Accelerations asked of a motion whose velocity is a causal differentiator's: there are none worth having."""
 
     def __init__(self, what: str) -> None:
@@ -68,7 +72,7 @@ class NoAccelerationError(TreatmentError):
         )
 
 
-class AccelerationColumnError(TreatmentError):
+class AccelerationColumnError(MissingAccelerationError):
     """A column of the device that is made of accelerations, where there are none."""
 
     def __init__(self, column: str) -> None:
@@ -79,17 +83,7 @@ class AccelerationColumnError(TreatmentError):
         )
 
 
-class MotionTooShortError(TreatmentError):
-    """A motion shorter than the ends its filters need."""
-
-    def __init__(self, seconds: float, needed: float, what: str) -> None:
-        super().__init__(
-            f"the motion lasts {seconds:.3g} s, and {what} alone take {needed:.3g} s. Record a longer motion, raise "
-            f"the cut-off, or decimate less."
-        )
-
-
-class ChannelCountError(EstimationError):
+class ChannelCountError(LogMismatchError):
     """A log with more or fewer channels than the device has."""
 
     def __init__(self, what: str, got: int, names: list[str]) -> None:
@@ -99,7 +93,7 @@ class ChannelCountError(EstimationError):
         )
 
 
-class CommandUnitError(EstimationError):
+class CommandUnitError(LogMismatchError):
     """A torque channel in a unit that the device's motors are not driven in."""
 
     def __init__(self, motor: str, got: str, wanted: str, side: str) -> None:
@@ -109,24 +103,14 @@ class CommandUnitError(EstimationError):
         )
 
 
-class NoRowsError(EstimationError):
-    """A motor whose rows were all dropped."""
-
-    def __init__(self, motor: str, low_speed: object) -> None:
-        super().__init__(
-            f"every row of motor {motor} is slower than low_speed = {low_speed}, so none is left. Lower `low_speed`, "
-            f"or record motion that turns this joint faster."
-        )
-
-
-class TooFewRowsError(EstimationError):
+class TooFewRowsError(NoRowsError):
     """Fewer rows than parameters."""
 
     def __init__(self, rows: int, parameters: int) -> None:
         super().__init__(f"{rows} rows cannot tell {parameters} parameters. Record a longer motion, or decimate less.")
 
 
-class UnexcitedError(EstimationError):
+class UnexcitedError(IdentifiabilityError):
     """A parameter that the log says nothing about."""
 
     def __init__(self, name: str, ratio: float, limit: float) -> None:
@@ -136,7 +120,7 @@ class UnexcitedError(EstimationError):
         )
 
 
-class NoTorqueError(EstimationError):
+class NoTorqueError(IdentifiabilityError):
     """A motor whose torque is zero throughout."""
 
     def __init__(self, motor: str) -> None:
@@ -146,7 +130,7 @@ class NoTorqueError(EstimationError):
         )
 
 
-class MethodSettingError(EstimationError):
+class MethodSettingError(SettingError):
     """A setting of an estimator that means nothing."""
 
     def __init__(self, method: str, name: str, value: object, wanted: str) -> None:
@@ -161,7 +145,7 @@ class UnsearchableError(EstimationError):
         super().__init__(f"{device}: {why}. {instead}")
 
 
-class DifferentModelError(EstimationError):
+class DifferentModelError(ModelMismatchError):
     """Two values of different devices put together."""
 
     def __init__(self, one: str, other: str) -> None:
@@ -171,7 +155,7 @@ class DifferentModelError(EstimationError):
         )
 
 
-class NoTargetsError(EstimationError):
+class NoTargetsError(IncompleteDeviceError):
     """Targets asked of a device that names none."""
 
     def __init__(self, device: str) -> None:
@@ -181,7 +165,7 @@ class NoTargetsError(EstimationError):
         )
 
 
-class UnidentifiableTargetError(EstimationError):
+class UnidentifiableTargetError(IdentifiabilityError):
     """A target that no motion can show."""
 
     def __init__(self, name: str, hidden: str, shown: str, groups: list[str]) -> None:
@@ -194,7 +178,7 @@ class UnidentifiableTargetError(EstimationError):
         )
 
 
-class DependentEstimatesError(EstimationError):
+class DependentEstimatesError(SharedRowsError):
     """Two estimates compared that share rows."""
 
     def __init__(self, log: str, start: float, stop: float) -> None:
@@ -205,7 +189,7 @@ class DependentEstimatesError(EstimationError):
         )
 
 
-class DifferentParametersError(EstimationError):
+class DifferentParametersError(ModelMismatchError):
     """Two estimates compared that have no parameter in common."""
 
     def __init__(self, first: list[str], second: list[str]) -> None:
@@ -216,14 +200,14 @@ class DifferentParametersError(EstimationError):
         )
 
 
-class ConfidenceError(EstimationError):
+class ConfidenceError(SettingError):
     """A confidence that is none."""
 
     def __init__(self, confidence: float) -> None:
         super().__init__(f"confidence is {confidence!r}; write a number between 0 and 1, such as 0.95.")
 
 
-class SameRowsError(EstimationError):
+class SameRowsError(SharedRowsError):
     """The same stretch of a log counted twice."""
 
     def __init__(self, log: str, start: float, stop: float) -> None:
@@ -233,7 +217,7 @@ class SameRowsError(EstimationError):
         )
 
 
-class SeenRowsError(EstimationError):
+class SeenRowsError(SharedRowsError):
     """Rows of the fit offered as unseen ones."""
 
     def __init__(self, log: str, start: float, stop: float) -> None:
@@ -243,7 +227,7 @@ class SeenRowsError(EstimationError):
         )
 
 
-class UnsolvedError(EstimationError):
+class UnsolvedError(ConvergenceError):
     """A cone programme that the solver gave up."""
 
     def __init__(self, status: str, iterations: int) -> None:
@@ -253,7 +237,7 @@ class UnsolvedError(EstimationError):
         )
 
 
-class NoBodyError(EstimationError):
+class NoBodyError(PhysicalConsistencyError):
     """Symmetries that leave no body."""
 
     def __init__(self, labels: list[str], margin: float, limit: float) -> None:
@@ -264,14 +248,14 @@ class NoBodyError(EstimationError):
         )
 
 
-class ParameterValueError(EstimationError):
+class ParameterValueError(SettingError):
     """Base parameters that are no numbers."""
 
     def __init__(self, name: str, value: float) -> None:
         super().__init__(f"base parameter {name} is {value}; every one must be a finite number before this question.")
 
 
-class MetricError(EstimationError):
+class MetricError(IdentifiabilityError):
     """A triangle that does not weigh every direction."""
 
     def __init__(self, name: str, ratio: float, limit: float) -> None:

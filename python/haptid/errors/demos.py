@@ -4,18 +4,17 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 
-from haptid.errors.devices import suggestion
-from haptid.errors.roots import StudyError
+from haptid.errors._both import IdentifiabilityError, UnknownNameError, suggestion
 
 
-class UnknownDemoError(StudyError):
+class UnknownDemoError(UnknownNameError):
     """A demonstration that there is none of."""
 
     def __init__(self, name: str, known: Iterable[str]) -> None:
         super().__init__(f"there is no demo {name!r}. {suggestion(name, known)}")
 
 
-class MountingError(StudyError):
+class MountingError(IdentifiabilityError):
     """A mounting whose torques the device's own base parameters cannot express."""
 
     def __init__(self, name: str, left: float, limit: float) -> None:

@@ -2,39 +2,13 @@
 
 from __future__ import annotations
 
-import difflib
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable
 
-from haptid.errors.roots import DeviceError
-
-
-def suggestion(name: str, known: Iterable[str]) -> str:
-    """What was probably meant, and what is known: the tail of an error about a name."""
-    names = list(dict.fromkeys(known))
-    shown = ", ".join(names[:24]) + (f" and {len(names) - 24} more" if len(names) > 24 else "")
-    return f"{meant(name, names)}Known: {shown or 'none'}."
+from haptid.errors._both import DeviceError, DeviceFileError, LoopClosureError, SingularityError, suggestion
 
 
-def keys_here(where: str, known: Sequence[str]) -> str:
-    """The same of the key at the end of a place; nothing where no keys are known."""
-    return f" {meant(where.rpartition('.')[2], known)}Keys here: {', '.join(known)}." if known else ""
-
-
-def meant(name: str, known: Sequence[str]) -> str:
-    """What is nearest, if anything is near."""
-    close = difflib.get_close_matches(name, known, n=1, cutoff=0.6)
-    return f'Did you mean "{close[0]}"? ' if close else ""
-
-
-class DeviceFileError(DeviceError):
-    """A device file that cannot be taken in at all: absent, too large, not text."""
-
-    def __init__(self, path: str, found: str, instead: str) -> None:
-        super().__init__(f"{path}: {found}. {instead}")
-
-
-class DeviceSyntaxError(DeviceError):
+class DeviceSyntaxError(DeviceFileError):
     """A device file that is not TOML."""
 
     def __init__(self, path: str, line: int, column: int, found: str, text: str) -> None:
@@ -45,36 +19,28 @@ class DeviceSyntaxError(DeviceError):
         )
 
 
-class DeviceKeyError(DeviceError):
+class DeviceKeyError(DeviceFileError):
     """A key that does not belong where it stands, or one that is missing."""
 
     def __init__(self, where: str, found: str, instead: str) -> None:
         super().__init__(f"{where}: {found}. {instead}")
 
 
-class DeviceValueError(DeviceError):
+class DeviceValueError(DeviceFileError):
     """A value that cannot be what its key says."""
 
     def __init__(self, where: str, found: str, instead: str) -> None:
         super().__init__(f"{where}: {found}. {instead}")
 
 
-class UnknownNameError(DeviceError):
-    """A name that nothing in the device carries."""
-
-    def __init__(self, where: str, what: str, name: str, known: Iterable[str]) -> None:
-        self.name = name
-        super().__init__(f'{where}: no {what} is named "{name}". {suggestion(name, known)}')
-
-
-class DuplicateNameError(DeviceError):
+class DuplicateNameError(DeviceFileError):
     """The same name twice."""
 
     def __init__(self, where: str, what: str, name: str, first: str) -> None:
         super().__init__(f'{where}: the {what} "{name}" is already taken by {first}. Give one of them another name.')
 
 
-class MissingParentError(DeviceError):
+class MissingParentError(DeviceFileError):
     """A joint whose parent is not there, or only further down the file."""
 
     def __init__(self, where: str, joint: str, parent: str, known: Iterable[str], later: bool) -> None:
@@ -85,7 +51,7 @@ class MissingParentError(DeviceError):
         super().__init__(f'{where}: joint "{joint}" has no parent yet: {reason}')
 
 
-class CycleError(DeviceError):
+class CycleError(DeviceFileError):
     """Joints that are each other's ancestors."""
 
     def __init__(self, where: str, names: Iterable[str]) -> None:
@@ -96,14 +62,14 @@ class CycleError(DeviceError):
         )
 
 
-class ExpressionError(DeviceError):
+class ExpressionError(DeviceFileError):
     """A text that is not the arithmetic it should be."""
 
     def __init__(self, where: str, text: str, found: str, instead: str) -> None:
         super().__init__(f'{where}: cannot read "{text}": {found}. {instead}')
 
 
-class DegreesError(DeviceError):
+class DegreesError(DeviceFileError):
     """An angle that can only have been meant in degrees."""
 
     def __init__(self, where: str, value: float) -> None:
@@ -113,28 +79,28 @@ class DegreesError(DeviceError):
         )
 
 
-class RelationError(DeviceError):
+class RelationError(DeviceFileError):
     """A relation between joint positions that is not linear, or does not settle its joints."""
 
     def __init__(self, where: str, found: str, instead: str) -> None:
         super().__init__(f"{where}: {found}. {instead}")
 
 
-class NonlinearTargetError(DeviceError):
+class NonlinearTargetError(DeviceFileError):
     """A target that is not a linear combination of standard parameters."""
 
     def __init__(self, where: str, text: str, found: str, instead: str) -> None:
         super().__init__(f'{where}: "{text}" is not a linear combination of parameters: {found}. {instead}')
 
 
-class ActiveJointError(DeviceError):
+class ActiveJointError(DeviceFileError):
     """A joint that is declared active but moved by a loop, or declared passive but moved by nothing."""
 
     def __init__(self, where: str, joint: str, found: str, instead: str) -> None:
         super().__init__(f'{where}: joint "{joint}" {found}. {instead}')
 
 
-class LoopOpenError(DeviceError):
+class LoopOpenError(LoopClosureError):
     """Loops whose cut frames do not meet."""
 
     def __init__(self, where: str, gap: float, limit: float, how: str) -> None:
@@ -146,7 +112,7 @@ class LoopOpenError(DeviceError):
         )
 
 
-class LoopBranchError(DeviceError):
+class LoopBranchError(LoopClosureError):
     """Loops that close in several ways, none of which the file chooses."""
 
     def __init__(self, where: str, pose: str, ways: Iterable[str]) -> None:
@@ -158,7 +124,7 @@ class LoopBranchError(DeviceError):
         )
 
 
-class CutRateError(DeviceError):
+class CutRateError(DeviceFileError):
     """A named cut whose rates by the active joints vary with the pose."""
 
     def __init__(self, where: str, joint: str, spread: float, limit: float) -> None:
@@ -169,7 +135,7 @@ class CutRateError(DeviceError):
         )
 
 
-class LoopUnreachableError(DeviceError):
+class LoopUnreachableError(LoopClosureError):
     """A pose of the active joints at which the loops do not close."""
 
     def __init__(self, sample: int, pose: str, gap: float, limit: float) -> None:
@@ -181,7 +147,7 @@ class LoopUnreachableError(DeviceError):
         )
 
 
-class LoopFarError(DeviceError):
+class LoopFarError(LoopClosureError):
     """A pose of the active joints that no motion leads to."""
 
     def __init__(self, sample: int, pose: str, limit: float) -> None:
@@ -193,7 +159,7 @@ class LoopFarError(DeviceError):
         )
 
 
-class SingularLoopError(DeviceError):
+class SingularLoopError(SingularityError):
     """Loops at, or beyond, a pose in which the passive joints are not settled by the active ones."""
 
     def __init__(self, where: str, pose: str, openness: float, limit: float) -> None:
@@ -205,7 +171,7 @@ class SingularLoopError(DeviceError):
         )
 
 
-class UndeterminedLoopError(DeviceError):
+class UndeterminedLoopError(DeviceFileError):
     """Loops that leave a passive joint free."""
 
     def __init__(self, where: str, free: int, passive: int) -> None:
@@ -215,7 +181,7 @@ class UndeterminedLoopError(DeviceError):
         )
 
 
-class IdleMotorError(DeviceError):
+class IdleMotorError(DeviceFileError):
     """A motor that drives no active joint."""
 
     def __init__(self, where: str, motor: str, found: str, active: Iterable[str]) -> None:
@@ -225,7 +191,7 @@ class IdleMotorError(DeviceError):
         )
 
 
-class TransmissionError(DeviceError):
+class TransmissionError(DeviceFileError):
     """Motors whose coordinates do not determine the active joints."""
 
     def __init__(self, where: str, motors: int, active: int, rank: int) -> None:
@@ -244,3 +210,11 @@ class ColumnValueError(DeviceError):
             f"column {name} is {value} at sample {sample}: {cause}. Correct the expression, or keep the "
             f"motion where it is defined."
         )
+
+
+class UnknownDeviceNameError(DeviceFileError):
+    """A name that nothing in the device carries."""
+
+    def __init__(self, where: str, what: str, name: str, known: Iterable[str]) -> None:
+        self.name = name
+        super().__init__(f'{where}: no {what} is named "{name}". {suggestion(name, known)}')

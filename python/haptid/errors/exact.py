@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from haptid.errors.roots import RegroupingError
+from haptid.errors._both import RegroupingError
 
 
 class SymbolicClosureError(RegroupingError):

@@ -4,7 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 
-from haptid.errors.roots import ExportError
+from haptid.errors._both import (
+    ExportError,
+    PhysicalConsistencyError,
+    SettingError,
+    UnknownNameError,
+    UnvalidatedModelError,
+)
 
 
 class UnexportableTermError(ExportError):
@@ -17,7 +23,7 @@ class UnexportableTermError(ExportError):
         )
 
 
-class FailedValidationError(ExportError):
+class FailedValidationError(UnvalidatedModelError):
     """A model that predicts unseen motion worse than its criterion allows."""
 
     def __init__(self, relative: float, limit: float) -> None:
@@ -27,7 +33,7 @@ class FailedValidationError(ExportError):
         )
 
 
-class CodeNameError(ExportError):
+class CodeNameError(SettingError):
     """A name that is none in C, or too long for the linker of an old compiler."""
 
     def __init__(self, name: str, longest: int) -> None:
@@ -37,14 +43,14 @@ class CodeNameError(ExportError):
         )
 
 
-class CodeSettingError(ExportError):
+class CodeSettingError(SettingError):
     """A setting of the written code that means nothing."""
 
     def __init__(self, name: str, value: object, wanted: str) -> None:
         super().__init__(f"{name} is {value!r}; write {wanted}.")
 
 
-class UnvalidatedError(ExportError):
+class UnvalidatedError(UnvalidatedModelError):
     """A model with a criterion that nothing has tested."""
 
     def __init__(self, limit: float) -> None:
@@ -65,7 +71,7 @@ class VaryingLoopError(ExportError):
         )
 
 
-class ImpossibleModelError(ExportError):
+class ImpossibleModelError(PhysicalConsistencyError):
     """Base parameters that no bodies have, for a format that asks for bodies."""
 
     def __init__(self, failing: Sequence[str]) -> None:
@@ -75,7 +81,7 @@ class ImpossibleModelError(ExportError):
         )
 
 
-class ExportFormatError(ExportError):
+class ExportFormatError(UnknownNameError):
     """A format that haptid does not write."""
 
     def __init__(self, name: str, known: Iterable[str]) -> None:

@@ -4,11 +4,19 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 
-from haptid.errors.devices import suggestion
-from haptid.errors.roots import HandleError
+from haptid.errors._both import (
+    ConvergenceError,
+    DeviceError,
+    IncompleteDeviceError,
+    RedundancyError,
+    SettingError,
+    UnknownNameError,
+    WorkspaceError,
+    suggestion,
+)
 
 
-class HandleMissingError(HandleError):
+class HandleMissingError(IncompleteDeviceError):
     """A question about the handle of a device that has none."""
 
     def __init__(self, device: str) -> None:
@@ -18,14 +26,14 @@ class HandleMissingError(HandleError):
         )
 
 
-class WorkspaceLimitError(HandleError):
+class WorkspaceLimitError(WorkspaceError):
     """Limits that leave no workspace, or are of nothing in the device."""
 
     def __init__(self, name: str, found: object, wanted: str) -> None:
         super().__init__(f"workspace limit {name} is {found!r}; write {wanted}.")
 
 
-class UnboundedWorkspaceError(HandleError):
+class UnboundedWorkspaceError(IncompleteDeviceError):
     """A sliding joint without limits."""
 
     def __init__(self, joint: str) -> None:
@@ -35,7 +43,7 @@ class UnboundedWorkspaceError(HandleError):
         )
 
 
-class EmptyWorkspaceError(HandleError):
+class EmptyWorkspaceError(WorkspaceError):
     """Limits that no pose meets."""
 
     def __init__(self, poses: int) -> None:
@@ -45,21 +53,21 @@ class EmptyWorkspaceError(HandleError):
         )
 
 
-class ForceSettingError(HandleError):
+class ForceSettingError(SettingError):
     """A setting of the force estimate or of the momentum observer that means nothing."""
 
     def __init__(self, name: str, value: object, wanted: str) -> None:
         super().__init__(f"{name} is {value!r}; write {wanted}.")
 
 
-class UnknownLinkError(HandleError):
+class UnknownLinkError(UnknownNameError):
     """A link to which nothing can be added, since there is none of that name, or it has no free parameters."""
 
     def __init__(self, name: str, known: Iterable[str]) -> None:
         super().__init__(f"no link {name!r} with free inertial parameters. {suggestion(name, known)}")
 
 
-class LoadSymmetryError(HandleError):
+class LoadSymmetryError(DeviceError):
     """A load that the symmetries of the device file do not allow."""
 
     def __init__(self, link: str, names: Sequence[str]) -> None:
@@ -69,7 +77,7 @@ class LoadSymmetryError(HandleError):
         )
 
 
-class GainSettlingError(HandleError):
+class GainSettlingError(ConvergenceError):
     """Drive gains that do not settle."""
 
     def __init__(self, moved: float, limit: float, steps: int) -> None:
@@ -79,14 +87,14 @@ class GainSettlingError(HandleError):
         )
 
 
-class CharacterisationSettingError(HandleError):
+class CharacterisationSettingError(SettingError):
     """A setting of a characterisation that means nothing."""
 
     def __init__(self, name: str, value: object, wanted: str) -> None:
         super().__init__(f"{name} is {value!r}; write {wanted}.")
 
 
-class SpareJointsError(HandleError):
+class SpareJointsError(RedundancyError):
     """A figure that the handle's motion does not determine, since joints can share that motion in many ways."""
 
     def __init__(self, figure: str, joints: int, rows: int) -> None:
@@ -96,7 +104,7 @@ class SpareJointsError(HandleError):
         )
 
 
-class TorqueLimitError(HandleError):
+class TorqueLimitError(IncompleteDeviceError):
     """Torque limits of motors that are not known, or mean nothing."""
 
     def __init__(self, motor: str, found: object) -> None:
@@ -106,7 +114,7 @@ class TorqueLimitError(HandleError):
         )
 
 
-class CompensationSettingError(HandleError):
+class CompensationSettingError(SettingError):
     """A setting of a compensation law that means nothing."""
 
     def __init__(self, name: str, value: object, wanted: str) -> None:

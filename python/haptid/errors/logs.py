@@ -5,7 +5,7 @@ from __future__ import annotations
 import difflib
 from collections.abc import Sequence
 
-from haptid.errors.roots import LogError
+from haptid.errors._both import LogChannelError, LogDataError, LogFileError, LogMismatchError, LogTimeError
 
 
 def _some(names: Sequence[str], limit: int = 24) -> str:
@@ -19,7 +19,7 @@ def _some(names: Sequence[str], limit: int = 24) -> str:
     return f"{shown} and {len(groups) - limit} more" if len(groups) > limit else shown or "none"
 
 
-class LogNotFoundError(LogError):
+class LogNotFoundError(LogFileError):
     """No file at the path."""
 
     def __init__(self, path: object) -> None:
@@ -28,28 +28,28 @@ class LogNotFoundError(LogError):
         )
 
 
-class LogFolderError(LogError):
+class LogFolderError(LogFileError):
     """A folder where a file was wanted."""
 
     def __init__(self, path: object) -> None:
         super().__init__(f"{path} is a folder, not a log file. Name one file in it.")
 
 
-class LogAccessError(LogError):
+class LogAccessError(LogFileError):
     """A file that the system does not let haptid read."""
 
     def __init__(self, path: object, why: str) -> None:
         super().__init__(f"{path} cannot be read: {why}. Check its permissions, or copy the file.")
 
 
-class EmptyLogError(LogError):
+class EmptyLogError(LogFileError):
     """A file without a byte, or without a row."""
 
     def __init__(self, path: object, what: str) -> None:
         super().__init__(f"{path} has {what}, so there is no motion in it. Record or export the log again.")
 
 
-class NotByRowsError(LogError):
+class NotByRowsError(LogFileError):
     """A log that can only be read as a whole was to stay on disk."""
 
     def __init__(self, path: object, kind: str, known: Sequence[str]) -> None:
@@ -59,7 +59,7 @@ class NotByRowsError(LogError):
         )
 
 
-class ChangedLogError(LogError):
+class ChangedLogError(LogFileError):
     """A log file that is not the size that it had when it was checked."""
 
     def __init__(self, path: object, size: int, checked: int) -> None:
@@ -69,7 +69,7 @@ class ChangedLogError(LogError):
         )
 
 
-class LogFormatError(LogError):
+class LogFormatError(LogFileError):
     """A suffix that belongs to no format that haptid reads."""
 
     def __init__(self, path: object, suffix: str, known: Sequence[str]) -> None:
@@ -77,14 +77,14 @@ class LogFormatError(LogError):
         super().__init__(f"{path}: {found}. Formats: {'; '.join(known)}. Convert the log, or rename it.")
 
 
-class WrongContentError(LogError):
+class WrongContentError(LogFileError):
     """A file whose content is not what its suffix says."""
 
     def __init__(self, path: object, wanted: str, found: str) -> None:
         super().__init__(f"{path} is named as {wanted}, but it holds {found}. Rename it, or export it again.")
 
 
-class CorruptLogError(LogError):
+class CorruptLogError(LogFileError):
     """A file that begins as it should and cannot be read to its end."""
 
     def __init__(self, path: object, wanted: str, why: str) -> None:
@@ -94,7 +94,7 @@ class CorruptLogError(LogError):
         )
 
 
-class OversizedLogError(LogError):
+class OversizedLogError(LogFileError):
     """A member that declares far more than is stored of it: a decompression bomb, or a damaged header."""
 
     def __init__(self, path: object, name: str, declared: int, stored: int, limit: int, ratio: float) -> None:
@@ -105,7 +105,7 @@ class OversizedLogError(LogError):
         )
 
 
-class PickledLogError(LogError):
+class PickledLogError(LogFileError):
     """An array of Python objects, which cannot be read without running what the file says."""
 
     def __init__(self, path: object, name: str) -> None:
@@ -115,7 +115,7 @@ class PickledLogError(LogError):
         )
 
 
-class ForeignDataError(LogError):
+class ForeignDataError(LogFileError):
     """A dataset whose samples are in another file."""
 
     def __init__(self, path: object, name: str) -> None:
@@ -125,7 +125,7 @@ class ForeignDataError(LogError):
         )
 
 
-class NoHeaderError(LogError):
+class NoHeaderError(LogFileError):
     """A text log whose first line does not name its columns."""
 
     def __init__(self, path: object, line: str) -> None:
@@ -135,7 +135,7 @@ class NoHeaderError(LogError):
         )
 
 
-class RaggedRowError(LogError):
+class RaggedRowError(LogFileError):
     """A line with more or fewer cells than the header."""
 
     def __init__(self, path: object, line: int, got: int, wanted: int, last: bool) -> None:
@@ -147,7 +147,7 @@ class RaggedRowError(LogError):
         super().__init__(f"{path}, line {line}: {got} cells where the header has {wanted}. {advice}.")
 
 
-class TextCellError(LogError):
+class TextCellError(LogFileError):
     """A cell that is not a number."""
 
     def __init__(self, path: object, line: int, channel: str, text: str) -> None:
@@ -157,14 +157,14 @@ class TextCellError(LogError):
         )
 
 
-class RepeatedNameError(LogError):
+class RepeatedNameError(LogFileError):
     """Two columns of one name."""
 
     def __init__(self, path: object, name: str) -> None:
         super().__init__(f"{path}: two columns are named {name!r}; rename one of them.")
 
 
-class MissingChannelError(LogError):
+class MissingChannelError(LogChannelError):
     """A channel that the file does not have."""
 
     def __init__(self, path: object, name: str, names: Sequence[str]) -> None:
@@ -175,7 +175,7 @@ class MissingChannelError(LogError):
         super().__init__(f"{path} has no channel {name!r}. {meant}Channels of this file: {_some(names)}.")
 
 
-class NotNumericError(LogError):
+class NotNumericError(LogFileError):
     """A channel that holds something else than real numbers."""
 
     def __init__(self, path: object, name: str, kind: str) -> None:
@@ -185,7 +185,7 @@ class NotNumericError(LogError):
         )
 
 
-class ChannelGuessError(LogError):
+class ChannelGuessError(LogChannelError):
     """A log read without channels, whose names do not say what they are."""
 
     def __init__(self, path: object, what: str, names: Sequence[str]) -> None:
@@ -196,7 +196,7 @@ class ChannelGuessError(LogError):
         )
 
 
-class UnequalChannelsError(LogError):
+class UnequalChannelsError(LogDataError):
     """Channels of different lengths."""
 
     def __init__(self, path: object, first: str, n: int, other: str, m: int) -> None:
@@ -206,7 +206,7 @@ class UnequalChannelsError(LogError):
         )
 
 
-class UnknownUnitError(LogError):
+class UnknownUnitError(LogChannelError):
     """A unit that is in no table."""
 
     def __init__(self, unit: str, quantity: str, known: Sequence[str], meant: str | None) -> None:
@@ -214,7 +214,7 @@ class UnknownUnitError(LogError):
         super().__init__(f"unit {unit!r} of the {quantity} is not known. {hint}Known: {', '.join(known)}.")
 
 
-class WrongKindOfUnitError(LogError):
+class WrongKindOfUnitError(LogChannelError):
     """A unit of something else."""
 
     def __init__(self, unit: str, quantity: str, kind: str, known: Sequence[str]) -> None:
@@ -224,7 +224,7 @@ class WrongKindOfUnitError(LogError):
         )
 
 
-class CountsGainError(LogError):
+class CountsGainError(LogChannelError):
     """Positions in counts whose size is not given."""
 
     def __init__(self) -> None:
@@ -234,14 +234,14 @@ class CountsGainError(LogError):
         )
 
 
-class SignalError(LogError):
+class SignalError(LogChannelError):
     """A signal or a mapping that contradicts itself."""
 
     def __init__(self, name: str, found: str, wanted: str) -> None:
         super().__init__(f"{name} is {found}; wanted {wanted}.")
 
 
-class SlowClockError(LogError):
+class SlowClockError(LogTimeError):
     """Samples so far apart that their times must be in another unit."""
 
     def __init__(self, path: object, name: str, step: float, limit: float) -> None:
@@ -251,7 +251,7 @@ class SlowClockError(LogError):
         )
 
 
-class TimeBaseError(LogError):
+class TimeBaseError(LogChannelError):
     """No time, or two of them."""
 
     def __init__(self, time: str | None, rate_hz: float | None) -> None:
@@ -262,14 +262,14 @@ class TimeBaseError(LogError):
         )
 
 
-class MappedTwiceError(LogError):
+class MappedTwiceError(LogChannelError):
     """One channel in two places of the mapping."""
 
     def __init__(self, name: str, first: str, second: str) -> None:
         super().__init__(f"channel {name!r} is mapped twice, as {first} and as {second}. Give each its own channel.")
 
 
-class StretchError(LogError):
+class StretchError(LogTimeError):
     """A stretch that is not in the log."""
 
     def __init__(self, path: object, stretch: tuple[float, float], end: float) -> None:
@@ -279,7 +279,7 @@ class StretchError(LogError):
         )
 
 
-class NonFiniteError(LogError):
+class NonFiniteError(LogDataError):
     """NaN, infinities or missing cells."""
 
     def __init__(self, path: object, name: str, count: int, index: int, time: float | None) -> None:
@@ -292,7 +292,7 @@ class NonFiniteError(LogError):
         )
 
 
-class TimeBackwardsError(LogError):
+class TimeBackwardsError(LogTimeError):
     """Stamps that decrease."""
 
     def __init__(self, path: object, index: int, before: float, after: float, count: int) -> None:
@@ -305,7 +305,7 @@ class TimeBackwardsError(LogError):
         )
 
 
-class RepeatedStampError(LogError):
+class RepeatedStampError(LogTimeError):
     """The same stamp on samples that are not the same, or too often."""
 
     def __init__(self, path: object, count: int, samples: int, index: int, time: float, differing: str | None) -> None:
@@ -320,7 +320,7 @@ class RepeatedStampError(LogError):
         )
 
 
-class GapError(LogError):
+class GapError(LogTimeError):
     """A hole in the log that is too long to be filled."""
 
     def __init__(self, path: object, time: float, length: float, step: float, count: int, longest: float) -> None:
@@ -333,7 +333,7 @@ class GapError(LogError):
         )
 
 
-class MissingSamplesError(LogError):
+class MissingSamplesError(LogTimeError):
     """Short holes, each of which could be filled, but too many of them."""
 
     def __init__(self, path: object, missing: int, samples: int, gaps: int, limit: float) -> None:
@@ -345,14 +345,14 @@ class MissingSamplesError(LogError):
         )
 
 
-class LogTooShortError(LogError):
+class LogTooShortError(LogTimeError):
     """Too few samples for anything."""
 
     def __init__(self, path: object, samples: int, limit: int) -> None:
         super().__init__(f"{path}: {samples} samples, below the limit of {limit}. Record longer, or widen `stretch`.")
 
 
-class DeadChannelError(LogError):
+class DeadChannelError(LogDataError):
     """A channel that never changes."""
 
     def __init__(self, path: object, name: str, value: float, quantity: str) -> None:
@@ -363,7 +363,7 @@ class DeadChannelError(LogError):
         )
 
 
-class SaturatedTorqueError(LogError):
+class SaturatedTorqueError(LogDataError):
     """A torque that was cut off at its limit."""
 
     def __init__(self, path: object, name: str, value: float, unit: str, share: float, limit: float) -> None:
@@ -375,7 +375,7 @@ class SaturatedTorqueError(LogError):
         )
 
 
-class PositionJumpError(LogError):
+class PositionJumpError(LogDataError):
     """A position that leaps."""
 
     def __init__(self, path: object, name: str, time: float, jump: float, unit: str, ordinary: float) -> None:
@@ -386,7 +386,7 @@ class PositionJumpError(LogError):
         )
 
 
-class WrappedPositionError(LogError):
+class WrappedPositionError(LogDataError):
     """An angle or a counter that jumps by its period."""
 
     def __init__(self, path: object, name: str, time: float, period: float, unit: str, count: int) -> None:
@@ -397,7 +397,7 @@ class WrappedPositionError(LogError):
         )
 
 
-class IdenticalChannelsError(LogError):
+class IdenticalChannelsError(LogDataError):
     """Two channels that are one."""
 
     def __init__(self, path: object, first: str, second: str) -> None:
@@ -407,7 +407,7 @@ class IdenticalChannelsError(LogError):
         )
 
 
-class LooksLikeDegreesError(LogError):
+class LooksLikeDegreesError(LogMismatchError):
     """Positions read as radians that make sense as degrees."""
 
     def __init__(self, name: str, channel: str, low: float, high: float, limits: tuple[float, float] | None) -> None:
@@ -423,7 +423,7 @@ class LooksLikeDegreesError(LogError):
         )
 
 
-class LooksLikeRadiansError(LogError):
+class LooksLikeRadiansError(LogMismatchError):
     """Positions read as degrees that make sense as radians."""
 
     def __init__(self, name: str, span: float, limit: float) -> None:
@@ -434,7 +434,7 @@ class LooksLikeRadiansError(LogError):
         )
 
 
-class SwappedChannelsError(LogError):
+class SwappedChannelsError(LogMismatchError):
     """Two position channels, each of which fits the other's joint."""
 
     def __init__(self, first: str, second: str, a: str, b: str, value: float, limits: tuple[float, float]) -> None:

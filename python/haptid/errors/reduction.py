@@ -4,25 +4,24 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from haptid.errors.devices import suggestion
-from haptid.errors.roots import EstimationError, ExcitationError
+from haptid.errors._both import IncompleteDeviceError, NoRowsError, TrajectoryError, UnknownNameError, suggestion
 
 
-class BaseNameError(EstimationError):
+class BaseNameError(UnknownNameError):
     """A base parameter that the device does not have."""
 
     def __init__(self, name: str, known: Sequence[str]) -> None:
         super().__init__(f"the device has no base parameter {name!r}. {suggestion(name, known)}")
 
 
-class MotorNameError(EstimationError):
+class MotorNameError(UnknownNameError):
     """A motor that the observation has no rows of."""
 
     def __init__(self, name: str, known: Sequence[str]) -> None:
         super().__init__(f"the observation has no rows of a motor {name!r}; it has rows of {', '.join(known)}.")
 
 
-class NoStretchesError(EstimationError):
+class NoStretchesError(NoRowsError):
     """A motion in which no joint moves at a constant velocity."""
 
     def __init__(self, tolerance: float, shortest: float, slowest: float) -> None:
@@ -33,7 +32,7 @@ class NoStretchesError(EstimationError):
         )
 
 
-class NoRangeError(ExcitationError):
+class NoRangeError(IncompleteDeviceError):
     """A joint without limits, for which none were given."""
 
     def __init__(self, what: str, joint: str) -> None:
@@ -43,7 +42,7 @@ class NoRangeError(ExcitationError):
         )
 
 
-class NoFeasibleMotionError(ExcitationError):
+class NoFeasibleMotionError(TrajectoryError):
     """A search that found no motion within the limits."""
 
     def __init__(self, tried: int, worst: str, excess: float) -> None:

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from haptid.errors.roots import StudyError
+from haptid.errors._both import ResultFileError
 
 
-class ReportDataError(StudyError):
+class ReportDataError(ResultFileError):
     """A folder of results without the data of a report, or with data that cannot be read."""
 
     def __init__(self, path: object, what: str) -> None:

@@ -4,17 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from haptid.errors.roots import StudyError
+from haptid.errors._both import ResultFileError
 
 
-class ResultFileError(StudyError):
-    """A result file that is not there, cannot be read, or lacks what is asked of it."""
-
-    def __init__(self, path: object, what: str) -> None:
-        super().__init__(f"{path}: {what}. Give the output folder of `haptid identify`, or identify again.")
-
-
-class ResultDeviceError(StudyError):
+class ResultDeviceError(ResultFileError):
     """A result whose parameters are not those that this haptid finds for its device."""
 
     def __init__(self, path: object, stored: Sequence[str], found: Sequence[str], version: str) -> None:

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from haptid.errors.roots import EstimationError
+from haptid.errors._both import ConvergenceError, SettingError, SimulationError
 
 
-class NoControllerError(EstimationError):
+class NoControllerError(SettingError):
     """A method that simulates the closed loop, without the controller that closed it."""
 
     def __init__(self, method: str) -> None:
@@ -16,14 +16,14 @@ class NoControllerError(EstimationError):
         )
 
 
-class ControllerError(EstimationError):
+class ControllerError(SettingError):
     """A setting of a controller that means nothing, or does not fit the device or the log."""
 
     def __init__(self, name: str, value: object, wanted: str) -> None:
         super().__init__(f"controller: {name} is {value}; write {wanted}.")
 
 
-class SimulationLostError(EstimationError):
+class SimulationLostError(SimulationError):
     """A simulated model that runs away."""
 
     def __init__(self, time: float, row: str, speed: float, limit: float) -> None:
@@ -35,7 +35,7 @@ class SimulationLostError(EstimationError):
         )
 
 
-class MasslessError(EstimationError):
+class MasslessError(SimulationError):
     """Parameters whose mass matrix cannot be inverted."""
 
     def __init__(self, row: str, ratio: float, limit: float) -> None:
@@ -46,7 +46,7 @@ class MasslessError(EstimationError):
         )
 
 
-class UnsettledError(EstimationError):
+class UnsettledError(ConvergenceError):
     """Passes that do not come to rest."""
 
     def __init__(self, method: str, passes: int, name: str, moved: float, limit: float) -> None:
@@ -57,11 +57,11 @@ class UnsettledError(EstimationError):
         )
 
 
-class RowsByBlockError(EstimationError):
+class RowsByBlockError(SettingError):
     """Single rows asked of a method that has only blocks of them."""
 
     def __init__(self, method: str) -> None:
         super().__init__(
             f"{method} keeps what each block of time tells of the parameters, and no single rows, which this kind of "
-            f"interval needs. Take BlockJackknife() or Textbook()."
+            f"interval needs. Take BlockJackknife() or Classical()."
         )

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from haptid.errors.roots import EstimationError
+from haptid.errors._both import IdentifiabilityError, IncompleteDeviceError, SettingError
 
 
-class NoPriorError(EstimationError):
+class NoPriorError(IncompleteDeviceError):
     """A fit towards prior values, of a device that has none."""
 
     def __init__(self, device: str) -> None:
@@ -15,7 +15,7 @@ class NoPriorError(EstimationError):
         )
 
 
-class PulledProfileError(EstimationError):
+class PulledProfileError(SettingError):
     """A profile likelihood of an estimate that is not the best fit."""
 
     def __init__(self) -> None:
@@ -26,7 +26,7 @@ class PulledProfileError(EstimationError):
         )
 
 
-class ContradictionError(EstimationError):
+class ContradictionError(SettingError):
     """Relations between parameters that cannot hold together."""
 
     def __init__(self, relations: str, left: float) -> None:
@@ -36,7 +36,7 @@ class ContradictionError(EstimationError):
         )
 
 
-class NoisyColumnsError(EstimationError):
+class NoisyColumnsError(IdentifiabilityError):
     """Noise in the columns that is as large as what the motion says."""
 
     def __init__(self, name: str, share: float, limit: float) -> None:
@@ -47,7 +47,7 @@ class NoisyColumnsError(EstimationError):
         )
 
 
-class NoResolutionError(EstimationError):
+class NoResolutionError(SettingError):
     """Noise of the columns asked for, of a motion whose encoders are not known."""
 
     def __init__(self, why: str) -> None:

@@ -2,17 +2,17 @@
 
 from __future__ import annotations
 
-from haptid.errors.roots import WorkError
+from haptid.errors._both import ExecutorError, MissingDependencyError, SettingError
 
 
-class WorkerCountError(WorkError):
+class WorkerCountError(SettingError):
     """No worker at all."""
 
     def __init__(self, count: int) -> None:
         super().__init__(f"{count} workers do nothing. Write 1 or more.")
 
 
-class WorkerLostError(WorkError):
+class WorkerLostError(ExecutorError):
     """An item of work that was lost with one worker after the other."""
 
     def __init__(self, item: int, losses: int) -> None:
@@ -22,14 +22,14 @@ class WorkerLostError(WorkError):
         )
 
 
-class DistributedMissingError(WorkError):
+class DistributedMissingError(MissingDependencyError):
     """A cluster without the package that talks to it."""
 
     def __init__(self) -> None:
         super().__init__('a cluster needs Dask distributed: pip install "haptid[cluster]".')
 
 
-class ClusterError(WorkError):
+class ClusterError(ExecutorError):
     """A scheduler that does not answer."""
 
     def __init__(self, address: str, why: str) -> None:

@@ -2,11 +2,11 @@
 
 from haptid.estimation.estimate import Estimate, Parameter, Restricted, estimate
 from haptid.estimation.feasibility.cone import pseudo_inertia
-from haptid.estimation.feasibility.feasible import Possible, possible, project
+from haptid.estimation.feasibility.feasible import FeasibleParameters, possible, project_to_feasible
 from haptid.estimation.fit import Fit
 from haptid.estimation.intervals.bootstrap import Bootstrap
-from haptid.estimation.intervals.classical import Textbook
-from haptid.estimation.intervals.cluster_robust import Clustered
+from haptid.estimation.intervals.classical import Classical
+from haptid.estimation.intervals.cluster_robust import ClusterRobust
 from haptid.estimation.intervals.fixed_b import FixedB
 from haptid.estimation.intervals.jackknife import BlockJackknife
 from haptid.estimation.intervals.profile import Profile
@@ -14,18 +14,18 @@ from haptid.estimation.intervals.sandwich import Sandwich
 from haptid.estimation.intervals.spread import Intervals, Spread
 from haptid.estimation.knowledge import Knowledge
 from haptid.estimation.method import ByRows, Fitting, Knowing, Method, Reduced
-from haptid.estimation.methods.bounded import Bounded, Within
-from haptid.estimation.methods.consistent import Consistent, Cost, Held
+from haptid.estimation.methods.bounded import BoundedSolution, Bounds
+from haptid.estimation.methods.consistent import Constrained, Cost, PhysicallyConsistent
 from haptid.estimation.methods.didim import DIDIM
 from haptid.estimation.methods.ekf import EKF
-from haptid.estimation.methods.equal import Equal
-from haptid.estimation.methods.errors_in_variables import Corrected
+from haptid.estimation.methods.equal import EqualityConstraints
+from haptid.estimation.methods.errors_in_variables import ErrorsInVariables
 from haptid.estimation.methods.gls import GLS
 from haptid.estimation.methods.heteroscedastic import Heteroscedastic
 from haptid.estimation.methods.irls import IRLS
 from haptid.estimation.methods.iv import IV
 from haptid.estimation.methods.ols import OLS
-from haptid.estimation.methods.open_loop import OutputError
+from haptid.estimation.methods.open_loop import OutputErrorMethod
 from haptid.estimation.methods.output_error import CLIE, CLOE
 from haptid.estimation.methods.ridge import Ridge
 from haptid.estimation.methods.robust import Huber, Loss, StudentT, Tukey
@@ -33,7 +33,7 @@ from haptid.estimation.methods.sur import SUR
 from haptid.estimation.methods.tls import TLS
 from haptid.estimation.methods.ukf import UKF
 from haptid.estimation.methods.wls import WLS
-from haptid.estimation.methods.zeroed import Without
+from haptid.estimation.methods.zeroed import FixedAtZero
 
 __all__ = [
     "CLIE",
@@ -50,18 +50,21 @@ __all__ = [
     "WLS",
     "BlockJackknife",
     "Bootstrap",
-    "Bounded",
+    "BoundedSolution",
+    "Bounds",
     "ByRows",
-    "Clustered",
-    "Consistent",
-    "Corrected",
+    "Classical",
+    "ClusterRobust",
+    "Constrained",
     "Cost",
-    "Equal",
+    "EqualityConstraints",
+    "ErrorsInVariables",
     "Estimate",
+    "FeasibleParameters",
     "Fit",
     "Fitting",
+    "FixedAtZero",
     "FixedB",
-    "Held",
     "Heteroscedastic",
     "Huber",
     "Intervals",
@@ -69,9 +72,9 @@ __all__ = [
     "Knowledge",
     "Loss",
     "Method",
-    "OutputError",
+    "OutputErrorMethod",
     "Parameter",
-    "Possible",
+    "PhysicallyConsistent",
     "Profile",
     "Reduced",
     "Restricted",
@@ -79,12 +82,9 @@ __all__ = [
     "Sandwich",
     "Spread",
     "StudentT",
-    "Textbook",
     "Tukey",
-    "Within",
-    "Without",
     "estimate",
     "possible",
-    "project",
+    "project_to_feasible",
     "pseudo_inertia",
 ]

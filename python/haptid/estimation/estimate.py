@@ -13,14 +13,14 @@ from scipy import stats
 from haptid._internal.arrays import Array, read_only
 from haptid.dynamics.base_parameters import BaseParameters
 from haptid.dynamics.model import DynamicModel
-from haptid.estimation.feasibility.feasible import Possible
+from haptid.estimation.feasibility.feasible import FeasibleParameters
 from haptid.estimation.fit import Fit
-from haptid.estimation.intervals.cluster_robust import Clustered
+from haptid.estimation.intervals.cluster_robust import ClusterRobust
 from haptid.estimation.intervals.spread import Intervals, Limiting, Spread, correlations
 from haptid.estimation.least_squares import Solution, solve
 from haptid.estimation.method import Fitting, Knowing, Method, Reduced, rows_of
-from haptid.estimation.methods.bounded import Within
-from haptid.estimation.methods.consistent import Held
+from haptid.estimation.methods.bounded import BoundedSolution
+from haptid.estimation.methods.consistent import Constrained
 from haptid.estimation.methods.wls import WLS
 from haptid.observation.observation import Observation
 
@@ -30,9 +30,9 @@ WELL_CONDITIONED = 200.0
 
 @runtime_checkable
 class Restricted(Method, Protocol):
-    """A method that holds the solution to a set of parameters, such as `Consistent`."""
+    """A method that holds the solution to a set of parameters, such as `PhysicallyConsistent`."""
 
-    def hold(self, observation: Observation, free: Solution) -> Held | Within:
+    def hold(self, observation: Observation, free: Solution) -> Constrained | BoundedSolution:
         """The solution in the set, beside the free one."""
 
 
@@ -42,34 +42,34 @@ class Parameter:
 
     Attributes:
         name, unit, grouping: ZZ1R, kg m^2, and what regroups into it.
-        value, sd: and its honest deviation, SI.
-        textbook_sd: its deviation if the residual were white.
+        value, se: and its honest deviation, SI.
+        classical_se: its deviation if the residual were white.
         interval: the honest 95 % interval.
         prior: value and deviation known beforehand, or None.
         free: value of the fit that is held to nothing, to which `sd` belongs; `value` where nothing holds it.
-        strained: whether the value is held outside of the free fit's interval.
+        constrained_outside_ci: whether the value is held outside of the free fit's interval.
     """
 
     name: str
     unit: str
     grouping: str
     value: float
-    sd: float
-    textbook_sd: float
+    se: float
+    classical_se: float
     interval: tuple[float, float]
     prior: tuple[float, float | None] | None
     free: float
-    strained: bool
+    constrained_outside_ci: bool
 
     @property
-    def relative_sd(self) -> float:
+    def relative_se(self) -> float:
         """100 sd / |value|, per cent (Janot et al. 2007, eq. 17, with the absolute value it lacks).
 
-        NaN where `strained`: the deviation then says nothing about the value.
+        NaN where `constrained_outside_ci`: the deviation then says nothing about the value.
         """
-        if self.strained:
+        if self.constrained_outside_ci:
             return float("nan")
-        return 100 * self.sd / abs(self.value) if self.value else float("inf")
+        return 100 * self.se / abs(self.value) if self.value else float("inf")
 
 
 @dataclass(frozen=True, eq=False)
@@ -83,9 +83,9 @@ class Estimate:
         intervals: how deviations are made.
         beta: (p,), SI.
         covariance: honest, (p, p).
-        textbook_covariance: if the residual were white, (p, p).
-        freedom: degrees of freedom of each interval, (p,).
-        lonely: parameters that one stretch of the log alone tells: their intervals are infinite, for nothing else can
+        classical_covariance: if the residual were white, (p, p).
+        dof: degrees of freedom of each interval, (p,).
+        single_block: parameters that one stretch of the log alone tells: their intervals are infinite, for nothing else can
             say how far to trust it.
         weights: of each motor's rows, (motors,); of a method that weighs single rows one over each motor's residual.
         status: "ok", or what is wrong with it: "weak", or "strained" where what is possible lies beyond an interval.
@@ -101,17 +101,17 @@ class Estimate:
     intervals: Intervals
     beta: Array
     covariance: Array
-    textbook_covariance: Array
-    freedom: Array
-    lonely: tuple[int, ...]
+    classical_covariance: Array
+    dof: Array
+    single_block: tuple[int, ...]
     weights: Array
     status: str
     notes: tuple[str, ...]
-    held: Held | Within | None = None
+    held: Constrained | BoundedSolution | None = None
     zero: tuple[int, ...] = ()
 
     def __post_init__(self) -> None:
-        for name in ("beta", "covariance", "textbook_covariance", "freedom", "weights"):
+        for name in ("beta", "covariance", "classical_covariance", "freedom", "weights"):
             object.__setattr__(self, name, read_only(getattr(self, name)))
 
     @property
@@ -128,14 +128,14 @@ class Estimate:
         return tuple(k for k in range(len(self.base)) if k not in self.zero)
 
     @property
-    def possible(self) -> Possible | None:
+    def possible(self) -> FeasibleParameters | None:
         """Bodies that have these base parameters, of a method that looks for them."""
-        return self.held.possible if isinstance(self.held, Held) else None
+        return self.held.possible if isinstance(self.held, Constrained) else None
 
     @property
-    def sd(self) -> Array:
+    def se(self) -> Array:
         """Honest deviations, (p,); infinite for the lonely ones. Of a held estimate, those of the free one."""
-        return deviations(self.covariance, self.lonely)
+        return deviations(self.covariance, self.single_block)
 
     @cached_property
     def correlation(self) -> Array:
@@ -154,25 +154,25 @@ class Estimate:
     @cached_property
     def _half(self) -> Array:
         """Half-widths of the 95 % intervals of the free fit, (p,)."""
-        return read_only(stats.t.ppf(0.975, self.freedom) * self.sd)
+        return read_only(stats.t.ppf(0.975, self.dof) * self.se)
 
     @cached_property
     def parameters(self) -> tuple[Parameter, ...]:
         """The estimate, parameter by parameter."""
-        textbook, free = np.sqrt(np.diag(self.textbook_covariance)), self.held.free if self.held else self.beta
-        strained = self.held.strained(self._half) if self.held else ()
+        classical, free = np.sqrt(np.diag(self.classical_covariance)), self.held.free if self.held else self.beta
+        constrained_outside_ci = self.held.constrained_outside_ci(self._half) if self.held else ()
         return tuple(
             Parameter(
                 name=name,
                 unit=self.base.units[k],
                 grouping=self.base.groupings[k],
                 value=float(self.beta[k]),
-                sd=float(self.sd[k]),
-                textbook_sd=float(textbook[k]),
+                se=float(self.se[k]),
+                classical_se=float(classical[k]),
                 interval=(float(self.interval95[k, 0]), float(self.interval95[k, 1])),
                 prior=self.model.base_prior[k],
                 free=float(free[k]),
-                strained=name in strained,
+                constrained_outside_ci=name in constrained_outside_ci,
             )
             for k, name in enumerate(self.base.names)
         )
@@ -190,15 +190,15 @@ def estimate(observation: Observation, method: Method, intervals: Intervals | No
 
     Args:
         observation: the rows.
-        method: `OLS()`, `WLS()`, `GLS()`, `Consistent()`, ...
-        intervals: how deviations are made; `Clustered()` where None.
+        method: `OLS()`, `WLS()`, `GLS()`, `PhysicallyConsistent()`, ...
+        intervals: how deviations are made; `ClusterRobust()` where None.
 
     Raises:
         TooFewRowsError: fewer rows than parameters.
         UnexcitedError: the log leaves a direction of the parameters in the dark.
-        NoBodyError, UnsolvedError: `Consistent()` finds no bodies.
+        NoBodyError, UnsolvedError: `PhysicallyConsistent()` finds no bodies.
     """
-    intervals = intervals or Clustered()
+    intervals = intervals or ClusterRobust()
     zero = method.zero(observation) if isinstance(method, Reduced) else ()
     fit = method.fit(observation) if isinstance(method, Fitting) else fitted(observation, method, zero)
     solution, spread = fit.solution, intervals.spread(fit)
@@ -212,9 +212,9 @@ def estimate(observation: Observation, method: Method, intervals: Intervals | No
         intervals=intervals,
         beta=held.beta if held else solution.beta,
         covariance=spread.covariance,
-        textbook_covariance=solution.textbook_covariance(fit.unit_residual),
-        freedom=spread.freedom,
-        lonely=tuple(int(k) for k in spread.alone),
+        classical_covariance=solution.classical_covariance(fit.unit_residual),
+        dof=spread.dof,
+        single_block=tuple(int(k) for k in spread.alone),
         weights=fit.weights if own else np.array([WLS().weight(m, solution.beta) for m in observation.motors]),
         status=status,
         notes=notes,
@@ -232,7 +232,7 @@ def fitted(observation: Observation, method: Method, zero: tuple[int, ...]) -> F
 
 
 def verdict(
-    observation: Observation, spread: Spread, held: Held | Within | None, zero: tuple[int, ...]
+    observation: Observation, spread: Spread, held: Constrained | BoundedSolution | None, zero: tuple[int, ...]
 ) -> tuple[str, tuple[str, ...]]:
     """The status of an estimate, and the sentences a user should read."""
     raw, scaled = observation.condition_without(zero)
@@ -252,17 +252,17 @@ def verdict(
             f"infinite. Record longer, or motion that shows it again and again."
         )
     if held:
-        half = stats.t.ppf(0.975, spread.freedom) * deviations(spread.covariance, spread.alone)
-        status = "strained" if held.strained(half) else status
+        half = stats.t.ppf(0.975, spread.dof) * deviations(spread.covariance, spread.alone)
+        status = "strained" if held.constrained_outside_ci(half) else status
         notes += held.notes(half)
     return status, tuple(notes)
 
 
-def deviations(covariance: Array, lonely: Sequence[int] | np.ndarray) -> Array:
+def deviations(covariance: Array, single_block: Sequence[int] | np.ndarray) -> Array:
     """Square roots of the variances, (p,); infinite for the lonely ones."""
-    sd = np.sqrt(np.diag(covariance))
-    sd[list(lonely)] = np.inf
-    return sd
+    se = np.sqrt(np.diag(covariance))
+    se[list(single_block)] = np.inf
+    return se
 
 
 def observation_notes(observation: Observation) -> tuple[str, ...]:

@@ -62,8 +62,8 @@ class Moments:
         """Combinations (q, k) of g that lean on a single cell, as indices."""
         _, values, vectors = self._heavy
         cells = np.flatnonzero((values > ALONE).any(axis=1))
-        lonely = np.where(values[cells, None] > ALONE, np.abs(spread @ vectors[cells]), 0.0)
-        return np.flatnonzero(((lonely**2).sum(axis=2) > MOSTLY * (spread**2).sum(axis=1)).any(axis=0))
+        single_block = np.where(values[cells, None] > ALONE, np.abs(spread @ vectors[cells]), 0.0)
+        return np.flatnonzero(((single_block**2).sum(axis=2) > MOSTLY * (spread**2).sum(axis=1)).any(axis=0))
 
     def shares(self, spread: Array) -> Array:
         """How much of the variance of combinations (q, k) of g each cell carries, (cells, q)."""

@@ -16,30 +16,30 @@ class Knowledge:
     Attributes:
         A: (m, p).
         b: (m,), SI.
-        sd: deviation of each, zero where it is exact, (m,).
+        se: deviation of each, zero where it is exact, (m,).
     """
 
     A: Array
     b: Array
-    sd: Array
+    se: Array
 
     def __post_init__(self) -> None:
         m = np.shape(self.b)[0]
         expect("A", np.shape(self.A), (m, None))
-        expect("sd", np.shape(self.sd), (m,))
+        expect("sd", np.shape(self.se), (m,))
         for name in ("A", "b", "sd"):
             object.__setattr__(self, name, read_only(getattr(self, name)))
 
     @property
     def exact(self) -> tuple[Array, Array]:
         """Those that hold exactly, A and b."""
-        return self.A[self.sd == 0], self.b[self.sd == 0]
+        return self.A[self.se == 0], self.b[self.se == 0]
 
     @property
     def rows(self) -> Array:
         """The others as rows of unit deviation, [A b] / sd, (k, p + 1)."""
-        doubtful = self.sd > 0
-        return np.asarray(np.column_stack([self.A, self.b])[doubtful] / self.sd[doubtful, None])
+        doubtful = self.se > 0
+        return np.asarray(np.column_stack([self.A, self.b])[doubtful] / self.se[doubtful, None])
 
     @staticmethod
     def nothing(p: int) -> Knowledge:

@@ -27,7 +27,7 @@ class Solution:
             without those held at zero, where nothing else is known exactly.
         root: those directions times the inverse of R: root root' is (W'W)^-1, (p, k).
         rest: norm of the weighted residual.
-        freedom: rows less free directions.
+        dof: rows less free directions.
         pull: of knowledge with deviations, its rows in the coordinates of `root`, (known, k); None where there is none.
     """
 
@@ -35,17 +35,17 @@ class Solution:
     R: Array
     root: Array
     rest: float
-    freedom: int
+    dof: int
     pull: Array | None = None
 
-    def textbook_covariance(self, unit_residual: bool) -> Array:
+    def classical_covariance(self, unit_residual: bool) -> Array:
         """Covariance if the residual were white, (p, p).
 
         Args:
             unit_residual: the weights were one over the deviations (WLS), so the weighted residual has unit
                 variance; otherwise it is estimated from the residual (Janot et al. 2007, eqs 15 and 16).
         """
-        variance = 1.0 if unit_residual else self.rest**2 / self.freedom
+        variance = 1.0 if unit_residual else self.rest**2 / self.dof
         return np.asarray(variance * self.root @ self.root.T)
 
 

@@ -38,7 +38,7 @@ class ByRows(Method, Protocol):
 
 @runtime_checkable
 class Reduced(Method, Protocol):
-    """A method that holds some base parameters at zero, such as `Without`."""
+    """A method that holds some base parameters at zero, such as `FixedAtZero`."""
 
     def zero(self, observation: Observation) -> tuple[int, ...]:
         """Their indices."""
@@ -46,7 +46,7 @@ class Reduced(Method, Protocol):
 
 @runtime_checkable
 class Knowing(Method, Protocol):
-    """A method that knows combinations of parameters beside the rows, such as `Equal` and `Ridge`."""
+    """A method that knows combinations of parameters beside the rows, such as `EqualityConstraints` and `Ridge`."""
 
     def knowledge(self, observation: Observation) -> Knowledge:
         """What it knows."""

@@ -86,7 +86,7 @@ class Golden:
 
     @cached_property
     def _qa(self) -> Array:
-        return np.asarray(np.linalg.solve(self.model.device.frame, self.q))
+        return np.asarray(np.linalg.solve(self.model.device.row_map, self.q))
 
     @cached_property
     def _M(self) -> Array:

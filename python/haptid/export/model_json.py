@@ -98,7 +98,7 @@ def _coordinates(model: DynamicModel) -> list[dict[str, Any]]:
             model.device.row_labels,
             model.device.coordinate_units,
             model.device.torque_units,
-            model.device.frame,
+            model.device.row_map,
             strict=True,
         )
     ]

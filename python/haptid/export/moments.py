@@ -74,7 +74,9 @@ def moments_of(model: DynamicModel, seed: int = 0) -> Moments:
     order = sorted(np.flatnonzero(effective).tolist(), key=lambda k: _rank(kinds[k], k))
     kept, Q, _ = eliminate(W / np.where(effective, lengths, 1.0), order, model.device.base_tolerance)
     kept = sorted(kept)
-    factors = regroup(W, Q, kept, effective) @ np.where(effective[:, None], S, 0.0)[:, list(model.base.kept)]
+    factors = (
+        regroup(W, Q, kept, effective) @ np.where(effective[:, None], S, 0.0)[:, list(model.base.independent_columns)]
+    )
     largest = np.abs(factors).max(axis=1, initial=0.0, keepdims=True)
     factors[np.abs(factors) < ROUNDING * largest] = 0.0
     bodies: list[dict[str, int]] = [{} for _ in model.device.joints]

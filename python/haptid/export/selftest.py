@@ -71,7 +71,7 @@ def path(active: int) -> tuple[Array, Array, Array]:
 def watched(files: Files, q: Array, qd: Array, tau: Array) -> tuple[Array, Array]:
     """What observer and differentiator make of a motion, each (samples, active)."""
     model = files.model
-    to_joints = np.linalg.inv(model.device.frame)
+    to_joints = np.linalg.inv(model.device.row_map)
     observer = MomentumObserver(GAIN, files.code.speed)
     seen = observer.follow(model, files.source.beta, STEP, to_joints @ q, to_joints @ qd, tau)
     return seen.torque.T, HighPass(CUTOFF_HZ).velocity(q, STEP).T

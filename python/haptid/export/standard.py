@@ -18,7 +18,7 @@ INSIDE = 1e-9
 def standard_parameters(model: DynamicModel, beta: Array) -> Array:
     """Free standard parameters that real bodies and passive terms can have, with these base parameters, (n,), SI.
 
-    Of all that have them, those of `Possible`: nearest to the prior, or to a ball for every link without one. The base
+    Of all that have them, those of `FeasibleParameters`: nearest to the prior, or to a ball for every link without one. The base
     parameters come out to rounding; where a body lies on the border of what is possible, to 1e-9 of its size.
 
     Args:

@@ -9,7 +9,7 @@ import numpy as np
 
 from haptid._internal.arrays import Array
 from haptid.device.expressions import Column
-from haptid.device.terms.term import DRY, Counterbalance, Load, TermColumn
+from haptid.device.terms.term import DRY, Counterbalance, LoadDependentFriction, TermColumn
 from haptid.dynamics.model import DynamicModel
 from haptid.errors import UnexportableTermError
 from haptid.export.graph import Expr, Graph
@@ -30,7 +30,7 @@ def term_torque(
         speed: below it the sign of a velocity is smoothed, rad/s or m/s.
         friction_only: leave out what does not resist motion.
     """
-    S = model.device.parameters.S[10 * len(model.device.joints) :, list(model.base.kept)]
+    S = model.device.parameters.S[10 * len(model.device.joints) :, list(model.base.independent_columns)]
     graph = q[0].graph
     tau = [graph.number(0.0)] * len(q)
     for term, row in zip(model.terms, S, strict=True):
@@ -60,7 +60,7 @@ def _column(model: DynamicModel, term: TermColumn, graph: Graph, q: list[Expr], 
     ]
     if isinstance(term.shape, Counterbalance):
         return _strut(term.shape, graph, joints[term.shape.joint])
-    if isinstance(term.shape, Load):
+    if isinstance(term.shape, LoadDependentFriction):
         raise UnexportableTermError(term.name, "friction by load has accelerations in it")
     assert isinstance(term.shape, Column)  # the last kind
     return _written(model, term, term.shape, graph, joints, qd)

@@ -147,7 +147,7 @@ class Files:
 def coordinate_lines(model: DynamicModel) -> list[str]:
     """What each coordinate is: its label, units, limits, and the command of its motor."""
     lines = []
-    for k, (row, label) in enumerate(zip(model.device.frame, model.device.row_labels, strict=True)):
+    for k, (row, label) in enumerate(zip(model.device.row_map, model.device.row_labels, strict=True)):
         unit, torque = model.device.coordinate_units[k], model.device.torque_units[k]
         parts = [f"{label}, {unit}, {torque}"]
         moved = [(float(w), model.device.joints[j]) for w, j in zip(row, model.device.active, strict=True) if w]

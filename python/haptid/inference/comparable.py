@@ -28,9 +28,9 @@ class Side:
         base: where the parameters are base parameters, else None.
         names, units: of the parameters, (p,).
         value: of the fit that is held to nothing, (p,).
-        sd: honest deviations, infinite where one stretch of a log alone tells, (p,).
+        se: honest deviations, infinite where one stretch of a log alone tells, (p,).
         covariance: (p, p).
-        freedom: degrees of freedom of each, (p,).
+        dof: degrees of freedom of each, (p,).
         held: whether the estimate differs from the free fit.
         blocks: stretches of logs that it was made from.
     """
@@ -39,15 +39,15 @@ class Side:
     names: tuple[str, ...]
     units: tuple[str, ...]
     value: Array
-    sd: Array
+    se: Array
     covariance: Array
-    freedom: Array
+    dof: Array
     held: bool
     blocks: tuple[Block, ...]
 
     @staticmethod
     def of(made: Compared) -> Side:
-        spread = made.sd, made.covariance, made.freedom
+        spread = made.se, made.covariance, made.dof
         if isinstance(made, Recorded):
             held = bool((made.beta != made.free).any())
             return Side(made.base, made.names, made.base.units, made.free, *spread, held, made.blocks)

@@ -56,12 +56,12 @@ class Comparison:
         return self.second - self.first
 
     @cached_property
-    def sd(self) -> Array:
+    def se(self) -> Array:
         """Deviation of the difference, (k,)."""
         return freeze(np.hypot(self.first_sd, self.second_sd))
 
     @cached_property
-    def freedom(self) -> Array:
+    def dof(self) -> Array:
         """Degrees of freedom of the difference, (k,) (Welch 1947, eq. 28); the lesser where a deviation is infinite."""
         a, b = self.first_sd**2, self.second_sd**2
         least = np.minimum(self.first_freedom, self.second_freedom)
@@ -72,13 +72,13 @@ class Comparison:
     @cached_property
     def interval(self) -> Array:
         """Interval of each difference by itself at the confidence, (k, 2)."""
-        half = stats.t.ppf((1 + self.confidence) / 2, self.freedom) * self.sd
+        half = stats.t.ppf((1 + self.confidence) / 2, self.dof) * self.se
         return freeze(np.column_stack([self.difference - half, self.difference + half]))
 
     @cached_property
     def p(self) -> Array:
         """Probability of so great a difference between equal parameters, each taken by itself, (k,)."""
-        return freeze(two_sided(self.difference, self.sd, self.freedom))
+        return freeze(two_sided(self.difference, self.se, self.dof))
 
     @cached_property
     def holm(self) -> Array:
@@ -149,7 +149,7 @@ class Comparison:
             size = abs(self.first[k])
             share = f", {100 * self.difference[k] / size:+.0f} % of its size" if size > 0 else ""
             return f"{self.names[k]} goes {values}{share}."
-        size = two_sided(self.first[[k]] + self.second[[k]], self.sd[[k]], self.freedom[[k]])[0]
+        size = two_sided(self.first[[k]] + self.second[[k]], self.se[[k]], self.dof[[k]])[0]
         kept = "its size differs too" if size * len(self.names) < 1 - self.confidence else "its size may be the same"
         return f"{self.names[k]} changes its sign, {values}; {kept}."
 
@@ -184,10 +184,10 @@ def compare(first: Compared, second: Compared, confidence: float = 0.95) -> Comp
         units=tuple(a.units[k] for k in at_a),
         first=a.value[at_a],
         second=b.value[at_b],
-        first_sd=a.sd[at_a],
-        second_sd=b.sd[at_b],
-        first_freedom=a.freedom[at_a],
-        second_freedom=b.freedom[at_b],
+        first_sd=a.se[at_a],
+        second_sd=b.se[at_b],
+        first_freedom=a.dof[at_a],
+        second_freedom=b.dof[at_b],
         covariance=a.covariance[np.ix_(at_a, at_a)] + b.covariance[np.ix_(at_b, at_b)],
         confidence=confidence,
         notes=_notes(a, b, names),
@@ -201,7 +201,9 @@ def _notes(a: Side, b: Side, names: tuple[str, ...]) -> tuple[str, ...]:
     for side, which in ((a, "first"), (b, "second")):
         if side.held:
             notes.append(f"The {which} estimate is held to what bodies can have: its free fit is compared.")
-        lonely = [name for name in names if np.isinf(side.sd[side.names.index(name)])]
-        if lonely:
-            notes.append(f"One stretch of the {which} log alone tells {', '.join(lonely)}: no difference can be found.")
+        single_block = [name for name in names if np.isinf(side.se[side.names.index(name)])]
+        if single_block:
+            notes.append(
+                f"One stretch of the {which} log alone tells {', '.join(single_block)}: no difference can be found."
+            )
     return tuple(notes)

@@ -64,26 +64,26 @@ class Drift:
         return freeze(np.einsum("ij,ik,ijk->jk", weights, weights, self.series.covariance))
 
     @cached_property
-    def sd(self) -> Array:
+    def se(self) -> Array:
         """Deviations of the slopes, (k,); infinite where fewer than two times tell it."""
         return freeze(np.where(self._told, np.sqrt(self._parts.sum(axis=0)), np.inf))
 
     @cached_property
-    def freedom(self) -> Array:
+    def dof(self) -> Array:
         """Degrees of freedom of each slope, (k,)."""
-        whole, each = self._parts.sum(axis=0), (self._parts**2 / self.series.freedom).sum(axis=0)
+        whole, each = self._parts.sum(axis=0), (self._parts**2 / self.series.dof).sum(axis=0)
         return freeze(np.divide(whole**2, each, out=np.full(len(whole), np.inf), where=each > 0))
 
     @cached_property
     def interval(self) -> Array:
         """Interval of each slope by itself at the confidence of the series, (k, 2)."""
-        half = stats.t.ppf((1 + self.series.confidence) / 2, self.freedom) * self.sd
+        half = stats.t.ppf((1 + self.series.confidence) / 2, self.dof) * self.se
         return freeze(np.column_stack([self.slope - half, self.slope + half]))
 
     @cached_property
     def p(self) -> Array:
         """Probability of so great a slope of what does not change, each taken by itself, (k,)."""
-        return freeze(two_sided(self.slope, self.sd, self.freedom))
+        return freeze(two_sided(self.slope, self.se, self.dof))
 
     @cached_property
     def holm(self) -> Array:
@@ -112,13 +112,13 @@ class Drift:
     @cached_property
     def _parts(self) -> Array:
         """What each estimate adds to the variance of each slope, (n, k)."""
-        known = np.where(np.isfinite(self.series.sd), self.series.sd, 0.0)
+        known = np.where(np.isfinite(self.series.se), self.series.se, 0.0)
         return freeze(self._grown * (self.weights * known) ** 2)
 
     @property
     def _grown(self) -> Array:
         """By what the doubt of the weights makes each part of a variance grow, (n, k)."""
-        return np.asarray(1.0 + 4.0 * (1.0 - self.leverage) / self.series.freedom)
+        return np.asarray(1.0 + 4.0 * (1.0 - self.leverage) / self.series.dof)
 
     @property
     def sentences(self) -> tuple[str, ...]:
@@ -154,7 +154,7 @@ class Drift:
             (
                 name,
                 f"{self.slope[k]:.3g}",
-                f"{self.sd[k]:.2g}",
+                f"{self.se[k]:.2g}",
                 f"{self.interval[k, 0]:.3g} .. {self.interval[k, 1]:.3g}",
                 confidence_text(self.holm[k]),
                 "*" if name in self.drifts else "",
@@ -182,18 +182,18 @@ def drift(series: Series, times: Sequence[float], unit: str = "day") -> Drift:
         raise TimeCountError(t.size, len(series))
     if not np.isfinite(t).all() or np.ptp(t) == 0:
         raise TimeValueError(t.tolist())
-    lines = [_line(t, value, sd) for value, sd in zip(series.value.T, series.sd.T, strict=True)]
+    lines = [_line(t, value, se) for value, se in zip(series.value.T, series.se.T, strict=True)]
     weights, leverage = (np.column_stack(part) for part in zip(*lines, strict=True))
     return Drift(series, t, unit, weights, leverage)
 
 
-def _line(t: Array, value: Array, sd: Array) -> tuple[Array, Array]:
+def _line(t: Array, value: Array, se: Array) -> tuple[Array, Array]:
     """What a slope is made of, (t - mean) / s^2 over the sum of (t - mean)^2 / s^2, and leverages, both (n,)."""
-    sd = deviations_to_weigh(value, sd)
-    least = sd.min()
+    se = deviations_to_weigh(value, se)
+    least = se.min()
     if not np.isfinite(least):
         return np.zeros(len(t)), np.ones(len(t))
-    weight = (least / sd) ** 2 if least > 0 else np.ones(len(t))
+    weight = (least / se) ** 2 if least > 0 else np.ones(len(t))
     away = t - weight @ t / weight.sum()
     spread = float(weight @ away**2)
     if spread <= np.finfo(float).eps * np.ptp(t) ** 2:  # one time tells it, however often

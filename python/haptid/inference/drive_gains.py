@@ -14,7 +14,7 @@ from haptid.dynamics.model import DynamicModel
 from haptid.errors import DifferentModelError, GainSettlingError
 from haptid.estimation.intervals.cluster_robust import clustered
 from haptid.estimation.least_squares import Solution, check_excited
-from haptid.observation.known_payload import load_shift
+from haptid.observation.known_payload import payload_torque
 from haptid.observation.observation import MotorRows, Observation, triangle
 
 # Gauss-Newton's steps, and the change of the factors at which they end.
@@ -30,7 +30,7 @@ class DriveGains:
         labels: "motor 1", (motors,).
         factor: (motors,).
         covariance: honest, (motors, motors).
-        freedom: degrees of freedom of the intervals, (motors,).
+        dof: degrees of freedom of the intervals, (motors,).
         beta: base parameters of the device without load, in true units, (p,), SI.
     """
 
@@ -38,7 +38,7 @@ class DriveGains:
     labels: tuple[str, ...]
     factor: Array
     covariance: Array
-    freedom: Array
+    dof: Array
     beta: Array
 
     def __post_init__(self) -> None:
@@ -48,7 +48,7 @@ class DriveGains:
     @cached_property
     def interval95(self) -> Array:
         """95 % intervals of the factors, (motors, 2)."""
-        half = stats.t.ppf(0.975, self.freedom) * np.sqrt(np.diag(self.covariance))
+        half = stats.t.ppf(0.975, self.dof) * np.sqrt(np.diag(self.covariance))
         return freeze(np.column_stack([self.factor - half, self.factor + half]))
 
     def summary(self) -> str:
@@ -73,18 +73,18 @@ def drive_gains(bare: Observation, loaded: Observation, link: str, body: Body) -
     Args:
         bare: rows of logs without the load.
         loaded: rows of logs with it, on the same device.
-        link, body: as for `haptid.observation.known_payload.load_shift`.
+        link, body: as for `haptid.observation.known_payload.payload_torque`.
 
     Raises:
         DifferentModelError: the observations are of two devices.
-        UnknownLinkError, LoadSymmetryError: as `load_shift`.
+        UnknownLinkError, LoadSymmetryError: as `payload_torque`.
         UnexcitedError: the logs leave a direction of the parameters in the dark, or a motor does not feel the load.
         GainSettlingError: the search did not come to rest.
     """
     model = bare.model
     if not loaded.model.is_same_as(model):
         raise DifferentModelError(model.device.name, loaded.model.device.name)
-    both, shift = bare + loaded, load_shift(model, link, body)
+    both, shift = bare + loaded, payload_torque(model, link, body)
     carrying = np.arange(len(both.blocks)) >= len(bare.blocks)
     p, many = len(model.base), len(both.motors)
     scale, beta, weights = np.ones(many), np.zeros(p), np.ones(many)
@@ -103,7 +103,7 @@ def drive_gains(bare: Observation, loaded: Observation, link: str, body: Body) -
     factor = 1.0 / scale
     change = np.diag(factor**2)
     labels = tuple(motor.label for motor in both.motors)
-    return DriveGains(model, labels, factor, change @ made.covariance @ change, made.freedom, beta)
+    return DriveGains(model, labels, factor, change @ made.covariance @ change, made.dof, beta)
 
 
 def _linearised(motor: MotorRows, own: int, scale: float, beta: Array, shift: Array, carrying: np.ndarray) -> MotorRows:
@@ -131,5 +131,5 @@ def _solved(model: DynamicModel, rows: list[MotorRows], weights: Array) -> Solut
     R, z = whole[:-1, :-1], whole[:-1, -1]
     check_excited([*model.base.names, *(f"the gain of {motor.label}" for motor in rows)], R)
     root = linalg.solve_triangular(R, np.eye(size))
-    freedom = int(sum(motor.rows.sum() for motor in rows)) - size
-    return Solution(root @ z, R, root, abs(float(whole[-1, -1])), freedom)
+    dof = int(sum(motor.rows.sum() for motor in rows)) - size
+    return Solution(root @ z, R, root, abs(float(whole[-1, -1])), dof)

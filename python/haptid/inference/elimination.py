@@ -25,7 +25,7 @@ from haptid._internal.arrays import Array, positive
 from haptid.errors import MethodSettingError
 from haptid.estimation.estimate import Estimate, Restricted, estimate
 from haptid.estimation.least_squares import EXCITED
-from haptid.estimation.methods.zeroed import Without
+from haptid.estimation.methods.zeroed import FixedAtZero
 from haptid.motion.treatment import Motion
 from haptid.observation.observation import Observation, observe
 from haptid.validation.validation import Validation, direct, validate
@@ -48,7 +48,7 @@ class Rule(Protocol):
 
 
 @dataclass(frozen=True)
-class TimesSmallest:
+class GautierRatio:
     """Gautier's rule: no relative deviation is over so many times the smallest one.
 
     Attributes:
@@ -59,7 +59,7 @@ class TimesSmallest:
 
     def __post_init__(self) -> None:
         if not (positive(self.times) and self.times > 1):
-            raise MethodSettingError("TimesSmallest", "times", self.times, "a finite number above 1")
+            raise MethodSettingError("GautierRatio", "times", self.times, "a finite number above 1")
 
     def limit(self, smallest: float) -> float:
         """What the largest must not exceed, per cent, from the smallest one."""
@@ -72,7 +72,7 @@ class TimesSmallest:
 
 
 @dataclass(frozen=True)
-class AtMost:
+class MaxRelativeStd:
     """No relative deviation is over a stated one.
 
     Attributes:
@@ -83,7 +83,7 @@ class AtMost:
 
     def __post_init__(self) -> None:
         if not positive(self.percent):
-            raise MethodSettingError("AtMost", "percent", self.percent, "a finite number above zero")
+            raise MethodSettingError("MaxRelativeStd", "percent", self.percent, "a finite number above zero")
 
     def limit(self, smallest: float) -> float:
         """What the largest must not exceed, per cent, whatever the smallest."""
@@ -102,12 +102,12 @@ class FTest:
 
     Attributes:
         F: statistic.
-        freedom: degrees of freedom above and below.
+        dof: degrees of freedom above and below.
         p: probability of as large an F if those parameters were zero.
     """
 
     F: float
-    freedom: tuple[float, float]
+    dof: tuple[float, float]
     p: float
 
 
@@ -117,19 +117,19 @@ class Drop:
 
     Attributes:
         name: of the parameter.
-        relative_sd: before it was left out, per cent of its value.
+        relative_se: before it was left out, per cent of its value.
         test: of it and all those before it together.
         error: relative error of the torque without them, on the rows of the fit, per cent.
     """
 
     name: str
-    relative_sd: float
+    relative_se: float
     test: FTest
     error: float
 
 
 @dataclass(frozen=True, eq=False)
-class Reduction:
+class Elimination:
     """An estimate and its essential parameters.
 
     Attributes:
@@ -158,7 +158,7 @@ class Reduction:
     @property
     def shift(self) -> Array:
         """How far leaving out others moved each parameter, in its own deviations of before, (p,); NaN if left out."""
-        moved = (self.reduced.beta - self.full.beta) / np.where(self.full.sd > 0, self.full.sd, np.nan)
+        moved = (self.reduced.beta - self.full.beta) / np.where(self.full.se > 0, self.full.se, np.nan)
         moved[list(self.reduced.zero)] = np.nan
         return np.asarray(moved)
 
@@ -173,7 +173,7 @@ class Reduction:
             p = self.reduced.parameters[k]
             lines.append(
                 f"  {p.name:8s} {p.value:11.4g} {p.unit:10s} {p.interval[0]:11.4g} .. {p.interval[1]:.4g}, "
-                f"{p.relative_sd:.2g} %, moved by {self.shift[k]:+.2f} of its deviations"
+                f"{p.relative_se:.2g} %, moved by {self.shift[k]:+.2f} of its deviations"
             )
         for kind, both in (("rows of the fit", self.seen), ("unseen rows", self.unseen)):
             if both:
@@ -182,15 +182,15 @@ class Reduction:
 
 
 def _line(drop: Drop) -> str:
-    F, (above, below) = drop.test.F, drop.test.freedom
+    F, (above, below) = drop.test.F, drop.test.dof
     return (
-        f"{drop.name:8s} relative deviation {drop.relative_sd:9.3g} %, F({above:.1f}, {below:.0f}) = {F:.3g}, "
+        f"{drop.name:8s} relative deviation {drop.relative_se:9.3g} %, F({above:.1f}, {below:.0f}) = {F:.3g}, "
         f"p = {drop.test.p:.2g}, error {drop.error:.3f} %"
     )
 
 
 @dataclass(frozen=True)
-class Essential:
+class BackwardElimination:
     """How to find essential parameters.
 
     Attributes:
@@ -198,7 +198,7 @@ class Essential:
         level: probability below which the F-test objects.
     """
 
-    rule: Rule = field(default_factory=TimesSmallest)
+    rule: Rule = field(default_factory=GautierRatio)
     level: float = LEVEL
 
     def __post_init__(self) -> None:
@@ -206,7 +206,9 @@ class Essential:
             raise MethodSettingError("Essential", "level", self.level, "a probability between 0 and 1")
 
 
-def essential(full: Estimate, how: Essential | None = None, unseen: Motion | Observation | None = None) -> Reduction:
+def essential(
+    full: Estimate, how: BackwardElimination | None = None, unseen: Motion | Observation | None = None
+) -> Elimination:
     """Leave out, one by one, the parameters that the log does not miss.
 
     Args:
@@ -220,25 +222,25 @@ def essential(full: Estimate, how: Essential | None = None, unseen: Motion | Obs
     """
     if isinstance(full.method, Restricted):
         raise MethodSettingError("essential", "the method", full.method.name, "the estimate by OLS() or WLS()")
-    how = how or Essential()
+    how = how or BackwardElimination()
     if isinstance(unseen, Motion):
         unseen = observe(full.model, unseen)
     now, refused = full, None
     drops: list[Drop] = []
     while (name := largest(now)) is not None and not within(now, how.rule):
         smaller = without(full, (*(drop.name for drop in drops), name))
-        drop = Drop(name, now[name].relative_sd, objection(full, smaller.zero), direct(smaller).relative)
+        drop = Drop(name, now[name].relative_se, objection(full, smaller.zero), direct(smaller).relative)
         if drop.test.p < how.level:
             refused = drop
             break
         now, drops = smaller, [*drops, drop]
     both = (validate(full, unseen), validate(now, unseen)) if unseen is not None else None
-    return Reduction(full, now, tuple(drops), refused, reason(now, refused, how), (direct(full), direct(now)), both)
+    return Elimination(full, now, tuple(drops), refused, reason(now, refused, how), (direct(full), direct(now)), both)
 
 
-def essential_by_motor(
-    full: Estimate, how: Essential | None = None, unseen: Motion | Observation | None = None
-) -> tuple[Reduction, ...]:
+def eliminate_by_motor(
+    full: Estimate, how: BackwardElimination | None = None, unseen: Motion | Observation | None = None
+) -> tuple[Elimination, ...]:
     """The same for every motor by itself: the parameters that its own rows do not miss.
 
     One motor's rows may not tell all the parameters that they hold apart. Of those that they do not, the ones that
@@ -255,7 +257,7 @@ def essential_by_motor(
     for motor in full.observation.motors:
         rows = full.observation.only(motor.name)
         names = tuple(full.base.names[k] for k in sorted({*full.zero, *untold(rows)}))
-        own = estimate(rows, Without(names, _weighting(full)))
+        own = estimate(rows, FixedAtZero(names, _weighting(full)))
         found.append(essential(own, how, unseen.only(motor.name) if unseen is not None else None))
     return tuple(found)
 
@@ -263,7 +265,7 @@ def essential_by_motor(
 def without(full: Estimate, names: tuple[str, ...]) -> Estimate:
     """The same rows and method with more parameters left out."""
     already = tuple(full.base.names[k] for k in full.zero)
-    return estimate(full.observation, Without((*already, *names), _weighting(full)))
+    return estimate(full.observation, FixedAtZero((*already, *names), _weighting(full)))
 
 
 def _weighting(full: Estimate) -> Fixed:
@@ -300,12 +302,12 @@ def largest(now: Estimate) -> str | None:
     kept = now.kept
     if len(kept) < 2:
         return None
-    return now.base.names[max(kept, key=lambda k: now.parameters[k].relative_sd)]
+    return now.base.names[max(kept, key=lambda k: now.parameters[k].relative_se)]
 
 
 def within(now: Estimate, rule: Rule) -> bool:
     """Whether the largest relative deviation obeys the rule."""
-    relative = [now.parameters[k].relative_sd for k in now.kept]
+    relative = [now.parameters[k].relative_se for k in now.kept]
     return max(relative) <= rule.limit(min(relative))
 
 
@@ -313,22 +315,22 @@ def objection(full: Estimate, zero: tuple[int, ...]) -> FTest:
     """Rao and Scott's F-test that all parameters of `zero` that the full model has are zero."""
     out = [k for k in zero if k not in full.zero]
     square = np.ix_(out, out)
-    factor = linalg.cholesky(full.textbook_covariance[square], lower=True)
+    factor = linalg.cholesky(full.classical_covariance[square], lower=True)
     half = linalg.solve_triangular(factor, full.covariance[square], lower=True)
     A = linalg.solve_triangular(factor, half.T, lower=True)
     b = linalg.solve_triangular(factor, full.beta[out], lower=True)
     inflation = float(np.trace(A))
     above = inflation**2 / float(np.sum(A**2))
-    below = above * float(full.freedom[out].min())
+    below = above * float(full.dof[out].min())
     F = float(b @ b) / inflation
     return FTest(F, (above, below), float(stats.f.sf(F, above, below)))
 
 
-def reason(now: Estimate, refused: Drop | None, how: Essential) -> str:
+def reason(now: Estimate, refused: Drop | None, how: BackwardElimination) -> str:
     """Why the reduction ended."""
     if refused is not None:
         return (
-            f"The F-test objects to leaving out {refused.name}, whose relative deviation is {refused.relative_sd:.3g} "
+            f"The F-test objects to leaving out {refused.name}, whose relative deviation is {refused.relative_se:.3g} "
             f"%: p = {refused.test.p:.2g}, below {how.level:g}."
         )
     if len(now.kept) < 2:

@@ -20,7 +20,7 @@ SHOWN = 1e-9
 
 
 @dataclass(frozen=True, eq=False)
-class Addition:
+class PayloadEstimate:
     """The standard parameters of what was added to a link, in the link frame.
 
     Attributes:
@@ -28,7 +28,7 @@ class Addition:
         names, units: of the link's free standard parameters, (k,).
         value: of each that the torques tell, NaN of the others, (k,), SI.
         covariance: of these, (k, k), zero where there is no value.
-        freedom: degrees of freedom of the intervals: the least of any base parameter's difference.
+        dof: degrees of freedom of the intervals: the least of any base parameter's difference.
     """
 
     link: str
@@ -36,7 +36,7 @@ class Addition:
     units: tuple[str, ...]
     value: Array
     covariance: Array
-    freedom: float
+    dof: float
 
     def __post_init__(self) -> None:
         for name in ("value", "covariance"):
@@ -45,14 +45,14 @@ class Addition:
         expect("covariance", self.covariance.shape, (len(self.names), len(self.names)))
 
     @cached_property
-    def sd(self) -> Array:
+    def se(self) -> Array:
         """Deviations, (k,), NaN where there is no value."""
         return freeze(np.where(np.isnan(self.value), np.nan, np.sqrt(np.diag(self.covariance))))
 
     @cached_property
     def interval95(self) -> Array:
         """95 % intervals, (k, 2)."""
-        half = stats.t.ppf(0.975, self.freedom) * self.sd
+        half = stats.t.ppf(0.975, self.dof) * self.se
         return freeze(np.column_stack([self.value - half, self.value + half]))
 
     def summary(self) -> str:
@@ -67,7 +67,7 @@ class Addition:
         return "\n".join(lines)
 
 
-def addition(before: Estimate, after: Estimate, link: str) -> Addition:
+def estimate_payload(before: Estimate, after: Estimate, link: str) -> PayloadEstimate:
     """What was added to one link between two estimates of one device.
 
     The difference of the base parameters is a combination of the ten parameters of what was added, by the columns of
@@ -95,18 +95,18 @@ def addition(before: Estimate, after: Estimate, link: str) -> Addition:
     if place < 0 or not own:
         raise UnknownLinkError(link, model.device.joint_names)
     changed, kinds = compare(before, after), model.device.parameters.kinds
-    bodies = [k for k, kept in enumerate(model.base.kept) if kinds[kept] in INERTIAL]
+    bodies = [k for k, kept in enumerate(model.base.independent_columns) if kinds[kept] in INERTIAL]
     root = np.linalg.cholesky(changed.covariance[np.ix_(bodies, bodies)])
     columns = np.linalg.solve(root, model.base.regrouping[np.ix_(bodies, own)])
     shift = np.linalg.solve(root, (free_fit(after) - free_fit(before))[bodies])
     value, covariance = _least_squares(columns, shift)
-    return Addition(
+    return PayloadEstimate(
         link=link,
         names=tuple(model.device.parameters.names[k] for k in own),
         units=tuple(model.device.parameters.units[k] for k in own),
         value=value,
         covariance=covariance,
-        freedom=float(changed.freedom[bodies].min()),
+        dof=float(changed.dof[bodies].min()),
     )
 
 

@@ -30,8 +30,8 @@ class Series:
         labels: of the estimates, (n,).
         names, units: of the parameters, (k,).
         value: (n, k).
-        sd: honest deviations, infinite where one stretch of a log alone tells, (n, k).
-        freedom: degrees of freedom of each, (n, k).
+        se: honest deviations, infinite where one stretch of a log alone tells, (n, k).
+        dof: degrees of freedom of each, (n, k).
         covariance: of each estimate, (n, k, k).
         confidence: at which a parameter counts as different, for all of them together.
         notes: sentences a user should read.
@@ -41,8 +41,8 @@ class Series:
     names: tuple[str, ...]
     units: tuple[str, ...]
     value: Array
-    sd: Array
-    freedom: Array
+    se: Array
+    dof: Array
     covariance: Array
     confidence: float
     notes: tuple[str, ...]
@@ -60,9 +60,9 @@ class Series:
     @cached_property
     def common(self) -> Array:
         """Weighted mean of each parameter, (k,); NaN of one that no estimate tells."""
-        sd = np.column_stack([deviations_to_weigh(*pair) for pair in zip(self.value.T, self.sd.T, strict=True)])
+        se = np.column_stack([deviations_to_weigh(*pair) for pair in zip(self.value.T, self.se.T, strict=True)])
         with np.errstate(divide="ignore", invalid="ignore"):
-            weight = np.where(sd > 0, (sd.min(axis=0) / sd) ** 2, 1.0)  # all zero without deviation: any weight will do
+            weight = np.where(se > 0, (se.min(axis=0) / se) ** 2, 1.0)  # all zero without deviation: any weight will do
             return freeze(np.asarray((weight * self.value).sum(axis=0) / weight.sum(axis=0)))
 
     @cached_property
@@ -72,7 +72,7 @@ class Series:
 
     def misfits(self, columns: Array) -> Array:
         """Probability of values so far from their weighted fits to columns, (n, c), each by itself, (k,)."""
-        each = zip(self.value.T, self.sd.T, self.freedom.T, strict=True)
+        each = zip(self.value.T, self.se.T, self.dof.T, strict=True)
         return np.array([misfit(*one, columns) for one in each])
 
     @cached_property
@@ -98,10 +98,10 @@ class Series:
             units=self.units,
             first=self.value[a],
             second=self.value[b],
-            first_sd=self.sd[a],
-            second_sd=self.sd[b],
-            first_freedom=self.freedom[a],
-            second_freedom=self.freedom[b],
+            first_sd=self.se[a],
+            second_sd=self.se[b],
+            first_freedom=self.dof[a],
+            second_freedom=self.dof[b],
             covariance=self.covariance[a] + self.covariance[b],
             confidence=self.confidence,
             notes=self.notes,
@@ -126,8 +126,8 @@ class Series:
         head = ("", *(cell for label in self.labels for cell in (label, "sd")), "differs up to", "", "unit")
         rows = []
         for k, name in enumerate(self.names):
-            values = zip(self.value[:, k], self.sd[:, k], strict=True)
-            cells = [cell for value, sd in values for cell in (f"{value:.4g}", f"{sd:.2g}")]
+            values = zip(self.value[:, k], self.se[:, k], strict=True)
+            cells = [cell for value, se in values for cell in (f"{value:.4g}", f"{se:.2g}")]
             mark = "*" if name in self.differs else ""
             rows.append((name, *cells, confidence_text(self.holm[k]), mark, self.units[k]))
         return "\n".join([*aligned([head, *rows]), "", *self.sentences])
@@ -176,8 +176,8 @@ def compare_all(estimates: Sequence[Compared], labels: Sequence[str] | None = No
         names=names,
         units=tuple(sides[0].units[k] for k in at[0]),
         value=np.array([side.value[k] for side, k in chosen]),
-        sd=np.array([side.sd[k] for side, k in chosen]),
-        freedom=np.array([side.freedom[k] for side, k in chosen]),
+        se=np.array([side.se[k] for side, k in chosen]),
+        dof=np.array([side.dof[k] for side, k in chosen]),
         covariance=np.array([side.covariance[np.ix_(k, k)] for side, k in chosen]),
         confidence=confidence,
         notes=_notes(sides, called, names),
@@ -201,9 +201,9 @@ def _notes(sides: Sequence[Side], labels: Sequence[str], names: tuple[str, ...])
     for side, label in zip(sides, labels, strict=True):
         if side.held:
             notes.append(f"{label} is held to what bodies can have: its free fit is compared.")
-        lonely = [name for name in names if np.isinf(side.sd[side.names.index(name)])]
-        if lonely:
+        single_block = [name for name in names if np.isinf(side.se[side.names.index(name)])]
+        if single_block:
             notes.append(
-                f"One stretch of a log alone tells {', '.join(lonely)} of {label}: it counts for nothing there."
+                f"One stretch of a log alone tells {', '.join(single_block)} of {label}: it counts for nothing there."
             )
     return tuple(notes)

@@ -36,9 +36,9 @@ class Targets:
         value: (k,), SI, or per unit of command in the view that `in_command` gives.
         free: value of the free fit; `value` itself where nothing holds the estimate, (k,).
         covariance: honest, of the free fit, (k, k).
-        textbook_covariance: if the residual were white, (k, k).
-        freedom: degrees of freedom of each interval, (k,), Satterthwaite's for that combination.
-        lonely: targets that one stretch of the log alone tells: their intervals are infinite.
+        classical_covariance: if the residual were white, (k, k).
+        dof: degrees of freedom of each interval, (k,), Satterthwaite's for that combination.
+        single_block: targets that one stretch of the log alone tells: their intervals are infinite.
         prior: value and deviation of each known beforehand, or None, (k,).
         notes: sentences a user should read.
     """
@@ -51,18 +51,18 @@ class Targets:
     value: Array
     free: Array
     covariance: Array
-    textbook_covariance: Array
-    freedom: Array
-    lonely: tuple[int, ...]
+    classical_covariance: Array
+    dof: Array
+    single_block: tuple[int, ...]
     prior: tuple[tuple[float, float | None] | None, ...]
     notes: tuple[str, ...]
 
     def __post_init__(self) -> None:
         k = len(self.names)
         expect("C", self.C.shape, (k, None))
-        for name in ("covariance", "textbook_covariance"):
+        for name in ("covariance", "classical_covariance"):
             expect(name, getattr(self, name).shape, (k, k))
-        for name in ("C", "value", "free", "covariance", "textbook_covariance", "freedom"):
+        for name in ("C", "value", "free", "covariance", "classical_covariance", "freedom"):
             object.__setattr__(self, name, read_only(getattr(self, name)))
 
     def __len__(self) -> int:
@@ -72,11 +72,11 @@ class Targets:
         return self.parameters[self.names.index(name)]
 
     @cached_property
-    def sd(self) -> Array:
+    def se(self) -> Array:
         """Honest deviations, (k,); infinite for the lonely ones."""
-        sd = np.sqrt(np.diag(self.covariance))
-        sd[list(self.lonely)] = np.inf
-        return freeze(sd)
+        se = np.sqrt(np.diag(self.covariance))
+        se[list(self.single_block)] = np.inf
+        return freeze(se)
 
     @cached_property
     def interval95(self) -> Array:
@@ -87,7 +87,7 @@ class Targets:
     @property
     def _half(self) -> Array:
         """Half-widths of the 95 % intervals of the free fit, (k,)."""
-        return np.asarray(stats.t.ppf(0.975, self.freedom) * self.sd)
+        return np.asarray(stats.t.ppf(0.975, self.dof) * self.se)
 
     @cached_property
     def correlation(self) -> Array:
@@ -97,20 +97,20 @@ class Targets:
     @cached_property
     def parameters(self) -> tuple[Parameter, ...]:
         """The targets one by one, as an estimate gives its base parameters."""
-        textbook = np.sqrt(np.diag(self.textbook_covariance))
-        strained = np.abs(self.value - self.free) > self._half
+        classical = np.sqrt(np.diag(self.classical_covariance))
+        constrained_outside_ci = np.abs(self.value - self.free) > self._half
         return tuple(
             Parameter(
                 name=name,
                 unit=self.units[k],
                 grouping=self.expressions[k],
                 value=float(self.value[k]),
-                sd=float(self.sd[k]),
-                textbook_sd=float(textbook[k]),
+                se=float(self.se[k]),
+                classical_se=float(classical[k]),
                 interval=(float(self.interval95[k, 0]), float(self.interval95[k, 1])),
                 prior=self.prior[k],
                 free=float(self.free[k]),
-                strained=bool(strained[k]),
+                constrained_outside_ci=bool(constrained_outside_ci[k]),
             )
             for k, name in enumerate(self.names)
         )
@@ -137,7 +137,7 @@ class Targets:
                 p.name,
                 "" if p.prior is None else f"{p.prior[0]:.4g}",
                 f"{p.value:.4g}",
-                f"{p.sd:.2g}",
+                f"{p.se:.2g}",
                 f"{p.interval[0]:.4g} .. {p.interval[1]:.4g}",
                 p.unit,
             )
@@ -172,9 +172,9 @@ def targets(estimate: Estimate) -> Targets:
         value=C @ estimate.beta,
         free=C @ free_fit(estimate),
         covariance=C @ estimate.covariance @ C.T,
-        textbook_covariance=C @ estimate.textbook_covariance @ C.T,
-        freedom=spread.freedom,
-        lonely=alone,
+        classical_covariance=C @ estimate.classical_covariance @ C.T,
+        dof=spread.dof,
+        single_block=alone,
         prior=combined_prior(model.device, np.array([target.row for target in wanted])),
         notes=(sentence,) if alone else (),
     )
@@ -265,9 +265,9 @@ def _picked(made: Targets, kept: list[int], factors: Array, units: tuple[str, ..
         value=made.value[kept] * factors,
         free=made.free[kept] * factors,
         covariance=made.covariance[square] * outer,
-        textbook_covariance=made.textbook_covariance[square] * outer,
-        freedom=made.freedom[kept],
-        lonely=tuple(kept.index(k) for k in made.lonely if k in kept),
+        classical_covariance=made.classical_covariance[square] * outer,
+        dof=made.dof[kept],
+        single_block=tuple(kept.index(k) for k in made.single_block if k in kept),
         prior=tuple(_times(prior, factor) for prior, factor in zip(known, factors, strict=True)),
         notes=(*made.notes, *notes),
     )
@@ -276,5 +276,5 @@ def _picked(made: Targets, kept: list[int], factors: Array, units: tuple[str, ..
 def _times(prior: tuple[float, float | None] | None, factor: float) -> tuple[float, float | None] | None:
     if prior is None:
         return None
-    value, sd = prior
-    return float(value * factor), None if sd is None else float(sd * abs(factor))
+    value, se = prior
+    return float(value * factor), None if se is None else float(se * abs(factor))

@@ -80,7 +80,7 @@ def position_map(device: Device, motion: Motion) -> Callable[[Array], Array]:
     names = position_channels(device, side)
     if motion.q.shape[1] != len(names):
         raise ChannelCountError("position", motion.q.shape[1], names)
-    change = np.asarray(device.frame)
+    change = np.asarray(device.row_map)
     if side == "motor":
         shafts = np.diag([1.0 / drive.gear for drive in device.drives])
         change = change @ np.linalg.solve(device.coupling, shafts)
@@ -123,4 +123,4 @@ def torque_map(device: Device, log: Log) -> Array:
         wanted = "N" if device.joints[j].prismatic else "N m"
         if _joint_measured(device)[k] and unit != wanted:
             raise CommandUnitError(device.joints[j].name, unit, wanted, "joint")
-    return np.asarray(np.linalg.inv(device.frame).T[:, _joint_measured(device)])
+    return np.asarray(np.linalg.inv(device.row_map).T[:, _joint_measured(device)])

@@ -22,7 +22,7 @@ HALF_LENGTH = 5
 
 
 @dataclass(frozen=True)
-class Bell:
+class KaiserSmoother:
     """All main lobe: a Kaiser window (beta 8, side lobes 58 dB down), 0.4 / cutoff to either side.
 
     It rings nowhere, so that what disturbs a sample (a reversal, an end, a held-out edge) disturbs only the rows
@@ -61,7 +61,7 @@ def kaiser(half: float) -> Array:
 
 
 @dataclass(frozen=True)
-class Sharp:
+class WindowedSinc:
     """A windowed sinc, as published recipes decimate: flat below its cut-off, 50 dB down soon above it.
 
     Source: Gautier, Janot and Vandanjon (2013), IEEE Trans. Control Systems Technology 21(2), section III.
@@ -89,5 +89,5 @@ class Sharp:
         return design(float(optimize.brentq(excess, 0.5 * cutoff, highest, xtol=1e-9 * cutoff)))
 
 
-Shape = Bell | Sharp
-SHAPES: dict[str, Shape] = {shape.name: shape for shape in (Bell(), Sharp())}
+Shape = KaiserSmoother | WindowedSinc
+SHAPES: dict[str, Shape] = {shape.name: shape for shape in (KaiserSmoother(), WindowedSinc())}

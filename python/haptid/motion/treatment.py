@@ -22,7 +22,7 @@ from haptid.errors import CutoffError, MotionTooShortError, NoAccelerationError,
 from haptid.log import Log, OnDisk, as_array
 from haptid.motion.causal import Causal, HighPass
 from haptid.motion.parallel_filter import DIFFERENCES, SECOND_DIFFERENCES, ParallelFilter, centred
-from haptid.motion.shapes import Bell, Shape
+from haptid.motion.shapes import KaiserSmoother, Shape
 from haptid.motion.streaming import Late, filtered
 from haptid.motion.time_shift import delayed, lost
 
@@ -44,12 +44,12 @@ class Treatment:
         decimation: one row is kept of so many samples.
         parallel_cutoff_hz: -3 dB of the filter that torque and columns share, Hz; None is a share of what decimation
             can carry, and no filter at all where `decimation` is 1.
-        parallel_shape: of that filter: `Bell()`, `Sharp()` as published recipes have it, or `Causal()`.
-        low_speed: a motor's row is dropped where a coordinate with Coulomb friction moves slower than this anywhere
+        parallel_shape: of that filter: `KaiserSmoother()`, `WindowedSinc()` as published recipes have it, or `Causal()`.
+        reversal_speed: a motor's row is dropped where a coordinate with Coulomb friction moves slower than this anywhere
             within `guard` of the row, rad/s or m/s; one figure, or one for each row of torque.
         guard: s; None is all that the parallel filter reaches but what hardly weighs.
         block: length of a time block, s.
-        torque_delay: the torque that acts is the log's of so much earlier, s: half a sampling period for a command
+        torque_delay_s: the torque that acts is the log's of so much earlier, s: half a sampling period for a command
             that is held from its sample to the next.
         accelerations: "differences" of the positions, or "momentum": none, the shared filter differentiates momenta.
         velocity: a causal differentiator of the positions as they are; None is central differences.
@@ -59,17 +59,17 @@ class Treatment:
     order: int = 4
     decimation: int = 1
     parallel_cutoff_hz: float | None = None
-    low_speed: float | tuple[float, ...] = 0.0
+    reversal_speed: float | tuple[float, ...] = 0.0
     guard: float | None = None
     block: float = 1.0
-    torque_delay: float = 0.0
-    parallel_shape: Shape | Causal = field(default_factory=Bell)
+    torque_delay_s: float = 0.0
+    parallel_shape: Shape | Causal = field(default_factory=KaiserSmoother)
     accelerations: Literal["differences", "momentum"] = "differences"
     velocity: HighPass | None = None
 
     def __post_init__(self) -> None:
-        if isinstance(self.low_speed, (list, tuple)):
-            object.__setattr__(self, "low_speed", tuple(float(v) for v in self.low_speed))
+        if isinstance(self.reversal_speed, (list, tuple)):
+            object.__setattr__(self, "reversal_speed", tuple(float(v) for v in self.reversal_speed))
         for name in ("cutoff_hz", "parallel_cutoff_hz"):
             if getattr(self, name) is not None:
                 self._expect(name, positive, "a finite number above zero")
@@ -77,12 +77,12 @@ class Treatment:
             self._expect("guard", lambda v: v == 0 or positive(v), "a finite time, 0 or more")
         self._expect("block", positive, "a finite number above zero")
         self._expect("parallel_shape", lambda v: isinstance(v, Shape | Causal), "Bell(), Sharp() or Causal()")
-        self._expect("torque_delay", finite, "a finite time, s")
+        self._expect("torque_delay_s", finite, "a finite time, s")
         self._expect("order", lambda v: whole(v) and 1 <= v <= 12, "a whole number from 1 to 12")
         self._expect("decimation", lambda v: whole(v) and v >= 1, "a whole number, 1 or more")
-        many = self.low_speed if isinstance(self.low_speed, tuple) else (self.low_speed,)
+        many = self.reversal_speed if isinstance(self.reversal_speed, tuple) else (self.reversal_speed,)
         if not many or not all(v == 0 or positive(v) for v in many):
-            raise TreatmentValueError("low_speed", self.low_speed, "finite speeds, 0 or more")
+            raise TreatmentValueError("reversal_speed", self.reversal_speed, "finite speeds, 0 or more")
         self._expect("accelerations", lambda v: v in ("differences", "momentum"), '"differences" or "momentum"')
         self._expect("velocity", lambda v: v is None or isinstance(v, HighPass), "None or a HighPass")
         self._check_together()
@@ -242,7 +242,7 @@ class Motion:
         """First sample and one past the last whose rates are good: the ends, where the filters settle, are dropped."""
         if self.rates is not None:
             return 0, len(self)
-        shifted = lost(self.treatment.torque_delay / self.dt)
+        shifted = lost(self.treatment.torque_delay_s / self.dt)
         if self.treatment.velocity is not None:
             start = shifted + self.treatment.velocity.memory(self.dt, SETTLED)
             if len(self) - start - shifted < 2:
@@ -321,17 +321,17 @@ def treat(log: Log, treatment: Treatment | None = None) -> Motion:
         raise MotionTooShortError(n * dt, 3 * (2 * len(sections) + 1) * dt, "the position filter")
     q = log.position if sections is None else filtered(log.position, sections)
     motion = Motion(dt, q, log.torque, treatment, log, float(log.t[0]))
-    return with_delay(motion, treatment.torque_delay)
+    return with_delay(motion, treatment.torque_delay_s)
 
 
 def with_delay(motion: Motion, seconds: float) -> Motion:
-    """The motion of a log as if its treatment had this `torque_delay`; positions are not filtered again.
+    """The motion of a log as if its treatment had this `torque_delay_s`; positions are not filtered again.
 
     Raises:
         MotionTooShortError: as `treat` does.
     """
     assert motion.log is not None
-    torque, treatment = motion.log.torque, replace(motion.treatment, torque_delay=seconds)
+    torque, treatment = motion.log.torque, replace(motion.treatment, torque_delay_s=seconds)
     tau = torque if seconds == 0 else _late(torque, seconds / motion.dt)
     made = replace(motion, tau=tau, treatment=treatment)
     made.usable  # noqa: B018 - a log too short for its filter is an error here, not later

@@ -17,7 +17,7 @@ import numpy as np
 
 from haptid._core import __version__
 from haptid._internal.arrays import Array
-from haptid._internal.workers import Here, Workers
+from haptid._internal.workers import Executor, SerialExecutor
 from haptid.dynamics.model import DynamicModel
 from haptid.motion.channels import check_log
 from haptid.motion.treatment import Motion
@@ -49,7 +49,7 @@ class Reducer:
 
 
 @dataclass(frozen=True)
-class Kept:
+class RFactorCache:
     """Triangles in a folder, each part's in a file of its own that is there whole or not at all.
 
     Attributes:
@@ -137,8 +137,8 @@ Progress = Callable[[Motion, float], None]
 def observe_all(
     model: DynamicModel,
     motions: Sequence[Motion],
-    workers: Workers | None = None,
-    kept: Kept | None = None,
+    workers: Executor | None = None,
+    kept: RFactorCache | None = None,
     progress: Progress | None = None,
 ) -> tuple[Observation, ...]:
     """The observation of each motion, as `observe` makes it.
@@ -160,7 +160,7 @@ def observe_all(
     plans = tuple(Plan.of(model, motion) for motion in motions)
     parts = [Part(k, start, stop) for k, plan in enumerate(plans) for start, stop in plan.segments()]
     rows, done = [0] * len(plans), {}
-    for k, made in _reduced(plans, parts, workers or Here(), kept):
+    for k, made in _reduced(plans, parts, workers or SerialExecutor(), kept):
         done[k] = made
         rows[parts[k].plan] += parts[k].stop - parts[k].start
         if progress:
@@ -173,7 +173,7 @@ def observe_all(
 
 
 def _reduced(
-    plans: tuple[Plan, ...], parts: list[Part], workers: Workers, kept: Kept | None
+    plans: tuple[Plan, ...], parts: list[Part], workers: Executor, kept: RFactorCache | None
 ) -> Iterator[tuple[int, Reduced]]:
     """Index of a part and its triangles: first those that were kept, then the others as they are made."""
     files = kept.files(plans, parts) if kept else [None] * len(parts)

@@ -19,7 +19,7 @@ from haptid.motion.treatment import Motion, Treatment, treat
 
 
 @dataclass(frozen=True, eq=False)
-class Load:
+class Payload:
     """A known body fixed to a link.
 
     Attributes:
@@ -31,7 +31,7 @@ class Load:
     body: Body
 
 
-def load_shift(model: DynamicModel, link: str, body: Body) -> Array:
+def payload_torque(model: DynamicModel, link: str, body: Body) -> Array:
     """What a body fixed to a link adds to the base parameters, (p,), SI.
 
     Args:
@@ -60,7 +60,7 @@ def load_shift(model: DynamicModel, link: str, body: Body) -> Array:
     return freeze(model.base.of(chi))
 
 
-def without_load(model: DynamicModel, motion: Motion, link: str, body: Body) -> Motion:
+def without_payload(model: DynamicModel, motion: Motion, link: str, body: Body) -> Motion:
     """The motion as it would have been without a load that was fixed to a link while it was recorded.
 
     The load's torque along the motion is taken off the motion's, so that logs with known loads and logs without serve
@@ -69,20 +69,20 @@ def without_load(model: DynamicModel, motion: Motion, link: str, body: Body) -> 
     Args:
         model: the dynamic model.
         motion: recorded with the load.
-        link, body: as for `load_shift`.
+        link, body: as for `payload_torque`.
 
     Raises:
-        UnknownLinkError, LoadSymmetryError: as `load_shift`.
+        UnknownLinkError, LoadSymmetryError: as `payload_torque`.
         NoAccelerationError: velocity is by a causal differentiator.
     """
-    chi = raw_parameters(model, load_shift(model, link, body))
+    chi = raw_parameters(model, payload_torque(model, link, body))
     channels = np.eye(len(model.device.measured))[list(model.device.measured)]
     if motion.log is not None:
         channels = np.asarray(np.linalg.pinv(torque_map(model.device, motion.log)), dtype=np.float64)
     return replace(motion, tau=Unloaded(model, motion, chi, channels, motion.tau, 0.0).samples())
 
 
-def log_without_load(model: DynamicModel, log: Log, treatment: Treatment, load: Load) -> Log:
+def log_without_payload(model: DynamicModel, log: Log, treatment: Treatment, load: Payload) -> Log:
     """The log as it would have been without a load that was fixed to a link while it was recorded.
 
     The load's torque is made of the positions as they are treated, and comes as late as the torque of the treatment
@@ -95,13 +95,13 @@ def log_without_load(model: DynamicModel, log: Log, treatment: Treatment, load: 
         load: what was fixed to which link.
 
     Raises:
-        UnknownLinkError, LoadSymmetryError: as `load_shift`.
+        UnknownLinkError, LoadSymmetryError: as `payload_torque`.
         NoAccelerationError: velocity is by a causal differentiator.
     """
-    chi = raw_parameters(model, load_shift(model, load.link, load.body))
+    chi = raw_parameters(model, payload_torque(model, load.link, load.body))
     channels = np.asarray(np.linalg.pinv(torque_map(model.device, log)), dtype=np.float64)
     motion = treat(log, treatment)
-    torque = Unloaded(model, motion, chi, channels, log.torque, treatment.torque_delay / motion.dt).samples()
+    torque = Unloaded(model, motion, chi, channels, log.torque, treatment.torque_delay_s / motion.dt).samples()
     said = f"A load of {load.body.mass:g} kg on link {load.link} is taken off the torque: {_figures(load.body)}."
     return replace(log, torque=torque, notes=(*log.notes, said))
 

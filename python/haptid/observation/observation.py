@@ -276,7 +276,7 @@ def assemble(plan: Plan, parts: Sequence[Reduced]) -> Observation:
     rows = np.concatenate([many for _, many in parts], axis=1)
     told = rows.any(axis=1)
     if not told.any() or not (told.all() or locked(motion)):
-        raise NoRowsError(model.device.row_names[int(np.argmin(told))], motion.treatment.low_speed)
+        raise NoRowsError(model.device.row_names[int(np.argmin(told))], motion.treatment.reversal_speed)
     motors = []
     for k in np.flatnonzero(model.device.measured):
         columns = parts[0][0][k][0]
@@ -351,10 +351,10 @@ class Plan:
     def of(model: DynamicModel, motion: Motion) -> Plan:
         """Fit the rows between the ends that the filters leave."""
         treatment, (low, high) = motion.treatment, motion.usable
-        speeds = np.atleast_1d(treatment.low_speed)
+        speeds = np.atleast_1d(treatment.reversal_speed)
         if len(speeds) not in (1, len(model.device.row_names)):
             wanted = f"one figure, or {len(model.device.row_names)}: one for each row of torque"
-            raise TreatmentValueError("low_speed", treatment.low_speed, wanted)
+            raise TreatmentValueError("reversal_speed", treatment.reversal_speed, wanted)
         shared = shared_filter(motion)
         rows = (high - low - len(shared)) // treatment.decimation + 1
         block = max(1, round(min(treatment.block / (treatment.decimation * motion.dt), rows / LEAST_BLOCKS)))
@@ -442,9 +442,9 @@ class Plan:
         """One for a row that counts, zero for one too near slow motion for sgn to be known, (coordinates, rows)."""
         model, treatment = self.model, self.motion.treatment
         weights = np.ones((len(model.device.row_names), stop - start))
-        if not np.any(treatment.low_speed):
+        if not np.any(treatment.reversal_speed):
             return weights
-        speeds = np.broadcast_to(np.asarray(treatment.low_speed, dtype=float), (len(model.device.row_names),))
+        speeds = np.broadcast_to(np.asarray(treatment.reversal_speed, dtype=float), (len(model.device.row_names),))
         centres = self.first + treatment.decimation * np.arange(start, stop)
         low, high = self.motion.usable
         back, ahead = self.guard

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from importlib.resources import files
 
-from haptid.estimation import OLS, Consistent
+from haptid.estimation import OLS, PhysicallyConsistent
 from haptid.report.source import Source
 from haptid.results.write import weighting
 
@@ -34,7 +34,7 @@ def _used(source: Source) -> Iterator[str]:
     yield "gautier2013"
     yield from () if isinstance(weighting(made.method), OLS) else ("gautier2001",)
     yield "bell2002"
-    if isinstance(made.method, Consistent):
+    if isinstance(made.method, PhysicallyConsistent):
         yield from ("sousa2014", "wensing2018")
     yield "belsley1980"
     if any(source.dissections):

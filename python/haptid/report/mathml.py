@@ -25,7 +25,7 @@ def groupings(base: BaseParameters, exact: Regroupings | None) -> tuple[str, ...
         exact: the same with lengths as symbols; None where there are none.
     """
     if exact is None:
-        rows = zip(base.regrouping, base.kept, strict=True)
+        rows = zip(base.regrouping, base.independent_columns, strict=True)
         return tuple(_numeric(row, base.standard, kept) for row, kept in rows)
     return tuple(_exact(exact, k) for k in range(len(exact)))
 

@@ -9,9 +9,9 @@ import numpy as np
 
 from haptid._internal.arrays import Array, expect, read_only
 from haptid.dynamics.inverse import raw_parameters
-from haptid.end_effector.characterisation.model import GivenModel
+from haptid.end_effector.characterisation.model import GivenParameters
 from haptid.end_effector.force import HandleForce
-from haptid.end_effector.torque_decomposition import Dissection, dissect
+from haptid.end_effector.torque_decomposition import TorqueDecomposition, decompose_torque
 from haptid.errors import NoAccelerationError
 from haptid.estimation import Estimate
 from haptid.inference.diagnosis import Diagnosis, diagnose
@@ -154,22 +154,22 @@ class Source:
         return tuple(track(self.estimate, run) for run in self.identification.runs)
 
     @cached_property
-    def dissections(self) -> tuple[Dissection | None, ...]:
+    def dissections(self) -> tuple[TorqueDecomposition | None, ...]:
         """Log by log; None where a log is too long, or its rows have no accelerations."""
         return tuple(
             self._dissected(run, at.rows) for run, at in zip(self.identification.runs, self.tracks, strict=True)
         )
 
     @cached_property
-    def model(self) -> GivenModel:
+    def model(self) -> GivenParameters:
         """The estimate's parameters without their covariance: maps are made of them."""
-        return GivenModel(self.estimate.model, self.estimate.beta)
+        return GivenParameters(self.estimate.model, self.estimate.beta)
 
-    def _dissected(self, run: Run, rows: int) -> Dissection | None:
+    def _dissected(self, run: Run, rows: int) -> TorqueDecomposition | None:
         if rows > LARGEST_DISSECTION:
             return None
         try:
-            return dissect(self.estimate, run.motion)
+            return decompose_torque(self.estimate, run.motion)
         except NoAccelerationError:
             return None
 

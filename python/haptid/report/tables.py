@@ -14,7 +14,7 @@ from haptid.dynamics.model import DynamicModel
 from haptid.dynamics.symbolic import Regroupings
 from haptid.errors import RegroupingError
 from haptid.estimation import Parameter
-from haptid.estimation.nonlinear import Projection
+from haptid.estimation.nonlinear import VariableProjection
 from haptid.inference.targets import targets
 from haptid.study.identify import Identification, Run
 from haptid.validation.validation import Validation
@@ -47,7 +47,7 @@ def show_identification(console: Console, found: Identification) -> None:
     console.print(f"\n{verdict(found)}")
 
 
-def searched_table(projection: Projection) -> Table:
+def searched_table(projection: VariableProjection) -> Table:
     """Constants that the torque is not linear in."""
     table = Table(title="Searched constants", title_justify="left", box=None, pad_edge=False)
     for heading in ("", "value", "95 % interval", "unit"):
@@ -64,20 +64,20 @@ def parameter_table(title: str, parameters: Sequence[Parameter]) -> Table:
     for heading in ("", "value", "95 % interval", "sd %", "textbook %", "prior", "unit"):
         table.add_column(heading, justify="left" if heading in ("", "unit") else "right", no_wrap=True)
     for p in parameters:
-        table.add_row(*parameter_cells(p), style="dim" if p.relative_sd > 50 else None)
+        table.add_row(*parameter_cells(p), style="dim" if p.relative_se > 50 else None)
     return table
 
 
 def parameter_cells(p: Parameter) -> list[str]:
     """One row of the table, as many digits as the deviation allows; no deviation of a value that is strained."""
-    low, high = (with_digits(end, p.sd) for end in p.interval)
+    low, high = (with_digits(end, p.se) for end in p.interval)
     return [
         p.name,
-        f"{p.value:.4g}" if p.strained else with_digits(p.value, p.sd),
+        f"{p.value:.4g}" if p.constrained_outside_ci else with_digits(p.value, p.se),
         f"{low} .. {high}",
-        "" if p.strained else short_percent(p.sd, p.value),
-        "" if p.strained else short_percent(p.textbook_sd, p.value),
-        "" if p.prior is None else with_digits(p.prior[0], p.sd),
+        "" if p.constrained_outside_ci else short_percent(p.se, p.value),
+        "" if p.constrained_outside_ci else short_percent(p.classical_se, p.value),
+        "" if p.prior is None else with_digits(p.prior[0], p.se),
         p.unit,
     ]
 
@@ -88,12 +88,12 @@ def short_percent(part: float, whole: float) -> str:
     return f"{percent:#.2g}".rstrip(".") if percent < 99.5 else ("> 100" if percent < 1000 else "> 1000")
 
 
-def with_digits(value: float, sd: float) -> str:
+def with_digits(value: float, se: float) -> str:
     """A figure to two digits of its deviation."""
-    if not (sd > 0 and abs(value) < 1e6 and sd > 1e-9):
+    if not (se > 0 and abs(value) < 1e6 and se > 1e-9):
         return f"{value:.6g}"
     decimals = 1
-    while decimals < 12 and 10.0**-decimals * 10 > sd:
+    while decimals < 12 and 10.0**-decimals * 10 > se:
         decimals += 1
     return f"{value:.{decimals}f}"
 

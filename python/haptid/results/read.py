@@ -17,7 +17,7 @@ from haptid.device.toml.reader import device_of
 from haptid.device.toml.tables import checked
 from haptid.dynamics.base_parameters import BaseParameters
 from haptid.dynamics.model import DynamicModel
-from haptid.end_effector.characterisation.model import GivenModel
+from haptid.end_effector.characterisation.model import GivenParameters
 from haptid.errors import ResultDeviceError, ResultFileError, ShapeError
 from haptid.estimation.intervals.spread import correlations
 from haptid.observation.observation import Block
@@ -64,7 +64,7 @@ class _Estimate(_Table):
     searched: list[_Searched] = []
     loads: list[float] | None = None
     covariance: list[list[float]]
-    freedom: list[float | None]
+    dof: list[float | None]
 
 
 class _Error(_Table):
@@ -151,7 +151,7 @@ class Recorded:
         beta: base parameters, (p,), SI; their names and units are those of `base`.
         free: of the fit that is held to nothing, (p,); `beta` where nothing holds it.
         covariance: of `free`, (p, p).
-        freedom: degrees of freedom of each interval, (p,); infinite of a parameter that is held at zero.
+        dof: degrees of freedom of each interval, (p,); infinite of a parameter that is held at zero.
         interval95: (p, 2), infinite of the parameters that one stretch of the log alone tells.
         zero: indices of the parameters that were left out: zero, without deviation.
         direct: errors on the rows of the fit, log by log.
@@ -175,7 +175,7 @@ class Recorded:
     beta: Array
     free: Array
     covariance: Array
-    freedom: Array
+    dof: Array
     interval95: Array
     zero: tuple[int, ...]
     direct: tuple[Validation, ...]
@@ -213,25 +213,27 @@ class Recorded:
         return correlations(self.covariance)
 
     @property
-    def lonely(self) -> tuple[int, ...]:
+    def single_block(self) -> tuple[int, ...]:
         """Parameters, by index, that one stretch of the log alone tells."""
         return tuple(int(k) for k in np.flatnonzero(np.isinf(self.interval95).any(axis=1)))
 
     @property
-    def sd(self) -> Array:
+    def se(self) -> Array:
         """Honest deviations, (p,); infinite for the lonely ones."""
-        sd = np.sqrt(np.diag(self.covariance))
-        sd[list(self.lonely)] = np.inf
-        return sd
+        se = np.sqrt(np.diag(self.covariance))
+        se[list(self.single_block)] = np.inf
+        return se
 
     @property
-    def identified(self) -> GivenModel:
-        """The parameters as `characterise`, `felt_mass` and the like take them.
+    def identified(self) -> GivenParameters:
+        """The parameters as `characterise`, `apparent_mass` and the like take them.
 
         Intervals of what is made from it have the degrees of freedom of the parameter that has fewest: how evenly the
         log tells a combination of parameters is not in the folder.
         """
-        return GivenModel(self.model, self.beta, self.covariance, float(self.freedom.min(initial=np.inf)), self.lonely)
+        return GivenParameters(
+            self.model, self.beta, self.covariance, float(self.dof.min(initial=np.inf)), self.single_block
+        )
 
 
 def read_result(folder: str | Path) -> Recorded:
@@ -270,7 +272,7 @@ def read_result(folder: str | Path) -> Recorded:
         beta=np.array([p.value for p in found.parameters]),
         free=np.array([p.free for p in found.parameters]),
         covariance=np.array(found.covariance),
-        freedom=np.array([np.inf if f is None else f for f in found.freedom]),
+        dof=np.array([np.inf if f is None else f for f in found.dof]),
         interval95=np.array([_interval(p) for p in found.parameters]).reshape(-1, 2),
         zero=tuple(k for k, p in enumerate(found.parameters) if p.essential is False),
         direct=_validations(table.validation, model, seen=True),

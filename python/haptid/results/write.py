@@ -12,12 +12,12 @@ from typing import TYPE_CHECKING, Any
 
 from haptid._core import __version__
 from haptid.dynamics.model import DynamicModel
-from haptid.estimation import Consistent, Estimate, Held, Method, Parameter, Reduced, Within
-from haptid.estimation.nonlinear import Projection
+from haptid.estimation import BoundedSolution, Constrained, Estimate, Method, Parameter, PhysicallyConsistent, Reduced
+from haptid.estimation.nonlinear import VariableProjection
 from haptid.inference.targets import targets
 from haptid.motion.causal import Causal
 from haptid.motion.treatment import Treatment
-from haptid.observation.known_payload import Load
+from haptid.observation.known_payload import Payload
 from haptid.study.identify import Identification, Run
 from haptid.validation.validation import Validation
 
@@ -57,7 +57,7 @@ def result(identification: Identification, verdict: Verdict | None = None) -> di
         },
         "estimate": {
             "method": weighting(estimate.method).name,
-            "possible": isinstance(estimate.held, Held),
+            "possible": isinstance(estimate.held, Constrained),
             "status": estimate.status,
             "interval": interval(estimate),
             "parameters": [parameter(p) | {"essential": e} for p, e in zip(estimate.parameters, kept, strict=True)],
@@ -65,7 +65,7 @@ def result(identification: Identification, verdict: Verdict | None = None) -> di
             "searched": searched(identification.projection),
             "loads": None if identification.model.load is None else identification.model.load.tolist(),
             "held": held(estimate.held),
-            "freedom": estimate.freedom.tolist(),
+            "freedom": estimate.dof.tolist(),
             "covariance": estimate.covariance.tolist(),
         },
         "validation": [entry for run in identification.runs for entry in validations(run)],
@@ -96,13 +96,13 @@ def essential(estimate: Estimate) -> list[bool | None]:
     return [k not in estimate.zero for k in range(len(estimate.base))]
 
 
-def searched(projection: Projection | None) -> list[dict[str, Any]]:
+def searched(projection: VariableProjection | None) -> list[dict[str, Any]]:
     """Constants that the torque is not linear in, as found."""
     return [
         {
             "name": constant.name,
             "value": constant.value,
-            "sd": constant.sd,
+            "sd": constant.se,
             "interval95": list(constant.interval),
             "range": [constant.low, constant.high],
             "unit": constant.unit,
@@ -115,7 +115,7 @@ def interval(estimate: Estimate) -> str:
     """How the intervals were made."""
     if estimate.held is None:
         return estimate.intervals.name
-    return f"{estimate.intervals.name}, {HELD_INTERVAL if isinstance(estimate.held, Held) else WITHIN_INTERVAL}"
+    return f"{estimate.intervals.name}, {HELD_INTERVAL if isinstance(estimate.held, Constrained) else WITHIN_INTERVAL}"
 
 
 def device_file(model: DynamicModel) -> dict[str, Any]:
@@ -126,7 +126,7 @@ def device_file(model: DynamicModel) -> dict[str, Any]:
 
 def weighting(method: Method) -> Method:
     """The method by its name in a study, whether or not its estimate is held to what is possible."""
-    return method.weighting if isinstance(method, Consistent) else method
+    return method.weighting if isinstance(method, PhysicallyConsistent) else method
 
 
 def treatment(treated: Treatment) -> dict[str, Any]:
@@ -156,18 +156,18 @@ def log(run: Run) -> dict[str, Any]:
     }
 
 
-def load(taken_off: Load) -> dict[str, Any]:
+def load(taken_off: Payload) -> dict[str, Any]:
     """A known load as a study has it; the tensor about the centre of mass, 3 x 3, null of a point mass."""
     body = taken_off.body
     inertia = None if body.inertia is None else body.inertia.tolist()
     return {"link": taken_off.link, "mass": body.mass, "com": body.com.tolist(), "inertia": inertia}
 
 
-def held(found: Held | Within | None) -> dict[str, Any] | None:
+def held(found: Constrained | BoundedSolution | None) -> dict[str, Any] | None:
     """What an estimate was held to, where it would not have been possible: bodies, and what that cost."""
     if found is None:
         return None
-    if isinstance(found, Within):
+    if isinstance(found, BoundedSolution):
         return {"active": list(found.active)}
     inside, names = found.possible, found.possible.model.device.parameters.names
     return {
@@ -187,10 +187,10 @@ def parameter(p: Parameter) -> dict[str, Any]:
         "name": p.name,
         "value": p.value,
         "free": p.free,
-        "sd": p.sd,
+        "sd": p.se,
         "interval95": list(p.interval),
-        "relative_sd_percent": p.relative_sd,
-        "textbook_sd": p.textbook_sd,
+        "relative_sd_percent": p.relative_se,
+        "classical_se": p.classical_se,
         "unit": p.unit,
         "grouping": p.grouping,
         "essential": None,
@@ -244,7 +244,7 @@ def write_result(identification: Identification, folder: Path, verdict: Verdict 
     """
     text = json.dumps(finite(result(identification, verdict)), indent=1, ensure_ascii=False, allow_nan=False)
     (folder / "result.json").write_text(text + "\n", encoding="utf-8")
-    head = ["name", "value", "sd", "low95", "high95", "relative_sd_percent", "textbook_sd", "unit", "grouping", "free"]
+    head = ["name", "value", "sd", "low95", "high95", "relative_sd_percent", "classical_se", "unit", "grouping", "free"]
     _write_table(folder / "parameters.csv", [head, *map(_row, identification.estimate.parameters)])
     names, correlation = identification.estimate.base.names, identification.estimate.correlation
     rows = [[name, *("" if math.isnan(r) else r for r in row)] for name, row in zip(names, correlation, strict=True)]
@@ -252,8 +252,8 @@ def write_result(identification: Identification, folder: Path, verdict: Verdict 
 
 
 def _row(p: Parameter) -> list[object]:
-    relative = "" if p.strained else p.relative_sd
-    return [p.name, p.value, p.sd, *p.interval, relative, p.textbook_sd, p.unit, p.grouping, p.free]
+    relative = "" if p.constrained_outside_ci else p.relative_se
+    return [p.name, p.value, p.se, *p.interval, relative, p.classical_se, p.unit, p.grouping, p.free]
 
 
 def _write_table(path: Path, rows: Iterable[Sequence[object]]) -> None:

@@ -90,12 +90,12 @@ def reference(law: PID, model: DynamicModel, motion: Motion, place: int) -> Arra
     if isinstance(law.reference, Signal):
         if motion.log is None or not motion.log.sha256:
             raise ControllerError("reference", "channels of a log", "arrays: this motion comes from no file")
-        return np.asarray(model.device.frame @ recorded(motion.log, law.reference))
+        return np.asarray(model.device.row_map @ recorded(motion.log, law.reference))
     if place >= len(law.reference):
         raise ControllerError("reference", f"{len(law.reference)} arrays", "one for each motion of the observation")
     given = np.asarray(law.reference[place], dtype=float)
     expect("reference", given.shape, (len(motion), len(model.device.active)))
-    return np.asarray(model.device.frame @ given.T)
+    return np.asarray(model.device.row_map @ given.T)
 
 
 def recorded(log: Log, wanted: Signal) -> Array:

@@ -79,10 +79,10 @@ def sensitivity(forward: ForwardDynamics, law: PID | None, motion: Motion, steps
         linear = _linearised(forward, steps, part, base)
         ahead = np.asarray(np.linalg.inv(np.eye(2 * n) - 0.5 * period * linear.F))
         for k in range(first, min(first + CHUNK, len(steps.c))):
-            s, sd = (np.ascontiguousarray(half.transpose(1, 0, 2)) for half in (x[:, :n], x[:, n:]))
+            s, se = (np.ascontiguousarray(half.transpose(1, 0, 2)) for half in (x[:, :n], x[:, n:]))
             tau = None
             if running is not None:
-                tau, _ = running.torque(s, sd, None, None, steps.free[k, :, :count, None])
+                tau, _ = running.torque(s, se, None, None, steps.free[k, :, :count, None])
             if k % steps.per == 0:
                 made_c[k // steps.per] = s.transpose(0, 2, 1)
                 if made_tau is not None and tau is not None:

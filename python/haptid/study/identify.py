@@ -9,16 +9,16 @@ from functools import reduce
 from operator import add
 from pathlib import Path
 
-from haptid._internal.workers import Workers
+from haptid._internal.workers import Executor
 from haptid.device import read_device
 from haptid.dynamics.model import DynamicModel
 from haptid.estimation import Estimate, estimate
-from haptid.estimation.nonlinear import Projection
+from haptid.estimation.nonlinear import VariableProjection
 from haptid.estimation.nonlinear.linearise import settled, unsettled
 from haptid.log import Log, is_long, open_log, read_log
 from haptid.motion.treatment import Motion, Treatment, treat
-from haptid.observation.batch import Kept, observe_all
-from haptid.observation.known_payload import log_without_load
+from haptid.observation.batch import RFactorCache, observe_all
+from haptid.observation.known_payload import log_without_payload
 from haptid.observation.observation import Observation
 from haptid.study import LogEntry, Study
 from haptid.treatment_choice.propose import Proposal, propose
@@ -67,7 +67,7 @@ class Identification:
     proposal: Proposal
     estimate: Estimate
     runs: tuple[Run, ...]
-    projection: Projection | None = None
+    projection: VariableProjection | None = None
 
     @property
     def unseen(self) -> tuple[Validation, ...]:
@@ -87,8 +87,8 @@ def identify(
     study: Study,
     data: str | Path | None = None,
     progress: Progress | None = None,
-    workers: Workers | None = None,
-    kept: Kept | None = None,
+    workers: Executor | None = None,
+    kept: RFactorCache | None = None,
 ) -> Identification:
     """Read, treat, observe, estimate and validate.
 
@@ -150,7 +150,7 @@ def _fit_to_propose(logs: Sequence[Log], study: Study) -> list[Log]:
 
 
 def _unloaded(model: DynamicModel, log: Log, treatment: Treatment, entry: LogEntry) -> Log:
-    return log if entry.load is None else log_without_load(model, log, treatment, entry.load)
+    return log if entry.load is None else log_without_payload(model, log, treatment, entry.load)
 
 
 def _treat(log: Log, treatment: Treatment, tell: Progress) -> Motion:

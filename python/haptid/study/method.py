@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from pathlib import Path
 
-from haptid.errors import MethodSettingError, PulledProfileError, StudyControllerError, StudyFileError
+from haptid.errors import PulledProfileError, SettingError, StudyControllerError, StudyFileError
 from haptid.estimation import (
     CLIE,
     CLOE,
@@ -21,23 +21,23 @@ from haptid.estimation import (
     WLS,
     BlockJackknife,
     Bootstrap,
-    Bounded,
-    Clustered,
-    Consistent,
-    Corrected,
-    Equal,
+    Bounds,
+    Classical,
+    ClusterRobust,
+    EqualityConstraints,
+    ErrorsInVariables,
     FixedB,
     Heteroscedastic,
     Huber,
     Intervals,
     Loss,
     Method,
-    OutputError,
+    OutputErrorMethod,
+    PhysicallyConsistent,
     Profile,
     Ridge,
     Sandwich,
     StudentT,
-    Textbook,
     Tukey,
 )
 from haptid.estimation.methods.entropic import Entropic
@@ -54,21 +54,21 @@ METHODS: Mapping[str, tuple[Callable[..., Method], tuple[str, ...]]] = {
     "IRLS": (IRLS, ("loss",)),
     "heteroscedastic": (Heteroscedastic, ("passes",)),
     "TLS": (TLS, ()),
-    "encoder noise": (Corrected, ("resolution",)),
+    "encoder noise": (ErrorsInVariables, ("resolution",)),
     "ridge": (Ridge, ("share", "strength", "passes")),
     "entropic": (Entropic, ("strength",)),
     "IV": (IV, ()),
     "DIDIM": (DIDIM, ()),
     "CLIE": (CLIE, ()),
     "CLOE": (CLOE, ()),
-    "output error": (OutputError, ()),
+    "output error": (OutputErrorMethod, ()),
     "EKF": (EKF, ()),
     "UKF": (UKF, ()),
 }
 INTERVALS: Mapping[str, Callable[[], Intervals]] = {
-    "clustered": Clustered,
+    "clustered": ClusterRobust,
     "jackknife": BlockJackknife,
-    "textbook": Textbook,
+    "textbook": Classical,
     "sandwich": Sandwich,
     "fixed-b": FixedB,
     "bootstrap": Bootstrap,
@@ -100,14 +100,14 @@ def method_of(study: Path, table: EstimateTable, controller: PID | None) -> Meth
         raise StudyFileError(study, f"estimate.{held[1]}", f"beside {held[0]}: give one of {', '.join(HOLDING)}")
     try:
         return _held(table, make(**given))
-    except MethodSettingError as error:
+    except SettingError as error:
         raise StudyFileError(study, "estimate", str(error).rstrip(".")) from error
 
 
 def _held(table: EstimateTable, weighting: Method) -> Method:
     """The method with what holds its estimate."""
     if table.possible:
-        return Consistent(weighting)
+        return PhysicallyConsistent(weighting)
     if table.limits:
-        return Bounded({name: (limit.low, limit.high) for name, limit in table.limits.items()}, weighting)
-    return Equal(table.relations, weighting) if table.relations else weighting
+        return Bounds({name: (limit.low, limit.high) for name, limit in table.limits.items()}, weighting)
+    return EqualityConstraints(table.relations, weighting) if table.relations else weighting

@@ -9,12 +9,12 @@ import numpy as np
 
 from haptid._internal.toml_tables import read_checked
 from haptid.device.priors import Body, tensor
-from haptid.errors import ControllerError, LogError, StudyFileError, StudyLogsError
+from haptid.errors import LogError, SettingError, StudyFileError, StudyLogsError
 from haptid.log import Channels, Signal
 from haptid.motion.causal import Causal, HighPass
 from haptid.motion.shapes import SHAPES
 from haptid.motion.treatment import Treatment
-from haptid.observation.known_payload import Load
+from haptid.observation.known_payload import Payload
 from haptid.simulation import PID
 from haptid.study.method import INTERVALS, method_of
 from haptid.study.schema import (
@@ -82,7 +82,7 @@ def _controller(study: Path, table: ControllerTable) -> PID:
         given["reference"] = _signal(study, "controller.reference", signal)
     try:
         return PID(**given)
-    except ControllerError as error:
+    except SettingError as error:
         raise StudyFileError(study, "controller", str(error).rstrip(".")) from error
 
 
@@ -114,9 +114,9 @@ def _log(study: Path, index: int, log: LogTable, common: ChannelsTable | None) -
     return LogEntry(log.path, log.role, stretch, channels, _load(log.load) if log.load else None)
 
 
-def _load(table: LoadTable) -> Load:
+def _load(table: LoadTable) -> Payload:
     inertia = None if table.inertia is None else tensor(np.array(table.inertia))
-    return Load(table.link, Body(table.mass, np.array(table.com), inertia))
+    return Payload(table.link, Body(table.mass, np.array(table.com), inertia))
 
 
 def _signal(study: Path, where: str, table: SignalTable) -> Signal:

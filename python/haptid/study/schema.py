@@ -79,7 +79,7 @@ class TreatmentTable(_Table):
     velocity_cutoff_hz: Positive | None = Field(
         None, description="velocity by a causal differentiator of the positions, Hz; with accelerations = 'momentum'"
     )
-    low_speed: Finite | list[Finite] | None = Field(
+    reversal_speed: Finite | list[Finite] | None = Field(
         None, description="rows slower than this are dropped, rad/s or m/s; 0 for none"
     )
     guard: Annotated[float, Field(ge=0, allow_inf_nan=False)] | None = Field(
@@ -87,7 +87,7 @@ class TreatmentTable(_Table):
         description="rows this near slow motion are dropped too, s; default: all that the shared filter reaches",
     )
     block: Positive | None = Field(None, description="length of a time block, s; default 1")
-    torque_delay: Finite | None = Field(
+    torque_delay_s: Finite | None = Field(
         None, description="the torque that acts is the channel's of so much earlier, s; 0 for none"
     )
 

@@ -7,9 +7,9 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Literal
 
-from haptid.estimation import Clustered, Intervals, Method
+from haptid.estimation import ClusterRobust, Intervals, Method
 from haptid.log import Channels
-from haptid.observation.known_payload import Load
+from haptid.observation.known_payload import Payload
 from haptid.simulation import PID
 from haptid.study.schema import Role
 
@@ -22,7 +22,7 @@ class LogEntry:
     role: Role
     stretch: tuple[float, float] | None
     channels: Channels | None
-    load: Load | None = None
+    load: Payload | None = None
 
 
 @dataclass(frozen=True)
@@ -49,5 +49,5 @@ class Study:
     method: Method
     holdout: Literal["alternate", "each-log"] | None
     largest_error: float | None
-    intervals: Intervals = field(default_factory=Clustered)
+    intervals: Intervals = field(default_factory=ClusterRobust)
     controller: PID | None = None

@@ -35,11 +35,11 @@ class Delay:
 
     Attributes:
         seconds: the torque that acts at a sample is the channel's of so much earlier.
-        sd: its deviation, by leaving out a tenth of the log at a time, s.
+        se: its deviation, by leaving out a tenth of the log at a time, s.
     """
 
     seconds: float
-    sd: float
+    se: float
 
 
 def find_delay(model: DynamicModel, logs: Sequence[Log], treatment: Treatment) -> Delay | None:
@@ -48,12 +48,12 @@ def find_delay(model: DynamicModel, logs: Sequence[Log], treatment: Treatment) -
     Args:
         model: the dynamic model.
         logs: recorded by one instrument, at one rate.
-        treatment: how; its own `torque_delay` is left aside.
+        treatment: how; its own `torque_delay_s` is left aside.
 
     Raises:
         HaptidError: as `treat` and `observe` do.
     """
-    dt, motions = float(logs[0].dt), [treat(log, replace(treatment, torque_delay=0.0)) for log in logs]
+    dt, motions = float(logs[0].dt), [treat(log, replace(treatment, torque_delay_s=0.0)) for log in logs]
     guess, step = 0.0, STEPS[0]
     trio: list[Observation] = []
     for step in STEPS:

@@ -16,7 +16,7 @@ from scipy import signal
 
 from haptid._internal.arrays import Array
 from haptid.dynamics.model import DynamicModel
-from haptid.errors import MotionTooShortError, NoRowsError, TooFewRowsError, TreatmentValueError, UnexcitedError
+from haptid.errors import IdentifiabilityError, MotionTooShortError, NoRowsError, TreatmentValueError
 from haptid.log import Log
 from haptid.motion.channels import check_log, state
 from haptid.motion.treatment import Treatment, treat
@@ -196,7 +196,7 @@ def _noise_sentence(logs: Sequence[Log], treatment: Treatment) -> str:
 def _slow(model: DynamicModel, logs: Sequence[Log], treatment: Treatment, asked: Mapping[str, Any]) -> Step:
     """Below which speed a motor's dry friction is not to be trusted."""
     rows = len(model.device.row_names)
-    if "low_speed" in asked or not any(model.coulomb_terms(row) for row in range(rows)):
+    if "reversal_speed" in asked or not any(model.coulomb_terms(row) for row in range(rows)):
         return treatment, ()
     speeds = np.full(rows, np.inf)
     states = [_states(model, log, treatment) for log in logs]
@@ -206,7 +206,7 @@ def _slow(model: DynamicModel, logs: Sequence[Log], treatment: Treatment, asked:
             power = sum(float(np.sum(model.speed(term, c, cd) ** 2)) for c, cd in states) / samples
             speeds[row] = min(speeds[row], SLOW * float(np.sqrt(power)))
     low = tuple(float(f"{v:.2g}") if np.isfinite(v) else 0.0 for v in speeds)
-    return replace(treatment, low_speed=low), ()
+    return replace(treatment, reversal_speed=low), ()
 
 
 def _states(model: DynamicModel, log: Log, treatment: Treatment) -> tuple[Array, Array]:
@@ -217,7 +217,7 @@ def _states(model: DynamicModel, log: Log, treatment: Treatment) -> tuple[Array,
 
 def _wide_enough(model: DynamicModel, logs: Sequence[Log], treatment: Treatment, asked: Mapping[str, Any]) -> Step:
     """A filter short enough for each motor to keep a share of its rows between reversals."""
-    if not np.any(treatment.low_speed):
+    if not np.any(treatment.reversal_speed):
         return treatment, ()
     narrow, dt = treatment, max(float(log.dt) for log in logs)
     before = shares = _shares(model, logs, treatment)
@@ -225,14 +225,14 @@ def _wide_enough(model: DynamicModel, logs: Sequence[Log], treatment: Treatment,
         wider = WIDER * (treatment.parallel_cutoff_hz or 0.0)
         if min(shares) >= KEPT or wider > _ceiling(dt, asked):
             break
-        treatment = _with_parallel(wider, dt, {**asked, "low_speed": treatment.low_speed})
+        treatment = _with_parallel(wider, dt, {**asked, "reversal_speed": treatment.reversal_speed})
         shares = _shares(model, logs, treatment)
     reasons = []
     if min(shares) < KEPT:  # it did not help, and costs noise
         treatment, shares = narrow, before
         reasons.append(
             f"Less than {100 * KEPT:.0f} % of a motor's rows are clear of reversals, whatever the filter: record "
-            f"motion that turns round less often, or lower `low_speed`."
+            f"motion that turns round less often, or lower `reversal_speed`."
         )
     elif treatment is not narrow:
         reasons.append(
@@ -240,7 +240,7 @@ def _wide_enough(model: DynamicModel, logs: Sequence[Log], treatment: Treatment,
             f"between the many reversals, a longer one leaves a motor less than {100 * KEPT:.0f} % of its rows."
         )
     kept = ", ".join(f"{100 * share:.0f}" for share in shares)
-    speeds = ", ".join(f"{v:.2g}" for v in np.atleast_1d(treatment.low_speed))
+    speeds = ", ".join(f"{v:.2g}" for v in np.atleast_1d(treatment.reversal_speed))
     reasons.append(
         f"Rows whose filter sees a motion slower than {speeds} (of each motor, SI) are left out: dry friction jumps "
         f"there. {kept} % of the motors' rows are kept."
@@ -264,12 +264,14 @@ def _shares(model: DynamicModel, logs: Sequence[Log], treatment: Treatment) -> l
 
 def _timed(model: DynamicModel, logs: Sequence[Log], treatment: Treatment, asked: Mapping[str, Any]) -> Step:
     """With the torque's delay."""
-    if "torque_delay" in asked:
+    if "torque_delay_s" in asked:
         return treatment, ()
     rates = sorted({f"{log.rate_hz:.4g}" for log in logs})
     if len(rates) > 1:
         many = " and ".join(rates)
-        return treatment, (f"How late the torque is was not looked for: the logs have {many} Hz. Give `torque_delay`.",)
+        return treatment, (
+            f"How late the torque is was not looked for: the logs have {many} Hz. Give `torque_delay_s`.",
+        )
     dt = float(logs[0].dt)
     plain = treatment
     if treatment.velocity is not None:  # a differentiator is late itself, which is no delay of the torque
@@ -277,15 +279,15 @@ def _timed(model: DynamicModel, logs: Sequence[Log], treatment: Treatment, asked
         plain = replace(treatment, velocity=None, cutoff_hz=cutoff)
     try:
         delay = find_delay(model, logs, plain)
-    except (NoRowsError, TooFewRowsError, UnexcitedError, MotionTooShortError):
+    except (NoRowsError, IdentifiabilityError, MotionTooShortError):
         delay = None
-    if delay is None or delay.sd > KNOWN * dt:
+    if delay is None or delay.se > KNOWN * dt:
         return treatment, ("The logs do not tell how late the torque is; it is taken as it is.",)
-    found = f"{1e3 * delay.seconds:.3g} ms (deviation {1e3 * delay.sd:.1g} ms)"
-    near = NEAR * dt + 2 * delay.sd
+    found = f"{1e3 * delay.seconds:.3g} ms (deviation {1e3 * delay.se:.1g} ms)"
+    near = NEAR * dt + 2 * delay.se
     if abs(delay.seconds) < near:
         return treatment, (f"The torque is not late, within what the logs tell: {found}.",)
     if abs(delay.seconds - dt / 2) < near:
         held = f"The torque is late by {found}: half a sampling period, as a command is that is held until the next."
-        return replace(treatment, torque_delay=dt / 2), (held,)
-    return replace(treatment, torque_delay=delay.seconds), (f"The torque is late by {found}: compensated.",)
+        return replace(treatment, torque_delay_s=dt / 2), (held,)
+    return replace(treatment, torque_delay_s=delay.seconds), (f"The torque is late by {found}: compensated.",)

@@ -11,11 +11,11 @@ from haptid._internal.arrays import Array, freeze
 ROUNDING = 1e-9
 
 
-def two_sided(value: Array, sd: Array, freedom: Array) -> Array:
+def two_sided(value: Array, se: Array, dof: Array) -> Array:
     """Two-sided probability of Student's t of each value under zero, (k,); without deviation, whether it is zero."""
     with np.errstate(divide="ignore", invalid="ignore"):
-        t = np.abs(value) / sd
-    return np.asarray(2.0 * stats.t.sf(np.where(np.isnan(t), 0.0, t), freedom))
+        t = np.abs(value) / se
+    return np.asarray(2.0 * stats.t.sf(np.where(np.isnan(t), 0.0, t), dof))
 
 
 def together(p: Array) -> Array:
@@ -30,12 +30,12 @@ def together(p: Array) -> Array:
     return freeze(made)
 
 
-def deviations_to_weigh(value: Array, sd: Array) -> Array:
+def deviations_to_weigh(value: Array, se: Array) -> Array:
     """Deviations, (n,), none of them below what is rounding of the values, (n,)."""
-    return np.asarray(np.maximum(sd, ROUNDING * np.abs(value).max(initial=0.0)))
+    return np.asarray(np.maximum(se, ROUNDING * np.abs(value).max(initial=0.0)))
 
 
-def misfit(value: Array, sd: Array, freedom: Array, columns: Array) -> float:
+def misfit(value: Array, se: Array, dof: Array, columns: Array) -> float:
     """Probability of values so far from their weighted fit to columns, where the columns are all there is.
 
     With a single column of ones this is Welch's test of equal means, and of two values his t test.
@@ -45,20 +45,20 @@ def misfit(value: Array, sd: Array, freedom: Array, columns: Array) -> float:
 
     Args:
         value: (n,).
-        sd: its deviations, infinite where nothing is known, (n,).
-        freedom: degrees of freedom of each deviation, (n,).
+        se: its deviations, infinite where nothing is known, (n,).
+        dof: degrees of freedom of each deviation, (n,).
         columns: of full rank, (n, c).
     """
-    told = np.isfinite(sd)
-    value, sd, freedom, columns = value[told], sd[told], freedom[told], columns[told]
+    told = np.isfinite(se)
+    value, se, dof, columns = value[told], se[told], dof[told], columns[told]
     free = len(value) - columns.shape[1]
     if free < 1 or not value.any():
         return 1.0
-    sd = deviations_to_weigh(value, sd)
-    Q = np.linalg.qr(columns / sd[:, None])[0]
-    scaled = value / sd
+    se = deviations_to_weigh(value, se)
+    Q = np.linalg.qr(columns / se[:, None])[0]
+    scaled = value / se
     square = float(np.sum((scaled - Q @ (Q.T @ scaled)) ** 2))
-    doubt = float(np.sum((1.0 - np.sum(Q**2, axis=1)) ** 2 / freedom))
+    doubt = float(np.sum((1.0 - np.sum(Q**2, axis=1)) ** 2 / dof))
     if doubt == 0.0:
         return float(stats.chi2.sf(square, free))
     size = free + 2 * doubt - 6 * doubt / (free + 2)

@@ -10,7 +10,7 @@ from haptid._internal.arrays import Array
 from haptid.demos.cea_branches.plan import Compensating, Sweep
 from haptid.dynamics.inverse import mass_matrix
 from haptid.dynamics.kinematics import handle_motion
-from haptid.end_effector.characterisation import felt_mass
+from haptid.end_effector.characterisation import apparent_mass
 from haptid.end_effector.characterisation.velocity_forces import drift
 from haptid.end_effector.compensation import Compensation, stable_share
 from haptid.estimation import Estimate
@@ -55,7 +55,7 @@ def compensated(plan: Compensating, sweep: Sweep, estimated: Estimate, bench: Se
     made = without_friction(bench)
     angles = {"degrees": (plan.degrees[0], plan.degrees[-1]), "poses": len(plan.degrees)}
     qa = sweep.model_copy(update=angles).along(estimated.model)
-    felt = felt_mass(estimated, qa)
+    felt = apparent_mass(estimated, qa)
     target = (1 - plan.share) * float(felt.mass.value.max())
     laws = [Compensation(estimated, share) for share in (0.0, plan.share)]
     laws.append(Compensation(estimated, plan.share, towards=target))

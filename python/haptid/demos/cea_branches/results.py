@@ -16,12 +16,12 @@ from haptid.demos.plan import Table, Tell
 from haptid.demos.recordings import BenchRecording, Take, read_recording
 from haptid.device import read_device
 from haptid.dynamics.model import DynamicModel
-from haptid.end_effector.characterisation import Characterisation, FeltMass, characterise, felt_mass
+from haptid.end_effector.characterisation import ApparentMass, Characterisation, apparent_mass, characterise
 from haptid.estimation import WLS, Estimate, estimate
 from haptid.experiment.bench.experiment import read_experiment
 from haptid.experiment.friction_test.choice import FrictionChoice, choose_friction
 from haptid.experiment.friction_test.curve import FrictionCurve, friction_curve
-from haptid.inference.elimination import Reduction, essential, essential_by_motor
+from haptid.inference.elimination import Elimination, eliminate_by_motor, essential
 from haptid.motion.treatment import Motion, Treatment
 from haptid.observation.observation import Observation, observe
 from haptid.treatment_choice.propose import Proposal, propose
@@ -48,7 +48,7 @@ class Identified:
     fit: Motion
     unseen: Motion
     every: Observation
-    reduction: Reduction
+    reduction: Elimination
 
     @property
     def model(self) -> DynamicModel:
@@ -77,9 +77,9 @@ class Identified:
         return self.reduction.unseen[1]
 
     @cached_property
-    def by_motor(self) -> tuple[Reduction, ...]:
+    def by_motor(self) -> tuple[Elimination, ...]:
         """The same elimination on the rows of each motor alone."""
-        return essential_by_motor(self.full)
+        return eliminate_by_motor(self.full)
 
     @property
     def condition_of_published(self) -> tuple[float, float]:
@@ -116,7 +116,7 @@ def identified(
     fit = recording.motion(stretch.identify, proposal.treatment)
     other = unseen.motion(stretch.unseen, proposal.treatment)
     full = estimate(observe(model, fit), WLS())
-    every = observe(model, replace(fit, treatment=replace(fit.treatment, low_speed=0.0)))
+    every = observe(model, replace(fit, treatment=replace(fit.treatment, reversal_speed=0.0)))
     return Identified(branch, table, recording.beta, proposal, fit, other, every, essential(full, unseen=other))
 
 
@@ -136,7 +136,7 @@ class FrictionTest:
 def friction_test(stretch: Stretch, recording: BenchRecording) -> FrictionTest:
     """Friction of each motor from a log in which the joints move in turn."""
     ends = stretch.friction_edge, float(recording.t[-1]) - stretch.friction_edge
-    treatment = Treatment(cutoff_hz=stretch.friction_cutoff_hz, torque_delay=recording.dt / 2)
+    treatment = Treatment(cutoff_hz=stretch.friction_cutoff_hz, torque_delay_s=recording.dt / 2)
     curve = friction_curve(recording.model, recording.motion(ends, treatment))
     return FrictionTest(curve, choose_friction(curve))
 
@@ -158,7 +158,7 @@ class Handle:
             friction.
     """
 
-    sweeps: Mapping[str, FeltMass]
+    sweeps: Mapping[str, ApparentMass]
     essential: Characterisation
     full: Characterisation
 
@@ -198,7 +198,7 @@ def find(demo: CeaDemo, logs: Path, tell: Tell) -> Results:
         tell("identifying", (k + 0.7) / len(demo.branches))
         at = demo.posture.at(model)
         handles[branch.key] = Handle(
-            sweeps={sweep.key: felt_mass(one.reduced, sweep.along(model)) for sweep in demo.sweeps},
+            sweeps={sweep.key: apparent_mass(one.reduced, sweep.along(model)) for sweep in demo.sweeps},
             essential=characterise(one.reduced, at),
             full=characterise(one.full, at),
         )

@@ -103,17 +103,17 @@ def _elimination(found: Results) -> DocumentSection:
         assert made.unseen is not None
         before, after = made.unseen
         text.append(
-            f"{one.branch.title} branch: {len(one.full.kept)} parameters, {len(names)} essential: {', '.join(names)}. "
+            f"{one.branch.title} branch: {len(one.full.free_parameters)} parameters, {len(names)} essential: {', '.join(names)}. "
             f"{made.reason} The essential parameters move by at most {np.nanmax(np.abs(made.shift)):.1f} of their "
             f"standard errors in the full model; the error on unseen motion changes from {before.relative:.3f} % to "
             f"{after.relative:.3f} %."
         )
         text += differences(one)
         for motor in one.by_motor:
-            label, kept = motor.full.observation.motors[0].label, len(motor.full.kept)
+            label, kept = motor.full.observation.motors[0].label, len(motor.full.free_parameters)
             text.append(f"{label} alone: {kept} identifiable parameters, essential {', '.join(motor.essential)}.")
         cells = [["eliminated", "relative standard error, %", "p of the F-test"]]
-        cells += [[drop.name, f"{drop.relative_sd:.0f}", f"{drop.test.p:.2f}"] for drop in made.drops]
+        cells += [[drop.name, f"{drop.relative_se:.0f}", f"{drop.test.p:.2f}"] for drop in made.drops]
         tables.append(TextTable(f"Backward elimination, {one.branch.title.lower()} branch", cells))
     return DocumentSection("elimination", "Essential parameters", tuple(text), tuple(tables))
 
@@ -125,14 +125,14 @@ def differences(one: Identified) -> Iterator[str]:
     for name in one.missing:
         (drop,) = [drop for drop in one.reduction.drops if drop.name == name]
         yield (
-            f"{name} is published and eliminated here: relative standard error {drop.relative_sd:.3g} %, value "
+            f"{name} is published and eliminated here: relative standard error {drop.relative_se:.3g} %, value "
             f"{one.full[name].value:.2g} {one.full[name].unit}."
         )
     for name in one.more:
         p = one.reduced[name]
         yield (
             f"{name} is essential here and not published: {p.value:.2g} {p.unit}, relative standard error "
-            f"{p.relative_sd:.3g} %; true value {one.true(name):.2g}."
+            f"{p.relative_se:.3g} %; true value {one.true(name):.2g}."
         )
 
 
@@ -143,7 +143,7 @@ def _parameters(found: Results) -> DocumentSection:
     ]
     for one in found.found.values():
         names = one.reduction.essential
-        ratio = {n: one.reduced[n].relative_sd / one.table.figures[n, "relative"] for n in one.table.rows if n in names}
+        ratio = {n: one.reduced[n].relative_se / one.table.figures[n, "relative"] for n in one.table.rows if n in names}
         text.append(
             f"{one.branch.title} branch: {sum(map(one.inside, names))} of {len(names)} intervals contain the true "
             f"value; relative standard errors are {100 * min(ratio.values()):.0f} to {100 * max(ratio.values()):.0f} % "

@@ -28,7 +28,7 @@ def parameters(found: Identified) -> Cells:
         low, high = p.interval
         ours = ["left out", "", ""]
         if name in found.reduction.essential:
-            ours = [f"{p.value:.5f}", f"{p.relative_sd:.2f}", f"{low:.5f} .. {high:.5f}"]
+            ours = [f"{p.value:.5f}", f"{p.relative_se:.2f}", f"{low:.5f} .. {high:.5f}"]
         cells.append([name, p.unit, *known, *ours, f"{found.true(name):.5f}"])
     return cells
 
@@ -55,8 +55,8 @@ def sweeps(found: Results) -> Cells:
             row = [sweep.title if k == 0 else "", ["largest", "middle", "smallest"][k], f"{low:g} .. {high:g}"]
             for handle in found.handles.values():
                 mass = handle.sweeps[sweep.key].mass
-                assert mass.sd is not None
-                row.append(f"{ranged(mass.value[:, k])}, ± {2 * mass.sd[:, k].max():.1g}")
+                assert mass.se is not None
+                row.append(f"{ranged(mass.value[:, k])}, ± {2 * mass.se[:, k].max():.1g}")
             cells.append(row)
     return cells
 
@@ -116,7 +116,7 @@ def summary(found: Results) -> str:
             f"W: {one.every.rows} x {len(one.full.beta)}, condition {one.every.condition[0]:.3g} raw and "
             f"{one.every.condition[1]:.3g} scaled; of the {len(one.table.rows)} published columns "
             f"{one.condition_of_published[0]:.3g} and {one.condition_of_published[1]:.3g}.",
-            f"{len(one.full.kept)} parameters, {len(one.reduction.essential)} essential; relative error "
+            f"{len(one.full.free_parameters)} parameters, {len(one.reduction.essential)} essential; relative error "
             f"{one.direct.relative:.2f} % on the rows of the fit, {one.cross.relative:.2f} % on unseen motion.",
             "",
         ]
@@ -177,9 +177,9 @@ def _branch(found: Results, key: str) -> dict[str, Any]:
 def _parameter(one: Identified, name: str) -> dict[str, Any]:
     full, reduced = one.full[name], one.reduced[name]
     made: dict[str, Any] = {"unit": full.unit, "true": one.true(name)}
-    made["full"] = {"value": full.value, "sd": full.sd, "interval95": full.interval}
+    made["full"] = {"value": full.value, "sd": full.se, "interval95": full.interval}
     if name in one.reduction.essential:
-        made["essential"] = {"value": reduced.value, "sd": reduced.sd, "interval95": reduced.interval}
+        made["essential"] = {"value": reduced.value, "sd": reduced.se, "interval95": reduced.interval}
     return made
 
 

@@ -14,7 +14,7 @@ from haptid.demos.recordings import BenchRecording
 from haptid.device.parameters import Symmetry, standard_parameters
 from haptid.dynamics.inverse import inverse_dynamics
 from haptid.dynamics.model import DynamicModel
-from haptid.estimation import WLS, Consistent, Estimate, Method, estimate
+from haptid.estimation import WLS, Estimate, Method, PhysicallyConsistent, estimate
 from haptid.inference.targets import Targets, target_map, targets
 from haptid.motion.treatment import Motion
 from haptid.observation.observation import observe
@@ -105,7 +105,7 @@ def fit_all(demo: PhantomDemo, mounting: str, exact: BenchRecording, encoders: B
         "frictionless": fitted("8 parameters, exact velocity", without_terms(model), known),
         "exact": fitted("exact velocity, causal filter", model, known),
         "encoders": fitted("encoders, proposed treatment", model, read),
-        "held": fitted("the same, held to what is possible", model, read, Consistent()),
+        "held": fitted("the same, held to what is possible", model, read, PhysicallyConsistent()),
     }
     for lag in demo.published.lags:
         late = demo.published.treatment(encoders.dt, lag)
@@ -118,7 +118,7 @@ def fitted(title: str, model: DynamicModel, halves: Sequence[Motion], method: Me
     """A fit to the first motion, validated on the second."""
     first, second = halves
     found = estimate(observe(model, first), method or WLS())
-    everywhere = replace(second, treatment=replace(second.treatment, low_speed=0.0))
+    everywhere = replace(second, treatment=replace(second.treatment, reversal_speed=0.0))
     return Fit(title, found, validate(found, second), validate(found, everywhere), second)
 
 
@@ -171,7 +171,7 @@ def accuracy(found: Targets, recording: BenchRecording, stretch: tuple[float, fl
 
 def _kind(model: DynamicModel, row: Array) -> str:
     """Kind of a target: friction of one sort, or bodies."""
-    kinds = {model.device.parameters.kinds[model.base.kept[k]][:2] for k in np.flatnonzero(row)}
+    kinds = {model.device.parameters.kinds[model.base.independent_columns[k]][:2] for k in np.flatnonzero(row)}
     return {"FV": "viscous", "FC": "Coulomb"}.get(kinds.pop(), "body") if len(kinds) == 1 else "body"
 
 

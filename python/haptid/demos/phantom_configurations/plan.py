@@ -41,7 +41,7 @@ class Published(Part):
     cutoff_hz: float
     decimation: int
     lags: tuple[float, ...] = Field(description="of the velocity's high-pass, s")
-    low_speed: float = Field(description="rows whose filter sees a slower motion are left out, rad/s or m/s")
+    reversal_speed: float = Field(description="rows whose filter sees a slower motion are left out, rad/s or m/s")
 
     def treatment(self, dt: float, lag: float | None = None) -> Treatment:
         """The treatment of a log whose command is constant over each sampling period.
@@ -57,8 +57,8 @@ class Published(Part):
             parallel_cutoff_hz=self.cutoff_hz,
             parallel_shape=Causal(),
             decimation=self.decimation,
-            low_speed=self.low_speed,
-            torque_delay=dt / 2,
+            reversal_speed=self.reversal_speed,
+            torque_delay_s=dt / 2,
         )
 
 
@@ -97,7 +97,7 @@ class Hand(Part):
 
     def treatment(self, dt: float) -> Treatment:
         """Zero-phase, with a pass band wide enough for a hand; no row is left out."""
-        return Treatment(cutoff_hz=self.cutoff_hz, decimation=self.decimation, torque_delay=dt / 2)
+        return Treatment(cutoff_hz=self.cutoff_hz, decimation=self.decimation, torque_delay_s=dt / 2)
 
 
 class Tool(Part):

@@ -17,10 +17,10 @@ from haptid.demos.recordings import BenchRecording, Take, read_recording
 from haptid.device import read_device
 from haptid.dynamics.model import DynamicModel
 from haptid.end_effector.definiteness import Definiteness, definiteness
-from haptid.estimation import Estimate, Possible, possible
+from haptid.estimation import Estimate, FeasibleParameters, possible
 from haptid.experiment.bench.experiment import read_experiment
 from haptid.inference.comparison import Comparison, compare
-from haptid.inference.payload_estimate import Addition, addition
+from haptid.inference.payload_estimate import PayloadEstimate, estimate_payload
 from haptid.inference.targets import Targets, target_map
 
 # Fits whose mass matrix and bodies are evaluated.
@@ -38,7 +38,7 @@ class Evaluation:
     """
 
     definite: tuple[Definiteness, ...]
-    possible: Possible
+    possible: FeasibleParameters
 
 
 @dataclass(frozen=True, eq=False)
@@ -64,7 +64,7 @@ class Results:
     evaluated: Mapping[tuple[str, str], Evaluation]
     comparisons: tuple[tuple[Pair, Comparison], ...]
     hand: HandForces
-    tool: Addition
+    tool: PayloadEstimate
     tool_truth: Mapping[str, float]
 
 
@@ -103,13 +103,15 @@ def find(demo: PhantomDemo, logs: Path, tell: Tell) -> Results:
     )
 
 
-def tool_found(demo: PhantomDemo, without: Fits, recording: BenchRecording) -> Addition:
+def tool_found(demo: PhantomDemo, without: Fits, recording: BenchRecording) -> PayloadEstimate:
     """Parameters that the tool adds to the handle's link, from the mounting without it and a log with it."""
     model, treatment = without.model, without.proposal.treatment
     assert model.device.handle is not None
     halves = [recording.motion(half, treatment) for half in (demo.stretch.fit, demo.stretch.unseen)]
     fit = fitted("with the tool", model, halves)
-    return addition(without["encoders"].estimate, fit.estimate, model.device.joint_names[model.device.handle.link])
+    return estimate_payload(
+        without["encoders"].estimate, fit.estimate, model.device.joint_names[model.device.handle.link]
+    )
 
 
 def tool_truth(model: DynamicModel, experiment: Path) -> dict[str, float]:

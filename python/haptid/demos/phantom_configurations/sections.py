@@ -11,7 +11,7 @@ from haptid.demos.phantom_configurations.fits import Fit, accuracy
 from haptid.demos.phantom_configurations.results import Evaluation, Results
 from haptid.demos.phantom_configurations.tables import cells2, ours, published, table1, table2, truth
 from haptid.dynamics.model import DynamicModel
-from haptid.end_effector.torque_decomposition import RIGID, dissect
+from haptid.end_effector.torque_decomposition import RIGID, decompose_torque
 from haptid.motion.treatment import Motion
 from haptid.observation.chunks import stretches
 from haptid.report.chart import Chart, axis, packed, plot, series
@@ -59,7 +59,7 @@ def _parameters(found: Results) -> DocumentSection:
     fits = [fits["exact"].command for fits in found.fits.values()]
     white, robust = (
         np.concatenate([np.diag(cov) for cov in some])
-        for some in ([f.textbook_covariance for f in fits], [f.covariance for f in fits])
+        for some in ([f.classical_covariance for f in fits], [f.covariance for f in fits])
     )
     about = (
         f"Published variances are between 1e-9 and 1e-6. With exact velocities ours are between {white.min():.0e} and "
@@ -202,7 +202,7 @@ def _decomposition(found: Results) -> DocumentSection:
     colours |= {"gravity": "vermillion", "friction": "purple"}
     for number, (key, fits) in enumerate(found.fits.items(), FIRST_OF_PARTS):
         fit, title = fits["exact"], found.demo.mountings[key]
-        made = dissect(fit.estimate, fit.unseen)
+        made = decompose_torque(fit.estimate, fit.unseen)
         whole = np.sqrt((made.total**2).mean(axis=1))
         for k, motor in enumerate(made.motors):
             shares = (np.sqrt((part[k] ** 2).mean()) / whole[k] for part in (*(made[p] for p in RIGID), made.friction))
@@ -280,6 +280,9 @@ def beginning(motion: Motion, seconds: float) -> Motion:
 
 def _torque_parts(fit: Fit, seconds: float) -> tuple[Array, dict[str, Array]]:
     """Times, and the parts of the command by name, with the measured one and friction, each (motors, rows)."""
-    made, scale = dissect(fit.estimate, beginning(fit.unseen, seconds)), per_command(fit.estimate.model)[:, None]
+    made, scale = (
+        decompose_torque(fit.estimate, beginning(fit.unseen, seconds)),
+        per_command(fit.estimate.model)[:, None],
+    )
     parts = {part: scale * made[part] for part in made.parts}
     return made.t, parts | {"friction": scale * made.friction, "measured": scale * made.measured}

@@ -24,7 +24,7 @@ from haptid.errors import (
     LoopOpenError,
     RelationError,
     UndeterminedLoopError,
-    UnknownNameError,
+    UnknownDeviceNameError,
 )
 
 # A loop closes where its gap stays below this share of the mechanism's size.
@@ -190,7 +190,7 @@ def _refuse_taken(name: str | None, index: Mapping[str, int], cuts: Sequence[Cut
 
 def _found(name: str, index: Mapping[str, int], place: Place) -> int:
     if name not in index:
-        raise UnknownNameError(str(place), "joint", name, index)
+        raise UnknownDeviceNameError(str(place), "joint", name, index)
     return index[name]
 
 

@@ -15,7 +15,7 @@ from haptid.device.geometry import Reader
 from haptid.device.loops.cut_joint import CutJoint
 from haptid.device.loops.linear import Closure
 from haptid.device.loops.newton import NewtonClosure
-from haptid.device.terms.term import PLACES, UNITS, Counterbalance, Load, Searched, TermColumn
+from haptid.device.terms.term import PLACES, UNITS, Counterbalance, LoadDependentFriction, Searched, TermColumn
 from haptid.device.toml.place import Place
 from haptid.device.toml.schema import (
     AnyTerm,
@@ -29,7 +29,7 @@ from haptid.device.toml.schema import (
     StribeckTerm,
     TermTable,
 )
-from haptid.errors import DeviceKeyError, DeviceValueError, DuplicateNameError, UnknownNameError
+from haptid.errors import DeviceKeyError, DeviceValueError, DuplicateNameError, UnknownDeviceNameError
 
 # Stem of the parameter's name, by kind.
 STEMS = {
@@ -176,7 +176,7 @@ class Targets:
 
         Raises:
             DeviceKeyError: it names none.
-            UnknownNameError: it names one that is not there.
+            UnknownDeviceNameError: it names one that is not there.
         """
         if table.joints is None and table.motors is None:
             found = "the term acts on nothing"
@@ -195,7 +195,7 @@ class Targets:
             names = [target.name for target in known]
             for k, name in enumerate(wanted):
                 if name not in names:
-                    raise UnknownNameError(str(place.at(f"{what}s", k)), what, name, names)
+                    raise UnknownDeviceNameError(str(place.at(f"{what}s", k)), what, name, names)
             made += [target for target in known if target.name in wanted]
         return made
 
@@ -226,7 +226,7 @@ def _columns(table: AnyTerm, target: Target, targets: Targets, reader: Reader, p
             return [_with_constants(column, {"width": table.width}, reader, place) for column in made]
         case LoadTerm():
             width = _not_negative(table.width, reader, place.at("width"))
-            return [target.external(name(), "1", Load(_row(target, place), width))]
+            return [target.external(name(), "1", LoadDependentFriction(_row(target, place), width))]
         case StribeckTerm():
             given = {key: getattr(table, key) for key in PLACES["stribeck"]}
             return [_with_constants(target.column(name(), "stribeck"), given, reader, place)]

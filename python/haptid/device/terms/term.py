@@ -92,7 +92,7 @@ class Counterbalance:
 
 
 @dataclass(frozen=True, eq=False)
-class Load:
+class LoadDependentFriction:
     """Dry friction in proportion to the load that a coordinate carries: sgn(v) |torque of the bodies on it|.
 
     The bodies are those of an estimate: see `Device.loaded`. Before there is one they are like one another, so that
@@ -153,7 +153,7 @@ class TermColumn:
     weights: Array
     offset: float = 0.0
     settings: tuple[float, float, float] = (0.0, 0.0, 0.0)
-    shape: Counterbalance | Column | Load | None = None
+    shape: Counterbalance | Column | LoadDependentFriction | None = None
     joint: int | None = None
     searched: tuple[Searched, ...] = ()
 
@@ -173,7 +173,7 @@ class TermColumn:
     @property
     def dry(self) -> bool:
         """Whether it is friction in which the sign of a velocity matters."""
-        return self.kind in DRY or isinstance(self.shape, Load)
+        return self.kind in DRY or isinstance(self.shape, LoadDependentFriction)
 
     @property
     def side(self) -> int:
@@ -183,7 +183,7 @@ class TermColumn:
 
     def constant(self, name: str) -> float:
         """Present value of a constant, SI."""
-        if isinstance(self.shape, Load):
+        if isinstance(self.shape, LoadDependentFriction):
             return self.shape.width
         if isinstance(self.shape, Column):
             return self.shape.constants[name]
@@ -191,7 +191,7 @@ class TermColumn:
 
     def with_constant(self, name: str, value: float) -> TermColumn:
         """The same term with another value of a constant."""
-        if isinstance(self.shape, Load):
+        if isinstance(self.shape, LoadDependentFriction):
             return replace(self, shape=replace(self.shape, width=value))
         if isinstance(self.shape, Column):
             return replace(self, shape=replace(self.shape, constants={**self.shape.constants, name: value}))
@@ -233,7 +233,7 @@ def external_columns(
     for row, term in zip(made, terms, strict=True):
         if isinstance(term.shape, Counterbalance):
             row[:] = term.shape.values(motion[0])
-        elif isinstance(term.shape, Load):
+        elif isinstance(term.shape, LoadDependentFriction):
             row[:] = loads[term.name]
         elif term.shape is not None:
             row[:] = term.shape.values(named, samples)

@@ -34,7 +34,7 @@ from haptid.errors import (
     DeviceValueError,
     DuplicateNameError,
     MissingParentError,
-    UnknownNameError,
+    UnknownDeviceNameError,
 )
 
 # Name of the fixed link.
@@ -57,7 +57,7 @@ def keeping(device: Device, names: Sequence[str]) -> Device:
     """The same device, with these parameters preferred as base parameters in place of those of its file.
 
     Raises:
-        UnknownNameError: no free standard parameter of that name.
+        UnknownDeviceNameError: no free standard parameter of that name.
     """
     table = device.tables.base_parameters.model_copy(update={"keep": list(names)})
     tables = device.tables.model_copy(update={"base_parameters": table})
@@ -230,7 +230,7 @@ def _rule(
     named += [(name, place.at("equal", k, i)) for k, group in enumerate(equal) for i, name in enumerate(group)]
     for name, at in named:
         if name not in raw:
-            raise UnknownNameError(str(at), "parameter", name, raw)
+            raise UnknownDeviceNameError(str(at), "parameter", name, raw)
     for k, group in enumerate(equal):
         kinds = {_unit(name, raw, units) for name in group}
         if len(kinds) > 1:
@@ -243,7 +243,7 @@ def _rule(
     linked += [(table.about.link, place.at("about", "link"))] if table.about else []
     for name, at in linked:
         if name not in links:
-            raise UnknownNameError(str(at), "link", name, links)
+            raise UnknownDeviceNameError(str(at), "link", name, links)
     if table.about:
         across = [axis for axis in "XYZ" if axis != table.about.axis.upper()]
         zero += [kind + table.about.link for kind in ("XY", "XZ", "YZ", *(f"M{axis}" for axis in across))]
@@ -264,7 +264,7 @@ def _handle(tables: AnyDevice, joints: Sequence[Joint], base: Array, reader: Rea
         return None
     names = [joint.name for joint in joints]
     if tables.handle.link not in names:
-        raise UnknownNameError(str(place.at("link")), "link", tables.handle.link, names)
+        raise UnknownDeviceNameError(str(place.at("link")), "link", tables.handle.link, names)
     frame = frame_on(joints, names.index(tables.handle.link), reader.placement(tables.handle, place), base)
     return Handle(frame.link, frame.rotation, frame.translation)
 
@@ -277,7 +277,7 @@ def _prior(
     for k, body in enumerate(tables.prior_bodies):
         here = place.at("prior_bodies", k)
         if body.link not in links:
-            raise UnknownNameError(str(here.at("link")), "link", body.link, links)
+            raise UnknownDeviceNameError(str(here.at("link")), "link", body.link, links)
         if f"M{body.link}" in made:
             raise DuplicateNameError(str(here.at("link")), "prior body of link", body.link, "an earlier one")
         percent = None if body.sd_percent is None else reader.number(body.sd_percent, here.at("sd_percent"))
@@ -285,7 +285,7 @@ def _prior(
     for name, value in tables.prior.items():
         here = place.at("prior", name)
         if name not in raw:
-            raise UnknownNameError(str(here), "parameter", name, raw)
+            raise UnknownDeviceNameError(str(here), "parameter", name, raw)
         made[name] = _named_prior(value, reader, here)
     return made
 
@@ -293,10 +293,10 @@ def _prior(
 def _named_prior(value: PriorTable | float | str, reader: Reader, place: Place) -> Prior:
     if not isinstance(value, PriorTable):
         return Prior(reader.number(value, place))
-    sd = None if value.sd is None else reader.number(value.sd, place.at("sd"))
-    if sd is not None and sd <= 0:
-        raise DeviceValueError(str(place.at("sd")), f"found {sd:g}", "Write a standard deviation above zero, or none.")
-    return Prior(reader.number(value.value, place.at("value")), sd)
+    std = None if value.std is None else reader.number(value.std, place.at("sd"))
+    if std is not None and std <= 0:
+        raise DeviceValueError(str(place.at("sd")), f"found {std:g}", "Write a standard deviation above zero, or none.")
+    return Prior(reader.number(value.value, place.at("value")), std)
 
 
 def _body(table: PriorBodyTable, reader: Reader, place: Place) -> Body:
@@ -322,7 +322,7 @@ def _keep(tables: AnyDevice, parameters: StandardParameters, place: Place) -> tu
     """Names of the free parameters to keep; one that stands for several may be called by any of them."""
     for k, name in enumerate(tables.base_parameters.keep):
         if name not in parameters.index:
-            raise UnknownNameError(str(place.at("keep", k)), "free parameter", name, parameters.index)
+            raise UnknownDeviceNameError(str(place.at("keep", k)), "free parameter", name, parameters.index)
     return tuple(parameters.names[parameters.index[name]] for name in tables.base_parameters.keep)
 
 

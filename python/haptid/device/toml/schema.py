@@ -270,7 +270,7 @@ class PriorTable(Table):
     """A value with its deviation."""
 
     value: Quantity
-    sd: Quantity | None = None
+    std: Quantity | None = None
 
 
 class PriorBodyTable(Table):

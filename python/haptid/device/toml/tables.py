@@ -18,9 +18,9 @@ from haptid.errors import (
     DeviceKeyError,
     DeviceSyntaxError,
     DeviceValueError,
-    UnknownNameError,
+    UnknownDeviceNameError,
+    suggestion,
 )
-from haptid.errors.devices import suggestion
 
 # A device file is some kilobytes; a file beyond this is something else.
 LARGEST_FILE = 1_000_000
@@ -105,7 +105,7 @@ def _first_error(error: ValidationError, file: str, data: Any, model: type[BaseM
     fault = Fault.of(error, model, data)
     place, steps = str(Place(file).at(*fault.steps)), fault.steps
     if fault.kinds and fault.kind == "union_tag_invalid":
-        return UnknownNameError(place, "kind of term", str(fault.found), fault.kinds)
+        return UnknownDeviceNameError(place, "kind of term", str(fault.found), fault.kinds)
     if fault.kinds:
         return DeviceKeyError(place, "this key is missing", f"Write kind = ..., one of {', '.join(fault.kinds)}.")
     if fault.kind == "extra_forbidden":

@@ -174,7 +174,7 @@ def _rows(device: Device) -> Rows:
     """Rows of measured torque by active joint; where all are measured, mixing them changes no relation."""
     if all(device.measured):
         return None
-    chosen = np.linalg.inv(device.frame).T[list(device.measured)]
+    chosen = np.linalg.inv(device.row_map).T[list(device.measured)]
     return tuple(tuple(ratio(float(x)) for x in row) for row in chosen)
 
 

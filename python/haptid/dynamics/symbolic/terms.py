@@ -84,7 +84,7 @@ def exact_columns(device: Device, active: Sequence[int], symbols: Symbols) -> tu
     for term in device.terms:
         side, _, name = term.on.partition(" ")
         joint = names.index(name) if side == "joint" else None
-        weights = tuple(ratio(float(w)) for w in (term.weights @ device.frame)[list(active)])
+        weights = tuple(ratio(float(w)) for w in (term.weights @ device.row_map)[list(active)])
         made.append(ExactColumn(joint, weights if joint is None else (), _parts(term), _rest(term, device, symbols)))
     return tuple(made)
 

@@ -1,19 +1,19 @@
 """What the hand feels of a device: masses, friction, weight and forces at the handle, with their intervals."""
 
-from haptid.end_effector.characterisation.apparent_mass import FeltMass, felt_mass
+from haptid.end_effector.characterisation.apparent_mass import ApparentMass, apparent_mass
 from haptid.end_effector.characterisation.characterise import Characterisation, characterise, line, sweep
 from haptid.end_effector.characterisation.jacobian import Grasp
-from haptid.end_effector.characterisation.model import Figure, GivenModel, IdentifiedModel
+from haptid.end_effector.characterisation.model import Figure, GivenParameters, IdentifiedModel
 
 __all__ = [
+    "ApparentMass",
     "Characterisation",
-    "FeltMass",
     "Figure",
-    "GivenModel",
+    "GivenParameters",
     "Grasp",
     "IdentifiedModel",
+    "apparent_mass",
     "characterise",
-    "felt_mass",
     "line",
     "sweep",
 ]

@@ -13,7 +13,7 @@ from haptid._internal.arrays import Array, expect, freeze, read_only
 from haptid.dynamics.inverse import mass_matrix, raw_parameters
 from haptid.dynamics.kinematics import handle_motion, handle_of
 from haptid.end_effector.characterisation.jacobian import LINEAR, check_settings, moving_coordinates
-from haptid.end_effector.characterisation.model import Figure, IdentifiedModel, freedom, spread, trusted
+from haptid.end_effector.characterisation.model import Figure, IdentifiedModel, dof, spread, trusted
 from haptid.end_effector.force import WORST_CONDITION
 
 # Degrees of freedom are looked at in so many poses.
@@ -21,7 +21,7 @@ LOOKED_AT = 6
 
 
 @dataclass(frozen=True, eq=False)
-class FeltMass:
+class ApparentMass:
     """Principal masses at many poses, for a push that leaves all coordinates free: M = (J A^-1 J')^-1.
 
     With as many coordinates as rows that is J^-T A J^-1 (Janot et al. 2007, section V); with more it is what a force
@@ -57,9 +57,9 @@ class FeltMass:
         return np.asarray(self.usable & np.isfinite(self.mass.value[:, 0]))
 
 
-def felt_mass(
+def apparent_mass(
     identified: IdentifiedModel, qa: ArrayLike, rows: tuple[int, ...] = LINEAR, worst_condition: float = WORST_CONDITION
-) -> FeltMass:
+) -> ApparentMass:
     """Masses that a hand feels, with deviations: exact in the first order, since masses change as kinetic energy does.
 
     The order of masses that are nearly equal may change within their deviations.
@@ -81,19 +81,19 @@ def felt_mass(
     none = np.zeros((len(identified.beta), 0))
     known = core_spread(identified, none if columns is None else columns)
     at = core_arguments(identified, qa)
-    found = _core.felt_mass(*at, rows=rows, moving=moving, worst=worst_condition, spread=known)
+    found = _core.apparent_mass(*at, rows=rows, moving=moving, worst=worst_condition, spread=known)
     m, r = len(rows), min(len(rows), len(moving))
     condition, mass, directions, C = np.split(found, [1, 1 + r, 1 + r + r * m], axis=1)
     directions = freeze(np.ascontiguousarray(directions).reshape(-1, r, m))
-    sd, doubt = None, None
+    se, doubt = None, None
     if columns is not None:
         first = [0, *np.cumsum(np.arange(r, 1, -1))]
-        sd = trusted(identified, np.sqrt(C[:, first]))
+        se = trusted(identified, np.sqrt(C[:, first]))
         doubt = trusted(identified, _isotropy_sd(mass, C[:, 0], C[:, -1], C[:, r - 1]))
     degrees = float("inf") if columns is None else _freedom(identified, qa, rows, moving, mass, directions)
     linear = max(rows) < 3
-    return FeltMass(
-        mass=Figure(mass, sd, degrees, "kg" if linear else "kg m^2" if min(rows) > 2 else "in mixed units"),
+    return ApparentMass(
+        mass=Figure(mass, se, degrees, "kg" if linear else "kg m^2" if min(rows) > 2 else "in mixed units"),
         directions=directions,
         isotropy=Figure(mass[:, -1] / mass[:, 0], doubt, degrees, "1"),
         condition=condition[:, 0],
@@ -109,7 +109,7 @@ def core_arguments(
     raw, links = raw_parameters(model, identified.beta), 10 * len(model.device.joints)
     rotors = [(links + k, term.weights) for k, term in enumerate(model.terms) if term.kind == "rotor"]
     weights = np.array([w for _, w in rotors], dtype=float).reshape(-1, len(model.device.active))
-    followed = model.device.closure.follow(qa).by(model.device.frame)
+    followed = model.device.closure.follow(qa).by(model.device.row_map)
     rates = followed.G if followed.G.ndim == 2 else followed.G.reshape(qa.shape[1], -1).T
     return (
         model.mechanism,
@@ -127,7 +127,7 @@ def core_spread(identified: IdentifiedModel, columns: Array) -> Array:
     """Columns over base parameters, (p, s), as columns over link parameters and rotors, (r, s)."""
     model, links = identified.model, 10 * len(identified.model.device.joints)
     kept = [*range(links), *(links + k for k, term in enumerate(model.terms) if term.kind == "rotor")]
-    return np.ascontiguousarray(model.device.parameters.S[kept][:, list(model.base.kept)] @ columns)
+    return np.ascontiguousarray(model.device.parameters.S[kept][:, list(model.base.independent_columns)] @ columns)
 
 
 def _isotropy_sd(mass: Array, largest: Array, smallest: Array, both: Array) -> Array:
@@ -156,4 +156,4 @@ def _freedom(
     rates = np.linalg.solve(matrices(identified.beta), J.mT @ directions[few].mT) * mass[few][:, None]
     units = np.eye(len(identified.beta))
     gradients = np.array([np.einsum("pae,pab,pbe->pe", rates, matrices(u), rates).ravel() for u in units])
-    return freedom(identified, gradients.T)
+    return dof(identified, gradients.T)

@@ -17,7 +17,7 @@ from haptid.dynamics.inverse import inverse_dynamics, mass_matrix
 from haptid.dynamics.model import DynamicModel
 from haptid.dynamics.workspace import Workspace
 from haptid.end_effector.characterisation import force_capability, friction, velocity_forces
-from haptid.end_effector.characterisation.apparent_mass import FeltMass, felt_mass
+from haptid.end_effector.characterisation.apparent_mass import ApparentMass, apparent_mass
 from haptid.end_effector.characterisation.jacobian import LINEAR, Grasp, grasp
 from haptid.end_effector.characterisation.model import Figure, IdentifiedModel, changing, linear
 from haptid.end_effector.characterisation.summary import summary
@@ -42,7 +42,7 @@ class Characterisation:
 
     identified: IdentifiedModel
     grasp: Grasp
-    masses: FeltMass
+    masses: ApparentMass
 
     @property
     def model(self) -> DynamicModel:
@@ -260,7 +260,7 @@ def characterise(
         poses = poses.grid(POSES)
     qa = np.asarray(poses, dtype=float)
     held = grasp(identified.model, qa, rows, worst_condition)
-    return Characterisation(identified, held, felt_mass(identified, qa, rows, worst_condition))
+    return Characterisation(identified, held, apparent_mass(identified, qa, rows, worst_condition))
 
 
 def sweep(start: ArrayLike, joint: int, values: ArrayLike) -> Array:

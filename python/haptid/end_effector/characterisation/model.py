@@ -19,22 +19,22 @@ LOOKED_AT = 16
 
 
 @dataclass(frozen=True, eq=False)
-class GivenModel:
+class GivenParameters:
     """Base parameters that do not come from an estimate: published ones, or true ones.
 
     Attributes:
         model: the dynamic model.
         beta: its base parameters, (p,), SI.
         covariance: of them, (p, p); None where nothing is known of it.
-        freedom: degrees of freedom of intervals that are made from the covariance.
-        lonely: parameters, by index, whose deviation nothing tells: no figure made from them has an interval.
+        dof: degrees of freedom of intervals that are made from the covariance.
+        single_block: parameters, by index, whose deviation nothing tells: no figure made from them has an interval.
     """
 
     model: DynamicModel
     beta: Array
     covariance: Array | None = None
-    freedom: float = float("inf")
-    lonely: tuple[int, ...] = ()
+    dof: float = float("inf")
+    single_block: tuple[int, ...] = ()
 
     def __post_init__(self) -> None:
         p = len(self.model.base)
@@ -45,27 +45,29 @@ class GivenModel:
             expect("covariance", self.covariance.shape, (p, p))
 
     @classmethod
-    def of(cls, model: DynamicModel, values: Mapping[str, float], sd: Mapping[str, float] | None = None) -> GivenModel:
+    def of(
+        cls, model: DynamicModel, values: Mapping[str, float], se: Mapping[str, float] | None = None
+    ) -> GivenParameters:
         """From a table as papers print it; parameters that it does not have are zero.
 
         Args:
             model: the dynamic model.
             values: by name of the base parameter, SI.
-            sd: deviations by name, taken as independent; None where nothing is known of them.
+            se: deviations by name, taken as independent; None where nothing is known of them.
 
         Raises:
             BaseNameError: a name that is no base parameter of the device.
         """
         names = model.base.names
-        for name in (*values, *(sd or ())):
+        for name in (*values, *(se or ())):
             if name not in names:
                 raise BaseNameError(name, names)
         beta = np.array([values.get(name, 0.0) for name in names])
-        covariance = None if sd is None else np.diag([sd.get(name, 0.0) ** 2 for name in names])
+        covariance = None if se is None else np.diag([se.get(name, 0.0) ** 2 for name in names])
         return cls(model, beta, covariance)
 
 
-IdentifiedModel = Estimate | GivenModel
+IdentifiedModel = Estimate | GivenParameters
 
 
 @dataclass(frozen=True, eq=False)
@@ -74,29 +76,29 @@ class Figure:
 
     Attributes:
         value: NaN where it is not known, any shape.
-        sd: its deviation, first order, same shape; None for parameters without covariance, infinite where one stretch
+        se: its deviation, first order, same shape; None for parameters without covariance, infinite where one stretch
             of the log alone tells a parameter.
-        freedom: degrees of freedom of its intervals, the least of several places.
+        dof: degrees of freedom of its intervals, the least of several places.
         unit: of the value.
     """
 
     value: Array
-    sd: Array | None
-    freedom: float
+    se: Array | None
+    dof: float
     unit: str
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "value", read_only(self.value))
-        if self.sd is not None:
-            object.__setattr__(self, "sd", read_only(self.sd))
-            expect("sd", self.sd.shape, self.value.shape)
+        if self.se is not None:
+            object.__setattr__(self, "sd", read_only(self.se))
+            expect("sd", self.se.shape, self.value.shape)
 
     @cached_property
     def interval95(self) -> Array | None:
         """95 % intervals, (..., 2); None without deviations."""
-        if self.sd is None:
+        if self.se is None:
             return None
-        half = stats.t.ppf(0.975, self.freedom) * self.sd
+        half = stats.t.ppf(0.975, self.dof) * self.se
         return freeze(np.stack([self.value - half, self.value + half], axis=-1))
 
 
@@ -112,23 +114,23 @@ def spread(identified: IdentifiedModel) -> Array | None:
     return np.asarray(vectors[:, kept] * np.sqrt(values[kept]))
 
 
-def trusted(identified: IdentifiedModel, sd: Array) -> Array:
+def trusted(identified: IdentifiedModel, se: Array) -> Array:
     """The deviations, infinite where the estimate cannot say how far to trust some parameter."""
-    return np.where(np.isnan(sd), np.nan, np.inf) if identified.lonely else sd
+    return np.where(np.isnan(se), np.nan, np.inf) if identified.single_block else se
 
 
-def freedom(identified: IdentifiedModel, combinations: Array) -> float:
+def dof(identified: IdentifiedModel, combinations: Array) -> float:
     """Least degrees of freedom of these combinations of base parameters, (q, p), as the estimate's intervals have them.
 
     Of a given covariance they are given too.
     """
     if not isinstance(identified, Estimate):
-        return identified.freedom
+        return identified.dof
     known = combinations[np.isfinite(combinations).all(axis=1) & combinations.any(axis=1)]
     if not len(known):
         return float("inf")
     few = known[np.linspace(0, len(known) - 1, min(len(known), LOOKED_AT)).astype(int)]
-    return float(identified.spread(few).freedom.min())
+    return float(identified.spread(few).dof.min())
 
 
 def linear(identified: IdentifiedModel, of: Callable[[Array], Array], unit: str) -> Figure:
@@ -150,14 +152,14 @@ def changing(identified: IdentifiedModel, value: Array, slope: Callable[[Array],
     variance = np.zeros_like(value)
     for column in columns.T:
         variance += slope(column) ** 2
-    sd = trusted(identified, np.sqrt(variance))
-    return Figure(value, sd, _freedom_of(identified, slope, value.size), unit)
+    se = trusted(identified, np.sqrt(variance))
+    return Figure(value, se, _freedom_of(identified, slope, value.size), unit)
 
 
 def _freedom_of(identified: IdentifiedModel, slope: Callable[[Array], Array], size: int) -> float:
     """Degrees of freedom of a figure, from some of its places."""
     if not isinstance(identified, Estimate):
-        return identified.freedom
+        return identified.dof
     few = np.linspace(0, size - 1, min(size, LOOKED_AT)).astype(int)
     gradients = np.array([slope(unit).ravel()[few] for unit in np.eye(len(identified.beta))])
-    return freedom(identified, gradients.T)
+    return dof(identified, gradients.T)

@@ -36,9 +36,9 @@ def _line(name: str, figure: Figure, k: int | None = None) -> str:
         return f"  {name}: not known at any pose"
     value = value[known]
     text = f"  {name}: {np.median(value):.3g}{unit} at the median, {value.min():.3g} .. {value.max():.3g}"
-    if figure.sd is None:
+    if figure.se is None:
         return text
-    return f"{text}, deviation up to {figure.sd[pick][known].max():.2g}"
+    return f"{text}, deviation up to {figure.se[pick][known].max():.2g}"
 
 
 def notes(found: Characterisation) -> Iterator[str]:
@@ -71,7 +71,7 @@ def notes(found: Characterisation) -> Iterator[str]:
         yield f"Torque is not measured on {', '.join(held)}: those coordinates are taken to stand still."
     if min(grasp.rows) < 3 <= max(grasp.rows):
         yield "Linear and angular components are mixed: principal values depend on the units."
-    if masses.mass.sd is not None and np.isinf(masses.mass.sd).any():
+    if masses.mass.se is not None and np.isinf(masses.mass.se).any():
         yield "The estimate cannot say how far to trust some parameter, so deviations are infinite."
 
 

@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike
 from haptid._internal.arrays import Array
 from haptid.end_effector.characterisation.characterise import Characterisation
 from haptid.end_effector.characterisation.model import Figure
-from haptid.errors import TorqueLimitError
+from haptid.errors import IncompleteDeviceError
 
 # Names of the components of the handle's velocity.
 COMPONENTS = ("x", "y", "z", "rx", "ry", "rz")
@@ -92,7 +92,7 @@ def _strength(found: Characterisation, asked: Asked) -> Iterator[Column]:
     """Greatest force of the motors, where their limits are known."""
     try:
         force = found.greatest_force(asked.torque)[0]
-    except TorqueLimitError:
+    except IncompleteDeviceError:
         if asked.torque is not None:
             raise
         return
@@ -112,8 +112,8 @@ def _numbered(name: str, figure: Figure) -> Iterator[Column]:
 
 def _named(name: str, figure: Figure, names: Sequence[str]) -> Iterator[Column]:
     for k, one in enumerate(names):
-        sd = None if figure.sd is None else figure.sd[:, k]
-        yield Column(f"{name} {one}", Figure(figure.value[:, k], sd, figure.freedom, figure.unit))
+        se = None if figure.se is None else figure.se[:, k]
+        yield Column(f"{name} {one}", Figure(figure.value[:, k], se, figure.dof, figure.unit))
 
 
 def write_columns(found: Characterisation, made: Sequence[Column], path: Path) -> None:

@@ -63,14 +63,14 @@ def neglected_force(grasp: Grasp, inverse: Array, beta: Array, velocity: Array) 
         beta: base parameters, (p,), SI.
         velocity: of the handle, (poses, m).
     """
-    model, to_joints = grasp.model, np.linalg.inv(grasp.model.device.frame)
+    model, to_joints = grasp.model, np.linalg.inv(grasp.model.device.row_map)
     cd = grasp.all_rates(np.einsum("pnm,pm->pn", inverse, velocity))
     usable = grasp.usable
     cd = np.where(usable, cd, 0.0)
     slowing = drift(model, grasp.qa, to_joints @ cd)[:, list(grasp.rows)]
     cdd = -grasp.all_rates(np.einsum("pnm,pm->pn", np.where(usable[:, None, None], inverse, 0.0), slowing))
     chi = rigid(model, raw_parameters(model, beta))
-    return felt(grasp, inverse, core_torque(model, chi, model.device.frame @ grasp.qa, cd, cdd))
+    return felt(grasp, inverse, core_torque(model, chi, model.device.row_map @ grasp.qa, cd, cdd))
 
 
 def worst_directions(grasp: Grasp, inverse: Array, beta: Array, speed: float) -> Array:

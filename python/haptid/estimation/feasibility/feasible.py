@@ -26,7 +26,7 @@ WEIGHED = 1e-10
 
 
 @dataclass(frozen=True, eq=False)
-class Possible:
+class FeasibleParameters:
     """Base parameters, and the standard parameters of real bodies behind them.
 
     A body's parameters are those of some distribution of mass, which is so where its pseudo-inertia is positive
@@ -74,7 +74,7 @@ class Possible:
         return "\n".join([f"No real bodies have these parameters: margin {self.margin:.2g}.", *self.failing])
 
 
-def possible(model: DynamicModel, beta: Array) -> Possible:
+def possible(model: DynamicModel, beta: Array) -> FeasibleParameters:
     """Whether real bodies and passive terms can have these base parameters, identified or published.
 
     Args:
@@ -91,7 +91,9 @@ def possible(model: DynamicModel, beta: Array) -> Possible:
     return inside(model, conditions, beta, conditions.start(beta))
 
 
-def inside(model: DynamicModel, conditions: Cone, beta: Array, x: Array, settled: Sequence[Part] = ()) -> Possible:
+def inside(
+    model: DynamicModel, conditions: Cone, beta: Array, x: Array, settled: Sequence[Part] = ()
+) -> FeasibleParameters:
     """The most interior standard parameters behind base parameters, from any scaled ones x, (n,), that have them."""
     found = interior(conditions, x, settled)
     failing = tuple(
@@ -99,10 +101,10 @@ def inside(model: DynamicModel, conditions: Cone, beta: Array, x: Array, settled
         for part, margin, shares in zip(conditions.parts, found.margins, found.multipliers, strict=True)
         if margin < -ROUNDING
     )
-    return Possible(model, beta, conditions.scale * found.x, float(found.margins.min(initial=1.0)), failing)
+    return FeasibleParameters(model, beta, conditions.scale * found.x, float(found.margins.min(initial=1.0)), failing)
 
 
-def project(model: DynamicModel, beta: Array, R: Array) -> Possible:
+def project_to_feasible(model: DynamicModel, beta: Array, R: Array) -> FeasibleParameters:
     """The nearest base parameters that real bodies can have: |R (b - beta)| least.
 
     With the triangle of an observation, `observation.stack(weights)[:-1, :-1]`, nearest is: torque changes least.
@@ -124,7 +126,7 @@ def project(model: DynamicModel, beta: Array, R: Array) -> Possible:
     return found if found.ok else hold(model, beta, triangle(R))[0]
 
 
-def hold(model: DynamicModel, beta: Array, R: Array) -> tuple[Possible, tuple[Block, ...]]:
+def hold(model: DynamicModel, beta: Array, R: Array) -> tuple[FeasibleParameters, tuple[Block, ...]]:
     """The nearest that is possible to what is not, and the conditions that hold it."""
     conditions = roomy(model, beta)
     x, strength = nearest(conditions, R, beta)

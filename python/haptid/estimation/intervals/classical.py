@@ -12,7 +12,7 @@ from haptid.estimation.intervals.spread import Spread
 
 
 @dataclass(frozen=True)
-class Textbook:
+class Classical:
     """(W'W)^-1 times the variance of the residual. Of whitened rows, as of `GLS()`, they are the method's own.
 
     Source: Janot et al. (2007), ISIE, eqs 15 and 16.
@@ -24,9 +24,9 @@ class Textbook:
 
     def spread(self, fit: Fit, combinations: Array | None = None) -> Spread:
         """Of base parameters, or of combinations of them, (q, p)."""
-        made = fit.solution.textbook_covariance(fit.unit_residual)
+        made = fit.solution.classical_covariance(fit.unit_residual)
         if combinations is not None:
             made = combinations @ made @ combinations.T
         rows = fit.observation.motors
         blocks = int(sum((motor.rows > 0).sum() for motor in rows))
-        return Spread(made, np.full(len(made), float(fit.solution.freedom)), blocks, np.array([], dtype=int))
+        return Spread(made, np.full(len(made), float(fit.solution.dof)), blocks, np.array([], dtype=int))

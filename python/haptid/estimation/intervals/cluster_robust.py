@@ -26,7 +26,7 @@ NEGLIGIBLE = 1e-13
 
 
 @dataclass(frozen=True)
-class Clustered:
+class ClusterRobust:
     """The default: time blocks as clusters, all motors together.
 
     Source: Bell and McCaffrey (2002), Survey Methodology 28, CR2, with degrees of freedom after Pustejovsky and Tipton
@@ -65,7 +65,7 @@ def _spread(made: Moments, spread: Array, pull: Array | None) -> Spread:
     """Of combinations (q, k) of the moments' coordinates."""
     adjusted = Adjustment.of(made.G)
     shifts = adjusted.times(made.s) @ spread.T
-    covariance, degrees = believing(shifts.T @ shifts, freedom(made, adjusted, spread), spread, pull)
+    covariance, degrees = believing(shifts.T @ shifts, dof(made, adjusted, spread), spread, pull)
     return Spread(covariance, degrees, len(made.s), made.alone(spread))
 
 
@@ -110,7 +110,7 @@ class Adjustment:
         return made
 
 
-def freedom(made: Moments, adjusted: Adjustment, spread: Array) -> Array:
+def dof(made: Moments, adjusted: Adjustment, spread: Array) -> Array:
     """Degrees of freedom (tr P)^2 / tr P^2 of combinations (q, k), (q,).
 
     P_gh is the covariance of what blocks g and h ask for where rows are independent: c'G c on the diagonal and

@@ -41,11 +41,11 @@ def _spread(made: Moments, spread: Array, pull: Array | None) -> Spread:
     """Of combinations (q, k) of the moments' coordinates."""
     shifts, blocks = made.moved @ spread.T, len(made.s)
     outer = shifts.T @ shifts * (blocks - 1) / max(blocks, 1)
-    covariance, degrees = believing(outer, freedom(made, spread), spread, pull)
+    covariance, degrees = believing(outer, dof(made, spread), spread, pull)
     return Spread(covariance, degrees, blocks, made.alone(spread))
 
 
-def freedom(made: Moments, spread: Array) -> Array:
+def dof(made: Moments, spread: Array) -> Array:
     """Satterthwaite's, from how evenly the blocks carry a combination: (sum l)^2 / sum l^2 - 1, (q,)."""
     shares = made.shares(spread)
     squares = (shares**2).sum(axis=0)  # zero where a parameter is held at zero, which nothing can doubt

@@ -15,10 +15,10 @@ from haptid.errors import MethodSettingError, PulledProfileError, UnsolvedError
 from haptid.estimation.feasibility.conic_program import ENOUGH, SOLVED, TIGHT, Condition, settings
 from haptid.estimation.feasibility.feasible import roomy
 from haptid.estimation.fit import Fit
-from haptid.estimation.intervals.cluster_robust import Clustered
+from haptid.estimation.intervals.cluster_robust import ClusterRobust
 from haptid.estimation.intervals.spread import Intervals, Spread
-from haptid.estimation.methods.bounded import Within, conditions
-from haptid.estimation.methods.consistent import Held
+from haptid.estimation.methods.bounded import BoundedSolution, conditions
+from haptid.estimation.methods.consistent import Constrained
 
 # Weight of the pull along directions that no torque shows, in units in which the end that is looked for is one.
 PULL = 1e-6
@@ -33,7 +33,7 @@ class Profile:
     Too bad is a rise of |R (b - beta)|^2 over that of the estimate by more than t^2 times how much larger the honest
     variance of that parameter is than the textbook's: where no limit is near, the interval is the honest one. Where
     limits hold other parameters it is narrower than the free one, for these limits are information. Limits are those of
-    `Bounded`, or what bodies and passive terms can have, of `Consistent`: each end is one cone programme, and is asked
+    `Bounds`, or what bodies and passive terms can have, of `PhysicallyConsistent`: each end is one cone programme, and is asked
     only where the end of the free interval is not seen to be possible as it is.
 
     Sources: Murphy and van der Vaart (2000), JASA 95; Kent (1982), Biometrika 69, for the factor.
@@ -42,7 +42,7 @@ class Profile:
         free: intervals of the fit that is held to nothing.
     """
 
-    free: Intervals = field(default_factory=Clustered)
+    free: Intervals = field(default_factory=ClusterRobust)
 
     @property
     def name(self) -> str:
@@ -61,7 +61,7 @@ class Profile:
             half: half-widths of the free intervals, (p,).
 
         Raises:
-            MethodSettingError: the estimate is not one of `Bounded()` or `Consistent()`.
+            MethodSettingError: the estimate is not one of `Bounds()` or `PhysicallyConsistent()`.
             PulledProfileError: it was pulled towards a prior.
             UnsolvedError: the solver stopped before it had an answer.
         """
@@ -83,7 +83,7 @@ class Profile:
             MethodSettingError, PulledProfileError, UnsolvedError: as `limits`.
         """
         kept = ranged(held)
-        room = within(fit, kept) if isinstance(kept, Within) else possible(fit, kept)
+        room = within(fit, kept) if isinstance(kept, BoundedSolution) else possible(fit, kept)
         least = float(np.sum((fit.solution.R @ inner(fit, room.beta - room.free)) ** 2))
         made = np.empty((len(half), 2))
         for row, (wanted, wide) in enumerate(zip(combinations, half.tolist(), strict=True)):
@@ -116,16 +116,16 @@ class Room:
     holds: Callable[[Array], bool]
 
 
-def ranged(held: object) -> Within | Held:
+def ranged(held: object) -> BoundedSolution | Constrained:
     """An estimate that is held; of others there is no profile.
 
     Raises:
         MethodSettingError: it is none.
         PulledProfileError: it is not the best fit of what it is held to.
     """
-    if isinstance(held, Held) and held.pulled:
+    if isinstance(held, Constrained) and held.pulled:
         raise PulledProfileError
-    if isinstance(held, Within | Held):
+    if isinstance(held, BoundedSolution | Constrained):
         return held
     wanted = "an estimate by Bounded(...) or Consistent(...)"
     raise MethodSettingError("Profile", "method", type(held).__name__, wanted)
@@ -136,7 +136,7 @@ def inner(fit: Fit, change: Array) -> Array:
     return np.asarray(np.linalg.lstsq(fit.solution.root @ fit.solution.R, change, rcond=None)[0])
 
 
-def within(fit: Fit, held: Within) -> Room:
+def within(fit: Fit, held: BoundedSolution) -> Room:
     """Between limits."""
     size = np.linalg.norm(fit.solution.root, axis=1)
     own = conditions(held.free, size, held.low, held.high)
@@ -148,7 +148,7 @@ def within(fit: Fit, held: Within) -> Room:
     return Room(held.free, held.beta, fit.solution.root, made, holds)
 
 
-def possible(fit: Fit, held: Held) -> Room:
+def possible(fit: Fit, held: Constrained) -> Room:
     """What bodies and passive terms can have; y moves what no base parameter shows."""
     cone = roomy(held.possible.model, held.beta)
     x = held.possible.chi / cone.scale + cone.inverse @ (held.free - held.beta)

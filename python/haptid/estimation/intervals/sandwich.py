@@ -46,8 +46,8 @@ class Sandwich:
         if fit.solution.pull is not None:
             middle = middle + fit.solution.pull.T @ fit.solution.pull
         blocks = int(sum((motor.rows > 0).sum() for motor in fit.observation.motors))
-        freedom = np.full(len(spread), float(fit.solution.freedom))
-        return Spread(spread @ middle @ spread.T, freedom, blocks, fit.moments.alone(spread))
+        dof = np.full(len(spread), float(fit.solution.dof))
+        return Spread(spread @ middle @ spread.T, dof, blocks, fit.moments.alone(spread))
 
     def _models(self, rows: Rows, fit: Fit) -> list[Autoregression]:
         parts: list[list[Array]] = [[] for _ in fit.weights]

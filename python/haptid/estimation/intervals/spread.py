@@ -17,13 +17,13 @@ class Spread:
 
     Attributes:
         covariance: (q, q).
-        freedom: degrees of freedom of the t interval of each, (q,).
+        dof: degrees of freedom of the t interval of each, (q,).
         blocks: how many blocks of rows there were.
         alone: those that lean on a single block, as indices, (k,).
     """
 
     covariance: Array
-    freedom: Array
+    dof: Array
     blocks: int
     alone: np.ndarray
 
@@ -47,26 +47,26 @@ class Limiting(Intervals, Protocol):
         """Ends of the 95 % intervals, (p, 2), where the free fit's half-widths are (p,)."""
 
 
-def believing(outer: Array, freedom: Array, spread: Array, pull: Array | None) -> tuple[Array, Array]:
+def believing(outer: Array, dof: Array, spread: Array, pull: Array | None) -> tuple[Array, Array]:
     """Covariance (q, q) and degrees of freedom (q,) with the variance of what is only believed added.
 
     Args:
-        outer, freedom: what the rows say of combinations.
+        outer, dof: what the rows say of combinations.
         spread: these combinations, of coordinates in which rows and knowledge together are the unit matrix, (q, k).
         pull: the knowledge in these coordinates, (rows, k).
     """
     if pull is None:
-        return outer, freedom
+        return outer, dof
     covariance = outer + (spread @ pull.T) @ (spread @ pull.T).T
     own, whole = np.diag(outer), np.diag(covariance)
     # What is only believed has no degrees of freedom to lose (Satterthwaite 1946).
-    return covariance, freedom * np.divide(whole, own, out=np.ones_like(whole), where=own > 0) ** 2
+    return covariance, dof * np.divide(whole, own, out=np.ones_like(whole), where=own > 0) ** 2
 
 
 def correlations(covariance: Array) -> Array:
     """Of a covariance, (p, p); NaN beside what has no deviation, 1 on the diagonal."""
-    sd = np.sqrt(np.diag(covariance))
+    se = np.sqrt(np.diag(covariance))
     with np.errstate(invalid="ignore", divide="ignore"):
-        made = np.clip(covariance / np.outer(sd, sd), -1.0, 1.0)
+        made = np.clip(covariance / np.outer(se, se), -1.0, 1.0)
     np.fill_diagonal(made, 1.0)
     return freeze(made)

@@ -21,7 +21,7 @@ TOUCHING = 1e-6
 
 
 @dataclass(frozen=True)
-class Bounded(Around):
+class Bounds(Around):
     """Another method, with some base parameters held between limits.
 
     A quadratic programme on the triangle. Intervals are the free fit's, cut at the limits and widened to the estimate:
@@ -48,7 +48,7 @@ class Bounded(Around):
     def name(self) -> str:
         return f"{self.weighting.name}, bounded"
 
-    def hold(self, observation: Observation, free: Solution) -> Within:
+    def hold(self, observation: Observation, free: Solution) -> BoundedSolution:
         """The free fit if it is within the limits, else the nearest that is, where the weighted torque tells how near.
 
         Raises:
@@ -59,8 +59,8 @@ class Bounded(Around):
         indices(names, tuple(self.limits))
         low, high = (np.array([end(self.limits, name, side) for name in names]) for side in (0, 1))
         if ((low <= free.beta) & (free.beta <= high)).all():
-            return Within(names, free.beta, free.beta, low, high)
-        return Within(names, nearest_within(free, low, high), free.beta, low, high)
+            return BoundedSolution(names, free.beta, free.beta, low, high)
+        return BoundedSolution(names, nearest_within(free, low, high), free.beta, low, high)
 
 
 def end(limits: Mapping[str, tuple[float | None, float | None]], name: str, side: int) -> float:
@@ -89,7 +89,7 @@ def conditions(beta: Array, size: Array, low: Array, high: Array) -> list[Condit
 
 
 @dataclass(frozen=True, eq=False)
-class Within:
+class BoundedSolution:
     """An estimate held between limits, beside the free one.
 
     Attributes:
@@ -124,7 +124,7 @@ class Within:
         ends = np.clip(np.column_stack([self.free - half, self.free + half]), self.low[:, None], self.high[:, None])
         return np.column_stack([np.minimum(ends[:, 0], self.beta), np.maximum(ends[:, 1], self.beta)])
 
-    def strained(self, half: Array) -> tuple[str, ...]:
+    def constrained_outside_ci(self, half: Array) -> tuple[str, ...]:
         """Names of the parameters held outside of their free interval, whose half-widths are given, (p,)."""
         far = np.abs(self.beta - self.free) > half
         return tuple(name for name, out in zip(self.names, far, strict=True) if out)
@@ -132,9 +132,9 @@ class Within:
     def notes(self, half: Array) -> tuple[str, ...]:
         """Sentences a user should read: what holds the estimate, and whether it is too much."""
         made = [f"{sentence}." for sentence in self.active]
-        if strained := self.strained(half):
+        if constrained_outside_ci := self.constrained_outside_ci(half):
             made.append(
-                f"{', '.join(strained)}: held outside of the interval of the free fit. Noise alone does not explain "
+                f"{', '.join(constrained_outside_ci)}: held outside of the interval of the free fit. Noise alone does not explain "
                 f"this: look at the limits, and for a term that the device file does not have."
             )
         return tuple(made)

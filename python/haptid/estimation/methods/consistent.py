@@ -9,7 +9,7 @@ import numpy as np
 
 from haptid._internal.arrays import Array, read_only
 from haptid.estimation.feasibility.cone import never_negative
-from haptid.estimation.feasibility.feasible import Possible, hold, possible
+from haptid.estimation.feasibility.feasible import FeasibleParameters, hold, possible
 from haptid.estimation.least_squares import Solution
 from haptid.estimation.method import Around, Method, expect_weighting
 from haptid.estimation.methods.wls import WLS
@@ -17,11 +17,11 @@ from haptid.observation.observation import MotorRows, Observation
 
 
 @dataclass(frozen=True)
-class Consistent(Around):
+class PhysicallyConsistent(Around):
     """Weighted least squares, held to parameters that some distribution of mass and passive friction could have.
 
     beta = A chi, with the pseudo-inertia of every link positive semidefinite, rotor inertia and friction not negative;
-    springs, offsets and a user's own columns free (see `Possible`). A semidefinite programme on the triangle, of a
+    springs, offsets and a user's own columns free (see `FeasibleParameters`). A semidefinite programme on the triangle, of a
     size that does not grow with the log. Weights are made from the free fit. Where the free fit is possible, it is
     the estimate, to the last digit.
 
@@ -50,7 +50,7 @@ class Consistent(Around):
     def name(self) -> str:
         return f"{self.weighting.name}, physically consistent"
 
-    def hold(self, observation: Observation, free: Solution) -> Held:
+    def hold(self, observation: Observation, free: Solution) -> Constrained:
         """The free fit if it is possible, else the nearest that is, where the weighted torque tells how near.
 
         Raises:
@@ -59,10 +59,10 @@ class Consistent(Around):
         """
         found = possible(observation.model, free.beta)
         if found.ok:
-            return Held(found, free.beta, (), costs(observation.motors, free.beta, free.beta))
+            return Constrained(found, free.beta, (), costs(observation.motors, free.beta, free.beta))
         nearest, blocks = hold(observation.model, free.beta, free.R)
         active = tuple(dict.fromkeys(reason(block.label, block.is_link) for block in blocks))
-        return Held(nearest, free.beta, active, costs(observation.motors, free.beta, nearest.beta))
+        return Constrained(nearest, free.beta, active, costs(observation.motors, free.beta, nearest.beta))
 
 
 def reason(label: str, is_link: bool) -> str:
@@ -96,7 +96,7 @@ def costs(motors: Sequence[MotorRows], free: Array, held: Array) -> tuple[Cost, 
 
 
 @dataclass(frozen=True, eq=False)
-class Held:
+class Constrained:
     """An estimate held to what is possible, beside the free one.
 
     Attributes:
@@ -107,7 +107,7 @@ class Held:
         pulled: whether it was pulled towards prior bodies too, so that it is not the best fit of what is possible.
     """
 
-    possible: Possible
+    possible: FeasibleParameters
     free: Array
     active: tuple[str, ...]
     costs: tuple[Cost, ...]
@@ -134,7 +134,7 @@ class Held:
         beta = self.possible.beta
         return np.column_stack([np.minimum(low, beta), np.maximum(high, beta)])
 
-    def strained(self, half: Array) -> tuple[str, ...]:
+    def constrained_outside_ci(self, half: Array) -> tuple[str, ...]:
         """Names of the parameters held outside of their free interval, whose half-widths are given, (p,)."""
         moved = np.abs(self.possible.beta - self.free) > half
         return tuple(name for name, far in zip(self.possible.model.base.names, moved, strict=True) if far)
@@ -146,10 +146,10 @@ class Held:
         figures = "; ".join(f"{cost.label} {cost.free:.3g} % to {cost.held:.3g} %" for cost in self.costs)
         made = [f"{sentence}." for sentence in self.active]
         made.append(f"Relative error of the free fit, and held to what is possible: {figures}.")
-        strained = self.strained(half)
-        if strained:
+        constrained_outside_ci = self.constrained_outside_ci(half)
+        if constrained_outside_ci:
             made.append(
-                f"{', '.join(strained)}: held outside of the interval of the free fit. Noise alone does not explain "
+                f"{', '.join(constrained_outside_ci)}: held outside of the interval of the free fit. Noise alone does not explain "
                 f"this: look for a lag of the velocity, or for friction that the device file does not have. Holding "
                 f"the estimate does not repair it."
             )

@@ -39,12 +39,12 @@ class DIDIM(ClosedLoop):
 
 def base_columns(model: DynamicModel) -> Array:
     """The core's columns from base parameters, (r, p)."""
-    return np.asarray(model.device.parameters.S[:, list(model.base.kept)])
+    return np.asarray(model.device.parameters.S[:, list(model.base.independent_columns)])
 
 
 def torque_error(model: DynamicModel, course: Course) -> Array:
     """Measured less simulated torque, treated alike, (n, samples), N m or N."""
     motion = course.motion
-    late = motion.treatment.torque_delay / motion.dt if motion.log else 0.0
+    late = motion.treatment.torque_delay_s / motion.dt if motion.log else 0.0
     simulated = delayed(course.tau.T, late).T if late else course.tau
     return coordinate_torque(model.device, motion, 0, len(motion)) - simulated

@@ -12,10 +12,10 @@ from haptid.device import INERTIAL
 from haptid.dynamics.model import DynamicModel
 from haptid.errors import MethodSettingError, NoPriorError, UnsolvedError
 from haptid.estimation.feasibility.cone import Block, Cone
-from haptid.estimation.feasibility.feasible import Possible, roomy
+from haptid.estimation.feasibility.feasible import FeasibleParameters, roomy
 from haptid.estimation.least_squares import Solution
 from haptid.estimation.method import Around, Method, expect_weighting
-from haptid.estimation.methods.consistent import Held, costs
+from haptid.estimation.methods.consistent import Constrained, costs
 from haptid.estimation.methods.wls import WLS
 from haptid.observation.observation import Observation
 
@@ -41,10 +41,10 @@ class Entropic(Around):
 
     is least. It does not depend on the frames and units in which bodies are told, is zero only at the prior, and
     grows without end towards the border of what bodies can have. As the strength goes to zero the estimate goes to
-    that of `Consistent()`. Links without a prior body, and friction, are only held to what is possible.
+    that of `PhysicallyConsistent()`. Links without a prior body, and friction, are only held to what is possible.
 
     Where no strength is given, it is the one whose estimates from four fifths of the blocks predict the torque of the
-    others best. Intervals are the free fit's, widened to take in the estimate; see `Consistent`.
+    others best. Intervals are the free fit's, widened to take in the estimate; see `PhysicallyConsistent`.
 
     Source: Lee, Wensing and Park (2020), IEEE Transactions on Robotics 36(2), eqs 24 and 33.
 
@@ -58,7 +58,7 @@ class Entropic(Around):
 
     def __post_init__(self) -> None:
         if self.strength is not None and not (positive(self.strength) and self.strength >= WEAKEST):
-            wanted = f"{WEAKEST:g} or more (`Consistent()` has no pull at all), or None"
+            wanted = f"{WEAKEST:g} or more (`PhysicallyConsistent()` has no pull at all), or None"
             raise MethodSettingError("Entropic", "strength", self.strength, wanted)
         expect_weighting("Entropic", self.weighting)
 
@@ -66,7 +66,7 @@ class Entropic(Around):
     def name(self) -> str:
         return f"{self.weighting.name}, entropic pull towards prior bodies"
 
-    def hold(self, observation: Observation, free: Solution) -> Held:
+    def hold(self, observation: Observation, free: Solution) -> Constrained:
         """The pulled estimate beside the free one.
 
         Raises:
@@ -79,13 +79,13 @@ class Entropic(Around):
         if not pulled:
             raise NoPriorError(model.device.name)
         conditions = roomy(model, free.beta)
-        scale = 1.0 if self.unit_residual else free.rest / np.sqrt(free.freedom)
+        scale = 1.0 if self.unit_residual else free.rest / np.sqrt(free.dof)
         pull = Pull(conditions, tuple(block.label in pulled for block in conditions.blocks))
         strength = self.strength or best(observation, self.weights(observation) / scale, pull)
         x = pull.least(free.R / scale, free.beta, strength)
         beta = conditions.A @ x
-        bodies = Possible(model, beta, conditions.scale * x, min(1.0, conditions.margin(x)), ())
-        return Held(bodies, free.beta, (), costs(observation.motors, free.beta, beta), pulled=True)
+        bodies = FeasibleParameters(model, beta, conditions.scale * x, min(1.0, conditions.margin(x)), ())
+        return Constrained(bodies, free.beta, (), costs(observation.motors, free.beta, beta), pulled=True)
 
 
 def prior_links(model: DynamicModel) -> list[str]:

@@ -23,7 +23,7 @@ CONTRADICTION = 1e-9
 
 
 @dataclass(frozen=True)
-class Equal(Around):
+class EqualityConstraints(Around):
     """Another method, with relations that hold exactly: a weighed mass, links that are alike.
 
     Solved on the triangle in the directions that the relations leave free.
@@ -51,7 +51,7 @@ class Equal(Around):
         """The relations.
 
         Raises:
-            UnknownNameError, ExpressionError, NonlinearTargetError: the text is no combination of parameters.
+            DeviceFileError, ExpressionError, NonlinearTargetError: the text is no combination of parameters.
             UnidentifiableTargetError: it is none of base parameters, so that no torque could tell.
             ContradictionError: they cannot hold together.
         """

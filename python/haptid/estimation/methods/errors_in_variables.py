@@ -19,7 +19,7 @@ from haptid.observation.rows import Rows, stretches_of
 
 
 @dataclass(frozen=True)
-class Corrected:
+class ErrorsInVariables:
     """Least squares without what the encoders' noise adds to W'W: total least squares, noise of known covariance.
 
     The logs' positions are shaken by noise of the size of an encoder's step and treated again; what that changes in

@@ -28,7 +28,7 @@ class GLS(UnitRows):
 
     Torque and columns pass the filter that makes the residual white, with the first rows of every stretch kept
     (Prais-Winsten); the model is made anew from the residual of each fit. The order is found by BIC. What is left has
-    unit variance, so `Textbook()` intervals are the method's own.
+    unit variance, so `Classical()` intervals are the method's own.
 
     A misfit of the model remembers too, and whitening would fit it where the motion hardly is: at the highest
     frequencies. So the fit has to predict the torque of blocks that it has not seen as well as `WLS()` does: where it

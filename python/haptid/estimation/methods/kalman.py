@@ -141,7 +141,7 @@ class Filtering(ABC):
         forward = ParametricForwardDynamics(smoothed, base_columns(model))
         p, size = len(observation.base), len(observation.blocks)
         triangles, counts = np.zeros((size, p + 1, p + 1)), np.zeros(size, dtype=int)
-        beta, root = first.beta, np.diag(self.widen * first.sd)
+        beta, root = first.beta, np.diag(self.widen * first.se)
         for motion in observation.motions:
             track = self._track(first, motion)
             for blocks in runs(observation, motion):
@@ -167,7 +167,7 @@ class Filtering(ABC):
         positions = np.asarray(self.position_noise or position_noise(raw, treated[0], motion), dtype=float)
         torques = np.asarray(self.torque_noise, dtype=float)
         if not torques.size:
-            qa = (np.linalg.inv(model.device.frame) @ x for x in coordinates(model.device, motion, low, high))
+            qa = (np.linalg.inv(model.device.row_map) @ x for x in coordinates(model.device, motion, low, high))
             left = coordinate_torque(model.device, motion, low, high) - inverse_dynamics(model, first.beta, *qa)
             torques = left.std(axis=1)
         for name, figures in (("position_noise", positions), ("torque_noise", torques)):

@@ -22,7 +22,7 @@ LEAST_NOISE = 1e-7
 
 
 @dataclass(frozen=True)
-class OutputError(Simulating):
+class OutputErrorMethod(Simulating):
     """Open-loop output error by multiple shooting: no controller is needed.
 
     Every stretch begins at a state of its own, near the treated one, which is fitted with the parameters and

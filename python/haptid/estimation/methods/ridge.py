@@ -95,13 +95,13 @@ class Ridge:
         if not known:
             raise NoPriorError(model.device.name)
         values = np.array([value for _, (value, _) in known])
-        sd = np.array([sd or self.share * abs(value) for _, (value, sd) in known])
-        return Knowledge(np.eye(len(model.base))[[k for k, _ in known]], values, sd)
+        se = np.array([se or self.share * abs(value) for _, (value, se) in known])
+        return Knowledge(np.eye(len(model.base))[[k for k, _ in known]], values, se)
 
 
 def strengthened(prior: Knowledge, strength: float) -> Knowledge:
     """The same with its weight multiplied."""
-    return Knowledge(prior.A, prior.b, prior.sd / np.sqrt(strength))
+    return Knowledge(prior.A, prior.b, prior.se / np.sqrt(strength))
 
 
 def prediction_error(observation: Observation, weights: Array, known: Knowledge) -> float:

@@ -83,10 +83,10 @@ class StudentT:
     Source: Lange, Little and Taylor (1989), JASA 84.
     """
 
-    freedom: float = 4.0
+    dof: float = 4.0
 
     def __post_init__(self) -> None:
-        _expect_positive("StudentT", "freedom", self.freedom)
+        _expect_positive("StudentT", "freedom", self.dof)
 
     @property
     def name(self) -> str:
@@ -94,11 +94,11 @@ class StudentT:
 
     def weight(self, u: Array) -> Array:
         """psi(u) / u, one at zero."""
-        return np.asarray(self.freedom / (self.freedom + u**2))
+        return np.asarray(self.dof / (self.dof + u**2))
 
     def slope(self, u: Array) -> Array:
         """psi'(u)."""
-        return np.asarray(self.freedom * (self.freedom - u**2) / (self.freedom + u**2) ** 2)
+        return np.asarray(self.dof * (self.dof - u**2) / (self.dof + u**2) ** 2)
 
 
 def _expect_positive(method: str, name: str, value: float) -> None:

@@ -11,10 +11,9 @@ from haptid._internal.arrays import Array, positive, whole
 from haptid.dynamics.forward import ForwardDynamics, sets_of
 from haptid.dynamics.model import DynamicModel
 from haptid.errors import (
-    MasslessError,
     MethodSettingError,
     NoControllerError,
-    SimulationLostError,
+    SimulationError,
     UnsettledError,
 )
 from haptid.estimation.estimate import estimate
@@ -82,7 +81,7 @@ class Simulating(Around, ABC):
             beta, rows = self._next(observation, smoothed, beta, goal)
             rows = rows_of(self.weighting, rows)
             found = estimate(rows, self.weighting)
-            moved = np.abs(found.beta - beta) / np.maximum(found.sd, np.finfo(float).tiny)
+            moved = np.abs(found.beta - beta) / np.maximum(found.se, np.finfo(float).tiny)
             if moved.max() <= self.tolerance:
                 return rows
         worst = int(np.argmax(moved))
@@ -95,7 +94,7 @@ class Simulating(Around, ABC):
         for _ in range(HALVINGS):
             try:
                 return found, self.restate(observation, smoothed, found)
-            except (SimulationLostError, MasslessError):
+            except SimulationError:
                 if before is None:
                     raise
                 found = 0.5 * (before + found)

@@ -92,12 +92,12 @@ def covariance(rows: Rows, beta: Array) -> Array:
         if motor.norm == 0:
             raise NoTorqueError(motor.name)
     # Of each motor what WLS takes; correlations from pairs. A motor that fits exactly has none.
-    sd = np.array([1.0 / WLS().weight(motor, beta) for motor in motors])
+    se = np.array([1.0 / WLS().weight(motor, beta) for motor in motors])
     raw = np.sqrt(np.diag(products) / np.diag(pairs))
     scale = np.outer(raw, raw) * np.maximum(pairs, 1.0)
     correlation = np.divide(products, scale, out=np.zeros_like(products), where=scale > 0)
     np.fill_diagonal(correlation, 1.0)
-    return np.asarray(np.outer(sd, sd) * nearest_correlation(correlation))
+    return np.asarray(np.outer(se, se) * nearest_correlation(correlation))
 
 
 def nearest_correlation(C: Array) -> Array:

@@ -29,7 +29,7 @@ class TLS:
     noise's covariance but for a factor: the squares of the columns' and the torque's root mean squares. Columns of
     Coulomb friction and offsets are exact. The factor is the smallest generalised eigenvalue; on the triangle.
 
-    Where noise comes from encoders, `Corrected()` knows its size and is the better method: columns of one device are
+    Where noise comes from encoders, `ErrorsInVariables()` knows its size and is the better method: columns of one device are
     not noisy in proportion to their size.
 
     Sources: Golub and Van Loan (1980), SIAM J. Numerical Analysis 17(6); Van Huffel and Vandewalle (1991), The Total
@@ -111,4 +111,4 @@ def corrected(observation: Observation, weights: Array, noise: Sequence[Array]) 
     beta = plain.beta + root @ root.T @ (N[:-1, :-1] @ plain.beta - N[:-1, -1])
     rest = float(np.linalg.norm(observation.stack(weights) @ np.append(-beta, 1.0)))
     R = triangle((np.sqrt(1.0 - shares) * vectors).T @ plain.R)
-    return Fit(observation, weights, Solution(beta, R, root, rest, plain.freedom), False, tuple(noise))
+    return Fit(observation, weights, Solution(beta, R, root, rest, plain.dof), False, tuple(noise))

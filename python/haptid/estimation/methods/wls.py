@@ -49,6 +49,6 @@ class WLS:
         """One over the deviation of one motor's residual; a motor that fits exactly is held to rounding."""
         if motor.norm == 0:
             raise NoTorqueError(motor.name)
-        freedom = max(1, int(motor.rows.sum()) - len(motor.columns))
-        floor = np.finfo(float).eps * motor.norm / np.sqrt(freedom)
-        return float(1.0 / max(motor.residual(beta) / np.sqrt(freedom), floor))
+        dof = max(1, int(motor.rows.sum()) - len(motor.columns))
+        floor = np.finfo(float).eps * motor.norm / np.sqrt(dof)
+        return float(1.0 / max(motor.residual(beta) / np.sqrt(dof), floor))

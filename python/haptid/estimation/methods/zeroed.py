@@ -11,7 +11,7 @@ from haptid.observation.observation import Observation
 
 
 @dataclass(frozen=True)
-class Without(Around):
+class FixedAtZero(Around):
     """Another method, with some base parameters left out: they are zero, without deviation.
 
     Weights are those of the fit with all parameters: they stand for the noise, which a smaller model does not change.

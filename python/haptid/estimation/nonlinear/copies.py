@@ -118,7 +118,7 @@ def copied(model: DynamicModel, motions: Sequence[Sought], copies: Sequence[Copy
         HaptidError: as `observe`.
     """
     wide = _Wide(model, [_copy(model, copy, f":{number}") for number, copy in enumerate(copies)])
-    names = [model.device.parameters.names[k] for k in model.base.kept]
+    names = [model.device.parameters.names[k] for k in model.base.independent_columns]
     return Copied(
         model=model,
         copies=tuple(copies),
@@ -166,7 +166,7 @@ class _Wide(DynamicModel):
             own,
             names=(*own.names, *(self.device.parameters.names[k] for k in more)),
             units=(*own.units, *(self.device.parameters.units[k] for k in more)),
-            kept=(*own.kept, *more),
+            independent_columns=(*own.independent_columns, *more),
             regrouping=linalg.block_diag(own.regrouping, np.eye(len(more))),
             standard=tuple(self.device.parameters.names),
         )

@@ -7,9 +7,9 @@ from dataclasses import replace
 
 from haptid.dynamics.model import DynamicModel
 from haptid.estimation import Intervals, Method
-from haptid.estimation.nonlinear import Projection, variable_projection
+from haptid.estimation.nonlinear import VariableProjection, variable_projection
 from haptid.estimation.nonlinear.copies import Sought
-from haptid.estimation.nonlinear.load_friction import settled_loads
+from haptid.estimation.nonlinear.load_friction import fit_load_friction
 
 Progress = Callable[[str, float], None]
 
@@ -25,7 +25,7 @@ def settled(
     method: Method | None = None,
     intervals: Intervals | None = None,
     tell: Progress | None = None,
-) -> tuple[DynamicModel, Projection | None]:
+) -> tuple[DynamicModel, VariableProjection | None]:
     """The device, linear in all that is left to estimate, and its constants as found.
 
     Loads are settled with the constants where their search starts, so that it sees them about right, and once more
@@ -35,11 +35,11 @@ def settled(
         model: as its file has it.
         motions: treated, or every other block of one.
         method: of estimation, `WLS()` where None.
-        intervals: of the constants, `Clustered()` where None.
+        intervals: of the constants, `ClusterRobust()` where None.
         tell: called with what is being done and the share of it done.
 
     Raises:
-        HaptidError: as `settled_loads` and `variable_projection`.
+        HaptidError: as `fit_load_friction` and `variable_projection`.
     """
     tell = tell or (lambda _what, _share: None)
     model = _loaded(model, motions, method, tell)
@@ -58,6 +58,6 @@ def _loaded(model: DynamicModel, motions: Sequence[Sought], method: Method | Non
     if not model.has_loads:
         return model
     tell("settling loads", 0.0)
-    model = settled_loads(model, motions, method)
+    model = fit_load_friction(model, motions, method)
     tell("settling loads", 1.0)
     return model

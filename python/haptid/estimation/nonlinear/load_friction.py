@@ -8,10 +8,10 @@ from operator import add
 
 import numpy as np
 
-from haptid.device.terms.term import Load
+from haptid.device.terms.term import LoadDependentFriction
 from haptid.dynamics.model import DynamicModel
 from haptid.errors import UnsettledError
-from haptid.estimation import WLS, Method, Without, estimate
+from haptid.estimation import WLS, FixedAtZero, Method, estimate
 from haptid.estimation.method import only_weighs
 from haptid.estimation.methods.kalman import Filtering
 from haptid.estimation.nonlinear.copies import Sought, observed
@@ -23,7 +23,7 @@ MOST, SETTLED = 20, 0.01
 ROUNDING = 1e-9
 
 
-def settled_loads(model: DynamicModel, motions: Sequence[Sought], method: Method | None = None) -> DynamicModel:
+def fit_load_friction(model: DynamicModel, motions: Sequence[Sought], method: Method | None = None) -> DynamicModel:
     """The device with the load of its own bodies in its friction by load: a fixed point of fits in turn.
 
     The first fit is without that friction; every next one has its columns from the bodies of the one before. A pass
@@ -44,13 +44,13 @@ def settled_loads(model: DynamicModel, motions: Sequence[Sought], method: Method
         HaptidError: as `observe` and `estimate`.
     """
     weighting = _weighting(method)
-    names = {term.name for term in model.terms if isinstance(term.shape, Load)}
+    names = {term.name for term in model.terms if isinstance(term.shape, LoadDependentFriction)}
     own = tuple(name for name in model.base.names if name in names)
-    beta = estimate(_rows(model, motions), Without(own, weighting)).beta
+    beta = estimate(_rows(model, motions), FixedAtZero(own, weighting)).beta
     for _ in range(MOST):
         here = model.loaded(beta)
         found = estimate(_rows(here, motions), weighting)
-        moved = np.abs(found.beta - beta) / np.maximum(found.sd, ROUNDING * np.abs(found.beta).max())
+        moved = np.abs(found.beta - beta) / np.maximum(found.se, ROUNDING * np.abs(found.beta).max())
         if moved.max() <= SETTLED:
             return here
         beta = found.beta

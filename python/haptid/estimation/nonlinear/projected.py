@@ -13,7 +13,7 @@ from haptid.dynamics.model import DynamicModel
 from haptid.errors import UnsearchableError
 from haptid.estimation.estimate import fitted
 from haptid.estimation.fit import Fit
-from haptid.estimation.intervals.cluster_robust import Clustered
+from haptid.estimation.intervals.cluster_robust import ClusterRobust
 from haptid.estimation.intervals.spread import Intervals, Spread
 from haptid.estimation.method import Method, Reduced, expect_weighting
 from haptid.estimation.methods.wls import WLS
@@ -36,7 +36,7 @@ class Constant:
         name: "FS1.velocity": the parameter of its term, and its own name.
         unit: of the constant.
         value: SI.
-        sd: deviation of its linearised fit, honest; NaN where no torque shows it.
+        se: deviation of its linearised fit, honest; NaN where no torque shows it.
         interval: 95 % by profile likelihood, its width that of the honest deviation; an end at a limit of the range
             means that the log does not bound it.
         low, high: the range in which it was searched.
@@ -45,7 +45,7 @@ class Constant:
     name: str
     unit: str
     value: float
-    sd: float
+    se: float
     interval: tuple[float, float]
     low: float
     high: float
@@ -81,7 +81,7 @@ class Joint:
 
 
 @dataclass(frozen=True, eq=False)
-class Projection:
+class VariableProjection:
     """Searched constants, and the device that has them.
 
     Attributes:
@@ -106,14 +106,14 @@ def variable_projection(
     method: Method | None = None,
     intervals: Intervals | None = None,
     progress: Callable[[float], None] | None = None,
-) -> Projection:
+) -> VariableProjection:
     """Search the constants that a device file leaves open: Stribeck velocities, exponents, widths, a user's own.
 
     Args:
         model: with searched constants.
         motions: treated, or every other block of one.
         method: of estimation, `WLS()` where None; the search weighs motors as it does.
-        intervals: `Clustered()` where None.
+        intervals: `ClusterRobust()` where None.
         progress: called with the share of the work done, 0 to 1.
 
     Raises:
@@ -134,17 +134,17 @@ def variable_projection(
         tell((many + 1) / (SEARCHES + 1))
     zero = method.zero(place.rows.observation) if isinstance(method, Reduced) else ()
     fit = fitted(place.rows.observation, weighting, zero)
-    inner = intervals or Clustered()
+    inner = intervals or ClusterRobust()
     constants = tuple(_constant(place, motions, fit, inner, k) for k in range(len(start)))
     tell(1.0)
     made = Joint(inner, fit, _own(place.rows))
-    return Projection(place.rows.model, constants, made, tuple(_notes(constants)))
+    return VariableProjection(place.rows.model, constants, made, tuple(_notes(constants)))
 
 
 def _check(model: DynamicModel) -> None:
     if not model.device.searched:
         raise UnsearchableError(model.device.name, "no term of it has a constant to be searched")
-    kept = [model.device.parameters.members[k] for k in model.base.kept]
+    kept = [model.device.parameters.members[k] for k in model.base.independent_columns]
     for k, constant in model.device.searched:
         name = model.terms[k].name
         members = next((names for names in kept if name in names), ())
@@ -179,22 +179,22 @@ def _constant(place: Place, motions: Sequence[Sought], fit: Fit, intervals: Inte
     row[0, rows.own + k] = place.step[k] / beta
     spread = intervals.spread(fit, row)
     honest = float(np.sqrt(spread.covariance[0, 0]))
-    textbook = float(np.sqrt((row @ fit.solution.textbook_covariance(fit.unit_residual) @ row.T)[0, 0]))
-    noise = 1.0 if fit.unit_residual else fit.solution.rest**2 / fit.solution.freedom
-    most = stats.t.ppf(0.975, spread.freedom[0]) ** 2 * noise * (honest / textbook) ** 2
+    classical = float(np.sqrt((row @ fit.solution.classical_covariance(fit.unit_residual) @ row.T)[0, 0]))
+    noise = 1.0 if fit.unit_residual else fit.solution.rest**2 / fit.solution.dof
+    most = stats.t.ppf(0.975, spread.dof[0]) ** 2 * noise * (honest / classical) ** 2
     interval = _profile(place, motions, fit.weights, k, honest, float(most))
     slope = value if searched.positive else searched.high - searched.low
     return Constant(name, searched.unit, value, honest * slope, interval, *ends)
 
 
 def _profile(
-    place: Place, motions: Sequence[Sought], weights: Array, k: int, sd: float, most: float
+    place: Place, motions: Sequence[Sought], weights: Array, k: int, se: float, most: float
 ) -> tuple[float, float]:
     """Where the squared residual has grown by `most`, all else fitted anew, the other constants to first order."""
     model = place.rows.model
     constant = model.device.searched[k][1]
     x, ends = coordinate(constant, place.values[k]), [coordinate(constant, e) for e in (constant.low, constant.high)]
-    grid = np.linspace(max(x - FAR * sd, ends[0]), min(x + FAR * sd, ends[1]), POINTS)
+    grid = np.linspace(max(x - FAR * se, ends[0]), min(x + FAR * se, ends[1]), POINTS)
     tried = [Copy(k, value_of(constant, at)) for at in grid.tolist()]
     rows = copied(model, motions, [*place.rows.copies, *tried])
     first = len(place.rows.copies)
@@ -224,7 +224,7 @@ def _notes(constants: Sequence[Constant]) -> Iterator[str]:
     for c in constants:
         (low, high), unit = c.interval, f" {c.unit}" if c.unit else ""
         ends = [end for end in (c.low, c.high) if np.isclose(c.value, end, rtol=AT_LIMIT)]
-        if np.isnan(c.sd):
+        if np.isnan(c.se):
             yield f"{c.name}: the log tells nothing of it, as its term adds no torque here."
         elif ends:
             yield f"{c.name} is at the end of its range, {ends[0]:g}{unit}: widen the range, or give the constant."

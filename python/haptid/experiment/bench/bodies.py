@@ -129,7 +129,7 @@ def _shares(model: DynamicModel, term: TermColumn) -> Array:
     if what == "joint":
         shares[model.device.joint_names.index(name)] = 1.0
     else:
-        shares[list(model.device.active)] = term.weights @ model.device.frame
+        shares[list(model.device.active)] = term.weights @ model.device.row_map
     return shares
 
 
@@ -200,7 +200,7 @@ def _is_rotor(model: DynamicModel, j: int) -> bool:
     if model.device.joints[j].prismatic:
         return False
     rng = np.random.default_rng(0)
-    c = np.ascontiguousarray(model.device.frame @ model.device.closure.draw(rng, 20))
+    c = np.ascontiguousarray(model.device.row_map @ model.device.closure.draw(rng, 20))
     cd, cdd = rng.uniform(-2, 2, (2, *c.shape))
     column = rows(model, c, cd, cdd)[:, 10 * j + 5]
     followed = model.follow(c, cd)

@@ -38,7 +38,7 @@ class Assistance:
     def begin(self, dt: float) -> Step:
         """The law from rest."""
         velocity = self.code.differentiator(self.velocity_cutoff_hz, dt)
-        frame, to_motors = self.model.device.frame, motors_of(self.model)
+        frame, to_motors = self.model.device.row_map, motors_of(self.model)
         still = np.zeros(len(frame))
 
         def step(_t: float, qa: Array) -> Array:
@@ -80,7 +80,7 @@ class Tracking:
 
     def begin(self, dt: float) -> Step:
         """The law from rest."""
-        code, frame, to_motors = self.code, self.model.device.frame, motors_of(self.model)
+        code, frame, to_motors = self.code, self.model.device.row_map, motors_of(self.model)
         names = [drive.name for drive in self.model.device.motors]
         kp, kd = spread("kp", self.kp, names), spread("kd", self.kd, names)
         to_coordinates = np.linalg.pinv(to_motors)

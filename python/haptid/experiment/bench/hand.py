@@ -75,7 +75,7 @@ def feel(
         stroke: how the hand moves; the default one where None.
 
     Raises:
-        BenchError: one class for each cause.
+        ExperimentError, SimulationError: one class for each cause.
     """
     stroke = stroke or Stroke()
     given = _Told(law) if law is not None else None
@@ -121,9 +121,9 @@ def _line(setup: Setup, pose: Array, direction: Array, stroke: Stroke) -> Trajec
     rise = np.clip(omega * t / (2 * np.pi), 0.0, 1.0)
     size = rise**3 * (10 - 15 * rise + 6 * rise**2)
     s = size * (np.sin(omega * t) + 0.25 * np.sin(3 * omega * t))
-    sd = np.gradient(s, setup.dt)
+    se = np.gradient(s, setup.dt)
     return Trajectory(
-        setup.dt, pose + np.outer(s, along), np.outer(sd, along), np.outer(np.gradient(sd, setup.dt), along)
+        setup.dt, pose + np.outer(s, along), np.outer(se, along), np.outer(np.gradient(se, setup.dt), along)
     )
 
 

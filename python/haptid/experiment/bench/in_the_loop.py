@@ -97,7 +97,7 @@ def rehearse(
         stroke: how the hand moves to feel; the default one where None.
 
     Raises:
-        BenchError: one class for each cause.
+        ExperimentError, SimulationError: one class for each cause.
     """
     assistance = Assistance(setup.model, code, friction=friction)
     lines = [(pose, axis) for pose in poses for axis in AXES]
@@ -151,7 +151,7 @@ def _force_errors(
     bare = signal.lfilter([1 - keep], [1, -keep], -motors @ model.device.drive_rates[driven], axis=0)
     wanted = signal.lfilter([1 - keep], [1, -keep], made.hand, axis=0)
     during = (made.t > hand[0].start + SETTLED) & (made.t < hand[0].stop)
-    q = made.position @ model.device.frame.T
+    q = made.position @ model.device.row_map.T
 
     def error(torque: Array) -> float:
         force = np.array([code("handle_force", *each)["force"] for each in zip(q[during], torque[during], strict=True)])

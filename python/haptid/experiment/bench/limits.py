@@ -114,7 +114,7 @@ def _check_torques(model: DynamicModel, trajectory: Trajectory, chi: Array, satu
     every = max(1, round(LOOK / trajectory.dt))
     q, qd, qdd = (np.ascontiguousarray(x[::every].T) for x in (trajectory.q, trajectory.qd, trajectory.qdd))
     tau = inverse_dynamics(model, model.base.of(chi), q, qd, qdd)
-    joints = model.device.frame.T @ tau
+    joints = model.device.row_map.T @ tau
     less = "Lower the amplitude or the frequencies, or raise the limit."
     for j, torque in zip(model.device.active, joints, strict=True):
         joint = model.device.joints[j]

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from haptid._internal.atomic_folder import publishing
-from haptid._internal.workers import Processes, Workers
+from haptid._internal.workers import Executor, ProcessExecutor
 from haptid.device import read_device
 from haptid.dynamics.model import DynamicModel
 from haptid.errors import OutputError
@@ -84,7 +84,7 @@ def make_log(job: Job, tell: Tell | None = None) -> Path:
 
 
 def make_logs(
-    jobs: Sequence[Job], workers: Workers | None = None, tell: Callable[[Path, float], None] | None = None
+    jobs: Sequence[Job], workers: Executor | None = None, tell: Callable[[Path, float], None] | None = None
 ) -> tuple[Path, ...]:
     """Make many logs, several at a time.
 
@@ -96,7 +96,7 @@ def make_logs(
     Raises:
         HaptidError: the first that a job raised; logs that were made before stay.
     """
-    for count, (_, path) in enumerate((workers or Processes()).map(make_log, jobs), 1):
+    for count, (_, path) in enumerate((workers or ProcessExecutor()).map(make_log, jobs), 1):
         if tell is not None:
             tell(path, count / len(jobs))
     return tuple(job.out for job in jobs)

@@ -60,7 +60,7 @@ def simulate(setup: Setup, trajectory: Trajectory, rng: np.random.Generator, tel
         tell: called now and then with the share that is done.
 
     Raises:
-        BenchError: one class for each cause, with the time and the joint; see `haptid.errors`.
+        ExperimentError, SimulationError: one class for each cause, with the time and the joint; see `haptid.errors`.
     """
     saturation = _saturation(setup)
     check_trajectory(setup.model, trajectory, setup.chi, saturation)
@@ -151,7 +151,7 @@ class _Control:
         if settings.gravity:
             still = np.zeros_like(trajectory.q.T)
             held = inverse_dynamics(model, model.base.of(setup.chi), trajectory.q.T, still, still)
-            self.forward[:] = np.linalg.solve(self.coupling.T, model.device.frame.T @ held)[self.driven].T
+            self.forward[:] = np.linalg.solve(self.coupling.T, model.device.row_map.T @ held)[self.driven].T
         self.limit = np.full(len(motors), np.inf) if saturation is None else saturation[self.driven]
         self.step, self.dt = setup.encoders.step(model), setup.dt
         self.keep = float(np.exp(-2 * np.pi * settings.velocity_cutoff_hz * self.dt))

@@ -293,17 +293,17 @@ def triangle(t: Array, frequency_hz: Array, phase: Array) -> Rates:
     """A triangle of unit amplitude with rounded corners, asin(k sin) / asin(k), and its rates, each (n, joints)."""
     omega = 2 * np.pi * frequency_hz
     angle = t[:, None] * omega + phase
-    s, sd, sdd = np.sin(angle), omega * np.cos(angle), -(omega**2) * np.sin(angle)
-    s, sd, sdd = SHARPNESS * s, SHARPNESS * sd, SHARPNESS * sdd
+    s, se, sdd = np.sin(angle), omega * np.cos(angle), -(omega**2) * np.sin(angle)
+    s, se, sdd = SHARPNESS * s, SHARPNESS * se, SHARPNESS * sdd
     root, peak = np.sqrt(1 - s**2), np.arcsin(SHARPNESS)
-    return np.arcsin(s) / peak, sd / root / peak, (sdd / root + s * sd**2 / root**3) / peak
+    return np.arcsin(s) / peak, se / root / peak, (sdd / root + s * se**2 / root**3) / peak
 
 
 def move(t: Array, distance: float, seconds: float) -> Rates:
     """From rest to rest by a quintic, beginning at t = 0, each (n,)."""
     u = np.clip(t / seconds, 0, 1)
-    s, sd, sdd = u**3 * (10 - 15 * u + 6 * u**2), 30 * u**2 * (1 - u) ** 2, 60 * u * (1 - u) * (1 - 2 * u)
-    return distance * s, distance / seconds * sd, distance / seconds**2 * sdd
+    s, se, sdd = u**3 * (10 - 15 * u + 6 * u**2), 30 * u**2 * (1 - u) ** 2, 60 * u * (1 - u) * (1 - 2 * u)
+    return distance * s, distance / seconds * se, distance / seconds**2 * sdd
 
 
 def run(t: Array, distance: float, speed: float, ramp: float) -> Rates:

@@ -104,7 +104,7 @@ class LargestDeviation:
 
     def cost(self, found: Quality) -> float:
         """Its logarithm."""
-        finite = found.relative_sd[np.isfinite(found.relative_sd)]
+        finite = found.relative_se[np.isfinite(found.relative_se)]
         return float(np.log(finite.max())) if len(finite) else np.inf
 
     def scaling(self, values: Array, noise: Array) -> Scaling:

@@ -43,7 +43,7 @@ def largest_inertia(found: Excitation) -> Array:
     """Of every motor's coordinate along the motion, others free, by the parameters of the search, (motors,)."""
     model = found.model
     M = mass_matrix(model, found.bounds.beta, found.trajectory(LOOK).q.T)
-    to_rows = model.device.frame @ np.linalg.inv(model.device.coupling)
+    to_rows = model.device.row_map @ np.linalg.inv(model.device.coupling)
     on_drives = np.einsum("ik,nij,jk->nk", to_rows, M, to_rows)
     motors = [k for k, drive in enumerate(model.device.drives) if drive.motorised]
     return np.asarray(np.maximum(on_drives.max(axis=0)[motors], 0.0))

@@ -60,7 +60,7 @@ class Slopes:
     def selection(self) -> tuple[list[int], Array]:
         """The core's columns that the parameters need, and the combinations (columns, k) that make them of these."""
         model = self.bounds.model
-        kept = model.device.parameters.S[:, [model.base.kept[k] for k in self.columns]]
+        kept = model.device.parameters.S[:, [model.base.independent_columns[k] for k in self.columns]]
         needed = np.flatnonzero(kept.any(axis=1))
         return needed.tolist(), freeze(np.ascontiguousarray(kept[needed]))
 
@@ -97,7 +97,7 @@ class Slopes:
         forms = np.zeros((model.mechanism.coordinates, len(columns), len(columns)))
         forms[list(model.device.measured)] = self._factors * (S @ B @ S.T)
         by_channel = model.mechanism.form_slopes(*channels.motion, channels.own, columns, forms, channels.loops)
-        return cost, np.asarray(model.device.frame.T @ channels.by_motion(by_channel))
+        return cost, np.asarray(model.device.row_map.T @ channels.by_motion(by_channel))
 
     def _limits(self, states: Array, weight: float) -> tuple[float, Array]:
         """Mean squares of what exceeds the limits, and their slopes."""

@@ -185,11 +185,11 @@ class Bounds:
         by = self.channels(states).torque_slopes(raw_parameters(model, self.beta))
         tau = inverse_dynamics(model, self.beta, *(np.ascontiguousarray(x) for x in states))
         by_motion = np.einsum("rn,rscn->scn", weights * np.sign(tau) / self.torque[:, None], by)
-        return np.asarray(model.device.frame.T @ by_motion)
+        return np.asarray(model.device.row_map.T @ by_motion)
 
     def channels(self, states: Array) -> CoreChannels:
         """What the core makes rows of, from states of the active joints, (3, active, n)."""
-        return CoreChannels.of(self.model, self.model.device.frame @ states)
+        return CoreChannels.of(self.model, self.model.device.row_map @ states)
 
     @cached_property
     def _followers(self) -> list[tuple[int, Joint]]:

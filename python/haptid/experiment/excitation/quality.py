@@ -68,7 +68,7 @@ class Quality:
         return 2 * float(np.log(singular).sum()) - len(self.names) * float(np.log(self.rows))
 
     @cached_property
-    def relative_sd(self) -> Array:
+    def relative_se(self) -> Array:
         """Deviation of each, white noise of the given deviation on every row, per cent of its value, (k,).
 
         Infinite for a value of zero.

@@ -88,7 +88,7 @@ class Excitation:
     @cached_property
     def predicted(self) -> dict[str, float]:
         """Relative deviation of each parameter by name, per cent of its value; white noise."""
-        return dict(zip(self.after.names, self.after.relative_sd.tolist(), strict=True))
+        return dict(zip(self.after.names, self.after.relative_se.tolist(), strict=True))
 
     def summary(self) -> str:
         """As text: condition before and after, and the deviations that the motion promises."""

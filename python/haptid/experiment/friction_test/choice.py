@@ -191,7 +191,7 @@ def _choice(joint: JointFriction) -> JointChoice:
 def fit(friction_model: FrictionModel, joint: JointFriction) -> FrictionFit:
     """Weighted least squares of one model."""
     v, f = joint.velocity, joint.torque
-    deviation = np.maximum(joint.sd, max(TRUSTED * float(np.median(joint.sd)), EXACT * float(np.abs(f).max())))
+    deviation = np.maximum(joint.se, max(TRUSTED * float(np.median(joint.se)), EXACT * float(np.abs(f).max())))
     scale = _scale(friction_model, v, f, deviation) if friction_model.scaled else 1.0
     A = friction_model.columns(v, scale) / deviation[:, None]
     beta = np.linalg.lstsq(A, f / deviation, rcond=None)[0]

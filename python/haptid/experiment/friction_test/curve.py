@@ -67,7 +67,7 @@ class Gravity(Protocol):
 
 
 @dataclass(frozen=True)
-class ByPairs:
+class DirectionPairs:
     """Both directions through the same positions, the other joints still: no model.
 
     A torque that is the same in both directions is not told from gravity: neither is Coulomb friction that differs by
@@ -86,7 +86,7 @@ class ByPairs:
 
 
 @dataclass(frozen=True, eq=False)
-class ByModel:
+class ModelSubtraction:
     """An estimate's torque but for its friction; all joints may move.
 
     Attributes:
@@ -118,8 +118,8 @@ class JointFriction:
         unit: of its torque, N m or N.
         velocity: ascending, (n,), rad/s or m/s.
         torque: mean over the positions passed, (n,).
-        sd: its deviation, by leaving out positions, (n,).
-        freedom: positions passed less one, (n,).
+        se: its deviation, by leaving out positions, (n,).
+        dof: positions passed less one, (n,).
     """
 
     name: str
@@ -127,8 +127,8 @@ class JointFriction:
     unit: str
     velocity: Array
     torque: Array
-    sd: Array
-    freedom: Array
+    se: Array
+    dof: Array
 
     def __post_init__(self) -> None:
         for name in ("velocity", "torque", "sd", "freedom"):
@@ -138,7 +138,7 @@ class JointFriction:
     @property
     def interval95(self) -> Array:
         """Of the torque, (n, 2)."""
-        half = stats.t.ppf(0.975, self.freedom) * self.sd
+        half = stats.t.ppf(0.975, self.dof) * self.se
         return np.column_stack([self.torque - half, self.torque + half])
 
 
@@ -177,7 +177,7 @@ def friction_curve(
     Args:
         model: the dynamic model.
         motion: each joint in turn, to and fro, at several constant speeds; with a model, any with such stretches.
-        gravity: `ByPairs()` or `ByModel(estimate)`; pairs where left out.
+        gravity: `DirectionPairs()` or `ModelSubtraction(estimate)`; pairs where left out.
         constant: what counts as a constant velocity.
 
     Raises:
@@ -185,7 +185,7 @@ def friction_curve(
         NoAccelerationError: the motion's treatment has none.
         NoStretchesError: no joint moves to and fro at a constant velocity.
     """
-    gravity, constant = gravity or ByPairs(), constant or Constant()
+    gravity, constant = gravity or DirectionPairs(), constant or Constant()
     c, cd, cdd = coordinates(model.device, motion, *motion.usable)
     tau = coordinate_torque(model.device, motion, *motion.usable) - gravity.torque(model, c, cd, cdd)
     width = max(3, round(constant.shortest / motion.dt))
@@ -304,12 +304,12 @@ def _points(cells: list[Cell], alone: bool) -> tuple[Array, Array, Array, Array]
     whole = _levels(cells, alone)
     places = sorted({cell.place for cell in cells})
     parts = np.array([_levels(cells, alone, place) for place in places])
-    sd = np.sqrt((len(places) - 1) / len(places) * ((parts - parts.mean(axis=0)) ** 2).sum(axis=0))
+    se = np.sqrt((len(places) - 1) / len(places) * ((parts - parts.mean(axis=0)) ** 2).sum(axis=0))
     stretches = sorted({cell.stretch for cell in cells})
     velocity = np.array([next(cell.velocity for cell in cells if cell.stretch == s) for s in stretches])
-    freedom = np.array([sum(cell.stretch == s for cell in cells) - 1.0 for s in stretches])
+    dof = np.array([sum(cell.stretch == s for cell in cells) - 1.0 for s in stretches])
     order = np.argsort(velocity)
-    return velocity[order], whole[order], sd[order], freedom[order]
+    return velocity[order], whole[order], se[order], dof[order]
 
 
 def _levels(cells: list[Cell], alone: bool, without: int | None = None) -> Array:

@@ -35,8 +35,8 @@ def write_points(curve: FrictionCurve, path: Path) -> None:
         table = csv.writer(file)
         table.writerow(["joint", "velocity", "torque", "sd", "low95", "high95", "unit"])
         for joint in curve.joints:
-            for v, tau, sd, (low, high) in zip(joint.velocity, joint.torque, joint.sd, joint.interval95, strict=True):
-                table.writerow([joint.label, *(float(x) for x in (v, tau, sd, low, high)), joint.unit])
+            for v, tau, se, (low, high) in zip(joint.velocity, joint.torque, joint.se, joint.interval95, strict=True):
+                table.writerow([joint.label, *(float(x) for x in (v, tau, se, low, high)), joint.unit])
 
 
 def choice_values(choice: FrictionChoice) -> dict[str, Any]:

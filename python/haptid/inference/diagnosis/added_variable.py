@@ -20,7 +20,7 @@ from haptid.dynamics.inverse import raw_parameters
 from haptid.estimation import Estimate
 from haptid.estimation.intervals.cluster_robust import clustered
 from haptid.estimation.least_squares import Solution
-from haptid.inference.diagnosis.context import Sight
+from haptid.inference.diagnosis.context import ResidualContext
 from haptid.inference.diagnosis.subsample import named, runs
 from haptid.motion.treatment import Motion
 from haptid.observation.observation import Block, MotorRows, Observation, Plan, Signals, triangle
@@ -43,7 +43,7 @@ class Extra:
 
     weights: Array
     many: int
-    values: Callable[[Sight], Array]
+    values: Callable[[ResidualContext], Array]
 
 
 @dataclass(frozen=True, eq=False)
@@ -53,14 +53,14 @@ class Added:
     Attributes:
         gamma: their parameters, (k,), SI.
         covariance: over time blocks, (k, k).
-        freedom: degrees of freedom, the least of the columns'.
+        dof: degrees of freedom, the least of the columns'.
         explained: share of the residual's power that goes with them, of each motor, (motors,).
         moved: how far they move the parameters of the other columns in the fit, in their order, SI.
     """
 
     gamma: Array
     covariance: Array
-    freedom: float
+    dof: float
     explained: Array
     moved: Array
 
@@ -69,7 +69,7 @@ class Added:
             object.__setattr__(self, name, read_only(getattr(self, name)))
 
     @property
-    def sd(self) -> Array:
+    def se(self) -> Array:
         """Deviation of each, (k,)."""
         return np.sqrt(np.diag(self.covariance))
 
@@ -81,11 +81,11 @@ class Added:
     def p(self) -> float:
         """Probability of so much in a residual without them: Hotelling's T^2, Student's t for one column."""
         k = len(self.gamma)
-        freedom = self.freedom - k + 1
-        if freedom < 1:
+        dof = self.dof - k + 1
+        if dof < 1:
             return 1.0
         T2 = float(self.gamma @ np.linalg.pinv(self.covariance, hermitian=True) @ self.gamma)
-        return float(stats.f.sf(T2 * freedom / (self.freedom * k), k, freedom))
+        return float(stats.f.sf(T2 * dof / (self.dof * k), k, dof))
 
 
 @dataclass(frozen=True, eq=False)
@@ -126,15 +126,15 @@ class Widened:
             return None
         beta = linalg.solve_triangular(R, z)
         moved = -linalg.solve_triangular(R[:-k, :-k], R[:-k, -k:] @ beta[-k:])
-        freedom = int(sum(motor.rows.sum() for motor in motors)) - len(kept)
+        dof = int(sum(motor.rows.sum() for motor in motors)) - len(kept)
         root = linalg.solve_triangular(R, np.eye(len(R)))
-        solution = Solution(beta, R, root, abs(float(whole[-1, -1])), freedom)
+        solution = Solution(beta, R, root, abs(float(whole[-1, -1])), dof)
         observation = replace(self.observation, motors=motors)
         made = clustered(observation, weights, solution, np.eye(len(kept))[-k:])
         before = [motor.residual(self.estimate.beta) for motor in self.estimate.observation.motors[chosen]]
         after = [motor.residual(beta) for motor in motors]
         explained = 1.0 - np.square(after) / np.where(np.array(before) > 0, np.square(before), 1.0)
-        return Added(beta[-k:], made.covariance, float(made.freedom.min()), explained, moved)
+        return Added(beta[-k:], made.covariance, float(made.dof.min()), explained, moved)
 
 
 def widen(estimate: Estimate, extras: Sequence[Extra]) -> Widened:
@@ -171,7 +171,7 @@ class _WidePlan(Plan):
     def signals(self, low: int, high: int) -> Signals:
         """As of the plan without, and the extras' values below the columns that Python computes."""
         c, cd, cdd, own = self.narrow.signals(low, high)
-        sight = Sight(self.narrow, self.chi, low, high)
+        sight = ResidualContext(self.narrow, self.chi, low, high)
         return c, cd, cdd, np.concatenate([own, *(extra.values(sight) for extra in self.extras)])
 
 

@@ -15,13 +15,13 @@ class Slope:
 
     Attributes:
         value: (k,).
-        sd: (k,).
-        freedom: Satterthwaite's, from how evenly the blocks carry each, (k,).
+        se: (k,).
+        dof: Satterthwaite's, from how evenly the blocks carry each, (k,).
     """
 
     value: Array
-    sd: Array
-    freedom: Array
+    se: Array
+    dof: Array
 
 
 def regress(X: Array, y: Array, block: np.ndarray) -> Slope | None:
@@ -45,5 +45,5 @@ def regress(X: Array, y: Array, block: np.ndarray) -> Slope | None:
     without = np.linalg.pinv(whole - A) @ (b.sum(axis=0) - b)[:, :, None]
     shift = without[:, :, 0] - value
     leverage = np.einsum("ki,bij,jk->bk", inverse, A, inverse)
-    freedom = leverage.sum(axis=0) ** 2 / (leverage**2).sum(axis=0) - 1.0
-    return Slope(value, np.sqrt((many - 1) / many * (shift**2).sum(axis=0)), np.maximum(freedom, 2.0))
+    dof = leverage.sum(axis=0) ** 2 / (leverage**2).sum(axis=0) - 1.0
+    return Slope(value, np.sqrt((many - 1) / many * (shift**2).sum(axis=0)), np.maximum(dof, 2.0))

@@ -15,7 +15,7 @@ from haptid.observation.observation import Plan
 
 
 @dataclass(frozen=True, eq=False)
-class Sight:
+class ResidualContext:
     """The samples under some rows of a motion.
 
     Attributes:

@@ -38,7 +38,7 @@ def late(widened: Widened, which: Sequence[int], labels: Sequence[str]) -> Findi
     p = holm([one.p for _, one in told])
     figures: dict[str, float] = {}
     for label, one in told:
-        half = float(stats.t.ppf(0.975, one.freedom) * one.sd[0])
+        half = float(stats.t.ppf(0.975, one.dof) * one.se[0])
         figures |= {f"delay {label}": one.gamma[0], f"half_width {label}": half}
     first = int(np.argmin(p))
     label, one = told[first]
@@ -50,10 +50,10 @@ def late(widened: Widened, which: Sequence[int], labels: Sequence[str]) -> Findi
         return Finding("time delay", "ok", figures, text)
     status: Status = "bad" if abs(delay) > FAR * dt else "doubt"
     what = "late" if delay > 0 else "early"
-    asked = widened.estimate.observation.motions[0].treatment.torque_delay + delay
+    asked = widened.estimate.observation.motions[0].treatment.torque_delay_s + delay
     text = (
         f"The torque of {label} is {what} by {around}, p = {p[first]:.1e}, limit {LEVEL:g}: viscous friction is "
-        f"biased. Write torque_delay = {asked:.2g} under [treatment] in the study file, or "
-        f"Treatment(torque_delay={asked:.2g}) in Python, and estimate again."
+        f"biased. Write torque_delay_s = {asked:.2g} under [treatment] in the study file, or "
+        f"Treatment(torque_delay_s={asked:.2g}) in Python, and estimate again."
     )
     return Finding("time delay", status, figures, text)

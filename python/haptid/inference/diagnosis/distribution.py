@@ -89,8 +89,8 @@ def spread(left: Residuals, velocity: Array) -> Finding:
         found = regress(X, e**2, left.block[used])
         for k, what in enumerate(("speed", "torque") if found else ()):
             assert found is not None
-            t = found.value[k + 1] / found.sd[k + 1] if found.sd[k + 1] > 0 else 0.0
-            p.append(float(2 * stats.t.sf(abs(t), found.freedom[k + 1])))
+            t = found.value[k + 1] / found.se[k + 1] if found.se[k + 1] > 0 else 0.0
+            p.append(float(2 * stats.t.sf(abs(t), found.dof[k + 1])))
             growth.append(float(1.0 + found.value[k + 1] / found.value[0]))
             names.append(f"{label} with {what}")
     if not p:

@@ -69,7 +69,7 @@ def shares(made: Estimate) -> Array:
 def advice(made: Estimate, k: int) -> str:
     """The motion that would show a base parameter."""
     parameters = made.model.device.parameters
-    own = made.base.kept[k]
+    own = made.base.independent_columns[k]
     kind, link = parameters.kinds[own], parameters.links[own]
     on = f"{'joint' if link >= 0 else 'motor'} {parameters.names[own].removeprefix(kind)}"
     words = [text for kinds, text in MOTION.items() if kind in kinds.split()]

@@ -20,11 +20,11 @@ import numpy as np
 from haptid._internal.arrays import Array
 from haptid.dynamics.inverse import rigid
 from haptid.dynamics.model import DynamicModel
-from haptid.errors import AccelerationColumnError, ControllerError, MasslessError, SimulationLostError
+from haptid.errors import MissingAccelerationError, SettingError, SimulationError
 from haptid.estimation import IV, Estimate, Method
 from haptid.estimation.methods.simulating import ClosedLoop, treated_as
 from haptid.inference.diagnosis.added_variable import Extra, Widened
-from haptid.inference.diagnosis.context import Sight, torque_of
+from haptid.inference.diagnosis.context import ResidualContext, torque_of
 from haptid.inference.diagnosis.finding import LEVEL, Finding, holm
 from haptid.motion.channels import coordinates
 from haptid.motion.treatment import Motion, treat
@@ -36,7 +36,7 @@ from haptid.treatment_choice.propose import ABOVE_MOTION, bandwidth
 HARMLESS, BIASED = 0.5, 1.0
 FILTER_ADVICE = (
     "Leave the cut-offs out of the study file, or call propose in Python, so that they are found from the logs; or "
-    "drop more rows near standstill (low_speed)."
+    "drop more rows near standstill (reversal_speed)."
 )
 LOOP_ADVICE = (
     "Take instruments (IV) or DIDIM, which this does not bias; or leave the cut-offs out of the study file, so "
@@ -98,7 +98,7 @@ def simulated(estimate: Estimate, law: PID) -> tuple[Motion, ...] | None:
     loop, model, seen = IV(controller=law), estimate.model, estimate.observation
     try:
         courses = loop.courses(seen, smooth(model, seen.motions, loop.friction), estimate.beta)
-    except (SimulationLostError, MasslessError, ControllerError, AccelerationColumnError):
+    except (SimulationError, SettingError, MissingAccelerationError):
         return None
     return tuple(treated_as(model, course) for course in courses)
 
@@ -133,7 +133,7 @@ def errors_in_columns(
     parts = [part for part in (rigid(model, chi), chi - rigid(model, chi)) if part.any()]
 
     @lru_cache(maxsize=1)  # torque comes for all rows at once
-    def differences(sight: Sight) -> Array:
+    def differences(sight: ResidualContext) -> Array:
         calm = coordinates(model.device, of[id(sight.plan.motion)], sight.low, sight.high)
         return np.array([sight.torque(part) - torque_of(model, part, *calm) for part in parts])
 
@@ -155,7 +155,7 @@ def exogeneity(widened: Widened, which: Sequence[int], labels: Sequence[str], by
     first = int(np.argmin(p))
     label, explained = told[first][0], float(told[first][1].explained.max())
     kept = list(made.kept)
-    moved = np.abs(told[first][1].moved) / np.maximum(made.sd[kept], TINY)
+    moved = np.abs(told[first][1].moved) / np.maximum(made.se[kept], TINY)
     worst, most = made.base.names[kept[int(np.argmax(moved))]], float(moved.max())
     figures = {
         "p": float(p[first]),

@@ -52,8 +52,8 @@ class Deletions:
         """Probability of so great a shift by chance, each taken by itself: Student's t, deletion by deletion."""
         rest = _others(self.expected)
         variance = self.expected * _others(self.shift**2) / rest
-        freedom = np.maximum(rest**2 / _others(self.expected**2) - 1.0, 1.0)
-        return np.asarray(2 * stats.t.sf(np.abs(self.shift) / np.sqrt(np.maximum(variance, TINY)), freedom))
+        dof = np.maximum(rest**2 / _others(self.expected**2) - 1.0, 1.0)
+        return np.asarray(2 * stats.t.sf(np.abs(self.shift) / np.sqrt(np.maximum(variance, TINY)), dof))
 
 
 def _others(values: Array) -> Array:

@@ -9,7 +9,7 @@ import numpy as np
 
 from haptid._internal.arrays import Array
 from haptid.inference.diagnosis.added_variable import Added, Extra, Widened
-from haptid.inference.diagnosis.context import Sight
+from haptid.inference.diagnosis.context import ResidualContext
 from haptid.inference.diagnosis.finding import LEVEL, Finding, graded, holm, listed
 from haptid.inference.diagnosis.places import Place
 from haptid.inference.diagnosis.residual import Residuals
@@ -116,12 +116,12 @@ def extras(shape: Shape, place: Place, left: Residuals) -> tuple[Extra, ...]:
     low, high = float(np.nanmin(x)), float(np.nanmax(x))
     row = int(np.argmax(np.abs(place.weights)))
 
-    def local(sight: Sight) -> Local:
+    def local(sight: ResidualContext) -> Local:
         c, cd, _ = sight.motion
         at = (2 * (place.weights @ c) - low - high) / (high - low or 1.0)
         return Local(place.weights @ cd / speed, at, np.abs(sight.predicted[row]))
 
-    def values(columns: Callable[[Local], Array]) -> Callable[[Sight], Array]:
+    def values(columns: Callable[[Local], Array]) -> Callable[[ResidualContext], Array]:
         return lambda sight: columns(local(sight))
 
     count = DEGREES if shape.columns == (polynomials,) else 1
@@ -181,7 +181,7 @@ def misfit(shape: Shape, places: Sequence[Place], looks: Sequence[Look]) -> Find
     for place, one in zip(places, looks, strict=True):
         figures |= {f"p {place.label}": one.p, f"explained {place.label}": one.explained}
         if one.added is not None and len(one.added.gamma) == 1:
-            figures |= {f"size {place.label}": one.added.gamma[0], f"sd {place.label}": one.added.sd[0]}
+            figures |= {f"size {place.label}": one.added.gamma[0], f"sd {place.label}": one.added.se[0]}
     if status == "ok":
         text = f"No sign of {shape.found} (p = {together[first]:.2g}, limit {LEVEL:g})."
         if shadows := sorted({one.shadow for one in looks if one.shadow}):

@@ -15,7 +15,7 @@ from haptid.dynamics.inverse import raw_parameters
 from haptid.dynamics.model import DynamicModel
 from haptid.estimation import Estimate
 from haptid.inference.diagnosis.added_variable import Extra, Widened
-from haptid.inference.diagnosis.context import Sight, torque_of
+from haptid.inference.diagnosis.context import ResidualContext, torque_of
 from haptid.inference.diagnosis.finding import LEVEL, Finding, Status, listed
 
 # Factors that units make, and what each means.
@@ -52,7 +52,7 @@ class Known:
 
 def known(model: DynamicModel) -> Known | None:
     """What the device file knows of its bodies; None where it does not know them all."""
-    kinds = [model.device.parameters.kinds[k] for k in model.base.kept]
+    kinds = [model.device.parameters.kinds[k] for k in model.base.independent_columns]
     inertial = tuple(k for k, kind in enumerate(kinds) if kind in INERTIAL)
     prior = [model.base_prior[k] for k in inertial]
     if not inertial or any(value is None for value in prior):
@@ -70,7 +70,7 @@ def expected(model: DynamicModel, rows: Sequence[int], bodies: Known) -> tuple[E
     chi = raw_parameters(model, bodies.beta)
 
     @lru_cache(maxsize=1)  # torque comes for all rows at once
-    def torques(sight: Sight) -> Array:
+    def torques(sight: ResidualContext) -> Array:
         c = sight.motion[0]
         weight = torque_of(model, chi, c, np.zeros_like(c), np.zeros_like(c))
         return np.array([sight.torque(chi) - weight, weight])
@@ -89,13 +89,13 @@ class Factor:
 
     Attributes:
         motor: "motor 2".
-        value, sd: and the deviation.
+        value, se: and the deviation.
         half: of the 95 % interval.
     """
 
     motor: str
     value: float
-    sd: float
+    se: float
     half: float
 
 
@@ -107,10 +107,10 @@ def factors(widened: Widened, which: Sequence[int], bodies: Known, labels: Seque
         for tried in ((motion, weight), (motion,)):
             added = widened.test(tried, bodies.inertial, only=m)
             if added is not None:
-                value, sd = float(added.gamma[0]), float(added.sd[0])
-                made.append(Factor(label, value, sd, float(stats.t.ppf(0.975, added.freedom)) * sd))
+                value, se = float(added.gamma[0]), float(added.se[0])
+                made.append(Factor(label, value, se, float(stats.t.ppf(0.975, added.dof)) * se))
                 break
-    return tuple(factor for factor in made if factor.sd < TOLD * abs(factor.value))
+    return tuple(factor for factor in made if factor.se < TOLD * abs(factor.value))
 
 
 def cause(factor: float, gears: Sequence[float]) -> str | None:
@@ -155,11 +155,11 @@ def suspicion(made: Estimate, found: Sequence[Factor]) -> Finding:
 
 def _negative(made: Estimate) -> list[str]:
     """Friction and rotor parameters that are below zero beyond chance, all taken together (Bonferroni)."""
-    kinds = [made.model.device.parameters.kinds[k] for k in made.base.kept]
+    kinds = [made.model.device.parameters.kinds[k] for k in made.base.independent_columns]
     names = []
     for k, kind in enumerate(kinds):
         if kind in POSITIVE and made.beta[k] < 0:
-            p = stats.t.cdf(made.beta[k] / made.sd[k], made.freedom[k])
+            p = stats.t.cdf(made.beta[k] / made.se[k], made.dof[k])
             if p * len(kinds) < LEVEL:
                 names.append(made.base.names[k])
     return names

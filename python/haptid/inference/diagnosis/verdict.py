@@ -129,7 +129,7 @@ def _size(errors: Validation) -> Reason:
 
 def _told(made: Estimate) -> Reason:
     """How many parameters are told well."""
-    good, many = [p.name for p in made.parameters if p.relative_sd < QUOTABLE], len(made.kept)
+    good, many = [p.name for p in made.parameters if p.relative_se < QUOTABLE], len(made.kept)
     if len(good) == many:
         return Reason("ok", f"all {many} have deviations below {QUOTABLE:g} %")
     if not good:

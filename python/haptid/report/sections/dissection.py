@@ -8,7 +8,7 @@ from typing import Any, ClassVar
 import numpy as np
 
 from haptid._internal.arrays import Array
-from haptid.end_effector.torque_decomposition import Dissection
+from haptid.end_effector.torque_decomposition import TorqueDecomposition
 from haptid.report.chart import COLOURS, Chart, axis, even, packed, plot, series
 from haptid.report.section import Section
 from haptid.report.source import Source, Track
@@ -43,7 +43,7 @@ class DissectionSection(Section):
         return cls(charts=tuple(charts), logs=logs) if logs else None
 
 
-def shares(found: Dissection, k: int) -> Chart:
+def shares(found: TorqueDecomposition, k: int) -> Chart:
     """RMS of each part as a share of all parts' RMS, motor by motor."""
     whole = found.rms.sum(axis=0)
     there = present(found)
@@ -64,7 +64,7 @@ def shares(found: Dissection, k: int) -> Chart:
     return Chart(f"shares-{k}", "Shares", "Shares of the parts of the torque, a bar for each motor.", caption, drawing)
 
 
-def stacked(track: Track, found: Dissection, k: int, motor: int) -> Chart:
+def stacked(track: Track, found: TorqueDecomposition, k: int, motor: int) -> Chart:
     """The parts of one motor's torque over time, positive ones stacked upwards and negative ones downwards."""
     label, unit = found.motors[motor], found.units[motor]
     each = -(-len(found.t) // INSTANTS)
@@ -90,7 +90,7 @@ def averaged(y: Array, each: int) -> Array:
     return np.asarray(np.add.reduceat(y, starts) / np.diff(np.append(starts, len(y))))
 
 
-def present(found: Dissection) -> list[int]:
+def present(found: TorqueDecomposition) -> list[int]:
     """Parts that are not zero all along on every motor."""
     return [int(j) for j in np.flatnonzero(found.rms.any(axis=1))]
 

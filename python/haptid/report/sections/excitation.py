@@ -132,7 +132,7 @@ def _end(blocks: list[Any], starts: np.ndarray, column: int) -> float:
 
 def _weakest(made: Estimate) -> list[dict[str, str]]:
     """The five parameters of the largest relative deviation, and the motion that would tell them better."""
-    relative = [(made.parameters[k].relative_sd, k) for k in made.kept]
+    relative = [(made.parameters[k].relative_se, k) for k in made.kept]
     ranked = sorted((pair for pair in relative if not np.isnan(pair[0])), reverse=True)[:5]
     return [
         {"name": made.base.names[k], "deviation": f"{value:.3g} %", "advice": advice(made, k)} for value, k in ranked

@@ -12,9 +12,9 @@ from haptid._internal.arrays import Array
 from haptid.dynamics.inverse import core_torque, raw_parameters
 from haptid.dynamics.model import DynamicModel
 from haptid.dynamics.regressor import external
-from haptid.end_effector.torque_decomposition import Dissection
+from haptid.end_effector.torque_decomposition import TorqueDecomposition
 from haptid.errors import NoAccelerationError, NoStretchesError
-from haptid.experiment.friction_test.curve import ByModel, JointFriction, friction_curve
+from haptid.experiment.friction_test.curve import JointFriction, ModelSubtraction, friction_curve
 from haptid.report.chart import PREDICTED, RESIDUAL, Chart, axis, figure, packed, plot, series
 from haptid.report.section import Section
 from haptid.report.sections.residual import CLOUD, binned
@@ -47,12 +47,14 @@ def _steady(source: Source) -> Iterator[JointFriction]:
     """Points of stretches at a constant velocity, where the logs have such."""
     for run in source.identification.runs:
         try:
-            yield from friction_curve(source.estimate.model, run.motion, ByModel(source.estimate)).joints
+            yield from friction_curve(source.estimate.model, run.motion, ModelSubtraction(source.estimate)).joints
         except (NoStretchesError, NoAccelerationError):
             continue
 
 
-def _chart(source: Source, pairs: list[tuple[Track, Dissection]], motor: int, steady: list[JointFriction]) -> Chart:
+def _chart(
+    source: Source, pairs: list[tuple[Track, TorqueDecomposition]], motor: int, steady: list[JointFriction]
+) -> Chart:
     """One motor: what is measured less what is not friction, and the model."""
     first = pairs[0][0]
     label, unit, speed_unit = first.labels[motor], first.units[motor], f"{first.coordinate_units[motor]}/s"

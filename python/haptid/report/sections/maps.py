@@ -9,8 +9,8 @@ from typing import Any, ClassVar
 import numpy as np
 
 from haptid._internal.arrays import Array, expect, read_only
-from haptid.end_effector.characterisation import Characterisation, GivenModel, characterise
-from haptid.errors import CharacterisationSettingError, SpareJointsError
+from haptid.end_effector.characterisation import Characterisation, GivenParameters, characterise
+from haptid.errors import RedundancyError, SettingError
 from haptid.report.chart import Chart, figure, packed
 from haptid.report.section import Section
 from haptid.report.sections.mechanism import poses_of, sliders_of
@@ -51,7 +51,7 @@ class MapsSection(Section):
             return None
         try:
             slices = slices_of(source.model, sliders_of(model, poses_of(source)))
-        except CharacterisationSettingError:  # friction or rotors whose rates vary with the pose
+        except SettingError:  # friction or rotors whose rates vary with the pose
             return None
         charts = tuple(_charts(model.device.name, slices))
         return cls(charts=charts, about=[slices.about]) if charts else None
@@ -89,7 +89,7 @@ class Slices:
         """A figure on each slice, NaN where it is not known, (CELLS^2,) each.
 
         Raises:
-            SpareJointsError: the figure is not determined at the handle.
+            RedundancyError: the figure is not determined at the handle.
         """
         made = []
         for found, closes in zip(self.known, self.closes, strict=True):
@@ -99,11 +99,11 @@ class Slices:
         return made
 
 
-def slices_of(identified: GivenModel, sliders: Sequence[dict[str, Any]]) -> Slices:
+def slices_of(identified: GivenParameters, sliders: Sequence[dict[str, Any]]) -> Slices:
     """Slices over the two joints that change the mass most, the first of them upwards, through the third.
 
     Raises:
-        CharacterisationSettingError: the device cannot be characterised.
+        SettingError: the device cannot be characterised.
     """
     order = ranked(identified, sliders)
     y, x = (sliders[k] for k in order[:2])
@@ -129,7 +129,7 @@ def slices_of(identified: GivenModel, sliders: Sequence[dict[str, Any]]) -> Slic
     )
 
 
-def ranked(identified: GivenModel, sliders: Sequence[dict[str, Any]]) -> list[int]:
+def ranked(identified: GivenParameters, sliders: Sequence[dict[str, Any]]) -> list[int]:
     """Joints by how much the largest mass changes along each by itself, most first."""
     start = np.array([s["start"] for s in sliders])
     changes = []
@@ -157,7 +157,7 @@ def _charts(model: str, slices: Slices) -> Iterator[Chart]:
     for key, title, unit, pick in FIGURES:
         try:
             layers = slices.values(pick)
-        except SpareJointsError:
+        except RedundancyError:
             continue
         if np.isfinite(layers).any():
             yield _map(model, key, title, unit, slices, layers)

@@ -66,7 +66,7 @@ class MechanismSection(Section):
 
 def poses_of(source: Source) -> Array:
     """Positions of the active joints along the first log, (active, samples), thinned."""
-    return np.linalg.inv(source.estimate.model.device.frame) @ source.tracks[0].trail
+    return np.linalg.inv(source.estimate.model.device.row_map) @ source.tracks[0].trail
 
 
 def sliders_of(model: DynamicModel, qa: Array) -> list[dict[str, Any]]:
@@ -161,7 +161,7 @@ def _mass(model: DynamicModel, beta: Array) -> dict[str, Any] | None:
     return {
         "bodies": raw[:links].tolist(),
         "rotors": [{"weights": term.weights.tolist(), "value": float(raw[links + k])} for k, term in rotors],
-        "frame": model.device.frame.ravel().tolist(),
+        "frame": model.device.row_map.ravel().tolist(),
         "moving": list(moving_coordinates(model)),
         "worst": WORST_CONDITION,
     }

@@ -10,7 +10,7 @@ import numpy as np
 from haptid.dynamics.symbolic import Regroupings
 from haptid.errors import HaptidError, RegroupingError
 from haptid.estimation import Estimate, Parameter
-from haptid.estimation.nonlinear import Projection
+from haptid.estimation.nonlinear import VariableProjection
 from haptid.inference.elimination import essential as search
 from haptid.inference.targets import targets
 from haptid.report.chart import Chart, packed
@@ -90,7 +90,7 @@ def _left_out(made: Estimate) -> tuple[tuple[int, ...] | None, str]:
     return found.reduced.zero, f"Not essential: what could be left out. {found.reason}"
 
 
-def _searched(projection: Projection | None) -> list[dict[str, Any]]:
+def _searched(projection: VariableProjection | None) -> list[dict[str, Any]]:
     """One row for each searched constant."""
     return [
         {
@@ -112,17 +112,17 @@ def _untold(made: Estimate) -> list[str]:
 
 def _row(p: Parameter, formula: str, essential: bool | None) -> dict[str, Any]:
     """Numbers for sorting and downloads, texts for reading."""
-    relative = p.relative_sd
+    relative = p.relative_se
     return {
         "name": p.name,
         "symbol": parameter(p.name),
         "value": p.value,
         "low": _finite(p.interval[0]),
         "high": _finite(p.interval[1]),
-        "sd": _finite(p.sd),
+        "sd": _finite(p.se),
         "free": p.free,
         "relative": _finite(relative),
-        "textbook_sd": _finite(p.textbook_sd),
+        "classical_se": _finite(p.classical_se),
         "unit": p.unit,
         "prior": None if p.prior is None else p.prior[0],
         "grouping": p.grouping,
@@ -131,11 +131,11 @@ def _row(p: Parameter, formula: str, essential: bool | None) -> dict[str, Any]:
         "essential": essential,
         "weak": bool(relative > 50),
         "shown": {
-            "value": f"{p.value:.4g}" if p.strained else with_digits(p.value, p.sd),
-            "low": with_digits(p.interval[0], p.sd),
-            "high": with_digits(p.interval[1], p.sd),
-            "relative": "" if p.strained else short_percent(p.sd, p.value),
-            "prior": "" if p.prior is None else with_digits(p.prior[0], p.sd),
+            "value": f"{p.value:.4g}" if p.constrained_outside_ci else with_digits(p.value, p.se),
+            "low": with_digits(p.interval[0], p.se),
+            "high": with_digits(p.interval[1], p.se),
+            "relative": "" if p.constrained_outside_ci else short_percent(p.se, p.value),
+            "prior": "" if p.prior is None else with_digits(p.prior[0], p.se),
         },
     }
 

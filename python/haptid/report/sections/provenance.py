@@ -8,7 +8,7 @@ from importlib.metadata import version
 from typing import Any, ClassVar
 
 from haptid._core import __version__
-from haptid.estimation import Consistent
+from haptid.estimation import PhysicallyConsistent
 from haptid.report.citations import bibtex
 from haptid.report.section import Section
 from haptid.report.source import Source
@@ -76,7 +76,7 @@ def _estimate(source: Source) -> dict[str, str]:
     raw, scaled = made.observation.condition
     return {
         "method": weighting(made.method).name,
-        "possible": "yes" if isinstance(made.method, Consistent) else "no",
+        "possible": "yes" if isinstance(made.method, PhysicallyConsistent) else "no",
         "rows": str(made.observation.rows),
         "condition": f"{raw:.4g} raw, {scaled:.4g} with unit columns",
         "intervals": interval(made),
