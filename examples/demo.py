@@ -57,7 +57,7 @@ def against_truth(truth: dict[str, float], result: Path) -> Table:
     for heading in ("parameter", "truth", "identified", "95 % interval", ""):
         table.add_column(heading, justify="right")
     for p in json.loads(result.read_text())["estimate"]["parameters"]:
-        low, high = p["interval95"]
+        low, high = p["conf_int"]
         inside = low <= truth[p["name"]] <= high
         row = (
             f"{truth[p['name']]:.3e}",

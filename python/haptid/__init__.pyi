@@ -91,7 +91,7 @@ from haptid.export import (
     export_rust,
     export_urdf,
 )
-from haptid.inference.comparison import Comparison, compare
+from haptid.inference.comparison import Comparison, Series, compare
 from haptid.inference.diagnosis import Diagnosis, Finding, Verdict, diagnose
 from haptid.inference.drift import Drift, drift
 from haptid.inference.drive_gains import DriveGains, drive_gains
@@ -104,7 +104,6 @@ from haptid.inference.elimination import (
     essential,
 )
 from haptid.inference.payload_estimate import PayloadEstimate, estimate_payload
-from haptid.inference.several import Series, compare_all
 from haptid.inference.targets import Targets, side_by_side, target_map, targets
 from haptid.log import Channels, Log, Signal, open_log, read_log
 from haptid.motion.causal import Causal, HighPass
@@ -114,8 +113,8 @@ from haptid.observation.batch import RFactorCache, observe_all
 from haptid.observation.known_payload import Payload, log_without_payload, payload_torque, without_payload
 from haptid.observation.observation import Block, MotorRows, Observation, observe
 from haptid.report import Hand, Report, make_report, read_report, write_comparison
-from haptid.results.read import Recorded, RecordedLog, read_result
-from haptid.results.write import result, write_result
+from haptid.results.result import Result, result_schema
+from haptid.results.schema import ResultLog
 from haptid.simulation import PID
 from haptid.study import Study, read_study, study_schema
 from haptid.study.identify import Identification, Run, identify
@@ -213,10 +212,10 @@ __all__ = [
     "Profile",
     "Proposal",
     "RFactorCache",
-    "Recorded",
-    "RecordedLog",
     "Regroupings",
     "Report",
+    "Result",
+    "ResultLog",
     "Ridge",
     "Run",
     "Sandwich",
@@ -242,7 +241,6 @@ __all__ = [
     "characterise",
     "choose_friction",
     "compare",
-    "compare_all",
     "decompose_torque",
     "definiteness",
     "device_schema",
@@ -288,10 +286,9 @@ __all__ = [
     "read_device",
     "read_log",
     "read_report",
-    "read_result",
     "read_study",
     "regroupings",
-    "result",
+    "result_schema",
     "shipped_devices",
     "side_by_side",
     "stable_share",
@@ -304,5 +301,4 @@ __all__ = [
     "without_payload",
     "workspace",
     "write_comparison",
-    "write_result",
 ]

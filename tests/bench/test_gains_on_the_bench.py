@@ -50,7 +50,7 @@ def test_a_gain_that_is_off_is_found(arm, wrong):
     bare, loaded = observed(arm, wrong, 1), observed(arm, wrong, 2, bench.Payload(WEIGHT))
     found = haptid.drive_gains(bare, loaded, "3", Body(WEIGHT, com, None))
     np.testing.assert_allclose(found.factor, TRUE, rtol=0.003)
-    assert found.interval95[1, 1] < 0.84
+    assert found.conf_int()[1, 1] < 0.84
     beta = arm.base.of(truth_of(CASE))
     heavy = np.abs(beta) > 0.1
     np.testing.assert_allclose(found.beta[heavy], beta[heavy], rtol=0.02)

@@ -116,7 +116,7 @@ def test_turned_over_two_targets_alone_change(results):
 def test_the_tool_is_found(results):
     _, found = results
     value = dict(zip(found.tool.names, found.tool.value, strict=True))
-    interval = dict(zip(found.tool.names, found.tool.interval95, strict=True))
+    interval = dict(zip(found.tool.names, found.tool.conf_int(), strict=True))
     assert value["Ma"] == pytest.approx(found.tool_truth["Ma"], rel=0.01)
     low, high = interval["MXa"]
     assert low <= found.tool_truth["MXa"] <= high

@@ -118,8 +118,8 @@ def test_a_format_that_is_none(tmp_path, identification):
 def test_every_format_says_how_the_model_was_validated(tmp_path, identification, name):
     """From the result folder as from the identification; and what fails is written only when it is told."""
     (tmp_path / "result").mkdir()
-    haptid.write_result(identification, tmp_path / "result")
-    read = haptid.read_result(tmp_path / "result")
+    haptid.Result.of(identification).save(tmp_path / "result")
+    read = haptid.Result.load(tmp_path / "result")
     for other_model in (identification, read):
         made = export(other_model, tmp_path / "out", [name])[name]
         assert made.verdict == f"Error {identification.unseen[0].relative:.2f} % of the torque on unseen motion; " + (

@@ -52,7 +52,7 @@ def words(text):
 def test_the_result_has_the_verdict_of_the_diagnosis(folder):
     identification = haptid.identify(haptid.read_study(folder.parent / "study.toml"))
     said = diagnose(identification.estimate, identification.unseen[0]).verdict
-    read = haptid.read_result(folder)
+    read = haptid.Result.load(folder)
     assert [use.use for use in read.verdict] == ["predicting", "compensation", "quoting"]
     assert [use.grade for use in read.verdict] == [said.torque, said.compensation, said.parameters]
     assert tuple(use.sentence for use in read.verdict) == said.sentences[:3]
@@ -64,15 +64,15 @@ def test_a_result_without_a_verdict_is_read(folder, tmp_path):
     values = json.loads((folder / "result.json").read_text())
     del values["verdict"]
     (tmp_path / "result.json").write_text(json.dumps(values))
-    read = haptid.read_result(tmp_path)
-    assert read.verdict == ()
+    read = haptid.Result.load(tmp_path)
+    assert read.verdict == []
     made = export(read, tmp_path / "out", ["c"])["c"]
     assert "WARNING" not in (made.folder / "two_links.h").read_text()
 
 
 @pytest.mark.parametrize("name", FORMATS)
 def test_every_format_says_what_the_model_is_not_fit_for(unfit, tmp_path, name):
-    read = haptid.read_result(unfit)
+    read = haptid.Result.load(unfit)
     made = export(read, tmp_path / "out", [name])[name]
     said = words("".join((made.folder / file).read_text() for file in made.files))
     for use in read.verdict:
@@ -89,7 +89,7 @@ def test_readme_and_summary_warn(unfit, folder, tmp_path):
     assert done.exit_code == 0
     assert f"WARNING: {words(SENTENCE)}" in words(done.output)
     assert f"WARNING: {words(SENTENCE)}" in words((tmp_path / "model" / "c" / "README.md").read_text())
-    graded = [use.grade for use in haptid.read_result(folder).verdict]
+    graded = [use.grade for use in haptid.Result.load(folder).verdict]
     done = run(app, ["export", str(folder), "--to", "c", "--out", str(tmp_path / "fit")])
     assert done.output.count("WARNING") == graded.count("bad")
 

@@ -109,12 +109,12 @@ def folder(study):
 
 
 def test_essential_writes_a_result(folder, study):
-    read = haptid.read_result(folder)
+    read = haptid.Result.load(folder)
     steps = json.loads((folder / "essential.json").read_text())["all motors"]
     assert {read.names[k] for k in read.zero} == {drop["name"] for drop in steps["left_out"]} == set(FRICTION)
     assert (read.beta[list(read.zero)] == 0).all()
     assert [said.use for said in read.verdict] == ["predicting", "compensation", "quoting"]
-    assert read.method == "WLS without 2"
+    assert read.estimate.method == "WLS without 2"
     found = haptid.identify(haptid.read_study(study))
     assert read.unseen[0].relative == pytest.approx(steps["error_percent"]["unseen"]["reduced"])
     assert read.direct[0].relative == pytest.approx(steps["error_percent"]["fit"]["reduced"])
@@ -134,7 +134,7 @@ def test_rows_held_out_are_predicted_without_what_is_left_out(study):
 
 
 def test_the_reduced_result_is_exported_and_characterised(folder, tmp_path):
-    read = haptid.read_result(folder)
+    read = haptid.Result.load(folder)
     made = export_c(read, tmp_path, CCode(NAME))
     full = code_of(read.model, SPEED).operations
     assert made.operations["terms"].arithmetic < full["terms"].arithmetic

@@ -11,7 +11,7 @@ import pytest
 import haptid
 from diagnosed import coulomb, estimated, log, phantom
 from haptid.inference.diagnosis import diagnose
-from haptid.inference.diagnosis.finding import LEVEL
+from haptid.inference.diagnosis.finding import SIGNIFICANCE
 from motions import multisine, truth
 
 RUNS = 12
@@ -52,7 +52,7 @@ def test_half_a_sample_of_delay_is_found_and_measured(seed):
 def test_friction_that_differs_by_direction_is_found_and_measured(seed):
     finding = diagnose(estimated(log(seed, offset=0.05)))["friction by direction"]
     assert finding.status == "bad"
-    seen = [k for k in (1, 2, 3) if finding.figures[f"p motor {k}"] < LEVEL]
+    seen = [k for k in (1, 2, 3) if finding.figures[f"p motor {k}"] < SIGNIFICANCE]
     assert seen
     sizes = [finding.figures[f"size motor {k}"] / coulomb()[k - 1] for k in seen]
     np.testing.assert_allclose(sizes, 0.05, rtol=0.3)

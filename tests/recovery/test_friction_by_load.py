@@ -13,7 +13,7 @@ from haptid import errors
 from haptid.cli import app
 from haptid.device.terms.term import LoadDependentFriction
 from haptid.estimation.nonlinear.load_friction import fit_load_friction
-from haptid.results.read import read_result
+from haptid.results.result import Result
 from motions import motion
 from small_study import DEVICE, FRICTION, STUDY
 from true_parameters import true_parameters
@@ -117,7 +117,7 @@ def test_the_command_settles_it_and_the_result_keeps_it(model, tmp_path):
     assert [found[name] for name in NAMES] == pytest.approx([SIZE, SIZE], rel=0.025)
     loads = [
         term.shape
-        for term in read_result(tmp_path / "out").model.terms
+        for term in Result.load(tmp_path / "out").model.terms
         if isinstance(term.shape, LoadDependentFriction)
     ]
     assert len(loads) == len(NAMES)

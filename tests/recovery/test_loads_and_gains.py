@@ -97,7 +97,7 @@ def test_gains_are_inside_their_intervals(model):
         bare = haptid.observe(model, recorded(model, None, seed, factor=factor))
         loaded = haptid.observe(model, recorded(model, LOAD, 100 + seed, factor=factor))
         found = haptid.drive_gains(bare, loaded, "3", LOAD)
-        low, high = found.interval95.T
+        low, high = found.conf_int().T
         inside += ((low < factor) & (factor < high)).tolist()
         errors_.append(np.abs(found.factor / factor - 1).max())
     assert np.mean(inside) >= 0.85

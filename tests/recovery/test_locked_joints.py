@@ -48,9 +48,9 @@ reversal_speed = 0.05"""
 def test_a_locked_joint_adds_what_the_others_tell(study, tmp_path):
     done = CliRunner().invoke(app, ["identify", str(study), "--out", str(tmp_path / "out")])
     assert done.exit_code == 0, done.output
-    found = haptid.read_result(tmp_path / "out")
+    found = haptid.Result.load(tmp_path / "out")
     wanted = truth(found.model) + 0.1
-    low, high = found.interval95.T
+    low, high = found.conf_int().T
     assert ((low < wanted) & (wanted < high)).mean() >= 0.8
     values = json.loads((tmp_path / "out" / "result.json").read_text())
     ours = [entry for entry in values["validation"] if entry["log"] == "locked.csv"]

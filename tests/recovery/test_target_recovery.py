@@ -35,6 +35,6 @@ def test_intervals_hold_the_truth_about_95_times_in_100(model):
     runs, inside = 40, 0
     for run in range(runs):
         made = motion(model, beta, seconds=10.0, seed=run, noise=0.1, phi=0.95)
-        low, high = targets(haptid.estimate(haptid.observe(model, made), haptid.WLS())).interval95.T
+        low, high = targets(haptid.estimate(haptid.observe(model, made), haptid.WLS())).conf_int().T
         inside += int(((low <= wanted) & (wanted <= high)).sum())
     assert 0.90 < inside / (runs * len(wanted)) < 0.99

@@ -14,8 +14,7 @@ from haptid.advice.eliminate import with_reduced
 from haptid.estimation.nonlinear.linearise import settled
 from haptid.estimation.nonlinear.load_friction import fit_load_friction
 from haptid.inference.elimination import without
-from haptid.results.read import read_result
-from haptid.results.write import write_result
+from haptid.results.result import Result
 from haptid.validation.cross_validation import alternate, each_log
 from motions import motion
 from small_study import DEVICE, HEAD
@@ -138,19 +137,19 @@ def test_the_result_keeps_the_bodies_of_the_loads(found, tmp_path):
     for k, made in enumerate((found, smaller, held)):
         folder = tmp_path / str(k)
         folder.mkdir()
-        write_result(made, folder)
-        np.testing.assert_array_equal(read_result(folder).model.load, found.model.load)
+        Result.of(made).save(folder)
+        np.testing.assert_array_equal(Result.load(folder).model.load, found.model.load)
 
 
 def test_a_result_without_the_bodies_is_refused(found, tmp_path):
-    write_result(found, tmp_path)
+    Result.of(found).save(tmp_path)
     path = tmp_path / "result.json"
-    for change in ('"loads": null', '"loads": [1.0]'):
+    for change in ('"load_friction_parameters": null', '"load_friction_parameters": [1.0]'):
         text = path.read_text()
-        before, after = text.split('"loads": [', 1)
+        before, after = text.split('"load_friction_parameters": [', 1)
         path.write_text(before + change + after.split("]", 1)[1])
-        with pytest.raises(errors.ResultFileError, match=r"estimate\.loads"):
-            read_result(tmp_path)
+        with pytest.raises(errors.ResultFileError, match=r"estimate\.load_friction_parameters"):
+            Result.load(tmp_path)
         path.write_text(text)
 
 

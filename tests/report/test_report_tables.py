@@ -6,7 +6,7 @@ import pytest
 
 from browser import LAPTOP, PHONE, needs_browser
 from haptid.report import write_comparison
-from haptid.results.write import write_result
+from haptid.results.result import Result
 from reported import found, made
 
 pytestmark = needs_browser
@@ -86,7 +86,7 @@ def test_paper_has_one_width_and_everything_unfolded_and_the_window_is_as_before
 def test_a_comparison_opens_with_its_verdict(tab, folder):
     for name in ("monday", "tuesday"):
         (folder / name).mkdir()
-        write_result(found(), folder / name)
+        Result.of(found()).save(folder / name)
     section = write_comparison([folder / "monday", folder / "tuesday"], folder / "comparison.html")
     tab.open(folder / "comparison.html", LAPTOP)
     assert tab.troubles == []

@@ -27,7 +27,7 @@ from haptid.report.sections.hand import HandSection
 from haptid.report.sections.residual import binned
 from haptid.report.sections.torque import ALL_BINS, MOST_BINS
 from haptid.report.terminal import BARS, rms_of_bins, sparkline
-from haptid.results.write import write_result
+from haptid.results.result import Result
 from reported import found, logs, made, source
 
 finite = st.floats(-1e6, 1e6, width=32)
@@ -218,7 +218,7 @@ def test_a_page_that_cannot_be_written_is_an_error(tmp_path):
 
 def folder_of(identification, path):
     path.mkdir()
-    write_result(identification, path)
+    Result.of(identification).save(path)
     return path
 
 
@@ -231,12 +231,12 @@ def test_results_are_compared_as_their_estimates_are(tmp_path):
     )
     second = haptid.identify(replace(study, logs=swapped), logs())
     folders = [folder_of(first, tmp_path / "monday"), folder_of(second, tmp_path / "tuesday")]
-    one, other = (haptid.read_result(folder) for folder in folders)
+    one, other = (haptid.Result.load(folder) for folder in folders)
     ours = compared(one, other)
     theirs = haptid.compare(first.estimate, second.estimate)
     assert ours.names == theirs.names
     np.testing.assert_allclose(ours.holm, theirs.holm, rtol=1e-6)
-    np.testing.assert_allclose(ours.interval, theirs.interval, rtol=1e-6)
+    np.testing.assert_allclose(ours.conf_int(), theirs.conf_int(), rtol=1e-6)
     section = write_comparison(folders, tmp_path / "page.html")
     assert [r["name"] for r in section.results] == ["monday", "tuesday"]
     assert "tuesday beside monday" in (tmp_path / "page.html").read_text(encoding="utf-8")

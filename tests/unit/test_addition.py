@@ -48,7 +48,7 @@ def test_a_tool_at_the_handle_is_found(model, chi, before):
     found = estimate_payload(before, estimated(model, chi + tool, seed=2), "a")
     assert found.names == ("XXa", "YYa", "ZZa", "MXa", "Ma")
     truth = np.array([tool[model.device.parameters.index[name]] for name in found.names])
-    low, high = found.interval95.T
+    low, high = found.conf_int().T
     assert ((low <= truth) & (truth <= high)).all()
     assert found.value[found.names.index("Ma")] == pytest.approx(0.05, rel=0.01)
     assert found.value[found.names.index("MXa")] == pytest.approx(0.0085, rel=0.01)
@@ -65,7 +65,7 @@ def test_friction_that_changed_meanwhile_does_no_harm(model, chi, before):
 
 def test_nothing_added_is_nothing_found(model, chi, before):
     found = estimate_payload(before, estimated(model, chi, seed=4), "a")
-    low, high = found.interval95.T
+    low, high = found.conf_int().T
     assert ((low <= 0) & (high >= 0)).all()
 
 
@@ -75,7 +75,7 @@ def test_what_torques_do_not_tell_has_no_value(model, chi, before):
     unknown = found.names.index("Mbe")
     assert np.isnan(found.value[unknown])
     assert np.isnan(found.se[unknown])
-    assert "Mbe: the torques do not tell it" in found.summary()
+    assert "Mbe: not identifiable" in found.summary()
     assert found.value[found.names.index("MXbe")] == pytest.approx(-0.005, rel=0.02)
 
 

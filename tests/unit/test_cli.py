@@ -10,7 +10,7 @@ from typer.testing import CliRunner
 import haptid
 from haptid.cli import app
 from haptid.report.tables import short_percent, with_digits
-from haptid.results.write import treatment
+from haptid.results.result import treatment
 
 
 def call(*arguments):
@@ -87,7 +87,7 @@ def test_tables_show_parameters_errors_and_verdict(phantom):
 def test_result_file_keeps_its_contract(phantom):
     folder, _ = phantom
     found = json.loads((folder / "result" / "result.json").read_text())
-    assert found["schema"] == 1
+    assert found["schema"] == 2
     assert found["haptid"] == haptid.__version__
     for log, role in zip(found["logs"], ("identify", "validate"), strict=True):
         assert log["role"] == role
@@ -100,10 +100,10 @@ def test_result_file_keeps_its_contract(phantom):
     assert found["estimate"]["status"] == "ok"
     for p in found["estimate"]["parameters"]:
         assert set(p) >= {
-            "name", "value", "sd", "interval95", "relative_sd_percent", "unit", "grouping", "essential", "prior",
+            "name", "value", "se", "conf_int", "relative_se_percent", "unit", "grouping", "eliminated", "prior",
         }  # fmt: skip
-        assert p["interval95"][0] < p["value"] < p["interval95"][1]
-        assert p["sd"] > 0
+        assert p["conf_int"][0] < p["value"] < p["conf_int"][1]
+        assert p["se"] > 0
     for v in found["validation"]:
         assert set(v) >= {"log", "motor", "relative_error_percent", "rmse", "unit"}
     assert {v["rows"] for v in found["validation"]} == {"fit", "unseen"}
@@ -121,9 +121,9 @@ def test_result_file_says_that_an_estimate_is_held(phantom, request, tmp_path):
     free, held = (json.loads((f / "result.json").read_text()) for f in (folder / "result", tmp_path / "held"))
     for found, possible in ((free, False), (held, True)):
         assert found["estimate"]["method"] == "WLS"
-        assert found["estimate"]["possible"] is possible
-        assert ("cut at 0" in found["estimate"]["interval"]) is possible
-    assert all(p["free"] == p["value"] for p in free["estimate"]["parameters"])
+        assert (found["estimate"]["constraints"] is not None) is possible
+        assert ("cut at 0" in found["estimate"]["intervals"]) is possible
+    assert all(p["unconstrained"] == p["value"] for p in free["estimate"]["parameters"])
 
 
 def test_treatment_has_the_settings_of_a_study():
@@ -135,7 +135,7 @@ def test_truth_is_inside_its_interval(phantom):
     folder, _ = phantom
     truth = json.loads((folder / "logs" / "truth.json").read_text())
     found = json.loads((folder / "result" / "result.json").read_text())
-    inside = [p["interval95"][0] <= truth[p["name"]] <= p["interval95"][1] for p in found["estimate"]["parameters"]]
+    inside = [p["conf_int"][0] <= truth[p["name"]] <= p["conf_int"][1] for p in found["estimate"]["parameters"]]
     assert sum(inside) >= 13  # of 14 at 95 %
 
 

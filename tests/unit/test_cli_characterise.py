@@ -11,8 +11,7 @@ from typer.testing import CliRunner
 import haptid
 from haptid.cli import app
 from haptid.end_effector.characterisation import characterise
-from haptid.results.read import read_result
-from haptid.results.write import write_result
+from haptid.results.result import Result
 from haptid.study import read_study
 from haptid.study.identify import identify
 
@@ -26,7 +25,7 @@ def folder(tmp_path_factory, request):
     """The result of the example's study."""
     examples, made = request.config.rootpath / "examples" / "phantom", tmp_path_factory.mktemp("result")
     runpy.run_path(str(examples / "make_logs.py"))["main"](made)
-    write_result(identify(read_study(examples / "study.toml"), made), made)
+    Result.of(identify(read_study(examples / "study.toml"), made)).save(made)
     return made
 
 
@@ -47,7 +46,7 @@ def test_a_pose_has_every_figure_with_its_interval(folder, tmp_path):
     done = call("characterise", folder, "--at", "0,0.2,0.3", *asked, "--out", tmp_path / "at")
     assert done.exit_code == 0, done.output
     (row,) = table(tmp_path / "at")
-    found = characterise(read_result(folder).model, np.array([[0.0], [0.2], [0.3]]))
+    found = characterise(Result.load(folder).identified, np.array([[0.0], [0.2], [0.3]]))
     low, high = found.apparent_mass.interval95[0, 0]
     assert float(row["apparent mass 1 [kg]"]) == found.apparent_mass.value[0, 0]
     assert (float(row["apparent mass 1 [kg] low95"]), float(row["apparent mass 1 [kg] high95"])) == (low, high)

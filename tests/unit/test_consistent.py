@@ -12,7 +12,7 @@ from haptid.estimation import PhysicallyConsistent, possible, project_to_feasibl
 from haptid.estimation.feasibility import conic_program
 from haptid.estimation.feasibility.cone import PSEUDO, UPPER, cone, never_negative
 from haptid.report.tables import parameter_cells
-from haptid.results.write import finite, parameter
+from haptid.results.schema import ResultParameter
 from mechanisms import mechanisms
 from motions import motion, truth
 from random_devices import as_device, parameters
@@ -151,8 +151,8 @@ def test_what_is_far_outside_of_its_interval_is_said(model):
     assert held.value == 0.0 > held.free
     assert parameter_cells(held)[1] == "0"
     assert parameter_cells(held)[3:5] == ["", ""]
-    assert finite(parameter(held))["relative_sd_percent"] is None
-    assert parameter(held)["free"] == held.free
+    assert ResultParameter.of(held, 10.0).relative_se_percent is None
+    assert ResultParameter.of(held, 10.0).unconstrained == held.free
     assert not other.constrained_outside_ci
     assert other.relative_se == 100 * other.se / abs(other.value)
 

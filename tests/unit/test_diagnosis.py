@@ -10,22 +10,21 @@ import haptid
 from diagnosed import estimated, log, phantom
 from haptid.estimation.methods.zeroed import FixedAtZero
 from haptid.inference.diagnosis import diagnose
-from haptid.inference.diagnosis.added_variable import Extra, widen
-from haptid.inference.diagnosis.delay_test import rates
+from haptid.inference.diagnosis.added_variable import CandidateColumns, augment
+from haptid.inference.diagnosis.delay_test import torque_rates
 from haptid.inference.diagnosis.excitation import advice
-from haptid.inference.diagnosis.exogeneity import instrument
-from haptid.inference.diagnosis.finding import LEVEL
-from haptid.inference.diagnosis.lack_of_fit import SHAPES
-from haptid.inference.diagnosis.places import places
-from haptid.inference.diagnosis.plausibility import cause
-from haptid.inference.diagnosis.residual import residuals
+from haptid.inference.diagnosis.exogeneity import narrowly_filtered
+from haptid.inference.diagnosis.finding import SIGNIFICANCE
+from haptid.inference.diagnosis.lack_of_fit import CANDIDATES, friction_coordinates
+from haptid.inference.diagnosis.plausibility import unit_error
+from haptid.inference.diagnosis.residuals import residuals
 from haptid.inference.elimination import untold
 from motions import motion, truth
 
 LOOKS = {
     *("excitation", "collinearity", "whiteness", "normality", "even spread", "time delay", "errors in W"),
     *("units and signs", "ripple", "influence", "drift"),
-    *(shape.name for shape in SHAPES),
+    *(term.name for term in CANDIDATES),
 }
 
 
@@ -55,17 +54,17 @@ def test_a_missing_column_is_what_a_device_with_that_term_estimates(without_visc
     wanted = haptid.estimate(haptid.observe(full, made), haptid.OLS())
     lacking = haptid.estimate(haptid.observe(without_viscosity, made), haptid.OLS())
     row = np.eye(3)[1]
-    added = widen(lacking, [Extra(row, 1, lambda sight: sight.motion[1][[1]])]).test([0])
+    added = augment(lacking, [CandidateColumns(row, 1, lambda context: context.motion[1][[1]])]).test([0])
     k = wanted.base.names.index("FV2")
-    assert added.gamma[0] == pytest.approx(wanted.beta[k], rel=1e-8)
+    assert added.values[0] == pytest.approx(wanted.beta[k], rel=1e-8)
     assert added.se[0] == pytest.approx(wanted.se[k], rel=1e-6)
     assert added.dof == pytest.approx(wanted.dof[k], rel=1e-6)
-    np.testing.assert_allclose(lacking.beta + added.moved, np.delete(wanted.beta, k), rtol=1e-7)
+    np.testing.assert_allclose(lacking.beta + added.shift, np.delete(wanted.beta, k), rtol=1e-7)
     assert added.explained[1] > 0
 
 
 def test_a_column_that_the_model_has_cannot_be_told_from_it(clean):
-    again = widen(clean, [Extra(np.eye(3)[0], 1, lambda sight: sight.motion[1][[0]])])
+    again = augment(clean, [CandidateColumns(np.eye(3)[0], 1, lambda context: context.motion[1][[0]])])
     assert again.test([0]) is None
 
 
@@ -75,7 +74,7 @@ def test_rows_that_were_left_out_of_the_fit_are_left_out_of_the_diagnosis(clean)
     assert [int(left.used(m).sum()) for m in range(3)] == [int(motor.rows.sum()) for motor in half.observation.motors]
     for m, motor in enumerate(half.observation.motors):
         assert np.sqrt(np.nansum(left.e[m] ** 2)) == pytest.approx(motor.residual(half.beta), rel=1e-9)
-    wide = widen(half, rates(half.model, [0, 1, 2]))
+    wide = augment(half, torque_rates(half.model, [0, 1, 2]))
     for motor, wanted in zip(wide.observation.motors, half.observation.motors, strict=True):
         assert motor.rows.sum() == wanted.rows.sum()
 
@@ -90,7 +89,7 @@ def test_several_motions_are_diagnosed_together():
 def test_parameters_and_motors_that_were_left_out_stay_out(clean):
     reduced = haptid.estimate(clean.observation, FixedAtZero(("FV2",)))
     found = diagnose(reduced)
-    assert found["bent viscosity"].figures["p"] < LEVEL or found["time delay"].status != "ok"
+    assert found["bent viscosity"].figures["p"] < SIGNIFICANCE or found["time delay"].status != "ok"
     assert "FV2" not in found["excitation"].sentence
     own = haptid.estimate(clean.observation.only("1"), FixedAtZero(untold_by_motor_1(clean), haptid.OLS()))
     alone = diagnose(own)
@@ -137,26 +136,26 @@ def test_without_accelerations_some_looks_are_left_out():
 
 def test_no_instrument_where_the_filter_is_already_as_narrow_as_the_motion(clean):
     (used,) = clean.observation.motions
-    assert instrument(used).treatment.cutoff_hz < used.treatment.cutoff_hz
+    assert narrowly_filtered(used).treatment.cutoff_hz < used.treatment.cutoff_hz
     narrow = haptid.treat(used.log, replace(used.treatment, cutoff_hz=5.0, parallel_cutoff_hz=None))
-    assert instrument(narrow) is None
-    assert instrument(motion(phantom(), truth(phantom()))) is None
+    assert narrowly_filtered(narrow) is None
+    assert narrowly_filtered(motion(phantom(), truth(phantom()))) is None
 
 
 def test_places_are_where_friction_is_declared():
-    assert [place.label for place in places(phantom(), range(3))] == ["motor 1", "motor 2", "motor 3"]
-    coupled = places(haptid.DynamicModel(haptid.read_device("staubli_tx40")), range(6))
+    assert [place.label for place in friction_coordinates(phantom(), range(3))] == ["motor 1", "motor 2", "motor 3"]
+    coupled = friction_coordinates(haptid.DynamicModel(haptid.read_device("staubli_tx40")), range(6))
     assert len({place.label for place in coupled}) == len(coupled) >= 6
     assert any(np.count_nonzero(place.weights) > 1 for place in coupled)
 
 
 def test_factors_are_named_after_what_makes_them():
-    assert cause(1000.0, []) == "milli- for whole units"
-    assert cause(57.0, []) == "degrees for radians"
-    assert cause(-0.0175, []) == "radians for degrees"
-    assert cause(2.7, [2.73]) == "a gear ratio left out"
-    assert cause(0.37, [2.73]) == "a gear ratio counted twice"
-    assert cause(4.0, []) is None
+    assert unit_error(1000.0, []) == "milli- for whole units"
+    assert unit_error(57.0, []) == "degrees for radians"
+    assert unit_error(-0.0175, []) == "radians for degrees"
+    assert unit_error(2.7, [2.73]) == "a gear ratio left out"
+    assert unit_error(0.37, [2.73]) == "a gear ratio counted twice"
+    assert unit_error(4.0, []) is None
 
 
 def test_advice_names_the_joint_or_motor(clean):

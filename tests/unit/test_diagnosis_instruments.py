@@ -8,8 +8,8 @@ import numpy as np
 import haptid
 from haptid import estimation
 from haptid.inference.diagnosis import diagnose
-from haptid.inference.diagnosis.exogeneity import instruments, known
-from haptid.inference.diagnosis.finding import LEVEL
+from haptid.inference.diagnosis.exogeneity import controller_of, instruments
+from haptid.inference.diagnosis.finding import SIGNIFICANCE
 from haptid.simulation import PID
 from small_study import KD, KP, between, driven, log_of, two_links
 
@@ -45,7 +45,7 @@ def law():
 def test_without_errors_in_the_columns_it_is_silent():
     """Size: chance alone speaks up once in a hundred logs."""
     p = [diagnose(estimated(k, 1e7, CALM), controller=law())["errors in W"].figures["p"] for k in range(RUNS)]
-    assert sum(x < LEVEL for x in p) <= 1
+    assert sum(x < SIGNIFICANCE for x in p) <= 1
     assert max(p) > 0.2
 
 
@@ -58,8 +58,8 @@ def test_coarse_encoders_are_seen():
 
 def test_an_instrumental_estimate_brings_its_own():
     method = haptid.PhysicallyConsistent(estimation.IV(law()))
-    assert known(method) is law()
-    assert known(haptid.WLS()) is None
+    assert controller_of(method) is law()
+    assert controller_of(haptid.WLS()) is None
     found = diagnose(estimated(1, 1e7, CALM, method))["errors in W"]
     assert found.status == "ok"
     assert "simulated closed loop" in found.sentence

@@ -10,8 +10,15 @@ from hypothesis import strategies as st
 import haptid
 from diagnosed import log, phantom
 from haptid.inference.diagnosis import diagnose, subsample
-from haptid.inference.diagnosis.residual import residuals
-from haptid.inference.diagnosis.subsample import FEWEST_BLOCKS, MOST_SAMPLES, named, numbered, runs, spread_blocks
+from haptid.inference.diagnosis.residuals import residuals
+from haptid.inference.diagnosis.subsample import (
+    FEWEST_BLOCKS,
+    MOST_SAMPLES,
+    block_numbers,
+    evenly_spaced,
+    log_name,
+    row_ranges,
+)
 from haptid.observation.observation import Plan
 
 TREATMENT = haptid.Treatment(cutoff_hz=40, decimation=5, block=0.5)
@@ -24,7 +31,7 @@ def estimated(**faults: float) -> haptid.Estimate:
 
 @given(st.integers(1, 600), st.integers(1, 50_000_000))
 def test_blocks_are_few_in_order_and_spread_over_all(blocks: int, samples: int) -> None:
-    kept = spread_blocks(blocks, samples)
+    kept = evenly_spaced(blocks, samples)
     assert (np.diff(kept) > 0).all()
     assert kept[0] >= 0
     assert kept[-1] < blocks
@@ -38,7 +45,7 @@ def test_blocks_are_few_in_order_and_spread_over_all(blocks: int, samples: int) 
 
 def test_a_short_log_is_looked_at_whole() -> None:
     made = estimated()
-    assert subsample.portion(made) is made
+    assert subsample.subsample(made) is made
     assert not any("long" in sentence for sentence in diagnose(made).left_out)
 
 
@@ -46,22 +53,22 @@ def test_runs_are_the_wanted_blocks_and_nothing_else() -> None:
     made = estimated()
     plan = Plan.of(phantom(), made.observation.motions[0])
     wanted = made.observation.blocks[2:5] + made.observation.blocks[9:10]
-    assert list(runs(plan, made.observation.blocks)) == list(plan.segments())
-    assert list(runs(plan, wanted)) == [(2 * plan.block, 5 * plan.block), (9 * plan.block, 10 * plan.block)]
-    assert dict(numbered(plan, wanted)) == {2: 0, 3: 1, 4: 2, 9: 3}
+    assert list(row_ranges(plan, made.observation.blocks)) == list(plan.segments())
+    assert list(row_ranges(plan, wanted)) == [(2 * plan.block, 5 * plan.block), (9 * plan.block, 10 * plan.block)]
+    assert dict(block_numbers(plan, wanted)) == {2: 0, 3: 1, 4: 2, 9: 3}
 
 
 def test_residuals_of_a_portion_are_those_of_the_whole_there(monkeypatch: pytest.MonkeyPatch) -> None:
     made = estimated()
     whole = residuals(made)
     monkeypatch.setattr(subsample, "MOST_SAMPLES", 15_000)
-    part = subsample.portion(made)
+    part = subsample.subsample(made)
     assert FEWEST_BLOCKS <= len(part.observation.blocks) < len(made.observation.blocks)
-    assert {named(motion) for motion in part.observation.motions} == {b.log for b in part.observation.blocks}
+    assert {log_name(motion) for motion in part.observation.motions} == {b.log for b in part.observation.blocks}
     some = residuals(part)
     there = np.isfinite(some.t) & (some.block >= 0)
     at = np.searchsorted(whole.t[np.isfinite(whole.t)], some.t[there] - 1e-9)
-    np.testing.assert_allclose(some.e[:, there], whole.e[:, at], atol=1e-9 * np.nanmax(np.abs(whole.model)))
+    np.testing.assert_allclose(some.e[:, there], whole.e[:, at], atol=1e-9 * np.nanmax(np.abs(whole.predicted)))
 
 
 @pytest.mark.parametrize(
@@ -79,7 +86,7 @@ def test_a_portion_finds_the_fault_that_the_whole_has(
     whole = diagnose(made)
     monkeypatch.setattr(subsample, "MOST_SAMPLES", 15_000)
     part = diagnose(made)
-    assert "looked at in" in part.left_out[0]
+    assert "tests of the residual use" in part.left_out[0]
     assert part[name].status == whole[name].status != "ok"
     assert part["excitation"] == whole["excitation"]
     assert part["influence"] == whole["influence"]

@@ -7,13 +7,22 @@ from hypothesis import strategies as st
 from scipy import stats
 
 import haptid
-from haptid.inference.diagnosis.block_jackknife import regress
-from haptid.inference.diagnosis.distribution import independent, standardised, wild_rows
 from haptid.inference.diagnosis.excitation import dependencies
-from haptid.inference.diagnosis.finding import LEVEL, Finding, holm, listed, worst
+from haptid.inference.diagnosis.finding import SIGNIFICANCE, Finding, listed, worst
 from haptid.inference.diagnosis.influence import deletions
-from haptid.inference.diagnosis.ripple import chance, waves
-from haptid.inference.diagnosis.serial import autocorrelation, half_power, memory, portmanteau, serial
+from haptid.inference.diagnosis.lack_of_fit import fourier_sums, wild_bootstrap
+from haptid.inference.diagnosis.residuals import (
+    autocorrelation,
+    autocorrelation_time,
+    block_jackknife,
+    half_power,
+    outliers,
+    portmanteau,
+    serial_correlation,
+    standardised,
+    thinned,
+)
+from haptid.uncertainty.multiple_testing import together
 from motions import motion, truth
 
 
@@ -27,13 +36,13 @@ def coloured(n, phi, rng):
 
 @given(st.lists(st.floats(1e-6, 1.0), min_size=1, max_size=8))
 def test_holm_rejects_what_the_step_down_procedure_rejects(p):
-    together = holm(p)
+    corrected = together(np.array(p))
     rejected = set()
     for step, k in enumerate(np.argsort(p, kind="stable")):
         if p[k] > 0.05 / (len(p) - step):
             break
         rejected.add(int(k))
-    assert rejected == {k for k in range(len(p)) if together[k] <= 0.05}
+    assert rejected == {k for k in range(len(p)) if corrected[k] <= 0.05}
 
 
 def test_a_finding_cannot_be_changed_and_the_worst_status_wins():
@@ -49,7 +58,7 @@ def test_a_finding_cannot_be_changed_and_the_worst_status_wins():
 def test_memory_of_autoregressive_noise_is_its_closed_form():
     rng = np.random.default_rng(0)
     for phi in (0.0, 0.5, 0.8):
-        found = np.mean([memory(coloured(4000, phi, rng)) for _ in range(20)])
+        found = np.mean([autocorrelation_time(coloured(4000, phi, rng)) for _ in range(20)])
         assert found == pytest.approx((1 + phi) / (1 - phi), rel=0.15)
 
 
@@ -86,8 +95,8 @@ def test_whiteness_keeps_its_level_with_rows_missing():
 
 def test_durbin_watson_is_two_for_white_rows_and_less_for_those_that_remember():
     rng = np.random.default_rng(4)
-    assert serial(rng.standard_normal(3000), 1, 1.0).durbin_watson == pytest.approx(2.0, abs=0.15)
-    assert serial(coloured(3000, 0.5, rng), 1, 1.0).durbin_watson == pytest.approx(1.0, abs=0.15)
+    assert serial_correlation(rng.standard_normal(3000), 1, 1.0).durbin_watson == pytest.approx(2.0, abs=0.15)
+    assert serial_correlation(coloured(3000, 0.5, rng), 1, 1.0).durbin_watson == pytest.approx(1.0, abs=0.15)
 
 
 def test_variance_proportions_are_the_parts_of_the_inverse():
@@ -109,12 +118,12 @@ def test_regression_by_blocks_leaves_out_each_block():
     rng = np.random.default_rng(6)
     X, block = rng.standard_normal((200, 2)), np.repeat(np.arange(10), 20)
     y = X @ [1.0, -2.0] + rng.standard_normal(200)
-    found = regress(X, y, block)
+    found = block_jackknife(X, y, block)
     whole = np.linalg.lstsq(X, y, rcond=None)[0]
     left = np.array([np.linalg.lstsq(X[block != b], y[block != b], rcond=None)[0] for b in range(10)])
-    np.testing.assert_allclose(found.value, whole)
+    np.testing.assert_allclose(found.values, whole)
     np.testing.assert_allclose(found.se, np.sqrt(0.9 * ((left - whole) ** 2).sum(axis=0)))
-    assert regress(X[:40], y[:40], block[:40]) is None
+    assert block_jackknife(X[:40], y[:40], block[:40]) is None
 
 
 def test_deletions_are_what_refitting_without_each_block_gives():
@@ -132,16 +141,16 @@ def test_a_ripple_is_found_at_its_period(seed):
     rng = np.random.default_rng(seed)
     x = np.sin(np.linspace(0, 40, 4000)) + 0.4 * np.sin(np.linspace(0, 97, 4000))
     e, block = rng.standard_normal(4000), np.repeat(np.arange(40), 100)
-    f, sums = waves(x, e + 0.5 * np.sin(2 * np.pi * x / 0.1 + 1.0), block)
-    p, at = chance(sums)
-    assert p < LEVEL
+    f, sums = fourier_sums(x, e + 0.5 * np.sin(2 * np.pi * x / 0.1 + 1.0), block)
+    p, at = wild_bootstrap(sums)
+    assert p < SIGNIFICANCE
     assert 1 / f[at] == pytest.approx(0.1, rel=0.1)
 
 
 def test_no_ripple_is_found_in_noise_that_remembers():
     rng = np.random.default_rng(7)
     x, block = np.sin(np.linspace(0, 40, 2000)), np.repeat(np.arange(40), 50)
-    p = [chance(waves(x, coloured(2000, 0.8, rng), block)[1])[0] for _ in range(60)]
+    p = [wild_bootstrap(fourier_sums(x, coloured(2000, 0.8, rng), block)[1])[0] for _ in range(60)]
     assert np.mean(np.array(p) < 0.05) < 0.17
 
 
@@ -149,7 +158,7 @@ def test_wild_rows_are_those_that_a_normal_residual_hardly_has():
     rng = np.random.default_rng(8)
     e = rng.standard_normal(2000)
     assert stats.iqr(standardised(e)) == pytest.approx(1.349, rel=0.1)
-    assert wild_rows(e, 2000).sum() <= 1
+    assert outliers(e, 2000).sum() <= 1
     e[[100, 700]] = [9.0, -12.0]
-    assert set(np.flatnonzero(wild_rows(e, 2000))) == {100, 700}
-    assert len(independent(e, 10)) <= 200
+    assert set(np.flatnonzero(outliers(e, 2000))) == {100, 700}
+    assert len(thinned(e, 10)) <= 200

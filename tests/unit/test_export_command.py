@@ -18,7 +18,7 @@ def result(tmp_path_factory):
     folder = tmp_path_factory.mktemp("study")
     identification = haptid.identify(haptid.read_study(write_study(folder)))
     (folder / "result").mkdir()
-    haptid.write_result(identification, folder / "result")
+    haptid.Result.of(identification).save(folder / "result")
     return folder / "result"
 
 

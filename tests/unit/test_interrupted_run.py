@@ -92,7 +92,7 @@ def await_parts(run: subprocess.Popen[str], out: Path, meanwhile: Callable[[], o
 def check(out: Path, wanted: np.ndarray) -> None:
     """The result is that of the run in memory, and nothing of the way to it is left."""
     said = json.loads((out / "result.json").read_text())["estimate"]["parameters"]
-    found = np.array([[p["value"], p["sd"], *p["interval95"]] for p in said])
+    found = np.array([[p["value"], p["se"], *p["conf_int"]] for p in said])
     assert_allclose(found, wanted, rtol=1e-12, atol=1e-12 * np.abs(wanted).max())
     assert [path.name for path in out.parent.iterdir()] == [out.name]
 

@@ -12,8 +12,8 @@ from typer.testing import CliRunner
 import haptid
 from haptid import errors
 from haptid.cli import app
+from haptid.inference.comparison import Series, compare
 from haptid.inference.drift import drift
-from haptid.inference.several import Series, compare_all
 from haptid.inference.targets import targets
 from haptid.uncertainty.multiple_testing import misfit
 from motions import motion
@@ -84,13 +84,13 @@ def test_one_parameter_is_welchs_test_of_means(groups, seed):
 
 def test_two_estimates_are_compared_as_before(model):
     a, b = fitted(model, 1), fitted(model, 2, FV1=0.2)
-    made, two = compare_all([a, b], ["a", "b"]), haptid.compare(a, b)
+    made, two = compare(a, b, labels=["a", "b"]), compare(a, b)
     np.testing.assert_allclose(made.holm, two.holm, rtol=1e-9)
     assert set(made.differs) == set(two.differs) == {"FV1"}
-    np.testing.assert_array_equal(made.pair("a", "b").interval, two.interval)
+    np.testing.assert_array_equal(made.pair("a", "b").conf_int(), two.conf_int())
     lines = drift(made, [3.0, 5.0])
     np.testing.assert_allclose(lines.slope, two.difference / 2, rtol=1e-9)
-    np.testing.assert_allclose(lines.interval, two.interval / 2, rtol=1e-9)
+    np.testing.assert_allclose(lines.conf_int(), two.conf_int() / 2, rtol=1e-9)
     np.testing.assert_allclose(lines.covariance, two.covariance / 4, rtol=1e-9)
     np.testing.assert_allclose(lines.p, two.p, rtol=1e-9)
 
@@ -122,7 +122,7 @@ def test_slopes_have_their_interval_as_often_as_they_say():
     se = true[:, None] * np.sqrt(rng.chisquare(dof, (n, runs)) / dof)
     noise = true[:, None] * rng.standard_normal((n, runs))
     made = drift(series(0.3 * t[:, None] + noise, se, dof), t)
-    inside = (made.interval[:, 0] < 0.3) & (made.interval[:, 1] > 0.3)
+    inside = (made.conf_int()[:, 0] < 0.3) & (made.conf_int()[:, 1] > 0.3)
     assert inside.mean() == pytest.approx(0.95, abs=0.02)
     level = np.mean(series(noise, se, dof).p < 0.05)
     assert level == pytest.approx(0.05, abs=0.02)
@@ -133,13 +133,13 @@ def test_slopes_have_their_interval_as_often_as_they_say():
 
 def test_a_drift_of_one_parameter_is_found_and_no_other(model):
     days, rate = [0.0, 1.0, 3.0, 7.0, 8.0], 0.05
-    made = compare_all([fitted(model, 10 + k, FV1=rate * t) for k, t in enumerate(days)], [f"d{t:g}" for t in days])
+    made = compare(*(fitted(model, 10 + k, FV1=rate * t) for k, t in enumerate(days)), labels=[f"d{t:g}" for t in days])
     assert made.differs == ("FV1",)
     lines = drift(made, days)
     assert lines.drifts == ("FV1",)
     assert lines.bent == ()
     k = made.names.index("FV1")
-    assert lines.interval[k, 0] < rate < lines.interval[k, 1]
+    assert lines.conf_int()[k, 0] < rate < lines.conf_int()[k, 1]
     assert lines.slope[k] == pytest.approx(rate, rel=0.3)
     assert "FV1 drifts by 0.0" in lines.summary()
     assert "in a day" in lines.summary()
@@ -150,7 +150,7 @@ def test_a_drift_of_one_parameter_is_found_and_no_other(model):
 def test_a_step_is_told_from_a_drift():
     made = drift(series([0.0, 0.1, 10.0, 10.1], 0.2), [0, 1, 2, 3])
     assert made.bent == made.drifts == ("p0",)
-    assert "Not on a straight line at 95 % confidence for all 1 together: p0." in made.summary()
+    assert "Not linear in time at 95 % confidence for all 1 together: p0." in made.summary()
 
 
 def test_what_one_stretch_alone_tells_counts_for_nothing():
@@ -179,26 +179,26 @@ def test_targets_are_compared_with_targets():
         motion(phantom, phantom.base.of(np.nan_to_num(phantom.device.chi_prior)), seed=k, noise=0.05) for k in (1, 2, 3)
     ]
     fits = [haptid.estimate(haptid.observe(phantom, one), haptid.WLS()) for one in made]
-    found = compare_all([targets(fit) for fit in fits])
+    found = compare(*(targets(fit) for fit in fits))
     assert found.names == targets(fits[0]).names
     assert found.labels == ("1", "2", "3")
     with pytest.raises(errors.DifferentParametersError):
-        compare_all([fits[0], fits[2], targets(fits[1])])
+        compare(fits[0], fits[2], targets(fits[1]))
 
 
 def test_what_cannot_be_compared_is_refused(model):
     a, b = fitted(model, 1), fitted(model, 2)
     with pytest.raises(errors.FewEstimatesError, match="give 2 or more"):
-        compare_all([a])
+        compare(a)
     with pytest.raises(errors.LabelCountError, match="give one for each"):
-        compare_all([a, b], ["one"])
+        compare(a, b, labels=["one"])
     with pytest.raises(errors.LabelCountError, match="1 different labels"):
-        compare_all([a, b], ["one", "one"])
+        compare(a, b, labels=["one", "one"])
     with pytest.raises(errors.ConfidenceError):
-        compare_all([a, b], confidence=95)
+        compare(a, b, confidence=95)
     with pytest.raises(errors.DependentEstimatesError):
-        compare_all([a, b, a])
-    made = compare_all([a, b])
+        compare(a, b, a)
+    made = compare(a, b, labels=["a", "b"])
     with pytest.raises(errors.TimeCountError, match="3 times are given for 2"):
         drift(made, [1, 2, 3])
     for times in ([1.0, 1.0], [0.0, float("nan")]):
@@ -218,7 +218,7 @@ def folders(tmp_path_factory):
             .replace("log.csv", log).replace("[[logs]]\n[treatment]", "[treatment]")
         )  # fmt: skip
         (root / name).mkdir()
-        haptid.write_result(haptid.identify(haptid.read_study(root / f"{name}.toml")), root / name)
+        haptid.Result.of(haptid.identify(haptid.read_study(root / f"{name}.toml"))).save(root / name)
         made.append(root / name)
     return made
 
@@ -228,15 +228,15 @@ def call(*arguments):
 
 
 def test_folders_are_compared_as_their_estimates_are(folders):
-    recorded = [haptid.read_result(folder) for folder in folders]
-    made = compare_all(recorded)
+    recorded = [haptid.Result.load(folder) for folder in folders]
+    made = compare(*recorded, labels=["monday", "friday"])
     assert not made.differs
     np.testing.assert_array_equal(made.value, [one.free for one in recorded])
-    two = haptid.compare(*recorded)
+    two = compare(*recorded)
     np.testing.assert_allclose(two.holm, made.holm, rtol=1e-9)
     np.testing.assert_allclose(recorded[0].correlation.diagonal(), 1.0)
     with pytest.raises(errors.DependentEstimatesError, match="both estimates were made from the rows from 0"):
-        haptid.compare(recorded[0], recorded[0])
+        compare(recorded[0], recorded[0])
 
 
 def test_the_command_prints_tables_and_json(folders):

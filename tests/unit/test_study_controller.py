@@ -74,7 +74,7 @@ def test_the_command_identifies_with_it(folder, tmp_path, name):
     assert found["estimate"]["method"] == haptid.read_study(path).method.name
     beta = two_links().base.of(true_parameters(two_links(), **FRICTION))
     value = np.array([p["value"] for p in found["estimate"]["parameters"]])
-    se = np.array([p["sd"] for p in found["estimate"]["parameters"]])
+    se = np.array([p["se"] for p in found["estimate"]["parameters"]])
     assert (np.abs(value - beta) < 5 * se).all()
 
 

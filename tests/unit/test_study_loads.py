@@ -16,7 +16,7 @@ from haptid.errors import StudyFileError, UnknownLinkError
 from haptid.observation.batch import RFactorCache, fingerprint
 from haptid.observation.known_payload import Payload, log_without_payload
 from haptid.observation.observation import Plan
-from haptid.results.write import result
+from haptid.results.result import Result
 from motions import multisine, truth
 from small_study import columns, two_links, write_study
 
@@ -67,10 +67,10 @@ def test_a_log_with_a_known_load_tells_the_device_without(study):
 
 def test_the_result_says_what_was_taken_off(study, tmp_path):
     made = haptid.identify(study(LOAD))
-    haptid.write_result(made, tmp_path)
+    haptid.Result.of(made).save(tmp_path)
     first, _, third = json.loads((tmp_path / "result.json").read_text())["logs"]
-    assert first["load"] is None
-    assert third["load"] == {"link": "2", "mass": 0.7, "com": [0.25, 0.1, 0.0], "inertia": BODY.inertia.tolist()}
+    assert first["payload"] is None
+    assert third["payload"] == {"link": "2", "mass": 0.7, "com": [0.25, 0.1, 0.0], "inertia": BODY.inertia.tolist()}
     assert "A load of 0.7 kg on link 2 is taken off the torque" in third["notes"][-1]
     assert third["notes"][-1] in made.estimate.notes
 
@@ -158,7 +158,7 @@ def test_intervals_of_a_study_reach_its_estimate(study, text, intervals):
     read = study(LOAD, f"[estimate]\n{text}")
     assert read.intervals == intervals
     made = haptid.identify(read)
-    assert result(made)["estimate"]["interval"] == intervals.name
+    assert Result.of(made).estimate.intervals == intervals.name
     again = haptid.estimate(made.estimate.observation, haptid.WLS(), intervals)
     np.testing.assert_allclose(made.estimate.covariance, again.covariance)
 
@@ -172,7 +172,7 @@ def test_entropic_of_a_study(study):
 
 def test_correlations_are_in_the_folder(study, tmp_path):
     made = haptid.identify(study(LOAD))
-    haptid.write_result(made, tmp_path)
+    haptid.Result.of(made).save(tmp_path)
     found = pyarrow.csv.read_csv(tmp_path / "correlation.csv").to_pydict()
     names = made.estimate.base.names
     assert tuple(found.pop("name")) == names == tuple(found)

@@ -74,4 +74,4 @@ def test_the_result_says_the_method(study, tmp_path, method):
     assert done.exit_code == 0, done.output
     found = json.loads((tmp_path / "out" / "result.json").read_text())["estimate"]
     assert found["method"].startswith(method)
-    assert found["interval"].startswith("CR2 over time blocks")
+    assert found["intervals"].startswith("CR2 over time blocks")

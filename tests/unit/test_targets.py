@@ -179,7 +179,7 @@ def test_a_base_parameter_as_target_has_its_interval_and_scale_does_not_matter(p
     rows = [factor * row for row in phantom.base.regrouping for factor in (1.0, -1e3)]
     found = targets(_again(phantom, rows))
     np.testing.assert_allclose(found.value[::2], phantom.beta, rtol=1e-12)
-    np.testing.assert_allclose(found.interval95[::2], phantom.interval95, rtol=1e-9)
+    np.testing.assert_allclose(found.conf_int()[::2], phantom.interval95, rtol=1e-9)
     np.testing.assert_allclose(found.dof[1::2], found.dof[::2], rtol=1e-9)
     np.testing.assert_allclose(found.se[1::2], 1e3 * found.se[::2], rtol=1e-9)
 
@@ -192,7 +192,7 @@ def _again(made, rows):
 
 def test_targets_are_frozen_and_found_by_name(phantom):
     found = targets(phantom)
-    for array in (found.value, found.covariance, found.se, found.interval95, found.correlation, found.C):
+    for array in (found.value, found.covariance, found.se, found.conf_int(), found.correlation, found.C):
         assert not array.flags.writeable
     assert len(found) == 14
     assert found["pi_7"].unit == "N m"
@@ -215,7 +215,7 @@ def test_command_view_divides_by_torque_per_command(phantom):
     assert not command.notes
     np.testing.assert_allclose(command.value, 2.73 * found.value, rtol=1e-12)
     np.testing.assert_allclose(command.covariance, 2.73**2 * found.covariance, rtol=1e-12)
-    np.testing.assert_allclose(command.interval95, 2.73 * found.interval95, rtol=1e-12)
+    np.testing.assert_allclose(command.conf_int(), 2.73 * found.conf_int(), rtol=1e-12)
     np.testing.assert_allclose(command.correlation, found.correlation, rtol=1e-9)
     assert command["pi_8"].unit == "N m of command"
     assert command["pi_8"].prior[0] == pytest.approx(2.73 * found["pi_8"].prior[0])
@@ -227,16 +227,16 @@ def test_targets_that_motors_of_different_gains_show_have_no_unit_of_command(tmp
     # ZZ1 + L L M2 and the weight are in row 1 alone; ZZ2 and MX2 are in both rows.
     assert command.names == ("inertia", "weight", "damping", "share")
     np.testing.assert_allclose(command.value, found.value[[0, 2, 4, 5]] * [-1.0, -1.0, 2.0, -1.0], rtol=1e-12)
-    assert command.interval95[0, 0] < command.value[0] < command.interval95[0, 1]
+    assert command.conf_int()[0, 0] < command.value[0] < command.conf_int()[0, 1]
     assert command.units == ("kg m^2 V/(N m)", "V", "N m s/rad V/(N m)", "half a unit V/(N m)")
-    assert command.notes[-1].endswith("show them: tip, moment.")
+    assert command.notes[-1].endswith("coupled motors: tip, moment.")
     assert "tip, moment" in command.summary()
 
 
 def test_a_target_that_one_stretch_alone_tells_has_an_infinite_interval(phantom):
     single_block = replace(targets(phantom), single_block=(3,))
     assert np.isinf(single_block.se[3])
-    assert np.isinf(single_block.interval95[3]).all()
+    assert np.isinf(single_block.conf_int()[3]).all()
     assert np.isfinite(np.delete(single_block.se, 3)).all()
     assert single_block.in_command().single_block == (3,)
 
@@ -252,9 +252,9 @@ def test_targets_of_a_held_estimate_take_the_free_fits_interval_widened_to_the_v
     np.testing.assert_array_equal(held.free, free.value)
     np.testing.assert_array_equal(held.covariance, free.covariance)
     wide = np.column_stack(
-        [np.minimum(free.interval95[:, 0], held.value), np.maximum(free.interval95[:, 1], held.value)]
+        [np.minimum(free.conf_int()[:, 0], held.value), np.maximum(free.conf_int()[:, 1], held.value)]
     )
-    np.testing.assert_allclose(held.interval95, wide)
+    np.testing.assert_allclose(held.conf_int(), wide)
 
 
 def test_tables_show_every_target(phantom):

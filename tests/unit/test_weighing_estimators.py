@@ -398,7 +398,7 @@ def test_relations_told_twice_are_told_once_and_others_are_refused(observation):
     np.testing.assert_allclose(twice.beta, once.beta, rtol=1e-9)
     with pytest.raises(errors.ContradictionError, match="FC1"):
         haptid.estimate(observation, EqualityConstraints({"FC1 - FC2": 0.0, "2*FC2 - 2*FC1": 1.0}))
-    with pytest.raises(errors.UnknownNameError):
+    with pytest.raises(errors.UnknownDeviceNameError):
         haptid.estimate(observation, EqualityConstraints({"nothing": 0.0}))
 
 

@@ -56,11 +56,11 @@ def characterise(
     from haptid.end_effector.characterisation.characterise import characterise as feel
     from haptid.end_effector.characterisation.table import columns, write_columns
     from haptid.end_effector.force import WORST_CONDITION
-    from haptid.results.read import read_result
+    from haptid.results.result import Result
 
     with errors_shown():
         check_writable(out_folder)
-        read = read_result(result)
+        read = Result.load(result)
         poses = chosen(read.model, at or (), sweep, grid, limit or ())
         wanted = asked(read.model.device, along, speed, stiffness, torque or ())
         with progress_bars(quiet) as progress, publishing(out_folder) as folder:

@@ -12,8 +12,8 @@ import typer
 from haptid.cli.common import app, errors_shown, out
 
 if TYPE_CHECKING:
+    from haptid.inference.comparison import Series
     from haptid.inference.drift import Drift
-    from haptid.inference.several import Series
 
 HELP = """\
 Compare results: which parameters differ, how sure that is, and how fast they drift.
@@ -41,15 +41,14 @@ def compare(
     confidence: Annotated[float, typer.Option("--confidence", help="for all parameters together")] = 0.95,
     as_json: Annotated[bool, typer.Option("--json", help="print JSON in place of tables")] = False,
 ) -> None:
+    from haptid.inference.comparison import compare as compared
     from haptid.inference.drift import drift
-    from haptid.inference.several import compare_all
     from haptid.report.compared import names_of
-    from haptid.results.read import read_result
-    from haptid.results.write import finite
+    from haptid.results.result import Result, finite
 
     with errors_shown():
         when = None if times is None else [_time(part) for part in times.split(",")]
-        series = compare_all([read_result(folder) for folder in results], names_of(results), confidence)
+        series = compared(*map(Result.load, results), labels=names_of(results), confidence=confidence)
         lines = None if when is None else drift(series, when, unit)
     if as_json:
         typer.echo(json.dumps(finite(values(series, lines)), indent=1, ensure_ascii=False, allow_nan=False))
@@ -117,7 +116,7 @@ def _slope(lines: Drift, k: int) -> dict[str, Any]:
         "slope": float(lines.slope[k]),
         "sd": float(lines.se[k]),
         "freedom": float(lines.dof[k]),
-        "interval": lines.interval[k].tolist(),
+        "interval": lines.conf_int()[k].tolist(),
         "p": float(lines.p[k]),
         "p_together": float(lines.holm[k]),
         "drifts": name in lines.drifts,

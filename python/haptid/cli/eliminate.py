@@ -51,7 +51,7 @@ def essential(
     from haptid.inference.diagnosis import diagnose
     from haptid.inference.elimination import BackwardElimination, GautierRatio, MaxRelativeStd, eliminate_by_motor
     from haptid.inference.elimination import essential as reduce
-    from haptid.results.write import write_result
+    from haptid.results.result import Result
     from haptid.study import read_study
     from haptid.study.identify import identify
 
@@ -72,7 +72,7 @@ def essential(
             tell("diagnosing", 0.0)
             smaller = with_reduced(found, reductions["all motors"].reduced)
             worst = max(smaller.unseen, key=lambda validation: validation.relative, default=None)
-            write_result(smaller, folder, diagnose(smaller.estimate, worst, plan.controller).verdict)
+            Result.of(smaller, diagnose(smaller.estimate, worst, plan.controller).verdict).save(folder)
             tell("diagnosing", 1.0)
             values = {name: reduction_values(one) for name, one in reductions.items()}
             text = json.dumps(values, indent=1, allow_nan=False)
@@ -95,7 +95,7 @@ def _unseen(found: Identification) -> Any:
 
 def reduction_values(found: Elimination) -> dict[str, Any]:
     """A reduction as plain values."""
-    from haptid.results.write import finite
+    from haptid.results.result import finite
 
     errors = {"fit": found.seen, "unseen": found.unseen}
     kept = [found.reduced.parameters[k] for k in found.reduced.kept]

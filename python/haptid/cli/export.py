@@ -53,10 +53,10 @@ def export(
 ) -> None:
     import haptid.export
     from haptid.export import CCode
-    from haptid.results.read import read_result
+    from haptid.results.result import Result
 
     with errors_shown():
-        read = read_result(result)
+        read = Result.load(result)
         made = haptid.export.export(read, folder, to, CCode(name, reversal_speed=reversal_speed), anyway=anyway)
     if quiet:
         return

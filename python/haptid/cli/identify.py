@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import shlex
 import sys
 from pathlib import Path
@@ -60,7 +59,7 @@ def identify(
     from haptid.observation.observation import Plan
     from haptid.report import Source, report_of, sparklines, tables
     from haptid.report.plots import plot_torque
-    from haptid.results.write import finite, result, write_result
+    from haptid.results.result import Result
     from haptid.study import read_study
     from haptid.study.identify import identify as walk
     from haptid.validation.prediction import predictions
@@ -78,7 +77,8 @@ def identify(
             found = walk(plan, data, tell, workers(count, scheduler), kept)
             tell("writing the report", 0.0)
             source = Source(found, _typed(study, data, out_folder))
-            write_result(found, folder, source.diagnosis.verdict)
+            result = Result.of(found, source.diagnosis.verdict)
+            result.save(folder)
             report_of(source).write(folder)
             tell("writing the report", 1.0)
             for k, run in enumerate(found.runs):
@@ -91,7 +91,7 @@ def identify(
                 tell(f"drawing {name}", 1.0)
         kept.forget()
     if as_json:
-        sys.stdout.write(json.dumps(finite(result(found, source.diagnosis.verdict)), indent=1, allow_nan=False) + "\n")
+        sys.stdout.write(result.to_json())
     elif not quiet:
         tables.show_identification(out, found)
         for line in ("", *sparklines(source), "", *source.diagnosis.verdict.sentences, ""):

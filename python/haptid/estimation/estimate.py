@@ -22,7 +22,7 @@ from haptid.estimation.method import Fitting, Knowing, Method, Reduced, rows_of
 from haptid.estimation.methods.bounded import BoundedSolution
 from haptid.estimation.methods.consistent import Constrained
 from haptid.estimation.methods.wls import WLS
-from haptid.observation.observation import Observation
+from haptid.observation.observation import Block, Observation
 
 # Scaled condition number above which single parameters are not to be trusted one by one (Gautier's rule).
 WELL_CONDITIONED = 200.0
@@ -121,6 +121,31 @@ class Estimate:
     @property
     def base(self) -> BaseParameters:
         return self.observation.base
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Of the base parameters, (p,)."""
+        return self.base.names
+
+    @property
+    def units(self) -> tuple[str, ...]:
+        """Of the base parameters, (p,)."""
+        return self.base.units
+
+    @property
+    def blocks(self) -> tuple[Block, ...]:
+        """Time blocks of the logs that it was made from."""
+        return self.observation.blocks
+
+    @property
+    def free(self) -> Array:
+        """Base parameters of the unconstrained fit, to which covariance and standard errors belong, (p,), SI."""
+        return self.held.free if self.held else self.beta
+
+    @property
+    def constrained(self) -> bool:
+        """Whether a constraint is active, so that `beta` differs from `free`."""
+        return bool(self.held and self.held.active)
 
     @property
     def kept(self) -> tuple[int, ...]:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
@@ -16,7 +15,7 @@ from haptid.estimation.feasibility.feasible import possible
 from haptid.export.folder import Export, write
 from haptid.export.names import default_name
 from haptid.export.provenance import IdentifiedModel, Provenance, provenance
-from haptid.results.write import device_file, finite
+from haptid.results.result import device_file, finite
 from haptid.validation.validation import Validation
 
 # Version of the format.
@@ -56,7 +55,7 @@ def model_values(source: Provenance) -> dict[str, Any]:
         "haptid": __version__,
         "device": model.device.name,
         "verdict": source.verdict,
-        "uses": [asdict(said) for said in source.uses],
+        "uses": [said.model_dump() for said in source.uses],
         "data_sha256": list(source.hashes),
         "gravity": model.device.gravity.tolist(),
         "coordinates": _coordinates(model),

@@ -13,13 +13,13 @@ from haptid._internal.arrays import Array, expect, read_only
 from haptid.dynamics.model import DynamicModel
 from haptid.errors import FailedValidationError, UnvalidatedError
 from haptid.estimation import Estimate
-from haptid.results.read import Recorded, RecordedUse
+from haptid.results import Result, ResultUse
 from haptid.study.identify import Identification
 from haptid.validation.validation import Validation
 
 # What can be exported: an identification by a study, the same read back from its result folder, an estimate, or a
 # device with base parameters from elsewhere.
-IdentifiedModel = Identification | Recorded | Estimate | tuple[DynamicModel, ArrayLike]
+IdentifiedModel = Identification | Result | Estimate | tuple[DynamicModel, ArrayLike]
 # Widest of the first lines of a file, characters.
 WIDTH = 112
 
@@ -46,7 +46,7 @@ class Provenance:
     hashes: tuple[str, ...]
     verdict: str
     zero: tuple[int, ...] = ()
-    uses: tuple[RecordedUse, ...] = ()
+    uses: tuple[ResultUse, ...] = ()
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "beta", read_only(self.beta))
@@ -78,15 +78,15 @@ def provenance(
         validations = validations or tuple(identified.unseen)
         largest_error = identified.study.largest_error if largest_error is None else largest_error
         identified = identified.estimate
-    if isinstance(identified, Recorded):
+    if isinstance(identified, Result):
         validations = validations or identified.unseen
-        largest_error = identified.largest_error if largest_error is None else largest_error
+        largest_error = identified.criteria.relative_error_percent if largest_error is None else largest_error
     verdict = _verdict(validations, largest_error, anyway)
-    if isinstance(identified, Recorded):
+    if isinstance(identified, Result):
         used = dict.fromkeys(log.sha256 for log in identified.logs if log.role == "identify")
-        known = (identified.interval95, identified.covariance)
+        known = (identified.conf_int(), identified.covariance)
         return Provenance(
-            identified.model, identified.beta, *known, tuple(used), verdict, identified.zero, identified.verdict
+            identified.model, identified.beta, *known, tuple(used), verdict, identified.zero, tuple(identified.verdict)
         )
     if isinstance(identified, Estimate):
         hashes = dict.fromkeys(motion.log.sha256 for motion in identified.observation.motions if motion.log)

@@ -1,37 +1,91 @@
-"""Two estimates of the same parameters: which of them differ, beyond what their intervals allow."""
+"""`compare(...)`: which parameters of two or more independent estimates differ, by Welch's test with Holm's correction.
+
+Sources: Welch (1947), Biometrika 34, eq. (28); Welch (1951), Biometrika 38, eq. (20); Holm (1979), Scandinavian Journal
+of Statistics 6.
+"""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Protocol, overload
 
 import numpy as np
-from scipy import stats
 
-from haptid._internal.arrays import Array, freeze, read_only
-from haptid.errors import ConfidenceError, DifferentParametersError
-from haptid.inference.comparable import Compared, Side
-from haptid.inference.targets import aligned
-from haptid.uncertainty.multiple_testing import together, two_sided
+from haptid._internal.arrays import Array, expect, freeze, read_only
+from haptid.dynamics.base_parameters import BaseParameters
+from haptid.errors import (
+    ConfidenceError,
+    DependentEstimatesError,
+    DifferentParametersError,
+    FewEstimatesError,
+    LabelCountError,
+)
+from haptid.observation.observation import Block
+from haptid.uncertainty.multiple_testing import deviations_to_weigh, misfit, together, two_sided
+from haptid.uncertainty.quantities import aligned, half_width
+
+# Base parameters of one name with regrouping factors that differ by a larger share are different parameters.
+SAME_MEANING = 1e-6
+
+
+class Comparable(Protocol):
+    """An estimate that can be compared: `Estimate`, `Targets`, or a `Result` that was read back."""
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Of the parameters, (p,)."""
+
+    @property
+    def units(self) -> tuple[str, ...]:
+        """Of the parameters, (p,)."""
+
+    @property
+    def base(self) -> BaseParameters | None:
+        """What regroups into the parameters; None where they are not base parameters."""
+
+    @property
+    def free(self) -> Array:
+        """Values of the unconstrained fit, to which the standard errors belong, (p,)."""
+
+    @property
+    def se(self) -> Array:
+        """Cluster-robust standard errors, infinite where they cannot be estimated, (p,)."""
+
+    @property
+    def covariance(self) -> Array:
+        """Of the errors, (p, p)."""
+
+    @property
+    def dof(self) -> Array:
+        """Degrees of freedom of each standard error, (p,)."""
+
+    @property
+    def constrained(self) -> bool:
+        """Whether a constraint is active, so that the value differs from `free`."""
+
+    @property
+    def blocks(self) -> tuple[Block, ...]:
+        """Time ranges of the logs that it was made from."""
 
 
 @dataclass(frozen=True, eq=False)
 class Comparison:
-    """The second of two independent estimates against the first, parameter by parameter.
+    """Differences between two independent estimates, second minus first, parameter by parameter.
 
-    Each difference is put to Welch's test: its variance is the sum of both, its degrees of freedom are those of Welch
-    (1947), Biometrika 34, eq. (28), with each estimate's own degrees of freedom. Over all parameters together the
-    probability of finding one that is not there is held by Holm (1979), Scandinavian J. Statistics 6. Of an estimate
-    held to what bodies can have, the free fit is compared: its deviations are known.
+    Each difference has Welch's test: its variance is the sum of both, its degrees of freedom are those of Welch (1947),
+    eq. (28), from the degrees of freedom of each. Holm's correction controls the probability of any false difference
+    over all parameters. Of a constrained estimate the unconstrained fit is compared, whose standard errors are known.
 
     Attributes:
         names, units: of the parameters compared, (k,).
         first, second: values, (k,).
-        first_sd, second_sd: their honest deviations, infinite where one stretch of a log alone tells, (k,).
+        first_sd, second_sd: cluster-robust standard errors, infinite where they cannot be estimated, (k,).
         first_freedom, second_freedom: degrees of freedom of each, (k,).
         covariance: of second - first, the sum of both, (k, k).
-        confidence: at which a parameter counts as different, for all of them together.
-        notes: sentences a user should read.
+        confidence: family-wise confidence level at which a parameter counts as different.
+        notes: sentences for the user.
     """
 
     names: tuple[str, ...]
@@ -52,158 +106,329 @@ class Comparison:
 
     @property
     def difference(self) -> Array:
-        """Second less first, (k,)."""
+        """Second minus first, (k,)."""
         return self.second - self.first
 
     @cached_property
     def se(self) -> Array:
-        """Deviation of the difference, (k,)."""
+        """Standard errors of the differences, (k,)."""
         return freeze(np.hypot(self.first_sd, self.second_sd))
 
     @cached_property
     def dof(self) -> Array:
-        """Degrees of freedom of the difference, (k,) (Welch 1947, eq. 28); the lesser where a deviation is infinite."""
+        """Degrees of freedom, (k,) (Welch 1947, eq. 28); the smaller one where a standard error is infinite."""
         a, b = self.first_sd**2, self.second_sd**2
         least = np.minimum(self.first_freedom, self.second_freedom)
         with np.errstate(invalid="ignore"):
             made = (a + b) ** 2 / (a**2 / self.first_freedom + b**2 / self.second_freedom)
         return freeze(np.where(np.isfinite(made), made, least))
 
-    @cached_property
-    def interval(self) -> Array:
-        """Interval of each difference by itself at the confidence, (k, 2)."""
-        half = stats.t.ppf((1 + self.confidence) / 2, self.dof) * self.se
+    def conf_int(self, level: float | None = None) -> Array:
+        """Confidence intervals of the differences, one by one, (k, 2); at `confidence` where no level is given."""
+        half = half_width(self.se, self.dof, self.confidence if level is None else level)
         return freeze(np.column_stack([self.difference - half, self.difference + half]))
 
     @cached_property
     def p(self) -> Array:
-        """Probability of so great a difference between equal parameters, each taken by itself, (k,)."""
+        """p-value of each difference by itself, (k,)."""
         return freeze(two_sided(self.difference, self.se, self.dof))
 
     @cached_property
     def holm(self) -> Array:
-        """The same, taken together with all others (Holm 1979), (k,)."""
+        """p-values with Holm's correction over all parameters, (k,)."""
         return together(self.p)
 
     @cached_property
     def differs(self) -> tuple[str, ...]:
-        """Names of the parameters that differ at the confidence."""
-        return tuple(name for name, p in zip(self.names, self.holm, strict=True) if p < 1 - self.confidence)
+        """Names of the parameters that differ significantly."""
+        return significant(self.names, self.holm, self.confidence)
 
     @cached_property
     def flipped(self) -> tuple[str, ...]:
-        """Those that differ and have changed sign, both values being told from zero at the confidence."""
+        """Those that differ and have changed sign, both values being significantly different from zero."""
         sides = ((self.first, self.first_sd, self.first_freedom), (self.second, self.second_sd, self.second_freedom))
-        sure = np.all([two_sided(*side) < 1 - self.confidence for side in sides], axis=0)
-        turned = sure & (np.sign(self.first) != np.sign(self.second))
+        nonzero = np.all([two_sided(*side) < 1 - self.confidence for side in sides], axis=0)
+        turned = nonzero & (np.sign(self.first) != np.sign(self.second))
         return tuple(name for name, flip in zip(self.names, turned, strict=True) if flip and name in self.differs)
 
     @property
     def sentences(self) -> tuple[str, ...]:
-        """What differs in plain words, the surest first; then the notes."""
+        """What differs, in order of significance; then the notes."""
         order = sorted((self.names.index(name) for name in self.differs), key=lambda k: self.p[k])
         rest = len(self.names) - len(order)
-        together = f"at {100 * self.confidence:g} % confidence for all {len(self.names)} together"
-        last = f"The other {rest} do not differ {together}." if rest else f"All differ {together}."
-        return (
-            *(self._sentence(k) for k in order),
-            last if order else f"No parameter differs {together}.",
-            *self.notes,
-        )
+        at = family_wise(self.confidence, len(self.names))
+        last = f"The other {rest} do not differ {at}." if rest else f"All differ {at}."
+        return (*map(self._sentence, order), last if order else f"No parameter differs {at}.", *self.notes)
 
     def summary(self) -> str:
-        """A table as text, then the sentences. The probability is Holm's; an asterisk marks what differs."""
-        head = (
-            "",
-            "first",
-            "sd",
-            "second",
-            "sd",
-            "difference",
-            f"{100 * self.confidence:g} % interval",
-            "p",
-            "",
-            "unit",
-        )
-        rows = [
-            (
-                name,
-                f"{self.first[k]:.4g}",
-                f"{self.first_sd[k]:.2g}",
-                f"{self.second[k]:.4g}",
-                f"{self.second_sd[k]:.2g}",
-                f"{self.difference[k]:.3g}",
-                f"{self.interval[k, 0]:.3g} .. {self.interval[k, 1]:.3g}",
-                f"{self.holm[k]:.2g}",
-                "*" if name in self.differs else "",
-                self.units[k],
+        """A text table with Holm's p-values and an asterisk for each significant difference; then the sentences."""
+        interval = f"{100 * self.confidence:g} % interval"
+        rows = [["", "first", "std err", "second", "std err", "difference", interval, "p", "", "unit"]]
+        for k, (low, high) in enumerate(self.conf_int()):
+            rows.append(
+                [
+                    self.names[k],
+                    f"{self.first[k]:.4g}",
+                    f"{self.first_sd[k]:.2g}",
+                    f"{self.second[k]:.4g}",
+                    f"{self.second_sd[k]:.2g}",
+                    f"{self.difference[k]:.3g}",
+                    f"{low:.3g} .. {high:.3g}",
+                    f"{self.holm[k]:.2g}",
+                    "*" if self.names[k] in self.differs else "",
+                    self.units[k],
+                ]
             )
-            for k, name in enumerate(self.names)
-        ]
-        return "\n".join([*aligned([head, *rows]), "", *self.sentences])
+        return "\n".join([*aligned(rows), "", *self.sentences])
 
     def _sentence(self, k: int) -> str:
-        """One difference in plain words."""
         values = f"from {self.first[k]:.4g} to {self.second[k]:.4g} {self.units[k]} (p = {self.holm[k]:.1e})"
         if self.names[k] not in self.flipped:
             size = abs(self.first[k])
-            share = f", {100 * self.difference[k] / size:+.0f} % of its size" if size > 0 else ""
-            return f"{self.names[k]} goes {values}{share}."
-        size = two_sided(self.first[[k]] + self.second[[k]], self.se[[k]], self.dof[[k]])[0]
-        kept = "its size differs too" if size * len(self.names) < 1 - self.confidence else "its size may be the same"
-        return f"{self.names[k]} changes its sign, {values}; {kept}."
+            share = f", {100 * self.difference[k] / size:+.0f} %" if size > 0 else ""
+            return f"{self.names[k]} changes {values}{share}."
+        p = two_sided(self.first[[k]] + self.second[[k]], self.se[[k]], self.dof[[k]])[0]
+        size_too = p * len(self.names) < 1 - self.confidence
+        magnitude = "its magnitude differs too" if size_too else "its magnitude does not differ significantly"
+        return f"{self.names[k]} changes its sign, {values}; {magnitude}."
 
 
-def compare(first: Compared, second: Compared, confidence: float = 0.95) -> Comparison:
-    """Which parameters of two estimates differ: two mountings of a device, two tools, two days.
+@dataclass(frozen=True, eq=False)
+class Series:
+    """Two or more independent estimates of the same parameters.
 
-    Parameters are the same where name and unit agree; base parameters also need the same regrouping. What only one
-    estimate has is left out, and a note names it.
+    Each parameter has Welch's test of equal means (1951, eq. 20), with each estimate's own standard error and degrees
+    of freedom; for two estimates it is the test of `Comparison`. Holm's correction controls the probability of any
+    false difference over all parameters. Of a constrained estimate the unconstrained fit is taken.
+
+    Attributes:
+        labels: of the estimates, (n,).
+        names, units: of the parameters, (k,).
+        value: (n, k).
+        se: cluster-robust standard errors, infinite where they cannot be estimated, (n, k).
+        dof: degrees of freedom of each, (n, k).
+        covariance: of each estimate, (n, k, k).
+        confidence: family-wise confidence level at which a parameter counts as different.
+        notes: sentences for the user.
+    """
+
+    labels: tuple[str, ...]
+    names: tuple[str, ...]
+    units: tuple[str, ...]
+    value: Array
+    se: Array
+    dof: Array
+    covariance: Array
+    confidence: float
+    notes: tuple[str, ...]
+
+    def __post_init__(self) -> None:
+        n, k = len(self.labels), len(self.names)
+        shapes = {"value": (n, k), "sd": (n, k), "freedom": (n, k), "covariance": (n, k, k)}
+        for name, shape in shapes.items():
+            object.__setattr__(self, name, read_only(getattr(self, name)))
+            expect(name, getattr(self, name).shape, shape)
+
+    def __len__(self) -> int:
+        return len(self.labels)
+
+    @cached_property
+    def common(self) -> Array:
+        """Inverse-variance weighted mean of each parameter, (k,); NaN where every standard error is infinite."""
+        se = np.column_stack([deviations_to_weigh(*pair) for pair in zip(self.value.T, self.se.T, strict=True)])
+        with np.errstate(divide="ignore", invalid="ignore"):
+            weight = np.where(se > 0, (se.min(axis=0) / se) ** 2, 1.0)  # all zero without error: any weight will do
+            return freeze(np.asarray((weight * self.value).sum(axis=0) / weight.sum(axis=0)))
+
+    @cached_property
+    def p(self) -> Array:
+        """p-value of the hypothesis of equal values, each parameter by itself, (k,)."""
+        return freeze(self.misfits(np.ones((len(self), 1))))
+
+    def misfits(self, columns: Array) -> Array:
+        """p-values of the lack of fit to a linear model in the columns, (n, c), each parameter by itself, (k,)."""
+        each = zip(self.value.T, self.se.T, self.dof.T, strict=True)
+        return np.array([misfit(*one, columns) for one in each])
+
+    @cached_property
+    def holm(self) -> Array:
+        """p-values with Holm's correction over all parameters, (k,)."""
+        return together(self.p)
+
+    @property
+    def level(self) -> Array:
+        """Largest family-wise confidence level at which each parameter counts as different, (k,)."""
+        return 1.0 - self.holm
+
+    @property
+    def differs(self) -> tuple[str, ...]:
+        """Names of the parameters that differ significantly."""
+        return significant(self.names, self.holm, self.confidence)
+
+    def pair(self, first: str, second: str) -> Comparison:
+        """Two of the estimates by their labels, as `compare` has them."""
+        a, b = self.labels.index(first), self.labels.index(second)
+        return Comparison(
+            names=self.names,
+            units=self.units,
+            first=self.value[a],
+            second=self.value[b],
+            first_sd=self.se[a],
+            second_sd=self.se[b],
+            first_freedom=self.dof[a],
+            second_freedom=self.dof[b],
+            covariance=self.covariance[a] + self.covariance[b],
+            confidence=self.confidence,
+            notes=self.notes,
+        )
+
+    @property
+    def sentences(self) -> tuple[str, ...]:
+        """What differs, in order of significance; then the notes."""
+        order = sorted((self.names.index(name) for name in self.differs), key=lambda k: self.p[k])
+        at = family_wise(self.confidence, len(self.names))
+        said = [self._sentence(k) for k in order] or [f"No parameter differs {at}."]
+        rest = len(self.names) - len(order)
+        return (*said, *([f"The other {rest} do not differ {at}."] if order and rest else []), *self.notes)
+
+    def _sentence(self, k: int) -> str:
+        low, high = int(np.argmin(self.value[:, k])), int(np.argmax(self.value[:, k]))
+        ends = [f"{self.value[i, k]:.4g} in {self.labels[i]}" for i in (low, high)]
+        return f"{self.names[k]} differs: from {ends[0]} to {ends[1]}, {self.units[k]} (p = {self.holm[k]:.1e})."
+
+    def summary(self) -> str:
+        """A text table, then the sentences. `differs up to` is a confidence level; an asterisk marks what differs."""
+        rows = [["", *(cell for label in self.labels for cell in (label, "std err")), "differs up to", "", "unit"]]
+        for k, name in enumerate(self.names):
+            values = zip(self.value[:, k], self.se[:, k], strict=True)
+            cells = [cell for value, se in values for cell in (f"{value:.4g}", f"{se:.2g}")]
+            mark = "*" if name in self.differs else ""
+            rows.append([name, *cells, confidence_text(self.holm[k]), mark, self.units[k]])
+        return "\n".join([*aligned(rows), "", *self.sentences])
+
+
+@overload
+def compare(first: Comparable, second: Comparable, /, *, confidence: float = 0.95) -> Comparison: ...
+@overload
+def compare(*estimates: Comparable, labels: Sequence[str], confidence: float = 0.95) -> Series: ...
+@overload
+def compare(*estimates: Comparable, confidence: float = 0.95) -> Comparison | Series: ...
+
+
+def compare(
+    *estimates: Comparable, labels: Sequence[str] | None = None, confidence: float = 0.95
+) -> Comparison | Series:
+    """Which parameters of two or more estimates differ: mountings of a device, tools, days, devices of a series.
+
+    Parameters are the same where name and unit agree; base parameters also need the same regrouping. A parameter that
+    not every estimate has is left out, and a note names it.
 
     Args:
-        first, second: base parameters, targets or folders of results, from logs or stretches without common rows; the
+        estimates: two or more: base parameters, targets or results, from logs or time ranges without common rows; the
             devices may differ.
-        confidence: for all parameters together, between 0 and 1.
+        labels: one for each; "1", "2", ... where None.
+        confidence: family-wise confidence level over all parameters, between 0 and 1.
+
+    Returns:
+        A `Comparison` of two estimates without labels, otherwise a `Series`.
 
     Raises:
         ConfidenceError: it is not between 0 and 1.
-        DependentEstimatesError: both were made from the same rows.
+        FewEstimatesError: fewer than two estimates.
+        LabelCountError: not one different label for each.
+        DependentEstimatesError: two were made from the same rows.
         DifferentParametersError: they have no parameter in common.
     """
     if not 0 < confidence < 1:
         raise ConfidenceError(confidence)
-    a, b = Side.of(first), Side.of(second)
-    a.expect_apart(b)
-    pairs = [(k, b.names.index(name)) for k, name in enumerate(a.names) if a.same(name, b)]
-    if not pairs:
-        raise DifferentParametersError(list(a.names), list(b.names))
-    at_a, at_b = (list(side) for side in zip(*pairs, strict=True))
-    names = tuple(a.names[k] for k in at_a)
-    return Comparison(
+    if len(estimates) < 2:
+        raise FewEstimatesError(len(estimates), 2)
+    pair = ("the first estimate", "the second estimate") if len(estimates) == 2 and labels is None else None
+    called = tuple(labels or pair or (str(k + 1) for k in range(len(estimates))))
+    if len(called) != len(estimates) or len(set(called)) != len(called):
+        raise LabelCountError(called, len(estimates))
+    for k, one in enumerate(estimates):
+        for other in estimates[:k]:
+            check_independent(other, one)
+    names = common_parameters(estimates)
+    at = [[one.names.index(name) for name in names] for one in estimates]
+    chosen = list(zip(estimates, at, strict=True))
+    made = Series(
+        labels=called,
         names=names,
-        units=tuple(a.units[k] for k in at_a),
-        first=a.value[at_a],
-        second=b.value[at_b],
-        first_sd=a.se[at_a],
-        second_sd=b.se[at_b],
-        first_freedom=a.dof[at_a],
-        second_freedom=b.dof[at_b],
-        covariance=a.covariance[np.ix_(at_a, at_a)] + b.covariance[np.ix_(at_b, at_b)],
+        units=tuple(estimates[0].units[k] for k in at[0]),
+        value=np.array([one.free[k] for one, k in chosen]),
+        se=np.array([one.se[k] for one, k in chosen]),
+        dof=np.array([one.dof[k] for one, k in chosen]),
+        covariance=np.array([one.covariance[np.ix_(k, k)] for one, k in chosen]),
         confidence=confidence,
-        notes=_notes(a, b, names),
+        notes=_notes(estimates, called, names),
     )
+    return made.pair(*pair) if pair else made
 
 
-def _notes(a: Side, b: Side, names: tuple[str, ...]) -> tuple[str, ...]:
-    """What could not be compared, and what cannot be told apart for want of motion."""
-    alone = dict.fromkeys(name for side in (a, b) for name in side.names if name not in names)
-    notes = [f"Not compared, not in both with one unit and meaning: {', '.join(alone)}."] if alone else []
-    for side, which in ((a, "first"), (b, "second")):
-        if side.held:
-            notes.append(f"The {which} estimate is held to what bodies can have: its free fit is compared.")
-        single_block = [name for name in names if np.isinf(side.se[side.names.index(name)])]
-        if single_block:
+def check_independent(first: Comparable, second: Comparable) -> None:
+    """Raise DependentEstimatesError where both were made from the same rows."""
+    for block in first.blocks:
+        if any(block.overlaps(other) for other in second.blocks):
+            raise DependentEstimatesError(block.log, block.start, block.stop)
+
+
+def common_parameters(estimates: Sequence[Comparable]) -> tuple[str, ...]:
+    """Names of the parameters that all estimates have with one unit and meaning.
+
+    Raises:
+        DifferentParametersError: there is none.
+    """
+    first, *others = estimates
+    names = tuple(name for name in first.names if all(same_parameter(name, first, other) for other in others))
+    if not names:
+        fewest = min(others, key=lambda other: sum(same_parameter(name, first, other) for name in first.names))
+        raise DifferentParametersError(list(first.names), list(fewest.names))
+    return names
+
+
+def same_parameter(name: str, first: Comparable, second: Comparable) -> bool:
+    """Whether a parameter of the first is in the second with the same unit and regrouping."""
+    if name not in second.names or first.units[first.names.index(name)] != second.units[second.names.index(name)]:
+        return False
+    if first.base is None or second.base is None:
+        return first.base is second.base
+    a, b = _regrouped(first.base, name), _regrouped(second.base, name)
+    return a.keys() == b.keys() and all(np.isclose(a[n], b[n], rtol=SAME_MEANING) for n in a)
+
+
+def _regrouped(base: BaseParameters, name: str) -> dict[str, float]:
+    """Factors of the standard parameters in a base parameter."""
+    row = base.regrouping[base.names.index(name)]
+    return {base.standard[k]: float(row[k]) for k in np.flatnonzero(row)}
+
+
+def _notes(estimates: Sequence[Comparable], labels: Sequence[str], names: tuple[str, ...]) -> tuple[str, ...]:
+    """What could not be compared, and which standard errors cannot be estimated."""
+    alone = dict.fromkeys(name for one in estimates for name in one.names if name not in names)
+    notes = [f"Not compared (not in all with one unit and meaning): {', '.join(alone)}."] if alone else []
+    for one, label in zip(estimates, labels, strict=True):
+        if one.constrained:
+            notes.append(f"Constraints are active in {label}: its unconstrained fit is compared.")
+        if unbounded := [name for name in names if np.isinf(one.se[one.names.index(name)])]:
             notes.append(
-                f"One stretch of the {which} log alone tells {', '.join(single_block)}: no difference can be found."
+                f"{', '.join(unbounded)} excited in a single time block of {label}: the standard error cannot be "
+                f"estimated, and no difference can be significant."
             )
     return tuple(notes)
+
+
+def significant(names: Sequence[str], p: Array, confidence: float) -> tuple[str, ...]:
+    """Names whose p-value is below 1 - confidence."""
+    return tuple(name for name, one in zip(names, p, strict=True) if one < 1 - confidence)
+
+
+def family_wise(confidence: float, many: int) -> str:
+    """A confidence level over all parameters, as sentences have it."""
+    return f"at {100 * confidence:g} % confidence for all {many} together"
+
+
+def confidence_text(p: float) -> str:
+    """A p-value as a confidence level, rounded down: 99.89 % does not reach 99.9 %."""
+    return f"{np.floor(1e3 * (1 - p)) / 10:.1f} %"

@@ -1,4 +1,7 @@
-"""Drift: how fast the parameters of several estimates change with time, or with anything else that has a number."""
+"""Drift: the rate of change of parameters over a series of estimates, by weighted linear regression on time.
+
+The regressor may be any other number that the parameters may depend on, such as a temperature.
+"""
 
 from __future__ import annotations
 
@@ -7,31 +10,30 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from scipy import stats
 
 from haptid._internal.arrays import Array, expect, freeze, read_only
 from haptid.errors import TimeCountError, TimeValueError
-from haptid.inference.several import Series, confidence_text
-from haptid.inference.targets import aligned
+from haptid.inference.comparison import Series, confidence_text, family_wise, significant
 from haptid.uncertainty.multiple_testing import deviations_to_weigh, together, two_sided
+from haptid.uncertainty.quantities import aligned, half_width
 
 
 @dataclass(frozen=True, eq=False)
 class Drift:
-    """Straight lines through the estimates of a series, parameter by parameter, each value with its own weight.
+    """Weighted regression lines through the estimates of a series, one for each parameter.
 
-    Each parameter has weighted least squares of its own, with one over the variances as weights; the whole
-    covariances go into that of the slopes. Weights from whole covariances would be finer, but these have no more
-    degrees of freedom than there are blocks of a log, too few to be inverted. That the weights are estimates too makes
-    slopes less sure: each part of a variance grows by 1 + 4 (1 - leverage) / freedom (Meier 1953, Biometrics 9(1), for
-    means; Kenward and Roger 1997, Biometrics 53(3), eq. 5, for lines). Degrees of freedom are Satterthwaite's (1946),
-    Biometrics Bulletin 2. Of two estimates the test is that of `compare`.
+    Weights are inverse variances, parameter by parameter; the covariance of the slopes uses the whole covariances.
+    Weights from whole covariances would be more efficient, but these have no more degrees of freedom than a log has
+    blocks, too few for an inverse. Since the weights are themselves estimates, each part of a variance is multiplied
+    by 1 + 4 (1 - leverage) / dof (Meier 1953, Biometrics 9(1), for means; Kenward and Roger 1997, Biometrics 53(3),
+    eq. 5, for lines). Degrees of freedom are those of Satterthwaite (1946), Biometrics Bulletin 2. For two estimates
+    the test is that of `compare`.
 
     Attributes:
-        series: what the lines go through.
+        series: the estimates.
         times: of the estimates, (n,), in `unit`.
         unit: of the times, such as "day".
-        weights: slope = weights . values, (n, k); zero where nothing is known.
+        weights: slope = weights . values, (n, k); zero where a standard error is infinite.
         leverage: of each value on its line, (n, k).
     """
 
@@ -49,24 +51,25 @@ class Drift:
 
     @property
     def names(self) -> tuple[str, ...]:
+        """Of the parameters, (k,)."""
         return self.series.names
 
     @cached_property
     def slope(self) -> Array:
-        """Change of each parameter in a unit of time, (k,); NaN where fewer than two times tell it."""
+        """Change of each parameter in a unit of time, (k,); NaN with information at fewer than two times."""
         made = (self.weights * self.series.value).sum(axis=0)
-        return freeze(np.where(self._told, made, np.nan))
+        return freeze(np.where(self._identifiable, made, np.nan))
 
     @cached_property
     def covariance(self) -> Array:
         """Of the slopes, (k, k)."""
-        weights = self.weights * np.sqrt(self._grown)
+        weights = self.weights * np.sqrt(self._inflation)
         return freeze(np.einsum("ij,ik,ijk->jk", weights, weights, self.series.covariance))
 
     @cached_property
     def se(self) -> Array:
-        """Deviations of the slopes, (k,); infinite where fewer than two times tell it."""
-        return freeze(np.where(self._told, np.sqrt(self._parts.sum(axis=0)), np.inf))
+        """Standard errors of the slopes, (k,); infinite with information at fewer than two times."""
+        return freeze(np.where(self._identifiable, np.sqrt(self._parts.sum(axis=0)), np.inf))
 
     @cached_property
     def dof(self) -> Array:
@@ -74,108 +77,91 @@ class Drift:
         whole, each = self._parts.sum(axis=0), (self._parts**2 / self.series.dof).sum(axis=0)
         return freeze(np.divide(whole**2, each, out=np.full(len(whole), np.inf), where=each > 0))
 
-    @cached_property
-    def interval(self) -> Array:
-        """Interval of each slope by itself at the confidence of the series, (k, 2)."""
-        half = stats.t.ppf((1 + self.series.confidence) / 2, self.dof) * self.se
+    def conf_int(self, level: float | None = None) -> Array:
+        """Confidence intervals of the slopes, one by one, (k, 2); at the series' confidence where no level is given."""
+        half = half_width(self.se, self.dof, self.series.confidence if level is None else level)
         return freeze(np.column_stack([self.slope - half, self.slope + half]))
 
     @cached_property
     def p(self) -> Array:
-        """Probability of so great a slope of what does not change, each taken by itself, (k,)."""
+        """p-value of each slope by itself, (k,)."""
         return freeze(two_sided(self.slope, self.se, self.dof))
 
     @cached_property
     def holm(self) -> Array:
-        """The same, taken together with all others, (k,)."""
+        """p-values with Holm's correction over all parameters, (k,)."""
         return together(self.p)
 
     @property
     def drifts(self) -> tuple[str, ...]:
-        """Names of the parameters that drift at the confidence of the series."""
-        return self._under(self.holm)
+        """Names of the parameters whose slope is significant."""
+        return significant(self.names, self.holm, self.series.confidence)
 
     @cached_property
     def bent(self) -> tuple[str, ...]:
-        """Names of those whose values lie off their line by more than their deviations: it is not a steady drift."""
-        turned = self.series.misfits(np.column_stack([np.ones(len(self.times)), self.times - self.times.mean()]))
-        return self._under(together(np.where(self._told, turned, 1.0)))
-
-    def _under(self, p: Array) -> tuple[str, ...]:
-        return tuple(name for name, one in zip(self.names, p, strict=True) if one < 1 - self.series.confidence)
+        """Names of the parameters with a significant lack of fit to their line: the drift is not steady."""
+        line = np.column_stack([np.ones(len(self.times)), self.times - self.times.mean()])
+        p = together(np.where(self._identifiable, self.series.misfits(line), 1.0))
+        return significant(self.names, p, self.series.confidence)
 
     @property
-    def _told(self) -> np.ndarray:
-        """Whether two different times tell a parameter, (k,)."""
+    def _identifiable(self) -> np.ndarray:
+        """Whether two different times have information on a parameter, (k,)."""
         return np.asarray(self.weights.any(axis=0))
 
     @cached_property
     def _parts(self) -> Array:
         """What each estimate adds to the variance of each slope, (n, k)."""
         known = np.where(np.isfinite(self.series.se), self.series.se, 0.0)
-        return freeze(self._grown * (self.weights * known) ** 2)
+        return freeze(self._inflation * (self.weights * known) ** 2)
 
     @property
-    def _grown(self) -> Array:
-        """By what the doubt of the weights makes each part of a variance grow, (n, k)."""
+    def _inflation(self) -> Array:
+        """Factor on each part of a variance for the uncertainty of the weights, (n, k)."""
         return np.asarray(1.0 + 4.0 * (1.0 - self.leverage) / self.series.dof)
 
     @property
     def sentences(self) -> tuple[str, ...]:
-        """What drifts in plain words, the surest first; then what is no straight line."""
+        """What drifts, in order of significance; then what is not linear in time."""
         order = sorted((self.names.index(name) for name in self.drifts), key=lambda k: self.p[k])
-        at = f"at {100 * self.series.confidence:g} % confidence for all {len(self.names)} together"
+        at = family_wise(self.series.confidence, len(self.names))
         said = [self._sentence(k) for k in order] or [f"No parameter drifts {at}."]
         if self.bent:
-            said.append(f"Not on a straight line {at}: {', '.join(self.bent)}. Their slopes are only means.")
+            said.append(f"Not linear in time {at}: {', '.join(self.bent)}. Their slopes are averages.")
         return tuple(said)
 
     def _sentence(self, k: int) -> str:
         size, unit = abs(self.series.common[k]), f"{self.series.units[k]} in a {self.unit}"
         share = f", {100 * self.slope[k] / size:+.2g} % of its size" if size > 0 else ""
-        low, high = self.interval[k]
+        low, high = self.conf_int()[k]
         return (
             f"{self.names[k]} drifts by {self.slope[k]:.3g} {unit}{share} (interval {low:.2g} .. {high:.2g}, "
             f"p = {self.holm[k]:.1e})."
         )
 
     def summary(self) -> str:
-        """A table as text, then the sentences. `drifts up to` is a confidence; an asterisk marks what drifts."""
-        head = (
-            "",
-            f"in a {self.unit}",
-            "sd",
-            f"{100 * self.series.confidence:g} % interval",
-            "drifts up to",
-            "",
-            "unit",
-        )
-        rows = [
-            (
-                name,
-                f"{self.slope[k]:.3g}",
-                f"{self.se[k]:.2g}",
-                f"{self.interval[k, 0]:.3g} .. {self.interval[k, 1]:.3g}",
-                confidence_text(self.holm[k]),
-                "*" if name in self.drifts else "",
-                self.series.units[k],
-            )
-            for k, name in enumerate(self.names)
-        ]
-        return "\n".join([*aligned([head, *rows]), "", *self.sentences])
+        """A text table, then the sentences. `drifts up to` is a confidence level; an asterisk marks what drifts."""
+        interval = f"{100 * self.series.confidence:g} % interval"
+        rows = [["", f"in a {self.unit}", "std err", interval, "drifts up to", "", "unit"]]
+        for k, (low, high) in enumerate(self.conf_int()):
+            mark = "*" if self.names[k] in self.drifts else ""
+            slope, se = f"{self.slope[k]:.3g}", f"{self.se[k]:.2g}"
+            ends = f"{low:.3g} .. {high:.3g}"
+            rows.append([self.names[k], slope, se, ends, confidence_text(self.holm[k]), mark, self.series.units[k]])
+        return "\n".join([*aligned(rows), "", *self.sentences])
 
 
 def drift(series: Series, times: Sequence[float], unit: str = "day") -> Drift:
-    """How fast the parameters change, with intervals.
+    """Rates of change of the parameters, with confidence intervals.
 
     Args:
         series: the estimates.
-        times: when each was recorded, (n,), or any other number that they may change with, such as a temperature.
+        times: when each was recorded, (n,), or any other number that the parameters may depend on.
         unit: of the times.
 
     Raises:
         TimeCountError: not one time for each estimate.
-        TimeValueError: a time is no finite number, or all are the same.
+        TimeValueError: a time is not finite, or all are the same.
     """
     t = np.asarray(times, dtype=float)
     if t.shape != (len(series),):
@@ -188,7 +174,7 @@ def drift(series: Series, times: Sequence[float], unit: str = "day") -> Drift:
 
 
 def _line(t: Array, value: Array, se: Array) -> tuple[Array, Array]:
-    """What a slope is made of, (t - mean) / s^2 over the sum of (t - mean)^2 / s^2, and leverages, both (n,)."""
+    """Coefficients of a slope, (t - mean) / s^2 over the sum of (t - mean)^2 / s^2, and leverages, both (n,)."""
     se = deviations_to_weigh(value, se)
     least = se.min()
     if not np.isfinite(least):
@@ -196,6 +182,6 @@ def _line(t: Array, value: Array, se: Array) -> tuple[Array, Array]:
     weight = (least / se) ** 2 if least > 0 else np.ones(len(t))
     away = t - weight @ t / weight.sum()
     spread = float(weight @ away**2)
-    if spread <= np.finfo(float).eps * np.ptp(t) ** 2:  # one time tells it, however often
+    if spread <= np.finfo(float).eps * np.ptp(t) ** 2:  # information at one time only, however often
         return np.zeros(len(t)), np.ones(len(t))
     return weight * away / spread, weight * (1.0 / weight.sum() + away**2 / spread)

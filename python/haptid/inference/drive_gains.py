@@ -1,12 +1,11 @@
-"""What motors really give for a command, from logs without and with a known load."""
+"""Drive gain identification: true torque per command of each motor, from logs without and with a known payload."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from functools import cached_property
 
 import numpy as np
-from scipy import linalg, stats
+from scipy import linalg
 
 from haptid._internal.arrays import Array, freeze, read_only
 from haptid.device.priors import Body
@@ -16,22 +15,23 @@ from haptid.estimation.intervals.cluster_robust import clustered
 from haptid.estimation.least_squares import Solution, check_excited
 from haptid.observation.known_payload import payload_torque
 from haptid.observation.observation import MotorRows, Observation, triangle
+from haptid.uncertainty.quantities import LEVEL, half_width
 
-# Gauss-Newton's steps, and the change of the factors at which they end.
-MOST_STEPS, SETTLED = 50, 1e-10
+# Gauss-Newton: largest number of steps, and relative change of the scales at convergence.
+MOST_STEPS, CONVERGED = 50, 1e-10
 
 
 @dataclass(frozen=True, eq=False)
 class DriveGains:
-    """True gain of each motor over that of the device file.
+    """Ratio of each motor's true gain to that of the device file.
 
     Attributes:
         model: with the gains of its file.
         labels: "motor 1", (motors,).
-        factor: (motors,).
-        covariance: honest, (motors, motors).
+        factor: true gain over the file's, (motors,).
+        covariance: cluster-robust, (motors, motors).
         dof: degrees of freedom of the intervals, (motors,).
-        beta: base parameters of the device without load, in true units, (p,), SI.
+        beta: base parameters of the device without payload, at the true gains, (p,), SI.
     """
 
     model: DynamicModel
@@ -45,41 +45,40 @@ class DriveGains:
         for name in ("factor", "covariance", "freedom", "beta"):
             object.__setattr__(self, name, read_only(getattr(self, name)))
 
-    @cached_property
-    def interval95(self) -> Array:
-        """95 % intervals of the factors, (motors, 2)."""
-        half = stats.t.ppf(0.975, self.dof) * np.sqrt(np.diag(self.covariance))
+    def conf_int(self, level: float = LEVEL) -> Array:
+        """Confidence intervals of the factors, (motors, 2)."""
+        half = half_width(np.sqrt(np.diag(self.covariance)), self.dof, level)
         return freeze(np.column_stack([self.factor - half, self.factor + half]))
 
     def summary(self) -> str:
         """A line for each motor."""
-        lines = []
-        for label, factor, (low, high) in zip(self.labels, self.factor, self.interval95, strict=True):
-            lines.append(f"{label}: {factor:.4f} of the file's gain, 95 % interval {low:.4f} .. {high:.4f}")
-        return "\n".join(lines)
+        return "\n".join(
+            f"{label}: {factor:.4f} of the file's gain, 95 % interval {low:.4f} .. {high:.4f}"
+            for label, factor, (low, high) in zip(self.labels, self.factor, self.conf_int(), strict=True)
+        )
 
 
 def drive_gains(bare: Observation, loaded: Observation, link: str, body: Body) -> DriveGains:
-    """Gains of the motors from a known load.
+    """Gains of the motors from a known payload.
 
-    Torque tau that the file's gains make of a motor's command is s W (beta + loaded shift), with `shift` what the load
-    adds to the base parameters and s one over the factor. Without a load, s and beta have no scale; the load gives
-    each motor that feels it one. The torque's noise stays on the left side, where it biases nothing: Gauss-Newton on
-    beta and s, by triangles of the blocks.
+    The torque computed with the file's gains is s W (beta + loaded shift), where `shift` is what the payload adds to
+    the base parameters and s one over the factor. Without a payload the scale of s and beta is not identifiable; the
+    payload makes it so for each motor that it loads. Torque noise stays on the left side, so it causes no bias.
+    Gauss-Newton on beta and s, on the R factors of the blocks.
 
     Source: Gautier and Briot (2014), ASME Journal of Dynamic Systems, Measurement, and Control 136(5), for the
     experiment.
 
     Args:
-        bare: rows of logs without the load.
-        loaded: rows of logs with it, on the same device.
+        bare: rows of logs without the payload.
+        loaded: rows of logs with it, of the same device.
         link, body: as for `haptid.observation.known_payload.payload_torque`.
 
     Raises:
         DifferentModelError: the observations are of two devices.
         UnknownLinkError, LoadSymmetryError: as `payload_torque`.
-        UnexcitedError: the logs leave a direction of the parameters in the dark, or a motor does not feel the load.
-        GainSettlingError: the search did not come to rest.
+        UnexcitedError: a direction of the parameters is not excited, or a motor is not loaded by the payload.
+        GainSettlingError: Gauss-Newton did not converge.
     """
     model = bare.model
     if not loaded.model.is_same_as(model):
@@ -94,10 +93,10 @@ def drive_gains(bare: Observation, loaded: Observation, link: str, body: Body) -
         beta, moved = solution.beta[:p], solution.beta[p:]
         scale = scale + moved
         weights = np.array([np.sqrt(m.rows.sum()) / m.residual(solution.beta) for m in rows])
-        if np.abs(moved).max() < SETTLED * np.abs(scale).max():
+        if np.abs(moved).max() < CONVERGED * np.abs(scale).max():
             break
     else:
-        raise GainSettlingError(float(np.abs(moved).max()), SETTLED, MOST_STEPS)
+        raise GainSettlingError(float(np.abs(moved).max()), CONVERGED, MOST_STEPS)
     motors = np.eye(p + many)[p:]
     made = clustered(replace(both, motors=tuple(rows)), weights, solution, motors)
     factor = 1.0 / scale
@@ -107,7 +106,7 @@ def drive_gains(bare: Observation, loaded: Observation, link: str, body: Body) -
 
 
 def _linearised(motor: MotorRows, own: int, scale: float, beta: Array, shift: Array, carrying: np.ndarray) -> MotorRows:
-    """A motor's rows as a linear model of the base parameters and of the change of its scale, in column `own`."""
+    """A motor's rows, linearised in the base parameters and the change of its scale, which has the column `own`."""
     R, z = motor.triangles[:, :, :-1], motor.triangles[:, :, -1]
     load = R @ shift[motor.columns] * carrying[:, None]
     slope = R @ beta[motor.columns] + load
@@ -120,7 +119,7 @@ def _linearised(motor: MotorRows, own: int, scale: float, beta: Array, shift: Ar
 
 
 def _solved(model: DynamicModel, rows: list[MotorRows], weights: Array) -> Solution:
-    """Least squares of all motors' rows; base parameters first, then one scale for each motor."""
+    """Least-squares solution of all motors' rows: base parameters, then one scale for each motor."""
     size = len(model.base) + len(rows)
     parts = []
     for motor, weight in zip(rows, weights, strict=True):

@@ -1,13 +1,12 @@
-"""A user's own parameters: what an estimate says of the targets in the device file."""
+"""Targets: the combinations of standard parameters that a device file names, estimated with confidence intervals."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
-from scipy import stats
 
 from haptid._internal.arrays import Array, expect, freeze, read_only
 from haptid.device.priors import combined_prior
@@ -15,32 +14,33 @@ from haptid.dynamics.base_parameters import base_combinations
 from haptid.dynamics.model import DynamicModel
 from haptid.errors import NoTargetsError
 from haptid.estimation import Estimate, Parameter
-from haptid.estimation.intervals.spread import correlations
+from haptid.observation.observation import Block
+from haptid.uncertainty.quantities import LEVEL, aligned, correlations, half_width
 
-# Relative size below which a rate counts as rounding.
+# A drive rate below this share of the largest is rounding error.
 ROUNDING = 1e-7
 
 
 @dataclass(frozen=True, eq=False)
 class Targets:
-    """The targets of a device: value = C beta, with the covariance C V C'.
+    """The targets of a device: linear combinations C beta of the base parameters, with covariance C V C'.
 
-    Where the estimate is held to what bodies can have, covariance and intervals are those of its free fit, as its own
-    are, and the intervals are widened to take in the value.
+    Of a constrained estimate, covariance and intervals are those of the unconstrained fit, and the intervals are
+    widened to include the value.
 
     Attributes:
-        estimate: what they were made from.
+        estimate: of the base parameters.
         names, units: (k,).
         expressions: as the device file has them, (k,).
         C: factors of the base parameters, (k, p).
-        value: (k,), SI, or per unit of command in the view that `in_command` gives.
-        free: value of the free fit; `value` itself where nothing holds the estimate, (k,).
-        covariance: honest, of the free fit, (k, k).
-        classical_covariance: if the residual were white, (k, k).
-        dof: degrees of freedom of each interval, (k,), Satterthwaite's for that combination.
-        single_block: targets that one stretch of the log alone tells: their intervals are infinite.
-        prior: value and deviation of each known beforehand, or None, (k,).
-        notes: sentences a user should read.
+        value: (k,), SI, or per unit of command (see `in_command`).
+        free: value of the unconstrained fit, (k,).
+        covariance: cluster-robust, of the unconstrained fit, (k, k).
+        classical_covariance: classical, if the residuals were white, (k, k).
+        dof: degrees of freedom of each interval, Satterthwaite's for that combination, (k,).
+        single_block: targets whose standard error cannot be estimated: a single time block has information on them.
+        prior: prior value and standard deviation of each, or None, (k,).
+        notes: sentences for the user.
     """
 
     estimate: Estimate
@@ -71,34 +71,44 @@ class Targets:
     def __getitem__(self, name: str) -> Parameter:
         return self.parameters[self.names.index(name)]
 
+    @property
+    def base(self) -> None:
+        """None: targets are compared by name and unit."""
+        return
+
+    @property
+    def blocks(self) -> tuple[Block, ...]:
+        """Time blocks of the logs that they were made from."""
+        return self.estimate.blocks
+
+    @property
+    def constrained(self) -> bool:
+        """Whether a constraint is active in the estimate."""
+        return self.estimate.constrained
+
     @cached_property
     def se(self) -> Array:
-        """Honest deviations, (k,); infinite for the lonely ones."""
+        """Cluster-robust standard errors, (k,); infinite where they cannot be estimated."""
         se = np.sqrt(np.diag(self.covariance))
         se[list(self.single_block)] = np.inf
         return freeze(se)
 
-    @cached_property
-    def interval95(self) -> Array:
-        """Honest 95 % intervals, (k, 2)."""
-        low, high = np.minimum(self.free - self._half, self.value), np.maximum(self.free + self._half, self.value)
+    def conf_int(self, level: float = LEVEL) -> Array:
+        """Confidence intervals, (k, 2)."""
+        half = half_width(self.se, self.dof, level)
+        low, high = np.minimum(self.free - half, self.value), np.maximum(self.free + half, self.value)
         return freeze(np.column_stack([low, high]))
-
-    @property
-    def _half(self) -> Array:
-        """Half-widths of the 95 % intervals of the free fit, (k,)."""
-        return np.asarray(stats.t.ppf(0.975, self.dof) * self.se)
 
     @cached_property
     def correlation(self) -> Array:
-        """Of the errors of the targets, (k, k)."""
+        """Correlations of the errors, (k, k)."""
         return correlations(self.covariance)
 
     @cached_property
     def parameters(self) -> tuple[Parameter, ...]:
-        """The targets one by one, as an estimate gives its base parameters."""
-        classical = np.sqrt(np.diag(self.classical_covariance))
-        constrained_outside_ci = np.abs(self.value - self.free) > self._half
+        """The targets one by one, as an estimate has its base parameters."""
+        classical, ends = np.sqrt(np.diag(self.classical_covariance)), self.conf_int()
+        constrained_outside_ci = np.abs(self.value - self.free) > half_width(self.se, self.dof)
         return tuple(
             Parameter(
                 name=name,
@@ -107,7 +117,7 @@ class Targets:
                 value=float(self.value[k]),
                 se=float(self.se[k]),
                 classical_se=float(classical[k]),
-                interval=(float(self.interval95[k, 0]), float(self.interval95[k, 1])),
+                interval=(float(ends[k, 0]), float(ends[k, 1])),
                 prior=self.prior[k],
                 free=float(self.free[k]),
                 constrained_outside_ci=bool(constrained_outside_ci[k]),
@@ -116,22 +126,22 @@ class Targets:
         )
 
     def in_command(self) -> Targets:
-        """The same per unit of the motors' command in place of their torque, as papers print them.
+        """The same per unit of the motors' command instead of their torque, as published tables have them.
 
-        A target that only one motor shows, or several of one gain, is divided by torque per command. The others have
-        no such value: they are left out, and a note names them.
+        A target that acts on one motor, or on several of one gain, is divided by torque per command. The others have no
+        such value: they are left out, and a note names them.
         """
         commands = [_command(self.estimate, row) for row in self.C]
         kept = [k for k, command in enumerate(commands) if command]
         factors = np.array([command[0] for command in commands if command])
         units = tuple(_command_unit(self.units[k], *command[1:]) for k, command in enumerate(commands) if command)
         lost = ", ".join(self.names[k] for k in range(len(self)) if k not in kept)
-        sentence = f"Not in units of command, since motors of different gains, or coupled ones, show them: {lost}."
+        sentence = f"Not in units of command, since they act on motors of different gains or on coupled motors: {lost}."
         return _picked(self, kept, factors, units, (sentence,) if lost else ())
 
     def summary(self) -> str:
-        """A table as text: value, deviation, honest interval, prior, unit; then the notes."""
-        head = ("", "prior", "value", "sd", "95 % interval", "unit")
+        """A text table: prior, value, standard error, confidence interval, unit; then the notes."""
+        head = ("", "prior", "value", "std err", "95 % interval", "unit")
         rows = [
             (
                 p.name,
@@ -147,14 +157,14 @@ class Targets:
 
 
 def targets(estimate: Estimate) -> Targets:
-    """The targets in the device's file, with honest intervals.
+    """Estimates of the targets in the device file, with cluster-robust confidence intervals.
 
     Args:
-        estimate: of the base parameters of a device whose file has a table [targets].
+        estimate: of a device whose file has a table [targets].
 
     Raises:
-        NoTargetsError: it has none.
-        UnidentifiableTargetError: a target is not a combination of base parameters.
+        NoTargetsError: there is none.
+        UnidentifiableTargetError: a target is not a linear combination of base parameters.
     """
     model = estimate.model
     C = target_map(model)
@@ -162,7 +172,7 @@ def targets(estimate: Estimate) -> Targets:
     wanted = model.device.targets
     alone = tuple(int(k) for k in spread.alone)
     names = ", ".join(wanted[k].name for k in alone)
-    sentence = f"One stretch of the log alone tells {names}: the interval is infinite."
+    sentence = f"{names} excited in a single time block: the standard error cannot be estimated (interval: unbounded)."
     return Targets(
         estimate=estimate,
         names=tuple(target.name for target in wanted),
@@ -170,7 +180,7 @@ def targets(estimate: Estimate) -> Targets:
         expressions=tuple(target.text for target in wanted),
         C=C,
         value=C @ estimate.beta,
-        free=C @ free_fit(estimate),
+        free=C @ estimate.free,
         covariance=C @ estimate.covariance @ C.T,
         classical_covariance=C @ estimate.classical_covariance @ C.T,
         dof=spread.dof,
@@ -180,17 +190,12 @@ def targets(estimate: Estimate) -> Targets:
     )
 
 
-def free_fit(estimate: Estimate) -> Array:
-    """Base parameters that its covariance and intervals belong to: those before they were held, (p,)."""
-    return estimate.held.free if estimate.held else estimate.beta
-
-
 def target_map(model: DynamicModel) -> Array:
-    """C in target = C beta, (targets, base parameters).
+    """Matrix C of targets = C beta, (targets, base parameters).
 
     Raises:
         NoTargetsError: the device has no targets.
-        UnidentifiableTargetError: a target is not such a combination.
+        UnidentifiableTargetError: a target is not a linear combination of base parameters.
     """
     if not model.device.targets:
         raise NoTargetsError(model.device.name)
@@ -199,14 +204,14 @@ def target_map(model: DynamicModel) -> Array:
 
 
 def side_by_side(columns: Mapping[str, Targets], decimals: int = 4) -> str:
-    """Targets of several estimates as one text table, with what was known beforehand first.
+    """A text table of the targets of several estimates, after their prior values.
 
-    Source: Tahmasebi et al. (2005), Table I, whose layout this is.
+    Layout: Tahmasebi et al. (2005), Table I.
 
     Args:
-        columns: heading and targets of each estimate, all in SI or all in units of command; a target that an
-            estimate does not have is left blank.
-        decimals: shown of every value.
+        columns: heading and targets of each estimate, all in SI or all in units of command; blank where an estimate
+            does not have a target.
+        decimals: of every value.
     """
     names = list(dict.fromkeys(name for made in columns.values() for name in made.names))
     known = {p.name: p.prior[0] for made in columns.values() for p in made.parameters if p.prior is not None}
@@ -217,18 +222,8 @@ def side_by_side(columns: Mapping[str, Targets], decimals: int = 4) -> str:
     return "\n".join(aligned(rows))
 
 
-def aligned(rows: Sequence[Sequence[str]]) -> list[str]:
-    """Rows of cells as lines, the first column to the left and the others to the right."""
-    widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
-    lines = []
-    for first, *others in rows:
-        cells = [first.ljust(widths[0]), *map(str.rjust, others, widths[1:])]
-        lines.append("  ".join(cells).rstrip())
-    return lines
-
-
 def _command(estimate: Estimate, row: Array) -> tuple[float, str, str] | None:
-    """Command per torque, the command's unit and the torque's, of a combination (p,); None where motors differ."""
+    """Command per torque, and the units of both, for a combination (p,); None where motors differ."""
     model, found = estimate.model, set()
     for motor in estimate.observation.motors:
         if not row[motor.columns].any():
@@ -245,7 +240,7 @@ def _command(estimate: Estimate, row: Array) -> tuple[float, str, str] | None:
 
 
 def _command_unit(unit: str, command: str, torque: str) -> str:
-    """Unit of a parameter per unit of command in place of torque: V, or `kg m^2 V/(N m)`."""
+    """Unit of a parameter per unit of command instead of torque: V, or `kg m^2 V/(N m)`."""
     if command == torque:
         return f"{unit} of command"
     return command if unit == torque else f"{unit} {command}/({torque})"

@@ -7,7 +7,7 @@ from importlib.resources import files
 
 from haptid.estimation import OLS, PhysicallyConsistent
 from haptid.report.source import Source
-from haptid.results.write import weighting
+from haptid.results.result import weighting
 
 
 def bibtex(source: Source) -> str:

@@ -8,7 +8,7 @@ from pathlib import Path
 from haptid._core import __version__
 from haptid.report.page import page, write_text
 from haptid.report.sections.comparison import ComparisonSection
-from haptid.results.read import read_result
+from haptid.results.result import Result
 
 
 def write_comparison(folders: Sequence[str | Path], path: str | Path) -> ComparisonSection:
@@ -23,7 +23,7 @@ def write_comparison(folders: Sequence[str | Path], path: str | Path) -> Compari
         DifferentParametersError: a result has no parameter in common with the first.
         OutputError: the page cannot be written there.
     """
-    found = [read_result(folder) for folder in folders]
+    found = [Result.load(folder) for folder in folders]
     made = ComparisonSection.between(found, names_of([Path(folder) for folder in folders]))
     title = f"Comparison of {len(found)} results"
     about = f"{', '.join(dict.fromkeys(r.model.device.name for r in found))}, haptid {__version__}"

@@ -15,7 +15,7 @@ from markupsafe import Markup
 from haptid.errors import OutputError
 from haptid.report.chart import Chart
 from haptid.report.section import PageSection
-from haptid.results.write import finite
+from haptid.results.result import finite
 
 # The script's parts, in the order in which they need each other.
 SCRIPTS = ("numbers.js", "svg.js", "plot.js", "heat.js", "bars.js", "mechanism.js", "scene.js", "tables.js", "page.js")

@@ -16,7 +16,7 @@ from haptid.report.page import page, write_text
 from haptid.report.section import Section
 from haptid.report.sections import SECTIONS
 from haptid.report.source import Hand, Source
-from haptid.results.write import finite
+from haptid.results.result import finite
 from haptid.study.identify import Identification
 
 SCHEMA = 2

@@ -12,7 +12,7 @@ from haptid.dynamics.inverse import raw_parameters
 from haptid.end_effector.characterisation.model import GivenParameters
 from haptid.end_effector.force import HandleForce
 from haptid.end_effector.torque_decomposition import TorqueDecomposition, decompose_torque
-from haptid.errors import NoAccelerationError
+from haptid.errors import MissingAccelerationError
 from haptid.estimation import Estimate
 from haptid.inference.diagnosis import Diagnosis, diagnose
 from haptid.observation.chunks import gathered, stretches
@@ -170,7 +170,7 @@ class Source:
             return None
         try:
             return decompose_torque(self.estimate, run.motion)
-        except NoAccelerationError:
+        except MissingAccelerationError:
             return None
 
 

@@ -103,14 +103,14 @@ def _elimination(found: Results) -> DocumentSection:
         assert made.unseen is not None
         before, after = made.unseen
         text.append(
-            f"{one.branch.title} branch: {len(one.full.free_parameters)} parameters, {len(names)} essential: {', '.join(names)}. "
+            f"{one.branch.title} branch: {len(one.full.kept)} parameters, {len(names)} essential: {', '.join(names)}. "
             f"{made.reason} The essential parameters move by at most {np.nanmax(np.abs(made.shift)):.1f} of their "
             f"standard errors in the full model; the error on unseen motion changes from {before.relative:.3f} % to "
             f"{after.relative:.3f} %."
         )
         text += differences(one)
         for motor in one.by_motor:
-            label, kept = motor.full.observation.motors[0].label, len(motor.full.free_parameters)
+            label, kept = motor.full.observation.motors[0].label, len(motor.full.kept)
             text.append(f"{label} alone: {kept} identifiable parameters, essential {', '.join(motor.essential)}.")
         cells = [["eliminated", "relative standard error, %", "p of the F-test"]]
         cells += [[drop.name, f"{drop.relative_se:.0f}", f"{drop.test.p:.2f}"] for drop in made.drops]

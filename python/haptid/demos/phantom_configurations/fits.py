@@ -158,7 +158,7 @@ def accuracy(found: Targets, recording: BenchRecording, stretch: tuple[float, fl
     sizes = np.linalg.norm(whole, axis=1)
     parts = np.linalg.solve(C, np.diag(truth)).T
     shares = [np.linalg.norm(inverse_dynamics(model, part, *states), axis=1) / sizes for part in parts]
-    low, high = found.interval95.T
+    low, high = found.conf_int().T
     return Accuracy(
         names=found.names,
         errors=100 * (found.value - truth) / np.abs(truth),

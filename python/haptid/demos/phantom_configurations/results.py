@@ -109,9 +109,8 @@ def tool_found(demo: PhantomDemo, without: Fits, recording: BenchRecording) -> P
     assert model.device.handle is not None
     halves = [recording.motion(half, treatment) for half in (demo.stretch.fit, demo.stretch.unseen)]
     fit = fitted("with the tool", model, halves)
-    return estimate_payload(
-        without["encoders"].estimate, fit.estimate, model.device.joint_names[model.device.handle.link]
-    )
+    link = model.device.joint_names[model.device.handle.link]
+    return estimate_payload(without["encoders"].estimate, fit.estimate, link)
 
 
 def tool_truth(model: DynamicModel, experiment: Path) -> dict[str, float]:

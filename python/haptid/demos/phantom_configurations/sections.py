@@ -257,7 +257,7 @@ def _comparisons(found: Results) -> DocumentSection:
         names = f"{demo.mountings[pair.first]} compared with {demo.mountings[pair.second]}, encoders"
         text.append(f"{names}: {' '.join(made.sentences)}")
     cells = [["tool at the handle", "value", "95 % interval", "true"]]
-    for name, value, (low, high) in zip(found.tool.names, found.tool.value, found.tool.interval95, strict=True):
+    for name, value, (low, high) in zip(found.tool.names, found.tool.value, found.tool.conf_int(), strict=True):
         if name in found.tool_truth:
             cells.append([name, f"{value:.5g}", f"{low:.5g} .. {high:.5g}", f"{found.tool_truth[name]:.5g}"])
     return DocumentSection("comparisons", "Mountings compared", tuple(text), (TextTable("", cells),))
@@ -280,9 +280,7 @@ def beginning(motion: Motion, seconds: float) -> Motion:
 
 def _torque_parts(fit: Fit, seconds: float) -> tuple[Array, dict[str, Array]]:
     """Times, and the parts of the command by name, with the measured one and friction, each (motors, rows)."""
-    made, scale = (
-        decompose_torque(fit.estimate, beginning(fit.unseen, seconds)),
-        per_command(fit.estimate.model)[:, None],
-    )
+    made = decompose_torque(fit.estimate, beginning(fit.unseen, seconds))
+    scale = per_command(fit.estimate.model)[:, None]
     parts = {part: scale * made[part] for part in made.parts}
     return made.t, parts | {"friction": scale * made.friction, "measured": scale * made.measured}

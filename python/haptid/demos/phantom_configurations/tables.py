@@ -160,7 +160,7 @@ def _parameters(found: Results) -> list[list[Any]]:
 
 def values(found: Results) -> dict[str, Any]:
     """All numbers, as JSON."""
-    tool = zip(found.tool.names, found.tool.value.tolist(), found.tool.interval95.tolist(), strict=True)
+    tool = zip(found.tool.names, found.tool.value.tolist(), found.tool.conf_int().tolist(), strict=True)
     return {
         "mountings": {key: _mounting(found, fits) for key, fits in found.fits.items()},
         "table2": table2(found),

@@ -1,4 +1,4 @@
-"""Diagnosis of an identification, in sentences a user can act on."""
+"""Regression diagnostics of an estimate: findings with test statistics, and a verdict with recommendations."""
 
 from haptid.inference.diagnosis.diagnosis import Diagnosis, diagnose
 from haptid.inference.diagnosis.finding import Finding

@@ -1,4 +1,4 @@
-"""What columns that a model lacks are made of: the motion, and the estimate's own torque along it, sample by sample."""
+"""Signals from which candidate columns are computed: the motion, and the torque of the estimate along it."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from haptid.observation.observation import Plan
 
 @dataclass(frozen=True, eq=False)
 class ResidualContext:
-    """The samples under some rows of a motion.
+    """A range of samples of a motion.
 
     Attributes:
         plan: of the rows.
@@ -31,7 +31,7 @@ class ResidualContext:
 
     @property
     def model(self) -> DynamicModel:
-        """The mechanism as the estimate knows it."""
+        """The dynamic model of the estimate."""
         return self.plan.model
 
     @cached_property
@@ -46,11 +46,11 @@ class ResidualContext:
         return freeze(self.torque(self.chi))
 
     def torque(self, chi: Array) -> Array:
-        """Torque of these parameters of the core's columns, (coordinates, samples), N m or N; at rest without cdd."""
+        """Torque of given parameters of the core's columns, (coordinates, samples), N m or N; static without cdd."""
         c, cd, cdd = self.motion
         return torque_of(self.model, chi, c, cd, np.zeros_like(c) if cdd is None else cdd)
 
 
 def torque_of(model: DynamicModel, chi: Array, c: Array, cd: Array, cdd: Array) -> Array:
-    """Torque of the core's columns, those that Python computes among them, (coordinates, samples), N m or N."""
+    """Torque of the core's columns and of those that Python computes, (coordinates, samples), N m or N."""
     return core_torque(model, chi, c, cd, cdd, external(model, c, cd, cdd))

@@ -1,59 +1,60 @@
-"""Is the torque late beside the motion? Motor by motor: a delay adds itself times the rate of torque."""
+"""Delay test: is the torque late relative to the motion? To first order a delay d adds d * dtau/dt to the residual."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 
 import numpy as np
-from scipy import stats
 
 from haptid.dynamics.model import DynamicModel
-from haptid.inference.diagnosis.added_variable import Extra, Widened
-from haptid.inference.diagnosis.finding import LEVEL, Finding, Status, holm
+from haptid.inference.diagnosis.added_variable import AugmentedRows, CandidateColumns
+from haptid.inference.diagnosis.finding import SIGNIFICANCE, Finding, Status
+from haptid.uncertainty.multiple_testing import together
+from haptid.uncertainty.quantities import half_width
 
-# A delay below this share of the sampling period hardly biases anything; above the second, it biases viscous friction.
-NEAR, FAR = 0.05, 0.25
+# Shares of the sampling period: below the first the bias is negligible, above the second viscous friction is biased.
+NEGLIGIBLE, LARGE = 0.05, 0.25
 
 
-def rates(model: DynamicModel, rows: Sequence[int]) -> tuple[Extra, ...]:
-    """For every row, the rate of change of the model's torque."""
+def torque_rates(model: DynamicModel, rows: Sequence[int]) -> tuple[CandidateColumns, ...]:
+    """For every row, the time derivative of the model's torque."""
 
-    def rate(row: int) -> Extra:
-        return Extra(
+    def rate(row: int) -> CandidateColumns:
+        return CandidateColumns(
             np.eye(len(model.device.drives))[row],
             1,
-            lambda sight: np.gradient(sight.predicted[row], sight.plan.motion.dt)[None],
+            lambda context: np.gradient(context.predicted[row], context.plan.motion.dt)[None],
         )
 
     return tuple(rate(row) for row in rows)
 
 
-def late(widened: Widened, which: Sequence[int], labels: Sequence[str]) -> Finding:
-    """How late every motor's torque is, with its interval."""
-    dt = float(widened.estimate.observation.motions[0].dt)
-    found = [widened.test([e]) for e in which]
-    told = [(label, one) for label, one in zip(labels, found, strict=True) if one is not None]
-    if not told:
-        return Finding("time delay", "ok", {}, "The motion does not tell how late the torque is.")
-    p = holm([one.p for _, one in told])
+def time_delay(augmented: AugmentedRows, which: Sequence[int], labels: Sequence[str]) -> Finding:
+    """The delay of every motor's torque, with its confidence interval."""
+    motion = augmented.estimate.observation.motions[0]
+    tests = [(label, augmented.test([e])) for label, e in zip(labels, which, strict=True)]
+    found = [(label, one) for label, one in tests if one is not None]
+    if not found:
+        return Finding("time delay", "ok", {}, "The torque's delay is not identifiable from this motion.")
+    p = together(np.array([one.p for _, one in found]))
     figures: dict[str, float] = {}
-    for label, one in told:
-        half = float(stats.t.ppf(0.975, one.dof) * one.se[0])
-        figures |= {f"delay {label}": one.gamma[0], f"half_width {label}": half}
+    for label, one in found:
+        half = float(half_width(one.se[0], one.dof))
+        figures |= {f"delay {label}": one.values[0], f"half_width {label}": half}
     first = int(np.argmin(p))
-    label, one = told[first]
+    label, dt = found[first][0], float(motion.dt)
     delay, half = figures[f"delay {label}"], figures[f"half_width {label}"]
     figures |= {"p": p[first]}
-    around = f"{1e3 * delay:.3g} ms (95 % interval +- {1e3 * half:.2g} ms, sampling period {1e3 * dt:.3g} ms)"
-    if p[first] >= LEVEL or abs(delay) < NEAR * dt:
-        text = f"The torque is on time: {label} is late by {around}, p = {p[first]:.2g}, limit {LEVEL:g}."
+    size = f"{1e3 * delay:.3g} ms (95 % interval +- {1e3 * half:.2g} ms, sampling period {1e3 * dt:.3g} ms)"
+    if p[first] >= SIGNIFICANCE or abs(delay) < NEGLIGIBLE * dt:
+        text = f"No torque delay that matters: {label} {size}, p = {p[first]:.2g}, limit {SIGNIFICANCE:g}."
         return Finding("time delay", "ok", figures, text)
-    status: Status = "bad" if abs(delay) > FAR * dt else "doubt"
+    status: Status = "bad" if abs(delay) > LARGE * dt else "doubt"
     what = "late" if delay > 0 else "early"
-    asked = widened.estimate.observation.motions[0].treatment.torque_delay_s + delay
+    wanted = motion.treatment.torque_delay_s + delay
     text = (
-        f"The torque of {label} is {what} by {around}, p = {p[first]:.1e}, limit {LEVEL:g}: viscous friction is "
-        f"biased. Write torque_delay_s = {asked:.2g} under [treatment] in the study file, or "
-        f"Treatment(torque_delay_s={asked:.2g}) in Python, and estimate again."
+        f"The torque of {label} is {what} by {size}, p = {p[first]:.1e}, limit {SIGNIFICANCE:g}: viscous friction is "
+        f"biased. Write torque_delay_s = {wanted:.2g} under [treatment] in the study file, or "
+        f"Treatment(torque_delay_s={wanted:.2g}) in Python, and estimate again."
     )
     return Finding("time delay", status, figures, text)

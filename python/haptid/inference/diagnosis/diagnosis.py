@@ -1,41 +1,38 @@
-"""`diagnose(estimate)`: everything that can be asked of an estimate with its own rows, in sentences to act on."""
+"""`diagnose(estimate)`: regression diagnostics of an estimate on its own rows, with recommendations."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from functools import cached_property
 
 from haptid.dynamics.inverse import raw_parameters
 from haptid.estimation import Estimate
-from haptid.inference.diagnosis import delay_test, distribution, exogeneity, lack_of_fit, plausibility
-from haptid.inference.diagnosis.added_variable import Extra, Widened, device_rows, widen
+from haptid.inference.diagnosis import delay_test, exogeneity, lack_of_fit, plausibility
+from haptid.inference.diagnosis.added_variable import AugmentedRows, CandidateColumns, augment, device_rows
 from haptid.inference.diagnosis.excitation import collinearity, excitation
 from haptid.inference.diagnosis.exogeneity import Instruments
 from haptid.inference.diagnosis.finding import Finding, Status, worst
 from haptid.inference.diagnosis.influence import drift, influence
-from haptid.inference.diagnosis.places import places
-from haptid.inference.diagnosis.residual import Residuals, residuals
-from haptid.inference.diagnosis.ripple import ripple
-from haptid.inference.diagnosis.serial import whiteness
-from haptid.inference.diagnosis.subsample import portion, sentence
+from haptid.inference.diagnosis.residuals import Residuals, heteroscedasticity, normality, residuals, whiteness
+from haptid.inference.diagnosis.subsample import sentence, subsample
 from haptid.inference.diagnosis.verdict import Verdict, verdict
 from haptid.simulation import PID
 from haptid.validation.validation import Validation, direct
 
-# Per cent of every motor's torque below which a residual is rounding.
+# Relative residual of every motor, per cent, below which it is rounding error.
 EXACT = 1e-8
 
 
 @dataclass(frozen=True, eq=False)
 class Diagnosis:
-    """What was found of an estimate.
+    """Findings on an estimate.
 
     Attributes:
-        estimate: of which.
+        estimate: diagnosed.
         validation: its errors on unseen rows; on those of the fit where none was given.
-        findings: one for each look.
-        left_out: a sentence for each look that these rows do not allow, and on how much of a long log was looked at.
+        findings: one for each diagnostic.
+        left_out: sentences on diagnostics that these rows do not permit, and on the subsample of a long log.
     """
 
     estimate: Estimate
@@ -54,7 +51,7 @@ class Diagnosis:
 
     @cached_property
     def verdict(self) -> Verdict:
-        """What the estimate is good for, and what to do next."""
+        """Fitness for each use, and what to do next."""
         return verdict(self.estimate, self.validation, self.findings)
 
     def summary(self) -> str:
@@ -67,15 +64,13 @@ class Diagnosis:
 
 
 def diagnose(estimate: Estimate, validation: Validation | None = None, controller: PID | None = None) -> Diagnosis:
-    """Look at an estimate from all sides; its observation holds the rows and the motions.
+    """Diagnose an estimate: excitation, residuals, missing terms, delay, errors in variables, influence, drift.
 
-    Of a long log, what needs the rows again is asked of stretches spread over it (`portion`), which is said.
-
-    Each look that is a test speaks up once in a hundred logs by chance (`finding.LEVEL`), serial correlation of the
-    residual taken into account.
+    Every test has significance level 0.01 (`finding.SIGNIFICANCE`), with serial correlation of the residuals taken
+    into account. Of a long log, tests that must compute rows again use a subsample of its blocks, and say so.
 
     Args:
-        estimate: of any method.
+        estimate: of any method; its observation holds the rows and the motions.
         validation: its errors on unseen rows; the rows of the fit where None.
         controller: that moved the device, from which instruments are made; that of the method where None.
 
@@ -85,77 +80,78 @@ def diagnose(estimate: Estimate, validation: Validation | None = None, controlle
     errors = validation or direct(estimate)
     motion = (excitation(estimate), collinearity(estimate))
     if max(motor.relative for motor in direct(estimate).motors) < EXACT:
-        return Diagnosis(estimate, errors, motion, ("The model fits to rounding: no residual is left to look at.",))
-    part = portion(estimate)
+        return Diagnosis(
+            estimate, errors, motion, ("The model fits to rounding error: there are no residuals to test.",)
+        )
+    part = subsample(estimate)
     # A long log is not simulated as a whole.
-    calm = exogeneity.instruments(part, controller) if part is estimate else exogeneity.filtered(part)
-    findings = (*motion, *_on_rows(part, calm), influence(estimate), drift(estimate))
+    by = exogeneity.instruments(part, controller) if part is estimate else exogeneity.filtered(part)
+    findings = (*motion, *_on_rows(part, by), influence(estimate), drift(estimate))
     said = () if part is estimate else (sentence(estimate, part),)
-    return Diagnosis(estimate, errors, findings, (*said, *_left_out(part, calm)))
+    return Diagnosis(estimate, errors, findings, (*said, *_left_out(part, by)))
 
 
-def _on_rows(estimate: Estimate, calm: Instruments) -> Iterator[Finding]:
-    """Findings that need the rows again."""
-    left = residuals(estimate)
-    rows = device_rows(estimate)
+def _on_rows(estimate: Estimate, by: Instruments) -> Iterator[Finding]:
+    """Findings that must compute the rows again."""
+    left, rows = residuals(estimate), device_rows(estimate)
     yield whiteness(estimate, left)
-    yield distribution.normality(left)
-    yield distribution.spread(left, left.velocity[rows])
-    yield from _tested(estimate, left, calm)
-    yield ripple(places(estimate.model, rows), left, rows)
+    yield normality(left)
+    yield heteroscedasticity(left, left.velocity[rows])
+    yield from _added_variables(estimate, left, by)
+    yield lack_of_fit.ripple(lack_of_fit.friction_coordinates(estimate.model, rows), left, rows)
 
 
-def _tested(estimate: Estimate, left: Residuals, calm: Instruments) -> Iterator[Finding]:
-    """Findings of fits with more columns, all columns made in one walk over the samples."""
+def _added_variables(estimate: Estimate, left: Residuals, by: Instruments) -> Iterator[Finding]:
+    """Findings of fits with candidate columns, which are all computed in one pass over the samples."""
     model, chi = estimate.model, raw_parameters(estimate.model, estimate.beta)
-    rows = device_rows(estimate)
-    spots, labels = places(model, rows), left.labels
-    groups: dict[str, list[Extra]] = {}
-    for shape in lack_of_fit.SHAPES:
-        for k, place in enumerate(spots):
-            groups[f"{shape.name} {k}"] = list(lack_of_fit.extras(shape, place, left))
-    bodies = plausibility.known(model)
-    if _accelerated(estimate):
-        groups["late"] = list(delay_test.rates(model, rows))
-        groups["known"] = list(plausibility.expected(model, rows, bodies)) if bodies else []
-    if (pairs := calm.pairs(estimate.observation.motions)) is not None:
-        groups["errors"] = list(exogeneity.errors_in_columns(model, rows, chi, pairs))
-    widened, places_of = _widen(estimate, groups)
-    names = [shape.name for shape in lack_of_fit.SHAPES]
-    looks = [
-        lack_of_fit.shadowed(widened, {name: lack_of_fit.look(widened, places_of[f"{name} {k}"]) for name in names})
-        for k in range(len(spots))
-    ]
-    for shape in lack_of_fit.SHAPES:
-        yield lack_of_fit.misfit(shape, spots, [at[shape.name] for at in looks])
-    if "late" in groups:
-        yield delay_test.late(widened, places_of["late"], labels)
+    rows, labels, terms = device_rows(estimate), left.labels, lack_of_fit.CANDIDATES
+    places = lack_of_fit.friction_coordinates(model, rows)
+    groups: dict[str, tuple[CandidateColumns, ...]] = {}
+    for term in terms:
+        for k, place in enumerate(places):
+            groups[f"{term.name} {k}"] = lack_of_fit.columns_at(term, place, left)
+    bodies = plausibility.prior_bodies(model)
+    if _has_accelerations(estimate):
+        groups["delay"] = delay_test.torque_rates(model, rows)
+        groups["bodies"] = plausibility.prior_torque(model, rows, bodies) if bodies else ()
+    if (pairs := by.pairs(estimate.observation.motions)) is not None:
+        groups["errors"] = exogeneity.unexplained_columns(model, rows, chi, pairs)
+    augmented, which = _augmented(estimate, groups)
+    tests = []
+    for k in range(len(places)):
+        own = {t.name: lack_of_fit.best_alternative(augmented, which[f"{t.name} {k}"]) for t in terms}
+        tests.append(lack_of_fit.mark_redundant(augmented, own))
+    for term in terms:
+        yield lack_of_fit.missing_term(term, places, [at[term.name] for at in tests])
+    if "delay" in groups:
+        yield delay_test.time_delay(augmented, which["delay"], labels)
     if "errors" in groups:
-        yield exogeneity.exogeneity(widened, places_of["errors"], labels, calm)
-    factors = (
-        plausibility.factors(widened, places_of["known"], bodies, labels) if groups.get("known") and bodies else ()
-    )
-    yield plausibility.suspicion(estimate, factors)
+        yield exogeneity.exogeneity(augmented, which["errors"], labels, by)
+    known = bodies and groups.get("bodies")
+    scales = plausibility.torque_scales(augmented, which["bodies"], bodies, labels) if bodies and known else ()
+    yield plausibility.units_and_signs(estimate, scales)
 
 
-def _widen(estimate: Estimate, groups: dict[str, list[Extra]]) -> tuple[Widened, dict[str, list[int]]]:
-    """All extras at once, and which of them belong to which group."""
-    every: list[Extra] = []
-    at: dict[str, list[int]] = {}
-    for name, extras in groups.items():
-        at[name] = list(range(len(every), len(every) + len(extras)))
-        every += extras
-    return widen(estimate, every), at
+def _augmented(
+    estimate: Estimate, groups: Mapping[str, tuple[CandidateColumns, ...]]
+) -> tuple[AugmentedRows, dict[str, list[int]]]:
+    """The rows with all candidates, and which of these belong to which group."""
+    every: list[CandidateColumns] = []
+    which: dict[str, list[int]] = {}
+    for name, candidates in groups.items():
+        which[name] = list(range(len(every), len(every) + len(candidates)))
+        every += candidates
+    return augment(estimate, every), which
 
 
-def _accelerated(estimate: Estimate) -> bool:
+def _has_accelerations(estimate: Estimate) -> bool:
     """Whether every row is made with accelerations."""
     return not any(motion.treatment.momentum for motion in estimate.observation.motions)
 
 
-def _left_out(estimate: Estimate, calm: Instruments) -> Iterator[str]:
-    """What these rows do not allow to be asked."""
-    if not _accelerated(estimate):
-        yield "Not asked, for want of accelerations: the torque's delay, its size beside the device file's bodies."
-    if None in calm.motions:
-        yield "Not asked: errors in W. There is no log, or no room for a narrower filter of its positions."
+def _left_out(estimate: Estimate, by: Instruments) -> Iterator[str]:
+    """Diagnostics that these rows do not permit."""
+    if not _has_accelerations(estimate):
+        yield "Not tested, since there are no accelerations: the torque's delay, its size relative to the prior bodies."
+    if None in by.motions:
+        yield "Not tested: errors in W, since there is no log, or its position filter is as narrow as its motion."

@@ -1,4 +1,4 @@
-"""What the motion shows: how much torque each parameter carries, and which combinations stay in the dark."""
+"""Excitation: torque share of each parameter, parameters not excited, and collinearity of the regressor."""
 
 from __future__ import annotations
 
@@ -12,12 +12,12 @@ from haptid.estimation.estimate import WELL_CONDITIONED
 from haptid.inference.diagnosis.finding import Finding, Status, listed
 from haptid.observation.observation import triangle
 
-# Condition indices above which a dependency is strong, and shares of variance that belong to it (Belsley, Kuh and
-# Welsch 1980, Regression Diagnostics, sections 3.2 and 3.4).
+# Condition index above which a dependency is strong, and share of variance above which a parameter is part of it
+# (Belsley, Kuh and Welsch 1980, Regression Diagnostics, sections 3.2 and 3.4).
 STRONG, SHARED = 30.0, 0.5
-# Parameters with at least this part in a direction of unit length are named.
+# Parameters with at least this component in a direction of unit length are named.
 NAMED = 0.3
-# What shows a parameter, by kind; {} is the joint or motor.
+# Motion that excites a parameter, by kind; {} is the joint or motor.
 MOTION = {
     "XX XY XZ YY YZ ZZ": "accelerate {} hard both ways, in several poses of the others",
     "MX MY MZ M": "move {} slowly through its whole range, so that gravity changes on it",
@@ -29,12 +29,12 @@ MOTION = {
 
 @dataclass(frozen=True, eq=False)
 class Dependencies:
-    """Belsley's table.
+    """Belsley's table of collinearity.
 
     Attributes:
         index: condition indices, the largest last, (p,).
-        directions: the scaled parameters' directions, a row each, (p, p).
-        proportions: share of each parameter's variance that each direction brings, (directions, p).
+        directions: right singular vectors of the scaled columns, a row each, (p, p).
+        proportions: share of each parameter's variance due to each direction, (directions, p).
     """
 
     index: Array
@@ -47,7 +47,7 @@ class Dependencies:
 
 
 def dependencies(R: Array) -> Dependencies:
-    """Condition indices and variance-decomposition proportions of a triangle, (p, p), columns scaled to unit length.
+    """Condition indices and variance-decomposition proportions of an R factor, (p, p), columns of unit length.
 
     Source: Belsley, Kuh and Welsch (1980), section 3.2, eqs 3.20 to 3.22.
     """
@@ -56,8 +56,8 @@ def dependencies(R: Array) -> Dependencies:
     return Dependencies(singular[0] / singular, directions, parts / parts.sum(axis=0))
 
 
-def shares(made: Estimate) -> Array:
-    """Torque of each base parameter over the motor's own, norm by norm, where it is largest, (p,)."""
+def torque_shares(made: Estimate) -> Array:
+    """Largest ratio over the motors of the norm of a base parameter's torque to that of the motor's, (p,)."""
     found = np.zeros(len(made.beta))
     for motor in made.observation.motors:
         if motor.norm > 0:
@@ -67,7 +67,7 @@ def shares(made: Estimate) -> Array:
 
 
 def advice(made: Estimate, k: int) -> str:
-    """The motion that would show a base parameter."""
+    """Motion that excites a base parameter."""
     parameters = made.model.device.parameters
     own = made.base.independent_columns[k]
     kind, link = parameters.kinds[own], parameters.links[own]
@@ -77,58 +77,59 @@ def advice(made: Estimate, k: int) -> str:
 
 
 def _table(made: Estimate) -> tuple[Dependencies, tuple[str, ...]]:
-    """Belsley's table of the parameters that were not left out, and their names."""
+    """Belsley's table of the parameters that were not eliminated, and their names."""
     kept = list(made.kept)
     R = triangle(made.observation.stack(made.weights)[:-1, kept])
     return dependencies(R), tuple(made.base.names[k] for k in kept)
 
 
 def excitation(made: Estimate) -> Finding:
-    """Which parameters the log does not tell from zero, and what motion would show them."""
-    carried, half = shares(made), np.diff(made.interval95, axis=1)[:, 0] / 2
-    dark = [int(k) for k in np.argsort(carried) if k in made.kept and not half[k] < abs(made.beta[k])]
+    """Which parameters are not significantly different from zero, and what motion would excite them."""
+    carried, half = torque_shares(made), np.diff(made.interval95, axis=1)[:, 0] / 2
+    poor = [int(k) for k in np.argsort(carried) if k in made.kept and not half[k] < abs(made.beta[k])]
     table, names = _table(made)
     weakest = table.directions[-1]
     parts = [f"{weakest[k]:+.2f} {names[k]}" for k in np.argsort(-np.abs(weakest)) if abs(weakest[k]) > NAMED]
     figures = {f"share {name}": share for name, share in zip(made.base.names, carried, strict=True)}
-    figures |= {"dark": len(dark), "weakest": 1.0 / table.index[-1]}
+    figures |= {"not_significant": len(poor), "weakest": 1.0 / table.index[-1]}
     least = f"{1 / table.index[-1]:.1e} of the best"
-    direction = f"the direction it tells least about is {' '.join(parts)} (scaled), {least}"
-    if not dark:
-        return Finding("excitation", "ok", figures, f"The log tells every parameter from zero; {direction}.")
-    hopeless = [k for k in dark if np.isinf(half[k]) or _beyond_prior(made, k, float(half[k]))]
-    status: Status = "bad" if hopeless or 2 * len(dark) > len(names) else "doubt"
-    shown = listed([made.base.names[k] for k in dark])
-    advised = "; ".join(dict.fromkeys(advice(made, k) for k in dark[:3]))
+    direction = f"the least excited direction is {' '.join(parts)} (scaled), {least}"
+    if not poor:
+        return Finding(
+            "excitation", "ok", figures, f"Every parameter is significantly different from zero; {direction}."
+        )
+    hopeless = [k for k in poor if np.isinf(half[k]) or _beyond_prior(made, k, float(half[k]))]
+    status: Status = "bad" if hopeless or 2 * len(poor) > len(names) else "doubt"
+    shown = listed([made.base.names[k] for k in poor])
+    advised = "; ".join(dict.fromkeys(advice(made, k) for k in poor[:3]))
     text = (
-        f"The log does not tell {shown} from zero ({len(dark)} of {len(names)} parameters, 95 % intervals); "
-        f"{direction}. To see more: {advised}."
+        f"Not significantly different from zero: {shown} ({len(poor)} of {len(names)} parameters, 95 % intervals); "
+        f"{direction}. To excite them: {advised}."
     )
     return Finding("excitation", status, figures, text)
 
 
 def _beyond_prior(made: Estimate, k: int, half: float) -> bool:
-    """Whether the interval is wider than the parameter is said to be large."""
+    """Whether the interval is wider than the prior value is large."""
     prior = made.model.base_prior[k]
     return prior is not None and prior[0] != 0 and half > abs(prior[0])
 
 
 def collinearity(made: Estimate) -> Finding:
-    """Which parameters the log cannot tell from one another."""
+    """Which parameters have nearly collinear columns."""
     table, every = _table(made)
     strong = table.index > STRONG
-    together = table.proportions[strong].sum(axis=0)
-    involved = np.flatnonzero(together > SHARED)
+    involved = np.flatnonzero(table.proportions[strong].sum(axis=0) > SHARED)
     largest = float(table.index[-1])
     figures = {"largest_index": largest, "strong": int(strong.sum()), "involved": len(involved)}
     if len(involved) < 2:
-        text = f"Every parameter can be told from the others (largest condition index {largest:.3g}, limit {STRONG:g})."
+        text = f"No collinear parameters (largest condition index {largest:.3g}, limit {STRONG:g})."
         return Finding("collinearity", "ok", figures, text)
     status: Status = "bad" if largest > WELL_CONDITIONED else "doubt"
     names = listed([every[k] for k in involved[np.argsort(-table.proportions[-1, involved])]])
     text = (
-        f"{names} are hard to tell from one another ({int(strong.sum())} condition indices above {STRONG:g}, the "
-        f"largest {largest:.3g}; above {WELL_CONDITIONED:g} none is to be trusted by itself): trust their torque "
-        f"together, or record motion that makes them differ: {advice(made, made.kept[int(involved[0])])}."
+        f"{names} are nearly collinear ({int(strong.sum())} condition indices above {STRONG:g}, the largest "
+        f"{largest:.3g}; above {WELL_CONDITIONED:g} no single one is reliable): their joint torque is reliable; to "
+        f"separate them, {advice(made, made.kept[int(involved[0])])}."
     )
     return Finding("collinearity", status, figures, text)

@@ -1,4 +1,4 @@
-"""One finding: what was looked at, what was found, how much, against which limit, and what to do."""
+"""A finding of the diagnosis: one test or measure, its figures, the limit, and what to do."""
 
 from __future__ import annotations
 
@@ -7,27 +7,23 @@ from dataclasses import dataclass
 from types import MappingProxyType
 from typing import Literal
 
-import numpy as np
-
-from haptid._internal.arrays import Array
-
 Status = Literal["ok", "doubt", "bad"]
 ORDER: tuple[Status, ...] = ("ok", "doubt", "bad")
-# A test speaks up where chance alone would do so once in a hundred clean logs.
-LEVEL = 0.01
-# What explains more than this share of a motor's residual power is worth a term of its own.
+# Significance level of every test: one false finding in a hundred clean logs.
+SIGNIFICANCE = 0.01
+# A term that explains more than this share of a motor's residual power is worth adding.
 LARGE = 0.1
 
 
 @dataclass(frozen=True)
 class Finding:
-    """What one look at an estimate says.
+    """The outcome of one diagnostic.
 
     Attributes:
-        name: of the look, such as "time delay".
-        status: "ok", "doubt" or "bad".
-        figures: what was measured, SI, by name.
-        sentence: what was found, how much, what the limit is, and what to do.
+        name: such as "time delay".
+        status: "ok", "doubt" (significant) or "bad" (significant and large).
+        figures: test statistics, p-values and effect sizes, SI, by name.
+        sentence: the result, its size, the limit, and what to do.
     """
 
     name: str
@@ -46,19 +42,10 @@ def worst(statuses: Sequence[Status]) -> Status:
 
 
 def graded(p: float, explained: float) -> Status:
-    """By the probability of chance, and by how much there is to gain."""
-    if p >= LEVEL:
+    """By p-value and share of the residual power explained."""
+    if p >= SIGNIFICANCE:
         return "ok"
     return "bad" if explained > LARGE else "doubt"
-
-
-def holm(p: Sequence[float] | Array) -> Array:
-    """Probabilities of several tests taken together, (k,) (Holm 1979, Scandinavian J. Statistics 6)."""
-    values = np.asarray(p, dtype=float)
-    order = np.argsort(values)
-    made = np.empty(len(values))
-    made[order] = np.minimum(np.maximum.accumulate(values[order] * np.arange(len(values), 0, -1)), 1.0)
-    return made
 
 
 def listed(names: Sequence[str], most: int = 4) -> str:

@@ -1,4 +1,4 @@
-"""Which second of the log decides, and whether its first half agrees with its last."""
+"""Influential blocks (deletion diagnostics), and drift between the halves of the log."""
 
 from __future__ import annotations
 
@@ -13,26 +13,25 @@ from haptid.estimation import WLS, Estimate, Restricted, estimate
 from haptid.estimation.fit import ALONE
 from haptid.estimation.least_squares import solve
 from haptid.inference.comparison import compare
-from haptid.inference.diagnosis.finding import LEVEL, Finding, listed
+from haptid.inference.diagnosis.finding import SIGNIFICANCE, Finding, listed
 
-# A block that moves an estimate by more than one deviation of all the others' doing deserves a look; beyond two, the
-# estimate is that block's word against theirs.
+# Shift of an estimate without a block, in standard errors due to all other blocks: worth a look, and too large.
 LOOK, DECIDES = 1.0, 2.0
-# Least sum of squares that is divided by.
+# Smallest sum of squares used as a divisor.
 TINY = float(np.finfo(float).tiny)
 # Halves of a log with fewer blocks are not compared.
 FEWEST_BLOCKS = 8
-# A change of less than this share of a parameter is no matter, and one of more than the second is a great one.
+# Relative change of a parameter along the log: below the first it is ignored, above the second it is large.
 SMALL, MATTERS = 0.02, 0.5
 
 
 @dataclass(frozen=True, eq=False)
 class Deletions:
-    """What leaving out each block of all motors together does.
+    """Effect of deleting each block of all motors.
 
     Attributes:
-        shift: how the estimate moves, (blocks, p), SI.
-        expected: variance of that shift if all rows were alike, up to one factor for each parameter, (blocks, p).
+        shift: of the estimate, (blocks, p), SI.
+        expected: variance of that shift for homogeneous rows, up to one factor for each parameter, (blocks, p).
     """
 
     shift: Array
@@ -44,12 +43,12 @@ class Deletions:
 
     @property
     def ratio(self) -> Array:
-        """Each shift in deviations that all other blocks give the parameter, (blocks, p)."""
+        """Each shift in standard errors due to all other blocks, (blocks, p)."""
         return np.asarray(np.abs(self.shift) / np.sqrt(_others(self.shift**2)))
 
     @property
     def p(self) -> Array:
-        """Probability of so great a shift by chance, each taken by itself: Student's t, deletion by deletion."""
+        """p-value of each shift by itself: Student's t, deletion by deletion, (blocks, p)."""
         rest = _others(self.expected)
         variance = self.expected * _others(self.shift**2) / rest
         dof = np.maximum(rest**2 / _others(self.expected**2) - 1.0, 1.0)
@@ -62,7 +61,7 @@ def _others(values: Array) -> Array:
 
 
 def deletions(made: Estimate) -> Deletions:
-    """Leave out each block of all motors together (Belsley, Kuh and Welsch 1980, section 2.1, for blocks of rows)."""
+    """Delete each block of all motors (Belsley, Kuh and Welsch 1980, section 2.1, for blocks of rows)."""
     observation = made.observation
     solution = solve(observation, made.weights, made.zero)
     k, blocks = len(solution.R), len(observation.blocks)
@@ -73,7 +72,7 @@ def deletions(made: Estimate) -> Deletions:
         e = T[:, :, -1] - T[:, :, :-1] @ solution.beta[motor.columns]
         A += U.transpose(0, 2, 1) @ U
         b += np.einsum("bij,bi->bj", U, e)
-    # Without the block: (I - U'U)^-1 U'e, whose variance is U'U (I - U'U)^-1 for rows alike.
+    # Without the block: (I - U'U)^-1 U'e, whose variance is U'U (I - U'U)^-1 for homogeneous rows.
     values, vectors = np.linalg.eigh(A)
     values = np.clip(values, 0.0, ALONE)
     shape = solution.root @ vectors
@@ -82,44 +81,46 @@ def deletions(made: Estimate) -> Deletions:
 
 
 def influence(made: Estimate) -> Finding:
-    """The block without which an estimate moves more than the other blocks let expect."""
+    """The block whose deletion shifts an estimate more than the other blocks explain."""
     without = deletions(made)
     ratio, p = without.ratio, np.minimum(without.p * without.p.size, 1.0)
-    odd = (p < LEVEL) & (ratio > LOOK)
+    odd = (p < SIGNIFICANCE) & (ratio > LOOK)
     b, k = (int(i) for i in np.unravel_index(int(np.argmax(np.where(odd, ratio, ratio * 1e-9))), ratio.shape))
     block, most, name = made.observation.blocks[b], float(ratio[b, k]), made.base.names[k]
-    figures = {"deviations": most, "p": p[b, k], "start": block.start, "stop": block.stop}
+    figures = {"standard_errors": most, "p": p[b, k], "start": block.start, "stop": block.stop}
     where = f"{block.start:.1f} to {block.stop:.1f} s"
     if not odd.any():
         text = (
-            f"No stretch decides alone: the most is {most:.2g} deviations of {name}, {where} (limit {LOOK:g}, and not "
-            f"by chance: p = {p[b, k]:.2g}, limit {LEVEL:g})."
+            f"No single influential block: the largest shift is {most:.2g} standard errors of {name}, {where} (limit "
+            f"{LOOK:g}; p = {p[b, k]:.2g}, limit {SIGNIFICANCE:g})."
         )
         return Finding("influence", "ok", figures, text)
     text = (
-        f"Without {where}, {name} moves by {most:.1f} of the deviations that all other stretches give it (limit "
-        f"{LOOK:g}; p = {p[b, k]:.1e}, limit {LEVEL:g}): look at the log there for a touch, an end stop or a jump, and "
-        f"cut it out; if nothing is wrong, record more such motion."
+        f"Influential block: without {where}, {name} shifts by {most:.1f} standard errors due to all other blocks "
+        f"(limit {LOOK:g}; p = {p[b, k]:.1e}, limit {SIGNIFICANCE:g}). Look at the log there for a contact, an end "
+        f"stop or a jump, and cut it out; if nothing is wrong, record more such motion."
     )
     return Finding("influence", "bad" if most > DECIDES else "doubt", figures, text)
 
 
 def drift(made: Estimate) -> Finding:
-    """First half of the rows against the last, parameter by parameter (Welch's test, Holm's correction)."""
+    """Do the parameters of the first and last half differ (Welch's test, Holm's correction)?"""
     blocks = len(made.observation.blocks)
     if blocks < 2 * FEWEST_BLOCKS:
-        return Finding("drift", "ok", {"blocks": blocks}, f"{blocks} blocks are too few to look for a drift.")
+        return Finding("drift", "ok", {"blocks": blocks}, f"{blocks} blocks are too few for a test of drift.")
     index = np.arange(blocks)
     halves = [made.observation.pick(index[index * 2 // blocks == half]) for half in (0, 1)]
     method = WLS() if isinstance(made.method, Restricted) else made.method
     try:
         first, last = (estimate(half, method) for half in halves)
-        found = compare(first, last, confidence=1 - LEVEL)
+        found = compare(first, last, confidence=1 - SIGNIFICANCE)
     except EstimationError:
-        return Finding("drift", "ok", {}, "Half of the log alone does not tell the parameters: no drift can be seen.")
+        return Finding("drift", "ok", {}, "The parameters are not identifiable from half of the log: no test of drift.")
     least = float(found.holm.min())
     if not found.differs:
-        text = f"First and last half agree in all {len(found.names)} parameters (p = {least:.2g}, limit {LEVEL:g})."
+        text = (
+            f"First and last half agree in all {len(found.names)} parameters (p = {least:.2g}, limit {SIGNIFICANCE:g})."
+        )
         return Finding("drift", "ok", {"p": least}, text)
     k = int(np.argmin(found.p))
     share = float(np.abs(found.difference[k]) / max(abs(found.first[k]), abs(found.second[k])))
@@ -131,7 +132,7 @@ def drift(made: Estimate) -> Finding:
         return Finding("drift", "ok", figures, text)
     text = (
         f"{listed(found.differs)} changed along the log: {found.names[k]} from {found.first[k]:.4g} to "
-        f"{found.second[k]:.4g} {found.units[k]} (p = {least:.1e}, limit {LEVEL:g}). Warm the device up, check that "
-        f"nothing slipped, and identify warm and cold apart."
+        f"{found.second[k]:.4g} {found.units[k]} (p = {least:.1e}, limit {SIGNIFICANCE:g}). Warm the device up, check "
+        f"that nothing slipped, and identify warm and cold separately."
     )
     return Finding("drift", "bad" if share > MATTERS else "doubt", figures, text)

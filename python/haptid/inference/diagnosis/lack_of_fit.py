@@ -1,4 +1,4 @@
-"""Structure left in the residual: which term the model lacks, and on which motor."""
+"""Lack of fit: tests of candidate terms that the model may lack, on each motor or joint, and of periodic torque."""
 
 from __future__ import annotations
 
@@ -7,27 +7,62 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from haptid._internal.arrays import Array
-from haptid.inference.diagnosis.added_variable import Added, Extra, Widened
+from haptid._internal.arrays import Array, read_only
+from haptid.dynamics.model import DynamicModel
+from haptid.inference.diagnosis.added_variable import AddedVariableTest, AugmentedRows, CandidateColumns
 from haptid.inference.diagnosis.context import ResidualContext
-from haptid.inference.diagnosis.finding import LEVEL, Finding, graded, holm, listed
-from haptid.inference.diagnosis.places import Place
-from haptid.inference.diagnosis.residual import Residuals
+from haptid.inference.diagnosis.finding import SIGNIFICANCE, Finding, graded, listed
+from haptid.inference.diagnosis.residuals import Residuals
+from haptid.uncertainty.multiple_testing import together
 
-# Decay of the Stribeck shape, as shares of the root mean square speed: the better of the two is taken.
+# Stribeck velocities tried, as shares of the root mean square speed.
 STRIBECK = (0.1, 0.3)
 # Legendre polynomials of position, from the first degree on.
 DEGREES = 4
+# Ripple periods: from the range of the rows down to this share of it, and their number.
+FINEST, PERIODS = 1 / 60, 120
+# Draws of the wild bootstrap, and its seed.
+DRAWS, SEED = 999, 0
 
 
 @dataclass(frozen=True, eq=False)
-class Local:
-    """A place's own motion under some rows.
+class FrictionCoordinate:
+    """A coordinate on which friction acts: a motor's or a joint's own.
 
     Attributes:
-        v: velocity in units of the typical speed, (samples,).
+        label: "motor 2".
+        weights: as a combination of the device's coordinates, (active,).
+    """
+
+    label: str
+    weights: Array
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "weights", read_only(self.weights))
+
+
+def friction_coordinates(model: DynamicModel, rows: Sequence[int]) -> tuple[FrictionCoordinate, ...]:
+    """Coordinates with declared dry friction, and those of rows without any.
+
+    A joint whose rate depends on the pose has no coordinate of its own: that of its row is used.
+    """
+    found: list[FrictionCoordinate] = []
+    for row in rows:
+        declared = [(term.on, term.weights) for term in model.coulomb_terms(row) if term.joint is None]
+        for label, weights in declared or [(model.device.row_labels[row], np.eye(len(model.device.drives))[row])]:
+            if not any(np.array_equal(np.abs(weights), np.abs(known.weights)) for known in found):
+                found.append(FrictionCoordinate(label, weights))
+    return tuple(found)
+
+
+@dataclass(frozen=True, eq=False)
+class LocalMotion:
+    """Motion of a friction coordinate.
+
+    Attributes:
+        v: velocity in units of its root mean square, (samples,).
         x: position, -1 to 1 over the range of the rows, (samples,).
-        load: size of the model's torque there in units of the typical one, (samples,).
+        load: magnitude of the model's torque, (samples,).
     """
 
     v: Array
@@ -36,160 +71,226 @@ class Local:
 
 
 @dataclass(frozen=True)
-class Shape:
+class CandidateTerm:
     """A term that a model may lack.
 
     Attributes:
         name: of the finding.
         columns: one or more alternatives, each giving (k, samples).
-        found: what it would mean, for "the residual of motor 2 shows ...".
-        remedy: what to write.
+        meaning: for "the residual of motor 2 shows ...".
+        remedy: what to add.
     """
 
     name: str
-    columns: tuple[Callable[[Local], Array], ...]
-    found: str
+    columns: tuple[Callable[[LocalMotion], Array], ...]
+    meaning: str
     remedy: str
 
 
-def stribeck(share: float) -> Callable[[Local], Array]:
+def stribeck(share: float) -> Callable[[LocalMotion], Array]:
     """sgn(v) exp(-|v| / v_s), (1, samples)."""
     return lambda at: (np.sign(at.v) * np.exp(-np.abs(at.v) / share))[None]
 
 
-def polynomials(at: Local) -> Array:
-    """Legendre polynomials of position, (DEGREES, samples); held beyond the range."""
+def polynomials(at: LocalMotion) -> Array:
+    """Legendre polynomials of position, (DEGREES, samples); constant beyond the range."""
     x = np.clip(at.x, -1.0, 1.0)
     return np.asarray(np.polynomial.legendre.legvander(x, DEGREES).T[1:], dtype=np.float64)
 
 
-SHAPES = (
-    Shape(
+CANDIDATES = (
+    CandidateTerm(
         "friction near standstill",
         tuple(stribeck(share) for share in STRIBECK),
         "dry friction that changes towards standstill (Stribeck)",
         'Add a [[terms]] of kind "stribeck"',
     ),
-    Shape(
+    CandidateTerm(
         "friction by direction",
         (lambda at: np.ones((1, len(at.v))),),
-        "a constant torque: friction that differs by direction, or an offset of the amplifier",
+        "a constant torque: direction-dependent dry friction, or an offset of the amplifier",
         'Add a [[terms]] of kind "offset", or "coulomb-by-direction"',
     ),
-    Shape(
+    CandidateTerm(
         "viscosity by direction",
         (lambda at: np.abs(at.v)[None],),
-        "viscous friction that differs by direction",
+        "direction-dependent viscous friction",
         'Add a [[terms]] of kind "viscous-by-direction" in place of "viscous"',
     ),
-    Shape(
+    CandidateTerm(
         "bent viscosity",
         (lambda at: (at.v * np.abs(at.v))[None],),
-        "friction that does not grow in proportion to velocity",
+        "friction that is not linear in velocity",
         "Add a column with velocity times |velocity|",
     ),
-    Shape(
+    CandidateTerm(
         "torque by position",
         (polynomials,),
-        "a torque that depends on position: a spring, a cable, or gravity of a link that the model lacks",
+        "a position-dependent torque: a spring, a cable, or gravity of a link that the model lacks",
         'Add a [[terms]] of kind "spring" or a column of position',
     ),
-    Shape(
+    CandidateTerm(
         "friction by load",
         (lambda at: (at.load * np.sign(at.v))[None],),
-        "dry friction that grows with the torque carried, as gears and cables have",
+        "load-dependent dry friction, as gears and cables have",
         'Add a [[terms]] of kind "load"',
     ),
 )
 
 
-def extras(shape: Shape, place: Place, left: Residuals) -> tuple[Extra, ...]:
-    """The shape's alternatives at a place.
+def columns_at(term: CandidateTerm, place: FrictionCoordinate, left: Residuals) -> tuple[CandidateColumns, ...]:
+    """A term's alternatives at a friction coordinate.
 
     Args:
-        shape: which.
+        term: which.
         place: where.
-        left: rows that say which speeds and positions are typical.
+        left: rows that give the typical speed and the range of positions.
     """
     v, x = place.weights @ left.velocity, place.weights @ left.position
     speed = float(np.sqrt(np.nanmean(v**2))) or 1.0
     low, high = float(np.nanmin(x)), float(np.nanmax(x))
     row = int(np.argmax(np.abs(place.weights)))
 
-    def local(sight: ResidualContext) -> Local:
-        c, cd, _ = sight.motion
+    def local(context: ResidualContext) -> LocalMotion:
+        c, cd, _ = context.motion
         at = (2 * (place.weights @ c) - low - high) / (high - low or 1.0)
-        return Local(place.weights @ cd / speed, at, np.abs(sight.predicted[row]))
+        return LocalMotion(place.weights @ cd / speed, at, np.abs(context.predicted[row]))
 
-    def values(columns: Callable[[Local], Array]) -> Callable[[ResidualContext], Array]:
-        return lambda sight: columns(local(sight))
+    def values(columns: Callable[[LocalMotion], Array]) -> Callable[[ResidualContext], Array]:
+        return lambda context: columns(local(context))
 
-    count = DEGREES if shape.columns == (polynomials,) else 1
-    return tuple(Extra(place.weights, count, values(columns)) for columns in shape.columns)
+    count = DEGREES if term.columns == (polynomials,) else 1
+    return tuple(CandidateColumns(place.weights, count, values(columns)) for columns in term.columns)
 
 
 @dataclass(frozen=True)
-class Look:
-    """One shape at one place.
+class TermTest:
+    """Test of one candidate term at one friction coordinate.
 
     Attributes:
-        p: probability of so much by chance, over the alternatives together (Bonferroni).
-        explained: share of the residual power of the motor that gains most.
-        extra: the better alternative, -1 where the rows tell none from the model.
-        added: its fit.
-        shadow: name of another shape at the place that leaves nothing of this one, where there is one.
+        p: p-value over the alternatives together (Bonferroni).
+        explained: share of the residual power explained, of the motor that gains most.
+        candidate: the better alternative, -1 where all are collinear with the model.
+        fit: its test.
+        redundant_to: name of another term there, given which this one is not significant.
     """
 
     p: float
     explained: float
-    extra: int = -1
-    added: Added | None = None
-    shadow: str = ""
+    candidate: int = -1
+    fit: AddedVariableTest | None = None
+    redundant_to: str = ""
 
 
-def look(widened: Widened, which: Sequence[int]) -> Look:
-    """The best of some alternatives."""
-    tried = [(e, added) for e in which if (added := widened.test([e])) is not None]
+def best_alternative(augmented: AugmentedRows, which: Sequence[int]) -> TermTest:
+    """The most significant of some alternatives."""
+    tried = [(e, test) for e in which if (test := augmented.test([e])) is not None]
     if not tried:
-        return Look(1.0, 0.0)
-    extra, best = min(tried, key=lambda each: each[1].p)
-    return Look(min(1.0, best.p * len(tried)), float(best.explained.max()), extra, best)
+        return TermTest(1.0, 0.0)
+    candidate, best = min(tried, key=lambda each: each[1].p)
+    return TermTest(min(1.0, best.p * len(tried)), float(best.explained.max()), candidate, best)
 
 
-def shadowed(widened: Widened, looks: Mapping[str, Look]) -> dict[str, Look]:
-    """The looks at one place, by shape; those with nothing left beside the surest shape are marked."""
-    seen = {name: one for name, one in looks.items() if one.p < LEVEL}
-    if len(seen) < 2:
-        return dict(looks)
-    first = min(seen, key=lambda name: seen[name].p)
-    made = dict(looks)
+def mark_redundant(augmented: AugmentedRows, tests: Mapping[str, TermTest]) -> dict[str, TermTest]:
+    """The tests at one coordinate, by term; those not significant given the most significant term are marked."""
+    seen = {name: one for name, one in tests.items() if one.p < SIGNIFICANCE}
+    made = dict(tests)
+    first = min(seen, key=lambda name: seen[name].p, default="")
     for name in seen:
         if name != first:
-            both = widened.test([looks[first].extra, looks[name].extra])
-            if both is None or both.last(len(both.gamma) - widened.extras[looks[first].extra].many).p >= LEVEL:
-                made[name] = replace(looks[name], shadow=first)
+            leading = tests[first].candidate
+            both = augmented.test([leading, tests[name].candidate])
+            count = augmented.candidates[leading].count
+            if both is None or both.last(len(both.values) - count).p >= SIGNIFICANCE:
+                made[name] = replace(tests[name], redundant_to=first)
     return made
 
 
-def misfit(shape: Shape, places: Sequence[Place], looks: Sequence[Look]) -> Finding:
-    """What a shape says over all places, taken together (Holm)."""
-    together = holm([one.p for one in looks])
-    open_ones = [k for k, one in enumerate(looks) if not one.shadow]
-    first = min(open_ones or range(len(looks)), key=lambda k: together[k])
-    status = graded(float(together[first]), looks[first].explained) if open_ones else "ok"
-    figures = {"p": float(together[first]), "explained": looks[first].explained}
-    for place, one in zip(places, looks, strict=True):
+def missing_term(term: CandidateTerm, places: Sequence[FrictionCoordinate], tests: Sequence[TermTest]) -> Finding:
+    """The tests of one term at all friction coordinates, with Holm's correction."""
+    p = together(np.array([one.p for one in tests]))
+    candidates = [k for k, one in enumerate(tests) if not one.redundant_to]
+    first = min(candidates or range(len(tests)), key=lambda k: p[k])
+    status = graded(float(p[first]), tests[first].explained) if candidates else "ok"
+    figures = {"p": float(p[first]), "explained": tests[first].explained}
+    for place, one in zip(places, tests, strict=True):
         figures |= {f"p {place.label}": one.p, f"explained {place.label}": one.explained}
-        if one.added is not None and len(one.added.gamma) == 1:
-            figures |= {f"size {place.label}": one.added.gamma[0], f"sd {place.label}": one.added.se[0]}
+        if one.fit is not None and len(one.fit.values) == 1:
+            figures |= {f"size {place.label}": one.fit.values[0], f"se {place.label}": one.fit.se[0]}
     if status == "ok":
-        text = f"No sign of {shape.found} (p = {together[first]:.2g}, limit {LEVEL:g})."
-        if shadows := sorted({one.shadow for one in looks if one.shadow}):
-            text = f"No sign of {shape.found} beside what is found under {listed(shadows)}."
-        return Finding(shape.name, status, figures, text)
-    where = listed([places[k].label for k in open_ones if together[k] < LEVEL])
+        text = f"No sign of {term.meaning} (p = {p[first]:.2g}, limit {SIGNIFICANCE:g})."
+        if others := sorted({one.redundant_to for one in tests if one.redundant_to}):
+            text = f"No sign of {term.meaning} in addition to {listed(others)}."
+        return Finding(term.name, status, figures, text)
+    where = listed([places[k].label for k in candidates if p[k] < SIGNIFICANCE])
     text = (
-        f"The residual of {where} shows {shape.found}: {100 * looks[first].explained:.1f} % of its power goes with it "
-        f"on {places[first].label} (p = {together[first]:.1e}, limit {LEVEL:g}). {shape.remedy} on {where}."
+        f"The residual of {where} shows {term.meaning}: it explains {100 * tests[first].explained:.1f} % of the "
+        f"residual power of {places[first].label} (p = {p[first]:.1e}, limit {SIGNIFICANCE:g}). {term.remedy} on "
+        f"{where}."
     )
-    return Finding(shape.name, status, figures, text)
+    return Finding(term.name, status, figures, text)
+
+
+# Ripple: a torque that is periodic in position, with an unknown period.
+
+
+def fourier_sums(x: Array, e: Array, block: np.ndarray) -> tuple[Array, Array]:
+    """Spatial frequencies, (periods,), and each block's sums of e exp(i 2 pi f x), (blocks, periods), complex.
+
+    Args:
+        x: position, (rows,), SI.
+        e: residual, (rows,).
+        block: of each row, (rows,).
+    """
+    span = float(x.max() - x.min())
+    f = np.linspace(2.0, 1 / FINEST, PERIODS) / span
+    parts = (np.flatnonzero(block == one) for one in np.unique(block))
+    return f, np.array([e[part] @ np.exp(2j * np.pi * np.outer(x[part], f)) for part in parts])
+
+
+def wild_bootstrap(sums: Array) -> tuple[float, int]:
+    """p-value of the strongest wave over all periods, and the index of its period.
+
+    Blocks change sign as wholes, which keeps the serial correlation inside them: the wild cluster bootstrap of Cameron,
+    Gelbach and Miller (2008), Review of Economics and Statistics 90, for the maximum over all periods.
+    """
+    noise = (np.abs(sums) ** 2).sum(axis=0)
+    strength = np.abs(sums.sum(axis=0)) ** 2 / noise
+    signs = np.random.default_rng(SEED).choice([-1.0, 1.0], (DRAWS, len(sums)))
+    drawn = (np.abs(signs @ sums) ** 2 / noise).max(axis=1)
+    return float((1 + (drawn >= strength.max()).sum()) / (DRAWS + 1)), int(np.argmax(strength))
+
+
+def ripple(places: Sequence[FrictionCoordinate], left: Residuals, device_rows: Sequence[int]) -> Finding:
+    """Is any motor's residual torque periodic in position: cogging, gear teeth, an eccentric capstan?
+
+    Args:
+        places: motors or joints.
+        left: the residuals.
+        device_rows: coordinate of every motor's row.
+    """
+    p, explained, period, names = [], [], [], []
+    for place in places:
+        m = max(range(len(left.e)), key=lambda k: abs(place.weights[device_rows[k]]))
+        used = left.used(m)
+        x, e = (place.weights @ left.position)[used], left.e[m, used] - np.nanmean(left.e[m])
+        if used.sum() < PERIODS or x.max() == x.min():
+            continue
+        f, sums = fourier_sums(x, e, left.block[used])
+        each, at = wild_bootstrap(sums)
+        p.append(each)
+        explained.append(float(2 * np.abs(sums[:, at].sum()) ** 2 / (len(e) * (e @ e))))
+        period.append(float(1 / f[at]))
+        names.append(place.label)
+    corrected = together(np.array(p)) if p else np.ones(1)
+    first = int(np.argmin(corrected))
+    if not p or corrected[first] >= SIGNIFICANCE:
+        text = f"No torque periodic in position (p = {corrected[first]:.2g}, limit {SIGNIFICANCE:g})."
+        return Finding("ripple", "ok", {"p": corrected[first]}, text)
+    figures = {"p": corrected[first], "explained": explained[first], "period": period[first]}
+    text = (
+        f"The residual of {names[first]} is periodic in position with a period of {period[first]:.3g} (SI): "
+        f"{100 * explained[first]:.1f} % of its power (p = {corrected[first]:.1e}, limit {SIGNIFICANCE:g}). Look for "
+        f"cogging, gear teeth or an eccentric pulley of that period, and add a sine and a cosine of position."
+    )
+    return Finding("ripple", graded(float(corrected[first]), explained[first]), figures, text)

@@ -1,4 +1,4 @@
-"""Suspicions of a wrong unit, gear, sign or clock: torque beside that of the bodies the device file knows."""
+"""Plausibility of units, gears, signs and clocks: the torque compared with that of the prior bodies."""
 
 from __future__ import annotations
 
@@ -14,11 +14,12 @@ from haptid.device.parameters import INERTIAL
 from haptid.dynamics.inverse import raw_parameters
 from haptid.dynamics.model import DynamicModel
 from haptid.estimation import Estimate
-from haptid.inference.diagnosis.added_variable import Extra, Widened
+from haptid.inference.diagnosis.added_variable import AugmentedRows, CandidateColumns
 from haptid.inference.diagnosis.context import ResidualContext, torque_of
-from haptid.inference.diagnosis.finding import LEVEL, Finding, Status, listed
+from haptid.inference.diagnosis.finding import SIGNIFICANCE, Finding, Status, listed
+from haptid.uncertainty.quantities import half_width
 
-# Factors that units make, and what each means.
+# Factors that confused units cause.
 UNITS = {
     1000.0: "milli- for whole units",
     1e-3: "whole for milli-units",
@@ -29,20 +30,20 @@ UNITS = {
     9.80665: "kilograms for newtons",
     1 / 9.80665: "newtons for kilograms",
 }
-# A factor within this share of a named one is that one; one within this range of 1 is what priors are good for.
+# Tolerance, as a logarithm, for a factor to have a known cause; factors up to this one are within prior uncertainty.
 NAMED, GOOD = 0.15, 2.0
-# A factor is told where its deviation is below this share of it.
-TOLD = 0.25
+# A torque scale is used if its standard error is below this share of it.
+IDENTIFIABLE = 0.25
 # Parameters that cannot be negative, by kind.
 POSITIVE = ("FV", "FC", "IA")
 
 
 @dataclass(frozen=True, eq=False)
-class Known:
-    """Base parameters of bodies that the device file knows.
+class PriorBodies:
+    """Prior values of the inertial base parameters.
 
     Attributes:
-        inertial: indices of the base parameters of bodies, (k,).
+        inertial: indices of the inertial base parameters, (k,).
         beta: their prior values, the others zero, (p,), SI.
     """
 
@@ -50,8 +51,8 @@ class Known:
     beta: Array
 
 
-def known(model: DynamicModel) -> Known | None:
-    """What the device file knows of its bodies; None where it does not know them all."""
+def prior_bodies(model: DynamicModel) -> PriorBodies | None:
+    """Prior bodies of the device file; None where one has no prior."""
     kinds = [model.device.parameters.kinds[k] for k in model.base.independent_columns]
     inertial = tuple(k for k, kind in enumerate(kinds) if kind in INERTIAL)
     prior = [model.base_prior[k] for k in inertial]
@@ -59,38 +60,39 @@ def known(model: DynamicModel) -> Known | None:
         return None
     beta = np.zeros(len(model.base))
     beta[list(inertial)] = [value[0] for value in prior if value is not None]
-    return Known(inertial, beta) if beta.any() else None
+    return PriorBodies(inertial, beta) if beta.any() else None
 
 
-def expected(model: DynamicModel, rows: Sequence[int], bodies: Known) -> tuple[Extra, ...]:
-    """For every row the torque of the known bodies: that of motion, and that of gravity.
+def prior_torque(model: DynamicModel, rows: Sequence[int], bodies: PriorBodies) -> tuple[CandidateColumns, ...]:
+    """For every row the torque of the prior bodies: inertial, and gravitational.
 
-    Only the first is judged: of a balanced device, gravity is a small difference that no prior tells.
+    Only the first is judged: in a balanced device, gravity is a small difference of large terms, which the prior does
+    not determine.
     """
     chi = raw_parameters(model, bodies.beta)
 
-    @lru_cache(maxsize=1)  # torque comes for all rows at once
-    def torques(sight: ResidualContext) -> Array:
-        c = sight.motion[0]
+    @lru_cache(maxsize=1)  # torque is computed for all rows at once
+    def torques(context: ResidualContext) -> Array:
+        c = context.motion[0]
         weight = torque_of(model, chi, c, np.zeros_like(c), np.zeros_like(c))
-        return np.array([sight.torque(chi) - weight, weight])
+        return np.array([context.torque(chi) - weight, weight])
 
     units = np.eye(len(model.device.drives))
     return tuple(
-        Extra(units[row], 1, lambda sight, r=row, k=kind: torques(sight)[k, [r]])  # type: ignore[misc]
+        CandidateColumns(units[row], 1, lambda context, r=row, k=kind: torques(context)[k, [r]])  # type: ignore[misc]
         for row in rows
         for kind in (0, 1)
     )
 
 
 @dataclass(frozen=True)
-class Factor:
-    """How many times what the known bodies need to move a motor's torque is.
+class TorqueScale:
+    """Ratio of a motor's inertial torque to that of the prior bodies.
 
     Attributes:
         motor: "motor 2".
-        value, se: and the deviation.
-        half: of the 95 % interval.
+        value, se: the ratio and its standard error.
+        half: half-width of the 95 % confidence interval.
     """
 
     motor: str
@@ -99,22 +101,24 @@ class Factor:
     half: float
 
 
-def factors(widened: Widened, which: Sequence[int], bodies: Known, labels: Sequence[str]) -> tuple[Factor, ...]:
-    """Of every motor that tells it, gravity and all but the bodies being free."""
-    made: list[Factor] = []
+def torque_scales(
+    augmented: AugmentedRows, which: Sequence[int], bodies: PriorBodies, labels: Sequence[str]
+) -> tuple[TorqueScale, ...]:
+    """Of every motor where it is identifiable; gravity and the other terms are estimated jointly."""
+    made: list[TorqueScale] = []
     for m, label in enumerate(labels):
         motion, weight = which[2 * m : 2 * m + 2]
         for tried in ((motion, weight), (motion,)):
-            added = widened.test(tried, bodies.inertial, only=m)
-            if added is not None:
-                value, se = float(added.gamma[0]), float(added.se[0])
-                made.append(Factor(label, value, se, float(stats.t.ppf(0.975, added.dof)) * se))
+            test = augmented.test(tried, bodies.inertial, motor=m)
+            if test is not None:
+                value, se = float(test.values[0]), float(test.se[0])
+                made.append(TorqueScale(label, value, se, float(half_width(se, test.dof))))
                 break
-    return tuple(factor for factor in made if factor.se < TOLD * abs(factor.value))
+    return tuple(scale for scale in made if scale.se < IDENTIFIABLE * abs(scale.value))
 
 
-def cause(factor: float, gears: Sequence[float]) -> str | None:
-    """What makes such a factor; None for nothing that has a name."""
+def unit_error(factor: float, gears: Sequence[float]) -> str | None:
+    """The confusion of units or gear ratios that causes a factor; None if no known one does."""
     named = dict(UNITS)
     for gear in gears:
         if abs(np.log(abs(gear))) > np.log(GOOD):
@@ -125,41 +129,40 @@ def cause(factor: float, gears: Sequence[float]) -> str | None:
     return words if distance < NAMED else None
 
 
-def suspicion(made: Estimate, found: Sequence[Factor]) -> Finding:
-    """Factors that have a name, signs that cannot be, and clocks with jitter."""
-    figures = {f"factor {factor.motor}": factor.value for factor in found}
+def units_and_signs(made: Estimate, found: Sequence[TorqueScale]) -> Finding:
+    """Torque scales with a known cause, negative friction, and clock jitter."""
+    figures = {f"factor {scale.motor}": scale.value for scale in found}
     gears = [motor.gear for motor in made.model.device.motors] + [
         motor.gear * motor.gain for motor in made.model.device.motors
     ]
     bad, doubt = [], []
-    for factor in found:
-        size = f"The torque of {factor.motor} is {factor.value:.3g} times what moves the bodies in the device file"
-        words = cause(factor.value, gears)
-        if factor.value < 0:
-            bad.append(f"{size}: a sign is wrong; turn the channel of torque or of position round.")
-        elif words and not 1 / GOOD < factor.value < GOOD:
-            bad.append(f"{size}: as {words} would make it. Check unit, gear and gain.")
-        elif not 1 / GOOD < factor.value + np.sign(1 - factor.value) * factor.half < GOOD:
+    for scale in found:
+        size = f"The torque of {scale.motor} is {scale.value:.3g} times the inertial torque of the device file's bodies"
+        words = unit_error(scale.value, gears)
+        if scale.value < 0:
+            bad.append(f"{size}: a sign is wrong; reverse the channel of torque or of position.")
+        elif words and not 1 / GOOD < scale.value < GOOD:
+            bad.append(f"{size}, as caused by {words}. Check unit, gear and gain.")
+        elif not 1 / GOOD < scale.value + np.sign(1 - scale.value) * scale.half < GOOD:
             doubt.append(f"{size} (limit {GOOD:g}): check unit, gear, gain and the device file's bodies.")
-    negative = _negative(made)
-    if negative:
-        doubt.append(f"{listed(negative)} cannot be negative: check signs, the torque's delay and filters.")
+    if negative := _negative(made):
+        doubt.append(f"{listed(negative)} negative, which is impossible: check signs, the torque's delay and filters.")
     notes = [note for motion in made.observation.motions if motion.log for note in motion.log.notes]
     doubt += [note for note in notes if "jitter" in note][:1]
     status: Status = "bad" if bad else "doubt" if doubt else "ok"
     if status != "ok":
         return Finding("units and signs", status, figures, " ".join([*bad, *doubt][:3]))
-    text = "Torques are of the size that the device file's bodies need" if found else "No prior bodies to compare with"
+    text = "Torques agree with the device file's bodies" if found else "No prior bodies to compare with"
     return Finding("units and signs", status, figures, f"{text}, and no friction is negative.")
 
 
 def _negative(made: Estimate) -> list[str]:
-    """Friction and rotor parameters that are below zero beyond chance, all taken together (Bonferroni)."""
+    """Friction and rotor parameters that are significantly negative, with Bonferroni's correction."""
     kinds = [made.model.device.parameters.kinds[k] for k in made.base.independent_columns]
     names = []
     for k, kind in enumerate(kinds):
         if kind in POSITIVE and made.beta[k] < 0:
             p = stats.t.cdf(made.beta[k] / made.se[k], made.dof[k])
-            if p * len(kinds) < LEVEL:
+            if p * len(kinds) < SIGNIFICANCE:
                 names.append(made.base.names[k])
     return names

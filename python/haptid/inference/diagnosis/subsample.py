@@ -1,7 +1,7 @@
-"""Which rows are looked at once more: all of a short log, stretches spread over a long one.
+"""Subsampling of long logs: diagnostics that must compute rows again use blocks spread evenly over the log.
 
-What the triangles tell needs no rows, and is asked of the whole log. What needs the rows again is a test, and its cost
-grows with the log while what it sees hardly does: it is asked of stretches, each whole blocks of the observation.
+Diagnostics on the R factors need no rows and use the whole log. The cost of those that do grows with the log, while
+their power is sufficient on part of it.
 """
 
 from __future__ import annotations
@@ -15,37 +15,38 @@ from haptid.estimation import Estimate
 from haptid.motion.treatment import Motion
 from haptid.observation.observation import Block, Plan
 
-# Samples that are looked at; of fewer blocks than these no deviation can be made, so they are looked at all the same.
+# Samples in a subsample; never fewer blocks than this, since block-wise standard errors need them.
 MOST_SAMPLES, FEWEST_BLOCKS = 200_000, 24
-# Stretches that these are in.
-STRETCHES = 20
-# Stretches begin at this share, times their number, of the room that each has (the golden ratio): evenly spread, but
-# not in step with a motion that repeats.
+# The subsample consists of this many contiguous ranges of blocks.
+RANGES = 20
+# A range begins at this fraction, times its number, of the room that it has (the golden ratio): evenly spread, but not
+# synchronous with a periodic motion.
 GOLDEN = 0.5 * (np.sqrt(5.0) - 1.0)
 
 
-def portion(estimate: Estimate) -> Estimate:
-    """The same estimate beside the blocks to be looked at, and the motions that these are of; itself where it is short.
-
-    Args:
-        estimate: of any method.
-    """
+def subsample(estimate: Estimate) -> Estimate:
+    """The same estimate with the blocks of the subsample only, and their motions; itself if the log is short."""
     seen = estimate.observation
-    kept = spread_blocks(len(seen.blocks), samples(estimate))
+    kept = evenly_spaced(len(seen.blocks), samples(estimate))
     if len(kept) == len(seen.blocks):
         return estimate
     some = seen.pick(kept)
     names = {block.log for block in some.blocks}
-    motions = tuple(motion for motion in seen.motions if named(motion) in names)
+    motions = tuple(motion for motion in seen.motions if log_name(motion) in names)
     return replace(estimate, observation=replace(some, motions=motions))
 
 
-def spread_blocks(blocks: int, samples: int) -> np.ndarray:
-    """Indices of the blocks to be looked at, increasing, of so many that hold so many samples."""
+def evenly_spaced(blocks: int, samples: int) -> np.ndarray:
+    """Indices of the blocks of the subsample, increasing.
+
+    Args:
+        blocks: of the whole log.
+        samples: in these blocks.
+    """
     wanted = max(MOST_SAMPLES * blocks // max(samples, 1), FEWEST_BLOCKS)
     if wanted >= blocks:
         return np.arange(blocks)
-    each = -(-wanted // STRETCHES)
+    each = -(-wanted // RANGES)
     many = wanted // each
     edges = np.arange(many + 1) * blocks // many
     room = np.diff(edges) - each
@@ -54,19 +55,19 @@ def spread_blocks(blocks: int, samples: int) -> np.ndarray:
 
 
 def samples(estimate: Estimate) -> int:
-    """Samples under all blocks."""
+    """Samples in all blocks."""
     seen = estimate.observation
     return round(sum(block.stop - block.start for block in seen.blocks) / seen.motions[0].dt)
 
 
-def named(motion: Motion) -> str:
-    """What the blocks of a motion call it."""
+def log_name(motion: Motion) -> str:
+    """The name by which the blocks of a motion refer to it."""
     return motion.log.sha256 if motion.log else f"motion {id(motion):x}"
 
 
-def runs(plan: Plan, wanted: Sequence[Block]) -> Iterator[tuple[int, int]]:
-    """Rows start..stop of those blocks of a motion that are wanted, neighbours together as far as memory allows."""
-    there = np.isin(np.arange(-(-plan.rows // plan.block)), [k for k, _ in numbered(plan, wanted)])
+def row_ranges(plan: Plan, wanted: Sequence[Block]) -> Iterator[tuple[int, int]]:
+    """Rows start..stop of the wanted blocks of a motion, neighbours together as far as memory allows."""
+    there = np.isin(np.arange(-(-plan.rows // plan.block)), [k for k, _ in block_numbers(plan, wanted)])
     for start, stop in plan.segments():
         first = start // plan.block
         inside = there[first : -(-stop // plan.block)].astype(int)
@@ -74,18 +75,18 @@ def runs(plan: Plan, wanted: Sequence[Block]) -> Iterator[tuple[int, int]]:
             yield int(a) * plan.block, min(int(b) * plan.block, stop)
 
 
-def numbered(plan: Plan, wanted: Sequence[Block]) -> Iterator[tuple[int, int]]:
-    """Of every block of a plan that is wanted, its number in the plan and its index among those wanted."""
+def block_numbers(plan: Plan, wanted: Sequence[Block]) -> Iterator[tuple[int, int]]:
+    """Of every wanted block of a plan, its number in the plan and its index among those wanted."""
     index = {block: k for k, block in enumerate(wanted)}
-    for k, block in enumerate(plan.blocks(named(plan.motion))):
+    for k, block in enumerate(plan.blocks(log_name(plan.motion))):
         if block in index:
             yield k, index[block]
 
 
 def sentence(whole: Estimate, part: Estimate) -> str:
-    """Which share of an estimate's log was looked at."""
+    """The size of the subsample, in words."""
     return (
-        f"The log is long: residuals were looked at in {len(part.observation.blocks)} of "
+        f"The log is long: tests of the residual use {len(part.observation.blocks)} of "
         f"{len(whole.observation.blocks)} blocks, {samples(part)} of {samples(whole)} samples, spread evenly; "
-        f"excitation, influence and drift in all of it."
+        f"excitation, influence and drift use all of it."
     )

@@ -1,20 +1,40 @@
-"""What an estimate is good for, and what to do next: a few plain sentences from all findings."""
+"""Verdict: fitness of an estimate for each use, and what to do next, from all findings."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from types import MappingProxyType
 
 from haptid.estimation import Estimate
 from haptid.inference.diagnosis.finding import Finding, Status, listed, worst
-from haptid.inference.diagnosis.messages import PLAIN
 from haptid.validation.validation import Validation
 
-# Per cent of a motor's torque that may be left: good for prediction, and of some use.
+# Relative torque error of a motor, per cent: up to the first the model is good for prediction, up to the second usable.
 CLOSE, ROUGH = 5.0, 20.0
-# A parameter with a smaller relative deviation, per cent, can be quoted by itself.
+# A parameter with a smaller relative standard error, per cent, can be quoted by itself.
 QUOTABLE = 10.0
-# Findings that stand in the way of each use.
+# What a finding that is not "ok" means for the user.
+MEANING: Mapping[str, str] = MappingProxyType(
+    {
+        "units and signs": "the torque disagrees in size or sign with the device file's bodies",
+        "time delay": "torque and motion are not synchronous",
+        "influence": "a single block of the log determines a parameter",
+        "drift": "parameters change along the log",
+        "friction near standstill": "the model lacks the change of dry friction near standstill",
+        "friction by direction": "the model lacks a constant torque or direction-dependent dry friction",
+        "viscosity by direction": "viscous friction depends on direction",
+        "bent viscosity": "friction is not linear in velocity",
+        "friction by load": "dry friction grows with the load torque",
+        "torque by position": "the model lacks a position-dependent torque",
+        "ripple": "a torque is periodic in position (cogging or teeth)",
+        "excitation": "the motion hardly excites some parameters",
+        "collinearity": "some parameters are hardly distinguishable from one another",
+        "errors in W": "noise or filtering of the positions biases parameters",
+        "whiteness": "the residuals are not white (a term may be missing)",
+    }
+)
+# Findings that matter for each use.
 PREDICTION = ("units and signs", "time delay", "influence", "drift")
 COMPENSATION = (
     "friction near standstill",
@@ -26,22 +46,22 @@ COMPENSATION = (
     "ripple",
 )
 SINGLE = ("excitation", "collinearity", "errors in W", "whiteness")
-# What to do first: causes before what they cause.
+# What to do first: causes before their effects.
 FIRST = ("units and signs", "time delay", "errors in W", "misfit", "influence", "drift", "excitation", "collinearity")
-# Reasons named for each use, and things to do.
+# Reasons named for each use, and recommendations.
 MOST = 3
 
 
 @dataclass(frozen=True)
 class Verdict:
-    """What an estimate is good for.
+    """Fitness of an estimate for each use.
 
     Attributes:
-        torque: predicting torque of motion like the log's.
-        compensation: cancelling friction and gravity.
+        torque: predicting the torque of motion like the log's.
+        compensation: compensating friction and gravity.
         parameters: quoting single parameters.
         sentences: the same in words, one for each use, then what to do next.
-        looks: for each sentence the names of the findings that it rests on.
+        looks: for each sentence the names of the findings behind it.
     """
 
     torque: Status
@@ -56,36 +76,36 @@ class Verdict:
 
 @dataclass(frozen=True)
 class Reason:
-    """What speaks for or against a use, in plain words; the finding that says so, where it is one."""
+    """A reason for or against a use, and the finding behind it, if there is one."""
 
     status: Status
     words: str
-    look: str = ""
+    finding: str = ""
 
 
 WORDS: Mapping[Status, str] = {"ok": "good for", "doubt": "to be used with care for", "bad": "not fit for"}
 
 
 def mild(reasons: Sequence[Reason]) -> list[Reason]:
-    """Doubts where there are any: a prediction close to what was measured cannot be called bad."""
+    """No worse than "doubt": a prediction close to the measurement cannot be called bad."""
     return [reason if reason.status == "ok" else replace(reason, status="doubt") for reason in reasons]
 
 
 def verdict(made: Estimate, errors: Validation, findings: Sequence[Finding]) -> Verdict:
-    """Of an estimate, its errors and all findings."""
+    """The verdict on an estimate with these errors and findings."""
     by_name = {finding.name: finding for finding in findings}
 
     def of(names: Sequence[str]) -> list[Reason]:
-        return [Reason(by_name[name].status, PLAIN[name], name) for name in names if name in by_name]
+        return [Reason(by_name[name].status, MEANING[name], name) for name in names if name in by_name]
 
-    size, told, friction = _size(errors), _told(made), of(COMPENSATION)
+    size, precise, friction = _size(errors), _precision(made), of(COMPENSATION)
     torque = [size, *mild(of(PREDICTION))]
     compensation = [*torque, *(mild(friction) if size.status == "ok" else friction)]
-    single = [told, *of(PREDICTION), *friction, *of(SINGLE)]
+    single = [precise, *of(PREDICTION), *friction, *of(SINGLE)]
     said = (
         (_use("The model is", "predicting torque", torque, size), _looks(torque)),
         (_use("It is", "compensation of friction and gravity", compensation), _looks(compensation)),
-        (_use("It is", "quoting single parameters", single, told), _looks(single)),
+        (_use("It is", "quoting single parameters", single, precise), _looks(single)),
         *_next(findings, errors),
     )
     sentences, looks = zip(*said, strict=True)
@@ -97,13 +117,13 @@ def _worst(reasons: Sequence[Reason]) -> Status:
 
 
 def _looks(reasons: Sequence[Reason]) -> tuple[str, ...]:
-    """Findings behind the gravest reasons."""
+    """Findings behind the decisive reasons."""
     grade = _worst(reasons)
-    return tuple(reason.look for reason in reasons if reason.look and reason.status == grade != "ok")
+    return tuple(reason.finding for reason in reasons if reason.finding and reason.status == grade != "ok")
 
 
 def _use(subject: str, use: str, reasons: Sequence[Reason], measured: Reason | None = None) -> str:
-    """What the model is for a use, because of the gravest reasons, beside what was measured for that use."""
+    """Fitness for a use, with the decisive reasons, and the measure for that use."""
     grade = _worst(reasons)
     text = f"{subject} {WORDS[grade]} {use}"
     if grade == "ok":
@@ -119,35 +139,35 @@ def _use(subject: str, use: str, reasons: Sequence[Reason], measured: Reason | N
 
 
 def _size(errors: Validation) -> Reason:
-    """How much of the torque the model misses."""
+    """The largest relative torque error."""
     largest = max(errors.motors, key=lambda motor: motor.relative)
     size: Status = "ok" if largest.relative <= CLOSE else "doubt" if largest.relative <= ROUGH else "bad"
     kind = "on the rows of the fit, which proves little" if errors.seen else "on unseen rows"
     limits = f"limits {CLOSE:g} and {ROUGH:g} %"
-    return Reason(size, f"{largest.relative:.2g} % of the torque of {largest.label} is missed ({kind}; {limits})")
+    return Reason(size, f"the torque error of {largest.label} is {largest.relative:.2g} % ({kind}; {limits})")
 
 
-def _told(made: Estimate) -> Reason:
-    """How many parameters are told well."""
+def _precision(made: Estimate) -> Reason:
+    """How many parameters have a small standard error."""
     good, many = [p.name for p in made.parameters if p.relative_se < QUOTABLE], len(made.kept)
     if len(good) == many:
-        return Reason("ok", f"all {many} have deviations below {QUOTABLE:g} %")
+        return Reason("ok", f"all {many} have standard errors below {QUOTABLE:g} %")
     if not good:
-        return Reason("doubt", f"none of {many} has a deviation below {QUOTABLE:g} %")
-    return Reason("doubt", f"only {len(good)} of {many} have deviations below {QUOTABLE:g} % ({listed(good)})")
+        return Reason("doubt", f"none of {many} has a standard error below {QUOTABLE:g} %")
+    return Reason("doubt", f"only {len(good)} of {many} have standard errors below {QUOTABLE:g} % ({listed(good)})")
 
 
 def _next(findings: Sequence[Finding], errors: Validation) -> Iterator[tuple[str, tuple[str, ...]]]:
-    """The most urgent things to do, where there are any; a validation where there was none."""
+    """The first recommendations; a validation where there was none."""
     ranked = sorted((finding for finding in findings if finding.status != "ok"), key=_rank)
     for k, finding in enumerate(ranked[:MOST]):
-        yield f"{'Then, if it is still there' if k else 'First'}: {finding.sentence}", (finding.name,)
+        yield f"{'Then, if it remains' if k else 'First'}: {finding.sentence}", (finding.name,)
     if errors.seen:
         yield "Validate it on another log.", ()
 
 
 def _rank(finding: Finding) -> tuple[bool, bool, int, float]:
-    """Causes before what only shows them, bad before doubtful, of misfits the surest."""
+    """Causes before their effects, bad before doubtful, of missing terms the most significant."""
     name = "misfit" if finding.name in COMPENSATION else finding.name
     place = FIRST.index(name) if name in FIRST else len(FIRST)
     return (name not in FIRST, finding.status != "bad", place, float(finding.figures.get("p", 1.0)))

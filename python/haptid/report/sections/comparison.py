@@ -10,12 +10,11 @@ import numpy as np
 
 from haptid._internal.arrays import Array
 from haptid.errors import DifferentParametersError
-from haptid.inference.comparable import SAME_MEANING
-from haptid.inference.comparison import Comparison
+from haptid.inference.comparison import SAME_MEANING, Comparison
 from haptid.inference.diagnosis.finding import listed
 from haptid.report.chart import COLOURS, Chart, figure, packed
 from haptid.report.section import Shown
-from haptid.results.read import Recorded
+from haptid.results.result import Result
 
 # For all parameters of one pair of results together.
 CONFIDENCE = 0.95
@@ -42,7 +41,7 @@ class ComparisonSection(Shown):
     pairs: list[dict[str, Any]]
 
     @classmethod
-    def between(cls, found: Sequence[Recorded], names: Sequence[str]) -> ComparisonSection:
+    def between(cls, found: Sequence[Result], names: Sequence[str]) -> ComparisonSection:
         """Of two results or more, each later one against the first.
 
         Raises:
@@ -60,7 +59,7 @@ class ComparisonSection(Shown):
         )
 
 
-def compared(first: Recorded, second: Recorded) -> Comparison:
+def compared(first: Result, second: Result) -> Comparison:
     """Which parameters of two results differ, by Welch's and Holm's tests; see `Comparison`.
 
     Raises:
@@ -85,7 +84,7 @@ def compared(first: Recorded, second: Recorded) -> Comparison:
     )
 
 
-def _same(name: str, first: Recorded, second: Recorded) -> bool:
+def _same(name: str, first: Result, second: Result) -> bool:
     """Whether a parameter is in both with one unit and one meaning."""
     if name not in second.names:
         return False
@@ -95,12 +94,12 @@ def _same(name: str, first: Recorded, second: Recorded) -> bool:
     return len(units) == 1 and same
 
 
-def _regrouped(found: Recorded, name: str) -> Mapping[str, float]:
+def _regrouped(found: Result, name: str) -> Mapping[str, float]:
     row = found.base.regrouping[found.names.index(name)]
     return {found.base.standard[k]: float(row[k]) for k in np.flatnonzero(row)}
 
 
-def _notes(first: Recorded, second: Recorded, names: Sequence[str]) -> list[str]:
+def _notes(first: Result, second: Result, names: Sequence[str]) -> list[str]:
     """What could not be compared, and what makes the test worthless."""
     alone = dict.fromkeys(name for r in (first, second) for name in r.names if name not in names)
     notes = [f"Not compared, not in both with one unit and meaning: {', '.join(alone)}."] if alone else []
@@ -120,8 +119,8 @@ def _pair(first: str, second: str, made: Comparison) -> dict[str, Any]:
             "first": float(made.first[k]),
             "second": float(made.second[k]),
             "difference": float(made.difference[k]),
-            "low": float(made.interval[k, 0]),
-            "high": float(made.interval[k, 1]),
+            "low": float(made.conf_int()[k, 0]),
+            "high": float(made.conf_int()[k, 1]),
             "p": float(made.holm[k]),
             "differs": name in made.differs,
         }
@@ -141,16 +140,16 @@ def _said(first: Mapping[str, Any], other: Mapping[str, Any], made: Comparison) 
     )
 
 
-def _result(name: str, found: Recorded) -> dict[str, Any]:
+def _result(name: str, found: Result) -> dict[str, Any]:
     validations = found.unseen or found.direct
     return {
         "name": name,
         "study": found.study,
         "device": found.model.device.name,
-        "version": found.version,
-        "method": found.method,
-        "status": found.status,
-        "met": found.meets_criteria,
+        "version": found.haptid,
+        "method": found.estimate.method,
+        "status": found.estimate.status,
+        "met": found.criteria.met,
         "unseen": bool(found.unseen),
         "relative": max((v.relative for v in validations), default=float("nan")),
         "each": [max(v.motors[k].relative for v in validations) for k in range(len(validations[0].motors))],
@@ -184,7 +183,7 @@ def _changes(made: Comparison, rows: Sequence[str]) -> dict[str, Any]:
 
     return {
         "value": packed(spread(made.difference / size)),
-        "low": packed(spread(made.interval[:, 0] / size)),
-        "high": packed(spread(made.interval[:, 1] / size)),
+        "low": packed(spread(made.conf_int()[:, 0] / size)),
+        "high": packed(spread(made.conf_int()[:, 1] / size)),
         "differs": [name in made.differs for name in rows],
     }

@@ -1,0 +1,395 @@
+"""Residuals row by row, and tests of them: whiteness, normality, outliers, heteroscedasticity."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+from scipy import stats
+
+from haptid._internal.arrays import Array, read_only
+from haptid.dynamics.inverse import raw_parameters
+from haptid.estimation import Estimate
+from haptid.inference.diagnosis.added_variable import device_rows
+from haptid.inference.diagnosis.finding import SIGNIFICANCE, Finding, Status, listed
+from haptid.inference.diagnosis.subsample import block_numbers, row_ranges
+from haptid.motion.treatment import Motion
+from haptid.observation.chunks import Stretch
+from haptid.observation.observation import Plan
+from haptid.uncertainty.multiple_testing import together
+
+# Missing rows between two ranges: more than any lag that is used.
+GAP = 400
+# Rows are taken as uncorrelated where the autocorrelation of the shared filter is below this.
+UNCORRELATED = 0.02
+# Lags of the portmanteau test.
+LAGS = 10
+# With a longer autocorrelation time, as a share of a block, neighbouring blocks are not independent clusters.
+LONGEST = 0.2
+# Median absolute deviation of a standard normal variable.
+NORMAL_MAD = 0.6744897501960817
+# Rows that a test of the distribution requires.
+FEWEST = 30
+# Outliers with more than this share of the residual power distort the fit.
+OUTLIER_POWER = 0.1
+# Residual power at twice the mean speed or torque, relative to that at the mean, above which another weighting pays.
+GROWTH = 2.0
+
+Part = tuple[Array, Array, Array, Array, Array, Array]
+
+
+@dataclass(frozen=True, eq=False)
+class Residuals:
+    """Residuals of every motor's treated torque; NaN where a row is not used.
+
+    Attributes:
+        labels, units: of the motors, (motors,).
+        t: (rows,), s.
+        step: between rows, s.
+        e: measured minus predicted torque, (motors, rows), N m or N.
+        predicted: torque of the model, (motors, rows).
+        position, velocity: of the coordinates that torque rows belong to, (active, rows), SI.
+        block: index into the observation's blocks, -1 for none, (rows,).
+        filter_stride: distance in rows at which the shared filter leaves no correlation.
+    """
+
+    labels: tuple[str, ...]
+    units: tuple[str, ...]
+    t: Array
+    step: float
+    e: Array
+    predicted: Array
+    position: Array
+    velocity: Array
+    block: np.ndarray
+    filter_stride: int
+
+    def __post_init__(self) -> None:
+        for name in ("t", "e", "predicted", "position", "velocity"):
+            object.__setattr__(self, name, read_only(getattr(self, name)))
+        self.block.flags.writeable = False
+
+    def used(self, motor: int) -> np.ndarray:
+        """Whether each row is used, (rows,)."""
+        return np.asarray(np.isfinite(self.e[motor]))
+
+
+def residuals(estimate: Estimate) -> Residuals:
+    """Residuals of all blocks of an estimate, one after the other."""
+    motions = estimate.observation.motions
+    parts = [part for motion in motions for part in _of(estimate, motion)]
+    t, e, predicted, position, velocity, block = (np.concatenate(each, axis=-1) for each in zip(*parts, strict=True))
+    rows = estimate.observation.motors
+    return Residuals(
+        labels=tuple(motor.label for motor in rows),
+        units=tuple(motor.unit for motor in rows),
+        t=t,
+        step=motions[0].treatment.decimation * motions[0].dt,
+        e=np.where(block < 0, np.nan, e),
+        predicted=predicted,
+        position=position,
+        velocity=velocity,
+        block=block.astype(int),
+        filter_stride=max(filter_stride(motion) for motion in motions),
+    )
+
+
+def _of(estimate: Estimate, motion: Motion) -> Iterator[Part]:
+    """Ranges of one motion, a gap of missing rows between those that are not adjacent and at the end."""
+    model, plan = estimate.model, Plan.of(estimate.model, motion)
+    chi = raw_parameters(model, estimate.beta)
+    wanted = estimate.observation.blocks
+    index = dict(block_numbers(plan, wanted))
+    measured_rows = np.flatnonzero(model.device.measured).tolist()
+    own = [measured_rows.index(row) for row in device_rows(estimate)]
+    end = 0
+    for start, stop in row_ranges(plan, wanted):
+        stretch = Stretch.of(plan, start, stop)
+        if start > end:
+            yield _gap(len(own), len(stretch.c))
+        measured, predicted = stretch.measured()[own], stretch.torque(chi)[own]
+        e = np.where(stretch.used[own], measured - predicted, np.nan)
+        block = np.array([index[row // plan.block] for row in range(start, stop)], dtype=float)
+        yield stretch.t, e, predicted, stretch.centres(stretch.c), stretch.centres(stretch.cd), block
+        end = stop
+    yield _gap(len(own), len(model.device.row_names))
+
+
+def _gap(motors: int, coordinates: int) -> Part:
+    """Missing rows."""
+    e, c = (np.full((size, GAP), np.nan) for size in (motors, coordinates))
+    return np.full(GAP, np.nan), e, e, c, c, np.full(GAP, -1.0)
+
+
+def filter_stride(motion: Motion) -> int:
+    """Distance in rows at which the filter shared by torque and columns leaves no correlation."""
+    treatment = motion.treatment
+    taps, d = treatment.taps(motion.dt), treatment.decimation
+    full = np.correlate(taps, taps, mode="full")[len(taps) - 1 :: d]
+    return int(np.flatnonzero(np.abs(full) > UNCORRELATED * full[0])[-1]) + 1
+
+
+# Serial correlation.
+
+
+@dataclass(frozen=True)
+class SerialCorrelation:
+    """Serial correlation of one motor's residual.
+
+    Attributes:
+        rows: that are used.
+        ljung_box: Q over LAGS lags, of rows that the filter leaves uncorrelated (Ljung and Box 1978, Biometrika 65,
+            eq. 1.2).
+        p: its p-value.
+        durbin_watson: of the same rows (Durbin and Watson 1950, Biometrika 37): 2 if they are white.
+        time: integrated autocorrelation time of all rows, 1 + 2 sum rho_k, in rows.
+        effective: effective number of independent rows, rows / time.
+        half_power_hz: frequency below which half of the power lies.
+    """
+
+    rows: int
+    ljung_box: float
+    p: float
+    durbin_watson: float
+    time: float
+    effective: float
+    half_power_hz: float
+
+
+def serial_correlation(e: Array, stride: int, step: float) -> SerialCorrelation:
+    """Serial correlation of one motor's residual, (rows,), NaN where a row is not used."""
+    apart = e[::stride]
+    Q, p = portmanteau(apart)
+    known = apart - np.nanmean(apart)
+    steps = np.diff(known)
+    pairs = np.isfinite(steps)
+    watson = float(np.mean(steps[pairs] ** 2) / np.nanmean(known**2)) if pairs.any() else np.nan
+    rows, time = int(np.isfinite(e).sum()), autocorrelation_time(e)
+    return SerialCorrelation(rows, Q, p, watson, time, rows / time, half_power(e, step))
+
+
+def autocorrelation(e: Array, lags: int) -> tuple[Array, np.ndarray]:
+    """Autocorrelations of a series with missing values (NaN), and the number of pairs at each lag, both (lags + 1,).
+
+    Sums over the pairs present, divided by the sum of squares. Source: Parzen (1963), Sankhya A 25.
+    """
+    known = np.isfinite(e)
+    x = np.where(known, e - np.nanmean(e), 0.0)
+    lags = min(lags, len(x) - 1)
+    power = max(float(x @ x), np.finfo(float).tiny)
+    rho = np.array([x[: len(x) - k] @ x[k:] for k in range(lags + 1)]) / power
+    pairs = np.array([np.sum(known[: len(x) - k] & known[k:]) for k in range(lags + 1)])
+    return rho, pairs
+
+
+def autocorrelation_time(e: Array) -> float:
+    """Integrated autocorrelation time 1 + 2 sum rho_k, in rows, at least 1.
+
+    The sum ends where a pair of neighbouring correlations is not positive (Geyer 1992, Statistical Science 7, section
+    3.3).
+    """
+    rho, pairs = autocorrelation(e, min(GAP - 1, len(e) // 4))
+    scaled = rho * pairs[0] / np.maximum(pairs, 1)  # as if no row were missing
+    couples = scaled[: len(scaled) // 2 * 2].reshape(-1, 2).sum(axis=1)
+    ends = np.flatnonzero(couples <= 0)
+    return max(1.0, 2.0 * float(couples[: ends[0] if len(ends) else None].sum()) - 1.0)
+
+
+def portmanteau(e: Array, lags: int = LAGS) -> tuple[float, float]:
+    """Q of Ljung and Box and its p-value for a white series; missing values as in Stoffer and Toloi (1992)."""
+    rho, pairs = autocorrelation(e, lags)
+    n, there = pairs[0], pairs[1:] > 0
+    Q = float(n * (n + 2) * np.sum(rho[1:][there] ** 2 / pairs[1:][there]))
+    return Q, float(stats.chi2.sf(Q, max(int(there.sum()), 1)))
+
+
+def half_power(e: Array, step: float) -> float:
+    """Frequency below which half of the power lies, Hz, from windowed correlations (Blackman and Tukey 1958)."""
+    rho, pairs = autocorrelation(e, min(GAP - 1, len(e) // 4))
+    k = np.arange(1, len(rho))
+    window = 0.5 * (1 + np.cos(np.pi * k / len(rho)))
+    weight = rho[1:] * pairs[0] / np.maximum(pairs[1:], 1) * window
+    f = np.linspace(0.0, 0.5, 1001)
+    below = 2 * f + 2 * np.sin(2 * np.pi * np.outer(f, k)) @ (weight / (np.pi * k))
+    return float(f[int(np.argmax(below >= 0.5))] / step)
+
+
+def whiteness(estimate: Estimate, left: Residuals) -> Finding:
+    """Are the residuals white, and shorter correlated than the blocks that are the clusters?"""
+    found = [serial_correlation(e, left.filter_stride, left.step) for e in left.e]
+    p = together(np.array([motor.p for motor in found]))
+    block = float(np.median([b.stop - b.start for b in estimate.observation.blocks]))
+    longest = max(motor.time for motor in found) * left.step
+    status: Status = "bad" if longest > LONGEST * block else "ok" if p.min() >= SIGNIFICANCE else "doubt"
+    coloured = [label for label, each in zip(left.labels, p, strict=True) if each < SIGNIFICANCE]
+    rows, effective = sum(m.rows for m in found), sum(m.effective for m in found)
+    sentence = (
+        f"The {rows} rows are equivalent to {effective:.0f} independent ones: the residuals are serially correlated "
+        f"over up to {longest:.2g} s"
+    )
+    if status == "bad":
+        sentence += (
+            f", longer than {100 * LONGEST:.0f} % of a block of {block:.2g} s: neighbouring blocks are dependent and "
+            f"the intervals too narrow. Look for a missing term, and write block = {round(10 * longest, 1):g} under "
+            f"[treatment] in the study file, or Treatment(block={round(10 * longest, 1):g}) in Python."
+        )
+    elif coloured:
+        sentence += (
+            f". The residuals of {listed(coloured)} are not white, beyond the effect of the filter (p = {p.min():.1e}, "
+            f"limit {SIGNIFICANCE:g}): use the default cluster-robust intervals, not the classical ones, and look for "
+            f"a missing term."
+        )
+    else:
+        sentence += f", by the filter alone (p = {p.min():.2g}, limit {SIGNIFICANCE:g})."
+    figures = {
+        "rows": rows,
+        "effective_rows": effective,
+        "autocorrelation_time": longest,
+        "block": block,
+        "p": float(p.min()),
+    }
+    for label, motor in zip(left.labels, found, strict=True):
+        figures |= {
+            f"ljung_box {label}": motor.ljung_box,
+            f"durbin_watson {label}": motor.durbin_watson,
+            f"half_power_hz {label}": motor.half_power_hz,
+        }
+    return Finding("whiteness", status, figures, sentence)
+
+
+# Distribution.
+
+
+def standardised(e: Array) -> Array:
+    """Residuals about their median in robust standard deviations, (rows,), NaN where a row is not used."""
+    centred = e - np.nanmedian(e)
+    return np.asarray(centred * NORMAL_MAD / max(float(np.nanmedian(np.abs(centred))), np.finfo(float).tiny))
+
+
+def thinned(e: Array, stride: int) -> Array:
+    """Rows of a residual so far apart that they are nearly uncorrelated."""
+    kept = e[:: max(stride, int(np.ceil(autocorrelation_time(e))))]
+    return np.asarray(kept[np.isfinite(kept)])
+
+
+def outliers(e: Array, rows: float) -> np.ndarray:
+    """Rows beyond what a normal residual of so many independent rows reaches with probability 0.01, (rows,)."""
+    limit = stats.norm.isf(0.5 * SIGNIFICANCE / max(rows, 1.0))
+    with np.errstate(invalid="ignore"):
+        return np.asarray(np.abs(standardised(e)) > limit)
+
+
+def normality(left: Residuals) -> Finding:
+    """Are the residuals normal (D'Agostino and Pearson 1973, Biometrika 60), and are there outliers?"""
+    p, many, power = [], 0, 0.0
+    figures: dict[str, float] = {}
+    for label, e in zip(left.labels, left.e, strict=True):
+        apart = thinned(e, left.filter_stride)
+        p.append(float(stats.normaltest(apart).pvalue) if len(apart) >= FEWEST else 1.0)
+        out = outliers(e, np.isfinite(e).sum() / autocorrelation_time(e))
+        many += int(out.sum())
+        power = max(power, float(np.sum(e[out] ** 2) / np.nansum(e**2)))
+        figures |= {f"skewness {label}": stats.skew(apart), f"excess_kurtosis {label}": stats.kurtosis(apart)}
+    corrected = together(np.array(p))
+    least = float(corrected.min())
+    status: Status = "ok" if least >= SIGNIFICANCE else "bad" if power > OUTLIER_POWER else "doubt"
+    figures |= {"p": least, "outliers": many, "outlier_power": power}
+    which = listed([label for label, each in zip(left.labels, corrected, strict=True) if each < SIGNIFICANCE])
+    if status == "ok":
+        sentence = f"No significant departure from normality (p = {least:.2g}, limit {SIGNIFICANCE:g})."
+    elif status == "doubt":
+        sentence = (
+            f"The residuals of {which} are not normal (p = {least:.1e}, limit {SIGNIFICANCE:g}): intervals are still "
+            f"valid for a long log, but look for a missing term."
+        )
+    else:
+        sentence = (
+            f"The residuals of {which} have {many} outliers with {100 * power:.0f} % of a motor's residual power "
+            f"(limit {100 * OUTLIER_POWER:.0f} %): look at the log there for contacts, end stops and lost samples, and "
+            f"cut them."
+        )
+    return Finding("normality", status, figures, sentence)
+
+
+@dataclass(frozen=True, eq=False)
+class Regression:
+    """Regression coefficients with block-jackknife standard errors.
+
+    Attributes:
+        values: (k,).
+        se: (k,).
+        dof: Satterthwaite's degrees of freedom, from the leverage of the blocks, (k,).
+    """
+
+    values: Array
+    se: Array
+    dof: Array
+
+
+def block_jackknife(X: Array, y: Array, block: np.ndarray) -> Regression | None:
+    """Least squares y = X b with standard errors from leaving out each block; None with too few blocks.
+
+    Args:
+        X: (rows, k).
+        y: (rows,).
+        block: of each row, (rows,).
+    """
+    names, place = np.unique(block, return_inverse=True)
+    k, many = X.shape[1], len(names)
+    A, b = np.zeros((many, k, k)), np.zeros((many, k))
+    np.add.at(A, place, X[:, :, None] * X[:, None, :])
+    np.add.at(b, place, X * y[:, None])
+    whole = A.sum(axis=0)
+    if many <= k + 2 or np.linalg.matrix_rank(whole) < k:
+        return None
+    inverse = np.linalg.inv(whole)
+    values = inverse @ b.sum(axis=0)
+    without = np.linalg.pinv(whole - A) @ (b.sum(axis=0) - b)[:, :, None]
+    shift = without[:, :, 0] - values
+    leverage = np.einsum("ki,bij,jk->bk", inverse, A, inverse)
+    dof = leverage.sum(axis=0) ** 2 / (leverage**2).sum(axis=0) - 1.0
+    return Regression(values, np.sqrt((many - 1) / many * (shift**2).sum(axis=0)), np.maximum(dof, 2.0))
+
+
+def heteroscedasticity(left: Residuals, velocity: Array) -> Finding:
+    """Does the residual power depend on speed or torque? Koenker's test (1981, J. Econometrics 17), by blocks.
+
+    Args:
+        left: the residuals.
+        velocity: of every motor's own coordinate, (motors, rows).
+    """
+    p, growth, names = [], [], []
+    for m, label in enumerate(left.labels):
+        used = left.used(m)
+        if not used.any():
+            continue
+        sizes = np.array([np.abs(velocity[m, used]), np.abs(left.predicted[m, used])])
+        typical = sizes.mean(axis=1, keepdims=True)
+        X = np.vstack([np.ones(used.sum()), sizes / np.where(typical > 0, typical, 1.0) - 1.0]).T
+        if (found := block_jackknife(X, left.e[m, used] ** 2, left.block[used])) is None:
+            continue
+        for k, what in ((1, "speed"), (2, "torque")):
+            t = found.values[k] / found.se[k] if found.se[k] > 0 else 0.0
+            p.append(float(2 * stats.t.sf(abs(t), found.dof[k])))
+            growth.append(float(1.0 + found.values[k] / found.values[0]))
+            names.append(f"{label} with {what}")
+    if not p:
+        return Finding("even spread", "ok", {}, "There are too few blocks for a test of heteroscedasticity.")
+    corrected = together(np.array(p))
+    first = int(np.argmin(corrected))
+    figures = {"p": corrected[first], **{f"growth {name}": g for name, g in zip(names, growth, strict=True)}}
+    if corrected[first] >= SIGNIFICANCE:
+        text = (
+            f"No significant heteroscedasticity with speed or torque (p = {corrected[first]:.2g}, limit "
+            f"{SIGNIFICANCE:g})."
+        )
+        return Finding("even spread", "ok", figures, text)
+    grows = growth[first] > 1
+    text = (
+        f"Heteroscedastic residuals: the power of {names[first]} {'grows' if grows else 'falls'} by "
+        f"{100 * abs(growth[first] - 1):.0f} % from the mean to twice the mean (p = {corrected[first]:.1e}, limit "
+        f"{SIGNIFICANCE:g}); the default cluster-robust intervals allow for it. Look for friction or backlash that the "
+        f"model lacks {'there' if grows else 'at the other end'}."
+    )
+    return Finding("even spread", "bad" if abs(growth[first] - 1) > GROWTH - 1 else "doubt", figures, text)

@@ -1,0 +1,466 @@
+"""`Result`: the result file of an identification, `result.json`, as one pydantic model that is written and read."""
+
+from __future__ import annotations
+
+import csv
+import dataclasses
+import json
+import math
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Literal
+
+import numpy as np
+from pydantic import Field, PrivateAttr, ValidationError
+
+from haptid._core import __version__
+from haptid._internal.arrays import Array, freeze
+from haptid.device.toml.reader import device_of
+from haptid.device.toml.tables import checked
+from haptid.dynamics.base_parameters import BaseParameters
+from haptid.dynamics.model import DynamicModel
+from haptid.end_effector.characterisation.model import GivenParameters
+from haptid.errors import ResultDeviceError, ResultFileError, ShapeError
+from haptid.estimation import BoundedSolution, Constrained, Estimate, Method, PhysicallyConsistent, Reduced
+from haptid.estimation.nonlinear import VariableProjection
+from haptid.inference.targets import targets
+from haptid.motion.causal import Causal
+from haptid.motion.treatment import Treatment
+from haptid.observation.observation import Block
+from haptid.results.schema import (
+    BoundConstraints,
+    Condition,
+    Cost,
+    Criteria,
+    ErrorTable,
+    EstimateTable,
+    NonlinearConstant,
+    ObservationTable,
+    PhysicalConstraints,
+    ResultLog,
+    ResultParameter,
+    ResultUse,
+    Table,
+)
+from haptid.study.identify import Identification, Run
+from haptid.uncertainty.quantities import correlations
+from haptid.validation.validation import MotorError, Validation
+
+if TYPE_CHECKING:
+    from haptid.inference.diagnosis import Verdict
+
+SCHEMA: Literal[2] = 2
+# A result of two hundred parameters has some megabytes; a larger file is no result.
+LARGEST_FILE = 1 << 26
+RELATIVE_ERROR = (
+    "relative_error_percent is 100 norm(y - y_hat) / norm(y) of the treated torque, referred to the joint side."
+)
+PHYSICAL_INTERVAL = (
+    "of the unconstrained fit; cut at 0 where a parameter cannot be negative, widened to the constrained value"
+)
+BOUNDS_INTERVAL = "of the unconstrained fit; cut at the bounds, widened to the constrained value"
+
+
+class Result(Table):
+    """An identification as its result folder has it, without the logs.
+
+    Made by `Result.of` from an identification or by `Result.load` from a folder. The fields are the keys of
+    `result.json`; `model` and the arrays are made from them.
+    """
+
+    schema_: Literal[2] = Field(default=SCHEMA, alias="schema", description="version of this format")
+    haptid: str = Field(default=__version__, description="version of the program")
+    device: str = Field(default="", description="its name")
+    study: str = Field(description="its name")
+    logs: list[ResultLog]
+    treatment: dict[str, Any] = Field(description="every setting by its name in a study")
+    treatment_reasons: list[str] = Field(default=[])
+    observation: ObservationTable | None = None
+    estimate: EstimateTable
+    validation: list[ErrorTable]
+    criteria: Criteria
+    verdict: list[ResultUse] = Field(default=[])
+    notes: list[str]
+    device_file: dict[str, Any] = Field(description="the device file, gravity as mounted")
+    _model: DynamicModel = PrivateAttr()
+
+    @classmethod
+    def of(cls, identification: Identification, verdict: Verdict | None = None) -> Result:
+        """The result of an identification.
+
+        Args:
+            identification: a study carried out.
+            verdict: of its diagnosis, if there was one; exports of the result then state it.
+        """
+        study, estimate, model = identification.study, identification.estimate, identification.model
+        raw, scaled = estimate.observation.condition
+        projection = identification.projection
+        made = cls(
+            device=model.device.name,
+            study=study.name,
+            logs=[ResultLog.of(run) for run in identification.runs],
+            treatment=finite(treatment(identification.proposal.treatment)),
+            treatment_reasons=list(identification.proposal.reasons),
+            observation=ObservationTable(
+                rows=estimate.observation.rows,
+                parameters=len(estimate.model.device.parameters.names),
+                rank=len(estimate.base),
+                condition=Condition(raw=float(raw), scaled=float(scaled)),
+                no_effect=list(estimate.base.no_effect),
+                blocks=len(estimate.observation.blocks),
+            ),
+            estimate=EstimateTable(
+                method=weighting(estimate.method).name,
+                status=estimate.status,
+                intervals=interval(estimate),
+                parameters=list(_parameters(estimate)),
+                targets=list(_targets(estimate)),
+                nonlinear_constants=list(_constants(projection)),
+                load_friction_parameters=None if model.load is None else model.load.tolist(),
+                constraints=_constraints(estimate.held),
+                covariance=estimate.covariance.tolist(),
+            ),
+            validation=[entry for run in identification.runs for entry in _errors(run)],
+            criteria=Criteria(relative_error_percent=study.largest_error, met=identification.meets_criteria),
+            verdict=list(_uses(verdict)),
+            notes=[*estimate.notes, RELATIVE_ERROR, *(projection.notes if projection else ())],
+            device_file=finite(device_file(model)),
+        )
+        made._model = model
+        return made
+
+    @classmethod
+    def load(cls, folder: str | Path) -> Result:
+        """Read the output folder of `haptid identify` or `haptid essential`, or its `result.json`.
+
+        Args:
+            folder: the folder, or the file itself.
+
+        Raises:
+            ResultFileError: there is no result, it has another schema, or a key is missing or wrong.
+            ResultDeviceError: this haptid finds other base parameters for the device than the one that wrote it.
+            DeviceError: the device in it cannot be read by this haptid.
+        """
+        path = Path(folder)
+        path = path / "result.json" if path.is_dir() else path
+        made = _validated(cls, path, _read(path))
+        model = DynamicModel(device_of(*checked(made.device_file, f"{path}, device_file")))
+        model = model.at_constants([constant.value for constant in made.estimate.nonlinear_constants])
+        if model.has_loads:
+            model = _with_load_friction(path, model, made.estimate.load_friction_parameters)
+        stored = [p.name for p in made.estimate.parameters]
+        if tuple(stored) != model.base.names:
+            raise ResultDeviceError(path, stored, model.base.names, made.haptid)
+        size = len(stored)
+        if [len(row) for row in made.estimate.covariance] != [size] * size:
+            raise ResultFileError(path, f"key `estimate.covariance` is wrong (not {size} x {size})")
+        made._model = model
+        return made
+
+    def save(self, folder: Path) -> None:
+        """Write `result.json`, `parameters.csv` and `correlation.csv` into an existing folder."""
+        (folder / "result.json").write_text(self.to_json(), encoding="utf-8")
+        heads = ("name", "value", "se", "low95", "high95", "relative_se_percent", "classical_se", "unit", "grouping")
+        _write_csv(folder / "parameters.csv", [(*heads, "unconstrained"), *map(_csv_row, self.estimate.parameters)])
+        named = zip(self.names, self.correlation, strict=True)
+        rows = [[name, *("" if math.isnan(r) else r for r in row)] for name, row in named]
+        _write_csv(folder / "correlation.csv", [["name", *self.names], *rows])
+
+    def to_dict(self) -> dict[str, Any]:
+        """The keys and values of `result.json`."""
+        return self.model_dump(mode="json", by_alias=True)
+
+    def to_json(self) -> str:
+        """The text of `result.json`."""
+        return json.dumps(self.to_dict(), indent=1, ensure_ascii=False, allow_nan=False) + "\n"
+
+    @property
+    def model(self) -> DynamicModel:
+        """The dynamic model, as the device file had it, at the constants that were found."""
+        return self._model
+
+    @property
+    def base(self) -> BaseParameters:
+        """Names, units and groupings of the parameters."""
+        return self.model.base
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Of the base parameters, (p,)."""
+        return self.base.names
+
+    @property
+    def units(self) -> tuple[str, ...]:
+        """Of the base parameters, (p,)."""
+        return self.base.units
+
+    @property
+    def beta(self) -> Array:
+        """Base parameters, (p,), SI."""
+        return freeze(np.array([p.value for p in self.estimate.parameters]))
+
+    @property
+    def free(self) -> Array:
+        """Base parameters of the unconstrained fit, (p,), SI."""
+        return freeze(np.array([p.unconstrained for p in self.estimate.parameters]))
+
+    @property
+    def constrained(self) -> bool:
+        """Whether constraints move the estimate away from the unconstrained fit."""
+        return bool((self.beta != self.free).any())
+
+    @property
+    def covariance(self) -> Array:
+        """Of `free`, (p, p)."""
+        return freeze(np.array(self.estimate.covariance, dtype=float).reshape(len(self.names), -1))
+
+    @property
+    def dof(self) -> Array:
+        """Degrees of freedom of each interval, (p,)."""
+        return freeze(_or([p.dof for p in self.estimate.parameters], np.inf))
+
+    def conf_int(self) -> Array:
+        """Confidence intervals at `estimate.level`, (p, 2)."""
+        ends = [p.conf_int for p in self.estimate.parameters]
+        low, high = (_or([end[k] for end in ends], sign * np.inf) for k, sign in ((0, -1.0), (1, 1.0)))
+        return freeze(np.column_stack([low, high]))
+
+    @property
+    def correlation(self) -> Array:
+        """Correlations of the errors of the base parameters, (p, p); NaN next to a zero variance."""
+        return correlations(self.covariance)
+
+    @property
+    def single_block(self) -> tuple[int, ...]:
+        """Parameters, by index, whose standard error cannot be estimated: a single block has information on them."""
+        return tuple(k for k, p in enumerate(self.estimate.parameters) if p.se is None)
+
+    @property
+    def se(self) -> Array:
+        """Cluster-robust standard errors, (p,); infinite where they cannot be estimated."""
+        se = np.sqrt(np.diag(self.covariance))
+        se[list(self.single_block)] = np.inf
+        return freeze(se)
+
+    @property
+    def zero(self) -> tuple[int, ...]:
+        """Indices of the parameters that were eliminated: zero, without standard error."""
+        return tuple(k for k, p in enumerate(self.estimate.parameters) if p.eliminated)
+
+    @property
+    def blocks(self) -> tuple[Block, ...]:
+        """The logs of the fit, each as one block."""
+        return tuple(Block(log.sha256, log.start, log.stop) for log in self.logs if log.role == "identify")
+
+    @property
+    def direct(self) -> tuple[Validation, ...]:
+        """Errors on the rows of the fit, log by log."""
+        return tuple(_validations(self.validation, self.model, seen=True))
+
+    @property
+    def unseen(self) -> tuple[Validation, ...]:
+        """Errors on held-out rows, log by log."""
+        return tuple(_validations(self.validation, self.model, seen=False))
+
+    @property
+    def identified(self) -> GivenParameters:
+        """The parameters as `characterise`, `apparent_mass` and the like take them.
+
+        Degrees of freedom of derived quantities are the least of any parameter's: the distribution of information over
+        the blocks, from which those of a combination are computed, is not in the folder.
+        """
+        return GivenParameters(
+            self.model, self.beta, self.covariance, float(self.dof.min(initial=np.inf)), self.single_block
+        )
+
+
+def result_schema() -> dict[str, Any]:
+    """JSON Schema of `result.json`."""
+    return Result.model_json_schema(by_alias=True, mode="serialization")
+
+
+def interval(estimate: Estimate) -> str:
+    """How the confidence intervals were made."""
+    if estimate.held is None:
+        return estimate.intervals.name
+    return (
+        f"{estimate.intervals.name}, {PHYSICAL_INTERVAL if isinstance(estimate.held, Constrained) else BOUNDS_INTERVAL}"
+    )
+
+
+def device_file(model: DynamicModel) -> dict[str, Any]:
+    """The contents of the device file, from which the device can be made again; gravity as mounted."""
+    said: dict[str, Any] = model.device.tables.model_dump(mode="json", by_alias=True, exclude_unset=True)
+    return {**said, "gravity": model.device.gravity.tolist()}
+
+
+def weighting(method: Method) -> Method:
+    """The method whose name a study gives, without the physical constraints around it."""
+    return method.weighting if isinstance(method, PhysicallyConsistent) else method
+
+
+def treatment(treated: Treatment) -> dict[str, Any]:
+    """The settings by their names in a study, the filter's shape by its name."""
+    shape, settings = treated.parallel_shape, dataclasses.asdict(treated)
+    settings["cutoff_hz"] = "none" if treated.cutoff_hz is None else treated.cutoff_hz
+    settings["parallel_shape"] = shape.name
+    settings["parallel_order"] = shape.order if isinstance(shape, Causal) else None
+    differentiator = settings.pop("velocity")
+    settings["velocity_cutoff_hz"] = differentiator and differentiator["cutoff_hz"]
+    return settings
+
+
+def finite(value: Any) -> Any:
+    """The same values with None (JSON null) for infinities and NaN, and lists for tuples."""
+    if isinstance(value, Mapping):
+        return {key: finite(item) for key, item in value.items()}
+    if isinstance(value, (list, tuple)):
+        return [finite(item) for item in value]
+    return None if isinstance(value, float) and not math.isfinite(value) else value
+
+
+def _parameters(estimate: Estimate) -> Iterator[ResultParameter]:
+    """Base parameters; `eliminated` is None where nothing was to be eliminated."""
+    for k, p in enumerate(estimate.parameters):
+        yield ResultParameter.of(p, estimate.dof[k], k in estimate.zero if _reduced(estimate) else None)
+
+
+def _reduced(estimate: Estimate) -> bool:
+    return isinstance(estimate.method, Reduced)
+
+
+def _targets(estimate: Estimate) -> Iterator[ResultParameter]:
+    if estimate.model.device.targets:
+        found = targets(estimate)
+        yield from map(ResultParameter.of, found.parameters, found.dof)
+
+
+def _constants(projection: VariableProjection | None) -> Iterator[NonlinearConstant]:
+    for constant in projection.constants if projection else ():
+        yield NonlinearConstant(
+            name=constant.name,
+            unit=constant.unit,
+            value=constant.value,
+            se=constant.se,
+            conf_int=constant.interval,
+            range=(constant.low, constant.high),
+        )
+
+
+def _constraints(found: Constrained | BoundedSolution | None) -> PhysicalConstraints | BoundConstraints | None:
+    if found is None:
+        return None
+    if isinstance(found, BoundedSolution):
+        return BoundConstraints(active=list(found.active))
+    inside, names = found.possible, found.possible.model.device.parameters.names
+    return PhysicalConstraints(
+        margin=inside.margin,
+        active=list(found.active),
+        cost_percent=[Cost(motor=cost.label, unconstrained=cost.free, constrained=cost.held) for cost in found.costs],
+        standard_parameters=dict(zip(names, inside.chi.tolist(), strict=True)),
+    )
+
+
+def _uses(verdict: Verdict | None) -> Iterator[ResultUse]:
+    """What the model is good for, use by use; nothing without a diagnosis."""
+    if verdict is not None:
+        grades = {"predicting": verdict.torque, "compensation": verdict.compensation, "quoting": verdict.parameters}
+        # The verdict's first sentences are these; recommendations follow.
+        for (use, grade), sentence in zip(grades.items(), verdict.sentences, strict=False):
+            yield ResultUse(use=use, grade=grade, sentence=sentence)
+
+
+def _errors(run: Run) -> Iterator[ErrorTable]:
+    """Errors by motor, then of all motors (whose RMSE and norms would mix units, and are null)."""
+    for validation in (run.direct, *run.unseen):
+        if validation is None:
+            continue
+        common: dict[str, Any] = {"log": run.entry.path, "rows": "fit" if validation.seen else "unseen"}
+        for m in validation.motors:
+            yield ErrorTable(
+                motor=m.motor,
+                relative_error_percent=m.relative,
+                rmse=m.rmse,
+                unit=m.unit,
+                residual=m.residual,
+                measured=m.measured,
+                count=m.rows,
+                **common,
+            )
+        mixed: dict[str, Any] = dict.fromkeys(("rmse", "unit", "residual", "measured", "count"))
+        yield ErrorTable(motor="all", relative_error_percent=validation.relative, **mixed, **common)
+
+
+def _validations(errors: Iterable[ErrorTable], model: DynamicModel, *, seen: bool) -> Iterator[Validation]:
+    """Errors motor by motor are one validation; each ends with the entry of all motors."""
+    labels = dict(zip(model.device.row_names, model.device.row_labels, strict=True))
+    motors: list[MotorError] = []
+    for e in errors:
+        if (e.rows == "fit") is not seen:
+            continue
+        if e.residual is None or e.measured is None or e.count is None or e.unit is None:
+            yield Validation(tuple(motors), seen)
+            motors = []
+        else:
+            motors.append(MotorError(e.motor, labels.get(e.motor, e.motor), e.unit, e.residual, e.measured, e.count))
+
+
+def _read(path: Path) -> dict[str, Any]:
+    try:
+        if path.stat().st_size > LARGEST_FILE:
+            raise ResultFileError(path, f"the file is larger than {LARGEST_FILE >> 20} MiB, so it is no result")
+        values = json.loads(path.read_text(encoding="utf-8"))
+    except FileNotFoundError:
+        raise ResultFileError(path, "there is no such file") from None
+    except (OSError, ValueError, RecursionError) as error:  # not readable, not UTF-8, not JSON
+        raise ResultFileError(path, f"cannot be read ({error})") from error
+    if not isinstance(values, dict):
+        raise ResultFileError(path, "is not a result of haptid")
+    return values
+
+
+def _validated(cls: type[Result], path: Path, values: dict[str, Any]) -> Result:
+    version = values.get("schema")
+    if isinstance(version, int) and version != SCHEMA:
+        raise ResultFileError(
+            path,
+            f"was written by haptid {values.get('haptid', '(unknown version)')} in schema {version}; this haptid "
+            f"({__version__}) reads schema {SCHEMA}. Run `haptid identify` again on the study {values.get('study')!r}",
+        )
+    try:
+        return cls.model_validate(values)
+    except ValidationError as error:
+        first = error.errors(include_url=False)[0]
+        where = ".".join(map(str, first["loc"]))
+        what = "is missing" if first["type"] == "missing" else f"is wrong ({first['msg']})"
+        raise ResultFileError(path, f"key `{where}` {what}") from error
+
+
+def _with_load_friction(path: Path, model: DynamicModel, parameters: list[float] | None) -> DynamicModel:
+    """With load-dependent friction of the bodies that it was estimated with."""
+    key = "key `estimate.load_friction_parameters`"
+    if parameters is None:
+        raise ResultFileError(path, f"{key} is missing, of which the load-dependent friction is made")
+    try:
+        return model.with_load(parameters)
+    except ShapeError as error:
+        raise ResultFileError(path, f"{key} is wrong ({error})") from error
+
+
+def _or(values: Sequence[float | None], instead: float) -> Array:
+    """Numbers with another one in place of None."""
+    return np.array([instead if value is None else value for value in values], dtype=float)
+
+
+def _csv_row(p: ResultParameter) -> list[object]:
+    low, high = p.conf_int
+    ends = [-math.inf if low is None else low, math.inf if high is None else high]
+    relative = math.inf if p.relative_se_percent is None else p.relative_se_percent
+    shown = "" if p.constrained_outside_ci else relative
+    se = math.inf if p.se is None else p.se
+    return [p.name, p.value, se, *ends, shown, p.classical_se, p.unit, p.grouping, p.unconstrained]
+
+
+def _write_csv(path: Path, rows: Iterable[Sequence[object]]) -> None:
+    with path.open("w", newline="", encoding="utf-8") as file:
+        csv.writer(file).writerows(rows)

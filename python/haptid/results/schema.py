@@ -1,0 +1,225 @@
+"""The tables of `result.json`, schema 2.
+
+Every number with a standard error has the form of `Quantities.to_json`: name, unit, value, se, dof and conf_int, at the
+confidence level `estimate.level`. A number that is not finite is null.
+"""
+
+from __future__ import annotations
+
+from typing import Annotated, Literal
+
+from pydantic import BaseModel, BeforeValidator, ConfigDict, Field
+
+from haptid.estimation import Parameter
+from haptid.observation.known_payload import Payload
+from haptid.study import Role
+from haptid.study.identify import Run
+from haptid.uncertainty.quantities import LEVEL, finite_or_none
+
+# Of a use of the model: fit for it, with care, not fit for it.
+Grade = Literal["ok", "doubt", "bad"]
+# A number, null where it is not finite.
+Number = Annotated[float | None, BeforeValidator(lambda x: finite_or_none(x) if isinstance(x, float) else x)]
+
+
+class Table(BaseModel):
+    model_config = ConfigDict(extra="ignore", frozen=True)
+
+
+class PayloadTable(Table):
+    """A known body whose torque was subtracted from a log; inertia about its centre of mass, null of a point mass."""
+
+    link: str
+    mass: float = Field(description="kg")
+    com: list[float] = Field(description="centre of mass in the link frame, m")
+    inertia: list[list[float]] | None = Field(description="3 x 3, kg m^2")
+
+    @classmethod
+    def of(cls, payload: Payload) -> PayloadTable:
+        body = payload.body
+        inertia = None if body.inertia is None else body.inertia.tolist()
+        return cls(link=payload.link, mass=body.mass, com=body.com.tolist(), inertia=inertia)
+
+
+class ResultLog(Table):
+    """A log of a result."""
+
+    path: str = Field(description="as in the study")
+    sha256: str = Field(description="of the file")
+    role: Role
+    start: float = Field(default=0.0, description="time of the first sample used, s of the file")
+    samples: int
+    dt: float = Field(description="sampling period, s")
+    notes: list[str] = Field(default=[], description="what was mended")
+    payload: PayloadTable | None = Field(default=None, description="subtracted from the torque")
+
+    @property
+    def stop(self) -> float:
+        """Time of the last sample used, s of the file."""
+        return self.start + (self.samples - 1) * self.dt
+
+    @classmethod
+    def of(cls, run: Run) -> ResultLog:
+        read, load = run.motion.log, run.entry.load
+        assert read is not None  # a study's motions all come from logs
+        return cls(
+            path=run.entry.path,
+            sha256=read.sha256,
+            role=run.entry.role,
+            start=float(read.t[0]),
+            samples=len(read.t),
+            dt=run.motion.dt,
+            notes=list(read.notes),
+            payload=None if load is None else PayloadTable.of(load),
+        )
+
+
+class Condition(Table):
+    """Condition number of the stacked regressor."""
+
+    raw: Number
+    scaled: Number = Field(description="with columns of unit length")
+
+
+class ObservationTable(Table):
+    """The rows of the fit."""
+
+    rows: int
+    parameters: int = Field(description="standard parameters of the device")
+    rank: int = Field(description="base parameters")
+    condition: Condition
+    no_effect: list[str] = Field(description="standard parameters without effect on the torque")
+    blocks: int = Field(description="time blocks, the clusters of the standard errors")
+
+
+class Quantity(Table):
+    """A number with its uncertainty."""
+
+    name: str
+    unit: str
+    value: float
+    se: Number = Field(description="standard error; null where it cannot be estimated")
+    dof: Number = Field(default=None, description="degrees of freedom of the interval; null for infinitely many")
+    conf_int: tuple[Number, Number] = Field(description="confidence interval [low, high] at estimate.level")
+
+
+class Prior(Table):
+    """A value known before the identification."""
+
+    value: float
+    std: Number = Field(description="standard deviation; null where none is given")
+
+
+class ResultParameter(Quantity):
+    """A base parameter, or a target."""
+
+    unconstrained: float = Field(description="value of the unconstrained fit, to which se belongs")
+    classical_se: Number = Field(description="standard error if the residuals were white")
+    relative_se_percent: Number = Field(description="100 se / |value|; null where constrained_outside_ci")
+    constrained_outside_ci: bool = Field(
+        default=False, description="the constraints move it out of the unconstrained interval"
+    )
+    grouping: str = Field(description="what regroups into it, as a formula")
+    eliminated: bool | None = Field(
+        default=None, description="set to zero by backward elimination; null without elimination"
+    )
+    prior: Prior | None = None
+
+    @classmethod
+    def of(cls, p: Parameter, dof: float, eliminated: bool | None = None) -> ResultParameter:
+        return cls(
+            name=p.name,
+            unit=p.unit,
+            value=p.value,
+            se=p.se,
+            dof=float(dof),
+            conf_int=p.interval,
+            unconstrained=p.free,
+            classical_se=p.classical_se,
+            relative_se_percent=p.relative_se,
+            constrained_outside_ci=p.constrained_outside_ci,
+            grouping=p.grouping,
+            eliminated=eliminated,
+            prior=None if p.prior is None else Prior(value=p.prior[0], std=p.prior[1]),
+        )
+
+
+class NonlinearConstant(Quantity):
+    """A constant in which the torque is nonlinear, as found by variable projection; profile likelihood interval."""
+
+    range: tuple[float, float] = Field(description="in which it was searched")
+
+
+class Cost(Table):
+    """Relative residual of the unconstrained and of the constrained fit, per cent."""
+
+    motor: str
+    unconstrained: Number
+    constrained: Number
+
+
+class PhysicalConstraints(Table):
+    """Physical consistency: bodies with positive mass and inertia, passive friction."""
+
+    kind: Literal["physical"] = "physical"
+    margin: Number
+    active: list[str]
+    cost_percent: list[Cost]
+    standard_parameters: dict[str, float]
+
+
+class BoundConstraints(Table):
+    """Bounds on base parameters."""
+
+    kind: Literal["bounds"] = "bounds"
+    active: list[str]
+
+
+Constraints = Annotated[PhysicalConstraints | BoundConstraints, Field(discriminator="kind")]
+
+
+class EstimateTable(Table):
+    """The estimate."""
+
+    method: str
+    status: str = Field(description="ok, or what is wrong; the notes say why")
+    intervals: str = Field(description="how the confidence intervals were made")
+    level: float = Field(default=LEVEL, description="confidence level of every conf_int")
+    parameters: list[ResultParameter] = Field(description="base parameters")
+    targets: list[ResultParameter] = Field(default=[], description="combinations that the device file names")
+    nonlinear_constants: list[NonlinearConstant] = []
+    load_friction_parameters: list[float] | None = Field(
+        default=None,
+        description="parameters of links, then of rotors, of which the load-dependent friction is made, SI",
+    )
+    constraints: Constraints | None = None
+    covariance: list[list[Number]] = Field(description="of the unconstrained base parameters, SI")
+
+
+class ErrorTable(Table):
+    """Prediction error of one motor on one log, or of all its motors together."""
+
+    log: str
+    rows: Literal["fit", "unseen"] = Field(description="in the sample of the fit, or held out")
+    motor: str = Field(description="name of the motor, or all")
+    relative_error_percent: Number
+    rmse: Number
+    unit: str | None
+    residual: Number = Field(description="norm of the residual; null for all")
+    measured: Number = Field(description="norm of the measured torque; null for all")
+    count: int | None = Field(description="rows")
+
+
+class Criteria(Table):
+    """The study's criterion."""
+
+    relative_error_percent: float | None
+    met: bool | None
+
+
+class ResultUse(Table):
+    """What the diagnosis says of one use of the model."""
+
+    use: str = Field(description="predicting, compensation or quoting")
+    grade: Grade
+    sentence: str
