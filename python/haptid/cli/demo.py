@@ -25,7 +25,7 @@ parameters. A few minutes on two cores. Needs MuJoCo: pip install mujoco. Writes
 
   logs/            the experiments, the logs, and their ground truth
 
-Exit status: 0 when done, 2 when something is wrong; the message says what to do.
+Exit status: 0 on success, 2 on an error; the message says what to do.
 
 Example: haptid demo phantom --out phantom-demo
 """

@@ -1,4 +1,4 @@
-"""Figures as they are written in options: numbers with commas between them, and names with a range."""
+"""Parsing of numbers in options: comma-separated numbers, NAME=LOW:HIGH, NAME=NUMBER."""
 
 from __future__ import annotations
 
@@ -10,13 +10,13 @@ from haptid.errors import OptionError
 
 
 def numbers(option: str, text: str, what: str, count: int) -> tuple[float, ...]:
-    """So many finite numbers.
+    """A given count of finite numbers, separated by commas.
 
     Args:
-        option: by its name on the command line.
-        text: as written.
-        what: what the numbers are, for the error.
-        count: how many there must be.
+        option: its name on the command line.
+        text: its value.
+        what: meaning of the numbers, for the error.
+        count: required count.
 
     Raises:
         OptionError: they are not.
@@ -31,7 +31,7 @@ def numbers(option: str, text: str, what: str, count: int) -> tuple[float, ...]:
 
 
 def spread(option: str, text: str, what: str, count: int) -> tuple[float, ...]:
-    """One number for all, or so many."""
+    """One number for all, or one for each."""
     return numbers(option, text, what, count) if "," in text else numbers(option, text, what, 1) * count
 
 

@@ -1,4 +1,4 @@
-"""The page: a template for each section, one style sheet and one script, all in one file."""
+"""HTML pages: a template for each section, one style sheet and one script, all in one file."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from haptid.report.chart import Chart
 from haptid.report.section import PageSection
 from haptid.results.result import finite
 
-# The script's parts, in the order in which they need each other.
+# The script's parts, in the order of their dependencies.
 SCRIPTS = ("numbers.js", "svg.js", "plot.js", "heat.js", "bars.js", "mechanism.js", "scene.js", "tables.js", "page.js")
 STYLES = ("page.css",)
 
@@ -78,13 +78,13 @@ def _environment() -> Environment:
 
 
 def _show(chart: Chart) -> Markup:
-    """A chart's figure, which the page's script draws into."""
+    """The element of a chart, into which the page's script draws."""
     template = _environment().get_template("chart.html")
     return Markup(template.render(chart=chart, kind=chart.drawing["kind"]))
 
 
 def _number(value: float | None, digits: int = 4) -> str:
-    """A figure to some digits; nothing for None."""
+    """A number to some digits; empty for None."""
     return "" if value is None else f"{value:.{digits}g}"
 
 
@@ -93,6 +93,6 @@ def _text(name: str) -> str:
 
 
 def _embedded(value: Any) -> Markup:
-    """JSON that may stand inside a script element."""
+    """JSON that is safe inside a script element."""
     text = json.dumps(finite(value), allow_nan=False, ensure_ascii=True, separators=(",", ":"))
     return Markup(text.replace("<", "\\u003c"))

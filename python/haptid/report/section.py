@@ -1,4 +1,4 @@
-"""A section of a page: plain values and charts, shown by one template; of the report, made from one source."""
+"""Sections of a page: plain values and charts with one template each."""
 
 from __future__ import annotations
 
@@ -30,11 +30,11 @@ class PageSection(Protocol):
 
 @dataclass(frozen=True)
 class Shown:
-    """What every section of a page has. Fields are plain values, so that a folder of results can hold them.
+    """A section with its own template; its fields are plain values, so that a result folder can store them.
 
     Attributes:
         key: of the section and of its template, `templates/KEY.html`.
-        title: above it.
+        title: heading.
         charts: in the order of the page.
     """
 
@@ -48,20 +48,20 @@ class Shown:
         return self.key
 
     def plain(self) -> dict[str, Any]:
-        """The same as values that JSON can say."""
+        """The section as JSON values."""
         return dataclasses.asdict(self)
 
     @classmethod
     def revived(cls, values: Mapping[str, Any]) -> Self:
-        """From what `plain` gave."""
+        """The section from its JSON values."""
         charts = tuple(Chart(**chart) for chart in values["charts"])
         return cls(**{**values, "charts": charts})
 
 
 class Section(Shown, ABC):
-    """A section of the report of one result."""
+    """A section of the report of one result, made from a `Source`."""
 
     @classmethod
     @abstractmethod
     def of(cls, source: Source) -> Self | None:
-        """The section, or None where the source has nothing for it."""
+        """The section, or None where it does not apply to the source."""
