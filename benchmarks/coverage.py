@@ -20,7 +20,8 @@ from scipy import signal, stats
 
 import haptid
 from haptid.estimation import BlockJackknife, Bootstrap, ClusterRobust, FixedB, Intervals, Sandwich
-from haptid.observation.rows import Rows, decimated
+from haptid.observation.filtering import decimate
+from haptid.observation.rows import Rows
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "tests"))
 from diagnosed import estimated, log, phantom
@@ -100,7 +101,7 @@ class Bed:
         motion = self.observation.motions[0]
         made = noise((len(self.clean), len(motion)), phi, shared, rng)
         taps, d = motion.treatment.taps(motion.dt), motion.treatment.decimation
-        y = self.clean + NOISE * motion.tau.std(axis=0)[:, None] * decimated(made, taps, d)
+        y = self.clean + NOISE * motion.tau.std(axis=0)[:, None] * decimate(made, taps, d)
         motors = []
         for k, motor in enumerate(self.observation.motors):
             parts = np.split(y[k], self.edges[1:-1])

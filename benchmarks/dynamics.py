@@ -19,7 +19,7 @@ from haptid.experiment.bench.trajectories import Trajectory
 from haptid.experiment.excitation import Limits, RawCondition, observed
 from haptid.experiment.excitation.gradients import Slopes
 from haptid.experiment.excitation.limits import Bounds
-from haptid.observation.observation import condition
+from haptid.observation.r_factor import condition
 from stopwatch import Work
 
 # As `peers/common.py` has them.

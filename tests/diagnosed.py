@@ -9,7 +9,7 @@ import numpy as np
 from scipy import signal
 
 import haptid
-from haptid.motion.time_shift import delayed
+from haptid.motion.streaming import delayed
 from motions import multisine, truth
 
 # 4000 counts a turn behind a gear of 12.

@@ -106,12 +106,13 @@ from haptid.inference.elimination import (
 from haptid.inference.payload_estimate import PayloadEstimate, estimate_payload
 from haptid.inference.targets import Targets, side_by_side, target_map, targets
 from haptid.log import Channels, Log, Signal, open_log, read_log
-from haptid.motion.causal import Causal, HighPass
-from haptid.motion.shapes import KaiserSmoother, WindowedSinc
+from haptid.motion.filters import Causal, HighPass, KaiserSmoother, WindowedSinc
 from haptid.motion.treatment import Motion, Treatment, treat
-from haptid.observation.batch import RFactorCache, observe_all
+from haptid.observation.batch import observe_all
+from haptid.observation.cache import RFactorCache
 from haptid.observation.known_payload import Payload, log_without_payload, payload_torque, without_payload
-from haptid.observation.observation import Block, MotorRows, Observation, observe
+from haptid.observation.observation import MotorRows, Observation, observe
+from haptid.observation.plan import Block
 from haptid.report import Hand, Report, make_report, read_report, write_comparison
 from haptid.results.result import Result, result_schema
 from haptid.results.schema import ResultLog

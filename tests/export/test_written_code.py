@@ -14,7 +14,7 @@ from haptid.export import CCode, export_c
 from haptid.export.functions import code_of
 from haptid.export.golden import Golden
 from haptid.export.moments import moments_of
-from haptid.motion.causal import HighPass
+from haptid.motion.filters import HighPass
 from true_parameters import true_parameters
 
 SPEED = 0.01

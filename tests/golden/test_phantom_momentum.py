@@ -9,7 +9,7 @@ import pytest
 from scipy import signal
 
 import haptid
-from haptid.motion.causal import Causal
+from haptid.motion.filters import Causal
 from motions import multisine
 
 DT = 1e-3

@@ -6,7 +6,7 @@ import pytest
 import haptid
 from haptid.end_effector.force import estimate_force
 from haptid.end_effector.torque_decomposition import decompose_torque
-from haptid.motion.causal import Causal, HighPass
+from haptid.motion.filters import Causal, HighPass
 from haptid.treatment_choice import propose as proposal
 from motions import motion, multisine, truth
 

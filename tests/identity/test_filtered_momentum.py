@@ -8,8 +8,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import haptid
-from haptid.motion.causal import Causal, HighPass
-from haptid.observation import observation
+from haptid.motion.filters import Causal, HighPass
+from haptid.observation import plan as planning
 from haptid.validation.prediction import predict
 from mechanisms import mechanisms
 from motions import motion, multisine, truth
@@ -72,7 +72,7 @@ def test_segments_give_what_the_whole_gives(treatment, monkeypatch):
     made = replace(motion(model, beta, treatment=treatment, noise=0.05), rates=None)
     whole = haptid.observe(model, made)
     prediction = predict(haptid.estimate(whole, haptid.OLS()), made)
-    monkeypatch.setattr(observation, "SEGMENT", 700)
+    monkeypatch.setattr(planning, "SEGMENT", 700)
     cut = haptid.observe(model, made)
     for a, b in zip(whole.motors, cut.motors, strict=True):
         np.testing.assert_allclose(a.triangles, b.triangles, rtol=0, atol=1e-12 * np.abs(a.triangles).max())
@@ -115,7 +115,7 @@ def test_rows_near_slow_motion_are_those_behind_it_where_the_filter_is_causal():
         decimation=5,
     )
     made = haptid.Motion(DT, q[:, None], np.ones((6000, 1)), treatment)
-    plan = observation.Plan.of(model, made)
+    plan = planning.Plan.of(model, made)
     weights = plan.weights(0, plan.rows)[0]
     dropped = DT * (plan.first + 5 * np.flatnonzero(weights == 0))
     assert 1.99 < dropped.min() < 2.02

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import haptid
-from haptid.motion.causal import Causal, HighPass
+from haptid.motion.filters import Causal, HighPass
 from motions import multisine, truth
 
 DT = 1e-3

@@ -14,8 +14,7 @@ from haptid.errors import (
     NoAccelerationError,
     TreatmentValueError,
 )
-from haptid.motion.causal import Causal, HighPass
-from haptid.motion.shapes import KaiserSmoother, WindowedSinc
+from haptid.motion.filters import Causal, HighPass, KaiserSmoother, WindowedSinc
 
 MOMENTUM = {"accelerations": "momentum"}
 RAW = {

@@ -9,7 +9,7 @@ import pytest
 
 import haptid
 from haptid import _core, errors
-from haptid.observation.observation import triangle
+from haptid.observation.r_factor import triangle
 
 EYE = np.eye(3)[None]
 # What the scripts below begin with: two links, and more samples than one thread takes.

@@ -19,7 +19,7 @@ import pytest
 from numpy.testing import assert_allclose
 from pyarrow import parquet
 
-from haptid.observation.batch import LEAST_KEPT
+from haptid.observation.cache import LEAST_KEPT
 from haptid.study import read_study
 from haptid.study.identify import identify
 from small_study import DEVICE, STUDY, columns
@@ -33,9 +33,9 @@ pytestmark = [
 PROGRAM = """
 import signal
 signal.signal(signal.SIGINT, signal.default_int_handler)  # what was started in the background may not listen
-from haptid.observation import observation
+from haptid.observation import plan as planning
 from haptid.observation import batch
-observation.SEGMENT = 4096
+planning.SEGMENT = 4096
 made, plain = [], batch.Reducer.__call__
 batch.Reducer.__call__ = lambda self, part: (made.append(part), plain(self, part))[1]
 from haptid.cli import main
@@ -141,12 +141,12 @@ def test_ctrl_c_and_the_same_command_again(study: Path, wanted: np.ndarray, tmp_
 
 def segments(study: Path) -> Iterator[tuple[int, int]]:
     """The parts of the log as PROGRAM has them."""
-    from haptid.observation import observation
+    from haptid.observation import plan as planning
 
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(observation, "SEGMENT", 4096)
+        patch.setattr(planning, "SEGMENT", 4096)
         made = identify(read_study(study))
-        yield from observation.Plan.of(made.model, made.runs[0].motion).segments()
+        yield from planning.Plan.of(made.model, made.runs[0].motion).segments()
 
 
 def test_a_killed_process_costs_its_part_alone(study: Path, wanted: np.ndarray, tmp_path: Path) -> None:

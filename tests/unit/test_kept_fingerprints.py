@@ -6,8 +6,9 @@ import numpy as np
 import pytest
 
 import haptid
-from haptid.observation.batch import RFactorCache, fingerprint, observe_all
-from haptid.observation.observation import Plan
+from haptid.observation.batch import observe_all
+from haptid.observation.cache import RFactorCache, fingerprint
+from haptid.observation.plan import Plan
 from small_study import DEVICE, write_study
 
 TERMS = """

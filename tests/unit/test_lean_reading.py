@@ -14,8 +14,8 @@ from pyarrow import parquet
 from scipy import signal
 
 import haptid
-from haptid.log import as_array, checks, lazy
-from haptid.log.on_disk import CHUNK, OnDisk
+from haptid.log import as_array, checks, is_long
+from haptid.log.lazy import CHUNK, OnDisk
 from haptid.motion.streaming import PIECE, filtered, memory
 
 
@@ -74,6 +74,6 @@ def test_the_longest_step_is_found_piece_by_piece(size: int) -> None:
 
 def test_a_large_file_is_one_that_is_opened(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     (tmp_path / "log.parquet").write_bytes(b"PAR1")
-    assert not lazy.is_long(tmp_path / "log.parquet")
-    monkeypatch.setattr(lazy, "LARGE", 3)
-    assert lazy.is_long(tmp_path / "log.parquet")
+    assert not is_long(tmp_path / "log.parquet")
+    monkeypatch.setattr("haptid.log.read.LARGE", 3)
+    assert is_long(tmp_path / "log.parquet")

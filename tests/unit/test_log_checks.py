@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 from haptid import errors
 from haptid.log import Channels, Log, Signal, read_log
 from haptid.log.resampling import from_stamps
-from haptid.log.units import SPELLINGS, TABLES, meant
+from haptid.log.units import SPELLINGS, TABLES, closest_unit
 
 QUICK = settings(max_examples=40, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
 T = np.arange(4000) / 1000
@@ -205,7 +205,7 @@ def test_unknown_units_say_what_was_meant() -> None:
     for quantity, table in TABLES.items():
         for unit in table:
             for spelling in SPELLINGS[unit]:
-                assert meant(spelling, quantity) == unit
+                assert closest_unit(spelling, quantity) == unit
     with pytest.raises(errors.UnknownUnitError, match=r"'Nm' of the torque is not known\. Write 'N m'\. Known: N m"):
         Channels(Signal("q", "rad"), Signal("tau", "Nm"), "t")
     with pytest.raises(errors.UnknownUnitError, match=r"'furlong' of the position is not known\. Known: rad"):

@@ -15,7 +15,7 @@ from pyarrow import parquet
 import haptid
 from haptid import errors
 from haptid.log import Channels, OnDisk, Signal, open_log, read_log
-from haptid.log.on_disk import CHUNK
+from haptid.log.lazy import CHUNK
 from motions import motion, truth
 
 QUICK = settings(max_examples=8, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
@@ -81,7 +81,7 @@ def test_an_opened_log_is_the_log_that_is_read(tmp_path: Path, suffix: str, kind
         np.testing.assert_array_equal(np.asarray(ours), theirs)
         for channel, other in zip(ours.T, theirs.T, strict=True):
             np.testing.assert_array_equal(channel, other)
-    assert opened.course.spans == read.course.spans
+    assert opened.profile.spans == read.profile.spans
     np.testing.assert_array_equal(opened.busiest(9.0).position, read.busiest(9.0).position)
 
 

@@ -21,7 +21,7 @@ from pyarrow import parquet
 
 from haptid import errors
 from haptid.log import Channels, Signal, read_log
-from haptid.log.formats import content
+from haptid.log.formats import sniff
 from haptid.log.read import FORMATS
 
 QUICK = settings(max_examples=25, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
@@ -168,10 +168,10 @@ def test_parquet_decimals_nulls_and_narrow_types(tmp_path: Path) -> None:
 
 
 def test_matrix_channels_run_along_the_shorter_side() -> None:
-    assert content.addresses("x", (6, 2501)).keys() == content.addresses("x", (2501, 6)).keys()
-    assert list(content.addresses("x", (100, 2))) == ["x[1]", "x[2]"]
-    assert list(content.addresses("x", (100, 1))) == list(content.addresses("x", (1, 100))) == ["x"]
-    assert content.addresses("x", (1, 1)) == content.addresses("x", (3, 4, 5)) == {}
+    assert sniff.addresses("x", (6, 2501)).keys() == sniff.addresses("x", (2501, 6)).keys()
+    assert list(sniff.addresses("x", (100, 2))) == ["x[1]", "x[2]"]
+    assert list(sniff.addresses("x", (100, 1))) == list(sniff.addresses("x", (1, 100))) == ["x"]
+    assert sniff.addresses("x", (1, 1)) == sniff.addresses("x", (3, 4, 5)) == {}
 
 
 # --- text ---
@@ -335,7 +335,7 @@ def test_corrupt_file_is_chained_from_its_library(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("kind", [".parquet", ".npz", ".h5", ".mat"])
 def test_bombs_are_refused(tmp_path: Path, kind: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(content, "SIZE_LIMIT", 2**20)
+    monkeypatch.setattr(sniff, "SIZE_LIMIT", 2**20)
     zeros = np.zeros(2**20)
     path = tmp_path / f"bomb{kind}"
     if kind == ".parquet":

@@ -181,7 +181,7 @@ def test_slow_rows_are_dropped_motor_by_motor(model, beta):
 
 
 def test_blocks_of_a_long_motion_grow(model, beta, monkeypatch):
-    monkeypatch.setattr("haptid.observation.observation.MOST_BLOCKS", 4)
+    monkeypatch.setattr("haptid.observation.plan.MOST_BLOCKS", 4)
     made = motion(model, beta, noise=0.1)
     observation = haptid.observe(model, made)
     assert len(observation.blocks) <= 4
@@ -195,7 +195,7 @@ def test_the_result_does_not_depend_on_the_segments(model, beta, monkeypatch):
     treatment = haptid.Treatment(cutoff_hz=None, decimation=5, reversal_speed=0.05)
     made = motion(model, beta, noise=0.1, treatment=treatment)
     whole = haptid.observe(model, made)
-    monkeypatch.setattr("haptid.observation.observation.SEGMENT", 1500)
+    monkeypatch.setattr("haptid.observation.plan.SEGMENT", 1500)
     parts = haptid.observe(model, made)
     for a, b in zip(whole.motors, parts.motors, strict=True):
         np.testing.assert_array_equal(a.rows, b.rows)
@@ -203,7 +203,7 @@ def test_the_result_does_not_depend_on_the_segments(model, beta, monkeypatch):
 
 
 def test_progress_runs_to_the_end(model, beta, monkeypatch):
-    monkeypatch.setattr("haptid.observation.observation.SEGMENT", 1500)
+    monkeypatch.setattr("haptid.observation.plan.SEGMENT", 1500)
     shares = []
     haptid.observe(model, motion(model, beta), progress=shares.append)
     assert len(shares) > 3

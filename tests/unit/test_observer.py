@@ -9,7 +9,7 @@ from haptid import errors
 from haptid.dynamics.kinematics import handle_motion
 from haptid.end_effector.force import estimate_force
 from haptid.end_effector.momentum_observer import MomentumObserver, observe_force
-from haptid.motion.causal import HighPass
+from haptid.motion.filters import HighPass
 from mechanisms import mechanisms
 from motions import motion, multisine, truth
 from random_devices import as_device, parameters

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 import haptid
 from haptid.errors import SwappedChannelsError, TreatmentValueError
-from haptid.motion.time_shift import delayed
+from haptid.motion.streaming import delayed
 from haptid.treatment_choice.propose import bandwidth
 from motions import multisine, truth
 
@@ -61,7 +61,7 @@ def test_the_delay_is_found(phantom, late, seed):
 
 @pytest.mark.parametrize(
     ("late", "taken", "words"),
-    [(0.0, 0.0, "is not late"), (0.5, 5e-4, "half a sampling period"), (2.3, 2.3e-3, "compensated")],
+    [(0.0, 0.0, "zero within"), (0.5, 5e-4, "half a sampling period"), (2.3, 2.3e-3, "compensated")],
 )
 def test_a_delay_is_named(phantom, late, taken, words):
     proposal = haptid.propose(phantom, recorded(phantom, late=late, noise=0.003))
@@ -72,7 +72,7 @@ def test_a_delay_is_named(phantom, late, taken, words):
 def test_a_log_that_does_not_tell_the_delay_is_taken_as_it_is(phantom):
     proposal = haptid.propose(phantom, recorded(phantom, late=3.0, noise=20.0))
     assert proposal.treatment.torque_delay_s == 0
-    assert "do not tell how late" in proposal.reasons[-1]
+    assert "not identifiable from the logs" in proposal.reasons[-1]
 
 
 def test_known_parameters_come_back_from_encoders_and_a_late_torque(phantom):
@@ -104,9 +104,9 @@ def test_the_filter_is_widened_where_it_leaves_too_few_rows(phantom):
 
 def test_coarse_positions_are_named(phantom):
     coarse = haptid.propose(phantom, recorded(phantom, step=0.02), torque_delay_s=0.0)
-    assert any("read the positions finer" in reason for reason in coarse.reasons)
+    assert any("with a finer encoder" in reason for reason in coarse.reasons)
     fine = haptid.propose(phantom, recorded(phantom), torque_delay_s=0.0)
-    assert not any("read the positions finer" in reason for reason in fine.reasons)
+    assert not any("with a finer encoder" in reason for reason in fine.reasons)
 
 
 def test_a_device_without_dry_friction_loses_no_rows():

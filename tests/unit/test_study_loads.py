@@ -13,7 +13,7 @@ import haptid
 from haptid import estimation as e
 from haptid.device.priors import Body
 from haptid.errors import StudyFileError, UnknownLinkError
-from haptid.observation.batch import RFactorCache, fingerprint
+from haptid.observation.cache import RFactorCache, fingerprint
 from haptid.observation.known_payload import Payload, log_without_payload
 from haptid.observation.observation import Plan
 from haptid.results.result import Result

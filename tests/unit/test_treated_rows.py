@@ -6,8 +6,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import haptid
-from haptid.motion.causal import Causal
-from haptid.observation.rows import Rows, decimated
+from haptid.motion.filters import Causal
+from haptid.observation.filtering import decimate
+from haptid.observation.rows import Rows
 from motions import motion, truth
 from windows import FILTERS, windows
 
@@ -71,5 +72,5 @@ def test_decimation_is_that_of_a_loop_over_windows(which, seed):
     signals, taps = rng.normal(size=(2, 3, 400)), rng.normal(size=length)
     rows = (400 - length) // decimation + 1
     np.testing.assert_allclose(
-        decimated(signals, taps, decimation), windows(signals, taps, length // 2, decimation, rows), atol=1e-12
+        decimate(signals, taps, decimation), windows(signals, taps, length // 2, decimation, rows), atol=1e-12
     )

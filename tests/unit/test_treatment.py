@@ -8,7 +8,7 @@ from scipy import signal
 
 import haptid
 from haptid.errors import CutoffError, MotionTooShortError, TreatmentValueError
-from haptid.motion.time_shift import delayed, lost
+from haptid.motion.streaming import delayed, lost
 
 
 def gain(filtered, t, frequency):

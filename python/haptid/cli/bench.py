@@ -49,9 +49,7 @@ def bench(
     many: Annotated[
         int | None, typer.Option("--workers", min=1, help="processes for several logs (default: one per processor)")
     ] = None,
-    scheduler: Annotated[
-        str | None, typer.Option(help="address of a Dask scheduler whose workers simulate the logs")
-    ] = None,
+    scheduler: Annotated[str | None, typer.Option(help="Dask scheduler whose workers simulate the logs")] = None,
     quiet: Annotated[bool, typer.Option("--quiet", "-q", help="no progress, no summary")] = False,
 ) -> None:
     from haptid._internal.workers import DaskExecutor, ProcessExecutor

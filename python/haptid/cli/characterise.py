@@ -44,15 +44,11 @@ def characterise(
     speed: Annotated[
         float | None, typer.Option("--speed", help="of the handle, m/s: largest velocity-dependent force")
     ] = None,
-    stiffness: Annotated[
-        str | None, typer.Option("--stiffness", help="of the joints: one value for all, or one each")
-    ] = None,
+    stiffness: Annotated[str | None, typer.Option("--stiffness", help="of the joints: one, or one each")] = None,
     torque: Annotated[list[str] | None, typer.Option("--torque", help="limit of a motor: NAME=VALUE")] = None,
     worst: Annotated[
         float | None,
-        typer.Option(
-            "--worst", help="largest condition number of the Jacobian; other poses are left out (default: 30)"
-        ),
+        typer.Option("--worst", help="largest condition number of a pose (default: 30)"),
     ] = None,
     out_folder: Annotated[Path, typer.Option("--out", help="folder for the figures")] = Path("haptid-handle"),
     quiet: Annotated[bool, typer.Option("--quiet", "-q", help="no progress, no summary")] = False,

@@ -39,17 +39,11 @@ def excite(
         str, typer.Argument(help="a device file (TOML) or the name of a shipped device", show_default=False)
     ],
     out_file: Annotated[Path, typer.Option("--out", help="the experiment to write, a .toml file", show_default=False)],
-    like: Annotated[
-        Path | None, typer.Option(help="an experiment whose controller, instruments and parameters are used")
-    ] = None,
+    like: Annotated[Path | None, typer.Option(help="an experiment with the controller to use")] = None,
     centre: Annotated[str | None, typer.Option(help="of the motion, rad or m: 0,0.2,0.3")] = None,
-    stroke: Annotated[
-        str | None, typer.Option(help="to either side of the centre: one value for all, or one each")
-    ] = None,
-    speed: Annotated[str | None, typer.Option(help="largest, rad/s or m/s: one value for all, or one each")] = None,
-    acceleration: Annotated[
-        str | None, typer.Option(help="largest, rad/s^2 or m/s^2: one value for all, or one each")
-    ] = None,
+    stroke: Annotated[str | None, typer.Option(help="to either side of the centre: one, or one each")] = None,
+    speed: Annotated[str | None, typer.Option(help="largest, rad/s or m/s: one, or one each")] = None,
+    acceleration: Annotated[str | None, typer.Option(help="largest, rad/s^2 or m/s^2: one, or one each")] = None,
     triangles: Annotated[bool, typer.Option("--triangles", help="triangles with superimposed sines")] = False,
     seconds: Annotated[float | None, typer.Option(min=1.0, help="duration of the motion")] = None,
     keep: Annotated[

@@ -42,15 +42,13 @@ def export(
     ],
     to: Annotated[list[str], typer.Option("--to", help="a format; several are allowed", show_default=False)],
     folder: Annotated[Path, typer.Option("--out", help="parent of the formats' folders", show_default=False)],
-    anyway: Annotated[
-        bool, typer.Option("--anyway", help="export a model that does not meet its criterion, with a warning")
-    ] = False,
+    anyway: Annotated[bool, typer.Option("--anyway", help="export a failed model, with a warning")] = False,
     name: Annotated[
         str | None, typer.Option("--name", help="prefix of all names in code (default: from the device)")
     ] = None,
     reversal_speed: Annotated[
         float,
-        typer.Option("--reversal-speed", help="speed below which code smooths the sign of a velocity, rad/s or m/s"),
+        typer.Option("--reversal-speed", help="below it code smooths the sign of a velocity, rad/s or m/s"),
     ] = 0.01,
     quiet: Annotated[bool, typer.Option("--quiet", "-q", help="no summary")] = False,
 ) -> None:

@@ -55,7 +55,7 @@ def identify(
 ) -> None:
     from haptid._internal.atomic_folder import check_writable, publishing
     from haptid.cli.work import interruptible, resumed, workers
-    from haptid.observation.observation import Plan
+    from haptid.observation.plan import Plan
     from haptid.report import Source, report_of, sparklines, tables
     from haptid.report.plots import plot_torque
     from haptid.results.result import Result

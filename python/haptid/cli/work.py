@@ -10,7 +10,7 @@ import typer
 
 from haptid._internal.workers import DaskExecutor, Executor, ProcessExecutor, SerialExecutor
 from haptid.cli.common import EXIT_INTERRUPTED, complain, err
-from haptid.observation.batch import RFactorCache
+from haptid.observation.cache import RFactorCache
 
 
 def workers(count: int, scheduler: str | None) -> Executor:

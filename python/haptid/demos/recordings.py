@@ -22,7 +22,7 @@ from haptid.experiment.bench.logs import truth_paths, write_log, write_truth
 from haptid.experiment.bench.run import perform
 from haptid.experiment.bench.setup import Encoders
 from haptid.log import Channels, Log, Signal, read_log
-from haptid.motion.time_shift import lost
+from haptid.motion.streaming import lost
 from haptid.motion.treatment import Motion, Treatment, treat
 
 # Largest relative torque residual of a mounting expressed in the device's own base parameters: rounding.

@@ -21,8 +21,8 @@ from haptid.dynamics.wrench import Lever, lever
 from haptid.errors import ForceSettingError
 from haptid.estimation import Estimate
 from haptid.motion.treatment import Motion
-from haptid.observation.chunks import stretches
 from haptid.observation.reversals import doubt, softened
+from haptid.observation.rows import chunks
 from haptid.validation.validation import Validation, direct
 
 # Below this speed the sign of a velocity is smoothed, rad/s or m/s.
@@ -244,7 +244,7 @@ def _pieces(estimate: Estimate, motion: Motion, moment: Array | None, speed: flo
     model = estimate.model
     soft, chi = softened(model, speed), raw_parameters(model, estimate.beta)
     to_joints = np.linalg.inv(model.device.row_map)
-    for hard in stretches(model, motion):
+    for hard in chunks(model, motion):
         s = replace(hard, model=soft)
         motors, shown = s.measured(), np.zeros((0, s.stop - s.start))
         if moment is not None:

@@ -16,8 +16,8 @@ from haptid.dynamics.inverse import core_torque, raw_parameters, rigid
 from haptid.dynamics.model import DynamicModel
 from haptid.estimation import Estimate
 from haptid.motion.treatment import Motion
-from haptid.observation.chunks import Stretch, gathered, stretches
-from haptid.observation.observation import Plan
+from haptid.observation.plan import Plan
+from haptid.observation.rows import Chunk, chunks, gathered
 
 RIGID = ("inertia", "Coriolis and centrifugal", "gravity")
 FRICTION = ("viscous", "Coulomb", "Stribeck")
@@ -115,7 +115,7 @@ def decompose_torque(estimate: Estimate, motion: Motion) -> TorqueDecomposition:
     model = estimate.model
     chi = raw_parameters(model, estimate.beta)
     terms = {name: _only(model, chi, name) for name in dict.fromkeys(_part(t) for t in model.terms) if name}
-    pieces = ((s.t, _torques(s, rigid(model, chi), terms), s.measured()) for s in stretches(model, motion))
+    pieces = ((s.t, _torques(s, rigid(model, chi), terms), s.measured()) for s in chunks(model, motion))
     t, torque, measured = gathered(pieces, Plan.of(model, motion).rows)
     rows = [k for k, known in enumerate(model.device.measured) if known]
     return TorqueDecomposition(
@@ -145,7 +145,7 @@ def _only(model: DynamicModel, chi: Array, part: str) -> Array:
     return np.where(kept, chi, 0.0)
 
 
-def _torques(stretch: Stretch, bodies: Array, terms: dict[str, Array]) -> Array:
+def _torques(stretch: Chunk, bodies: Array, terms: dict[str, Array]) -> Array:
     """Treated torque of every part, (parts, motors, rows).
 
     The bodies' torque is linear in acceleration and, apart from it, quadratic in velocity: the velocity torques are

@@ -11,7 +11,8 @@ from scipy import linalg
 from haptid._internal.arrays import Array
 from haptid.errors import TooFewRowsError, UnexcitedError
 from haptid.estimation.knowledge import Knowledge
-from haptid.observation.observation import Observation, triangle
+from haptid.observation.observation import Observation
+from haptid.observation.r_factor import triangle
 
 # A direction of the scaled parameters that carries less than this share of the largest one is not in the log.
 EXCITED = 1e-10

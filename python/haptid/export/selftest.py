@@ -8,11 +8,13 @@ import numpy as np
 
 from haptid._internal.arrays import Array
 from haptid.end_effector.momentum_observer import MomentumObserver
+from haptid.estimation.nonlinear.search import STEP
+from haptid.experiment.friction_test.choice import GAIN
 from haptid.export.dialects import DOUBLE, C
 from haptid.export.functions import Function
 from haptid.export.golden import Golden
-from haptid.export.text import CUTOFF_HZ, GAIN, STEP, Files
-from haptid.motion.causal import HighPass
+from haptid.export.text import CUTOFF_HZ, Files
+from haptid.motion.filters import HighPass
 
 SAMPLES = 12
 # States of which the best are taken.

@@ -1,50 +1,70 @@
-"""What is wrong with samples: each check takes a raw channel, in the unit of the file."""
+"""Checks of a log: raw channels in the unit of the file, and positions against the joints of a device."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import math
+from collections.abc import Mapping, Sequence
 from itertools import combinations
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
 from haptid._internal.arrays import Array
-from haptid.errors import (
-    DeadChannelError,
-    IdenticalChannelsError,
-    NonFiniteError,
-    PositionJumpError,
-    RepeatedStampError,
-    SaturatedTorqueError,
-    UnequalChannelsError,
-    WrappedPositionError,
-)
-from haptid.log.formats.content import Column, all_usable, usable
-from haptid.log.log import Signal
+from haptid.errors import LogDataError, LogMismatchError, LogTimeError
 from haptid.log.units import PERIODS
 
-# A step is a jump if it is longer than this many of the steps that only one in a thousand exceeds,
+if TYPE_CHECKING:
+    from haptid.log.formats.sniff import Column
+    from haptid.log.log import Log, Signal
+
+Range = tuple[float, float]
+
+# Largest magnitude of a sample in any unit: a larger one comes from damaged bytes, and its powers overflow.
+LARGEST = 1e30
+# A step is a jump if it is longer than JUMP times the 99.9 % quantile of the steps,
 JUMP = 50.0
-# and than this many of the smallest ones (a coarse encoder moves by whole counts),
+# and than this many times the smallest step (a coarse encoder moves by whole counts),
 JUMP_COUNTS = 20.0
-# and than this many rad or m. A few steps may be jumps, so the largest JUMPS_ASIDE never count as usual.
+# and than this, rad or m. The largest JUMPS_ASIDE steps, which may be jumps, are excluded from the quantile.
 JUMP_SI = 1e-3
 JUMPS_ASIDE = 4
-# Steps that are made at a time.
+# Steps that are computed at a time.
 PIECE = 2**14
-# From that many steps on, every other one, or third, ... tells what is usual.
+# Steps above which the quantile is estimated from every second one, every third one, ...
 SAMPLED = 2**16
-# Counters that wrap have at least this many bits.
+# Smallest range of a counter that wraps.
 SMALLEST_PERIOD = 2.0**10
-# A torque is saturated if it stays at its extreme for so many samples in a row, for this share of the log,
+# A torque is saturated if it stays at its extreme for this many samples in a row, for this share of the log,
 HELD_SAMPLES = 5
 HELD_SHARE = 0.01
-# and if it takes the value next to the extreme this much more rarely: at the crest of a coarse but unclipped
-# sine the next level is taken at least sqrt(2) - 1 = 0.41 times as often as the extreme.
+# and if the level next to the extreme is rarer than this share of it: at the crest of a coarse but unclipped sine
+# the next level is taken at least sqrt(2) - 1 = 0.41 times as often as the extreme.
 NEXT_SHARE = 0.25
 # Points at which two channels are compared before they are compared everywhere.
 PROBES = 64
+# A joint without limits that covers more than this is assumed to be in degrees, rad.
+MOST_TURNS = 4 * math.pi
+# So is one this many times beyond its limits, if the angle read as degrees fits them.
+BEYOND = 2.0
+# Joints that cover less than this are assumed to be in radians, deg; so small a motion identifies nothing anyway.
+LEAST_SPAN_DEG = 3.0
+# With limits: joints that cover less than this share of their range, if 57.3 times more still fits.
+LEAST_SHARE = 0.02
+# Share of its range by which a position may exceed its limits: stops are soft, and zeros are not exact.
+SLACK = 0.05
+
+
+def usable(column: Column) -> NDArray[np.bool_]:
+    """Where a column holds a finite number not beyond `LARGEST`."""
+    with np.errstate(invalid="ignore"):
+        return np.asarray(np.abs(column) < LARGEST)
+
+
+def all_usable(column: Column) -> bool:
+    """Whether every sample is `usable`, from the extremes alone, without a mask of all samples."""
+    return column.size == 0 or bool(column.min() > -LARGEST and column.max() < LARGEST)
 
 
 def lengths(path: Path, columns: Mapping[str, Column]) -> int:
@@ -52,7 +72,7 @@ def lengths(path: Path, columns: Mapping[str, Column]) -> int:
     (first, column), *others = columns.items()
     for name, other in others:
         if other.size != column.size:
-            raise UnequalChannelsError(path, first, column.size, name, other.size)
+            raise unequal_lengths(path, first, column.size, name, other.size)
     return column.size
 
 
@@ -62,24 +82,31 @@ def finite(path: Path, name: str, column: Column, stamps: Array) -> None:
         return
     bad = ~usable(column)
     first = int(np.argmax(bad))
-    raise NonFiniteError(path, name, int(np.count_nonzero(bad)), first, float(stamps[first]))
+    raise non_finite(path, name, int(np.count_nonzero(bad)), first, float(stamps[first]))
 
 
 def repeats(path: Path, columns: Mapping[str, Column], stamps: Array, repeated: NDArray[np.intp]) -> None:
-    """Refuse equal stamps on samples that differ."""
+    """Refuse samples that differ under equal stamps."""
     for name, column in columns.items():
         differing = repeated[column[repeated] != column[repeated - 1]]
         if differing.size:
             first = int(differing[0])
-            raise RepeatedStampError(path, repeated.size, stamps.size, first, float(stamps[first]), name)
+            why = f"channel {name!r} has different values at one of them"
+            raise repeated_stamps(path, repeated.size, first, float(stamps[first]), why)
 
 
 def constant(path: Path, name: str, column: Column, quantity: str, ok: bool) -> str | None:
-    """Refuse a channel that never changes, unless it is meant to; then say so."""
+    """Refuse a constant channel; returns a note instead where it is allowed."""
     if column.min() != column.max():
         return None
     if not ok:
-        raise DeadChannelError(path, name, float(column[0]), quantity)
+        raise LogDataError(
+            f"{path}: {quantity} channel {name!r} is {column[0]:.6g} in every sample: it is not connected, or nothing "
+            "moved.",
+            where=name,
+            found=float(column[0]),
+            advice="Map the connected channel, or give its signal constant_ok=True if it is constant on purpose.",
+        )
     return f"{quantity} channel {name!r} is {column[0]:.6g} in every sample, as allowed"
 
 
@@ -92,11 +119,11 @@ def identical(path: Path, columns: Mapping[str, Column]) -> None:
             and np.array_equal(column, rival)
             and column.min() != column.max()
         ):
-            raise IdenticalChannelsError(path, name, other)
+            raise identical_channels(path, name, other)
 
 
 def period(signal: Signal, largest: float) -> float | None:
-    """The jump of a wrapped channel in its own unit; None where the unit has none.
+    """Period of a wrapped channel in its own unit; None where the unit has none.
 
     Args:
         signal: the positions.
@@ -110,7 +137,7 @@ def period(signal: Signal, largest: float) -> float | None:
 
 
 def jumps(path: Path, name: str, column: Array, stamps: Array, signal: Signal, si: float) -> None:
-    """Refuse a position that leaps.
+    """Refuse a position with jumps, or one that wraps and is not to be unwrapped.
 
     Args:
         path, name: of the file and of the channel.
@@ -128,18 +155,32 @@ def jumps(path: Path, name: str, column: Array, stamps: Array, signal: Signal, s
         if usual <= turn / 8 and abs(largest - turn) <= 2 * usual + 1e-3 * turn:
             first = int(np.argmax(wraps)) + 1
             count = int(np.count_nonzero(wraps))
-            raise WrappedPositionError(path, name, float(stamps[first]), turn, signal.unit, count)
+            raise LogDataError(
+                f"{path}: position channel {name!r} jumps by its whole period of {turn:.6g} {signal.unit} at t = "
+                f"{stamps[first]:.6g} s ({count} times in the log): it is wrapped.",
+                where=(name, float(stamps[first])),
+                found=turn,
+                advice="Unwrap it before saving, or give its signal unwrap=True.",
+            )
     rank = max(min(int(0.999 * (sample.size - 1)), sample.size - 1 - JUMPS_ASIDE), 0)
     usual = float(np.partition(sample, rank)[rank])
     if largest > JUMP * usual and largest * abs(si) > JUMP_SI:
         steps = np.abs(np.diff(column))
         smallest = float(steps.min(where=steps > 0, initial=np.inf))
         if largest > JUMP_COUNTS * smallest:
-            raise PositionJumpError(path, name, float(stamps[k + 1]), largest, signal.unit, usual)
+            raise LogDataError(
+                f"{path}: position channel {name!r} jumps by {largest:.6g} {signal.unit} in one sample at t = "
+                f"{stamps[k + 1]:.6g} s, where 99.9 % of its steps are below {usual:.3g} {signal.unit}: lost counts, "
+                "or two recordings in one.",
+                where=(name, float(stamps[k + 1])),
+                found=largest,
+                limit=usual,
+                advice="Keep a part without it with `stretch`.",
+            )
 
 
 def _steps(column: Array) -> tuple[int, float, Array]:
-    """Where the longest step of a column is, its length, and steps that tell what is usual; piece by piece."""
+    """Place and length of a column's longest step, and a sample of its steps; piece by piece."""
     every = max(1, (column.size - 1) // SAMPLED)
     piece = every * max(1, PIECE // every)
     sample = np.empty(-(-(column.size - 1) // every))
@@ -156,8 +197,8 @@ def _steps(column: Array) -> tuple[int, float, Array]:
     return at, largest, sample
 
 
-def turns(column: Array, signal: Signal) -> tuple[NDArray[np.intp], Array]:
-    """Samples at which a wrapped channel jumps, and what must be taken off from each of them on, each (jumps,)."""
+def find_wraps(column: Array, signal: Signal) -> tuple[NDArray[np.intp], Array]:
+    """Samples at which a wrapped channel jumps, and the offset to subtract from each of them on, each (jumps,)."""
     steps = np.diff(column)
     turn = period(signal, float(np.abs(steps).max()))
     if turn is None:
@@ -167,21 +208,21 @@ def turns(column: Array, signal: Signal) -> tuple[NDArray[np.intp], Array]:
     return before + 1, np.cumsum(whole[before]) * turn
 
 
-def taken_off(at: NDArray[np.intp], shift: Array, low: int, high: int) -> Array:
-    """What `turns` says must be taken off samples low..high, (high - low,)."""
+def wrap_offset(at: NDArray[np.intp], shift: Array, low: int, high: int) -> Array:
+    """Offset by `find_wraps` to subtract from samples low..high, (high - low,)."""
     return np.asarray(np.append(0.0, shift)[np.searchsorted(at, np.arange(low, high), side="right")])
 
 
 def unwrapped(column: Array, signal: Signal) -> tuple[Array, int]:
-    """The column with whole periods put back, (m,), and the number of jumps."""
-    at, shift = turns(column, signal)
-    return (column - taken_off(at, shift, 0, column.size) if at.size else column), at.size
+    """The column unwrapped, (m,), and the number of jumps."""
+    at, shift = find_wraps(column, signal)
+    return (column - wrap_offset(at, shift, 0, column.size) if at.size else column), at.size
 
 
 def saturated(path: Path, name: str, column: Array, bits: NDArray[np.uint8], signal: Signal) -> str | None:
-    """Refuse a torque that was cut off at its extreme, unless that is allowed; then say so.
+    """Refuse a torque that saturates at its extreme; returns a note instead where that is allowed.
 
-    A coarse torque also repeats its extreme, see `NEXT_SHARE`, and so does one at rest, which does not count.
+    A coarse torque also repeats its extreme, see `NEXT_SHARE`; so does one at rest, which is not counted.
 
     Args:
         path, name: of the file and of the channel.
@@ -195,14 +236,23 @@ def saturated(path: Path, name: str, column: Array, bits: NDArray[np.uint8], sig
         level = int(np.count_nonzero(at))
         if level <= HELD_SHARE * column.size or level == column.size:
             continue
-        beside = column.max(where=~at, initial=-np.inf) if sign > 0 else column.min(where=~at, initial=np.inf)
-        if np.count_nonzero(column == beside) >= NEXT_SHARE * level:
+        neighbour = column.max(where=~at, initial=-np.inf) if sign > 0 else column.min(where=~at, initial=np.inf)
+        if np.count_nonzero(column == neighbour) >= NEXT_SHARE * level:
             continue
         moving = np.unpackbits(bits, count=column.size - 1).view(bool)
         share = _held(at, moving) / column.size
         if share > HELD_SHARE:
             if not signal.allow_saturation:
-                raise SaturatedTorqueError(path, name, extreme, signal.unit, share, HELD_SHARE)
+                raise LogDataError(
+                    f"{path}: torque channel {name!r} stays exactly at its extreme {extreme:.6g} {signal.unit} for "
+                    f"{100 * share:.2g} % of the samples (limit {100 * HELD_SHARE:g} %): it is saturated, and the "
+                    "actual torque there is unknown.",
+                    where=name,
+                    found=share,
+                    limit=HELD_SHARE,
+                    advice="Record a slower motion, exclude the part with `stretch`, or give allow_saturation=True if "
+                    "the command is the torque that acted.",
+                )
             return (
                 f"torque channel {name!r} is saturated at {extreme:.6g} {signal.unit} for "
                 f"{100 * share:.2g} % of the samples, as allowed"
@@ -211,10 +261,184 @@ def saturated(path: Path, name: str, column: Array, bits: NDArray[np.uint8], sig
 
 
 def _held(at: NDArray[np.bool_], moving: NDArray[np.bool_]) -> int:
-    """Number of samples in runs of at least `HELD_SAMPLES` during which something moves."""
+    """Number of samples in runs of at least `HELD_SAMPLES` with motion."""
     edges = np.flatnonzero(np.diff(at, prepend=False, append=False))
     begin, end = edges[::2], edges[1::2]
     moves = np.flatnonzero(moving)  # the sample before each move
     moved = np.searchsorted(moves, end - 1) > np.searchsorted(moves, begin)
     counts = (end - begin >= HELD_SAMPLES) & moved
     return int((end - begin)[counts].sum())
+
+
+def check_against(
+    log: Log, position_ranges: Sequence[Range | None], prismatic: Sequence[bool], names: Sequence[str]
+) -> tuple[str, ...]:
+    """Compare positions with the limits of their joints, to find wrong units and swapped channels.
+
+    Only joint-side positions can be compared; a log of the motor side passes.
+
+    Args:
+        log: the recording.
+        position_ranges: limits of each position channel's joint, rad or m; None where unknown.
+        prismatic: whether each joint is prismatic.
+        names: of the joints.
+
+    Returns:
+        A note for each joint outside its limits for no such cause.
+
+    Raises:
+        LogMismatchError: an angle in radians that is plausible only as degrees, angles in degrees that are plausible
+            only as radians, or two channels, each within the other's limits and not its own.
+    """
+    count = len(log.channels.position.channels)
+    if log.channels.position.side != "joint" or not len(position_ranges) == len(prismatic) == len(names) == count:
+        return ()
+    spans = list(log.spans)
+    angles = [k for k in range(count) if not prismatic[k]]
+    if log.channels.position.unit == "deg":
+        _check_radians(angles, spans, position_ranges, names)
+    else:
+        for k in angles:
+            _check_degrees(names[k], log.channels.position.channels[k], spans[k], position_ranges[k])
+    _check_swapped(log, spans, position_ranges, prismatic, names)
+    return tuple(
+        f"joint {name} runs from {low:.4g} to {high:.4g}, outside its limits {limits[0]:.4g} .. {limits[1]:.4g}"
+        for name, (low, high), limits in zip(names, spans, position_ranges, strict=True)
+        if limits is not None and not _inside((low, high), limits)
+    )
+
+
+def _inside(span: Range, limits: Range) -> bool:
+    slack = SLACK * (limits[1] - limits[0])
+    return limits[0] - slack <= span[0] and span[1] <= limits[1] + slack
+
+
+def _times(span: Range, factor: float) -> Range:
+    return span[0] * factor, span[1] * factor
+
+
+def _check_degrees(name: str, channel: str, span: Range, limits: Range | None) -> None:
+    low, high = span
+    if limits is None:
+        if high - low > MOST_TURNS:
+            raise _degrees(name, channel, low, high, None)
+        return
+    furthest = max(abs(limits[0]), abs(limits[1]))
+    beyond = max(abs(low), abs(high)) > BEYOND * furthest
+    if beyond and _inside(_times(span, math.pi / 180), limits):
+        raise _degrees(name, channel, low, high, limits)
+
+
+def _check_radians(
+    angles: Sequence[int], spans: Sequence[Range], ranges: Sequence[Range | None], names: Sequence[str]
+) -> None:
+    def small(k: int) -> bool:
+        limits, (low, high) = ranges[k], spans[k]
+        if limits is None:
+            return math.degrees(high - low) < LEAST_SPAN_DEG
+        fits = _inside(_times(spans[k], 180 / math.pi), limits)
+        return fits and high - low < LEAST_SHARE * (limits[1] - limits[0])
+
+    if angles and all(small(k) for k in angles):
+        widest = max(angles, key=lambda k: spans[k][1] - spans[k][0])
+        span = math.degrees(spans[widest][1] - spans[widest][0])
+        limits = ranges[widest]
+        limit = LEAST_SPAN_DEG if limits is None else math.degrees(LEAST_SHARE * (limits[1] - limits[0]))
+        raise LogMismatchError(
+            f"with unit 'deg' no joint moves more than {span:.3g} deg (joint {names[widest]}), below {limit:g} deg; "
+            "as radians the motion would be plausible.",
+            where=names[widest],
+            found=span,
+            limit=limit,
+            advice="Give the position signal unit='rad'; if the motion really is this small, unit='rad' with "
+            "gain=pi/180.",
+        )
+
+
+def _check_swapped(
+    log: Log,
+    spans: Sequence[Range],
+    ranges: Sequence[Range | None],
+    prismatic: Sequence[bool],
+    names: Sequence[str],
+) -> None:
+    channels = log.channels.position.channels
+    for k, (span, limits) in enumerate(zip(spans, ranges, strict=True)):
+        if limits is None or _inside(span, limits):
+            continue
+        for j, (other, others) in enumerate(zip(spans, ranges, strict=True)):
+            if j == k or others is None or prismatic[j] != prismatic[k]:
+                continue
+            if _inside(other, limits) and _inside(span, others):
+                reach = _furthest(span, limits)
+                raise LogMismatchError(
+                    f"joint {names[k]} (channel {channels[k]!r}) reaches {reach:.4g}, outside its limits "
+                    f"{limits[0]:.4g} .. {limits[1]:.4g}, while channel {channels[j]!r} of joint {names[j]} is within "
+                    "them, and the other way round.",
+                    where=(names[k], names[j]),
+                    found=reach,
+                    limit=limits,
+                    advice="Exchange the two channels, or correct the limits.",
+                )
+
+
+def _furthest(span: Range, limits: Range) -> float:
+    """The end of a span that is further from the middle of the limits."""
+    return max(span, key=lambda end: abs(end - 0.5 * (limits[0] + limits[1])))
+
+
+def _degrees(name: str, channel: str, low: float, high: float, limits: Range | None) -> LogMismatchError:
+    """Error of an angle in radians that is plausible only as degrees."""
+    why = f"{(high - low) / (2 * math.pi):.1f} turns"
+    if limits:
+        why = f"far beyond its limits {limits[0]:.4g} .. {limits[1]:.4g} rad"
+    return LogMismatchError(
+        f"joint {name} (channel {channel!r}) runs from {low:.4g} to {high:.4g} rad, {why}; divided by 57.3 it would be "
+        "plausible.",
+        where=name,
+        found=(low, high),
+        limit=limits,
+        advice="Give the position signal unit='deg', or correct the joint's limits.",
+    )
+
+
+def non_finite(path: Path, name: str, count: int, index: int, time: float | None) -> LogDataError:
+    """Error of samples that are not finite, the first at an index and, where it is known, a time, s."""
+    when = "" if time is None else f" (t = {time:.6g} s)"
+    samples = "1 sample" if count == 1 else f"{count} samples"
+    return LogDataError(
+        f"{path}: channel {name!r} is missing, infinite or beyond {LARGEST:g} at {samples}, first at sample "
+        f"{index}{when}.",
+        where=(name, index),
+        found=count,
+        advice="Use `stretch` to keep a part without them, or repair the log.",
+    )
+
+
+def repeated_stamps(path: Path, count: int, index: int, time: float, why: str) -> LogTimeError:
+    """Error of stamps that equal the one before, the first at an index and a time, s."""
+    return LogTimeError(
+        f"{path}: {count} stamps equal the one before, first at sample {index} (t = {time:.9g} s), and {why}.",
+        where=index,
+        found=count,
+        advice="If the stamps are coarser than the sampling, leave `time` out and give `rate_hz`.",
+    )
+
+
+def unequal_lengths(path: Path, first: str, size: int, name: str, other: int) -> LogDataError:
+    """Error of two channels with different numbers of samples."""
+    return LogDataError(
+        f"{path}: {first} has {size} samples and {name} has {other}.",
+        where=(first, name),
+        found=(size, other),
+        advice="All mapped channels must be sampled together: bring them to one time base first.",
+    )
+
+
+def identical_channels(path: Path, name: str, other: str) -> LogDataError:
+    """Error of two channels that are equal."""
+    return LogDataError(
+        f"{path}: channels {name!r} and {other!r} are equal in every sample: one was recorded in place of the other.",
+        where=(name, other),
+        advice="Map two different channels.",
+    )

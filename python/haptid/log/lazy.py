@@ -1,47 +1,126 @@
-"""A log that stays on disk: checked like any other, one channel in memory at a time, and read again when needed."""
+"""Arrays of samples that stay on disk and are read when sliced, for logs larger than memory."""
 
 from __future__ import annotations
 
-import hashlib
-import os
-from collections.abc import Iterator
+from abc import ABC, abstractmethod
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
+from functools import lru_cache
 from pathlib import Path
+from typing import TYPE_CHECKING, Any, cast
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import DTypeLike, NDArray
 
 from haptid._internal.arrays import Array, freeze
-from haptid.errors import (
-    ChangedLogError,
-    EmptyLogError,
-    IdenticalChannelsError,
-    MissingChannelError,
-    NotByRowsError,
-    UnequalChannelsError,
-)
+from haptid.errors import LogFileError
 from haptid.log import checks, resampling, units
-from haptid.log.formats.content import Column
-from haptid.log.formats.guess import guess
-from haptid.log.log import Channels, Log, Signal
-from haptid.log.on_disk import CHUNK, Course, OnDisk, as_array
-from haptid.log.read import FORMATS, Format, Inspection, Kind, format_of, sha256_of, time_base
 
-# A file of more bytes is long.
-LARGE = 2**26
-# Of a channel that is not unwrapped.
-UNTURNED = (np.empty(0, np.intp), np.empty(0))
+if TYPE_CHECKING:
+    from haptid.log.log import Signal
+    from haptid.log.read import Format, Kind
+
+# Samples that are computed together, at fixed places, so that the result does not depend on what is sliced first.
+CHUNK = resampling.PIECE
+# Chunks of all arrays that are cached: those that one segment of rows needs, and their neighbours.
+HELD = 16
+
+
+@dataclass(frozen=True, eq=False)
+class MotionProfile:
+    """Range of each position channel, and the activity of all of them over time.
+
+    Attributes:
+        spans: minimum and maximum of each channel, rad or m.
+        activity: squared steps from the sample before, each channel's normalised to unit sum, added up, (n,).
+    """
+
+    spans: tuple[tuple[float, float], ...]
+    activity: Array
+
+    @staticmethod
+    def of(channels: Iterable[Array]) -> MotionProfile:
+        """Of channels that are each (n,), one in memory at a time."""
+        spans, activity = [], np.zeros(0)
+        for channel in channels:
+            spans.append((float(channel.min()), float(channel.max())))
+            activity = activity if activity.size else np.zeros(channel.size)
+            steps = np.diff(channel)
+            steps *= steps
+            steps /= steps.sum() or 1.0
+            activity[1:] += steps
+        return MotionProfile(tuple(spans), freeze(activity))
+
+
+class OnDisk(ABC):
+    """An array of samples (n, channels) that is computed chunk by chunk when sliced along its samples.
+
+    It can be passed wherever an array of samples can. Converted to a NumPy array, all of it is read into memory.
+    """
+
+    @property
+    @abstractmethod
+    def shape(self) -> tuple[int, int]:
+        """(n, channels)."""
+
+    @abstractmethod
+    def make(self, low: int, high: int) -> Array:
+        """Samples low..high, (channels, high - low)."""
+
+    def __len__(self) -> int:
+        return self.shape[0]
+
+    def __getitem__(self, rows: slice) -> Array:
+        """The samples of a slice without a step, (m, channels), each channel contiguous."""
+        low, high, _ = rows.indices(len(self))
+        return freeze(self.between(low, high)).T
+
+    def between(self, low: int, high: int) -> Array:
+        """Samples low..high, (channels, high - low)."""
+        out = np.empty((self.shape[1], max(high - low, 0)))
+        for k in range(low // CHUNK, -(-high // CHUNK)):
+            start, stop = max(low, k * CHUNK), min(high, (k + 1) * CHUNK)
+            out[:, start - low : stop - low] = _chunk(self, k)[:, start - k * CHUNK : stop - k * CHUNK]
+        return out
+
+    @property
+    def T(self) -> Iterator[Array]:
+        """Channel after channel, each (n,), one in memory at a time."""
+        for k in range(self.shape[1]):
+            yield self.channel(k)
+
+    def channel(self, k: int) -> Array:
+        """One channel, (n,)."""
+        return np.concatenate([_chunk(self, chunk)[k] for chunk in range(-(-len(self) // CHUNK))])
+
+    def profile(self) -> MotionProfile:
+        """Range and activity of the channels."""
+        return MotionProfile.of(self.T)
+
+    def __array__(self, dtype: DTypeLike | None = None, copy: bool | None = None) -> Any:
+        """All samples, (n, channels)."""
+        return np.asarray(self.between(0, len(self)).T, dtype=dtype)
+
+
+def as_array(samples: OnDisk) -> Array:
+    """The same object, typed as an array, for a field that holds an array: it is sliced like one."""
+    return cast(Array, samples)
+
+
+@lru_cache(maxsize=HELD)
+def _chunk(array: OnDisk, k: int) -> Array:
+    return array.make(k * CHUNK, min((k + 1) * CHUNK, len(array)))
 
 
 @dataclass(frozen=True, eq=False)
 class Source:
-    """The rows of a file that a log is made of.
+    """The rows of a file that a log consists of.
 
     Attributes:
         path, size: of the file; size in bytes.
         kind: its format.
         first: row of the first sample.
-        base: where the samples go.
+        base: time base of the samples.
     """
 
     path: Path
@@ -51,14 +130,20 @@ class Source:
     base: resampling.TimeBase
 
     def raw(self, names: tuple[str, ...], low: int, high: int) -> Array:
-        """Samples low..high at the stamps, repeated ones left out, in the file's unit, (channels, high - low).
+        """Samples low..high at the stamps, without repeated ones, in the file's unit, (channels, high - low).
 
         Raises:
-            ChangedLogError: the file is no longer what it was.
+            LogFileError: the file's size has changed.
         """
         size = self.path.stat().st_size
         if size != self.size:
-            raise ChangedLogError(self.path, size, self.size)
+            raise LogFileError(
+                f"{self.path} has {size} bytes, and had {self.size} when it was checked.",
+                where=self.path,
+                found=size,
+                limit=self.size,
+                advice="Wait until nothing writes to it, and start again; another machine requires the same file.",
+            )
         # Sample k is in row k + (repeated rows up to it).
         dropped = self.base.repeated - np.arange(self.base.repeated.size)
         start, stop = (int(k + np.searchsorted(dropped, k, side="right")) for k in (low, high - 1))
@@ -68,21 +153,21 @@ class Source:
 
 
 @dataclass(frozen=True, eq=False)
-class Recorded(OnDisk):
-    """The channels of a signal on the grid, in SI, as they are in the file.
+class SignalOnDisk(OnDisk):
+    """The channels of a signal on the uniform grid, in SI, read from the file when sliced.
 
     Attributes:
         source: the file.
-        signal, quantity: which channels, and what they are.
-        turns: where each channel jumps by whole periods, and what is taken off from there on.
-        known: how far positions go, and when they move.
+        signal, quantity: which channels, and their quantity.
+        wraps: samples at which each channel jumps by whole periods, and the offset to subtract from there on.
+        known: profile of the positions, computed while the file was checked.
     """
 
     source: Source
     signal: Signal
     quantity: Kind
-    turns: tuple[tuple[NDArray[np.intp], Array], ...]
-    known: Course | None = None
+    wraps: tuple[tuple[NDArray[np.intp], Array], ...]
+    known: MotionProfile | None = None
 
     @property
     def shape(self) -> tuple[int, int]:
@@ -96,8 +181,8 @@ class Recorded(OnDisk):
         starts = range(0, len(self), step)
         return np.concatenate([self._made(a, min(a + step, len(self)), range(k, k + 1))[0] for a in starts])
 
-    def course(self) -> Course:
-        return super().course() if self.known is None else self.known
+    def profile(self) -> MotionProfile:
+        return super().profile() if self.known is None else self.known
 
     def _made(self, low: int, high: int, channels: range) -> Array:
         """Samples low..high of some channels, (channels, high - low), rad, m or the torques' unit."""
@@ -105,125 +190,11 @@ class Recorded(OnDisk):
         start, stop = (low, high) if base.regular else resampling.around(base, low, high)
         made = self.source.raw(tuple(self.signal.channels[k] for k in channels), start, stop)
         for column, k in zip(made, channels, strict=True):
-            if self.turns[k][0].size:
-                column -= checks.taken_off(*self.turns[k], start, stop)
+            if self.wraps[k][0].size:
+                column -= checks.wrap_offset(*self.wraps[k], start, stop)
         if not base.regular:
             made = np.asarray(resampling.curve(base, made, start, self.quantity)(base.t[low:high]))
         scale = units.scale(self.signal.unit, self.quantity)[1]
         made *= np.array([[scale * self.signal.gain[k]] for k in channels])
         made += np.array([[self.signal.offset[k]] for k in channels])
         return made
-
-
-def is_long(path: Path) -> bool:
-    """Whether a file is better opened than read: it is large, and of a format that has rows."""
-    return (
-        path.is_file()
-        and path.stat().st_size > LARGE
-        and any(kind.by_rows and path.suffix.lower() in kind.suffixes for kind in FORMATS)
-    )
-
-
-def open_log(
-    path: str | os.PathLike[str],
-    channels: Channels | None = None,
-    stretch: tuple[float, float] | None = None,
-) -> Log:
-    """The log that `read_log` gives of the same file, its samples left on disk.
-
-    The file is checked once, one channel in memory at a time. `position` and `torque` are read when they are sliced
-    along the samples, and can be no other way; an array made of one of them holds all of it.
-
-    Args:
-        path: Parquet or HDF5.
-        channels, stretch: as for `read_log`.
-
-    Raises:
-        NotByRowsError: the format can only be read as a whole.
-        LogError: as `read_log` does.
-    """
-    path = Path(path)
-    kind, sha256 = format_of(path), sha256_of(path)
-    if not kind.by_rows:
-        raise NotByRowsError(path, kind.name, [other.name for other in FORMATS if other.by_rows])
-    notes: list[str] = []
-    if channels is None:
-        channels, sentence = guess(path, kind.names(path))
-        notes.append(sentence)
-    survey = _Survey(path, kind, channels, stretch, notes)
-    position, torque = survey.position(channels.position), survey.torque(channels.torque)
-    return Log(path, sha256, survey.base.t, as_array(position), as_array(torque), channels, tuple(notes))
-
-
-class _Survey:
-    """A file on its way to a log: its time base, then channel after channel."""
-
-    def __init__(
-        self, path: Path, kind: Format, channels: Channels, stretch: tuple[float, float] | None, notes: list[str]
-    ) -> None:
-        self.path, self.kind = path, kind
-        self.first = channels.sources[0]
-        column = self._read(self.first)
-        self.count = column.size
-        if self.count == 0:
-            raise EmptyLogError(path, "channels and no rows")
-        raw = None if channels.time is None else column
-        self.base, self.rows, self.stamps = time_base(path, channels, raw, self.count, stretch, notes)
-        self.inspection = Inspection(path, self.base, notes)
-        self.seen: dict[bytes, str] = {}
-
-    def position(self, signal: Signal) -> Recorded:
-        """The positions, checked."""
-        scale, turns = units.scale(signal.unit, "position")[1], []
-
-        def channels() -> Iterator[Array]:
-            for name, gain, offset in zip(signal.channels, signal.gain, signal.offset, strict=True):
-                raw = self._channel(name)
-                kept = np.delete(raw, self.base.repeated).astype(np.float64, copy=False)
-                at, shift = checks.turns(kept, signal) if signal.unwrap else UNTURNED
-                turns.append((at, freeze(shift)))
-                column = self.inspection.column(name, raw, signal, "position", scale * gain)
-                yield self._on_grid(column) * (scale * gain) + offset
-
-        course = Course.of(channels())
-        return Recorded(self._source(), signal, "position", tuple(turns), course)
-
-    def torque(self, signal: Signal) -> Recorded:
-        """The torques, checked; after the positions."""
-        scale = units.scale(signal.unit, "torque")[1]
-        for name, gain in zip(signal.channels, signal.gain, strict=True):
-            self.inspection.column(name, self._channel(name), signal, "torque", scale * gain)
-        return Recorded(self._source(), signal, "torque", (UNTURNED,) * len(signal.channels))
-
-    def _on_grid(self, column: Array) -> Array:
-        """A position at the stamps as one on the grid, (n,)."""
-        if self.base.regular:
-            return column
-        out = np.empty(self.base.t.size)
-        resampling.interpolate(self.base, column, "position", out)
-        return out
-
-    def _source(self) -> Source:
-        return Source(self.path, self.path.stat().st_size, self.kind, self.rows.start, self.base)
-
-    def _channel(self, name: str) -> Column:
-        """The rows of the stretch of one channel, (rows,), as they are in the file; what is wrong with them is said."""
-        raw = self._read(name)
-        if raw.size != self.count:
-            raise UnequalChannelsError(self.path, self.first, self.count, name, raw.size)
-        raw = raw[self.rows]
-        checks.finite(self.path, name, raw, self.stamps)
-        if self.base.repeated.size:
-            checks.repeats(self.path, {name: raw}, self.stamps, self.base.repeated)
-        if raw.min() != raw.max():
-            digest = hashlib.sha256(np.ascontiguousarray(raw, dtype=np.float64).data).digest()
-            if digest in self.seen:
-                raise IdenticalChannelsError(self.path, self.seen[digest], name)
-            self.seen[digest] = name
-        return raw
-
-    def _read(self, name: str) -> Column:
-        found = self.kind.columns(self.path, (name,))
-        if name not in found:
-            raise MissingChannelError(self.path, name, self.kind.names(self.path))
-        return found[name]

@@ -1,4 +1,4 @@
-"""What a log is, and how the channels of its file are mapped to it."""
+"""Log, and the mapping from the channels of its file to positions and torques."""
 
 from __future__ import annotations
 
@@ -12,12 +12,12 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from haptid._internal.arrays import Array, expect, freeze, read_only
-from haptid.errors import CountsGainError, LogTooShortError, MappedTwiceError, SignalError, TimeBaseError
+from haptid.errors import LogChannelError, LogTimeError
 from haptid.log import units
-from haptid.log.on_disk import Course, OnDisk, as_array
+from haptid.log.lazy import MotionProfile, OnDisk, as_array
 
 Side = Literal["joint", "motor"]
-# Samples that a stretch of a log has at least, whatever its rate.
+# Fewest samples of the part that `Log.busiest` returns.
 LEAST_STRETCH = 4096
 
 
@@ -31,11 +31,11 @@ class Signal:
         side: measured at the joint or at the motor's shaft.
         gain: one for each channel, or one for all; none is 1. Counts of position need it: rad or m each.
         offset: one for each channel, or one for all; none is 0; in SI, after the gain.
-        unwrap: the channel jumps by its period: put the turns back.
-        period: the jump of a wrapped channel in its own unit; None is one turn, and for counts the power of
-            two nearest to the largest jump.
-        constant_ok: a channel that never changes is meant to.
-        allow_saturation: a torque held at its limit is meant to be used.
+        unwrap: whether the channel jumps by its period and is to be unwrapped.
+        period: of a wrapped channel in its own unit; None is one turn, and for counts the power of two nearest to the
+            largest jump.
+        constant_ok: whether a constant channel is allowed.
+        allow_saturation: whether a torque that stays at its limit is allowed.
     """
 
     channels: tuple[str, ...]
@@ -51,38 +51,43 @@ class Signal:
     def __post_init__(self) -> None:
         names = (self.channels,) if isinstance(self.channels, str) else tuple(self.channels)
         if not names or not all(isinstance(name, str) and name for name in names):
-            raise SignalError("channels", repr(self.channels), "at least one name, and no empty one")
+            raise _setting("channels", repr(self.channels), "at least one name, and no empty one")
         if self.side not in ("joint", "motor"):
-            raise SignalError("side", repr(self.side), "'joint' or 'motor'")
+            raise _setting("side", repr(self.side), "'joint' or 'motor'")
         if self.period is not None and not (math.isfinite(self.period) and self.period > 0):
-            raise SignalError("period", repr(self.period), "a finite number above zero")
+            raise _setting("period", repr(self.period), "a finite number above zero")
         object.__setattr__(self, "channels", names)
         object.__setattr__(self, "gain", _spread("gain", self.gain, len(names), 1.0))
         object.__setattr__(self, "offset", _spread("offset", self.offset, len(names), 0.0))
         if 0.0 in self.gain:
-            raise SignalError("gain", "0", "a factor other than zero for each channel")
+            raise _setting("gain", "0", "a factor other than zero for each channel")
 
 
 def _spread(name: str, given: ArrayLike, n: int, default: float) -> tuple[float, ...]:
-    """One finite figure for each of n channels."""
+    """One finite value for each of n channels."""
     values = [float(v) for v in np.atleast_1d(np.asarray(given, dtype=np.float64)).ravel()] or [default]
     if len(values) not in (1, n):
-        raise SignalError(name, f"{len(values)} figures for {n} channels", "one for all, or one for each")
+        raise _setting(name, f"{len(values)} values for {n} channels", "one for all, or one for each")
     if not all(math.isfinite(v) for v in values):
-        raise SignalError(name, repr(given), "finite numbers")
+        raise _setting(name, repr(given), "finite numbers")
     return tuple(values * n if len(values) == 1 else values)
+
+
+def _setting(name: str, found: str, wanted: str) -> LogChannelError:
+    """Error of a setting of a signal or of channels."""
+    return LogChannelError(f"{name} is {found}; wanted {wanted}.", where=name, found=found, limit=wanted)
 
 
 @dataclass(frozen=True)
 class Channels:
-    """How a file's channels become a log.
+    """Mapping from a file's channels to the signals of a log.
 
     Attributes:
         position: the positions.
-        torque: the torques, or the commands that stand for them.
+        torque: the torques, or commands proportional to them.
         time: channel of the sample times; or else `rate_hz`.
         time_unit: s, ms, us or ns.
-        rate_hz: sampling rate where there is no time channel, or where it is better than the stamps.
+        rate_hz: sampling rate, in place of a time channel.
     """
 
     position: Signal
@@ -96,21 +101,38 @@ class Channels:
         units.scale(self.torque.unit, "torque")
         units.scale(self.time_unit, "time")
         if si == "counts" and all(gain == 1.0 for gain in self.position.gain):
-            raise CountsGainError
+            raise LogChannelError(
+                "positions are in counts without a gain.",
+                where="gain",
+                advice="Give the position signal gain=... in rad or m per count, one value for all or one for each.",
+            )
         if (self.time is None) == (self.rate_hz is None):
-            raise TimeBaseError(self.time, self.rate_hz)
+            raise LogChannelError(
+                "neither `time` nor `rate_hz` is given."
+                if self.time is None
+                else f"both time={self.time!r} and rate_hz={self.rate_hz:g} are given.",
+                where="time",
+                found=(self.time, self.rate_hz),
+                advice="Give one: the channel with the sample times, or the rate where there is none or it is more "
+                "accurate than the stamps.",
+            )
         if self.rate_hz is not None and not (math.isfinite(self.rate_hz) and self.rate_hz > 0):
-            raise SignalError("rate_hz", repr(self.rate_hz), "a finite number above zero")
+            raise _setting("rate_hz", repr(self.rate_hz), "a finite number above zero")
         seen: dict[str, str] = {} if self.time is None else {self.time: "time"}
         for kind, signal in (("position", self.position), ("torque", self.torque)):
             for k, name in enumerate(signal.channels, 1):
                 place = f"{kind} {k}"
                 if seen.setdefault(name, place) != place:
-                    raise MappedTwiceError(name, seen[name], place)
+                    raise LogChannelError(
+                        f"channel {name!r} is mapped twice, as {seen[name]} and as {place}.",
+                        where=name,
+                        found=(seen[name], place),
+                        advice="Give each its own channel.",
+                    )
 
     @property
     def sources(self) -> tuple[str, ...]:
-        """Every channel that is read, time first."""
+        """All channels that are read, time first."""
         time = () if self.time is None else (self.time,)
         return (*time, *self.position.channels, *self.torque.channels)
 
@@ -122,19 +144,19 @@ class Channels:
 
 @dataclass(frozen=True, eq=False)
 class Log:
-    """What was recorded, checked, in SI and on a uniform grid.
+    """Checked recording of positions and torques, in SI, on a uniform grid.
 
-    Each channel lies contiguous in memory: `position.T` and `torque.T` are C-contiguous. Of a log that was opened and
+    Each channel is contiguous in memory: `position.T` and `torque.T` are C-contiguous. In a log that was opened and
     not read, `position` and `torque` are `OnDisk`.
 
     Attributes:
         path: the file.
         sha256: of the file's bytes; empty for a log that was not read from one.
         t: times on a uniform grid, (n,), s from the file's first sample.
-        position: (n, positions), rad or m, at the side that `channels.position` says.
-        torque: (n, torques), in `channels.torque_unit`, at the side that `channels.torque` says.
-        channels: where they come from.
-        notes: what was found and done while reading, one sentence each.
+        position: (n, positions), rad or m, at the side given by `channels.position`.
+        torque: (n, torques), in `channels.torque_unit`, at the side given by `channels.torque`.
+        channels: mapping from the file.
+        notes: findings and repairs while reading, one sentence each.
     """
 
     path: Path
@@ -150,7 +172,13 @@ class Log:
         object.__setattr__(self, "t", read_only(self.t))
         expect("t", self.t.shape, (None,))
         if self.t.size < 2:
-            raise LogTooShortError(self.path, self.t.size, 2)
+            raise LogTimeError(
+                f"{self.path}: {self.t.size} samples, below the limit of 2.",
+                where=self.path,
+                found=self.t.size,
+                limit=2,
+                advice="Record longer, or widen `stretch`.",
+            )
         for name, signal in (("position", self.channels.position), ("torque", self.channels.torque)):
             expect(name, np.shape(getattr(self, name)), (self.t.size, len(signal.channels)))
             object.__setattr__(self, name, _channel_major(getattr(self, name)))
@@ -163,38 +191,34 @@ class Log:
 
     @property
     def rate_hz(self) -> float:
-        """Samples in a second."""
+        """Sampling rate, Hz."""
         return 1.0 / self.dt
 
     @cached_property
     def spans(self) -> tuple[tuple[float, float], ...]:
-        """Least and greatest of each position, rad or m."""
+        """Minimum and maximum of each position, rad or m."""
         if isinstance(self.position, OnDisk):
-            return self.course.spans
+            return self.profile.spans
         return tuple((float(channel.min()), float(channel.max())) for channel in self.position.T)
 
     @cached_property
-    def course(self) -> Course:
-        """How far the positions go, and when they move."""
-        return self.position.course() if isinstance(self.position, OnDisk) else Course.of(self.position.T)
+    def profile(self) -> MotionProfile:
+        """Range of each position, and their activity over time."""
+        return self.position.profile() if isinstance(self.position, OnDisk) else MotionProfile.of(self.position.T)
 
     def busiest(self, seconds: float) -> Log:
-        """The stretch in which its positions move most, each against its own spread.
-
-        At most so long, but of LEAST_STRETCH samples where the log has them.
-        """
+        """The part of given length with the largest activity of its positions; at least LEAST_STRETCH samples."""
         keep = min(self.t.size, max(LEAST_STRETCH, round(seconds / self.dt)))
         if keep == self.t.size:
             return self
-        moved = self.course.moved
-        total = np.concatenate([[0.0], np.cumsum(moved)])
+        total = np.concatenate([[0.0], np.cumsum(self.profile.activity)])
         start = int(np.argmax(total[keep:] - total[:-keep]))
         part = slice(start, start + keep)
         return replace(self, t=self.t[part], position=self.position[part], torque=self.torque[part])
 
 
 def _channel_major(array: ArrayLike) -> Array:
-    """The (n, channels) array read-only with every channel contiguous; copied only where it must be."""
+    """The (n, channels) array, read-only, every channel contiguous; copied only where necessary."""
     if isinstance(array, OnDisk):
         return as_array(array)
     given = np.asarray(array, dtype=np.float64)

@@ -1,38 +1,36 @@
-"""From a file to a log: find the channels, check what they hold, put it on a uniform grid in SI."""
+"""Read or open a log file: find its channels, check them, and bring them to a uniform grid in SI."""
 
 from __future__ import annotations
 
+import difflib
 import hashlib
 import os
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from importlib import import_module
 from pathlib import Path
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
 from haptid._internal.arrays import Array, freeze
-from haptid.errors import (
-    EmptyLogError,
-    LogAccessError,
-    LogFolderError,
-    LogFormatError,
-    LogNotFoundError,
-    MissingChannelError,
-)
+from haptid.errors import LogChannelError, LogFileError, listed
 from haptid.log import checks, resampling, units
-from haptid.log.formats.content import Column, block_of
-from haptid.log.formats.guess import guess
+from haptid.log.formats.sniff import Column, block_of, empty, guess
+from haptid.log.lazy import MotionProfile, SignalOnDisk, Source, as_array
 from haptid.log.log import Channels, Log, Signal
 
 Kind = Literal["position", "torque"]
+# A file of more bytes is opened rather than read.
+LARGE = 2**26
+# `checks.find_wraps` of a channel that is not unwrapped.
+NO_WRAPS = (np.empty(0, np.intp), np.empty(0))
 
 
 @dataclass(frozen=True)
 class Format:
-    """A kind of file: its name, its suffixes, and the module that reads it, loaded when needed.
+    """A file format: its name, its suffixes, and the module that reads it, imported when needed.
 
     Attributes:
         by_rows: whether some rows can be read without the others.
@@ -43,19 +41,23 @@ class Format:
     module: str
     by_rows: bool = False
 
+    @property
+    def _reader(self) -> Any:
+        return import_module(f"haptid.log.formats.{self.module}")
+
     def names(self, path: Path) -> list[str]:
         """Every channel of the file."""
-        found: list[str] = import_module(f"haptid.log.formats.{self.module}").names(path)
+        found: list[str] = self._reader.names(path)
         return found
 
     def columns(self, path: Path, wanted: Sequence[str]) -> dict[str, Column]:
         """Those wanted channels that the file has, each (n,)."""
-        found: dict[str, Column] = import_module(f"haptid.log.formats.{self.module}").columns(path, wanted)
+        found: dict[str, Column] = self._reader.columns(path, wanted)
         return found
 
     def rows(self, path: Path, wanted: Sequence[str], start: int, stop: int) -> list[Column]:
         """Rows start..stop of channels that the file has, each (stop - start,); where `by_rows`."""
-        found: list[Column] = import_module(f"haptid.log.formats.{self.module}").rows(path, wanted, start, stop)
+        found: list[Column] = self._reader.rows(path, wanted, start, stop)
         return found
 
 
@@ -73,11 +75,11 @@ def read_log(
     channels: Channels | None = None,
     stretch: tuple[float, float] | None = None,
 ) -> Log:
-    """Read, check and bring to a uniform grid what was recorded.
+    """Read a log file, check it, and bring it to a uniform grid in SI.
 
     Channels of structs and groups are named with points, `rec.q`; those of a matrix with numbers from 1 along
-    its shorter side, `q[1]`. What is done to the samples (repeated ones dropped, short gaps filled, irregular
-    ones resampled, turns put back) is in the log's notes; what cannot be mended is an error.
+    its shorter side, `q[1]`. Repairs (repeated samples dropped, short gaps filled, irregular samples resampled,
+    positions unwrapped) are in the log's notes; defects that cannot be repaired are errors.
 
     Args:
         path: CSV, Parquet, MAT, NPZ or HDF5.
@@ -85,7 +87,7 @@ def read_log(
         stretch: the part to keep, (from, to) in s from the file's first sample; None keeps all.
 
     Raises:
-        LogError: one class for each cause; see `haptid.errors`.
+        LogError: LogFileError, LogChannelError, LogDataError or LogTimeError; see `haptid.errors`.
     """
     path = Path(path)
     kind, sha256 = format_of(path), sha256_of(path)
@@ -96,10 +98,10 @@ def read_log(
     columns = kind.columns(path, channels.sources)
     for name in channels.sources:
         if name not in columns:
-            raise MissingChannelError(path, name, kind.names(path))
+            raise _missing(path, name, kind.names(path))
     count = checks.lengths(path, columns)
     if count == 0:
-        raise EmptyLogError(path, "channels and no rows")
+        raise empty(path, "channels and no rows")
     stamps = None if channels.time is None else columns.pop(channels.time)
     base, rows, seconds = time_base(path, channels, stamps, count, stretch, notes)
     del stamps
@@ -113,28 +115,56 @@ def read_log(
 
 
 def format_of(path: Path) -> Format:
-    """The format of the suffix, for a file that is there and can be read."""
+    """The format by the suffix, of a file that exists and can be read."""
     try:
         if path.is_dir():
-            raise LogFolderError(path)
+            raise LogFileError(f"{path} is a folder, not a log file.", where=path, advice="Name one file in it.")
         if not path.exists():
-            raise LogNotFoundError(path)
+            raise LogFileError(
+                f"{path}: no such file.",
+                where=path,
+                advice="Check the path; a study takes it from the folder of --data, or from its own.",
+            )
         if not path.is_file():
-            raise LogAccessError(path, "it is not a regular file")
+            raise _inaccessible(path, "it is not a regular file")
         with path.open("rb") as file:
             first = file.read(1)
     except (OSError, ValueError) as error:
-        raise LogAccessError(path, str(error)) from error
+        raise _inaccessible(path, str(error)) from error
     if not first:
-        raise EmptyLogError(path, "0 bytes")
+        raise empty(path, "0 bytes")
     for kind in FORMATS:
         if path.suffix.lower() in kind.suffixes:
             return kind
-    raise LogFormatError(path, path.suffix, [f"{kind.name} ({', '.join(kind.suffixes)})" for kind in FORMATS])
+    known = [f"{kind.name} ({', '.join(kind.suffixes)})" for kind in FORMATS]
+    raise LogFileError(
+        f"{path}: its suffix {path.suffix!r} is not that of a log." if path.suffix else f"{path}: it has no suffix.",
+        where=path,
+        found=path.suffix,
+        limit=tuple(known),
+        advice=f"Formats: {'; '.join(known)}. Convert the log, or rename it.",
+    )
+
+
+def _inaccessible(path: Path, why: str) -> LogFileError:
+    """Error of a file that cannot be opened."""
+    return LogFileError(f"{path} cannot be read: {why}.", where=path, advice="Check its permissions, or copy the file.")
+
+
+def _missing(path: Path, name: str, names: Sequence[str]) -> LogChannelError:
+    """Error of a channel that a file does not have."""
+    parts = [n for n in names if name in (n.rpartition("[")[0], n.split("[")[0].rpartition(".")[2])]
+    close = listed(parts, 3) if parts else ", ".join(difflib.get_close_matches(name, names, n=3, cutoff=0.6))
+    return LogChannelError(
+        f"{path} has no channel {name!r}.",
+        where=name,
+        limit=tuple(names),
+        advice=(f"Closest: {close}. " if close else "") + f"Channels of this file: {listed(names)}.",
+    )
 
 
 def sha256_of(path: Path) -> str:
-    """Of the file's bytes."""
+    """SHA-256 of the file's bytes."""
     with path.open("rb") as file:
         return hashlib.file_digest(file, "sha256").hexdigest()
 
@@ -147,7 +177,7 @@ def time_base(
     stretch: tuple[float, float] | None,
     notes: list[str],
 ) -> tuple[resampling.TimeBase, slice, Array]:
-    """The time base, the rows of the stretch and their stamps.
+    """Time base, rows of the part to keep, and their stamps.
 
     Args:
         path: the file.
@@ -155,7 +185,7 @@ def time_base(
         raw: that channel, (count,); overwritten. None where there is none.
         count: rows of the file.
         stretch: the part to keep, s.
-        notes: grows.
+        notes: appended to.
     """
     if channels.time is None or raw is None:
         rate = float(channels.rate_hz or 0.0)
@@ -179,7 +209,7 @@ def time_base(
 
 
 def _check_raw(path: Path, columns: Mapping[str, Column], seconds: Array, repeated: NDArray[np.intp]) -> None:
-    """What is wrong with the samples as they are in the file."""
+    """Refuse defects of the samples as they are in the file."""
     for name, column in columns.items():
         checks.finite(path, name, column, seconds)
     if repeated.size:
@@ -188,12 +218,12 @@ def _check_raw(path: Path, columns: Mapping[str, Column], seconds: Array, repeat
 
 
 class Inspection:
-    """Raw columns as they come: each is checked, and its turns are put back.
+    """Checks and unwraps raw columns, one after the other.
 
     Attributes:
         path: the file.
-        base: where the samples go.
-        notes: grows.
+        base: time base of the samples.
+        notes: appended to.
         moving: where each position differs from the sample before, as bits; complete after the positions.
     """
 
@@ -202,12 +232,12 @@ class Inspection:
         self.moving: list[NDArray[np.uint8]] = []
 
     def column(self, name: str, raw: Column, signal: Signal, kind: Kind, si: float) -> Array:
-        """A channel of a signal at the stamps, (m,), in the file's unit; positions come before torques.
+        """A channel of a signal at the stamps, (m,), in the file's unit; positions before torques.
 
         Args:
-            name, raw: of the channel; raw as it is in the file, repeated samples too.
-            signal, kind: what it belongs to.
-            si: SI in one of its unit.
+            name, raw: of the channel; raw as it is in the file, with repeated samples.
+            signal, kind: that it belongs to.
+            si: factor from its unit to SI.
         """
         if self.base.repeated.size:
             raw = np.delete(raw, self.base.repeated)
@@ -219,7 +249,7 @@ class Inspection:
         return column
 
     def _position(self, name: str, column: Array, signal: Signal, si: float) -> Array:
-        """The column with its turns put back where that is asked for, and checked for jumps."""
+        """The column, unwrapped if its signal says so, and checked for jumps."""
         self.moving.append(np.packbits(column[1:] != column[:-1]))
         if signal.unwrap:
             column, count = checks.unwrapped(column, signal)
@@ -228,7 +258,7 @@ class Inspection:
         return column
 
     def _torque(self, name: str, column: Array, signal: Signal) -> None:
-        """Check for saturation: as many torques as positions are pairs, otherwise any motion counts."""
+        """Check for saturation during motion of the paired position, or of any where they are not in pairs."""
         paired = len(self.moving) == len(signal.channels)
         bits = self.moving[signal.channels.index(name)] if paired else np.bitwise_or.reduce(self.moving)
         self._note(checks.saturated(self.path, name, column, bits, signal))
@@ -239,7 +269,7 @@ class Inspection:
 
 
 def _block(inspection: Inspection, columns: dict[str, Column], signal: Signal, kind: Kind) -> Array:
-    """The channels of a signal on the grid, (channels, n), SI; each column is let go once it is there."""
+    """The channels of a signal on the grid, (channels, n), SI; each raw column is released once copied."""
     base, scale = inspection.base, units.scale(signal.unit, kind)[1]
     block, in_place = _room(base, columns, signal)
     for name, gain, offset, out in zip(signal.channels, signal.gain, signal.offset, block, strict=True):
@@ -255,9 +285,130 @@ def _block(inspection: Inspection, columns: dict[str, Column], signal: Signal, k
 
 
 def _room(base: resampling.TimeBase, columns: Mapping[str, Column], signal: Signal) -> tuple[Array, bool]:
-    """Where the signal goes, (channels, n), and whether its raw columns are there already."""
+    """Memory for the signal, (channels, n), and whether its raw columns are in it already."""
     n, count = base.t.size, len(signal.channels)
     block = block_of([columns[name] for name in signal.channels], 2 * count + 1)
     if block is None or block.shape[1] != n:
         return np.empty((count, n)), False
     return block, True
+
+
+def is_long(path: Path) -> bool:
+    """Whether a file is to be opened rather than read: it is large, and its format can be read by rows."""
+    return (
+        path.is_file()
+        and path.stat().st_size > LARGE
+        and any(kind.by_rows and path.suffix.lower() in kind.suffixes for kind in FORMATS)
+    )
+
+
+def open_log(
+    path: str | os.PathLike[str],
+    channels: Channels | None = None,
+    stretch: tuple[float, float] | None = None,
+) -> Log:
+    """Open a log file: the log of `read_log` with its samples left on disk.
+
+    The file is checked once, one channel in memory at a time. `position` and `torque` are read when they are sliced
+    along the samples, the only operation on them; a NumPy array made of one of them holds all of it.
+
+    Args:
+        path: Parquet or HDF5.
+        channels, stretch: as for `read_log`.
+
+    Raises:
+        LogFileError: the format can only be read as a whole.
+        LogError: as `read_log` does.
+    """
+    path = Path(path)
+    kind, sha256 = format_of(path), sha256_of(path)
+    if not kind.by_rows:
+        formats = [other.name for other in FORMATS if other.by_rows]
+        raise LogFileError(
+            f"{path} is {kind.name}, which can only be read as a whole.",
+            where=path,
+            found=kind.name,
+            limit=tuple(formats),
+            advice=f"Read it with read_log, or convert it to {' or '.join(formats)}.",
+        )
+    notes: list[str] = []
+    if channels is None:
+        channels, sentence = guess(path, kind.names(path))
+        notes.append(sentence)
+    reader = _FileReader(path, kind, channels, stretch, notes)
+    position, torque = reader.position(channels.position), reader.torque(channels.torque)
+    return Log(path, sha256, reader.base.t, as_array(position), as_array(torque), channels, tuple(notes))
+
+
+class _FileReader:
+    """Time base and signals of a file, read and checked one channel at a time."""
+
+    def __init__(
+        self, path: Path, kind: Format, channels: Channels, stretch: tuple[float, float] | None, notes: list[str]
+    ) -> None:
+        self.path, self.kind = path, kind
+        self.first = channels.sources[0]
+        column = self._read(self.first)
+        self.count = column.size
+        if self.count == 0:
+            raise empty(path, "channels and no rows")
+        raw = None if channels.time is None else column
+        self.base, self.rows, self.stamps = time_base(path, channels, raw, self.count, stretch, notes)
+        self.inspection = Inspection(path, self.base, notes)
+        self.seen: dict[bytes, str] = {}
+
+    def position(self, signal: Signal) -> SignalOnDisk:
+        """The checked positions."""
+        scale, wraps = units.scale(signal.unit, "position")[1], []
+
+        def channels() -> Iterator[Array]:
+            for name, gain, offset in zip(signal.channels, signal.gain, signal.offset, strict=True):
+                raw = self._channel(name)
+                kept = np.delete(raw, self.base.repeated).astype(np.float64, copy=False)
+                at, shift = checks.find_wraps(kept, signal) if signal.unwrap else NO_WRAPS
+                wraps.append((at, freeze(shift)))
+                column = self.inspection.column(name, raw, signal, "position", scale * gain)
+                yield self._on_grid(column) * (scale * gain) + offset
+
+        profile = MotionProfile.of(channels())
+        return SignalOnDisk(self._source(), signal, "position", tuple(wraps), profile)
+
+    def torque(self, signal: Signal) -> SignalOnDisk:
+        """The checked torques; after the positions."""
+        scale = units.scale(signal.unit, "torque")[1]
+        for name, gain in zip(signal.channels, signal.gain, strict=True):
+            self.inspection.column(name, self._channel(name), signal, "torque", scale * gain)
+        return SignalOnDisk(self._source(), signal, "torque", (NO_WRAPS,) * len(signal.channels))
+
+    def _on_grid(self, column: Array) -> Array:
+        """A position at the stamps as one on the grid, (n,)."""
+        if self.base.regular:
+            return column
+        out = np.empty(self.base.t.size)
+        resampling.interpolate(self.base, column, "position", out)
+        return out
+
+    def _source(self) -> Source:
+        return Source(self.path, self.path.stat().st_size, self.kind, self.rows.start, self.base)
+
+    def _channel(self, name: str) -> Column:
+        """The kept rows of one channel, (rows,), as they are in the file, checked."""
+        raw = self._read(name)
+        if raw.size != self.count:
+            raise checks.unequal_lengths(self.path, self.first, self.count, name, raw.size)
+        raw = raw[self.rows]
+        checks.finite(self.path, name, raw, self.stamps)
+        if self.base.repeated.size:
+            checks.repeats(self.path, {name: raw}, self.stamps, self.base.repeated)
+        if raw.min() != raw.max():
+            digest = hashlib.sha256(np.ascontiguousarray(raw, dtype=np.float64).data).digest()
+            if digest in self.seen:
+                raise checks.identical_channels(self.path, self.seen[digest], name)
+            self.seen[digest] = name
+        return raw
+
+    def _read(self, name: str) -> Column:
+        found = self.kind.columns(self.path, (name,))
+        if name not in found:
+            raise _missing(self.path, name, self.kind.names(self.path))
+        return found[name]

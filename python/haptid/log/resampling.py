@@ -1,56 +1,50 @@
-"""Time base: from stamps, or a rate, to the uniform grid that a log is on."""
+"""Time base: the uniform grid of a log, from time stamps or a rate, and resampling to it."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Literal
+from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline, PchipInterpolator
 
 from haptid._internal.arrays import Array, freeze
-from haptid.errors import (
-    GapError,
-    LogTooShortError,
-    MissingSamplesError,
-    NonFiniteError,
-    RepeatedStampError,
-    SlowClockError,
-    StretchError,
-    TimeBackwardsError,
-)
-from haptid.log.formats.content import Column, all_usable, usable
+from haptid.errors import LogTimeError
+from haptid.log.checks import all_usable, non_finite, repeated_stamps, usable
+
+if TYPE_CHECKING:
+    from haptid.log.formats.sniff import Column
 
 FEWEST_SAMPLES = 50
-# Stamps this close to a uniform grid, in steps, are on it: what that moves a position by is below any encoder.
+# Stamps this close to a uniform grid, in steps, are on it: the position error is below any encoder's resolution.
 UNIFORM = 1e-4
-# A step longer than this many ordinary ones is a gap; one longer than LONGEST_GAP is not filled.
+# A step longer than this many regular ones is a gap; one longer than LONGEST_GAP is not filled.
 GAP = 1.5
 LONGEST_GAP = 10.0
-# Samples further apart tell no motion: their times are in another unit, s.
+# Longest sampling period, s; a longer one almost certainly means stamps in another unit.
 SLOWEST = 0.5
 MISSING_LIMIT = 0.01
 REPEATED_LIMIT = 0.01
-# From that many steps on, every other one, or third, ... tells the median.
+# Steps above which the median is estimated from every second one, every third one, ...
 SAMPLED = 2**18
-# Interpolation goes piece by piece; a cubic spline forgets what is k samples away as (2 - sqrt(3))^k.
+# Interpolation is done piece by piece; a cubic spline's dependence on a sample k away decays as (2 - sqrt(3))^k.
 PIECE = 2**16
 MARGIN = 40
 
 
 @dataclass(frozen=True, eq=False)
 class TimeBase:
-    """When the samples were taken and the grid they go to.
+    """Sample times and the uniform grid of a log.
 
     Attributes:
         repeated: samples whose stamp equals the one before, to be dropped, (repeats,).
         stamps: times of the other samples, (m,), s.
         t: uniform grid, (n,), s.
-        regular: the samples are on the grid as they are.
-        notes: what was found.
+        regular: whether the samples are on the grid already.
+        notes: findings.
     """
 
     repeated: NDArray[np.intp]
@@ -61,12 +55,12 @@ class TimeBase:
 
 
 def since_first(path: Path, name: str, raw: Column, scale: float) -> Array:
-    """Stamps counted from the first one, (n,), s; whole stamps are subtracted as such, so none is rounded.
+    """Stamps from the first one on, (n,), s; integer stamps are subtracted as integers, without rounding.
 
     Stamps in float64 are overwritten.
 
     Raises:
-        NonFiniteError: the first stamp is missing.
+        LogDataError: the first stamp is missing.
     """
     seconds: Array
     if raw.dtype.kind in "iu":
@@ -77,27 +71,34 @@ def since_first(path: Path, name: str, raw: Column, scale: float) -> Array:
             own = raw.dtype == np.float64 and raw.flags.writeable
             seconds = np.subtract(raw, raw[0], out=raw if own else None, dtype=np.float64)
     else:
-        raise NonFiniteError(path, name, int(np.count_nonzero(~usable(raw))), 0, None)
+        raise non_finite(path, name, int(np.count_nonzero(~usable(raw))), 0, None)
     seconds *= scale
     return seconds
 
 
 def part(path: Path, seconds: Array, stretch: tuple[float, float] | None) -> slice:
-    """The rows from the first to the last stamp inside the stretch.
+    """Rows from the first to the last stamp inside a time range.
 
     Raises:
-        StretchError: there are none.
+        LogTimeError: no stamp is inside.
     """
     if stretch is None:
         return slice(0, seconds.size)
     inside = np.flatnonzero((seconds >= stretch[0]) & (seconds <= stretch[1]))
     if inside.size == 0:
-        raise StretchError(path, stretch, float(np.nanmax(seconds)))
+        last = float(np.nanmax(seconds))
+        raise LogTimeError(
+            f"{path}: no samples from {stretch[0]:g} to {stretch[1]:g} s.",
+            where="stretch",
+            found=stretch,
+            limit=(0.0, last),
+            advice=f"The log runs from 0 to {last:g} s, counted from its first sample; give (from, to) inside it.",
+        )
     return slice(int(inside[0]), int(inside[-1]) + 1)
 
 
 def resolution(raw: Column) -> float:
-    """How finely stamps are written, in their own unit: a decimal place, or what their type resolves."""
+    """Resolution of the stamps in their own unit: a decimal place, or that of their type."""
     if raw.dtype.kind in "iu":
         return 1.0
     if not all_usable(raw):
@@ -121,44 +122,54 @@ def _has_places(raw: Column, place: int, largest: float) -> bool:
 def check_length(path: Path, samples: int) -> None:
     """Refuse fewer than `FEWEST_SAMPLES`."""
     if samples < FEWEST_SAMPLES:
-        raise LogTooShortError(path, samples, FEWEST_SAMPLES)
+        raise LogTimeError(
+            f"{path}: {samples} samples, below the limit of {FEWEST_SAMPLES}.",
+            where=path,
+            found=samples,
+            limit=FEWEST_SAMPLES,
+            advice="Record longer, or widen `stretch`.",
+        )
 
 
 def from_rate(path: Path, rows: slice, rate_hz: float) -> TimeBase:
-    """The grid of samples that are regular by declaration."""
+    """Time base of samples at a declared rate."""
     check_length(path, rows.stop - rows.start)
     t = np.arange(rows.start, rows.stop) / rate_hz
     return TimeBase(np.empty(0, np.intp), freeze(t), t, True, ())
 
 
 def from_stamps(path: Path, name: str, seconds: Array, fineness: float) -> TimeBase:
-    """The grid of stamped samples.
+    """Time base of stamped samples.
 
     Args:
         path, name: of the file and of the time channel.
         seconds: stamps, (m,), s.
-        fineness: how finely they are written, s.
+        fineness: resolution of the stamps, s.
 
     Raises:
-        NonFiniteError: a stamp is missing.
-        TimeBackwardsError: a stamp is earlier than the one before.
-        RepeatedStampError: too many stamps equal the one before.
-        GapError: a hole of more than `LONGEST_GAP` steps.
-        MissingSamplesError: too many short holes.
-        LogTooShortError: fewer than `FEWEST_SAMPLES`.
-        SlowClockError: the stamps are further apart than `SLOWEST`.
+        LogDataError: a stamp is missing.
+        LogTimeError: a stamp is earlier than the one before, or too many equal the one before; a gap of more than
+            `LONGEST_GAP` steps, or too many short ones; fewer than `FEWEST_SAMPLES`; a sampling period above `SLOWEST`.
     """
     check_length(path, seconds.size)
     _check_order(path, name, seconds)
     step = float(np.median(np.diff(seconds[:PIECE])))
     if step > SLOWEST:
-        raise SlowClockError(path, name, step, SLOWEST)
+        raise LogTimeError(
+            f"{path}: the time channel {name!r} implies a sampling period of {step:.3g} s (maximum {SLOWEST:g} s).",
+            where=name,
+            found=step,
+            limit=SLOWEST,
+            advice="Give the channel's `time_unit`: 'ms', 'us' or 'ns'.",
+        )
     repeated = np.flatnonzero(seconds[1:] == seconds[:-1]) + 1
     notes: list[str] = []
     if repeated.size:
         if repeated.size > REPEATED_LIMIT * seconds.size:
             first = int(repeated[0])
-            raise RepeatedStampError(path, repeated.size, seconds.size, first, float(seconds[first]), None)
+            share = repeated.size / seconds.size
+            why = f"that is {100 * share:.2g} % of the samples, above the limit of {100 * REPEATED_LIMIT:g} %"
+            raise repeated_stamps(path, repeated.size, first, float(seconds[first]), why)
         notes.append(
             f"{repeated.size} samples repeat the one before, first at t = {seconds[repeated[0]]:.6g} s: dropped"
         )
@@ -171,15 +182,22 @@ def from_stamps(path: Path, name: str, seconds: Array, fineness: float) -> TimeB
 def _check_order(path: Path, name: str, seconds: Array) -> None:
     if not all_usable(seconds):
         bad = ~usable(seconds)
-        raise NonFiniteError(path, name, int(np.count_nonzero(bad)), int(np.argmax(bad)), None)
+        raise non_finite(path, name, int(np.count_nonzero(bad)), int(np.argmax(bad)), None)
     back = np.flatnonzero(seconds[1:] < seconds[:-1])
     if back.size:
         k = int(back[0])
-        raise TimeBackwardsError(path, k + 1, float(seconds[k]), float(seconds[k + 1]), back.size)
+        more = f", and at {back.size - 1} more places" if back.size > 1 else ""
+        raise LogTimeError(
+            f"{path}: time decreases at sample {k + 1}, from {seconds[k]:.9g} to {seconds[k + 1]:.9g} s{more}.",
+            where=k + 1,
+            found=(float(seconds[k]), float(seconds[k + 1])),
+            advice="Either two recordings are in one file (split them, or keep one with `stretch`), a counter of the "
+            "clock overflowed, or rows are out of order.",
+        )
 
 
 def _grid(path: Path, seconds: Array, fineness: float) -> tuple[Array, Array, bool, list[str]]:
-    """Stamps as they count, the uniform grid, whether the samples are on it, and what was found."""
+    """Stamps, uniform grid, whether the samples are on it, and notes."""
     steps = np.diff(seconds)
     median = float(np.median(steps[:: max(1, steps.size // SAMPLED)]))
     gaps = np.flatnonzero(steps > GAP * median + min(fineness, 0.25 * median))
@@ -228,7 +246,7 @@ def _uniform(first: float, step: float, n: int) -> Array:
 
 
 def _slots(seconds: Array, step: float) -> tuple[NDArray[np.int32], float]:
-    """The place on the grid nearest to each stamp, and the largest distance to it in steps."""
+    """Index of the grid point nearest to each stamp, and the largest distance to it in steps."""
     slots, off = np.empty(seconds.size, np.int32), 0.0
     for start in range(0, seconds.size, PIECE):
         places = (seconds[start : start + PIECE] - seconds[0]) / step
@@ -239,31 +257,46 @@ def _slots(seconds: Array, step: float) -> tuple[NDArray[np.int32], float]:
 
 
 def _missing(path: Path, seconds: Array, steps: Array, gaps: NDArray[np.intp], ordinary: float) -> int:
-    """Number of samples that are missing in the gaps."""
+    """Number of samples missing in the gaps."""
     if gaps.size == 0:
         return 0
     long = gaps[steps[gaps] > LONGEST_GAP * ordinary]
     if long.size:
         k = long[0]
-        raise GapError(path, float(seconds[k]), float(steps[k]), ordinary, long.size, LONGEST_GAP)
+        more = f" It is the first of {long.size}." if long.size > 1 else ""
+        raise LogTimeError(
+            f"{path}: no samples for {steps[k]:.4g} s from t = {seconds[k]:.6g} s, {steps[k] / ordinary:.0f} steps of "
+            f"{ordinary:.4g} s; at most {LONGEST_GAP:.0f} steps are filled.{more}",
+            where=float(seconds[k]),
+            found=float(steps[k]),
+            limit=LONGEST_GAP * ordinary,
+            advice="Keep a part without it with `stretch`, or split the log there.",
+        )
     missing = int(np.maximum(np.rint(steps[gaps] / ordinary) - 1, 1).sum())
     samples = seconds.size + missing
     if missing > MISSING_LIMIT * samples:
-        raise MissingSamplesError(path, missing, samples, gaps.size, MISSING_LIMIT)
+        raise LogTimeError(
+            f"{path}: {missing} samples are missing in {gaps.size} short gaps, {100 * missing / samples:.2g} % of "
+            f"the log; at most {100 * MISSING_LIMIT:g} % are filled.",
+            where=path,
+            found=missing / samples,
+            limit=MISSING_LIMIT,
+            advice="Keep a part without them with `stretch`, or leave `time` out and give `rate_hz` if the samples are "
+            "regular and only their stamps are not.",
+        )
     return missing
 
 
 def interpolate(base: TimeBase, values: Array, kind: Literal["position", "torque"], out: Array) -> None:
-    """Samples at the stamps to samples on the grid.
+    """Interpolate samples at the stamps to the grid.
 
-    A position is smooth, so it takes the cubic spline; a torque has edges (dry friction, limits), so it takes
-    the monotone cubic of Fritsch and Butland (1984), SIAM J. Scientific and Statistical Computing 5(2), which
-    never overshoots.
+    Positions are smooth and take a cubic spline; torques have edges (dry friction, limits) and take the monotone
+    cubic of Fritsch and Butland (1984), SIAM J. Scientific and Statistical Computing 5(2), which does not overshoot.
 
     Args:
         base: stamps (m,) and grid (n,).
         values: (m,).
-        kind: what they are.
+        kind: of the values.
         out: (n,), written.
     """
     for start in range(0, base.t.size, PIECE):
@@ -273,14 +306,14 @@ def interpolate(base: TimeBase, values: Array, kind: Literal["position", "torque
 
 
 def around(base: TimeBase, start: int, stop: int) -> tuple[int, int]:
-    """First and one past the last of the stamps that places start..stop of the grid are interpolated from."""
+    """First stamp and one past the last that grid points start..stop are interpolated from."""
     low = max(int(np.searchsorted(base.stamps, base.t[start])) - MARGIN, 0)
     high = int(np.searchsorted(base.stamps, base.t[stop - 1])) + MARGIN
     return low, min(high, base.stamps.size)
 
 
 def curve(base: TimeBase, values: Array, low: int, kind: Literal["position", "torque"]) -> Callable[[Array], Array]:
-    """Through the samples at the stamps from `low` on, each channel along the last axis."""
+    """Interpolant of samples at the stamps from `low` on, each channel along the last axis."""
     kinds = {"position": CubicSpline, "torque": PchipInterpolator}
     made: Callable[[Array], Array] = kinds[kind](base.stamps[low : low + values.shape[-1]], values, axis=-1)
     return made

@@ -1,4 +1,4 @@
-"""Units of what a log holds: their scale to SI, and what was probably meant by an unknown one."""
+"""Units of a log's channels: scale to SI, and suggestions for unknown ones."""
 
 from __future__ import annotations
 
@@ -6,11 +6,11 @@ import difflib
 import math
 from typing import Literal
 
-from haptid.errors import UnknownUnitError, WrongKindOfUnitError
+from haptid.errors import LogChannelError
 
 Quantity = Literal["position", "torque", "time"]
 
-# unit -> (what a log keeps, how much of it); counts keep their name, and their gain says what one is.
+# unit -> (SI unit, factor); counts keep their name, and the gain is per count.
 POSITION = {
     "rad": ("rad", 1.0),
     "deg": ("rad", math.pi / 180),
@@ -33,7 +33,7 @@ TORQUE = {
 TIME = {"s": ("s", 1.0), "ms": ("s", 1e-3), "us": ("s", 1e-6), "ns": ("s", 1e-9)}
 TABLES: dict[Quantity, dict[str, tuple[str, float]]] = {"position": POSITION, "torque": TORQUE, "time": TIME}
 
-# The jump of a wrapped channel, in its own unit; counters wrap at a power of two.
+# Period of a wrapped channel, in its own unit; counters wrap at a power of two.
 PERIODS = {"rad": 2 * math.pi, "deg": 360.0, "turn": 1.0}
 
 SPELLINGS = {
@@ -58,8 +58,8 @@ SPELLINGS = {
 }
 
 
-def meant(unit: str, quantity: Quantity) -> str | None:
-    """The known unit of this quantity that was probably meant; None where nothing is close."""
+def closest_unit(unit: str, quantity: Quantity) -> str | None:
+    """The known unit of a quantity nearest to an unknown one; None where none is close."""
     known = TABLES[quantity]
     plain = unit.strip().lower()
     for name, spellings in SPELLINGS.items():
@@ -73,13 +73,25 @@ def scale(unit: str, quantity: Quantity) -> tuple[str, float]:
     """SI unit and the factor to it.
 
     Raises:
-        WrongKindOfUnitError: a unit of another quantity.
-        UnknownUnitError: a unit of none.
+        LogChannelError: the unit is not known, or of another quantity.
     """
     if unit in TABLES[quantity]:
         return TABLES[quantity][unit]
     known = tuple(TABLES[quantity])
     for other, table in TABLES.items():
         if unit in table:
-            raise WrongKindOfUnitError(unit, quantity, other, known)
-    raise UnknownUnitError(unit, quantity, known, meant(unit, quantity))
+            raise LogChannelError(
+                f"unit {unit!r} of the {quantity} is a unit of {other}.",
+                where=quantity,
+                found=unit,
+                limit=known,
+                advice=f"Units of {quantity}: {', '.join(known)}. Check that the two signals are not exchanged.",
+            )
+    close = closest_unit(unit, quantity)
+    raise LogChannelError(
+        f"unit {unit!r} of the {quantity} is not known.",
+        where=quantity,
+        found=unit,
+        limit=known,
+        advice=(f"Write {close!r}. " if close else "") + f"Known: {', '.join(known)}.",
+    )

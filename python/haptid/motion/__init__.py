@@ -1,1 +1,4 @@
-"""How a log becomes a motion: filters, delays and joint-side channels."""
+"""How a log becomes a motion: treatment, filters, time shift, and joint-side channels.
+
+May use device and log.
+"""

@@ -1,4 +1,4 @@
-"""What a motion's channels mean to a device: joint-side coordinates and torques, whichever side was measured."""
+"""Joint-side coordinates and torques of a device from a motion's channels, measured at the joints or the motors."""
 
 from __future__ import annotations
 
@@ -8,45 +8,45 @@ import numpy as np
 
 from haptid._internal.arrays import Array
 from haptid.device import Device
-from haptid.errors import ChannelCountError, CommandUnitError
+from haptid.errors import LogMismatchError
 from haptid.log import Log, check_against
 from haptid.motion.treatment import Motion
 
 
 def check_log(device: Device, log: Log) -> tuple[str, ...]:
-    """Compare a log with the joints it is said to be of; returns a sentence for each doubt.
+    """Check a log against the device's joints; returns a note for each joint outside its limits.
 
     Raises:
-        ChannelCountError: more or fewer channels than the device has coordinates or motors.
-        LooksLikeDegreesError, LooksLikeRadiansError, SwappedChannelsError: positions that do not fit the joints.
+        LogMismatchError: more or fewer channels than the device has coordinates or motors, or positions that do not fit
+            the joints.
     """
     for kind, count, names in (
         ("position", log.position.shape[1], position_channels(device, log.channels.position.side)),
         ("torque", log.torque.shape[1], torque_channels(device, log.channels.torque.side)),
     ):
         if count != len(names):
-            raise ChannelCountError(kind, count, names)
+            raise _wrong_count(kind, count, names)
     joints = [device.joints[k] for k in device.active]
     ranges = [joint.position_limits for joint in joints]
     return check_against(log, ranges, [joint.prismatic for joint in joints], [joint.name for joint in joints])
 
 
 def position_channels(device: Device, side: str) -> list[str]:
-    """What each position channel is of: active joints, or motors' shafts."""
+    """Names of the position channels: active joints, or motors' shafts."""
     if side == "joint":
         return [device.joints[k].name for k in device.active]
     return [drive.name for drive in device.drives]
 
 
 def torque_channels(device: Device, side: str) -> list[str]:
-    """What each torque channel is of: measured joints, or motors."""
+    """Names of the torque channels: joints with measured torque, or motors."""
     if side == "motor":
         return [drive.name for drive in device.motors]
     return [device.joints[j].name for k, j in enumerate(device.active) if _joint_measured(device)[k]]
 
 
 def _joint_measured(device: Device) -> np.ndarray:
-    """Whether each active joint's torque is known: all drives that load it have a motor."""
+    """Whether each active joint's torque is measured: all drives coupled to it have a motor."""
     blind = np.array([not drive.motorised for drive in device.drives])
     return np.asarray(~(device.coupling[blind] != 0).any(axis=0))
 
@@ -55,8 +55,8 @@ def coordinates(device: Device, motion: Motion, start: int, stop: int) -> tuple[
     """Position, velocity and acceleration of the device's coordinates, each (coordinates, stop - start).
 
     Raises:
-        ChannelCountError: the motion has more or fewer position channels than the device has coordinates.
-        NoAccelerationError: velocity is by a causal differentiator.
+        LogMismatchError: the motion has more or fewer position channels than the device has coordinates.
+        MissingAccelerationError: velocity is by a causal differentiator.
     """
     q, qd, qdd = motion.kinematics(start, stop)
     change = position_map(device, motion)
@@ -67,7 +67,7 @@ def state(device: Device, motion: Motion, start: int, stop: int) -> tuple[Array,
     """Position and velocity of the device's coordinates, each (coordinates, stop - start).
 
     Raises:
-        ChannelCountError: the motion has more or fewer position channels than the device has coordinates.
+        LogMismatchError: the motion has more or fewer position channels than the device has coordinates.
     """
     q, qd = motion.state(start, stop)
     change = position_map(device, motion)
@@ -75,11 +75,11 @@ def state(device: Device, motion: Motion, start: int, stop: int) -> tuple[Array,
 
 
 def position_map(device: Device, motion: Motion) -> Callable[[Array], Array]:
-    """From position channels, or their rates, to the coordinates', both (channels, samples)."""
+    """Linear map from position channels, or their rates, to the coordinates', both (channels, samples)."""
     side = motion.log.channels.position.side if motion.log else "joint"
     names = position_channels(device, side)
     if motion.q.shape[1] != len(names):
-        raise ChannelCountError("position", motion.q.shape[1], names)
+        raise _wrong_count("position", motion.q.shape[1], names)
     change = np.asarray(device.row_map)
     if side == "motor":
         shafts = np.diag([1.0 / drive.gear for drive in device.drives])
@@ -92,16 +92,16 @@ def position_map(device: Device, motion: Motion) -> Callable[[Array], Array]:
 def coordinate_torque(device: Device, motion: Motion, start: int, stop: int) -> Array:
     """Torque of every coordinate, at the joint side, (coordinates, stop - start), N m or N; zero where not measured.
 
-    A motion without a log has the coordinates' torques; a log has the motors' commands, or joint torques.
+    A motion without a log holds the coordinates' torques; a log holds the motors' commands, or joint torques.
 
     Raises:
-        ChannelCountError: the motion has more or fewer torque channels than the device has motors.
-        CommandUnitError: the log's unit of torque is not the unit of the device's command.
+        LogMismatchError: the motion has more or fewer torque channels than the device has motors.
+        LogMismatchError: the log's unit of torque is not the unit of the device's command.
     """
     known = [name for name, measured in zip(device.row_names, device.measured, strict=True) if measured]
     names = torque_channels(device, motion.log.channels.torque.side) if motion.log else known
     if motion.tau.shape[1] != len(names):
-        raise ChannelCountError("torque", motion.tau.shape[1], names)
+        raise _wrong_count("torque", motion.tau.shape[1], names)
     measured = np.ascontiguousarray(motion.tau[start:stop].T)
     if motion.log is None:
         tau = np.zeros((len(device.drives), stop - start))
@@ -116,11 +116,33 @@ def torque_map(device: Device, log: Log) -> Array:
     if log.channels.torque.side == "motor":
         for drive in device.motors:
             if unit != drive.unit:
-                raise CommandUnitError(drive.name, unit, drive.unit, "motor")
+                raise _wrong_unit(drive.name, unit, drive.unit, "motor")
         moved = device.drive_rates[[drive.motorised for drive in device.drives]]
         return np.asarray(moved.T * [drive.gear * drive.gain for drive in device.motors])
     for k, j in enumerate(device.active):
         wanted = "N" if device.joints[j].prismatic else "N m"
         if _joint_measured(device)[k] and unit != wanted:
-            raise CommandUnitError(device.joints[j].name, unit, wanted, "joint")
+            raise _wrong_unit(device.joints[j].name, unit, wanted, "joint")
     return np.asarray(np.linalg.inv(device.row_map).T[:, _joint_measured(device)])
+
+
+def _wrong_count(kind: str, got: int, names: list[str]) -> LogMismatchError:
+    """Error of too many or too few channels."""
+    return LogMismatchError(
+        f"the log has {got} {kind} channels, and the device requires {len(names)}: {', '.join(names)}.",
+        where=kind,
+        found=got,
+        limit=len(names),
+        advice="Map one channel for each, in this order.",
+    )
+
+
+def _wrong_unit(name: str, got: str, wanted: str, side: str) -> LogMismatchError:
+    """Error of a torque in another unit than the device's command."""
+    return LogMismatchError(
+        f"the torque channel of {name} is in {got!r} at the {side} side, and the device file has {wanted!r}.",
+        where=name,
+        found=got,
+        limit=wanted,
+        advice="Give the channel that unit, or change the motor's `unit` and `gain` in the device file.",
+    )

@@ -1,7 +1,7 @@
-"""Treatment of samples piece by piece, on disk or in memory, to what the treatment of all of them at once gives.
+"""Zero-phase filtering and time shift of channels, piece by piece, in memory or on disk.
 
-A filter without delay runs both ways. Pieces are filtered with so many samples around them that what they began and
-ended with has died out to the last digit: each can be made alone, in any order, by any process.
+Each piece is processed with enough samples on both sides for the filter's transients to vanish in double precision, so
+the result equals that of the whole log, and pieces can be computed in any order by any process.
 """
 
 from __future__ import annotations
@@ -12,10 +12,9 @@ import numpy as np
 from scipy import signal
 
 from haptid._internal.arrays import Array, freeze
-from haptid.log.on_disk import OnDisk, as_array
-from haptid.motion.time_shift import delayed, lost
+from haptid.log.lazy import OnDisk, as_array
 
-# What is left of a filter's start after the samples around a chunk, as a share.
+# Transient of a filter that is neglected beyond the samples around a piece, as a share.
 FORGOTTEN = 1e-18
 # Samples in memory that are filtered at a time.
 PIECE = 2**15
@@ -23,13 +22,13 @@ PIECE = 2**15
 
 @dataclass(frozen=True, eq=False)
 class Filtered(OnDisk):
-    """Channels through a filter and, backwards, through it again.
+    """Channels on disk through a filter forwards and backwards.
 
     Attributes:
         samples: before the filter.
         sections: second-order sections of one pass, (sections, 6).
-        first: the channels' first sample, which is taken off for the while, (channels, 1).
-        around: samples to either side of a chunk that it is filtered with.
+        first: the channels' first sample, subtracted before and added after the filter, (channels, 1).
+        around: samples to either side of a piece that it is filtered with.
     """
 
     samples: OnDisk
@@ -49,11 +48,11 @@ class Filtered(OnDisk):
 
 @dataclass(frozen=True, eq=False)
 class Late(OnDisk):
-    """Channels so many samples later, (n, channels); see `haptid.motion.time_shift.delayed`.
+    """Channels on disk shifted to later samples, (n, channels); see `delayed`.
 
     Attributes:
-        samples: as they are.
-        later: samples, which may be a fraction.
+        samples: before the shift.
+        later: samples, also a fraction.
     """
 
     samples: OnDisk
@@ -70,16 +69,16 @@ class Late(OnDisk):
 
 
 def filtered(channels: Array, sections: Array) -> Array:
-    """Each channel through the filter both ways, (n, channels).
+    """Each channel through the filter forwards and backwards, (n, channels).
 
-    In memory too it goes piece by piece: what is made on the way then stays in the cache.
+    In memory too it is done piece by piece, so that intermediate results stay in the processor's cache.
     """
     around = memory(sections)
     if isinstance(channels, OnDisk):
         return as_array(Filtered(channels, sections, channels.between(0, 1), around))
     n, step = len(channels), max(PIECE, 4 * around)
     samples, made = channels.T, np.empty((channels.shape[1], n))
-    first = samples[:, :1]  # taken off for the while, so that what stands still is exactly still
+    first = samples[:, :1]  # subtracted for the filter, so that a constant channel stays exactly constant
     for low in range(0, n, step):
         high = min(low + step, n)
         start, stop = max(low - around, 0), min(high + around, n)
@@ -89,7 +88,36 @@ def filtered(channels: Array, sections: Array) -> Array:
 
 
 def memory(sections: Array) -> int:
-    """Samples that a filter takes to forget, as its slowest pole says; not less than it is started with."""
+    """Samples until a filter's transient falls below FORGOTTEN, by its slowest pole; at least sosfiltfilt's padding."""
     slowest = float(np.abs(signal.sos2zpk(sections)[1]).max())
     forgets = int(np.ceil(np.log(FORGOTTEN) / np.log(slowest))) if slowest > 0 else 0
     return max(forgets, 3 * (2 * len(sections) + 1))
+
+
+def delayed(channels: Array, samples: float) -> Array:
+    """Channels shifted to later samples, also by a fraction, by cubic interpolation, each (n, channels).
+
+    The first and last `lost(samples)` samples repeat their neighbours.
+    """
+    whole_part = int(np.floor(samples))
+    x = samples - whole_part  # between the samples n - whole_part - 1 (1) and n - whole_part (0)
+    weights = {
+        -1: -x * (x - 1) * (x - 2) / 6,
+        0: (x + 1) * (x - 1) * (x - 2) / 2,
+        1: -(x + 1) * x * (x - 2) / 2,
+        2: (x + 1) * x * (x - 1) / 6,
+    }
+    n, ends = len(channels), lost(samples)
+    made = np.zeros((channels.shape[1], n))
+    for channel, out in zip(channels.T, made, strict=True):
+        padded = np.pad(channel, ends, mode="edge")
+        for back, weight in weights.items():
+            if weight:
+                begin = ends - whole_part - back
+                out += weight * padded[begin : begin + n]
+    return freeze(made).T
+
+
+def lost(samples: float) -> int:
+    """Samples at each end for which `delayed` has no neighbours to interpolate between."""
+    return int(np.ceil(abs(samples))) + 2 if samples else 0

@@ -1,4 +1,4 @@
-"""Dry friction where a joint turns back: its sign is not known there, so it is smoothed, and its doubt is told."""
+"""Dry friction near a velocity reversal: its sign is uncertain there, so it is smoothed, with a bound on the error."""
 
 from __future__ import annotations
 
@@ -11,17 +11,17 @@ from haptid._internal.arrays import Array
 from haptid.device.terms.term import DRY, TermColumn
 from haptid.dynamics.model import DynamicModel
 
-# Devices whose softened twin is kept: a stream asks for it at every sample.
-KEPT = 8
+# Smoothed models that are cached: a stream requires one at every sample.
+CACHED = 8
 
 
-@lru_cache(maxsize=KEPT)
+@lru_cache(maxsize=CACHED)
 def softened(model: DynamicModel, speed: float) -> DynamicModel:
-    """The same device, with tanh(v / speed) for the sign of a velocity wherever its file has a sharper one.
+    """The model with tanh(v / speed) in place of sgn(v), wherever its file has a sharper transition.
 
     Args:
         model: the dynamic model.
-        speed: rad/s or m/s; 0 leaves the device as it is.
+        speed: rad/s or m/s; 0 leaves the model as it is.
     """
     return replace(model, terms=tuple(_softer(term, speed) for term in model.terms)) if speed else model
 
@@ -33,17 +33,17 @@ def _softer(term: TermColumn, speed: float) -> TermColumn:
 
 
 def doubt(model: DynamicModel, chi: Array, c: Array, cd: Array, speed: float) -> Array:
-    """Torque that dry friction may be off by, (rows, samples), N m or N: all of it at rest, none at speed.
+    """Uncertainty of the dry friction torque near reversals, (rows, samples), N m or N: all of it at rest, 0 at speed.
 
-    Where the smoothed sign is s, the friction is FC s give or take FC sqrt(1 - s^2): a joint at rest may be held by
-    anything between -FC and FC.
+    Where the smoothed sign is s, the friction is FC s with an uncertainty of FC sqrt(1 - s^2): the friction of a joint
+    at rest lies anywhere between -FC and FC.
 
     Args:
         model: the dynamic model.
         chi: parameters of the core's columns, (r,), SI.
         c: positions of the coordinates that torque rows belong to, (active, samples).
         cd: their rates.
-        speed: of the smoothed sign, rad/s or m/s; 0 for no doubt.
+        speed: of the smoothed sign, rad/s or m/s; 0 for no uncertainty.
     """
     squared = np.zeros_like(cd)
     for k, term in enumerate(model.terms) if speed else ():

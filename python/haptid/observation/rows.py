@@ -1,73 +1,197 @@
-"""The treated rows themselves, stretch after stretch, for what triangles alone cannot tell.
+"""Rows of the observation matrix, chunk by chunk: W, y, the model's torque, and the signals under them.
 
-W is never stored as a whole: methods that weigh single rows, or whiten them, have the rows made again, change them, and
-fold them into triangles like those of the observation they came from. All that follows then works on triangles.
+W is never stored as a whole. Estimators that weight, whiten or project single rows have the rows computed again,
+change them, and reduce them to R factors like those of the observation they came from; all later steps use R factors.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from itertools import pairwise
 
 import numpy as np
-from scipy import signal
 
 from haptid._internal.arrays import Array, freeze
+from haptid.dynamics.model import DynamicModel
 from haptid.motion.channels import coordinate_torque
-from haptid.observation.observation import Block, MotorRows, Observation, Plan, triangle
+from haptid.motion.treatment import Motion
+from haptid.observation.filtering import decimate, treated_columns, treated_torque
+from haptid.observation.observation import MotorRows, Observation
+from haptid.observation.plan import Block, Plan, Signals
+from haptid.observation.r_factor import triangle
 
-# Numbers of rows that are kept from one pass to the next; more are made again, pass by pass.
-KEPT = 1 << 26
+# Numbers (rows times columns) that `Rows` caches between passes; more are computed again in every pass.
+CACHED = 1 << 26
 
 
 @dataclass(frozen=True, eq=False)
-class RowStretch:
-    """Rows of all motors that follow one another without a break.
+class Chunk:
+    """Consecutive rows of a Plan that fit in memory together.
+
+    Signals, W, y and the other arrays are computed at first use.
 
     Attributes:
-        blocks: index of each block in the observation, (blocks,).
-        edges: first row of each block here, and one past the last, (blocks + 1,).
-        W: rows in base parameters, zero where a row does not count, (motors, rows, p), SI.
-        y: torque of the same, (motors, rows), N m or N.
-        used: whether each counts, (motors, rows).
-        velocity: of the coordinates at the rows' own samples, (motors, rows), rad/s or m/s.
+        plan: which rows the motion gives.
+        start, stop: rows.
+        model: of `torque`: the plan's, or one that differs in its terms' settings.
+        coordinates: indices of the coordinates that its motors' rows are of, (motors,).
+        blocks: index of each of its time blocks in an observation, (blocks,); empty where it is of none.
     """
 
-    blocks: tuple[int, ...]
-    edges: np.ndarray
-    W: Array
-    y: Array
-    used: np.ndarray
-    velocity: Array
+    plan: Plan
+    start: int
+    stop: int
+    model: DynamicModel
+    coordinates: tuple[int, ...]
+    blocks: tuple[int, ...] = ()
+
+    @staticmethod
+    def of(plan: Plan, start: int, stop: int) -> Chunk:
+        """Rows start..stop of a plan, of all motors whose torque is measured."""
+        measured = (k for k, known in enumerate(plan.model.device.measured) if known)
+        return Chunk(plan, start, stop, plan.model, tuple(measured))
+
+    @cached_property
+    def _signals(self) -> Signals:
+        return self.plan.signals(*self.plan.window(self.start, self.stop))
+
+    @property
+    def c(self) -> Array:
+        """Positions of the coordinates under the rows, (active, samples), SI."""
+        return self._signals[0]
+
+    @property
+    def cd(self) -> Array:
+        """Their velocities, (active, samples)."""
+        return self._signals[1]
+
+    @property
+    def cdd(self) -> Array | None:
+        """Their accelerations, (active, samples); None in the momentum formulation."""
+        return self._signals[2]
+
+    @property
+    def t(self) -> Array:
+        """Times of the rows, (rows,), s."""
+        return self.plan.t(self.start, self.stop)
+
+    @property
+    def edges(self) -> np.ndarray:
+        """First row of each time block in this chunk, and one past the last, (blocks + 1,)."""
+        rows = self.stop - self.start
+        return np.append(np.arange(0, rows, self.plan.block), rows)
+
+    @cached_property
+    def used(self) -> np.ndarray:
+        """Whether each row is used, or was dropped as too slow, (motors, rows)."""
+        return np.asarray(self.plan.weights(self.start, self.stop)[list(self.coordinates)] > 0)
+
+    @cached_property
+    def W(self) -> Array:
+        """Rows in base parameters, zero where a row is not used, (motors, rows, p), SI."""
+        W = treated_columns(self.plan, self._signals)[list(self.coordinates)]
+        return np.asarray(W * self.used[:, :, None])
+
+    @cached_property
+    def y(self) -> Array:
+        """Measured torque, zero where a row is not used, (motors, rows), N m or N."""
+        return np.asarray(self.measured() * self.used)
+
+    @cached_property
+    def velocity(self) -> Array:
+        """Velocity of the motors' coordinates at the rows' own samples, (motors, rows), rad/s or m/s."""
+        return self.centres(self.cd)[list(self.coordinates)]
+
+    def with_rows(self, W: Array, y: Array) -> Chunk:
+        """The same chunk with other W and y (weighted, whitened, projected), and without its signals."""
+        made = replace(self)
+        made.__dict__.update(used=self.used, velocity=self.velocity, W=W, y=y)
+        return made
+
+    def scaled(self, factors: Array) -> Chunk:
+        """Each row of W and y multiplied by its factor, (motors, rows)."""
+        return self.with_rows(self.W * factors[:, :, None], self.y * factors)
 
     def residual(self, beta: Array) -> Array:
-        """y - W beta, (motors, rows); zero where a row does not count."""
+        """y - W beta, (motors, rows); zero where a row is not used."""
         return np.asarray(self.y - self.W @ beta)
 
-    def scaled(self, factors: Array) -> RowStretch:
-        """Each row multiplied by its factor, (motors, rows)."""
-        return replace(self, W=self.W * factors[:, :, None], y=self.y * factors)
+    def measured(self) -> Array:
+        """Measured torque, treated, (motors, rows), N m or N."""
+        window = self.plan.window(self.start, self.stop)
+        return self.treated(coordinate_torque(self.model.device, self.plan.motion, *window))
+
+    def torque(self, chi: Array) -> Array:
+        """Model torque of these parameters of the core's columns, treated, (motors, rows), N m or N."""
+        return treated_torque(self.plan, self.model, chi, self._signals)[list(self.coordinates)]
+
+    def treated(self, signals: Array) -> Array:
+        """Filtered and decimated like the measured torque, (active, samples) to (motors, rows)."""
+        return self.filtered(signals)[list(self.coordinates)]
+
+    def filtered(self, signals: Array) -> Array:
+        """Any channels filtered and decimated, (channels, samples) to (channels, rows)."""
+        return decimate(signals, self.plan.taps, self.plan.motion.treatment.decimation)
+
+    def sizes(self, signals: Array) -> Array:
+        """Filtered with the absolute taps, for magnitudes, (active, samples) to (motors, rows)."""
+        taps = np.abs(self.plan.taps)
+        return decimate(signals, taps / taps.sum(), self.plan.motion.treatment.decimation)[list(self.coordinates)]
+
+    def centres(self, signals: Array) -> Array:
+        """The sample that each row is of, (channels, samples) to (channels, rows)."""
+        return signals[:, self.plan.filter.before :: self.plan.motion.treatment.decimation][:, : self.stop - self.start]
 
 
-# What a method does to rows before they are folded.
-Change = Callable[[RowStretch], RowStretch]
+def chunks(model: DynamicModel, motion: Motion) -> Iterator[Chunk]:
+    """All rows of a motion.
+
+    Raises:
+        LogMismatchError: the motion has more or fewer channels than the device has coordinates or motors, or its torque
+            is not in the unit of the device's command.
+        MotionTooShortError: not one row fits between the filters' ends.
+    """
+    plan = Plan.of(model, motion)
+    for start, stop in plan.segments():
+        yield Chunk.of(plan, start, stop)
+
+
+def gathered(pieces: Iterable[tuple[Array, ...]], rows: int) -> tuple[Array, ...]:
+    """Concatenate arrays of chunk after chunk along their last axis, (..., rows of the chunk) to (..., rows).
+
+    Each piece is copied into its place as it comes, so the whole is not in memory twice.
+    """
+    whole: tuple[Array, ...] = ()
+    start = 0
+    for piece in pieces:
+        whole = whole or tuple(np.empty((*part.shape[:-1], rows), part.dtype) for part in piece)
+        stop = start + piece[0].shape[-1]
+        for all_rows, part in zip(whole, piece, strict=True):
+            all_rows[..., start:stop] = part
+        start = stop
+    return whole
+
+
+# What an estimator does to rows before they are reduced.
+Change = Callable[[Chunk], Chunk]
 
 
 class Rows:
-    """The rows of an observation, to be walked through any number of times."""
+    """The rows of an observation, chunk by chunk; can be iterated any number of times."""
 
     def __init__(self, observation: Observation) -> None:
         self.observation = observation
-        self._kept: list[RowStretch] | None = None
+        self._cached: list[Chunk] | None = None
 
-    def __iter__(self) -> Iterator[RowStretch]:
-        if self._kept is None and self.observation.rows * (len(self.observation.base) + 1) <= KEPT:
-            self._kept = list(stretches_of(self.observation))
-        return iter(self._kept) if self._kept is not None else stretches_of(self.observation)
+    def __iter__(self) -> Iterator[Chunk]:
+        if self._cached is None and self.observation.rows * (len(self.observation.base) + 1) <= CACHED:
+            self._cached = list(chunks_of(self.observation))
+        return iter(self._cached) if self._cached is not None else chunks_of(self.observation)
 
     def residuals(self, beta: Array) -> list[Array]:
-        """Of each motor, the rows that count one after the other."""
+        """Residuals of each motor's used rows, (rows,) for each motor."""
         parts = [[e[used] for e, used in zip(s.residual(beta), s.used, strict=True)] for s in self]
         return [np.concatenate(own) for own in zip(*parts, strict=True)]
 
@@ -75,16 +199,16 @@ class Rows:
         """The observation of the changed rows.
 
         Args:
-            change: applied to every stretch.
-            columns: base parameters that each motor's changed rows can reach; as before where None.
+            change: applied to every chunk.
+            columns: base parameters that each motor's changed rows depend on; as before where None.
         """
         observation = self.observation
         reached = [motor.columns for motor in observation.motors] if columns is None else columns
         size = len(observation.blocks)
         triangles = [np.zeros((size, len(own) + 1, len(own) + 1)) for own in reached]
         counts = np.zeros((len(reached), size), dtype=int)
-        for stretch in self:
-            made = change(stretch)
+        for chunk in self:
+            made = change(chunk)
             for k, (start, stop) in zip(made.blocks, pairwise(made.edges), strict=True):
                 counts[:, k] = made.used[:, start:stop].sum(axis=1)
                 for T, own, W, y in zip(triangles, reached, made.W, made.y, strict=True):
@@ -97,72 +221,30 @@ class Rows:
         return replace(observation, motors=motors, change=change if before is None else lambda s: change(before(s)))
 
 
-def stretches_of(observation: Observation) -> Iterator[RowStretch]:
-    """All rows of an observation, changed as its own were, stretch after stretch."""
+def chunks_of(observation: Observation) -> Iterator[Chunk]:
+    """All rows of an observation, changed as its own were."""
     index = {block: k for k, block in enumerate(observation.blocks)}
+    own = tuple(observation.model.device.row_names.index(motor.name) for motor in observation.motors)
     for motion in observation.motions:
         plan = Plan.of(observation.model, motion)
-        name = motion.log.sha256 if motion.log else f"motion {id(motion):x}"
-        for numbers, start, stop in _runs(plan, plan.blocks(name), index):
-            made = _made(observation, plan, numbers, start, stop)
+        for numbers, start, stop in _runs(plan, plan.blocks(), index):
+            chunk = Chunk(plan, start, stop, observation.model, own, tuple(numbers))
+            made = chunk.with_rows(chunk.W, chunk.y)
             yield observation.change(made) if observation.change else made
 
 
 def _runs(plan: Plan, blocks: Sequence[Block], index: dict[Block, int]) -> Iterator[tuple[list[int], int, int]]:
-    """Neighbouring blocks that are in an observation: their indices there, and rows start..stop."""
+    """Runs of neighbouring blocks that are in an observation: their indices there, and rows start..stop."""
     for first, last in plan.segments():
         run: list[int] = []
+        begin = first
         for start in range(first, last, plan.block):
             k = index.get(blocks[start // plan.block])
             if k is not None:
+                begin = begin if run else start
                 run.append(k)
-            stop = min(start + plan.block, last)
-            if run and (k is None or stop == last):
-                end = start if k is None else stop
-                yield run, end - _length(plan, len(run), end), end
+            elif run:
+                yield run, begin, start
                 run = []
-
-
-def _length(plan: Plan, blocks: int, end: int) -> int:
-    """Rows of so many blocks that end at a row: the last block of a motion may be shorter."""
-    return (blocks - 1) * plan.block + ((end - 1) % plan.block + 1)
-
-
-def _made(observation: Observation, plan: Plan, numbers: list[int], start: int, stop: int) -> RowStretch:
-    model = observation.model
-    own = [model.device.row_names.index(motor.name) for motor in observation.motors]
-    low, high = plan.window(start, stop)
-    signals = plan.signals(low, high)
-    used = plan.weights(start, stop)[own] > 0
-    W = treated_columns(plan, signals)[own] * used[:, :, None]
-    torque = decimated(
-        coordinate_torque(model.device, plan.motion, low, high), plan.taps, plan.motion.treatment.decimation
-    )
-    centres = signals[1][:, plan.filter.before :: plan.motion.treatment.decimation][:, : stop - start]
-    edges = np.append(np.arange(0, stop - start, plan.block), stop - start)
-    return RowStretch(tuple(numbers), edges, W, torque[own] * used, used, centres[own])
-
-
-def treated_columns(plan: Plan, signals: tuple[Array, Array, Array | None, Array]) -> Array:
-    """Base parameters' columns of every coordinate's rows, filtered and decimated, (coordinates, rows, p)."""
-    c, cd, cdd, own = signals
-    model, shared, d = plan.model, plan.filter, plan.motion.treatment.decimation
-    mechanism, loops = model.mechanism, model.loops(c, cd)
-    if cdd is not None:
-        made = decimated(mechanism.regressor(c, cd, cdd, own, list(plan.columns), loops), shared.taps, d)
-    else:
-        assert shared.slope is not None  # without accelerations the filter differentiates
-        momentum, rest = mechanism.momentum_regressor(c, cd, own, list(plan.columns), loops)
-        made = decimated(momentum, shared.slope, d) + decimated(rest, shared.taps, d)
-    return np.ascontiguousarray(np.einsum("ckr,kp->crp", made, plan.selection, optimize=True))
-
-
-def decimated(signals: Array, taps: Array, decimation: int) -> Array:
-    """Every window's weighted sum, (..., samples) to (..., rows), oldest tap first."""
-    if len(taps) == 1:
-        return np.asarray(signals[..., ::decimation] * taps[0])
-    late = -(len(taps) - 1) % decimation  # so that the first whole window falls on a sample that is kept
-    kernel = np.concatenate([np.zeros(late), taps[::-1]])
-    rows = (signals.shape[-1] - len(taps)) // decimation + 1
-    first = (len(taps) - 1 + late) // decimation
-    return np.asarray(signal.upfirdn(kernel, signals, down=decimation, axis=-1)[..., first : first + rows])
+        if run:
+            yield run, begin, last

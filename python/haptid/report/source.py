@@ -15,8 +15,8 @@ from haptid.end_effector.torque_decomposition import TorqueDecomposition, decomp
 from haptid.errors import MissingAccelerationError
 from haptid.estimation import Estimate
 from haptid.inference.diagnosis import Diagnosis, diagnose
-from haptid.observation.chunks import gathered, stretches
-from haptid.observation.observation import Plan
+from haptid.observation.plan import Plan
+from haptid.observation.rows import chunks, gathered
 from haptid.study.identify import Identification, Run
 from haptid.validation.validation import Validation
 
@@ -179,8 +179,7 @@ def track(estimate: Estimate, run: Run) -> Track:
     model, motion = estimate.model, run.motion
     chi, rows = raw_parameters(model, estimate.beta), [k for k, known in enumerate(model.device.measured) if known]
     parts = (
-        (s.t, s.measured(), s.torque(chi), s.used, s.centres(s.c), s.centres(s.cd)[rows])
-        for s in stretches(model, motion)
+        (s.t, s.measured(), s.torque(chi), s.used, s.centres(s.c), s.centres(s.cd)[rows]) for s in chunks(model, motion)
     )
     t, measured, predicted, used, c, velocity = gathered(parts, Plan.of(model, motion).rows)
     return Track(

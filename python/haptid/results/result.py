@@ -24,7 +24,7 @@ from haptid.errors import ResultDeviceError, ResultFileError, ShapeError
 from haptid.estimation import BoundedSolution, Constrained, Estimate, Method, PhysicallyConsistent, Reduced
 from haptid.estimation.nonlinear import VariableProjection
 from haptid.inference.targets import targets
-from haptid.motion.causal import Causal
+from haptid.motion.filters import Causal
 from haptid.motion.treatment import Treatment
 from haptid.observation.observation import Block
 from haptid.results.schema import (

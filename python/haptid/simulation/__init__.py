@@ -1,9 +1,11 @@
-"""The model simulated along a log: controller, closed loop, sensitivities."""
+"""Simulation of the model along a log: controller, closed loop, sensitivities.
 
-from haptid.simulation.closed_loop import Course, Steps, Stretches, closed_loop, measured_state, open_loop
+May use device, log, dynamics and motion.
+"""
+
+from haptid.simulation.closed_loop import Course, Steps, Stretches, closed_loop, measured_state, open_loop, smooth
 from haptid.simulation.control import PID
 from haptid.simulation.sensitivity import Sensitivity, sensitivity
-from haptid.simulation.smoothing import smooth
 
 __all__ = [
     "PID",

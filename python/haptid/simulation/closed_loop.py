@@ -1,37 +1,39 @@
-"""A model simulated along a log: many short stretches side by side, each from the measured state.
+"""Simulation of a model along a log: many short overlapping segments in parallel, each from the measured state.
 
-Stretches overlap: each runs in before its own samples, until its start is forgotten. So a log of a minute takes as
-many steps as one of a second or two, and an estimate that is still poor cannot run far away.
+Each segment starts early, so that the error of its initial state has decayed where its own samples begin. A log of a
+minute then takes as many steps as one of a second or two, and a poor estimate cannot diverge far.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from haptid._internal.arrays import Array, freeze
 from haptid.dynamics.forward import ForwardDynamics
 from haptid.dynamics.model import DynamicModel
-from haptid.errors import SimulationLostError
-from haptid.motion.channels import position_map
+from haptid.errors import SimulationError
+from haptid.motion.channels import position_map, state
 from haptid.motion.treatment import Motion
-from haptid.simulation.control import PID, Running, Start, reference
+from haptid.simulation.control import PID, ControllerState, InitialState, reference
 
-# A coordinate faster than this has run away, rad/s or m/s.
+# Speed at which a simulation counts as diverged, rad/s or m/s.
 FASTEST = 1e3
-# A step of Runge and Kutta's method of order four is stable up to this rate times the step, on the real axis.
+# Stability limit of the fourth-order Runge-Kutta method on the real axis: rate times step.
 STABLE = 2.5
+# Least width of smooth dry friction, rad/s or m/s.
+LEAST_WIDTH = 1e-6
 
 
 @dataclass(frozen=True, eq=False)
 class Stretches:
-    """Which samples are simulated side by side, step by step.
+    """Segments of a log that are simulated in parallel (multiple shooting): the sample of each at every step.
 
     Attributes:
-        sample: at every step of each stretch, (steps, stretches); the last sample is repeated past the end.
-        own: whether that step is the stretch's own, and not one of running in, (steps, stretches).
+        sample: at every step of each segment, (steps, segments); the last sample is repeated past the end.
+        own: whether the step is one of the segment's own samples, and not of its run-in, (steps, segments).
         samples: of the log.
     """
 
@@ -41,7 +43,7 @@ class Stretches:
 
     @staticmethod
     def of(samples: int, length: int, settle: int) -> Stretches:
-        """Stretches of `length` samples, each after `settle` samples of running in; the first begins at its own."""
+        """Segments of `length` samples, each after a run-in of `settle` samples, except the first."""
         length = max(1, min(length, samples))
         first = np.arange(0, samples, length)
         begin = np.maximum(first - settle, 0)
@@ -52,11 +54,11 @@ class Stretches:
 
     @property
     def count(self) -> int:
-        """How many."""
+        """Number of segments."""
         return int(self.sample.shape[1])
 
     def joined(self, values: Array) -> Array:
-        """Every sample from its own stretch: (steps, ..., stretches) to (..., samples)."""
+        """Every sample from its own segment: (steps, ..., segments) to (..., samples)."""
         last = np.moveaxis(values, -1, 1)
         made = np.empty((self.samples, *last.shape[2:]))
         made[self.sample[self.own]] = last[self.own]
@@ -65,10 +67,10 @@ class Stretches:
 
 @dataclass(frozen=True, eq=False)
 class Course:
-    """What the model did, on the samples of the motion.
+    """Simulated trajectory on the samples of a motion.
 
     Attributes:
-        motion: along which it was simulated.
+        motion: along which the model was simulated.
         c, cd, cdd: of the coordinates that torque rows belong to, each (n, samples), SI.
         tau: torque of the rows from each sample to the next, (n, samples), N m or N.
     """
@@ -82,13 +84,13 @@ class Course:
 
 @dataclass(frozen=True, eq=False)
 class Steps:
-    """The same, step by step of every stretch and control period: what sensitivities are made of.
+    """Simulated states and torques at every control period of every segment.
 
     Attributes:
-        stretches: which samples.
-        per: control periods in a sample.
-        c, cd, cdd, tau: each (steps * per, n, stretches * sets).
-        free: which motors followed what they were asked for, (steps * per, motors, stretches * sets).
+        stretches: the segments.
+        per: control periods per sample.
+        c, cd, cdd, tau: each (steps * per, n, segments * sets).
+        free: which motors were not saturated, (steps * per, motors, segments * sets).
     """
 
     stretches: Stretches
@@ -100,15 +102,15 @@ class Steps:
     free: np.ndarray
 
     def course(self, motion: Motion, k: int = 0) -> Course:
-        """What the k-th set of parameters did."""
+        """Trajectory of the k-th set of parameters."""
         count = self.stretches.count
         here = slice(k * count, (k + 1) * count)
         parts = (freeze(self.stretches.joined(x[:: self.per, :, here])) for x in (self.c, self.cd, self.cdd, self.tau))
         return Course(motion, *parts)
 
 
-# What acts at control period k of every stretch: from k, positions and velocities to torques, and who is free.
-Drive = Callable[[int, Array, Array], tuple[Array, np.ndarray]]
+# From control period k, positions and velocities to torques, and which motors are not saturated.
+TorqueLaw = Callable[[int, Array, Array], tuple[Array, np.ndarray]]
 
 
 def measured_state(model: DynamicModel, motion: Motion) -> tuple[Array, Array]:
@@ -118,7 +120,7 @@ def measured_state(model: DynamicModel, motion: Motion) -> tuple[Array, Array]:
 
 
 def between(values: Array, stretches: Stretches, per: int) -> Array:
-    """Values at every control period, by straight lines, (steps * per, n, stretches), from (n, samples)."""
+    """Linear interpolation to every control period, (steps * per, n, segments), from (n, samples)."""
     last = values.shape[1] - 1
     at = stretches.sample[:, None, :] + np.arange(per)[None, :, None] / per
     low = np.minimum(at.astype(int), last)
@@ -128,27 +130,26 @@ def between(values: Array, stretches: Stretches, per: int) -> Array:
 
 
 def closed_loop(forward: ForwardDynamics, law: PID, motion: Motion, place: int, stretches: Stretches) -> Steps:
-    """The model under its controller.
+    """Simulate the model under its controller.
 
     Args:
-        forward: with one set of parameters, or several.
+        forward: with one or several sets of parameters.
         law: the controller.
-        motion: along which; stretches begin at its states.
-        place: of the motion among the observation's.
-        stretches: which samples.
+        motion: along which; segments begin at its states.
+        place: index of the motion in the observation.
+        stretches: the segments.
 
     Raises:
-        SimulationLostError: the model runs away.
-        MasslessError: a mass matrix cannot be inverted.
-        ControllerError: the controller does not fit the device or the motion.
+        SimulationError: the simulation diverges, or a mass matrix cannot be inverted.
+        SettingError: the controller does not fit the device or the motion.
     """
     model, sets, per = forward.model, len(forward.chi), law.periods(motion.dt)
     target = reference(law, model, motion, place)
     speed = np.gradient(target, motion.dt, axis=1)
     wanted, rate = (np.tile(between(x, stretches, per), sets) for x in (target, speed))
     c, cd = (np.tile(x[:, stretches.sample[0]], sets) for x in measured_state(model, motion))
-    held = forward.inverse(c, cd, np.zeros_like(c))
-    running = Running(law, model, motion.dt / per, Start(c, cd, wanted[0], rate[0], held))
+    static = forward.inverse(c, cd, np.zeros_like(c))
+    running = ControllerState(law, model, motion.dt / per, InitialState(c, cd, wanted[0], rate[0], static))
 
     def drive(k: int, c: Array, cd: Array) -> tuple[Array, np.ndarray]:
         return running.torque(c, cd, wanted[k], rate[k])
@@ -159,58 +160,58 @@ def closed_loop(forward: ForwardDynamics, law: PID, motion: Motion, place: int, 
 def open_loop(
     forward: ForwardDynamics, motion: Motion, torque: Array, start: tuple[Array, Array], stretches: Stretches
 ) -> Steps:
-    """The model under the torque that was measured.
+    """Simulate the model under the measured torque.
 
     Args:
-        forward: with one set of parameters, or several.
+        forward: with one or several sets of parameters.
         motion: along which.
         torque: of the rows from each sample to the next, (n, samples), N m or N.
-        start: positions and velocities at the first step of every stretch, each (n, stretches).
-        stretches: which samples.
+        start: positions and velocities at the first step of every segment, each (n, segments).
+        stretches: the segments.
 
     Raises:
-        SimulationLostError, MasslessError: as for `closed_loop`.
+        SimulationError: as for `closed_loop`.
     """
     sets = len(forward.chi)
-    held = np.tile(np.ascontiguousarray(np.moveaxis(torque[:, stretches.sample], 0, 1)), sets)
-    free = np.ones((len(forward.model.device.motors), held.shape[2]), dtype=bool)
+    applied = np.tile(np.ascontiguousarray(np.moveaxis(torque[:, stretches.sample], 0, 1)), sets)
+    free = np.ones((len(forward.model.device.motors), applied.shape[2]), dtype=bool)
     c, cd = (np.tile(x, sets) for x in start)
-    return _run(forward, motion, stretches, 1, (c, cd), lambda k, _c, _cd: (held[k], free))
+    return _run(forward, motion, stretches, 1, (c, cd), lambda k, _c, _cd: (applied[k], free))
 
 
 def _run(
-    forward: ForwardDynamics, motion: Motion, stretches: Stretches, per: int, start: tuple[Array, Array], drive: Drive
+    forward: ForwardDynamics, motion: Motion, stretches: Stretches, per: int, start: tuple[Array, Array], law: TorqueLaw
 ) -> Steps:
-    """All steps, torque held from one control period to the next."""
+    """All steps, with constant torque within a control period."""
     c, cd = start
     forward.check(c[:, : stretches.count])
     period, steps = motion.dt / per, len(stretches.sample) * per
     begin = c[:, : stretches.count]
-    calm, rough = (
+    smooth_parts, dry_parts = (
         max(1, int(np.ceil(period * each.stiffness(begin) / STABLE))) for each in (forward.without_dry(), forward)
     )
     made = np.empty((4, steps, *c.shape))
     free = np.empty((steps, len(forward.model.device.motors), c.shape[1]), dtype=bool)
     for k in range(steps):
-        tau, free[k] = drive(k, c, cd)
+        tau, free[k] = law(k, c, cd)
         cdd = forward.acceleration(c, cd, tau)
         made[:, k] = c, cd, cdd, tau
         turning = forward.turning(c, cd, cdd, period)
         after_c, after_cd = np.empty_like(c), np.empty_like(cd)
-        for which, parts in ((turning, rough), (~turning, calm)):
-            state = c[:, which], cd[:, which], cdd[:, which], tau[:, which]
-            after_c[:, which], after_cd[:, which] = _ahead(forward, state, period, parts)
+        for which, parts in ((turning, dry_parts), (~turning, smooth_parts)):
+            now = c[:, which], cd[:, which], cdd[:, which], tau[:, which]
+            after_c[:, which], after_cd[:, which] = _control_period(forward, now, period, parts)
         c, cd = after_c, after_cd
         if not np.abs(cd).max() < FASTEST:
-            raise _lost(forward.model, motion, stretches, k // per, cd)
+            raise _diverged(forward.model, motion, stretches, k // per, cd)
     return Steps(stretches, per, made[0], made[1], made[2], made[3], free)
 
 
-def _ahead(
-    forward: ForwardDynamics, state: tuple[Array, Array, Array, Array], period: float, parts: int
+def _control_period(
+    forward: ForwardDynamics, now: tuple[Array, Array, Array, Array], period: float, parts: int
 ) -> tuple[Array, Array]:
-    """One control period in so many parts, from positions, velocities, accelerations and torques; torque held."""
-    c, cd, cdd, tau = (np.ascontiguousarray(x) for x in state)
+    """One control period in equal steps, from positions, velocities, accelerations and torques; constant torque."""
+    c, cd, cdd, tau = (np.ascontiguousarray(x) for x in now)
     if not c.size:
         return c, cd
     for part in range(parts):
@@ -221,7 +222,7 @@ def _ahead(
 def _step(
     forward: ForwardDynamics, c: Array, cd: Array, tau: Array, cdd: Array | None, h: float
 ) -> tuple[Array, Array]:
-    """One step of Runge and Kutta's method of order four, torque held."""
+    """One step of the fourth-order Runge-Kutta method, with constant torque."""
     a1 = forward.acceleration(c, cd, tau) if cdd is None else cdd
     v2 = cd + 0.5 * h * a1
     a2 = forward.acceleration(c + 0.5 * h * cd, v2, tau)
@@ -232,8 +233,36 @@ def _step(
     return c + h / 6 * (cd + 2 * v2 + 2 * v3 + v4), cd + h / 6 * (a1 + 2 * a2 + 2 * a3 + a4)
 
 
-def _lost(model: DynamicModel, motion: Motion, stretches: Stretches, step: int, cd: Array) -> SimulationLostError:
-    """What to raise of a model that runs away at this step."""
+def _diverged(model: DynamicModel, motion: Motion, stretches: Stretches, step: int, cd: Array) -> SimulationError:
+    """Error of a simulation that diverges at this step."""
     row, column = np.unravel_index(int(np.argmax(np.nan_to_num(np.abs(cd), nan=np.inf))), cd.shape)
     time = motion.t0 + motion.dt * int(stretches.sample[step, int(column) % stretches.count])
-    return SimulationLostError(time, model.device.row_labels[int(row)], float(abs(cd[row, column])), FASTEST)
+    label, speed = model.device.row_labels[int(row)], float(abs(cd[row, column]))
+    return SimulationError(
+        f"the simulated model diverges: at {time:.3f} s {label} moves at {speed:.3g} rad/s or m/s (limit {FASTEST:g}).",
+        where=time,
+        found=speed,
+        limit=FASTEST,
+        advice="Check the controller's gains and reference, or start from physically consistent parameters, such as "
+        "those of Consistent().",
+    )
+
+
+def smooth(model: DynamicModel, motions: Sequence[Motion], share: float) -> DynamicModel:
+    """The model with tanh(v / width) in place of sgn(v) wherever its dry friction has no width of its own.
+
+    A sticking joint then creeps, and the integration requires no event detection.
+
+    Args:
+        model: the dynamic model.
+        motions: the width is a share of each term's root mean square speed along them.
+        share: of that speed.
+    """
+    states = [state(model.device, motion, *motion.usable) for motion in motions]
+    terms = []
+    for term in model.terms:
+        if term.dry and term.constant("width") == 0:
+            power = np.concatenate([model.speed(term, c, cd) ** 2 for c, cd in states])
+            term = term.with_constant("width", max(share * float(np.sqrt(power.mean())), LEAST_WIDTH))
+        terms.append(term)
+    return replace(model, terms=tuple(terms))

@@ -1,4 +1,4 @@
-"""The controller that moved a device while it was logged: PD or PID on the motors' coordinates."""
+"""PD or PID controller of the motors' coordinates, as it was active while a log was recorded."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ import numpy as np
 
 from haptid._internal.arrays import Array, expect, positive
 from haptid.dynamics.model import DynamicModel
-from haptid.errors import ControllerError
+from haptid.errors import SettingError
 from haptid.log import Log, Signal, read_log
 from haptid.motion.channels import position_map
 from haptid.motion.treatment import Motion
@@ -19,18 +19,18 @@ Figures = float | Sequence[float]
 
 @dataclass(frozen=True, eq=False)
 class PID:
-    """tau = kp e + kd ed + ki integral of e on every motor's coordinate, held from one control period to the next.
+    """PID controller tau = kp e + kd ed + ki integral of e of every motor's coordinate, with zero-order hold.
 
     Attributes:
         kp, kd, ki: gains at the joint side, N m/rad, N m s/rad and N m/(rad s), or per m; one for all motors or one
             for each.
         reference: the planned motion of the active joints: channels of the log's own file, such as
             `Signal(("target1", "target2"), "rad")`; or arrays, (n, active) for each motion, rad or m; None takes the
-            treated positions, where nothing better was recorded.
+            treated positions, where the plan was not recorded.
         rate_hz: of the controller, a multiple of the log's; None is the log's.
-        velocity_cutoff_hz: the controller's velocity is the difference of positions through a first-order filter of
+        velocity_cutoff_hz: the controller's velocity is the difference of positions through a first-order filter with
             this cut-off; None is the velocity itself.
-        saturation: greatest torque of a motor's coordinate, N m or N; None for no limit.
+        saturation: largest torque of a motor's coordinate, N m or N; None for no limit.
     """
 
     kp: Figures
@@ -45,29 +45,29 @@ class PID:
         for name in ("rate_hz", "velocity_cutoff_hz"):
             value = getattr(self, name)
             if value is not None and not positive(value):
-                raise ControllerError(name, value, "a finite number above zero, or leave it out")
+                raise _setting(name, value, "a finite number above zero, or leave it out")
 
     def figures(self, name: str, model: DynamicModel) -> Array:
-        """A setting as one figure for each motor, (motors,).
+        """A setting as one value for each motor, (motors,).
 
         Raises:
-            ControllerError: there are neither one nor as many as motors, or one is not a number.
+            SettingError: neither one value nor one for each motor, or one that is not finite.
         """
         values, motors = np.atleast_1d(np.asarray(getattr(self, name), dtype=float)), len(model.device.motors)
         if values.shape not in ((1,), (motors,)) or not np.isfinite(values).all():
-            wanted = f"one finite figure, or one for each of {', '.join(m.name for m in model.device.motors)}"
-            raise ControllerError(name, values.tolist(), wanted)
+            wanted = f"one finite value, or one for each of {', '.join(m.name for m in model.device.motors)}"
+            raise _setting(name, values.tolist(), wanted)
         return np.ascontiguousarray(np.broadcast_to(values, (motors,)))
 
     def periods(self, dt: float) -> int:
-        """Control periods in a sampling period dt, s.
+        """Control periods per sampling period dt, s.
 
         Raises:
-            ControllerError: not a whole number.
+            SettingError: not a whole number.
         """
         ratio = 1.0 if self.rate_hz is None else self.rate_hz * dt
         if abs(ratio - round(ratio)) > 1e-3 or round(ratio) < 1:
-            raise ControllerError("rate_hz", self.rate_hz, f"a multiple of the log's {1 / dt:g} Hz")
+            raise _setting("rate_hz", self.rate_hz, f"a multiple of the log's {1 / dt:g} Hz")
         return round(ratio)
 
 
@@ -77,11 +77,11 @@ def reference(law: PID, model: DynamicModel, motion: Motion, place: int) -> Arra
     Args:
         law: the controller.
         model: the dynamic model.
-        motion: whose samples they are for.
-        place: of the motion among the observation's.
+        motion: at whose samples.
+        place: index of the motion in the observation.
 
     Raises:
-        ControllerError: the log has no file to read them from, or arrays do not fit.
+        SettingError: the log has no file to read them from, or the number of arrays is wrong.
         LogError: the channels cannot be read.
     """
     if law.reference is None:
@@ -89,46 +89,46 @@ def reference(law: PID, model: DynamicModel, motion: Motion, place: int) -> Arra
         return position_map(model.device, motion)(q)
     if isinstance(law.reference, Signal):
         if motion.log is None or not motion.log.sha256:
-            raise ControllerError("reference", "channels of a log", "arrays: this motion comes from no file")
+            raise _setting("reference", "channels of a log", "arrays: this motion comes from no file")
         return np.asarray(model.device.row_map @ recorded(motion.log, law.reference))
     if place >= len(law.reference):
-        raise ControllerError("reference", f"{len(law.reference)} arrays", "one for each motion of the observation")
+        raise _setting("reference", f"{len(law.reference)} arrays", "one for each motion of the observation")
     given = np.asarray(law.reference[place], dtype=float)
     expect("reference", given.shape, (len(motion), len(model.device.active)))
     return np.asarray(model.device.row_map @ given.T)
 
 
 def recorded(log: Log, wanted: Signal) -> Array:
-    """Other position channels of a log's file, on the log's own grid, (channels, n), rad or m."""
+    """Other position channels of a log's file, on the log's grid, (channels, n), rad or m."""
     whole = read_log(log.path, replace(log.channels, position=wanted))
     return np.array([np.interp(log.t, whole.t, channel) for channel in whole.position.T])
 
 
 @dataclass(frozen=True, eq=False)
-class Start:
-    """Where a controller begins; of the coordinates, each (n, ...), SI.
+class InitialState:
+    """Initial state of a controller, of the coordinates, each (n, ...), SI.
 
     Attributes:
         c, cd: positions and velocities.
         target, speed: planned.
-        held: torque that its integral holds up, with what the rest asks for.
+        static: torque that the controller exerts in total, which determines its integral.
     """
 
     c: Array
     cd: Array
     target: Array
     speed: Array
-    held: Array
+    static: Array
 
 
-class Running:
-    """A controller at work on many states at once; trailing axes are the states'.
+class ControllerState:
+    """State of a controller on many device states at once; trailing axes are the states'.
 
-    Linear but for its limit, so that it carries sensitivities as well as states.
+    Except for saturation it is linear, so the same code propagates sensitivities.
     """
 
-    def __init__(self, law: PID, model: DynamicModel, period: float, start: Start) -> None:
-        """Start as if it had long been at work."""
+    def __init__(self, law: PID, model: DynamicModel, period: float, start: InitialState) -> None:
+        """Start in the stationary state of the initial torque."""
         self.rates = np.asarray(model.device.drive_rates[[drive.motorised for drive in model.device.drives]])
         self.kp, self.kd, self.ki = (law.figures(name, model) for name in ("kp", "kd", "ki"))
         self.limit = None if law.saturation is None else law.figures("saturation", model)
@@ -141,23 +141,23 @@ class Running:
         self.integral = np.zeros_like(d)
         if self.ki.any():
             error, rate = self.drives(start.target) - d, self.drives(start.speed) - self.velocity
-            wanted = np.tensordot(np.linalg.pinv(self.rates.T), start.held, 1)
-            asked = _each(self.kp, error) + _each(self.kd, rate)
-            self.integral = np.where(_each(self.ki, np.ones_like(d)) != 0, wanted - asked, 0.0)
+            total = np.tensordot(np.linalg.pinv(self.rates.T), start.static, 1)
+            proportional = _each(self.kp, error) + _each(self.kd, rate)
+            self.integral = np.where(_each(self.ki, np.ones_like(d)) != 0, total - proportional, 0.0)
 
     def drives(self, c: Array) -> Array:
-        """Coordinates of the drives that have motors, (motors, ...)."""
+        """Coordinates of the motorised drives, (motors, ...)."""
         return np.tensordot(self.rates, c, 1)
 
     def torque(
         self, c: Array, cd: Array, target: Array | None, speed: Array | None, free: np.ndarray | None = None
     ) -> tuple[Array, np.ndarray]:
-        """One control period: torque of the coordinates, (n, ...), and which motors are below their limit.
+        """One control period: torque of the coordinates, (n, ...), and which motors are not saturated.
 
         Args:
             c, cd: positions and velocities, (n, ...).
             target, speed: planned; None for zero, as for sensitivities.
-            free: which motors follow what they are asked for, (motors, ...); None works it out.
+            free: which motors are not saturated, (motors, ...); None determines it from the limit.
         """
         d = self.drives(c)
         if self.keep is None:
@@ -168,16 +168,21 @@ class Running:
         error = -d if target is None else self.drives(target) - d
         rate = -velocity if speed is None else self.drives(speed) - velocity
         self.integral = self.integral + _each(self.period * self.ki, error)
-        asked = _each(self.kp, error) + _each(self.kd, rate) + self.integral
+        command = _each(self.kp, error) + _each(self.kd, rate) + self.integral
         if free is None:
-            limit = np.inf if self.limit is None else _each(self.limit, np.ones_like(asked))
-            free = np.abs(asked) < limit
-            asked = np.clip(asked, -limit, limit)
+            limit = np.inf if self.limit is None else _each(self.limit, np.ones_like(command))
+            free = np.abs(command) < limit
+            command = np.clip(command, -limit, limit)
         else:
-            asked = np.where(free, asked, 0.0)
-        return np.tensordot(self.rates.T, asked, 1), free
+            command = np.where(free, command, 0.0)
+        return np.tensordot(self.rates.T, command, 1), free
 
 
-def _each(figures: Array, values: Array) -> Array:
-    """Every motor's values multiplied by its figure."""
-    return figures.reshape(-1, *[1] * (values.ndim - 1)) * values
+def _each(gains: Array, values: Array) -> Array:
+    """Every motor's values multiplied by its gain."""
+    return gains.reshape(-1, *[1] * (values.ndim - 1)) * values
+
+
+def _setting(name: str, value: object, wanted: str) -> SettingError:
+    """Error of a controller's setting."""
+    return SettingError(f"controller: {name} is {value}; write {wanted}.", where=name, found=value, limit=wanted)

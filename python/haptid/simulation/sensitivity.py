@@ -1,8 +1,8 @@
-"""How a simulated motion and its torque depend on the parameters: the equations of motion, varied.
+"""Sensitivities of a simulated motion and its torque to the parameters, from the variational equations of motion.
 
 M sdd + (dh/dcd) sd + (d(M cdd + h)/dc) s = d(tau) - Y, for each base parameter its column Y of the inverse model; the
-controller, which is linear below its limits, closes the same loop around s. All stretches go side by side, at the cost
-of about one simulation, whatever the number of parameters. Within a control period the trapezoidal rule.
+controller, linear below saturation, closes the same loop around s. All segments are integrated in parallel by the
+trapezoidal rule, at the cost of about one simulation, whatever the number of parameters.
 """
 
 from __future__ import annotations
@@ -16,18 +16,18 @@ from haptid.dynamics.forward import ForwardDynamics
 from haptid.dynamics.regressor import columns
 from haptid.motion.treatment import Motion
 from haptid.simulation.closed_loop import Steps
-from haptid.simulation.control import PID, Running, Start
+from haptid.simulation.control import PID, ControllerState, InitialState
 
-# Steps that are linearised at a time: enough for the core, little memory.
+# Steps that are linearised at a time: enough for the core, with little memory.
 CHUNK = 64
 
 
 @dataclass(frozen=True, eq=False)
 class Sensitivity:
-    """Derivatives by what is varied: the base parameters, then in an open loop each stretch's first state.
+    """Derivatives with respect to the base parameters, and in an open loop to each segment's initial state.
 
     Attributes:
-        c: of the coordinates, (steps, n, varied, stretches), SI.
+        c: of the coordinates, (steps, n, varied, segments), SI.
         tau: of the rows' torque, the same; None in an open loop, where torque is given.
     """
 
@@ -37,12 +37,12 @@ class Sensitivity:
 
 @dataclass(frozen=True, eq=False)
 class _Linear:
-    """The varied equations at some steps: x = (s, sd), x' = F x + b + g d(tau).
+    """Variational equations at some steps: x = (s, sd), x' = F x + b + g d(tau).
 
     Attributes:
-        F: (steps, stretches, 2n, 2n).
-        b: (steps, stretches, n, p), the lower half.
-        g: (steps, stretches, n, n), the lower half.
+        F: (steps, segments, 2n, 2n).
+        b: (steps, segments, n, p), the lower half.
+        g: (steps, segments, n, n), the lower half.
     """
 
     F: Array
@@ -51,11 +51,11 @@ class _Linear:
 
 
 def sensitivity(forward: ForwardDynamics, law: PID | None, motion: Motion, steps: Steps, base: Array) -> Sensitivity:
-    """Of the first set of parameters, by base parameters.
+    """Sensitivities of a simulation's first set of parameters to the base parameters.
 
     Args:
-        forward: what was simulated.
-        law: its controller; None in an open loop, where the first states are varied too.
+        forward: the simulated model.
+        law: its controller; None in an open loop, where the initial states are varied too.
         motion: along which.
         steps: the simulation.
         base: the core's columns from base parameters, (r, p).
@@ -69,9 +69,9 @@ def sensitivity(forward: ForwardDynamics, law: PID | None, motion: Motion, steps
         x[:, :, p:] = np.eye(2 * n)
     else:
         c, cd = steps.c[0, :, :count], steps.cd[0, :, :count]
-        held = columns(forward.model, c, cd, np.zeros_like(c), base).transpose(0, 2, 1)  # as `closed_loop` begins
+        static = columns(forward.model, c, cd, np.zeros_like(c), base).transpose(0, 2, 1)  # as `closed_loop` begins
         none = np.zeros((n, count, varied))
-        running = Running(law, forward.model, period, Start(none, none, none, none, held))
+        running = ControllerState(law, forward.model, period, InitialState(none, none, none, none, static))
     made_c = np.empty((len(steps.stretches.sample), n, varied, count))
     made_tau = None if running is None else np.empty_like(made_c)
     for first in range(0, len(steps.c), CHUNK):
@@ -79,10 +79,10 @@ def sensitivity(forward: ForwardDynamics, law: PID | None, motion: Motion, steps
         linear = _linearised(forward, steps, part, base)
         ahead = np.asarray(np.linalg.inv(np.eye(2 * n) - 0.5 * period * linear.F))
         for k in range(first, min(first + CHUNK, len(steps.c))):
-            s, se = (np.ascontiguousarray(half.transpose(1, 0, 2)) for half in (x[:, :n], x[:, n:]))
+            s, rate = (np.ascontiguousarray(half.transpose(1, 0, 2)) for half in (x[:, :n], x[:, n:]))
             tau = None
             if running is not None:
-                tau, _ = running.torque(s, se, None, None, steps.free[k, :, :count, None])
+                tau, _ = running.torque(s, rate, None, None, steps.free[k, :, :count, None])
             if k % steps.per == 0:
                 made_c[k // steps.per] = s.transpose(0, 2, 1)
                 if made_tau is not None and tau is not None:
@@ -93,7 +93,7 @@ def sensitivity(forward: ForwardDynamics, law: PID | None, motion: Motion, steps
 
 
 def _ahead(linear: _Linear, ahead: Array, k: int, x: Array, tau: Array | None, half: float) -> Array:
-    """From one control period to the next, (stretches, 2n, varied); `half` of its length."""
+    """One control period of the trapezoidal rule, (segments, 2n, varied); `half` its length."""
     n, p = linear.b.shape[2:]
     right = x + half * (linear.F[k] @ x)
     right[:, n:, :p] += half * (linear.b[k] + linear.b[k + 1])
@@ -103,7 +103,7 @@ def _ahead(linear: _Linear, ahead: Array, k: int, x: Array, tau: Array | None, h
 
 
 def _linearised(forward: ForwardDynamics, steps: Steps, part: slice, base: Array) -> _Linear:
-    """The varied equations at some steps of the first set of parameters."""
+    """Variational equations at some steps of the first set of parameters."""
     n, count = steps.c.shape[1], steps.stretches.count
     c, cd, cdd = (_flat(x[part, :, :count]) for x in (steps.c, steps.cd, steps.cdd))
     inverse = np.linalg.inv(ForwardDynamics(forward.model, forward.chi[:1]).inertia(c, cd, cdd))
@@ -118,5 +118,5 @@ def _linearised(forward: ForwardDynamics, steps: Steps, part: slice, base: Array
 
 
 def _flat(x: Array) -> Array:
-    """(steps, n, stretches) to (n, steps * stretches)."""
+    """(steps, n, segments) to (n, steps * segments)."""
     return np.ascontiguousarray(x.transpose(1, 0, 2).reshape(x.shape[1], -1))

@@ -17,7 +17,8 @@ from haptid.estimation.nonlinear import VariableProjection
 from haptid.estimation.nonlinear.linearise import settled, unsettled
 from haptid.log import Log, is_long, open_log, read_log
 from haptid.motion.treatment import Motion, Treatment, treat
-from haptid.observation.batch import RFactorCache, observe_all
+from haptid.observation.batch import observe_all
+from haptid.observation.cache import RFactorCache
 from haptid.observation.known_payload import log_without_payload
 from haptid.observation.observation import Observation
 from haptid.study import LogEntry, Study

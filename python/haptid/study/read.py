@@ -11,8 +11,7 @@ from haptid._internal.toml_tables import read_checked
 from haptid.device.priors import Body, tensor
 from haptid.errors import LogError, SettingError, StudyFileError, StudyLogsError
 from haptid.log import Channels, Signal
-from haptid.motion.causal import Causal, HighPass
-from haptid.motion.shapes import SHAPES
+from haptid.motion.filters import SHAPES, Causal, HighPass
 from haptid.motion.treatment import Treatment
 from haptid.observation.known_payload import Payload
 from haptid.simulation import PID

@@ -1,1 +1,4 @@
-"""The proposed treatment of a log, and the delay of its torque."""
+"""Proposed treatment of a log, and an estimate of the delay of its torque.
+
+May use log, motion, observation and estimation.
+"""

@@ -1,16 +1,14 @@
-"""How late a log's torque is beside its positions, from the log itself.
+"""Estimate of the delay of a log's torque with respect to its positions.
 
-A command is held from one sample to the next, amplifiers and buses take their time: to first order a delay d adds d
-times the rate of torque to the residual. A shift of half a sampling period at 1 kHz is enough to bias the viscous
-friction of a haptic device by a fifth and more.
+A command is constant from one sample to the next (zero-order hold), and amplifiers and buses add latency: to first
+order a delay d adds d * dtau/dt to the residual. Half a sampling period at 1 kHz is enough to bias the viscous friction
+of a haptic device by a fifth and more.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from functools import reduce
-from operator import add
 
 import numpy as np
 
@@ -18,24 +16,24 @@ from haptid._internal.arrays import Array
 from haptid.dynamics.model import DynamicModel
 from haptid.estimation import WLS
 from haptid.log import Log
-from haptid.motion.treatment import Motion, Treatment, treat, with_delay
+from haptid.motion.treatment import Treatment, treat, with_delay
 from haptid.observation.observation import Observation, observe
 
-# Times the parabola is laid anew around the last minimum, and the distance of its points then, samples.
+# Distance of the parabola's points in each iteration around the last minimum, samples.
 STEPS = (1.0, 0.5, 0.25)
-# A delay beyond so many samples is no delay of a drive; the parabola is not to be trusted there.
+# Longest delay, samples; a longer one is not the delay of a drive, and the parabola is not valid there.
 LONGEST = 50.0
-# Groups of blocks, each left out in turn, for the deviation.
+# Groups of blocks for the jackknife standard error.
 GROUPS = 10
 
 
 @dataclass(frozen=True)
 class Delay:
-    """How late the torque channel is.
+    """Delay of the torque channel.
 
     Attributes:
-        seconds: the torque that acts at a sample is the channel's of so much earlier.
-        se: its deviation, by leaving out a tenth of the log at a time, s.
+        seconds: the acting torque at a sample is the channel's of so much earlier, s.
+        se: its standard error, by a jackknife over tenths of the log, s.
     """
 
     seconds: float
@@ -43,22 +41,22 @@ class Delay:
 
 
 def find_delay(model: DynamicModel, logs: Sequence[Log], treatment: Treatment) -> Delay | None:
-    """The delay that leaves the least residual; None where the logs do not tell it.
+    """The delay with the least residual; None where it is not identifiable from the logs.
 
     Args:
         model: the dynamic model.
         logs: recorded by one instrument, at one rate.
-        treatment: how; its own `torque_delay_s` is left aside.
+        treatment: settings; its own `torque_delay_s` is ignored.
 
     Raises:
-        HaptidError: as `treat` and `observe` do.
+        HaptidError: as `treat` and `observe`.
     """
     dt, motions = float(logs[0].dt), [treat(log, replace(treatment, torque_delay_s=0.0)) for log in logs]
     guess, step = 0.0, STEPS[0]
     trio: list[Observation] = []
     for step in STEPS:
         late = [(guess + k * step) * dt for k in (-1, 0, 1)]
-        trio = [_observed(model, motions, seconds) for seconds in late]
+        trio = [observe(model, *(with_delay(motion, seconds) for motion in motions)) for seconds in late]
         weights = WLS().weights(trio[1])
         lowest = _lowest(trio, weights)
         if lowest is None or abs(guess + step * lowest) > LONGEST:
@@ -73,12 +71,8 @@ def find_delay(model: DynamicModel, logs: Sequence[Log], treatment: Treatment) -
     return Delay(float(guess * dt), float(spread * dt))
 
 
-def _observed(model: DynamicModel, motions: Sequence[Motion], delay: float) -> Observation:
-    return reduce(add, (observe(model, with_delay(motion, delay)) for motion in motions))
-
-
 def _lowest(trio: Sequence[Observation], weights: Array) -> float | None:
-    """Where the parabola through three residual powers has its minimum, in steps from the middle one."""
+    """Minimum of the parabola through three sums of squares, in steps from the middle one; None where there is none."""
     before, here, after = (float(observation.stack(weights)[-1, -1]) ** 2 for observation in trio)
     bend = before - 2 * here + after
     return 0.5 * (before - after) / bend if bend > 0 else None

@@ -1,8 +1,8 @@
-"""How a log is best treated, from the log itself, with the reasons.
+"""Proposed treatment of a log, from the log itself, with the reasons.
 
-What filters do to a reversal costs more than what they leave of the noise: dry friction jumps there, the motion bends,
-and no filter that sees the jump treats torque and columns alike. So the filter is as narrow as the motion allows, and
-rows whose filter would see a reversal are left out.
+Distortion of reversals by a filter costs more than the noise that it leaves: dry friction is discontinuous there, and
+no filter across the jump treats torque and columns alike. So the filter is as short as the motion allows, and rows
+whose filter window contains a reversal are left out.
 """
 
 from __future__ import annotations
@@ -16,83 +16,81 @@ from scipy import signal
 
 from haptid._internal.arrays import Array
 from haptid.dynamics.model import DynamicModel
-from haptid.errors import IdentifiabilityError, MotionTooShortError, NoRowsError, TreatmentValueError
+from haptid.errors import IdentifiabilityError, MotionTooShortError, NoRowsError
 from haptid.log import Log
 from haptid.motion.channels import check_log, state
+from haptid.motion.filters import bad_setting
 from haptid.motion.treatment import Treatment, treat
-from haptid.observation.observation import Plan
+from haptid.observation.plan import Plan
 from haptid.treatment_choice.delay_estimate import find_delay
 
 # Share of the velocity's power that counts as motion.
 MOTION = 0.98
-# The filter that torque and columns share passes so many times the motion's highest frequency, and the positions'
-# filter so many times its own: what the one passes, the other leaves alone.
+# Cut-off of the parallel filter over the motion's highest frequency, and of the position filter over that of the
+# parallel filter: each passes the band of the one before unchanged.
 ABOVE_MOTION, ABOVE_PARALLEL = 3.0, 3.0
-# Rows in the period of that filter's cut-off: what folds back is 75 dB down.
+# Rows per period of the parallel filter's cut-off: aliases are 75 dB down.
 ROWS_IN_PERIOD = 10
-# A coordinate is slow below this share of its root mean square speed.
+# Share of its root mean square speed below which a coordinate is slow.
 SLOW = 0.05
-# The filter is widened until each motor keeps this share of its rows, by this factor at a time, so many times at most.
+# Least share of each motor's rows to keep; the filter is widened by a factor, this many times at most, to reach it.
 KEPT, WIDER, WIDENINGS = 0.25, 1.25, 6
-# A delay is known where its deviation is below this share of the sampling period, and is taken to be none, or half a
-# period, where it is nearer than this share and two deviations.
+# Largest standard error of a known delay, and distance from zero or half a period below which it is taken as that (plus
+# two standard errors), as shares of the sampling period.
 KNOWN, NEAR = 0.1, 0.02
-# Frequencies, as shares of half the sampling rate, at which a position has noise alone.
+# Frequencies without motion, as shares of half the sampling rate, where a position's noise is measured.
 NOISE_BAND = (0.5, 0.9)
-# A channel moves where its spectrum rises so far above that noise.
+# A channel moves where its spectrum exceeds that noise by this factor.
 ABOVE_NOISE = 100.0
-# Noise above this share of the acceleration is worth a word.
+# Noise above this share of the acceleration is reported.
 NOISY = 0.1
-# A log tells how it is to be treated in much less than its whole length, s.
+# Length of the part of each log that is analysed, s.
 ENOUGH = 120.0
-# Length of the stretches whose spectra are averaged, s.
-STRETCH = 8.0
-# Samples of such a stretch at least.
-FEWEST = 64
+# Length of the segments whose spectra are averaged (Welch), s, and their fewest samples.
+STRETCH, FEWEST = 8.0, 64
 # Highest cut-off as a share of half the sampling rate; lowest as a number of periods in the log.
 HIGHEST, SHORTEST = 0.7, 10.0
 
 
 @dataclass(frozen=True)
 class Proposal:
-    """A treatment and why it is so.
+    """Proposed treatment with reasons.
 
     Attributes:
-        treatment: what was asked for, and the rest as proposed.
-        reasons: a sentence for each setting that was proposed.
+        treatment: the settings that were given, and the others as proposed.
+        reasons: a sentence for each proposed setting.
     """
 
     treatment: Treatment
     reasons: tuple[str, ...]
 
 
-def propose(model: DynamicModel, *logs: Log, **asked: Any) -> Proposal:
-    """A treatment for logs of one device and one instrument.
+def propose(model: DynamicModel, *logs: Log, **given: Any) -> Proposal:
+    """Propose a treatment for logs of one device, recorded by one instrument.
 
     Args:
         model: the dynamic model.
-        logs: what was recorded; the two minutes of each that move most are looked at.
-        asked: settings of `Treatment` that are to be as given.
+        logs: recordings; the two most active minutes of each are analysed.
+        given: settings of `Treatment` that are fixed.
 
     Raises:
-        TreatmentValueError: a setting that was asked for is impossible.
-        CutoffError: a cut-off that was asked for is too high for the sampling rate.
-        HaptidError: as `observe` does where a log does not fit the device.
+        TreatmentError: a given setting is impossible, or a given cut-off too high for the sampling rate.
+        HaptidError: as `observe` where a log does not fit the device.
     """
-    if asked.get("velocity") is not None:  # it takes positions as they are
-        asked = {"cutoff_hz": None, **asked}
-    unknown = set(asked) - {field.name for field in fields(Treatment)}
+    if given.get("velocity") is not None:  # it takes unfiltered positions
+        given = {"cutoff_hz": None, **given}
+    unknown = set(given) - {field.name for field in fields(Treatment)}
     if unknown or not logs:
         wanted = f"one of {', '.join(field.name for field in fields(Treatment))}" if unknown else "one log at least"
-        raise TreatmentValueError("setting" if unknown else "logs", ", ".join(sorted(unknown)), wanted)
-    Treatment(**asked)  # impossible settings are an error before any work
+        raise bad_setting("setting" if unknown else "logs", ", ".join(sorted(unknown)), wanted)
+    Treatment(**given)  # impossible settings are an error before any work
     for log in logs:
         check_log(model.device, log)
     logs = tuple(log.busiest(ENOUGH) for log in logs)
-    filters, why = _filters(logs, asked)
-    slow, why_slow = _slow(model, logs, filters, asked)
-    kept, why_kept = _wide_enough(model, logs, slow, asked)
-    timed, why_timed = _timed(model, logs, kept, asked)
+    filters, why = _filters(logs, given)
+    slow, why_slow = _slow(model, logs, filters, given)
+    kept, why_kept = _wide_enough(model, logs, slow, given)
+    timed, why_timed = _timed(model, logs, kept, given)
     noise = () if kept.cutoff_hz is None else (_noise_sentence(logs, kept),)
     return Proposal(timed, (*why, *noise, *why_slow, *why_kept, *why_timed))
 
@@ -100,55 +98,55 @@ def propose(model: DynamicModel, *logs: Log, **asked: Any) -> Proposal:
 Step = tuple[Treatment, tuple[str, ...]]
 
 
-def _filters(logs: Sequence[Log], asked: Mapping[str, Any]) -> Step:
+def _filters(logs: Sequence[Log], given: Mapping[str, Any]) -> Step:
     """Both cut-offs and the decimation, from the motion's highest frequency."""
     dt = max(float(log.dt) for log in logs)
     highest = max(bandwidth(log) for log in logs)
     wanted = max(ABOVE_MOTION * highest, SHORTEST / min(len(log.t) * log.dt for log in logs))
-    if asked.get("cutoff_hz") is not None:
-        wanted = asked["cutoff_hz"] / ABOVE_PARALLEL
-    parallel = asked.get("parallel_cutoff_hz") or min(wanted, _ceiling(dt, asked))
-    made = _with_parallel(parallel, dt, asked)
+    if given.get("cutoff_hz") is not None:
+        wanted = given["cutoff_hz"] / ABOVE_PARALLEL
+    parallel = given.get("parallel_cutoff_hz") or min(wanted, _ceiling(dt, given))
+    made = _with_parallel(parallel, dt, given)
     motion = f"the motion is below {highest:.2g} Hz ({100 * MOTION:.0f} % of the velocity's power)"
     reasons = []
     if parallel < highest:
         reasons.append(
-            f"Torque and columns share a filter of {parallel:.3g} Hz, and {motion}: the filter takes part of it away, "
-            f"and rows are few. Record at a higher rate, or ask for less decimation."
+            f"Parallel filter of torque and columns: {parallel:.3g} Hz, but {motion}: the filter removes part of it, "
+            f"and rows are few. Record at a higher rate, or reduce the decimation."
         )
-    elif "parallel_cutoff_hz" not in asked:
-        reasons.append(f"Torque and columns share a filter of {parallel:.3g} Hz: {motion}.")
-    if "cutoff_hz" not in asked and made.cutoff_hz is not None:
-        why = "so that nothing is bent that torque and columns keep"
+    elif "parallel_cutoff_hz" not in given:
+        reasons.append(f"Parallel filter of torque and columns: {parallel:.3g} Hz; {motion}.")
+    if "cutoff_hz" not in given and made.cutoff_hz is not None:
+        why = "three times the parallel filter, so it does not distort its pass band"
         if made.cutoff_hz < 0.99 * ABOVE_PARALLEL * parallel:
-            why = "which is all that the sampling rate carries"
-        reasons.append(f"Positions pass up to {made.cutoff_hz:.3g} Hz, {why}.")
-    if "decimation" not in asked:
-        in_period = f"{1 / (parallel * dt * made.decimation):.2g} in the filter's period"
-        reasons.append(f"One row is kept of {made.decimation} samples, {in_period}.")
+            why = "the highest cut-off at this sampling rate"
+        reasons.append(f"Position filter: {made.cutoff_hz:.3g} Hz, {why}.")
+    if "decimation" not in given:
+        in_period = f"{1 / (parallel * dt * made.decimation):.2g} rows per period of the parallel filter's cut-off"
+        reasons.append(f"Decimation: one row of {made.decimation} samples, {in_period}.")
     return made, tuple(reasons)
 
 
-def _ceiling(dt: float, asked: Mapping[str, Any]) -> float:
-    """Highest cut-off, Hz, of the filter that torque and columns share: what the rates of samples and rows carry."""
+def _ceiling(dt: float, given: Mapping[str, Any]) -> float:
+    """Highest cut-off of the parallel filter, Hz, by the rates of samples and rows."""
     ceiling = HIGHEST * 0.5 / dt / ABOVE_PARALLEL
-    if "decimation" in asked:
-        ceiling = min(ceiling, Treatment(**asked).parallel_shape.share * 0.5 / dt / asked["decimation"])
+    if "decimation" in given:
+        ceiling = min(ceiling, Treatment(**given).parallel_shape.share * 0.5 / dt / given["decimation"])
     return ceiling
 
 
-def _with_parallel(parallel: float, dt: float, asked: Mapping[str, Any]) -> Treatment:
-    """What was asked for, and what follows from the cut-off of the filter that torque and columns share."""
+def _with_parallel(parallel: float, dt: float, given: Mapping[str, Any]) -> Treatment:
+    """The given settings, and those that follow from the cut-off of the parallel filter."""
     follows = {
         "parallel_cutoff_hz": parallel,
         "cutoff_hz": min(ABOVE_PARALLEL * parallel, HIGHEST * 0.5 / dt),
         "decimation": max(1, int(1 / (ROWS_IN_PERIOD * parallel * dt))),
     }
-    return Treatment(**{**follows, **asked})
+    return Treatment(**{**follows, **given})
 
 
 def bandwidth(log: Log) -> float:
-    """Frequency below which a share MOTION of the power of every channel's velocity lies, Hz."""
+    """Bandwidth of the motion: frequency below which a share MOTION of every channel's velocity power lies, Hz."""
     highest = 0.0
     for channel in log.position.T:
         f, power = _spectrum(channel, float(log.dt))
@@ -167,14 +165,14 @@ def _spectrum(channel: Array, dt: float) -> tuple[Array, Array]:
 
 
 def _floor(f: Array, power: Array) -> float:
-    """Power density of a position's noise: of what is at frequencies without motion."""
+    """Power density of a position's noise, from frequencies without motion."""
     low, high = (share * f[-1] for share in NOISE_BAND)
     return float(np.median(power[(f >= low) & (f <= high)]))
 
 
 def _noise_sentence(logs: Sequence[Log], treatment: Treatment) -> str:
-    """What the positions' noise is beside the acceleration, where it is worst."""
-    worst, deviation, unit = 0.0, 0.0, ""
+    """Report of the positions' noise compared with the acceleration, for the worst channel."""
+    worst, noise_rms, unit = 0.0, 0.0, ""
     for log in logs:
         motion = treat(log, treatment)
         start, stop = motion.usable
@@ -185,18 +183,18 @@ def _noise_sentence(logs: Sequence[Log], treatment: Treatment) -> str:
             noise = floor * (2 * np.pi) ** 4 * treatment.cutoff_hz**5 / 5  # white positions, differentiated twice
             share = float(np.sqrt(noise / power[k])) if power[k] else 0.0
             if share >= worst:
-                worst, deviation = share, float(np.sqrt(floor * 0.5 / motion.dt))
+                worst, noise_rms = share, float(np.sqrt(floor * 0.5 / motion.dt))
                 unit = "m" if log.channels.position.unit in ("m", "mm", "um") else "rad"
     sentence = (
-        f"The noise of the positions, {deviation:.1g} {unit}, is {100 * worst:.2g} % of the filtered acceleration"
+        f"The noise of the positions, {noise_rms:.1g} {unit} RMS, is {100 * worst:.2g} % of the filtered acceleration"
     )
-    return sentence + ("." if worst < NOISY else ": record faster motion, or read the positions finer.")
+    return sentence + ("." if worst < NOISY else ": record faster motion, or with a finer encoder.")
 
 
-def _slow(model: DynamicModel, logs: Sequence[Log], treatment: Treatment, asked: Mapping[str, Any]) -> Step:
-    """Below which speed a motor's dry friction is not to be trusted."""
+def _slow(model: DynamicModel, logs: Sequence[Log], treatment: Treatment, given: Mapping[str, Any]) -> Step:
+    """With `reversal_speed`: the speed below which the sign of a motor's dry friction is uncertain."""
     rows = len(model.device.row_names)
-    if "reversal_speed" in asked or not any(model.coulomb_terms(row) for row in range(rows)):
+    if "reversal_speed" in given or not any(model.coulomb_terms(row) for row in range(rows)):
         return treatment, ()
     speeds = np.full(rows, np.inf)
     states = [_states(model, log, treatment) for log in logs]
@@ -215,46 +213,47 @@ def _states(model: DynamicModel, log: Log, treatment: Treatment) -> tuple[Array,
     return state(model.device, motion, *motion.usable)
 
 
-def _wide_enough(model: DynamicModel, logs: Sequence[Log], treatment: Treatment, asked: Mapping[str, Any]) -> Step:
-    """A filter short enough for each motor to keep a share of its rows between reversals."""
+def _wide_enough(model: DynamicModel, logs: Sequence[Log], treatment: Treatment, given: Mapping[str, Any]) -> Step:
+    """With a parallel filter short enough for each motor to keep a share KEPT of its rows between reversals."""
     if not np.any(treatment.reversal_speed):
         return treatment, ()
     narrow, dt = treatment, max(float(log.dt) for log in logs)
     before = shares = _shares(model, logs, treatment)
-    for _ in range(0 if "parallel_cutoff_hz" in asked else WIDENINGS):
+    for _ in range(0 if "parallel_cutoff_hz" in given else WIDENINGS):
         wider = WIDER * (treatment.parallel_cutoff_hz or 0.0)
-        if min(shares) >= KEPT or wider > _ceiling(dt, asked):
+        if min(shares) >= KEPT or wider > _ceiling(dt, given):
             break
-        treatment = _with_parallel(wider, dt, {**asked, "reversal_speed": treatment.reversal_speed})
+        treatment = _with_parallel(wider, dt, {**given, "reversal_speed": treatment.reversal_speed})
         shares = _shares(model, logs, treatment)
     reasons = []
-    if min(shares) < KEPT:  # it did not help, and costs noise
+    if min(shares) < KEPT:  # widening did not help, and lets more noise through
         treatment, shares = narrow, before
         reasons.append(
-            f"Less than {100 * KEPT:.0f} % of a motor's rows are clear of reversals, whatever the filter: record "
-            f"motion that turns round less often, or lower `reversal_speed`."
+            f"Less than {100 * KEPT:.0f} % of a motor's rows are clear of reversals with any filter: record motion "
+            f"with fewer reversals, or lower `reversal_speed`."
         )
     elif treatment is not narrow:
         reasons.append(
-            f"The filter was widened from {narrow.parallel_cutoff_hz:.3g} to {treatment.parallel_cutoff_hz:.3g} Hz: "
-            f"between the many reversals, a longer one leaves a motor less than {100 * KEPT:.0f} % of its rows."
+            f"The parallel filter was widened from {narrow.parallel_cutoff_hz:.3g} to "
+            f"{treatment.parallel_cutoff_hz:.3g} Hz: with a longer one a motor keeps less than {100 * KEPT:.0f} % of "
+            f"its rows between the reversals."
         )
     kept = ", ".join(f"{100 * share:.0f}" for share in shares)
     speeds = ", ".join(f"{v:.2g}" for v in np.atleast_1d(treatment.reversal_speed))
     reasons.append(
-        f"Rows whose filter sees a motion slower than {speeds} (of each motor, SI) are left out: dry friction jumps "
-        f"there. {kept} % of the motors' rows are kept."
+        f"Rows whose filter window contains motion slower than {speeds} (of each motor, SI) are dropped, because dry "
+        f"friction is discontinuous at reversals. {kept} % of the motors' rows are kept."
     )
     return treatment, tuple(reasons)
 
 
 def _shares(model: DynamicModel, logs: Sequence[Log], treatment: Treatment) -> list[float]:
-    """Of each motor whose torque is known, the share of rows that are kept."""
+    """Share of rows that are kept, of each motor with measured torque."""
     kept, many = np.zeros(len(model.device.row_names)), 0
     for log in logs:
         try:
             plan = Plan.of(model, treat(log, treatment))
-        except MotionTooShortError:  # not one row: a wider filter may find some
+        except MotionTooShortError:  # no rows with this filter: a wider one may give some
             continue
         for start, stop in plan.segments():
             kept += plan.weights(start, stop).sum(axis=1)
@@ -262,19 +261,17 @@ def _shares(model: DynamicModel, logs: Sequence[Log], treatment: Treatment) -> l
     return [float(share) for share in kept[list(model.device.measured)] / max(many, 1)]
 
 
-def _timed(model: DynamicModel, logs: Sequence[Log], treatment: Treatment, asked: Mapping[str, Any]) -> Step:
-    """With the torque's delay."""
-    if "torque_delay_s" in asked:
+def _timed(model: DynamicModel, logs: Sequence[Log], treatment: Treatment, given: Mapping[str, Any]) -> Step:
+    """With `torque_delay_s`."""
+    if "torque_delay_s" in given:
         return treatment, ()
     rates = sorted({f"{log.rate_hz:.4g}" for log in logs})
     if len(rates) > 1:
         many = " and ".join(rates)
-        return treatment, (
-            f"How late the torque is was not looked for: the logs have {many} Hz. Give `torque_delay_s`.",
-        )
+        return treatment, (f"The torque delay was not estimated: the logs have {many} Hz. Set `torque_delay_s`.",)
     dt = float(logs[0].dt)
     plain = treatment
-    if treatment.velocity is not None:  # a differentiator is late itself, which is no delay of the torque
+    if treatment.velocity is not None:  # the lag of a differentiator is not a delay of the torque
         cutoff = ABOVE_PARALLEL * min(treatment.parallel_cutoff_hz or np.inf, _ceiling(dt, {}))
         plain = replace(treatment, velocity=None, cutoff_hz=cutoff)
     try:
@@ -282,12 +279,12 @@ def _timed(model: DynamicModel, logs: Sequence[Log], treatment: Treatment, asked
     except (NoRowsError, IdentifiabilityError, MotionTooShortError):
         delay = None
     if delay is None or delay.se > KNOWN * dt:
-        return treatment, ("The logs do not tell how late the torque is; it is taken as it is.",)
-    found = f"{1e3 * delay.seconds:.3g} ms (deviation {1e3 * delay.se:.1g} ms)"
+        return treatment, ("The torque delay is not identifiable from the logs; none is assumed.",)
+    found = f"{1e3 * delay.seconds:.3g} ms (standard error {1e3 * delay.se:.1g} ms)"
     near = NEAR * dt + 2 * delay.se
     if abs(delay.seconds) < near:
-        return treatment, (f"The torque is not late, within what the logs tell: {found}.",)
+        return treatment, (f"The torque delay is zero within its uncertainty: {found}.",)
     if abs(delay.seconds - dt / 2) < near:
-        held = f"The torque is late by {found}: half a sampling period, as a command is that is held until the next."
-        return replace(treatment, torque_delay_s=dt / 2), (held,)
-    return replace(treatment, torque_delay_s=delay.seconds), (f"The torque is late by {found}: compensated.",)
+        hold = f"Torque delay: {found}: half a sampling period, as of a command with zero-order hold."
+        return replace(treatment, torque_delay_s=dt / 2), (hold,)
+    return replace(treatment, torque_delay_s=delay.seconds), (f"Torque delay: {found}: compensated.",)

@@ -1,1 +1,4 @@
-"""How well an estimate predicts torque it has not been fitted to."""
+"""Prediction errors of an estimate on rows that were not fitted, and cross-validation.
+
+May use observation and estimation.
+"""

@@ -1,25 +1,23 @@
-"""Held-out rows of a device that is to be settled: every fit settles its own, so that it has seen nothing of them."""
+"""Cross-validation of models with nonlinear friction constants: they are estimated again in every training fold."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from functools import reduce
-from operator import add
 
 from haptid.dynamics.model import DynamicModel
 from haptid.estimation import Method, estimate
 from haptid.estimation.nonlinear import EveryOther
 from haptid.estimation.nonlinear.linearise import settled
 from haptid.motion.treatment import Motion
-from haptid.observation.observation import Observation, observe
+from haptid.observation.observation import observe
 from haptid.validation.validation import Validation, pooled, validate
 
 
 def each_log(model: DynamicModel, motion: Motion, others: Sequence[Motion], method: Method) -> Validation:
-    """A motion predicted by constants, loads and parameters that were found from the others.
+    """Leave-one-log-out: a motion predicted by constants, friction by load and parameters estimated from the others.
 
     Args:
-        model: as its file has it, with searched constants or friction by load.
+        model: as in its file, with searched constants or friction by load.
         motion: that is predicted.
         others: that are fitted.
         method: of estimation.
@@ -28,12 +26,11 @@ def each_log(model: DynamicModel, motion: Motion, others: Sequence[Motion], meth
         HaptidError: as `settled`, `observe` and `estimate`.
     """
     found, _ = settled(model, others, method)
-    fit: Observation = reduce(add, [observe(found, other) for other in others])
-    return validate(estimate(fit, method), observe(found, motion))
+    return validate(estimate(observe(found, *others), method), observe(found, motion))
 
 
 def alternate(model: DynamicModel, motion: Motion, others: Sequence[Motion], method: Method) -> Validation:
-    """Every other block of a motion predicted by what was found from the rest of it and the others; both ways round.
+    """Alternate blocks of a motion predicted by an estimate from its other blocks and the other motions; both folds.
 
     Args and raises as for `each_log`.
     """
@@ -42,7 +39,7 @@ def alternate(model: DynamicModel, motion: Motion, others: Sequence[Motion], met
         for parity in (0, 1):
             found, _ = settled(model, [EveryOther(motion, parity), *others], method)
             halves = observe(found, motion).alternate()
-            fit: Observation = reduce(add, [observe(found, other) for other in others], halves[parity])
+            fit = sum((observe(found, other) for other in others), halves[parity])
             yield validate(estimate(fit, method), halves[1 - parity])
 
     return pooled(*predicted())

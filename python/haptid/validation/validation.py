@@ -1,25 +1,25 @@
-"""How well an estimate predicts torque, always on rows that the fit has not seen."""
+"""Validation: prediction errors of an estimate's torque on rows that were not fitted."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
-from haptid.errors import DifferentModelError, SeenRowsError
+from haptid.errors import SharedRowsError
 from haptid.estimation import Estimate
 from haptid.motion.treatment import Motion
-from haptid.observation.observation import Observation, observe
+from haptid.observation.observation import Observation, different_models, observe
 
 
 @dataclass(frozen=True)
 class MotorError:
-    """The error of one motor's predicted torque.
+    """Prediction error of one motor's torque.
 
     Attributes:
         motor, label, unit: "1", "motor 1", N m or N.
         residual, measured: norm(y - y_hat) and norm(y) of the treated torque, at the joint side.
-        rows: compared.
+        rows: number of rows.
     """
 
     motor: str
@@ -31,22 +31,22 @@ class MotorError:
 
     @property
     def relative(self) -> float:
-        """100 norm(y - y_hat) / norm(y), per cent."""
+        """Relative error 100 norm(y - y_hat) / norm(y), per cent."""
         return percent(self.residual, self.measured)
 
     @property
     def rmse(self) -> float:
-        """In the motor's unit."""
+        """Root mean square error, in the motor's unit."""
         return self.residual / float(np.sqrt(max(self.rows, 1)))
 
 
 @dataclass(frozen=True)
 class Validation:
-    """Predicted against measured torque.
+    """Prediction errors of all motors' torque.
 
     Attributes:
         motors: errors by motor.
-        seen: whether these are the rows of the fit (a direct comparison) or unseen ones (a cross validation).
+        seen: whether the rows were fitted (in-sample errors) or not (out-of-sample errors).
     """
 
     motors: tuple[MotorError, ...]
@@ -54,7 +54,7 @@ class Validation:
 
     @property
     def relative(self) -> float:
-        """Of all motors' rows together, per cent; where units differ, the root mean square of the motors' own."""
+        """Relative error of all rows together, per cent; where units differ, the RMS of the motors' relative errors."""
         if len({m.unit for m in self.motors}) > 1:
             return float(np.sqrt(np.mean([m.relative**2 for m in self.motors])))
         return percent(
@@ -63,61 +63,61 @@ class Validation:
         )
 
     def summary(self) -> str:
-        """A table as text: motor, relative error, RMSE, rows."""
+        """Text table: motor, relative error, RMSE, rows."""
         kind = "rows of the fit" if self.seen else "unseen rows"
-        lines = [f"{self.relative:.2f} % relative error over all motors, on {kind}"]
-        for m in self.motors:
-            lines.append(f"  {m.label}: {m.relative:6.2f} %, RMSE {m.rmse:.4g} {m.unit}, {m.rows} rows")
-        return "\n".join(lines)
+        lines = (f"  {m.label}: {m.relative:6.2f} %, RMSE {m.rmse:.4g} {m.unit}, {m.rows} rows" for m in self.motors)
+        return "\n".join([f"{self.relative:.2f} % relative error over all motors, on {kind}", *lines])
 
 
 def validate(estimate: Estimate, unseen: Motion | Observation) -> Validation:
-    """Cross validation: predict rows that the fit has not seen.
+    """Out-of-sample prediction errors, on rows that were not fitted.
 
     Args:
-        estimate: what predicts.
+        estimate: whose torque.
         unseen: a motion of the same device, or an observation of one.
 
     Raises:
-        SeenRowsError: rows of the observation were in the fit.
-        DifferentModelError: the observation is of another device.
+        SharedRowsError: rows of the observation were fitted.
+        ModelMismatchError: the observation is of another device.
     """
     if isinstance(unseen, Motion):
         unseen = observe(estimate.model, unseen)
     shared = unseen.shares_rows_with(estimate.observation)
     if shared is not None:
-        raise SeenRowsError(shared.log, shared.start, shared.stop)
+        raise SharedRowsError(
+            f"the rows from {shared.start:.3f} to {shared.stop:.3f} s of log {shared.log[:12]} were fitted, so their "
+            "errors do not validate the model.",
+            where=shared.log,
+            found=(shared.start, shared.stop),
+            advice="Validate on another log, or hold blocks of this one out before the fit.",
+        )
     return compare(estimate, unseen, seen=False)
 
 
 def direct(estimate: Estimate, observation: Observation | None = None) -> Validation:
-    """Direct comparison, on the rows of the fit or some of them. It bounds nothing; `validate` does."""
+    """In-sample fit errors, on the fitted rows or some of them; they do not bound prediction errors, see `validate`."""
     return compare(estimate, observation or estimate.observation, seen=True)
 
 
 def compare(estimate: Estimate, observation: Observation, seen: bool) -> Validation:
-    """Errors by motor, from the triangles alone."""
+    """Errors by motor, from R factors alone."""
     if not observation.model.is_same_as(estimate.model):
-        raise DifferentModelError(estimate.model.device.name, observation.model.device.name)
-    errors = tuple(
-        MotorError(
-            motor.name, motor.label, motor.unit, motor.residual(estimate.beta), motor.norm, int(motor.rows.sum())
-        )
-        for motor in observation.motors
+        raise different_models(estimate.model, observation.model)
+    errors = (
+        MotorError(m.name, m.label, m.unit, m.residual(estimate.beta), m.norm, int(m.rows.sum()))
+        for m in observation.motors
     )
-    return Validation(errors, seen)
+    return Validation(tuple(errors), seen)
 
 
 def pooled(*parts: Validation) -> Validation:
-    """The errors of several validations together, each row counted once: the folds of a cross validation."""
+    """Errors of all folds of a cross-validation together, each row counted once."""
     motors = tuple(
-        MotorError(
-            same[0].motor,
-            same[0].label,
-            same[0].unit,
-            float(np.linalg.norm([m.residual for m in same])),
-            float(np.linalg.norm([m.measured for m in same])),
-            sum(m.rows for m in same),
+        replace(
+            same[0],
+            residual=float(np.linalg.norm([m.residual for m in same])),
+            measured=float(np.linalg.norm([m.measured for m in same])),
+            rows=sum(m.rows for m in same),
         )
         for same in zip(*(part.motors for part in parts), strict=True)
     )
@@ -125,7 +125,7 @@ def pooled(*parts: Validation) -> Validation:
 
 
 def percent(part: float, whole: float) -> float:
-    """100 part / whole; nothing measured and nothing left is no error."""
+    """100 part / whole, per cent; 0 where both are zero."""
     if whole > 0:
         return 100 * float(part) / float(whole)
     return float("inf") if part > 0 else 0.0

@@ -11,7 +11,7 @@ from pydantic import Field
 from haptid.demos.plan import Demo, Part, Table, read_table
 from haptid.dynamics.model import DynamicModel
 from haptid.dynamics.workspace import Box, Workspace, workspace
-from haptid.motion.causal import Causal, HighPass
+from haptid.motion.filters import Causal, HighPass
 from haptid.motion.treatment import Treatment
 
 Triple = tuple[float, float, float]

@@ -13,7 +13,7 @@ from haptid.demos.phantom_configurations.tables import cells2, ours, published, 
 from haptid.dynamics.model import DynamicModel
 from haptid.end_effector.torque_decomposition import RIGID, decompose_torque
 from haptid.motion.treatment import Motion
-from haptid.observation.chunks import stretches
+from haptid.observation.rows import chunks
 from haptid.report.chart import Chart, axis, packed, plot, series
 from haptid.report.document import DocumentSection, TextTable, panels
 from haptid.validation.prediction import predict
@@ -104,7 +104,7 @@ def _friction_charts(found: Results) -> list[Chart]:
     }
     charts = panels("fig3", "Fig. 3: filtered torque, no friction model", labels, "N m of command", t, curves)
     made = predict(bare.estimate, bare.unseen)
-    speed = np.concatenate([s.filtered(s.cd) for s in stretches(model, bare.unseen)], axis=1)
+    speed = np.concatenate([s.filtered(s.cd) for s in chunks(model, bare.unseen)], axis=1)
     residual = per_command(model)[:, None] * (made.measured - made.predicted)
     for k, label in enumerate(labels):
         points = [series("residual", "points", "blue", x=packed(speed[k]), y=packed(residual[k]))]

@@ -13,7 +13,7 @@ from haptid.dynamics.model import DynamicModel
 from haptid.errors import MetricError, NoBodyError, ParameterValueError
 from haptid.estimation.feasibility.cone import Block, Cone, Part, cone, parts, pseudo_inertia
 from haptid.estimation.feasibility.nearest import BORDER, interior, nearest
-from haptid.observation.observation import triangle
+from haptid.observation.r_factor import triangle
 
 # A margin this little below zero is rounding.
 ROUNDING = 1e-7

@@ -12,7 +12,7 @@ from haptid.dynamics.regressor import columns
 from haptid.estimation.methods.linearised import Linearised, gathered
 from haptid.estimation.methods.simulating import ClosedLoop
 from haptid.motion.channels import coordinate_torque
-from haptid.motion.time_shift import delayed
+from haptid.motion.streaming import delayed
 from haptid.observation.observation import Observation
 from haptid.simulation import Course
 

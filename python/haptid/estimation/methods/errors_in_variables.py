@@ -15,7 +15,7 @@ from haptid.estimation.methods.tls import corrected, exact
 from haptid.estimation.methods.wls import WLS
 from haptid.motion.treatment import Motion, treat
 from haptid.observation.observation import Observation
-from haptid.observation.rows import Rows, stretches_of
+from haptid.observation.rows import Rows, chunks_of
 
 
 @dataclass(frozen=True)
@@ -77,7 +77,7 @@ class ErrorsInVariables:
         motions = [shaken(motion, steps(motion, self.resolution), rng) for motion in observation.motions]
         names = {id(a): b for a, b in zip(observation.motions, motions, strict=True)}
         other = renamed(observation, [names[id(motion)] for motion in observation.motions])
-        for plain, moved in zip(Rows(observation), stretches_of(other), strict=True):
+        for plain, moved in zip(Rows(observation), chunks_of(other), strict=True):
             both = plain.used & moved.used
             change = (moved.W - plain.W) * both[:, :, None]
             for k, (start, stop) in zip(plain.blocks, pairwise(plain.edges), strict=True):

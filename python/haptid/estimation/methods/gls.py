@@ -16,7 +16,7 @@ from haptid.estimation.least_squares import solve
 from haptid.estimation.method import UnitRows
 from haptid.estimation.methods.wls import WLS
 from haptid.observation.observation import Observation
-from haptid.observation.rows import Rows, RowStretch
+from haptid.observation.rows import Chunk, Rows
 
 # A fit of whitened rows that predicts unseen blocks worse by what chance does so rarely is not to be trusted.
 CHANCE = 0.01
@@ -109,14 +109,14 @@ class Whitening:
 
     models: Sequence[Autoregression]
 
-    def __call__(self, stretch: RowStretch) -> RowStretch:
+    def __call__(self, stretch: Chunk) -> Chunk:
         W, y = np.zeros_like(stretch.W), np.zeros_like(stretch.y)
         for k, autoregression in enumerate(self.models):
             reached = np.flatnonzero(stretch.W[k].any(axis=0))
             for run in unbroken(stretch.used[k]):
                 W[k, run, reached] = autoregression.whitened(stretch.W[k, run][:, reached]).T
                 y[k, run] = autoregression.whitened(stretch.y[k, run])
-        return replace(stretch, W=W, y=y)
+        return stretch.with_rows(W, y)
 
 
 def models(rows: Rows, beta: Array, most_order: int) -> list[Autoregression]:

@@ -12,7 +12,7 @@ from haptid.estimation.least_squares import solve
 from haptid.estimation.method import UnitRows
 from haptid.estimation.methods.wls import WLS
 from haptid.observation.observation import MotorRows, Observation
-from haptid.observation.rows import Rows, RowStretch
+from haptid.observation.rows import Chunk, Rows
 
 # Fisher's steps for the variance in each pass: the next pass goes on from there.
 STEPS = 20
@@ -76,10 +76,10 @@ class Variances:
     load: Array
     beta: Array
 
-    def __call__(self, stretch: RowStretch) -> RowStretch:
+    def __call__(self, stretch: Chunk) -> Chunk:
         return stretch.scaled(np.where(stretch.used, np.exp(-0.5 * self.logarithms(stretch)), 0.0))
 
-    def logarithms(self, stretch: RowStretch) -> Array:
+    def logarithms(self, stretch: Chunk) -> Array:
         """log sigma^2 of all rows, (motors, rows)."""
         Z = regressors(stretch, self.speed, self.load, self.beta)
         made = np.einsum("mrk,mk->mr", Z, self.a)
@@ -87,7 +87,7 @@ class Variances:
         return np.asarray(np.clip(made, middle[:, None] - WIDEST, middle[:, None] + WIDEST))
 
 
-def regressors(stretch: RowStretch, speed: Array, load: Array, beta: Array) -> Array:
+def regressors(stretch: Chunk, speed: Array, load: Array, beta: Array) -> Array:
     """One, speed and load in their typical sizes, (motors, rows, 3)."""
     torque = np.abs(stretch.W @ beta) / load[:, None]
     return np.stack([np.ones_like(torque), np.abs(stretch.velocity) / speed[:, None], torque], axis=2)

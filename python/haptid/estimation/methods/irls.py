@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -12,7 +12,7 @@ from haptid.estimation.least_squares import solve
 from haptid.estimation.method import UnitRows
 from haptid.estimation.methods.robust import Huber, Loss, Tukey
 from haptid.observation.observation import MotorRows, Observation
-from haptid.observation.rows import Rows, RowStretch
+from haptid.observation.rows import Chunk, Rows
 
 # Median absolute deviation of a unit normal distribution.
 NORMAL_MAD = 0.6744897501960817
@@ -127,7 +127,7 @@ class Reweighting:
 
     judged: Judged
 
-    def __call__(self, stretch: RowStretch) -> RowStretch:
+    def __call__(self, stretch: Chunk) -> Chunk:
         weights = self.judged.weights(stretch.residual(self.judged.beta))
         return stretch.scaled(np.sqrt(weights * self.judged.gain[:, None]) / self.judged.unit[:, None])
 
@@ -138,8 +138,8 @@ class PseudoValues:
 
     judged: Judged
 
-    def __call__(self, stretch: RowStretch) -> RowStretch:
+    def __call__(self, stretch: Chunk) -> Chunk:
         e = stretch.residual(self.judged.beta)
         kept = e * self.judged.weights(e) * self.judged.gain[:, None]
-        made = replace(stretch, y=np.where(stretch.used, stretch.y - e + kept, 0.0))
+        made = stretch.with_rows(stretch.W, np.where(stretch.used, stretch.y - e + kept, 0.0))
         return made.scaled(np.broadcast_to(1.0 / self.judged.unit[:, None], e.shape))

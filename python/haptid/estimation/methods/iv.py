@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -11,8 +11,9 @@ from haptid.dynamics.model import DynamicModel
 from haptid.errors import UnexcitedError
 from haptid.estimation.least_squares import EXCITED
 from haptid.estimation.methods.simulating import ClosedLoop, along, treated_as
-from haptid.observation.observation import Observation, triangle
-from haptid.observation.rows import Rows, RowStretch
+from haptid.observation.observation import Observation
+from haptid.observation.r_factor import triangle
+from haptid.observation.rows import Chunk, Rows
 
 
 @dataclass(frozen=True)
@@ -63,9 +64,9 @@ def second_stage(observation: Observation, instruments: Observation, weights: Ar
     beta = np.asarray(np.linalg.solve(QW, Qy), dtype=np.float64)
     P = np.linalg.solve(RZ, QW)
 
-    def change(stretch: RowStretch) -> RowStretch:
+    def change(stretch: Chunk) -> Chunk:
         explained = (Z[stretch.blocks].W * stretch.used[:, :, None]) @ P
-        return replace(stretch, W=explained, y=stretch.residual(beta) + explained @ beta)
+        return stretch.with_rows(explained, stretch.residual(beta) + explained @ beta)
 
     reached = [np.arange(p) for _ in observation.motors]
     return rows.folded(change, reached)

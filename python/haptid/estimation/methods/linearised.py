@@ -11,8 +11,10 @@ import numpy as np
 from haptid._internal.arrays import Array, freeze
 from haptid.errors import RowsByBlockError
 from haptid.motion.treatment import Motion
-from haptid.observation.observation import MotorRows, Observation, Plan
-from haptid.observation.rows import Rows, RowStretch, decimated
+from haptid.observation.filtering import decimate
+from haptid.observation.observation import MotorRows, Observation
+from haptid.observation.plan import Plan
+from haptid.observation.rows import Chunk, Rows
 
 
 @dataclass(frozen=True, eq=False)
@@ -43,9 +45,9 @@ def gathered(observation: Observation, beta: Array, parts: Sequence[Linearised],
     """
     made = {block: rows for part in parts for block, rows in _rows(observation, part)}
 
-    def change(stretch: RowStretch) -> RowStretch:
+    def change(stretch: Chunk) -> Chunk:
         J, error = (np.concatenate(x, axis=1) for x in zip(*(made[k] for k in stretch.blocks), strict=True))
-        return replace(stretch, W=J * stretch.used[:, :, None], y=(error + J @ beta) * stretch.used)
+        return stretch.with_rows(J * stretch.used[:, :, None], (error + J @ beta) * stretch.used)
 
     folded = Rows(observation).folded(change, [np.arange(len(beta)) for _ in observation.motors])
     motors = (replace(motor, unit=unit) for motor, unit in zip(folded.motors, units, strict=True))
@@ -58,8 +60,8 @@ def _rows(observation: Observation, part: Linearised) -> Iterator[tuple[int, tup
     plan, d = Plan.of(observation.model, part.motion), part.motion.treatment.decimation
     for block, (start, stop) in _blocks(observation, part.motion, plan):
         low, high = plan.window(start, stop)
-        J = decimated(part.slope[own, :, low:high], plan.taps, d)
-        yield block, (J.transpose(0, 2, 1), decimated(part.error[own, low:high], plan.taps, d))
+        J = decimate(part.slope[own, :, low:high], plan.taps, d)
+        yield block, (J.transpose(0, 2, 1), decimate(part.error[own, low:high], plan.taps, d))
 
 
 def _blocks(observation: Observation, motion: Motion, plan: Plan) -> Iterator[tuple[int, tuple[int, int]]]:
@@ -81,7 +83,7 @@ def by_block(observation: Observation, method: str, triangles: Array, rows: np.n
         rows: in each, (blocks,).
     """
 
-    def refuse(_: RowStretch) -> RowStretch:
+    def refuse(_: Chunk) -> Chunk:
         raise RowsByBlockError(method)
 
     name = observation.motors[0].name  # a known one: its rows can be asked for, and are refused

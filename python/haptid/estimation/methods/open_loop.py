@@ -14,7 +14,8 @@ from haptid.estimation.methods.linearised import by_block
 from haptid.estimation.methods.simulating import Simulating
 from haptid.motion.channels import coordinate_torque, position_map
 from haptid.motion.treatment import Motion
-from haptid.observation.observation import Observation, triangle
+from haptid.observation.observation import Observation
+from haptid.observation.r_factor import triangle
 from haptid.simulation import Stretches, measured_state, open_loop, sensitivity
 
 # Noise of positions is taken to be at least this share of their own deviation.

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -12,7 +12,7 @@ from haptid.estimation.least_squares import solve
 from haptid.estimation.method import UnitRows
 from haptid.estimation.methods.wls import WLS
 from haptid.observation.observation import Observation
-from haptid.observation.rows import Rows, RowStretch
+from haptid.observation.rows import Chunk, Rows
 
 # Of two motors whose residuals go wholly together one tells nothing new: correlations are held below this.
 MOST_CORRELATED = 0.999
@@ -63,7 +63,7 @@ class Unmixing:
 
     covariance: Array
 
-    def __call__(self, stretch: RowStretch) -> RowStretch:
+    def __call__(self, stretch: Chunk) -> Chunk:
         W, y = np.zeros_like(stretch.W), np.zeros_like(stretch.y)
         patterns, which = np.unique(stretch.used, axis=1, return_inverse=True)
         for number, pattern in enumerate(patterns.T):
@@ -73,7 +73,7 @@ class Unmixing:
             mix = np.linalg.inv(np.linalg.cholesky(self.covariance[np.ix_(motors, motors)]))
             here = np.ix_(motors, at)
             W[here], y[here] = np.einsum("ij,jrp->irp", mix, stretch.W[here]), mix @ stretch.y[here]
-        return replace(stretch, W=W, y=y)
+        return stretch.with_rows(W, y)
 
 
 def covariance(rows: Rows, beta: Array) -> Array:

@@ -13,7 +13,8 @@ from haptid.errors import NoisyColumnsError
 from haptid.estimation.fit import Fit
 from haptid.estimation.least_squares import Solution, solve
 from haptid.estimation.methods.wls import WLS
-from haptid.observation.observation import Observation, triangle
+from haptid.observation.observation import Observation
+from haptid.observation.r_factor import triangle
 
 # Where noise makes more than this share of what the rows say of a direction, taking it off leaves nothing to trust.
 MOST_NOISE = 0.5

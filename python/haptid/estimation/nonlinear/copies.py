@@ -16,7 +16,8 @@ from haptid.device.terms.term import TermColumn
 from haptid.dynamics.base_parameters import BaseParameters
 from haptid.dynamics.model import DynamicModel
 from haptid.motion.treatment import Motion
-from haptid.observation.observation import Observation, observe, triangle
+from haptid.observation.observation import Observation, observe
+from haptid.observation.r_factor import triangle
 
 
 @dataclass(frozen=True, eq=False)

@@ -23,7 +23,9 @@ from haptid.estimation.least_squares import Solution
 from haptid.inference.diagnosis.context import ResidualContext
 from haptid.inference.diagnosis.subsample import log_name, row_ranges
 from haptid.motion.treatment import Motion
-from haptid.observation.observation import Block, MotorRows, Observation, Plan, Signals, triangle
+from haptid.observation.observation import MotorRows, Observation
+from haptid.observation.plan import Block, Plan, Signals
+from haptid.observation.r_factor import triangle
 
 # Blocks are merged down to this many: enough clusters for a standard error, and fast on long logs.
 ENOUGH_BLOCKS = 60

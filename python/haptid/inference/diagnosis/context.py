@@ -11,7 +11,7 @@ from haptid._internal.arrays import Array, freeze
 from haptid.dynamics.inverse import core_torque
 from haptid.dynamics.model import DynamicModel
 from haptid.dynamics.regressor import external
-from haptid.observation.observation import Plan
+from haptid.observation.plan import Plan
 
 
 @dataclass(frozen=True, eq=False)

@@ -10,7 +10,7 @@ from haptid._internal.arrays import Array, read_only
 from haptid.estimation import Estimate
 from haptid.estimation.estimate import WELL_CONDITIONED
 from haptid.inference.diagnosis.finding import Finding, Status, listed
-from haptid.observation.observation import triangle
+from haptid.observation.r_factor import triangle
 
 # Condition index above which a dependency is strong, and share of variance above which a parameter is part of it
 # (Belsley, Kuh and Welsch 1980, Regression Diagnostics, sections 3.2 and 3.4).

@@ -9,13 +9,13 @@ import numpy as np
 from scipy import stats
 
 from haptid._internal.arrays import Array, read_only
+from haptid.demos.branches.plan import Stretch
 from haptid.dynamics.inverse import raw_parameters
 from haptid.estimation import Estimate
 from haptid.inference.diagnosis.added_variable import device_rows
 from haptid.inference.diagnosis.finding import SIGNIFICANCE, Finding, Status, listed
 from haptid.inference.diagnosis.subsample import block_numbers, row_ranges
 from haptid.motion.treatment import Motion
-from haptid.observation.chunks import Stretch
 from haptid.observation.observation import Plan
 from haptid.uncertainty.multiple_testing import together
 

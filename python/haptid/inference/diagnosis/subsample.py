@@ -13,7 +13,7 @@ import numpy as np
 
 from haptid.estimation import Estimate
 from haptid.motion.treatment import Motion
-from haptid.observation.observation import Block, Plan
+from haptid.observation.plan import Block, Plan
 
 # Samples in a subsample; never fewer blocks than this, since block-wise standard errors need them.
 MOST_SAMPLES, FEWEST_BLOCKS = 200_000, 24

@@ -12,21 +12,13 @@ import numpy as np
 import pyarrow as pa
 from pyarrow import csv as arrow
 
-from haptid.errors import (
-    CorruptLogError,
-    EmptyLogError,
-    LogError,
-    NoHeaderError,
-    RaggedRowError,
-    RepeatedNameError,
-    TextCellError,
-)
-from haptid.log.formats.content import Column, opened, require
+from haptid.errors import LogError, LogFileError
+from haptid.log.formats.sniff import Column, corrupt, empty, opened, repeated_name, require
 
 KIND = "CSV"
 SEPARATORS = (";", "\t", ",")
 HEAD_BYTES = 2**20
-# Longer than any row, and short: the reader holds about forty blocks.
+# Longer than any row, but short: the reader buffers about forty blocks.
 BLOCK_BYTES = 2**19
 COMMENT = re.compile(r"\s*[#%]")
 NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?|[+-]?(nan|inf|infinity)", re.IGNORECASE)
@@ -36,12 +28,12 @@ MISSING = frozenset(arrow.ConvertOptions().null_values)
 
 @dataclass(frozen=True)
 class Dialect:
-    """How a text log is written.
+    """Format of a text log.
 
     Attributes:
         separator: between cells.
         decimal: point or comma.
-        names: of the columns, as the header has them, without blanks around.
+        names: of the columns, from the header, stripped of blanks.
         lines: number of lines before the first row.
         start: byte at which the rows start.
     """
@@ -60,19 +52,18 @@ def names(path: Path) -> list[str]:
 
 
 def columns(path: Path, wanted: Sequence[str]) -> dict[str, Column]:
-    """Those wanted columns that the file has, each (n,) float64; a missing cell is NaN.
+    """The wanted columns that exist in the file, each (n,) float64; a missing cell is NaN.
 
     Raises:
-        NoHeaderError: the first line is not one of names.
-        RaggedRowError: a line with more or fewer cells than the header.
-        TextCellError: a cell of a wanted column is not a number.
+        LogFileError: the first line holds no names, a line has more or fewer cells than the header, or a cell of a
+            wanted column is not a number.
     """
     with opened(path, KIND):
         dialect = _dialect(path)
     indices = {name: dialect.names.index(name) for name in wanted if name in dialect.names}
     for name in indices:
         if dialect.names.count(name) > 1:
-            raise RepeatedNameError(path, name)
+            raise repeated_name(path, name)
     if not indices:
         return {}
     bound = _row_bound(path, dialect)
@@ -84,12 +75,12 @@ def columns(path: Path, wanted: Sequence[str]) -> dict[str, Column]:
                 column[row : row + batch.num_rows] = batch.column(k).to_numpy(zero_copy_only=False)
             row += batch.num_rows
     except (pa.ArrowInvalid, ValueError) as error:
-        raise _fault(path, dialect, indices) or CorruptLogError(path, KIND, str(error)) from error
+        raise _fault(path, dialect, indices) or corrupt(path, KIND, str(error)) from error
     return {name: column[:row] for name, column in out.items()}
 
 
 def _batches(path: Path, dialect: Dialect, include: list[str]) -> Iterator[pa.RecordBatch]:
-    """The wanted columns block by block; columns go by number, so that odd names cannot matter."""
+    """The wanted columns block by block, selected by number, so that odd names cannot matter."""
     with path.open("rb") as file:
         file.seek(dialect.start)
         yield from arrow.open_csv(
@@ -131,8 +122,13 @@ def _dialect(path: Path) -> Dialect:
             separator, header = _separate(COMMENT.sub("", texts[commented], count=1), [texts[k], *body])
             if len(header) == len(_cells(texts[k], separator)):
                 return _found(header, separator, [texts[k], *body], k, offset + sum(map(len, lines[:k])))
-        raise NoHeaderError(path, texts[k])
-    raise EmptyLogError(path, "no header and no rows")
+        raise LogFileError(
+            f"{path} has no header: its first line is `{texts[k][:60]}`.",
+            where=path,
+            found=texts[k],
+            advice="Write the names of the columns in the first line, separated by commas, semicolons or tabs.",
+        )
+    raise empty(path, "no header and no rows")
 
 
 def _found(header: list[str], separator: str, body: list[str], lines: int, start: int) -> Dialect:
@@ -143,7 +139,7 @@ def _found(header: list[str], separator: str, body: list[str], lines: int, start
 
 
 def _separate(header: str, body: list[str]) -> tuple[str, list[str]]:
-    """The separator that splits header and first rows into equally many cells, and the header's cells."""
+    """The separator that splits header and first rows into equal numbers of cells, and the header's cells."""
 
     def quality(separator: str) -> tuple[bool, int, int]:
         count = len(_cells(header, separator))
@@ -158,10 +154,10 @@ def _cells(text: str, separator: str) -> list[str]:
 
 
 def _row_bound(path: Path, dialect: Dialect) -> int:
-    """The number of rows, and of blank lines between them.
+    """Upper bound of the number of rows: blank lines are counted too.
 
     Raises:
-        EmptyLogError: a header without rows.
+        LogFileError: a header without rows.
     """
     newlines, returns, blank, last = 0, 0, True, b""
     with path.open("rb") as file:
@@ -172,12 +168,12 @@ def _row_bound(path: Path, dialect: Dialect) -> int:
             blank = blank and not block.strip()
             last = block[-1:]
     if blank:
-        raise EmptyLogError(path, "a header and no rows")
+        raise empty(path, "a header and no rows")
     return max(newlines, returns) + (last not in b"\r\n")
 
 
 def _fault(path: Path, dialect: Dialect, indices: dict[str, int]) -> LogError | None:
-    """The first line that is not what the header promises: a slow search, for when there is one."""
+    """Error of the first line that does not match the header; a slow search, made only after a failure."""
     width = len(dialect.names)
     with path.open(encoding="utf-8", errors="replace") as file:
         rows = csv.reader(file, delimiter=dialect.separator)
@@ -187,10 +183,30 @@ def _fault(path: Path, dialect: Dialect, indices: dict[str, int]) -> LogError | 
                 continue
             if len(row) != width:
                 last = next((False for later in rows if later), True)
-                return RaggedRowError(path, line, len(row), width, last)
+                return _ragged(path, line, len(row), width, last)
             for name, k in indices.items():
                 cell = row[k].strip()
                 number = cell if dialect.decimal == "." else cell.replace(",", ".")
                 if cell not in MISSING and not NUMBER.fullmatch(number):
-                    return TextCellError(path, line, name, cell)
+                    return LogFileError(
+                        f"{path}, line {line}: {name} is `{cell[:40]}`, not a number.",
+                        where=(line, name),
+                        found=cell,
+                        advice="Correct the cell, or end the log before it; decimal commas require semicolons or tabs "
+                        "as separators.",
+                    )
     return None
+
+
+def _ragged(path: Path, line: int, got: int, wanted: int, last: bool) -> LogFileError:
+    """Error of a line with more or fewer cells than the header."""
+    advice = "Correct this line; the separator is that of the header."
+    if last:
+        advice = "It is the last line, so the recording was cut short: delete this line."
+    return LogFileError(
+        f"{path}, line {line}: {got} cells where the header has {wanted}.",
+        where=line,
+        found=got,
+        limit=wanted,
+        advice=advice,
+    )

@@ -1,4 +1,4 @@
-"""HDF5 logs, and MAT 7.3 which is HDF5: groups and structs joined by points, datasets of numbers."""
+"""HDF5 logs, and MAT 7.3, which is HDF5: names of groups and structs are joined by points."""
 
 from __future__ import annotations
 
@@ -9,8 +9,8 @@ from typing import Any
 import h5py
 import numpy as np
 
-from haptid.errors import ForeignDataError, NotNumericError
-from haptid.log.formats.content import Address, Column, addresses, collect, guard, numeric, opened, require
+from haptid.errors import LogFileError
+from haptid.log.formats.sniff import Address, Column, addresses, collect, guard, not_numeric, numeric, opened, require
 
 KIND = "HDF5"
 # Classes of MATLAB that are stored as integers and are not numbers.
@@ -25,15 +25,14 @@ def names(path: Path) -> list[str]:
 
 
 def columns(path: Path, wanted: Sequence[str]) -> dict[str, Column]:
-    """Those wanted channels that the file has, each (n,), read one after the other.
+    """The wanted channels that exist in the file, each (n,), read one after the other.
 
     MATLAB writes its arrays transposed; since channels run along the shorter side of an array, their names
     are the same as in a MAT 5 file.
 
     Raises:
-        NotNumericError: a wanted dataset holds texts, objects or records.
-        ForeignDataError: a wanted dataset is a view of another file.
-        OversizedLogError: a dataset declares far more than is stored of it.
+        LogFileError: a wanted dataset holds texts, objects or records, is a view of another file, or declares far more
+            than is stored of it.
     """
     require(path, KIND, "HDF5", "MAT 7.3")
     with opened(path, KIND), h5py.File(path, "r", locking=False) as file:
@@ -41,29 +40,33 @@ def columns(path: Path, wanted: Sequence[str]) -> dict[str, Column]:
 
 
 def rows(path: Path, wanted: Sequence[str], start: int, stop: int) -> list[Column]:
-    """Rows start..stop of channels that the file has, each (stop - start,)."""
+    """Rows start..stop of channels, each (stop - start,)."""
     with opened(path, KIND), h5py.File(path, "r", locking=False) as file:
         places = {name: (dataset, at) for dataset in _datasets(file) for name, at in _channels(dataset).items()}
         return [np.asarray(dataset[_only(at, start, stop)]) for dataset, at in (places[name] for name in wanted)]
 
 
 def _only(at: Address, start: int, stop: int) -> Address:
-    """The address of some of a channel's rows."""
+    """Index of rows start..stop of a channel."""
     return tuple(slice(start, stop) if isinstance(part, slice) else part for part in at)
 
 
 def _columns(path: Path, file: h5py.File, wanted: Sequence[str]) -> Iterator[tuple[str, Column]]:
     for dataset in _datasets(file):
         name, found = _flat(dataset), _channels(dataset)
-        asked = [w for w in wanted if w in found or w == name]
-        if not asked:
+        requested = [w for w in wanted if w in found or w == name]
+        if not requested:
             continue
         if not _numbers(dataset):
-            raise NotNumericError(path, name, f"values of type {dataset.dtype}")
+            raise not_numeric(path, name, f"values of type {dataset.dtype}")
         if dataset.external or dataset.is_virtual:
-            raise ForeignDataError(path, name)
+            raise LogFileError(
+                f"{path}: the samples of {name} are in another file, which the SHA-256 of this one does not cover.",
+                where=name,
+                advice="Store the samples in the file itself.",
+            )
         guard(path, f"dataset {name!r}", dataset.size * dataset.dtype.itemsize, dataset.id.get_storage_size())
-        yield from ((w, np.asarray(dataset[found[w]])) for w in asked if w in found)
+        yield from ((w, np.asarray(dataset[found[w]])) for w in requested if w in found)
 
 
 def _datasets(file: h5py.File) -> list[Any]:

@@ -1,4 +1,4 @@
-"""MATLAB logs: MAT 5 and MAT 7.3, told apart by their content; structs are joined by points."""
+"""MATLAB logs: MAT 5 and MAT 7.3, distinguished by their content; struct fields are joined by points."""
 
 from __future__ import annotations
 
@@ -12,9 +12,8 @@ from typing import Any
 import numpy as np
 from scipy import io
 
-from haptid.errors import CorruptLogError, NotNumericError
 from haptid.log.formats import hdf5
-from haptid.log.formats.content import Column, addresses, collect, guard, numeric, opened, require
+from haptid.log.formats.sniff import Column, addresses, collect, corrupt, guard, not_numeric, numeric, opened, require
 
 KIND = "MAT"
 HEADER_BYTES = 128
@@ -30,11 +29,10 @@ def names(path: Path) -> list[str]:
 
 
 def columns(path: Path, wanted: Sequence[str]) -> dict[str, Column]:
-    """Those wanted channels that the file has, each (n,); only the variables that hold them are read.
+    """The wanted channels that exist in the file, each (n,); only their variables are read.
 
     Raises:
-        NotNumericError: a wanted variable holds texts, cells or complex numbers.
-        OversizedLogError: a variable declares far more than is stored of it.
+        LogFileError: a wanted variable holds texts, cells or complex numbers, or declares far more than is stored.
     """
     if require(path, KIND, "MAT 5", "MAT 7.3", "HDF5") != "MAT 5":
         return hdf5.columns(path, wanted)
@@ -42,13 +40,13 @@ def columns(path: Path, wanted: Sequence[str]) -> dict[str, Column]:
 
 
 def _columns(path: Path, wanted: Sequence[str]) -> Iterator[tuple[str, Column]]:
-    """Variable by variable, so that only one is in memory beside what is collected."""
+    """One variable after the other, so that only one is in memory in addition to the collected channels."""
     for variable in dict.fromkeys(name.split(".")[0].split("[")[0] for name in wanted):
         leaves = (leaf for name, value in _load(path, [variable]).items() for leaf in _leaves(name, value))
         for name, array in leaves:
             found = addresses(name, array.shape) if numeric(array.dtype) else {}
             if name in wanted and not numeric(array.dtype):
-                raise NotNumericError(path, name, f"values of type {array.dtype}")
+                raise not_numeric(path, name, f"values of type {array.dtype}")
             yield from ((channel, array[index]) for channel, index in found.items() if channel in wanted)
 
 
@@ -74,28 +72,27 @@ def _leaves(name: str, value: object) -> Iterator[tuple[str, Column]]:
 
 
 def _check_elements(path: Path) -> None:
-    """Walk over the file's elements without reading them.
+    """Check the sizes of the file's elements without reading them.
 
     Source: MathWorks, MAT-File Format, Level 5: a header of 128 bytes, then elements of an 8-byte tag (type,
     bytes) and data; a compressed element holds one whole element, whose own tag declares its size.
 
     Raises:
-        CorruptLogError: an element runs past the end of the file.
-        OversizedLogError: a compressed element declares far more than is stored of it.
+        LogFileError: an element runs past the end of the file, or declares far more than is stored of it.
     """
     size = path.stat().st_size
     with path.open("rb") as file:
         header = file.read(HEADER_BYTES)
         order = {b"IM": "<", b"MI": ">"}.get(header[126:128])
         if order is None:
-            raise CorruptLogError(path, KIND, "its header is incomplete")
+            raise corrupt(path, KIND, "its header is incomplete")
         at = HEADER_BYTES
         while at < size:
             file.seek(at)
             tag = file.read(8)
             kind, stored = struct.unpack(f"{order}II", tag) if len(tag) == 8 else (0, size)
             if at + 8 + stored > size:
-                raise CorruptLogError(path, KIND, f"the element at byte {at} runs past the end of the file")
+                raise corrupt(path, KIND, f"the element at byte {at} runs past the end of the file")
             if kind == MI_COMPRESSED:
                 inner = zlib.decompressobj().decompress(file.read(min(stored, 1024)), 8)
                 declared = struct.unpack(f"{order}II", inner)[1]

@@ -1,4 +1,4 @@
-"""NumPy archives: one array of numbers for each channel or set of channels; pickles are refused."""
+"""NumPy archives: an array of numbers for each channel or set of channels; pickles are refused."""
 
 from __future__ import annotations
 
@@ -10,8 +10,19 @@ from typing import IO, Any
 import numpy as np
 from numpy.lib import format as npy
 
-from haptid.errors import CorruptLogError, NotNumericError, PickledLogError, RepeatedNameError
-from haptid.log.formats.content import Column, addresses, collect, guard, numeric, opened, require
+from haptid.errors import LogFileError
+from haptid.log.formats.sniff import (
+    Column,
+    addresses,
+    collect,
+    corrupt,
+    guard,
+    not_numeric,
+    numeric,
+    opened,
+    repeated_name,
+    require,
+)
 
 KIND = "NPZ"
 
@@ -20,7 +31,7 @@ def names(path: Path) -> list[str]:
     """Names of the channels of all arrays of numbers.
 
     Raises:
-        PickledLogError: nothing but arrays of Python objects.
+        LogFileError: all arrays hold Python objects.
     """
     require(path, KIND, "a ZIP archive")
     found: list[str] = []
@@ -34,17 +45,16 @@ def names(path: Path) -> list[str]:
             elif numeric(dtype):
                 found.extend(addresses(name, shape))
     if pickled and not found:
-        raise PickledLogError(path, pickled[0])
+        raise _pickled(path, pickled[0])
     return found
 
 
 def columns(path: Path, wanted: Sequence[str]) -> dict[str, Column]:
-    """Those wanted channels that the file has, each (n,); only the arrays that hold them are read.
+    """The wanted channels that exist in the file, each (n,); only their arrays are read.
 
     Raises:
-        PickledLogError: a wanted array holds Python objects.
-        NotNumericError: a wanted array holds texts, booleans or records.
-        OversizedLogError: an array declares far more than is stored of it.
+        LogFileError: a wanted array holds Python objects, texts, booleans or records, or declares far more than is
+            stored of it.
     """
     require(path, KIND, "a ZIP archive")
     with opened(path, KIND), zipfile.ZipFile(path) as archive:
@@ -53,24 +63,21 @@ def columns(path: Path, wanted: Sequence[str]) -> dict[str, Column]:
 
 def _columns(path: Path, archive: zipfile.ZipFile, wanted: Sequence[str]) -> Iterator[tuple[str, Column]]:
     for name, info in _members(path, archive).items():
-        asked = [w for w in wanted if w == name or w.startswith(f"{name}[")]
-        if asked:
+        requested = [w for w in wanted if w == name or w.startswith(f"{name}[")]
+        if requested:
             array = _array(path, archive, name, info)
             found = addresses(name, array.shape)
-            yield from ((w, array[found[w]]) for w in asked if w in found)
+            yield from ((w, array[found[w]]) for w in requested if w in found)
 
 
 def _members(path: Path, archive: zipfile.ZipFile) -> dict[str, zipfile.ZipInfo]:
-    def arrays() -> Iterator[tuple[str, zipfile.ZipInfo]]:
-        for info in archive.infolist():
-            if info.filename.endswith(".npy"):
-                yield info.filename.removesuffix(".npy").replace("/", "."), info
-
     members: dict[str, zipfile.ZipInfo] = {}
-    for name, info in arrays():
-        if name in members:
-            raise RepeatedNameError(path, name)
-        members[name] = info
+    for info in archive.infolist():
+        if info.filename.endswith(".npy"):
+            name = info.filename.removesuffix(".npy").replace("/", ".")
+            if name in members:
+                raise repeated_name(path, name)
+            members[name] = info
     return members
 
 
@@ -87,13 +94,22 @@ def _array(path: Path, archive: zipfile.ZipFile, name: str, info: zipfile.ZipInf
     with archive.open(info) as member:
         shape, dtype, offset = _header(member)
     if dtype.hasobject:
-        raise PickledLogError(path, name)
+        raise _pickled(path, name)
     if not numeric(dtype):
-        raise NotNumericError(path, name, f"values of type {dtype}")
+        raise not_numeric(path, name, f"values of type {dtype}")
     declared = dtype.itemsize * int(np.prod(shape, dtype=object)) if shape else dtype.itemsize
     if declared != info.file_size - offset:
-        raise CorruptLogError(path, KIND, f"{name} should have {declared} bytes and has {info.file_size - offset}")
+        raise corrupt(path, KIND, f"{name} should have {declared} bytes and has {info.file_size - offset}")
     with archive.open(info) as member:
         array = npy.read_array(member, allow_pickle=False)
-        member.read()  # to the end, where the archive compares its check sum
+        member.read()  # to the end, where the archive verifies its checksum
     return np.asarray(array)
+
+
+def _pickled(path: Path, name: str) -> LogFileError:
+    """Error of an array of Python objects."""
+    return LogFileError(
+        f"{path}: {name} is an array of Python objects, and reading it would execute code from the file.",
+        where=name,
+        advice=f"Save plain numbers: numpy.savez(path, {name}=numpy.asarray(..., dtype=float)).",
+    )

@@ -1,4 +1,4 @@
-"""Parquet logs: one column of numbers for each channel."""
+"""Parquet logs: a column of numbers for each channel."""
 
 from __future__ import annotations
 
@@ -12,14 +12,13 @@ import pyarrow as pa
 from pyarrow import parquet, types
 
 from haptid._internal.arrays import Array
-from haptid.errors import NotNumericError, RepeatedNameError
-from haptid.log.formats.content import Column, collect, guard, opened, require
+from haptid.log.formats.sniff import Column, collect, guard, not_numeric, opened, repeated_name, require
 
 KIND = "Parquet"
 BATCH_ROWS = 2**16
-# How files are opened: bytes are read as they are needed.
+# Options of opening: bytes are read as they are needed.
 SPARING: dict[str, Any] = {"pre_buffer": False, "buffer_size": 2**20}
-# Row groups that are held ready: those at a stretch's two ends, of positions and of torques.
+# Row groups that are cached: those at both ends of a segment of rows, of positions and of torques.
 GROUPS_HELD = 4
 
 
@@ -31,11 +30,10 @@ def names(path: Path) -> list[str]:
 
 
 def columns(path: Path, wanted: Sequence[str]) -> dict[str, Column]:
-    """Those wanted columns that the file has, each (n,), read one after the other; a null is NaN.
+    """The wanted columns that exist in the file, each (n,), read one after the other; a null is NaN.
 
     Raises:
-        NotNumericError: a wanted column holds texts, dates or lists.
-        OversizedLogError: a column declares far more rows than its bytes can be taken to hold.
+        LogFileError: a wanted column holds texts, dates or lists, or declares far more rows than its bytes can hold.
     """
     require(path, KIND, "Parquet")
     with opened(path, KIND), parquet.ParquetFile(path, **SPARING) as file:
@@ -43,7 +41,7 @@ def columns(path: Path, wanted: Sequence[str]) -> dict[str, Column]:
 
 
 def rows(path: Path, wanted: Sequence[str], start: int, stop: int) -> list[Column]:
-    """Rows start..stop of columns that the file has, each (stop - start,); their row groups are held ready."""
+    """Rows start..stop of columns, each (stop - start,); their row groups are cached."""
     with opened(path, KIND), parquet.ParquetFile(path) as file:
         counts = [file.metadata.row_group(k).num_rows for k in range(file.metadata.num_row_groups)]
     edges, parts = np.cumsum([0, *counts]), []
@@ -56,7 +54,7 @@ def rows(path: Path, wanted: Sequence[str], start: int, stop: int) -> list[Colum
 
 @lru_cache(maxsize=GROUPS_HELD)
 def _group(path: Path, _written: int, k: int, wanted: tuple[str, ...]) -> list[Column]:
-    """Columns of one row group of the file as it was written at some time, ns."""
+    """Columns of one row group; the file's modification time, ns, is part of the cache key."""
     with opened(path, KIND), parquet.ParquetFile(path, **SPARING) as file:
         table = file.read_row_group(k, columns=list(wanted), use_threads=False)
     kinds = (table.schema.field(name).type for name in wanted)
@@ -68,15 +66,15 @@ def _group(path: Path, _written: int, k: int, wanted: tuple[str, ...]) -> list[C
 
 
 def _columns(path: Path, file: parquet.ParquetFile, wanted: Sequence[str]) -> Iterator[tuple[str, Column]]:
-    # The size of one column is not asked for: over a damaged footer pyarrow aborts the process there.
+    # The size of a single column is not queried: with a damaged footer pyarrow aborts the process there.
     schema, stored, count = file.schema_arrow, path.stat().st_size, file.metadata.num_rows
     there = [name for name in dict.fromkeys(wanted) if name in schema.names]
     room: Array | None = None
     for k, name in enumerate(there):
         if schema.names.count(name) > 1:
-            raise RepeatedNameError(path, name)
+            raise repeated_name(path, name)
         if not _numeric(schema.field(name).type):
-            raise NotNumericError(path, name, str(schema.field(name).type))
+            raise not_numeric(path, name, str(schema.field(name).type))
         guard(path, f"column {name!r}", 8 * count, stored)
         room = np.empty((len(there), count)) if room is None else room
         yield name, _column(file, name, schema.field(name).type, room[k])
@@ -87,8 +85,7 @@ def _numeric(kind: pa.DataType) -> bool:
 
 
 def _column(file: parquet.ParquetFile, name: str, kind: pa.DataType, room: Array) -> Column:
-    """One column, batch by batch, in its place among the others, (n,); integers stay apart, and integers unless one of
-    them is missing."""
+    """One column, batch by batch, (n,), in its row of `room`; integers stay integers unless one of them is null."""
     column: Column = np.empty(room.size, np.int64) if types.is_integer(kind) else room
     row = 0
     for batch in file.iter_batches(batch_size=BATCH_ROWS, columns=[name], use_threads=False):

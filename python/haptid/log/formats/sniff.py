@@ -1,0 +1,265 @@
+"""Content of a log file by its first bytes, checks before it is read, its channels, and guesses of what they are."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any, TypeAlias
+
+import numpy as np
+from numpy.typing import NDArray
+
+from haptid.errors import LogChannelError, LogError, LogFileError, listed
+from haptid.log.log import Channels, Signal
+
+Column: TypeAlias = NDArray[Any]
+Address: TypeAlias = tuple[slice | int, ...]
+
+# A member larger than this when unpacked, and by more than this ratio to its stored bytes, is refused.
+SIZE_LIMIT = 2**30
+RATIO_LIMIT = 200.0
+# An array whose shorter side is longer than this is a matrix and not a set of channels.
+MOST_CHANNELS = 1000
+
+MAGIC = (
+    (b"PAR1", "Parquet"),
+    (b"PK\x03\x04", "a ZIP archive"),
+    (b"PK\x05\x06", "a ZIP archive"),
+    (b"\x89HDF\r\n\x1a\n", "HDF5"),
+    (b"MATLAB 5.0", "MAT 5"),
+    (b"MATLAB 7.3", "MAT 7.3"),
+    (b"\x93NUMPY", "a single NumPy array"),
+    (b"\x1f\x8b", "gzip"),
+    (b"\xff\xfe", "UTF-16 text"),
+    (b"\xfe\xff", "UTF-16 text"),
+)
+
+# Names that most recorders use: t, q1..qn and tau1..taun.
+WHERE = r"(?P<where>(?:.*\.)?)"
+NUMBER = r"_?\[?(?P<number>\d+)\]?"
+TIME = re.compile(WHERE + r"(?:t|time)(?:_(?P<unit>s|ms|us|ns))?", re.IGNORECASE)
+POSITION = re.compile(WHERE + r"(?P<family>q|pos|position)" + NUMBER, re.IGNORECASE)
+TORQUE = re.compile(WHERE + r"(?P<family>tau|torque|u)" + NUMBER, re.IGNORECASE)
+SINGLE = {"position": ("q", "pos", "position"), "torque": ("tau", "torque", "u")}
+
+
+def content(path: Path) -> str:
+    """Kind of content, by the first bytes."""
+    with path.open("rb") as file:
+        head = file.read(4096)
+    for magic, name in MAGIC:
+        if head.startswith(magic):
+            return name
+    return "binary data" if b"\0" in head else "text"
+
+
+def require(path: Path, kind: str, *wanted: str) -> str:
+    """Kind of content of a file, which must be one of those wanted.
+
+    Raises:
+        LogFileError: it holds something else.
+    """
+    found = content(path)
+    if found not in wanted:
+        raise LogFileError(
+            f"{path} is named as {kind}, but it holds {found}.",
+            where=path,
+            found=found,
+            limit=kind,
+            advice="Rename it, or export it again.",
+        )
+    return found
+
+
+def guard(path: Path, name: str, declared: int, stored: int) -> None:
+    """Refuse a member that unpacks to far more bytes than are stored.
+
+    Raises:
+        LogFileError: more than `SIZE_LIMIT` bytes, and more than `RATIO_LIMIT` times the stored ones.
+    """
+    if declared > SIZE_LIMIT and declared > RATIO_LIMIT * stored:
+        raise LogFileError(
+            f"{path}: {name} declares {declared / 2**20:.0f} MiB from {stored} stored bytes; above "
+            f"{SIZE_LIMIT / 2**20:.0f} MiB at most {RATIO_LIMIT:.0f} times the stored size is accepted.",
+            where=name,
+            found=declared,
+            limit=max(SIZE_LIMIT, RATIO_LIMIT * stored),
+            advice="If the file is yours, save it without compression.",
+        )
+
+
+@contextmanager
+def opened(path: Path, kind: str) -> Iterator[None]:
+    """Convert any exception of a format's library into LogFileError; haptid's own errors pass.
+
+    Libraries raise nearly any class over damaged bytes (ValueError, KeyError, struct.error, zlib.error,
+    RuntimeError, ...).
+    """
+    try:
+        yield
+    except LogError:
+        raise
+    except MemoryError as error:
+        raise corrupt(path, kind, "it requires more memory than is available") from error
+    except Exception as error:
+        why = str(error).splitlines()[0] if str(error).strip() else type(error).__name__
+        raise corrupt(path, kind, why) from error
+
+
+def corrupt(path: Path, kind: str, why: str) -> LogFileError:
+    """Error of a file whose content cannot be read."""
+    return LogFileError(
+        f"{path} is damaged or cut short: its {kind} content cannot be read ({why.strip().rstrip('.')}).",
+        where=path,
+        limit=kind,
+        advice="Copy or export it again.",
+    )
+
+
+def empty(path: Path, what: str) -> LogFileError:
+    """Error of a file without samples."""
+    return LogFileError(
+        f"{path} has {what}, so it contains no motion.", where=path, advice="Record or export the log again."
+    )
+
+
+def not_numeric(path: Path, name: str, found: str) -> LogFileError:
+    """Error of a channel that holds no real numbers."""
+    return LogFileError(
+        f"{path}: channel {name!r} holds {found}, not real numbers.",
+        where=name,
+        found=found,
+        advice="Save it as floats or integers (calendar stamps as integers, with time_unit).",
+    )
+
+
+def repeated_name(path: Path, name: str) -> LogFileError:
+    """Error of two columns with one name."""
+    return LogFileError(f"{path}: two columns are named {name!r}.", where=name, advice="Rename one of them.")
+
+
+def numeric(dtype: np.dtype[Any]) -> bool:
+    """Whether arrays of this type are numbers, and so can be channels."""
+    return dtype.kind in "iuf"
+
+
+def collect(wanted: Sequence[str], columns: Iterator[tuple[str, Column]]) -> dict[str, Column]:
+    """Columns as they come, stored as rows of one float64 block in the order they are wanted.
+
+    A signal's channels are then contiguous and are used in place: a log is never in memory twice. Integers stay
+    separate (stamps in ns need all their digits), and so do channels that are in a block already.
+    """
+    places = {name: k for k, name in enumerate(dict.fromkeys(wanted))}
+    block: NDArray[np.float64] | None = None
+    out: dict[str, Column] = {}
+    for name, column in columns:
+        if block is None and column.dtype.kind == "f":
+            block = np.empty((len(places), column.size))
+        if (
+            block is None
+            or column.dtype.kind != "f"
+            or column.size != block.shape[1]
+            or block_of([column], len(places)) is not None
+        ):
+            out[name] = column
+        else:
+            out[name] = block[places[name]]
+            out[name][:] = column
+    return out
+
+
+def block_of(columns: Sequence[Column], most: int) -> NDArray[np.float64] | None:
+    """The block, (columns, n), whose consecutive rows the columns are; None where they are not.
+
+    Args:
+        columns: each (n,); only writable float64 can be a block.
+        most: a block larger than this many columns is not kept in memory for them.
+    """
+    head = columns[0]
+    owner = head.base
+    owned = owner.nbytes if isinstance(owner, np.ndarray) else len(owner) if isinstance(owner, bytes) else 0
+    if not 0 < owned <= most * head.nbytes:
+        return None
+    for k, column in enumerate(columns):
+        follows = column.base is owner and column.ctypes.data == head.ctypes.data + k * head.nbytes
+        plain = column.dtype == np.float64 and column.flags.c_contiguous and column.flags.writeable
+        if not (follows and plain and column.size == head.size):
+            return None
+    return np.lib.stride_tricks.as_strided(head, (len(columns), head.size), (head.nbytes, head.itemsize))
+
+
+def addresses(name: str, shape: tuple[int, ...]) -> dict[str, Address]:
+    """Channels of an array, each with its index into it.
+
+    A vector, a single row or a single column is one channel of the array's own name. Any other matrix has the
+    channels `name[1]`, `name[2]`, ... along its shorter side (along its columns where it is square).
+    """
+    every = slice(None)
+    if len(shape) == 1:
+        return {name: (every,)}
+    if len(shape) != 2 or shape == (1, 1) or min(shape) > MOST_CHANNELS:
+        return {}
+    along = shape.index(0) if 0 in shape else int(shape[0] < shape[1])
+    count = shape[1 - along]
+    if count == 1:
+        return {name: (every, 0) if along == 0 else (0, every)}
+    return {f"{name}[{k + 1}]": (every, k) if along == 0 else (k, every) for k in range(count)}
+
+
+def guess(path: Path, names: Sequence[str]) -> tuple[Channels, str]:
+    """Channels by their names, in rad and N m at the joints, and a note of what was chosen.
+
+    Raises:
+        LogChannelError: there are none, or the choice is not unique.
+    """
+    times = [(name, match) for name in names if (match := TIME.fullmatch(name))]
+    if len(times) != 1:
+        found = "no time channel" if not times else f"{len(times)} time channels ({', '.join(n for n, _ in times)})"
+        raise _not_guessed(path, f"{found} found by name", names)
+    (time, match) = times[0]
+    position = _numbered(path, names, POSITION, "position")
+    torque = _numbered(path, names, TORQUE, "torque")
+    unit = (match["unit"] or "s").lower()
+    channels = Channels(Signal(position, "rad"), Signal(torque, "N m"), time=time, time_unit=unit)
+    sentence = (
+        f"channels were not given; taken: time {time} in {unit}, positions {', '.join(position)} in rad, "
+        f"torques {', '.join(torque)} in N m, both at the joints"
+    )
+    return channels, sentence
+
+
+def _numbered(path: Path, names: Sequence[str], pattern: re.Pattern[str], kind: str) -> tuple[str, ...]:
+    """The only family of numbered channels, in order."""
+    families: dict[tuple[str, str], dict[int, str]] = {}
+    for name in names:
+        if match := pattern.fullmatch(name):
+            family = families.setdefault((match["where"], match["family"].lower()), {})
+            if family.setdefault(int(match["number"]), name) != name:
+                raise _not_guessed(path, f"{family[int(match['number'])]} and {name} have one number", names)
+    if not families:
+        alone = [name for name in names if name.rpartition(".")[2].lower() in SINGLE[kind]]
+        if len(alone) == 1:
+            return (alone[0],)
+        raise _not_guessed(path, f"no {kind} channels found by name", names)
+    if len(families) > 1:
+        firsts = ", ".join(family[min(family)] for family in families.values())
+        raise _not_guessed(path, f"more than one set of {kind} channels ({firsts}, ...) found by name", names)
+    (family,) = families.values()
+    order = sorted(family)
+    if order[0] > 1 or order[-1] - order[0] + 1 != len(order):
+        found = ", ".join(family[k] for k in order)
+        raise _not_guessed(path, f"{kind} channels {found} are not numbered without a gap from 1", names)
+    return tuple(family[k] for k in order)
+
+
+def _not_guessed(path: Path, what: str, names: Sequence[str]) -> LogChannelError:
+    """Error of a file whose channels' names are not conventional."""
+    return LogChannelError(
+        f"{path}: {what}.",
+        where=path,
+        found=tuple(names),
+        advice="Without `channels`, haptid takes t or time, q1..qn (or pos1, position1) and tau1..taun (or torque1, "
+        f"u1). Name the channels with haptid.Channels. Channels of this file: {listed(names)}.",
+    )

@@ -1,0 +1,66 @@
+"""Parallel filter and decimation of sampled signals, as the core applies them to torque and columns.
+
+Source: Gautier, Janot and Vandanjon (2013), IEEE Trans. Control Systems Technology 21(2), section III: the same
+low-pass filter and decimation for the torque and for every column of the observation matrix.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy import signal
+
+from haptid._internal.arrays import Array
+from haptid.dynamics.inverse import core_momentum, core_torque
+from haptid.dynamics.model import DynamicModel
+from haptid.observation.plan import Plan, Signals
+
+
+def decimate(signals: Array, taps: Array, decimation: int) -> Array:
+    """FIR filter and decimation, (..., samples) to (..., rows): each row is a window's sum, weighted by the taps.
+
+    Args:
+        signals: (..., samples).
+        taps: weights of a window, oldest sample first.
+        decimation: samples from one row to the next.
+    """
+    if len(taps) == 1:
+        return np.asarray(signals[..., ::decimation] * taps[0])
+    late = -(len(taps) - 1) % decimation  # so that the first whole window ends on a sample that is kept
+    kernel = np.concatenate([np.zeros(late), taps[::-1]])
+    rows = (signals.shape[-1] - len(taps)) // decimation + 1
+    first = (len(taps) - 1 + late) // decimation
+    return np.asarray(signal.upfirdn(kernel, signals, down=decimation, axis=-1)[..., first : first + rows])
+
+
+def treated_torque(plan: Plan, model: DynamicModel, chi: Array, signals: Signals) -> Array:
+    """Model torque of some rows, filtered and decimated like the measured torque, (coordinates, rows), N m or N.
+
+    The filter is linear, so filtering the model's torque is the same as filtering every column of W.
+
+    Args:
+        plan: which rows.
+        model: the plan's, or one that differs in its terms' settings.
+        chi: parameters of the core's columns, (r,), SI.
+        signals: those of `plan.signals` for the samples under the rows.
+    """
+    c, cd, cdd, own = signals
+    shared, d = plan.filter, plan.motion.treatment.decimation
+    if cdd is not None:
+        return decimate(core_torque(model, chi, c, cd, cdd, own), shared.taps, d)
+    assert shared.slope is not None  # in the momentum formulation the filter differentiates
+    momentum, rest = core_momentum(model, chi, c, cd, own)
+    return decimate(rest, shared.taps, d) + decimate(momentum, shared.slope, d)
+
+
+def treated_columns(plan: Plan, signals: Signals) -> Array:
+    """Columns of W over base parameters, filtered and decimated, (coordinates, rows, p)."""
+    c, cd, cdd, own = signals
+    model, shared, d = plan.model, plan.filter, plan.motion.treatment.decimation
+    mechanism, loops = model.mechanism, model.loops(c, cd)
+    if cdd is not None:
+        made = decimate(mechanism.regressor(c, cd, cdd, own, list(plan.columns), loops), shared.taps, d)
+    else:
+        assert shared.slope is not None  # in the momentum formulation the filter differentiates
+        momentum, rest = mechanism.momentum_regressor(c, cd, own, list(plan.columns), loops)
+        made = decimate(momentum, shared.slope, d) + decimate(rest, shared.taps, d)
+    return np.ascontiguousarray(np.einsum("ckr,kp->crp", made, plan.selection, optimize=True))

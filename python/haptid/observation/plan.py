@@ -1,0 +1,215 @@
+"""Plan: which rows a motion gives, in which time blocks, with which filter and which columns of the core."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from functools import cached_property
+from itertools import pairwise
+
+import numpy as np
+
+from haptid._internal.arrays import Array
+from haptid.dynamics.model import DynamicModel
+from haptid.dynamics.regressor import external
+from haptid.motion.channels import coordinate_torque, coordinates, state
+from haptid.motion.filters import ParallelFilter, bad_setting
+from haptid.motion.treatment import Motion, too_short
+from haptid.observation.r_factor import triangle
+
+# Samples passed to the core at a time: enough for all its threads, little memory compared with a log.
+SEGMENT = 1 << 16
+# Most time blocks of one motion; those of a longer motion are twice, four times, ... as long.
+MOST_BLOCKS = 512
+# Fewest time blocks: the blocks of a short motion are shortened to this number, as leaving one out must leave enough.
+LEAST_BLOCKS = 8
+# Share of the parallel filter's weight that may lie outside the default guard around a row.
+OUTSIDE_GUARD = 1e-3
+
+# Position, velocity, acceleration (None in the momentum formulation) and external columns, each (..., samples).
+Signals = tuple[Array, Array, Array | None, Array]
+# R factors of some rows: (columns, stack) for each coordinate, and the rows of each block, (coordinates, blocks).
+RFactors = tuple[list[tuple[np.ndarray, Array]], np.ndarray]
+
+
+@dataclass(frozen=True)
+class Block:
+    """Time block: the rows of one log between two times.
+
+    Attributes:
+        log: SHA-256 of the log, or a name for a motion without one.
+        start, stop: s.
+    """
+
+    log: str
+    start: float
+    stop: float
+
+    def overlaps(self, other: Block) -> bool:
+        """Whether the two share rows."""
+        return self.log == other.log and self.start < other.stop and other.start < self.stop
+
+
+@dataclass(frozen=True, eq=False)
+class Plan:
+    """Rows of a motion: where they lie, how they are filtered and decimated, and which columns they need.
+
+    Attributes:
+        first: sample of row 0.
+        rows: rows of each motor.
+        block: rows of a time block.
+        filter: the parallel filter.
+        guard: samples before and after a row's own in which the motion must not be slow.
+        columns: the core's columns that the base parameters need.
+        selection: from those columns to the base parameters', (columns, p).
+    """
+
+    model: DynamicModel
+    motion: Motion
+    filter: ParallelFilter
+    first: int
+    rows: int
+    block: int
+    guard: tuple[int, int]
+    columns: tuple[int, ...]
+    selection: Array
+
+    @staticmethod
+    def of(model: DynamicModel, motion: Motion) -> Plan:
+        """Place the rows between the ends where the filters have not settled.
+
+        Raises:
+            MotionTooShortError: not one row fits.
+            TreatmentError: `reversal_speed` has neither one value nor one for each coordinate.
+        """
+        treatment, (low, high) = motion.treatment, motion.usable
+        if np.size(treatment.reversal_speed) not in (1, len(model.device.row_names)):
+            wanted = f"one value, or {len(model.device.row_names)}: one for each row of torque"
+            raise bad_setting("reversal_speed", treatment.reversal_speed, wanted)
+        shared = shared_filter(motion)
+        rows = (high - low - len(shared)) // treatment.decimation + 1
+        block = max(1, round(min(treatment.block / (treatment.decimation * motion.dt), rows / LEAST_BLOCKS)))
+        while rows > MOST_BLOCKS * block:
+            block *= 2
+        guard = shared.main_part(OUTSIDE_GUARD)
+        if treatment.guard is not None:
+            guard = (round(min(treatment.guard / motion.dt, len(motion))),) * 2
+        return Plan(model, motion, shared, low + shared.before, rows, block, guard, *model.needed)
+
+    @property
+    def taps(self) -> Array:
+        """Taps of the parallel filter."""
+        return self.filter.taps
+
+    def segments(self) -> Iterator[tuple[int, int]]:
+        """Row ranges start..stop of whole blocks, each small enough to process in memory."""
+        step = self.block * max(1, SEGMENT // (self.block * self.motion.treatment.decimation))
+        for start in range(0, self.rows, step):
+            yield start, min(start + step, self.rows)
+
+    def window(self, start: int, stop: int) -> tuple[int, int]:
+        """First sample and one past the last that rows start..stop need."""
+        d = self.motion.treatment.decimation
+        return self.first + start * d - self.filter.before, self.first + (stop - 1) * d + self.filter.after + 1
+
+    def t(self, start: int, stop: int) -> Array:
+        """Times of rows start..stop, (rows,), s."""
+        samples = self.first + self.motion.treatment.decimation * np.arange(start, stop)
+        return np.asarray(self.motion.t0 + self.motion.dt * samples, dtype=np.float64)
+
+    def signals(self, low: int, high: int) -> Signals:
+        """Position, velocity, acceleration where rows need one, and external columns of samples low..high."""
+        if self.motion.treatment.momentum:
+            c, cd = state(self.model.device, self.motion, low, high)
+            return c, cd, None, external(self.model, c, cd, None)
+        c, cd, cdd = coordinates(self.model.device, self.motion, low, high)
+        return c, cd, cdd, external(self.model, c, cd, cdd)
+
+    def blocks(self, log: str | None = None) -> tuple[Block, ...]:
+        """Time block of every `block` rows, (blocks,); `log` names their source, `motion.name` where None."""
+        step = self.motion.treatment.decimation * self.motion.dt
+        begin = self.motion.t0 + self.first * self.motion.dt - 0.5 * step
+        edges = [*range(0, self.rows, self.block), self.rows]
+        name = self.motion.name if log is None else log
+        return tuple(Block(name, begin + a * step, begin + b * step) for a, b in pairwise(edges))
+
+    def reduce(self, start: int, stop: int) -> RFactors:
+        """R factors of rows start..stop: the core computes, filters, decimates and factorises them block by block."""
+        low, high = self.window(start, stop)
+        weights = self.weights(start, stop)
+        c, cd, cdd, own = self.signals(low, high)
+        made = self.model.mechanism.reduce(
+            c,
+            cd,
+            cdd,
+            own,
+            coordinate_torque(self.model.device, self.motion, low, high),
+            list(self.columns),
+            self.filter.taps,
+            self.motion.treatment.decimation,
+            len(self.filter) // 2,
+            stop - start,
+            self.block,
+            weights,
+            self.filter.slope,
+            self.model.loops(c, cd),
+        )
+        blocks = np.arange(0, stop - start, self.block)
+        return [self.selected(np.array(a), T) for a, T in made], np.add.reduceat(weights > 0, blocks, axis=1, dtype=int)
+
+    @cached_property
+    def _one_to_one(self) -> bool:
+        """Whether the core's columns are those of the base parameters."""
+        return np.array_equal(self.selection, np.eye(len(self.selection)))
+
+    def selected(self, reached: np.ndarray, triangles: Array) -> tuple[np.ndarray, Array]:
+        """R factors over the core's columns as R factors over base parameters, which may be sums of several."""
+        if self._one_to_one:
+            return reached, triangles
+        chosen = self.selection[reached]
+        base = np.flatnonzero(chosen.any(axis=0))
+        if chosen.shape == (len(base), len(base)) and (chosen[:, base] == np.eye(len(base))).all():
+            return base, triangles
+        mix = np.zeros((len(reached) + 1, len(base) + 1))
+        mix[:-1, :-1], mix[-1, -1] = chosen[:, base], 1.0
+        return base, triangle(triangles @ mix)
+
+    def weights(self, start: int, stop: int) -> Array:
+        """1 for a row that is used, 0 for one within `guard` of slow motion, (coordinates, rows).
+
+        The sign of a slow velocity is uncertain, and with it the Coulomb friction.
+        """
+        model, treatment = self.model, self.motion.treatment
+        weights = np.ones((len(model.device.row_names), stop - start))
+        if not np.any(treatment.reversal_speed):
+            return weights
+        speeds = np.broadcast_to(np.asarray(treatment.reversal_speed, dtype=float), (len(model.device.row_names),))
+        centres = self.first + treatment.decimation * np.arange(start, stop)
+        low, high = self.motion.usable
+        back, ahead = self.guard
+        low, high = max(low, int(centres[0]) - back), min(high, int(centres[-1]) + ahead + 1)
+        c, cd = state(model.device, self.motion, low, high)
+        after = np.minimum(centres + ahead + 1, high) - low
+        before = np.maximum(centres - back, low) - low
+        for row, speed in enumerate(speeds):
+            for term in model.coulomb_terms(row) if speed > 0 else ():
+                slow = np.concatenate([[0], np.cumsum(np.abs(model.speed(term, c, cd)) < speed)])
+                weights[row, slow[after] > slow[before]] = 0.0
+        return weights
+
+
+def shared_filter(motion: Motion) -> ParallelFilter:
+    """The parallel filter of a motion's torque and columns.
+
+    Raises:
+        MotionTooShortError: not one row fits between the filters' ends.
+    """
+    low, high = motion.usable
+    length = 2 * motion.treatment.reach(motion.dt) + 1  # a filter much longer than the motion may not fit in memory
+    if length < 2 * len(motion):
+        made = motion.treatment.parallel_filter(motion.dt)
+        if len(made) <= high - low:
+            return made
+        length = len(made)
+    needed = (len(motion) - (high - low) + length) * motion.dt
+    raise too_short(len(motion) * motion.dt, needed, "the filters' ends")
