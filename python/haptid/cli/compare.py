@@ -64,7 +64,7 @@ def _time(text: str) -> float:
     Raises:
         OptionError: it is neither.
     """
-    from haptid.errors import OptionError
+    from haptid.cli.figures import wrong_option
 
     try:
         return float(text)
@@ -74,7 +74,7 @@ def _time(text: str) -> float:
         date = datetime.fromisoformat(text.strip())
     except ValueError:
         wanted = "numbers such as 0,7,14 or dates such as 2026-03-02,2026-03-09T14:00"
-        raise OptionError("--times", text, wanted) from None
+        raise wrong_option("--times", text, wanted) from None
     return (date if date.tzinfo else date.replace(tzinfo=UTC)).timestamp() / SECONDS_IN_DAY
 
 

@@ -54,16 +54,16 @@ def excite(
     rate_hz: Annotated[float, typer.Option(min=1.0, help="of the samples in the CSV")] = 1000.0,
     quiet: Annotated[bool, typer.Option("--quiet", "-q", help="no progress, no summary")] = False,
 ) -> None:
+    from haptid.cli.figures import wrong_option
     from haptid.device import read_device
     from haptid.dynamics.model import DynamicModel
-    from haptid.errors import OptionError
     from haptid.experiment.bench import read_experiment
     from haptid.experiment.excitation import Search, design, write_experiment
     from haptid.experiment.excitation.default_experiment import plain_experiment, write_samples
 
     with errors_shown():
         if out_file.suffix != ".toml":
-            raise OptionError("--out", str(out_file), "a file whose name ends in .toml")
+            raise wrong_option("--out", str(out_file), "a file whose name ends in .toml")
         model = DynamicModel(read_device(device))
         other = None if like is None else read_experiment(like)
         beta = None if other is None else model.base.of(other.setup(model).chi)
@@ -95,13 +95,12 @@ def _limits(
     device: Device, centre: str | None, stroke: str | None, speed: str | None, acceleration: str | None
 ) -> Limits:
     """Limits given by options, in place of the device file's."""
-    from haptid.cli.figures import numbers, spread
-    from haptid.errors import OptionError
+    from haptid.cli.figures import numbers, spread, wrong_option
     from haptid.experiment.excitation import Limits
 
     names, count = ", ".join(device.joint_names[j] for j in device.active), len(device.active)
     if (centre is None) != (stroke is None):
-        raise OptionError("--centre without --stroke" if stroke is None else "--stroke", "alone", "both of them")
+        raise wrong_option("--centre without --stroke" if stroke is None else "--stroke", "alone", "both of them")
     position = None
     if centre is not None and stroke is not None:
         middle = numbers("--centre", centre, f"positions of joints {names}", count)

@@ -9,6 +9,11 @@ import numpy as np
 from haptid.errors import OptionError
 
 
+def wrong_option(option: str, found: str, wanted: str) -> OptionError:
+    """The error for the value of an option."""
+    return OptionError(f"{option} is {found!r}; write {wanted}.", where=option, found=found, limit=wanted)
+
+
 def numbers(option: str, text: str, what: str, count: int) -> tuple[float, ...]:
     """A given count of finite numbers, separated by commas.
 
@@ -26,7 +31,7 @@ def numbers(option: str, text: str, what: str, count: int) -> tuple[float, ...]:
     except ValueError:
         found = ()
     if len(found) != count or not np.isfinite(found).all():
-        raise OptionError(option, text, f"{count} {'number' if count == 1 else 'numbers'} with commas between: {what}")
+        raise wrong_option(option, text, f"{count} {'number' if count == 1 else 'numbers'} with commas between: {what}")
     return found
 
 
@@ -45,7 +50,7 @@ def ranges(option: str, texts: Iterable[str]) -> dict[str, tuple[float, float]]:
     for text in texts:
         name, equals, pair = text.partition("=")
         if not equals or pair.count(":") != 1:
-            raise OptionError(option, text, "NAME=LOW:HIGH, such as 2=-0.5:1.2")
+            raise wrong_option(option, text, "NAME=LOW:HIGH, such as 2=-0.5:1.2")
         low, high = numbers(option, pair.replace(":", ","), "the lower limit, the higher one", 2)
         found[name] = (low, high)
     return found
@@ -61,6 +66,6 @@ def named(option: str, texts: Sequence[str]) -> Mapping[str, float]:
     for text in texts:
         name, equals, value = text.partition("=")
         if not equals:
-            raise OptionError(option, text, "NAME=NUMBER, such as 2=1.5")
+            raise wrong_option(option, text, "NAME=NUMBER, such as 2=1.5")
         found[name] = numbers(option, value, "a number", 1)[0]
     return found

@@ -10,7 +10,7 @@ import numpy as np
 from rich.console import Console
 
 from haptid._internal.arrays import Array
-from haptid.cli.figures import named, numbers, ranges, spread
+from haptid.cli.figures import named, numbers, ranges, spread, wrong_option
 from haptid.device import Device
 from haptid.dynamics.model import DynamicModel
 from haptid.dynamics.workspace import Workspace, workspace
@@ -19,7 +19,6 @@ from haptid.end_effector.characterisation.characterise import POSES
 from haptid.end_effector.characterisation.plots import Sweep, plot_map, plot_sweeps
 from haptid.end_effector.characterisation.summary import notes
 from haptid.end_effector.characterisation.table import Asked, Column
-from haptid.errors import OptionError
 from haptid.report.tables import table
 
 # Poses of a sweep, and of each side of a map.
@@ -51,7 +50,7 @@ def chosen(
         HaptidError: an impossible workspace.
     """
     if sum((bool(at), sweep is not None, grid is not None)) > 1:
-        raise OptionError("the choice of poses", "several of --at, --sweep and --grid", "one of them")
+        raise wrong_option("--at, --sweep, --grid", "given together", "one of them")
     names = ", ".join(model.device.joint_names[j] for j in model.device.active)
     what, count = f"positions of joints {names}", len(model.device.active)
     if at:
@@ -76,7 +75,7 @@ def asked(
     motors = [drive.name for drive in device.motors]
     for name in limits:
         if name not in motors:
-            raise OptionError("--torque", name, f"NAME=VALUE of a motor: {', '.join(motors)}")
+            raise wrong_option("--torque", name, f"NAME=VALUE of a motor: {', '.join(motors)}")
     return Asked(
         along=numbers("--along", along, "x, y, z", 3) if along is not None else None,
         speed=speed,

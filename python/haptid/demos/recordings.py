@@ -16,7 +16,7 @@ from haptid._internal.workers import ProcessExecutor
 from haptid.device import read_device
 from haptid.dynamics.inverse import inverse_dynamics
 from haptid.dynamics.model import DynamicModel
-from haptid.errors import MountingError
+from haptid.errors import IdentifiabilityError
 from haptid.experiment.bench.experiment import read_experiment
 from haptid.experiment.bench.logs import truth_paths, write_log, write_truth
 from haptid.experiment.bench.run import perform
@@ -154,7 +154,7 @@ def read_recording(model: DynamicModel, experiment: Path, path: Path) -> BenchRe
         path: of the log.
 
     Raises:
-        MountingError: the torques of the mounting cannot be expressed in the device's own base parameters.
+        IdentifiabilityError: the torques of the mounting cannot be expressed in the device's own base parameters.
     """
     parameters, states = truth_paths(path)
     mounted = read_experiment(experiment).setup(model).model
@@ -187,7 +187,7 @@ def as_in_file(model: DynamicModel, mounted: DynamicModel, beta: Array) -> Array
         beta: base parameters of the mounted one, (p,), SI.
 
     Raises:
-        MountingError: there are none.
+        IdentifiabilityError: there are none.
     """
     p, rng = len(model.base), np.random.default_rng(0)
     q, qd, qdd = rng.uniform(-1, 1, (3, len(model.device.active), STATES * p))
@@ -196,7 +196,14 @@ def as_in_file(model: DynamicModel, mounted: DynamicModel, beta: Array) -> Array
     found, *_ = np.linalg.lstsq(columns, wanted, rcond=None)
     residual = float(np.linalg.norm(columns @ found - wanted) / np.linalg.norm(wanted))
     if residual > LARGEST_RESIDUAL:
-        raise MountingError(model.device.name, residual, LARGEST_RESIDUAL)
+        raise IdentifiabilityError(
+            f"the torques of {model.device.name} as mounted cannot be expressed in the base parameters of its device "
+            f"file: relative residual {residual:.1e}, limit {LARGEST_RESIDUAL:.1e}.",
+            where=model.device.name,
+            found=residual,
+            limit=LARGEST_RESIDUAL,
+            advice="Identify it with the gravity of its mounting.",
+        )
     return np.asarray(found)
 
 

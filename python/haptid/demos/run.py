@@ -11,7 +11,7 @@ from haptid.demos.cea_branches import CEA_BRANCHES
 from haptid.demos.phantom_configurations import PHANTOM_CONFIGURATIONS
 from haptid.demos.plan import DATA, Demo, Kind, Tell, write_json
 from haptid.demos.recordings import record_all
-from haptid.errors import UnknownDemoError
+from haptid.errors import UnknownNameError, suggestion
 from haptid.experiment.bench.simulation import load_mujoco
 from haptid.report.document import DocumentSection, TextTable
 from haptid.report.page import page, write_text
@@ -34,10 +34,12 @@ def read_demo(name: str) -> Demo:
     """A demonstration by its name.
 
     Raises:
-        UnknownDemoError: there is none of that name.
+        UnknownNameError: there is none of that name.
     """
     if name not in demo_names():
-        raise UnknownDemoError(name, demo_names())
+        known = demo_names()
+        advice = suggestion(name, known)
+        raise UnknownNameError(f"there is no demo {name!r}.", where="demo", found=name, limit=known, advice=advice)
     plan = tomllib.loads((DATA / name / PLAN).read_text(encoding="utf-8"))
     with (DATA / name / CLAIMS).open(newline="", encoding="utf-8") as file:
         claims = list(csv.DictReader(file))
@@ -57,8 +59,8 @@ def run_demo(demo: Demo, folder: Path, tell: Tell, processes: int | None = None)
         The results, of the type of the demonstration's kind.
 
     Raises:
-        MujocoMissingError: MuJoCo is not installed.
-        OutputError: the folder cannot be written.
+        MissingDependencyError: MuJoCo is not installed.
+        OutputFolderError: the folder cannot be written.
     """
     load_mujoco()
     kind, logs = kind_of(demo), folder / "logs"
@@ -78,7 +80,7 @@ def write_results(demo: Demo, found: Any, folder: Path) -> None:
     """Tables, result.json and the page.
 
     Raises:
-        OutputError: the folder cannot be written.
+        OutputFolderError: the folder cannot be written.
     """
     kind = kind_of(demo)
     kind.write_files(found, folder)

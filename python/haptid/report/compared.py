@@ -19,9 +19,9 @@ def write_comparison(folders: Sequence[str | Path], path: str | Path) -> Compari
         path: of the page.
 
     Raises:
-        ResultFileError, ResultDeviceError: a folder has no result that can be read.
-        DifferentParametersError: a result has no parameter in common with the first.
-        OutputError: the page cannot be written there.
+        ResultFileError: a folder has no result that can be read.
+        ModelMismatchError: a result has no parameter in common with the first.
+        OutputFolderError: the page cannot be written there.
     """
     found = [Result.load(folder) for folder in folders]
     made = ComparisonSection.between(found, names_of([Path(folder) for folder in folders]))

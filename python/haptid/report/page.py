@@ -12,7 +12,7 @@ from typing import Any
 from jinja2 import Environment, PackageLoader, StrictUndefined
 from markupsafe import Markup
 
-from haptid.errors import OutputError
+from haptid.errors import OutputFolderError
 from haptid.report.chart import Chart
 from haptid.report.section import PageSection
 from haptid.results.result import finite
@@ -52,12 +52,18 @@ def write_text(path: Path, text: str) -> None:
     """Write a file.
 
     Raises:
-        OutputError: it cannot be written there.
+        OutputFolderError: it cannot be written there.
     """
     try:
         path.write_text(text, encoding="utf-8")
     except OSError as error:
-        raise OutputError(path, error.strerror or str(error)) from error
+        reason = error.strerror or str(error)
+        raise OutputFolderError(
+            f"cannot write {path}: {reason}.",
+            where=str(path),
+            found=reason,
+            advice="Choose another path.",
+        ) from error
 
 
 @cache

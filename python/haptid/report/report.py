@@ -11,7 +11,7 @@ from pathlib import Path
 from types import MappingProxyType
 
 from haptid._core import __version__
-from haptid.errors import ReportDataError
+from haptid.errors import ResultFileError
 from haptid.report.page import page, write_text
 from haptid.report.section import Section
 from haptid.report.sections import SECTIONS
@@ -55,7 +55,7 @@ class Report:
         """Write the page.
 
         Raises:
-            OutputError: it cannot be written there.
+            OutputFolderError: it cannot be written there.
         """
         write_text(path, self.html())
 
@@ -95,25 +95,31 @@ def report_of(source: Source, made: datetime | None = None) -> Report:
     )
 
 
+def _unreadable(path: Path, reason: str) -> ResultFileError:
+    """The error for a result folder whose report data cannot be read."""
+    advice = "Give the output folder of `haptid identify`, or run it again with this version of haptid."
+    return ResultFileError(f"{path}: {reason}.", where=str(path), found=reason, advice=advice)
+
+
 def read_report(folder: str | Path) -> Report:
     """The report in a result folder.
 
     Raises:
-        ReportDataError: the folder has none, or one of another version.
+        ResultFileError: the folder has none, or one of another version.
     """
     path = Path(folder) / DATA
     try:
         with gzip.open(path) as file:
             text = file.read(LARGEST + 1)
         if len(text) > LARGEST:
-            raise ReportDataError(path, f"it unpacks to more than {LARGEST >> 20} MiB")
+            raise _unreadable(path, f"it unpacks to more than {LARGEST >> 20} MiB")
         data = json.loads(text)
         if data["schema"] != SCHEMA:
-            raise ReportDataError(path, f"its schema is {data['schema']}, and {SCHEMA} is read")
+            raise _unreadable(path, f"its schema is {data['schema']}, and {SCHEMA} is read")
         kinds = {kind.key: kind for kind in SECTIONS}
         sections = {key: kinds[key].revived(values) for key, values in data["sections"].items()}
         return Report(data["name"], data["device"], data["made"], data["haptid"], sections)
     except FileNotFoundError as error:
-        raise ReportDataError(path, "there is no such file") from error
+        raise _unreadable(path, "there is no such file") from error
     except (OSError, EOFError, ValueError, KeyError, TypeError) as error:  # not gzip, not JSON, not these sections
-        raise ReportDataError(path, f"it is no data of a report: {error}") from error
+        raise _unreadable(path, f"these are not the data of a report: {error}") from error

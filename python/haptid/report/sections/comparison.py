@@ -9,7 +9,7 @@ from typing import Any, ClassVar
 import numpy as np
 
 from haptid._internal.arrays import Array
-from haptid.errors import DifferentParametersError
+from haptid.errors import ModelMismatchError
 from haptid.inference.comparison import SAME_MEANING, Comparison
 from haptid.inference.diagnosis.finding import listed
 from haptid.report.chart import COLOURS, Chart, figure, packed
@@ -45,7 +45,7 @@ class ComparisonSection(Shown):
         """Of two or more results.
 
         Raises:
-            DifferentParametersError: a result has no parameter in common with the first.
+            ModelMismatchError: a result has no parameter in common with the first.
         """
         made = [compared(found[0], other) for other in found[1:]]
         pairs = [_pair(names[0], name, c) for name, c in zip(names[1:], made, strict=True)]
@@ -63,11 +63,15 @@ def compared(first: Result, second: Result) -> Comparison:
     """Parameters of two results that differ, by Welch's test with Holm's correction; see `Comparison`.
 
     Raises:
-        DifferentParametersError: they have no parameter in common.
+        ModelMismatchError: they have no parameter in common.
     """
     names = [name for name in first.names if _same(name, first, second)]
     if not names:
-        raise DifferentParametersError(list(first.names), list(second.names))
+        raise ModelMismatchError(
+            "the results have no parameter of the same name, unit and meaning in common.",
+            found=(first.names, second.names),
+            advice="Compare results of one device.",
+        )
     at_a, at_b = ([r.names.index(name) for name in names] for r in (first, second))
     return Comparison(
         names=tuple(names),
