@@ -64,7 +64,7 @@ def _time(text: str) -> float:
     Raises:
         OptionError: it is neither.
     """
-    from haptid.cli.figures import wrong_option
+    from haptid.cli.options import wrong_option
 
     try:
         return float(text)

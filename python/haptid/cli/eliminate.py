@@ -73,7 +73,7 @@ def essential(
             worst = max(smaller.unseen, key=lambda validation: validation.relative, default=None)
             Result.of(smaller, diagnose(smaller.estimate, worst, plan.controller).verdict).save(folder)
             tell("diagnosing", 1.0)
-            values = {name: reduction_values(one) for name, one in reductions.items()}
+            values = {name: elimination_values(one) for name, one in reductions.items()}
             text = json.dumps(values, indent=1, allow_nan=False)
             (folder / "essential.json").write_text(text + "\n", encoding="utf-8")
     if not quiet:
@@ -92,7 +92,7 @@ def _unseen(found: Identification) -> Any:
     return reduce(add, rows) if rows else None
 
 
-def reduction_values(found: Elimination) -> dict[str, Any]:
+def elimination_values(found: Elimination) -> dict[str, Any]:
     """An elimination as JSON values."""
     from haptid.results.result import finite
 

@@ -54,7 +54,7 @@ def excite(
     rate_hz: Annotated[float, typer.Option(min=1.0, help="of the samples in the CSV")] = 1000.0,
     quiet: Annotated[bool, typer.Option("--quiet", "-q", help="no progress, no summary")] = False,
 ) -> None:
-    from haptid.cli.figures import wrong_option
+    from haptid.cli.options import wrong_option
     from haptid.device import read_device
     from haptid.dynamics.model import DynamicModel
     from haptid.experiment.bench import read_experiment
@@ -95,7 +95,7 @@ def _limits(
     device: Device, centre: str | None, stroke: str | None, speed: str | None, acceleration: str | None
 ) -> Limits:
     """Limits given by options, in place of the device file's."""
-    from haptid.cli.figures import numbers, spread, wrong_option
+    from haptid.cli.options import numbers, spread, wrong_option
     from haptid.experiment.excitation import Limits
 
     names, count = ", ".join(device.joint_names[j] for j in device.active), len(device.active)

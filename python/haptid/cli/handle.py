@@ -10,7 +10,7 @@ import numpy as np
 from rich.console import Console
 
 from haptid._internal.arrays import Array
-from haptid.cli.figures import named, numbers, ranges, spread, wrong_option
+from haptid.cli.options import named, numbers, ranges, spread, wrong_option
 from haptid.device import Device
 from haptid.dynamics.model import DynamicModel
 from haptid.dynamics.workspace import Workspace, workspace

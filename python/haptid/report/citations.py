@@ -37,7 +37,7 @@ def _used(source: Source) -> Iterator[str]:
     if isinstance(made.method, PhysicallyConsistent):
         yield from ("sousa2014", "wensing2018")
     yield "belsley1980"
-    if any(source.dissections):
+    if any(source.decompositions):
         yield "tahmasebi2005"
     if model.device.handle is not None:
         yield "janot2007"

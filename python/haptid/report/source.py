@@ -21,7 +21,7 @@ from haptid.study.identify import Identification, Run
 from haptid.validation.validation import Validation
 
 # A log with more rows is not decomposed: memory.
-LARGEST_DISSECTION = 2_000_000
+LARGEST_DECOMPOSITION = 2_000_000
 # Approximate number of points of the path along a log.
 TRAIL = 400
 
@@ -154,10 +154,10 @@ class Source:
         return tuple(track(self.estimate, run) for run in self.identification.runs)
 
     @cached_property
-    def dissections(self) -> tuple[TorqueDecomposition | None, ...]:
+    def decompositions(self) -> tuple[TorqueDecomposition | None, ...]:
         """One per log; None where a log is too long, or its rows have no accelerations."""
         return tuple(
-            self._dissected(run, at.rows) for run, at in zip(self.identification.runs, self.tracks, strict=True)
+            self._decomposed(run, at.rows) for run, at in zip(self.identification.runs, self.tracks, strict=True)
         )
 
     @cached_property
@@ -165,8 +165,8 @@ class Source:
         """The estimated parameters without their covariance, for the maps."""
         return GivenParameters(self.estimate.model, self.estimate.beta)
 
-    def _dissected(self, run: Run, rows: int) -> TorqueDecomposition | None:
-        if rows > LARGEST_DISSECTION:
+    def _decomposed(self, run: Run, rows: int) -> TorqueDecomposition | None:
+        if rows > LARGEST_DECOMPOSITION:
             return None
         try:
             return decompose_torque(self.estimate, run.motion)

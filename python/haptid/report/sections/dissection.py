@@ -33,7 +33,7 @@ class DissectionSection(Section):
     def of(cls, source: Source) -> DissectionSection | None:
         charts: list[Chart] = []
         logs = []
-        for k, (track, found) in enumerate(zip(source.tracks, source.dissections, strict=True)):
+        for k, (track, found) in enumerate(zip(source.tracks, source.decompositions, strict=True)):
             if found is None:
                 continue
             own = [shares(found, k), *(stacked(track, found, k, motor) for motor in range(len(found.motors)))]

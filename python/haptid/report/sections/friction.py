@@ -33,7 +33,7 @@ class FrictionSection(Section):
 
     @classmethod
     def of(cls, source: Source) -> FrictionSection | None:
-        pairs = [(t, d) for t, d in zip(source.tracks, source.dissections, strict=True) if d is not None]
+        pairs = [(t, d) for t, d in zip(source.tracks, source.decompositions, strict=True) if d is not None]
         model = source.estimate.model
         felt = any(term.resists for term in model.terms)
         if not pairs or not felt:
