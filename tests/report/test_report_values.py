@@ -248,7 +248,7 @@ def test_the_force_of_a_hand_is_shown_beside_the_sensor():
     section = HandSection.of(Source(found(), hands=(Hand.of("pushed", force, sensor),)))
     assert section is not None
     assert len(section.charts) == 3
-    assert "they differ by 0 N" in section.charts[0].caption
+    assert "RMS difference 0 N" in section.charts[0].caption
     assert HandSection.of(source()) is None
     whole = make_report(found(), hands=(Hand.of("pushed", force),))
     assert "hand" in whole.sections
