@@ -12,7 +12,7 @@ import numpy as np
 
 import haptid
 from haptid import _core
-from haptid.dynamics.mechanism import mechanism_arguments
+from haptid.dynamics.model import mechanism_arguments
 
 # A regressor of so many samples stays in the second cache; so many are reduced on one thread; and many are shared out.
 IN_CACHE, ALONE, SAMPLES = 128, 1984, 8192

@@ -64,7 +64,7 @@ def check(identified: GivenParameters, qa: np.ndarray) -> None:
     A, J = mass_matrix(identified.model, identified.beta, qa), handle_motion(identified.model, qa).row_jacobian[:, :3]
     wanted = np.linalg.eigvalsh(np.linalg.inv(J @ np.linalg.solve(A, J.mT)))[:, ::-1]
     found = apparent_mass(identified, qa)
-    np.testing.assert_allclose(found.mass.value[found.definite], wanted[found.definite], rtol=1e-8)
+    np.testing.assert_allclose(found.mass.values[found.definite], wanted[found.definite], rtol=1e-8)
 
 
 def timed() -> dict[str, float]:

@@ -6,7 +6,7 @@ import numpy as np
 
 import haptid
 from haptid import _core
-from haptid.dynamics.mechanism import mechanism_arguments
+from haptid.dynamics.model import mechanism_arguments
 
 NAME, CENTRE = "cea_medical_branch", (0.1, -1.0, 3.8)
 # As many as peers store; see `peers/common.py`.

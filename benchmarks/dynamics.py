@@ -38,7 +38,7 @@ def works(arm: Arm) -> dict[str, Work]:
     """Ours."""
     model, beta = arm.model, arm.beta
     q, qd, qdd, tau = (np.ascontiguousarray(x[:, :MANY]) for x in (arm.q, arm.qd, arm.qdd, arm.tau))
-    direct, identified = ForwardDynamics(model, sets_of(model, beta)), GivenParameters(model, beta)
+    direct, model = ForwardDynamics(model, sets_of(model, beta)), GivenParameters(model, beta)
 
     def simulated() -> tuple[np.ndarray, np.ndarray]:
         c, cd = q, qd
@@ -53,7 +53,7 @@ def works(arm: Arm) -> dict[str, Work]:
         "forward dynamics": Work(MANY, lambda: direct.acceleration(q, qd, tau), np.transpose),
         "simulation step": Work(MANY * STEPS, simulated, lambda end: np.concatenate(end).T),
         "felt masses": Work(
-            MANY, lambda: apparent_mass(identified, q, worst_condition=1e9), lambda found: found.mass.value
+            MANY, lambda: apparent_mass(identified, q, worst_condition=1e9), lambda found: found.mass.values
         ),
     }
 

@@ -16,8 +16,8 @@ from mechanisms import Random
 KINDS = ("rotor", "viscous", "coulomb", "offset", "spring")
 
 
-def as_device(mechanism: Random, kinds: tuple[str, ...] = KINDS) -> haptid.Device:
-    """The mechanism as a device; its torque rows are those of its coordinates."""
+def as_device(mechanism: Random, kinds: tuple[str, ...] = KINDS) -> haptid.DynamicModel:
+    """The model of the mechanism as a device; its torque rows are those of its coordinates."""
     rng = np.random.default_rng(5)
     n, names = mechanism.coordinates, [str(j + 1) for j in range(len(mechanism.parent))]
     placements = zip(mechanism.parent, mechanism.prismatic, mechanism.rotation, mechanism.translation, strict=True)
@@ -30,7 +30,7 @@ def as_device(mechanism: Random, kinds: tuple[str, ...] = KINDS) -> haptid.Devic
         for kind in kinds
         for k in range(n)
     )
-    return haptid.Device(
+    device = haptid.Device(
         name="random",
         description="",
         source="",
@@ -52,8 +52,9 @@ def as_device(mechanism: Random, kinds: tuple[str, ...] = KINDS) -> haptid.Devic
         notes=(),
         tables=None,  # read from no file
     )
+    return haptid.DynamicModel(device)
 
 
-def parameters(mechanism: Random, model: haptid.Device) -> np.ndarray:
+def parameters(mechanism: Random, model: haptid.DynamicModel) -> np.ndarray:
     """Its free standard parameters, (p,): the bodies drawn with it, and terms between 0.01 and 0.2."""
     return np.concatenate([mechanism.chi, np.random.default_rng(6).uniform(0.01, 0.2, len(model.terms))])

@@ -92,7 +92,8 @@ def test_the_model_leaves_a_fifth_of_the_error(bench_run, log, estimate, validat
     assert force.usable.all()
     assert error < 0.02 * rms(hand[during])
     assert error < rms((force.bare[:, :3] - hand)[during]) / 15  # 5 would do
-    inside = (hand >= force.interval95[:, :, 0]) & (hand <= force.interval95[:, :, 1])
+    low, high = np.moveaxis(force.conf_int(), -1, 0)
+    inside = (hand >= low) & (hand <= high)
     assert inside[during].mean() > 0.9
 
 

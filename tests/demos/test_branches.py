@@ -118,8 +118,8 @@ def test_a_small_log_finds_the_branch(found):
     assert not one.missing
     true = GivenParameters(results.model, one.beta)
     for sweep in results.demo.sweeps:
-        felt = haptid.apparent_mass(true, sweep.along(results.model)).mass.value
-        np.testing.assert_allclose(results.handles["upper"].sweeps[sweep.key].mass.value, felt, rtol=0.02)
+        felt = haptid.apparent_mass(true, sweep.along(results.model)).mass.values
+        np.testing.assert_allclose(results.handles["upper"].sweeps[sweep.key].mass.values, felt, rtol=0.02)
 
 
 def test_friction_test_finds_coulomb_friction(found):

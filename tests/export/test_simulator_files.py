@@ -155,7 +155,7 @@ def test_urdf_says_what_it_has_no_place_for(tmp_path):
     made = export_urdf(mj_model("phantom_premium_15"), tmp_path)
     text = (tmp_path / made.files[0]).read_text()
     assert (
-        text.count("<gazebo>\n") == len(haptid.DynamicModel(haptid.read_device("phantom_premium_15")).closure.cuts) == 1
+        text.count("<gazebo>\n") == len(haptid.DynamicModel(haptid.read_device("phantom_premium_15")).device.closure.cuts) == 1
     )
     assert "URDF has no loops" in text
     model, beta = mj_model("cea_medical_branch")

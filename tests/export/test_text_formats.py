@@ -128,7 +128,7 @@ def interpreted(text, inputs):
 def test_matlab_is_the_python_model(tmp_path, name):
     golden = golden_of(name, 200)
     export_matlab((golden.model, golden.beta), tmp_path)
-    prefix = default_name(golden.model.name)
+    prefix = default_name(golden.model.device.name)
     inputs = {x: getattr(golden, x) for x in ("q", "qd", "qdd", "tau")} | {"beta": golden.beta}
     with np.errstate(all="ignore"):
         for function in golden.functions:
@@ -160,7 +160,7 @@ def test_octave_runs_it(tmp_path):
 
 def rust_driver(golden, functions):
     """A program that calls functions at every state and prints what they give."""
-    n = len(golden.model.drives)
+    n = len(golden.model.device.drives)
     states = np.stack([golden.q, golden.qd, golden.qdd, golden.tau]).transpose(2, 0, 1)
     rows = ", ".join(f"{[[float(x) for x in row] for row in state]}" for state in states)
     calls = "\n".join(

@@ -15,7 +15,7 @@ INERTIAL = ("XX", "XY", "XZ", "YY", "YZ", "ZZ", "MX", "MY", "MZ", "M", "IA")
 
 
 def inertial(model: haptid.DynamicModel) -> int:
-    return sum(model.device.parameters.kinds[k] in INERTIAL for k in model.regroupings.kept)
+    return sum(model.device.parameters.kinds[k] in INERTIAL for k in model.regroupings.independent_columns)
 
 
 @pytest.mark.parametrize(

@@ -10,7 +10,7 @@ import haptid
 from haptid.demos import read_demo
 from haptid.dynamics.inverse import core_torque, mass_matrix
 from haptid.dynamics.kinematics import handle_motion
-from haptid.end_effector.characterisation import GivenParameters, apparent_mass, characterise
+from haptid.end_effector.characterisation import GivenParameters, characterise, apparent_mass
 from haptid.end_effector.characterisation.velocity_forces import drift
 
 DEMO = read_demo("medical")
@@ -74,7 +74,7 @@ def test_t5_the_neglected_force_needs_the_inverse_jacobian(branch):
     turning = drift(DEVICE, qa, qd)[:, :3]
     qdd = -np.linalg.solve(J, turning[:, :, None])[:, :, 0].T
     felt = hand(J, haptid.inverse_dynamics(DEVICE, identified.beta, qa, qd, qdd))
-    ours = characterise(identified, qa, worst_condition=1e4).neglected_force_of(v).value
+    ours = characterise(identified, qa, worst_condition=1e4).neglected_force_of(v).values
     np.testing.assert_allclose(ours, felt, atol=1e-9)
     H = haptid.inverse_dynamics(DEVICE, identified.beta, qa, qd, 0 * qd)
     printed = hand(J, H - np.einsum("nij,nj->in", mass_matrix(DEVICE, identified.beta, qa), turning))
@@ -104,7 +104,7 @@ def test_t6_printed_friction_can_drive(branch):
     np.testing.assert_allclose(exact, np.abs(qd) @ fc, rtol=1e-9)
     assert (printed < 0).mean() > 0.2
     c = characterise(GivenParameters.of(DEVICE, TABLES[branch]), qa[:, :1], worst_condition=1e4)
-    found = c.coulomb_friction(v[0]).value[0] @ v[0]
+    found = c.coulomb_friction(v[0]).values[0] @ v[0]
     assert found == pytest.approx(exact[0])
 
 
@@ -128,7 +128,7 @@ def smallest(table, d3, d4, q2, f):
 def test_t9_the_smallest_mass_is_the_same_in_both_sweeps(branch):
     """With the inferred lengths within 2 %, and about ZZ3R / d4^2; so the two published ranges cannot both be."""
     identified, table = GivenParameters.of(DEVICE, TABLES[branch]), TABLES[branch]
-    arm, forearm = (apparent_mass(identified, sweep.along(DEVICE)).mass.value[:, 2] for sweep in DEMO.sweeps)
+    arm, forearm = (apparent_mass(identified, sweep.along(DEVICE)).mass.values[:, 2] for sweep in DEMO.sweeps)
     both = np.concatenate([arm, forearm])
     assert np.ptp(both) < 0.02 * both.mean()
     np.testing.assert_allclose(both, table["ZZ3R"] / D4**2, rtol=0.02)
@@ -142,9 +142,7 @@ def test_t9_no_lengths_have_both_ranges(branch):
     table, (first, second) = TABLES[branch], (sweep.published[2] for sweep in DEMO.sweeps)
     qa = DEMO.sweeps[0].along(DEVICE)
     by_hand = smallest(table, D3, D4, qa[1], qa[2] - np.pi)
-    np.testing.assert_allclose(
-        apparent_mass(GivenParameters.of(DEVICE, table), qa).mass.value[:, 2], by_hand, rtol=1e-9
-    )
+    np.testing.assert_allclose(apparent_mass(GivenParameters.of(DEVICE, table), qa).mass.values[:, 2], by_hand, rtol=1e-9)
     lengths, angles = np.linspace(0.15, 0.4, 8), np.radians(np.linspace(-80, -20, 5))
     arm, forearm = angles, np.radians(np.linspace(50, 70, 5))
     for d3 in lengths:

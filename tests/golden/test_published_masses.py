@@ -5,7 +5,7 @@ import pytest
 
 import haptid
 from haptid.dynamics.inverse import mass_matrix
-from haptid.end_effector.characterisation import GivenParameters, apparent_mass, characterise, sweep
+from haptid.end_effector.characterisation import GivenParameters, characterise, apparent_mass, sweep
 
 D3, D4 = 0.225, 0.275
 # Janot et al. (2007), tables 1 and 2, identified values, SI.
@@ -83,8 +83,8 @@ def test_masses_are_those_of_the_closed_form(model, table):
     np.testing.assert_allclose(mass_matrix(model, m.beta, qa), A, atol=1e-12)
     wanted = np.linalg.inv(J).mT @ A @ np.linalg.inv(J)
     found = apparent_mass(m, qa, worst_condition=1e4)
-    np.testing.assert_allclose(found.mass.value, np.linalg.eigvalsh(wanted)[:, ::-1], rtol=1e-9)
-    rebuilt = np.einsum("pe,pei,pej->pij", found.mass.value, found.directions, found.directions)
+    np.testing.assert_allclose(found.mass.values, np.linalg.eigvalsh(wanted)[:, ::-1], rtol=1e-9)
+    rebuilt = np.einsum("pe,pei,pej->pij", found.mass.values, found.directions, found.directions)
     np.testing.assert_allclose(rebuilt, wanted, atol=1e-9 * np.abs(wanted).max())
 
 
@@ -104,7 +104,7 @@ def test_out_of_the_plane_the_mass_is_that_of_a_point_at_the_tip(model, table):
     c = characterise(identified(model, table), qa, worst_condition=1e4)
     rho = D3 * np.cos(qa[1]) + D4 * np.cos(qa[2] - np.pi)
     A, _ = closed_form(table, qa)
-    np.testing.assert_allclose(c.mass_along([0, 1, 0]).value, A[:, 0, 0] / rho**2, rtol=1e-9)
+    np.testing.assert_allclose(c.mass_along([0, 1, 0]).values, A[:, 0, 0] / rho**2, rtol=1e-9)
 
 
 def test_figure_7(model):
@@ -117,7 +117,7 @@ def test_figure_7(model):
         "forearm": [(0.58, 0.86), (0.35, 0.61), (0.158, 0.184)],
     }
     for name, qa in (("arm", arm), ("forearm", forearm)):
-        both = [apparent_mass(identified(model, table), qa).mass.value for table in (UPPER, LOWER)]
+        both = [apparent_mass(identified(model, table), qa).mass.values for table in (UPPER, LOWER)]
         for k, (low, high) in enumerate(ranges[name]):
             values = np.concatenate([value[:, k] for value in both])
             assert abs(values.min() - low) < 0.01, (name, k, values.min())
@@ -126,7 +126,7 @@ def test_figure_7(model):
 
 def test_branches_are_close_to_each_other(model):
     qa = poses()
-    upper, lower = (apparent_mass(identified(model, table), qa).mass.value for table in (UPPER, LOWER))
+    upper, lower = (apparent_mass(identified(model, table), qa).mass.values for table in (UPPER, LOWER))
     assert (np.abs(upper / lower - 1) < 0.25).all()
 
 
@@ -136,8 +136,8 @@ def test_coulomb_friction_of_the_first_joint_alone(model):
     qa[0] = 0.0
     c = characterise(identified(model, UPPER), qa, worst_condition=1e4)
     rho = D3 * np.cos(qa[1]) + D4 * np.cos(qa[2] - np.pi)
-    np.testing.assert_allclose(c.coulomb_friction([0, 1, 0]).value[:, 1], 0.12 / np.abs(rho), rtol=1e-9)
-    np.testing.assert_allclose(np.abs(c.coulomb_by_axis.value[:, 1]), 0.12 / np.abs(rho), rtol=1e-9)
+    np.testing.assert_allclose(c.coulomb_friction([0, 1, 0]).values[:, 1], 0.12 / np.abs(rho), rtol=1e-9)
+    np.testing.assert_allclose(np.abs(c.coulomb_by_axis.values[:, 1]), 0.12 / np.abs(rho), rtol=1e-9)
 
 
 def test_the_phantom_holds_less_force_the_further_it_reaches():
@@ -146,6 +146,6 @@ def test_the_phantom_holds_less_force_the_further_it_reaches():
     limits = {"1": 0.2, "2": 0.2, "3": 0.2}
     force, direction = c.greatest_force(limits)
     # At zero the arm is level and the forearm hangs: motor 1 turns the tip at 0.215 m and carries no weight.
-    np.testing.assert_allclose(c.force_along([1, 0, 0], limits).value, 0.2 / 0.215, rtol=1e-9)
-    assert force.value[0] <= 0.2 / 0.215 + 1e-12
-    np.testing.assert_allclose(c.force_along(direction[0], limits).value, force.value, rtol=1e-9)
+    np.testing.assert_allclose(c.force_along([1, 0, 0], limits).values, 0.2 / 0.215, rtol=1e-9)
+    assert force.values[0] <= 0.2 / 0.215 + 1e-12
+    np.testing.assert_allclose(c.force_along(direction[0], limits).values, force.values, rtol=1e-9)

@@ -9,7 +9,7 @@ import haptid
 from haptid import _core
 from haptid.dynamics.inverse import bias_torque, mass_matrix
 from haptid.dynamics.kinematics import handle_motion
-from haptid.end_effector.characterisation import GivenParameters, apparent_mass, characterise
+from haptid.end_effector.characterisation import GivenParameters, characterise, apparent_mass
 from haptid.end_effector.characterisation.apparent_mass import core_arguments
 from haptid.end_effector.characterisation.velocity_forces import drift
 from mechanisms import draw, mechanisms
@@ -62,8 +62,8 @@ def test_masses_are_inverse_mobilities(case):
     clear = found.usable & (s[:, 0] < 0.9 * WORST * s[:, -1])
     mobility = J @ np.linalg.solve(A, J.mT)
     wanted = 1 / np.linalg.eigvalsh(mobility[clear])[:, ::-1][:, :r][:, ::-1]
-    np.testing.assert_allclose(found.mass.value[clear], wanted, rtol=1e-5)
-    assert (found.mass.value[clear] > 0).all()
+    np.testing.assert_allclose(found.mass.values[clear], wanted, rtol=1e-5)
+    assert (found.mass.values[clear] > 0).all()
     v = found.directions[clear]
     np.testing.assert_allclose(v @ v.mT, np.broadcast_to(np.eye(r), (len(v), r, r)), atol=1e-6)
 
@@ -80,7 +80,7 @@ def test_kinetic_energy_is_the_same_at_the_handle(case, seed):
     xd = np.einsum("pij,pj->pi", J, qd)
     known = found.definite
     along = np.einsum("pei,pi->pe", found.directions, xd)
-    left = (found.mass.value * along**2).sum(axis=1)[known]
+    left = (found.mass.values * along**2).sum(axis=1)[known]
     right = np.einsum("pi,pij,pj->p", qd, A, qd)[known]
     np.testing.assert_allclose(left, right, rtol=1e-6)
 
@@ -122,8 +122,8 @@ def test_neglected_force_by_differences(name):
         "pij,jp->ip", mass_matrix(model, identified.beta, qa), qdd
     )
     wanted = np.linalg.solve(J.mT, tau.T[..., None])[..., 0]
-    np.testing.assert_allclose(c.neglected_force_of(v).value, wanted, rtol=1e-5, atol=1e-7)
-    assert (c.neglected_force(np.linalg.norm(v)).value >= 0.97 * np.linalg.norm(wanted, axis=1)).all()
+    np.testing.assert_allclose(c.neglected_force_of(v).values, wanted, rtol=1e-5, atol=1e-7)
+    assert (c.neglected_force(np.linalg.norm(v)).values >= 0.97 * np.linalg.norm(wanted, axis=1)).all()
 
 
 @pytest.mark.parametrize("name", ["cea_medical_branch", "phantom_premium_15"])
@@ -136,11 +136,11 @@ def test_dry_friction_takes_the_power_that_joints_lose(name):
         d = d / np.linalg.norm(d)
         qd = np.linalg.solve(J, np.broadcast_to(d, (5, 3))[..., None])[..., 0].T
         lost = sum(raw[t.name] * np.abs(t.weights @ qd) for t in model.terms if t.kind == "coulomb")
-        np.testing.assert_allclose(c.coulomb_friction(d).value @ d, lost, rtol=1e-9)
+        np.testing.assert_allclose(c.coulomb_friction(d).values @ d, lost, rtol=1e-9)
         thick = sum(raw[t.name] * (t.weights @ qd) ** 2 for t in model.terms if t.kind == "viscous")
-        np.testing.assert_allclose(c.viscous_along(d).value, thick, rtol=1e-9)
-        weight = c.weight.value @ d
-        np.testing.assert_allclose(c.backdrive_force(d).value, lost + weight, rtol=1e-9)
+        np.testing.assert_allclose(c.viscous_along(d).values, thick, rtol=1e-9)
+        weight = c.weight.values @ d
+        np.testing.assert_allclose(c.backdrive_force(d).values, lost + weight, rtol=1e-9)
 
 
 def true_terms(model):
@@ -156,7 +156,7 @@ def test_weight_is_the_slope_of_the_energy():
     still = np.zeros_like(qa)
     tau = haptid.inverse_dynamics(model, identified.beta, qa, still, still)
     J = handle_motion(model, qa).row_jacobian[:, :3]
-    np.testing.assert_allclose(np.einsum("pij,pi->jp", J, c.weight.value), tau, rtol=1e-9, atol=1e-12)
+    np.testing.assert_allclose(np.einsum("pij,pi->jp", J, c.weight.values), tau, rtol=1e-9, atol=1e-12)
 
 
 def test_stiffness_moves_as_joints_do():
@@ -174,9 +174,9 @@ def test_no_direction_is_weaker_than_the_weakest():
     limits = dict(zip((m.name for m in model.device.motors), (3.0, 2.5, 2.0), strict=True))
     worst, direction = c.greatest_force(limits)
     for d in np.random.default_rng(1).normal(size=(200, 3)):
-        assert (c.force_along(d, limits).value >= worst.value * (1 - 1e-12)).all()
+        assert (c.force_along(d, limits).values >= worst.values * (1 - 1e-12)).all()
     for k in range(5):
-        np.testing.assert_allclose(c.force_along(direction[k], limits).value[k], worst.value[k], rtol=1e-9)
+        np.testing.assert_allclose(c.force_along(direction[k], limits).values[k], worst.values[k], rtol=1e-9)
 
 
 def test_pinocchio_agrees():
@@ -204,4 +204,4 @@ def test_pinocchio_agrees():
         pin.updateFramePlacements(robot, data)
         J = pin.getFrameJacobian(robot, data, frame, pin.ReferenceFrame.LOCAL_WORLD_ALIGNED)[:3]
         wanted = np.linalg.eigvalsh(np.linalg.inv(J @ np.linalg.solve(A, J.T)))[::-1]
-        np.testing.assert_allclose(found.mass.value[k], wanted, rtol=1e-8)
+        np.testing.assert_allclose(found.mass.values[k], wanted, rtol=1e-8)

@@ -23,7 +23,7 @@ from haptid.dynamics.inverse import (
     rigid,
 )
 from haptid.dynamics.kinematics import handle_motion, link_poses
-from haptid.dynamics.mechanism import mechanism_arguments
+from haptid.dynamics.model import mechanism_arguments
 
 
 @pytest.fixture(scope="module", params=NAMES)

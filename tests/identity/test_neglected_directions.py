@@ -19,7 +19,7 @@ MANY, CLOSE = 3000, 1e-3
 def largest(found, speed):
     """Largest |F_d| over many directions, (poses,), N."""
     every = unit_directions(len(found.grasp.rows), MANY)
-    return np.max([np.linalg.norm(found.neglected_force_of(speed * d).value, axis=1) for d in every], axis=0)
+    return np.max([np.linalg.norm(found.neglected_force_of(speed * d).values, axis=1) for d in every], axis=0)
 
 
 def shipped(name):
@@ -40,7 +40,7 @@ def test_no_direction_of_thousands_has_more(name, speed):
     found = characterise(shipped(name), qa, worst_condition=20.0)
     usable = found.grasp.usable
     assert usable.sum() > 20
-    best = found.neglected_force(speed).value
+    best = found.neglected_force(speed).values
     assert (best[usable] >= (1 - CLOSE) * largest(found, speed)[usable]).all()
     assert np.isnan(best[~usable]).all()
 
@@ -54,4 +54,4 @@ def test_nor_of_random_arms(seed, speed):
     found = characterise(identified, np.random.default_rng(seed).normal(size=(3, 9)), worst_condition=100.0)
     usable = found.grasp.usable
     assume(usable.any())
-    assert (found.neglected_force(speed).value >= (1 - CLOSE) * largest(found, speed))[usable].all()
+    assert (found.neglected_force(speed).values >= (1 - CLOSE) * largest(found, speed))[usable].all()

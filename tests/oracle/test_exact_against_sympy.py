@@ -10,7 +10,7 @@ import pytest
 
 import haptid
 from haptid.dynamics.base_parameters import preference
-from haptid.dynamics.symbolic.laurent import Coefficient
+from haptid.dynamics.symbolic.arithmetic import Coefficient
 
 sympy = pytest.importorskip("sympy")
 QQ = sympy.QQ

@@ -12,11 +12,10 @@ from haptid.device.geometry import Reader
 from haptid.device.loops import assembly
 from haptid.device.loops.from_toml import read_loops
 from haptid.device.toml.place import Place
-from haptid.device.toml.reader import device_of
 from haptid.device.toml.tables import read_tables
 from haptid.dynamics.regressor import rows
 from haptid.dynamics.symbolic import loop_regroupings
-from haptid.dynamics.symbolic.opening import _opened
+from haptid.dynamics.symbolic.loops import opened
 
 LENGTHS = "[lengths]\nL0 = 0.2\nL1 = 0.15\nL2 = 0.22\nL3 = 0.14\nL4 = 0.25\n"
 TERMS = """
@@ -125,7 +124,7 @@ def numeric_rows(path: Path, states: int = 60) -> np.ndarray:
     """Torques of active joints by standard parameter, by Newton's method and differentiated Jacobians."""
     tables, file = read_tables(path)
     passive = [name for loop in tables.loops for name in loop.passive]
-    tree = device_of(_opened(tables, set(passive)), file)
+    tree = opened(tables, file)
     loops = read_loops(tables.loops, tree.joints, np.eye(4), Reader(tree.lengths), Place(file))
     unknown = [tree.joint_names.index(name) for name in passive]
     active = [j for j in range(len(tree.joints)) if j not in unknown]
@@ -159,8 +158,8 @@ def test_relations_hold_at_numeric_solutions_and_no_more_do(name: str, gravity: 
     kept = list(exact.kept)
     np.testing.assert_allclose(W[:, kept] @ exact.values, W, atol=1e-6 * np.abs(W).max())
     assert np.linalg.matrix_rank(W[:, kept] / np.linalg.norm(W[:, kept], axis=0), tol=1e-6) == len(kept)
-    idle = [exact.standard.index(parameter) for parameter in exact.no_effect]
-    assert np.abs(W[:, idle]).max() < 1e-6 * np.abs(W).max()
+    no_effect = [exact.standard.index(parameter) for parameter in exact.no_effect]
+    assert np.abs(W[:, no_effect]).max() < 1e-6 * np.abs(W).max()
 
 
 def test_groupings_of_a_five_bar(tmp_path: Path) -> None:
@@ -196,14 +195,17 @@ def test_motors_say_which_torques_are_known(tmp_path: Path) -> None:
     ],
 )
 def test_loops_that_are_no_dyads_are_refused(change: tuple[str, str], found: str, tmp_path: Path) -> None:
-    with pytest.raises(errors.NoDyadError, match=found):
+    with pytest.raises(errors.RegroupingError) as raised:
         loop_regroupings(written(tmp_path, FIVE_BAR.replace(*change)))
+    assert found in raised.value.found
 
 
 def test_links_that_are_not_in_one_plane(tmp_path: Path) -> None:
     skew = FIVE_BAR.replace('d = "L3"', 'd = "L3"\nalpha = "pi/2"')
-    with pytest.raises(errors.NoDyadError, match="not parallel"):
+    with pytest.raises(errors.RegroupingError) as raised:
         loop_regroupings(written(tmp_path, skew))
+    assert "not parallel" in raised.value.found
     apart = FIVE_BAR.replace('d = "L3"', 'd = "L3"\nr = 0.05')
-    with pytest.raises(errors.SymbolicClosureError, match="between links 2 and 4"):
+    with pytest.raises(errors.RegroupingError) as raised:
         loop_regroupings(written(tmp_path, apart))
+    assert raised.value.where == ("2", "4")

@@ -7,8 +7,7 @@ import pytest
 
 import haptid
 from haptid import estimation
-from haptid.dynamics.forward import ForwardDynamics, sets_of
-from haptid.dynamics.parametric import ParametricForwardDynamics
+from haptid.dynamics.forward import ForwardDynamics, ParametricForwardDynamics, sets_of
 from haptid.experiment import bench
 from haptid.simulation import Stretches, measured_state, open_loop, smooth
 from small_study import FRICTION, driven, log_of, two_links

@@ -125,7 +125,7 @@ def scene_of(tab):
 
 def agrees(identified, masses, pose):
     """The page's masses, three digits, are the library's at that pose."""
-    expected = haptid.apparent_mass(identified, pose[:, None]).mass.value[0]
+    expected = haptid.apparent_mass(identified, pose[:, None]).mass.values[0]
     np.testing.assert_allclose(masses, expected, rtol=6e-3)
 
 

@@ -47,10 +47,10 @@ def test_a_pose_has_every_figure_with_its_interval(folder, tmp_path):
     assert done.exit_code == 0, done.output
     (row,) = table(tmp_path / "at")
     found = characterise(Result.load(folder).identified, np.array([[0.0], [0.2], [0.3]]))
-    low, high = found.apparent_mass.interval95[0, 0]
-    assert float(row["apparent mass 1 [kg]"]) == found.apparent_mass.value[0, 0]
+    low, high = found.apparent_mass.conf_int()[0, 0]
+    assert float(row["apparent mass 1 [kg]"]) == found.apparent_mass.values[0, 0]
     assert (float(row["apparent mass 1 [kg] low95"]), float(row["apparent mass 1 [kg] high95"])) == (low, high)
-    assert float(row["back-drive force along [N]"]) == found.backdrive_force([0, 0, 1]).value[0]
+    assert float(row["back-drive force along [N]"]) == found.backdrive_force([0, 0, 1]).values[0]
     assert float(row["stiffness 1 [N/m]"]) == pytest.approx(found.stiffness([300.0] * 3)[0][0, 0])
     assert float(row["greatest force in its worst direction [N]"]) > 0
     for part in ("isotropy", "neglected force at 0.5 m/s", "viscous friction 1", "greatest force along"):
@@ -63,7 +63,7 @@ def test_a_sweep_is_drawn_and_starts_and_ends_at_its_poses(folder, tmp_path):
     assert done.exit_code == 0, done.output
     assert done.stdout == ""
     rows = table(tmp_path / "s")
-    names = haptid.DynamicModel(haptid.read_device("phantom_premium_15")).joint_names
+    names = haptid.DynamicModel(haptid.read_device("phantom_premium_15")).device.joint_names
     assert [[float(row[f"{name} [rad]"]) for name in names[:1]] for row in (rows[0], rows[-1])] == [[0.0], [0.0]]
     assert (tmp_path / "s" / "masses.png").stat().st_size > 10_000
 

@@ -207,7 +207,7 @@ velocity = 0.05
 def test_stribeck_friction_may_be_negative_but_not_the_sum(tmp_path):
     (tmp_path / "table.toml").write_text(DRY)
     table = haptid.DynamicModel(haptid.read_device(tmp_path / "table.toml"))
-    names = table.parameters.names
+    names = table.device.parameters.names
 
     def verdict(forward, backward, more):
         chi = np.array([{"M1": 2.0, "FCP1": forward, "FCN1": backward, "FS1": more}.get(name, 0.0) for name in names])

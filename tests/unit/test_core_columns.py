@@ -5,7 +5,7 @@ import pytest
 
 import haptid
 from haptid import _core
-from haptid.dynamics.mechanism import mechanism_arguments
+from haptid.dynamics.model import mechanism_arguments
 
 
 @pytest.fixture(scope="module")

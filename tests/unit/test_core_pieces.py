@@ -7,7 +7,7 @@ import pytest
 
 import haptid
 from haptid import _core
-from haptid.dynamics.mechanism import mechanism_arguments
+from haptid.dynamics.model import mechanism_arguments
 
 # More than one piece of rows, more than two parts of samples, and no whole lanes.
 SAMPLES = 4999

@@ -40,7 +40,7 @@ def test_what_is_no_number_does_not_become_one():
 def test_positions_in_another_unit_are_told_at_once():
     """Encoder counts for radians: the way there would be walked for hours."""
     with pytest.raises(errors.LoopFarError, match=r"at sample 1 .* crank = 1e\+09 .* counts"):
-        haptid.DynamicModel(haptid.read_device("four_bar")).closure.positions(np.array([[0.1, 1e9]]))
+        haptid.DynamicModel(haptid.read_device("four_bar")).device.closure.positions(np.array([[0.1, 1e9]]))
 
 
 def test_signals_that_lie_on_their_side_are_refused():

@@ -9,12 +9,11 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from haptid.dynamics.symbolic.interpolation import Points, fit
-from haptid.dynamics.symbolic.laurent import Coefficient, Laurent
-from haptid.dynamics.symbolic.residues import PRIMES, Field, UnluckyDrawError, rational
-from haptid.dynamics.symbolic.symbols import GRAVITY, LENGTH, PURE, Symbol, draw
+from haptid.dynamics.symbolic.arithmetic import PRIMES, Coefficient, Laurent, PrimeField, UnluckyDrawError, rational
+from haptid.dynamics.symbolic.interpolation import fit
+from haptid.dynamics.symbolic.symbols import DIMENSIONLESS, GRAVITY, LENGTH, Symbol, draw
 
-FIELD = Field(PRIMES[0])
+FIELD = PrimeField(PRIMES[0])
 RESIDUE = st.integers(1, PRIMES[0] - 1)
 SMALL = st.fractions(-1000, 1000, max_denominator=1000)
 LENGTHS = tuple(Symbol(name, 0.1, LENGTH) for name in ("a", "b", "c"))
@@ -45,14 +44,14 @@ def test_longer_rows_and_unfit_primes_are_refused() -> None:
     with pytest.raises(ValueError, match="overflow"):
         FIELD.product(np.zeros((1, 9), dtype=np.int64), np.zeros((9, 1), dtype=np.int64))
     with pytest.raises(ValueError, match="modulo 4"):
-        Field(2**31 - 1)
+        PrimeField(2**31 - 1)
     with pytest.raises(UnluckyDrawError):
         FIELD.inverse(array(0))
 
 
 @given(SMALL)
 def test_a_small_rational_comes_back_from_its_residues(number: Fraction) -> None:
-    residues = tuple(Field(p).of(number) for p in PRIMES[:2])
+    residues = tuple(PrimeField(p).of(number) for p in PRIMES[:2])
     assert rational(residues, PRIMES[:2]) == number
 
 
@@ -83,19 +82,17 @@ def test_laurent_polynomials_are_numbers_that_add_and_multiply(terms: list[tuple
     other = Laurent.symbol("a") - Laurent.number(Fraction(1, 3))
     values, at = draw(LENGTHS, FIELD, np.random.default_rng(1), 2), {"a": 0.7, "b": -1.3}
     assert (made * other).value(at) == pytest.approx(made.value(at) * other.value(at), abs=1e-9, rel=1e-9)
-    product = made.modulo(FIELD, values, 2) * other.modulo(FIELD, values, 2) % FIELD.prime
-    np.testing.assert_array_equal((made * other).modulo(FIELD, values, 2), product)
+    product = made.modulo(values) * other.modulo(values) % FIELD.prime
+    np.testing.assert_array_equal((made * other).modulo(values), product)
     assert (made - made) == Laurent()
 
 
-def fitted(wanted: Coefficient, symbols: tuple[Symbol, ...], grade: tuple[int, int], count: int = 48):
+def fitted(wanted: Coefficient, symbols: tuple[Symbol, ...], dimension: tuple[int, int], count: int = 48):
     points, y = [], []
     for prime in PRIMES[:2]:
-        field = Field(prime)
-        values = draw(symbols, field, np.random.default_rng(prime), count)
-        points.append(Points(field, values))
-        y.append(wanted.modulo(field, values, count))
-    return fit(points, y, symbols, grade, {})
+        points.append(draw(symbols, PrimeField(prime), np.random.default_rng(prime), count))
+        y.append(wanted.modulo(points[-1]))
+    return fit(points, y, symbols, dimension, {})
 
 
 def laurent(*terms: tuple[int, str]) -> Laurent:
@@ -105,7 +102,7 @@ def laurent(*terms: tuple[int, str]) -> Laurent:
 
 
 @pytest.mark.parametrize(
-    ("wanted", "symbols", "grade"),
+    ("wanted", "symbols", "dimension"),
     [
         (Coefficient(laurent((1, "a^2"), (-3, "b c"))), LENGTHS, (2, 0)),
         (Coefficient(laurent((2, "a^2 b^-1"), (1, "c"))), LENGTHS, (1, 0)),
@@ -114,18 +111,18 @@ def laurent(*terms: tuple[int, str]) -> Laurent:
         (Coefficient(laurent((1, "g"))), (Symbol("g", 9.81, GRAVITY),), GRAVITY),
     ],
 )  # fmt: skip
-def test_coefficients_are_found_from_their_residues(wanted, symbols, grade) -> None:
-    made = fitted(wanted, symbols, grade)
+def test_coefficients_are_found_from_their_residues(wanted, symbols, dimension) -> None:
+    made = fitted(wanted, symbols, dimension)
     for prime in PRIMES[2:]:
-        values = draw(symbols, Field(prime), np.random.default_rng(7), 5)
-        np.testing.assert_array_equal(made.modulo(Field(prime), values, 5), wanted.modulo(Field(prime), values, 5))
+        values = draw(symbols, PrimeField(prime), np.random.default_rng(7), 5)
+        np.testing.assert_array_equal(made.modulo(values), wanted.modulo(values))
     assert made.is_ratio == wanted.is_ratio
 
 
 def test_squares_of_sines_are_written_as_such() -> None:
-    angle = (Symbol("cos(t)", 0.9, PURE), Symbol("sin(t)", 0.4, PURE))
+    angle = (Symbol("cos(t)", 0.9, DIMENSIONLESS), Symbol("sin(t)", 0.4, DIMENSIONLESS))
     one = Laurent.number(1)
-    made = fitted(Coefficient(one - Laurent.symbol("cos(t)", 2)), angle, PURE)
+    made = fitted(Coefficient(one - Laurent.symbol("cos(t)", 2)), angle, DIMENSIONLESS)
     assert made == Coefficient(Laurent.symbol("sin(t)", 2))
 
 

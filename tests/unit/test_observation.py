@@ -342,7 +342,7 @@ def test_motor_and_joint_rows_are_the_same_model(differential, tmp_path):
     q, v, a = np.random.default_rng(1).normal(size=(3, 2, 30))
     at_motors = haptid.inverse_dynamics(differential, beta, q, v, a)
     np.testing.assert_allclose(
-        haptid.inverse_dynamics(joint, beta, q, v, a), differential.coupling.T @ at_motors, atol=1e-12
+        haptid.inverse_dynamics(joint, beta, q, v, a), differential.device.coupling.T @ at_motors, atol=1e-12
     )
 
 
@@ -353,7 +353,7 @@ def test_what_only_acts_where_nothing_measures_has_no_effect(tmp_path):
     free = haptid.DynamicModel(haptid.read_device(tmp_path / "free.toml"))
     assert "FVb" in free.base.no_effect
     assert "FVa" in free.base.names
-    assert free.measured == (True, False)
+    assert free.device.measured == (True, False)
 
 
 @pytest.mark.parametrize("passes", [0, 1.5, True])

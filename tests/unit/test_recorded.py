@@ -65,7 +65,7 @@ def test_figures_at_the_handle_come_from_the_folder_alone(made):
     found, folder = made
     pose = np.array([[0.0], [0.2], [0.3]])
     ours, theirs = (haptid.apparent_mass(m, pose).mass for m in (Result.load(folder).identified, found.estimate))
-    np.testing.assert_allclose(ours.value, theirs.value, rtol=1e-12)
+    np.testing.assert_allclose(ours.values, theirs.values, rtol=1e-12)
     np.testing.assert_allclose(ours.se, theirs.se, rtol=1e-6)
     assert ours.dof == found.estimate.dof.min()
 

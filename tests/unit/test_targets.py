@@ -139,7 +139,7 @@ def test_what_base_parameters_combine_to_is_identifiable_and_nothing_else(mechan
 
 
 def test_a_target_that_no_motion_shows_is_named_with_the_part_that_is_hidden(phantom):
-    index, size = phantom.model.parameters.index, len(phantom.model.parameters)
+    index, size = phantom.model.device.parameters.index, len(phantom.model.device.parameters)
     row = np.zeros(size)
     row[[index["MXbe"], index["MXc"]]] = 1.0
     with pytest.raises(errors.UnidentifiableTargetError) as caught:
@@ -272,7 +272,7 @@ def test_tables_show_every_target(phantom):
 def test_gravity_of_another_mounting_changes_gravity_alone(phantom):
     model = phantom.model
     other = model.with_gravity([0.0, 9.81, 0.0])
-    assert other.targets == model.device.targets
+    assert other.device.targets == model.device.targets
     assert model.device.gravity[1] == -9.81
     zero, at = np.zeros((3, 5)), np.random.default_rng(0).uniform(-1, 1, (3, 5))
     upright, upside_down = (haptid.inverse_dynamics(d, phantom.beta, at, zero, zero) for d in (model, other))

@@ -81,7 +81,7 @@ def test_an_estimate_has_a_deviation_and_is_of_one_device():
     assert abs(found.smallest - exact.smallest) < 5 * found.se
     assert exact.se is None
     assert "standard deviation" in found.summary()
-    with pytest.raises(errors.DifferentModelError):
+    with pytest.raises(errors.ModelMismatchError):
         definiteness(estimate, workspace(haptid.DynamicModel(haptid.read_device("phantom_premium_15"))))
 
 
@@ -99,39 +99,45 @@ def test_a_negative_rotor_makes_a_direction_that_fails():
 
 def test_limits_of_nothing_or_upside_down_are_errors():
     model = haptid.DynamicModel(haptid.read_device("phantom_premium_15"))
-    with pytest.raises(errors.WorkspaceLimitError, match=r"elbow.*joints ba, be, df, a, c"):
+    with pytest.raises(errors.WorkspaceError) as raised:
         workspace(model, {"elbow": (0.0, 1.0)})
+    assert raised.value.where == "elbow"
     for pair in ((1.0, 0.0), (0.0, np.inf), (0.0,), 3, ("a", "b"), "ab", (0.0, None)):
-        with pytest.raises(errors.WorkspaceLimitError, match="the lower one first"):
+        with pytest.raises(errors.WorkspaceError) as raised:
             workspace(model, {"be": pair})
-    with pytest.raises(errors.WorkspaceLimitError, match="box y"):
+        assert raised.value.where == "be"
+    with pytest.raises(errors.WorkspaceError) as raised:
         Box((0.0, 1.0, 0.0), (1.0, 0.0, 1.0))
+    assert raised.value.where == "box y"
     for corner in ((0, 0), 3.0):
-        with pytest.raises(errors.WorkspaceLimitError, match="box low"):
+        with pytest.raises(errors.WorkspaceError) as raised:
             Box(corner, (1, 1))
+        assert raised.value.where == "box low"
 
 
 def test_definiteness_of_what_is_no_number_is_an_error():
     model, beta = two_dof()
-    with pytest.raises(errors.ParameterValueError):
+    with pytest.raises(errors.SettingError):
         definiteness(np.full_like(beta, np.nan), workspace(model))
     with pytest.raises(errors.ShapeError):
         definiteness(beta[1:], workspace(model))
 
 
 def test_a_sliding_joint_needs_limits():
-    with pytest.raises(errors.UnboundedWorkspaceError, match="slides and has no position limits"):
+    with pytest.raises(errors.IncompleteDeviceError) as raised:
         workspace(haptid.DynamicModel(haptid.read_device("emps")), {"1": None})
+    assert raised.value.where == "1"
 
 
 def test_a_workspace_without_poses_is_an_error():
     model = haptid.DynamicModel(haptid.read_device("phantom_premium_15"))
-    with pytest.raises(errors.EmptyWorkspaceError, match=r"none of .* poses"):
+    with pytest.raises(errors.WorkspaceError) as raised:
         workspace(model, box=Box((5.0, 5.0, 5.0), (6.0, 6.0, 6.0))).grid()
+    assert raised.value.found > 0
 
 
 def test_a_box_needs_a_handle():
-    with pytest.raises(errors.HandleMissingError):
+    with pytest.raises(errors.IncompleteDeviceError):
         workspace(
             haptid.DynamicModel(haptid.read_device("emps")), {"1": (0.0, 0.2)}, Box((0.0, 0.0, 0.0), (1.0, 1.0, 1.0))
         )

@@ -1,4 +1,4 @@
-//! One kernel on made-up samples, for a stopwatch or an instruction counter:
+//! One kernel on synthetic samples, for timing or for counting instructions:
 //! `kernel WORK SAMPLES REPEATS [BACKEND]` prints the microseconds per sample of the fastest repeat.
 //!
 //! WORK is a mechanism and what is done with it: `arm` (7 joints, 43 base columns) or `loop` (9 links, 3 coordinates,
@@ -6,7 +6,8 @@
 //! accelerations), `-torque`, `-mass` or `-acceleration` (of given parameters).
 
 use haptid_core::{
-    Backend, Closure, Joint, Mechanism, Motion, Reduction, acceleration, mass_matrix, reduce, regressor, torque,
+    Backend, Closure, Joint, Mechanism, Motion, Reduction, forward_dynamics, inverse_dynamics, mass_matrix, reduce,
+    regressor,
 };
 use std::time::Instant;
 
@@ -15,7 +16,7 @@ fn main() {
     let [work, samples, repeats, rest @ ..] = &arguments[..] else { panic!("kernel WORK SAMPLES REPEATS [BACKEND]") };
     let number = |text: &str| text.parse::<usize>().expect("a whole number");
     let (samples, repeats) = (number(samples), number(repeats));
-    let backend = rest.first().map_or(Ok(Backend::best()), |name| Backend::named(name)).expect("a backend");
+    let backend = rest.first().map_or_else(Backend::selected, |name| Backend::named(name)).expect("a backend");
     let (device, work) = work.split_once('-').expect("MECHANISM-WORK");
     let (mechanism, columns) = if device == "arm" { arm(backend) } else { closed_chain(backend) };
     let numbers = Numbers::new(mechanism.coordinates(), samples);
@@ -50,12 +51,12 @@ fn reducing<'a>(
     decimation: usize,
 ) -> Box<dyn FnMut() + 'a> {
     let rows = (motion.samples + decimation - taps.len()) / decimation;
-    let slope = if motion.acceleration.is_some() { &[][..] } else { taps };
+    let derivative_taps = if motion.acceleration.is_some() { &[][..] } else { taps };
     let reduction = Reduction {
         columns,
         torque: &numbers.torque,
         taps,
-        slope,
+        derivative_taps,
         decimation,
         first: taps.len() / 2,
         rows,
@@ -65,7 +66,7 @@ fn reducing<'a>(
     Box::new(move || drop(reduce(mechanism, &motion, &reduction).expect("shapes")))
 }
 
-/// Dynamics of bodies that are balls.
+/// Dynamics of bodies with isotropic inertia.
 fn dynamics<'a>(work: &str, mechanism: &'a Mechanism, numbers: &'a Numbers) -> Box<dyn FnMut() + 'a> {
     let chi = [0.1, 0.0, 0.0, 0.1, 0.0, 0.1, 0.0, 0.0, 0.0, 1.0].repeat(mechanism.columns() / 10);
     let (na, motion) = (mechanism.coordinates(), numbers.motion(true));
@@ -73,12 +74,13 @@ fn dynamics<'a>(work: &str, mechanism: &'a Mechanism, numbers: &'a Numbers) -> B
     match work {
         "torque" => {
             out.truncate(na * motion.samples);
-            Box::new(move || torque(mechanism, &motion, &chi, &mut out).expect("shapes"))
+            Box::new(move || inverse_dynamics(mechanism, &motion, &chi, &mut out).expect("shapes"))
         }
         "mass" => Box::new(move || mass_matrix(mechanism, &motion, &chi, &mut out).expect("shapes")),
         "acceleration" => {
             out.truncate(na * motion.samples);
-            let mut run = move || acceleration(mechanism, &motion, &numbers.torque, &chi, &mut out).expect("shapes");
+            let mut run =
+                move || forward_dynamics(mechanism, &motion, &numbers.torque, &chi, &mut out).expect("shapes");
             Box::new(move || assert!(run().is_none()))
         }
         _ => panic!("unknown work {work}"),
@@ -143,7 +145,7 @@ fn arm(backend: Backend) -> (Mechanism, Vec<usize>) {
     (mechanism, columns)
 }
 
-/// A turning column that carries two parallelograms in a row: nine links, three coordinates.
+/// A rotating column that carries two parallelograms in a row: nine links, three coordinates.
 fn closed_chain(backend: Backend) -> (Mechanism, Vec<usize>) {
     let parents = [None, Some(0), Some(1), Some(0), Some(3), Some(2), Some(1), Some(6), Some(5)];
     let rates = [

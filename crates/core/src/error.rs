@@ -1,22 +1,63 @@
-//! What can be wrong with the numbers a caller hands to the core.
+//! Errors: arguments that the core refuses.
 
 use std::fmt;
 
-/// A misuse of the core. Numerical outcomes are values, not errors.
+/// An invalid argument. Numerical outcomes (a singular mass matrix, a pose that cannot be assembled) are values, not
+/// errors.
 #[derive(Debug, Clone, PartialEq)]
 pub enum Error {
     /// A slice whose length does not fit the other arguments.
-    Length { name: &'static str, got: usize, wanted: usize },
-    /// An index outside what it points into.
-    Index { name: &'static str, got: usize, limit: usize },
-    /// An index that stands twice where each may stand once.
-    Repeated { name: &'static str, got: usize },
-    /// A number that must be finite, or inside a range, and is not.
-    Value { name: &'static str, got: f64, wanted: &'static str },
-    /// Rows asked for that the filter cannot make from the samples given.
-    Window { first: usize, rows: usize, half: usize, decimation: usize, samples: usize },
-    /// A backend that this machine does not have.
-    Backend { name: String },
+    Length {
+        /// The argument.
+        name: &'static str,
+        /// Its length.
+        got: usize,
+        /// The length required.
+        wanted: usize,
+    },
+    /// An index out of range.
+    Index {
+        /// What the index refers to.
+        name: &'static str,
+        /// The index.
+        got: usize,
+        /// It must be below this.
+        limit: usize,
+    },
+    /// An index that occurs twice where it may occur once.
+    Repeated {
+        /// What the index refers to.
+        name: &'static str,
+        /// The index.
+        got: usize,
+    },
+    /// A number that is not finite, or outside its range.
+    Value {
+        /// The argument.
+        name: &'static str,
+        /// The number.
+        got: f64,
+        /// The range, in words.
+        wanted: &'static str,
+    },
+    /// Output rows that the filter cannot compute from the samples available.
+    Window {
+        /// Sample at the centre of the first row.
+        first: usize,
+        /// Number of rows.
+        rows: usize,
+        /// Samples on either side of a row's centre.
+        half: usize,
+        /// Samples from one row to the next.
+        decimation: usize,
+        /// Number of samples.
+        samples: usize,
+    },
+    /// A back end that this machine does not have.
+    Backend {
+        /// Its name.
+        name: String,
+    },
 }
 
 impl fmt::Display for Error {
@@ -38,7 +79,7 @@ impl fmt::Display for Error {
 
 impl std::error::Error for Error {}
 
-/// The slice has the length wanted, or an error that names it.
+/// Check the length of a slice.
 pub(crate) fn expect_length(name: &'static str, got: usize, wanted: usize) -> Result<(), Error> {
     if got == wanted { Ok(()) } else { Err(Error::Length { name, got, wanted }) }
 }

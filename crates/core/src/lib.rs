@@ -1,76 +1,50 @@
-//! Batched dynamics of trees and closed chains, in lanes of samples.
+//! Batched dynamics of trees and closed chains, in SIMD lanes of samples.
 //!
-//! The observation matrix W is never stored: its rows are made chunk by chunk ([`rows`]), passed through one
-//! finite filter and decimator ([`filter`]), and folded into one small triangle per motor and time block
-//! ([`triangle`], [`reduce`]). Everything works on plain slices; nothing here knows Python, files or clocks.
-//! Without accelerations the rows are those of momentum and of the rest of the torque ([`momentum`]), and the filter
-//! differentiates the former. Torques of given parameters are made by recursion, without rows ([`newton_euler`]), and so are
-//! accelerations from torques ([`direct`]). What a hand feels at many poses has kernels of its own ([`handle`], [`felt`]). Loops whose
-//! rates vary with the pose are closed along whole motions ([`branch`]).
+//! The observation matrix W of an identification is never stored: its rows are computed in chunks, passed through one
+//! FIR filter with decimation, and folded into one small R factor per motor and time block ([`reduce`]). Without
+//! accelerations the rows are those of generalised momentum and of the remainder of the torque, and the filter
+//! differentiates the former. Torques of given parameters are computed by recursion, without rows
+//! ([`inverse_dynamics`]), and so are accelerations from torques ([`forward_dynamics`]). Jacobians, mass matrices and
+//! apparent masses at many poses have kernels of their own ([`end_effector_dynamics`], [`apparent_mass()`]). Loops with
+//! varying rates are closed along whole motions by continuation ([`AssemblyMode`]).
 //!
-//! Arrays of samples are "channel major": the samples of one coordinate are contiguous.
+//! Arrays of samples are channel major: the samples of one coordinate are contiguous. Units are SI: rad or m, N m or N,
+//! kg. Everything works on plain slices; nothing here depends on Python, files or clocks.
+//!
+//! Modules form layers, in this order: error, simd, memory, linalg, mechanism, batch, regressor, dynamics, reduction,
+//! loops, end_effector. Each uses only those before it.
 
-mod aligned;
-mod back;
+#![deny(missing_docs, unreachable_pub, clippy::undocumented_unsafe_blocks)]
+
 mod batch;
-mod branch;
-mod composite;
-mod course;
-mod cuts;
-mod dense;
-mod direct;
-mod dispatch;
-mod dual;
-mod elementary;
+mod dynamics;
+mod end_effector;
 mod error;
-mod factor;
-mod felt;
-mod filter;
-mod forms;
-mod handle;
-mod inverse;
-mod inward;
-mod joint;
-mod lane;
-mod link;
-mod march;
+mod linalg;
+mod loops;
 mod mechanism;
-mod momentum;
-mod momentum_rows;
-mod momentum_sweep;
-mod newton_euler;
-mod number;
-mod parameters;
-mod part;
-mod places;
-mod plan;
-mod principal;
-mod products;
-mod reduce;
+mod memory;
+mod reduction;
 mod regressor;
-mod rows;
-mod slopes;
-mod stream;
-mod sweep;
-mod terms;
-mod triangle;
-mod tried;
-mod vector;
-#[cfg(target_arch = "x86_64")]
-mod wide;
+mod simd;
 
-pub use branch::{Branch, Followed, Limits, Linear, Path, Stop};
-pub use cuts::{Cut, Frame, Loops};
-pub use dense::triangle;
-pub use direct::{acceleration, mass_matrix};
-pub use dispatch::Backend;
+pub use dynamics::forward::{forward_dynamics, mass_matrix};
+pub use dynamics::rnea::inverse_dynamics;
+pub use end_effector::apparent_mass::{ApparentMassQuery, apparent_mass};
+pub use end_effector::jacobian::{BodyParameters, EndEffector, Poses, end_effector_dynamics};
 pub use error::Error;
-pub use felt::{View, felt_mass};
-pub use handle::{Bodies, Grip, Poses, handle_dynamics};
-pub use inverse::torque;
-pub use mechanism::{Closure, Joint, Mechanism};
-pub use products::inner_products;
-pub use reduce::{Reduction, Triangles, reduce};
-pub use regressor::{Motion, reach, regressor};
-pub use slopes::{form_slopes, torque_slopes};
-pub use terms::{Law, Term};
+pub use loops::assembly::{
+    ActiveTrajectory, AssemblyMode, ClosureTolerances, ContinuationStop, JointTrajectory, LinearClosure,
+};
+pub use loops::cut::{CutJoint, Frame, LoopClosure};
+pub use mechanism::closure::Closure;
+pub use mechanism::layout::structural_nonzeros;
+pub use mechanism::motion::Motion;
+pub use mechanism::terms::{Law, Term};
+pub use mechanism::{Joint, Mechanism};
+pub use reduction::dense::r_factor;
+pub use reduction::reduce::{RFactors, Reduction, reduce};
+pub use regressor::gradients::{quadratic_form_gradients, torque_gradients};
+pub use regressor::gram::gram_matrices;
+pub use regressor::regressor;
+pub use simd::dispatch::Backend;

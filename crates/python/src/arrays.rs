@@ -1,6 +1,6 @@
-//! Arrays in and out.
+//! Arrays in and out of Python.
 
-use haptid_core::Triangles;
+use haptid_core::RFactors;
 use numpy::{
     IntoPyArray, PyArray1, PyArray3, PyArrayMethods, PyReadonlyArray1, PyReadonlyArray2, PyReadonlyArray3,
     PyReadonlyArrayDyn, PyUntypedArrayMethods,
@@ -10,7 +10,7 @@ use pyo3::prelude::*;
 use pyo3::types::PySlice;
 use std::ops::Deref;
 
-/// A matrix's numbers, row by row. `as_slice` alone would take Fortran order too, and read it transposed.
+/// The numbers of a row-major matrix. `as_slice` alone would accept Fortran order too, and read it transposed.
 pub fn row_major<'a>(matrix: &'a PyReadonlyArray2<'_, f64>) -> PyResult<&'a [f64]> {
     if !matrix.is_c_contiguous() {
         return Err(PyValueError::new_err("matrix is not row-major; pass numpy.ascontiguousarray(matrix)"));
@@ -18,7 +18,7 @@ pub fn row_major<'a>(matrix: &'a PyReadonlyArray2<'_, f64>) -> PyResult<&'a [f64
     Ok(matrix.as_slice()?)
 }
 
-/// The numbers of a matrix that has a column for each sample, row by row.
+/// The numbers of a row-major matrix with a column for each sample.
 pub fn of_samples<'a>(name: &str, matrix: &'a PyReadonlyArray2<'_, f64>, samples: usize) -> PyResult<&'a [f64]> {
     match matrix.shape() {
         [0, _] => Ok(&[]),
@@ -28,7 +28,7 @@ pub fn of_samples<'a>(name: &str, matrix: &'a PyReadonlyArray2<'_, f64>, samples
     }
 }
 
-/// The numbers of a stack of matrices of this shape, row by row.
+/// The numbers of a row-major stack of matrices of this shape.
 pub fn stack<'a>(matrices: &'a PyReadonlyArray3<'_, f64>, shape: [usize; 3]) -> PyResult<&'a [f64]> {
     if matrices.shape() != shape || !matrices.is_c_contiguous() {
         let got = matrices.shape();
@@ -47,7 +47,7 @@ pub fn sets<'a>(chi: &'a PyReadonlyArrayDyn<'_, f64>, columns: usize) -> PyResul
     }
 }
 
-/// Room for so many numbers, all zero; a MemoryError where there is none.
+/// A vector of zeros; MemoryError where it does not fit into memory.
 pub fn room(numbers: usize) -> PyResult<Vec<f64>> {
     let mut room = reserved(numbers)?;
     room.resize(numbers, 0.0);
@@ -61,11 +61,11 @@ fn reserved(numbers: usize) -> PyResult<Vec<f64>> {
     Ok(room)
 }
 
-/// Numbers in a line of the caches.
+/// Numbers in a cache line.
 const LINE: usize = 8;
 
-/// The caller's array to write to, if it has the shape and is row-major; else, if there is none, a new one, whose
-/// numbers begin with a line of the caches and are anything: all are to be written.
+/// The caller's output array, if it has the shape and is row-major; a new one if there is none. A new array begins at a
+/// cache line and is not initialised: the caller writes every number.
 pub fn output<'py>(
     py: Python<'py>,
     given: Option<Bound<'py, PyArray3<f64>>>,
@@ -75,7 +75,8 @@ pub fn output<'py>(
         None => {
             let numbers: usize = shape.iter().product();
             let mut room = reserved(numbers + LINE - 1)?;
-            // SAFETY: there is room, numbers are plain, and the caller writes them before anybody reads them.
+            // SAFETY: the capacity has been reserved, any bit pattern is an f64, and the caller of `output` writes every
+            // number before it is read.
             unsafe { room.set_len(numbers + LINE - 1) };
             let first = room.as_ptr().align_offset(LINE * size_of::<f64>());
             let part = PySlice::new(py, first as isize, (first + numbers) as isize, 1);
@@ -88,7 +89,7 @@ pub fn output<'py>(
     }
 }
 
-/// Numbers of columns: an array of NumPy's own integers is read at once, any other sequence number by number.
+/// Indices of columns: an array of 64-bit integers is read directly, any other sequence item by item.
 pub struct Columns(Vec<usize>);
 
 impl<'py> FromPyObject<'_, 'py> for Columns {
@@ -110,8 +111,8 @@ impl Deref for Columns {
     }
 }
 
-/// A motor's columns, and its triangles as one array (blocks, columns + 1, columns + 1).
-pub fn square_stack(py: Python<'_>, motor: Triangles) -> PyResult<(Vec<usize>, Bound<'_, PyArray3<f64>>)> {
+/// A motor's columns, and its R factors as one array (blocks, columns + 1, columns + 1).
+pub fn square_stack(py: Python<'_>, motor: RFactors) -> PyResult<(Vec<usize>, Bound<'_, PyArray3<f64>>)> {
     let (blocks, size) = (motor.blocks.len(), motor.columns.len() + 1);
     let stack = motor.blocks.concat().into_pyarray(py).reshape([blocks, size, size])?;
     Ok((motor.columns, stack))

@@ -1,9 +1,12 @@
-//! Joints cut out of loops. See `_core.pyi`.
+//! The classes `Loops` and `Branch`: see `_core.pyi`.
 
 use crate::arrays::row_major;
 use crate::threads::detached;
 use crate::to_python;
-use haptid_core::{Branch, Cut, Followed, Frame, Joint, Limits, Linear, Loops, Path};
+use haptid_core::{
+    ActiveTrajectory, AssemblyMode, ClosureTolerances, CutJoint, Frame, Joint, JointTrajectory, LinearClosure,
+    LoopClosure,
+};
 use numpy::{
     IntoPyArray, PyArray1, PyArray2, PyArray3, PyArrayMethods, PyReadonlyArray1, PyReadonlyArray2, PyReadonlyArray3,
     PyUntypedArrayMethods,
@@ -11,18 +14,18 @@ use numpy::{
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 
-/// A tree and the joints cut out of its loops.
+/// A tree with cut joints.
 #[pyclass(name = "Loops", frozen, module = "haptid._core")]
-pub struct PyLoops(Loops);
+pub struct PyLoops(LoopClosure);
 
-/// A frame as Python gives it: link (-1 for the base), rotation row by row, translation.
+/// A frame as passed from Python: link (-1 for the base), rotation row by row, translation.
 type FrameArguments = (isize, [f64; 9], [f64; 3]);
 
 fn frame((link, rotation, translation): FrameArguments) -> Frame {
     Frame { link: usize::try_from(link).ok(), rotation, translation }
 }
 
-/// The joints of a tree; parents that are no link are the base.
+/// The joints of a tree; parent -1 is the base.
 pub fn joints(
     parent: &[isize],
     rotation: &PyReadonlyArray3<'_, f64>,
@@ -60,9 +63,9 @@ impl PyLoops {
         size: f64,
     ) -> PyResult<Self> {
         let joints = joints(&parent, &rotation, &translation, &prismatic)?;
-        let cut = |(prismatic, one, other)| Cut { prismatic, frame: frame(one), twin: frame(other) };
-        let cuts: Vec<Cut> = cuts.into_iter().map(cut).collect();
-        Loops::new(&joints, &cuts, size).map(PyLoops).map_err(to_python)
+        let cut = |(prismatic, one, other)| CutJoint { prismatic, frame_a: frame(one), frame_b: frame(other) };
+        let cuts: Vec<CutJoint> = cuts.into_iter().map(cut).collect();
+        LoopClosure::new(&joints, &cuts, size).map(PyLoops).map_err(to_python)
     }
 
     #[allow(clippy::type_complexity)]
@@ -74,7 +77,7 @@ impl PyLoops {
         let (samples, m, n) = (q.shape()[0], self.0.gaps(), self.0.joints());
         let (mut gaps, mut jacobian) = (vec![0.0; samples * m], vec![0.0; samples * m * n]);
         let q = row_major(&q)?;
-        detached(py, || self.0.gaps_into(q, &mut gaps, &mut jacobian)).map_err(to_python)?;
+        detached(py, || self.0.evaluate_gaps(q, &mut gaps, &mut jacobian)).map_err(to_python)?;
         Ok((gaps.into_pyarray(py).reshape([samples, m])?, jacobian.into_pyarray(py).reshape([samples, m, n])?))
     }
 
@@ -93,11 +96,11 @@ impl PyLoops {
     }
 }
 
-/// One of the ways in which loops close.
+/// A loop closure in one of its assembly modes.
 #[pyclass(name = "Branch", frozen, module = "haptid._core")]
-pub struct PyBranch(Branch);
+pub struct PyBranch(AssemblyMode);
 
-/// The first sample not reached, and the last closed pose on the way there; nothing where all are reached.
+/// The first sample that is not reached, and the last closed pose on the way to it; None where all are reached.
 type Stopped<'py> = Option<(usize, Bound<'py, PyArray1<f64>>)>;
 
 #[pymethods]
@@ -115,10 +118,10 @@ impl PyBranch {
         closed: f64,
         singular: f64,
     ) -> PyResult<Self> {
-        let linear = Linear { constant: row_major(&constant)?, offset: offset.as_slice()? };
+        let linear = LinearClosure { rates: row_major(&constant)?, offset: offset.as_slice()? };
         let varying: Vec<bool> = varying.as_array().iter().copied().collect();
-        let limits = Limits { closed, singular };
-        let made = Branch::new(&loops.0, &active, &unknown, &linear, start.as_slice()?, &varying, limits);
+        let tolerances = ClosureTolerances { gap: closed, singular_value: singular };
+        let made = AssemblyMode::new(&loops.0, &active, &unknown, &linear, start.as_slice()?, &varying, tolerances);
         made.map(PyBranch).map_err(to_python)
     }
 
@@ -130,10 +133,10 @@ impl PyBranch {
     ) -> PyResult<(Bound<'py, PyArray2<f64>>, Stopped<'py>)> {
         let shape = [qa.shape()[0], self.0.joints()];
         let mut q = vec![0.0; shape[0] * shape[1]];
-        let path = Path { position: row_major(&qa)?, velocity: &[] };
-        let out = Followed { position: &mut q, rates: &mut [], change: &mut [] };
+        let path = ActiveTrajectory { position: row_major(&qa)?, velocity: &[] };
+        let out = JointTrajectory { position: &mut q, rates: &mut [], rate_derivatives: &mut [] };
         let stop = detached(py, || self.0.follow(&path, out)).map_err(to_python)?;
-        let stop = stop.map(|stop| (stop.sample, stop.pose.into_pyarray(py)));
+        let stop = stop.map(|stop| (stop.sample, stop.last_pose.into_pyarray(py)));
         Ok((q.into_pyarray(py).reshape(shape)?, stop))
     }
 
@@ -148,10 +151,10 @@ impl PyBranch {
         let shape = [samples, n, self.0.active()];
         let entries = shape.iter().product();
         let (mut q, mut rates, mut change) = (vec![0.0; samples * n], vec![0.0; entries], vec![0.0; entries]);
-        let path = Path { position: row_major(&qa)?, velocity: row_major(&qda)? };
-        let out = Followed { position: &mut q, rates: &mut rates, change: &mut change };
+        let path = ActiveTrajectory { position: row_major(&qa)?, velocity: row_major(&qda)? };
+        let out = JointTrajectory { position: &mut q, rates: &mut rates, rate_derivatives: &mut change };
         let stop = detached(py, || self.0.follow(&path, out)).map_err(to_python)?;
-        let stop = stop.map(|stop| (stop.sample, stop.pose.into_pyarray(py)));
+        let stop = stop.map(|stop| (stop.sample, stop.last_pose.into_pyarray(py)));
         let (rates, change) = (rates.into_pyarray(py).reshape(shape)?, change.into_pyarray(py).reshape(shape)?);
         Ok((q.into_pyarray(py).reshape([samples, n])?, rates, change, stop))
     }
@@ -165,7 +168,7 @@ impl PyBranch {
         let shape = [qa.shape()[0], self.0.joints()];
         let (mut q, mut reached) = (vec![0.0; shape[0] * shape[1]], vec![false; shape[0]]);
         let targets = row_major(&qa)?;
-        detached(py, || self.0.reach(targets, &mut q, &mut reached)).map_err(to_python)?;
+        detached(py, || self.0.reach_from_start(targets, &mut q, &mut reached)).map_err(to_python)?;
         Ok((q.into_pyarray(py).reshape(shape)?, reached.into_pyarray(py)))
     }
 }

@@ -1,4 +1,4 @@
-//! Threads for the core's work, in a process that was forked too.
+//! Threads for the core's work, also in forked processes.
 
 use pyo3::marker::Ungil;
 use pyo3::prelude::*;
@@ -9,16 +9,16 @@ use std::sync::{Arc, Mutex, OnceLock, PoisonError};
 /// The process that loaded this module.
 static HOME: OnceLock<u32> = OnceLock::new();
 
-/// Threads of a process that was forked from it, and that process. A fork has none of its parent's threads: work that is
-/// given to them would wait for ever.
+/// Thread pool of a forked process, and that process. A fork has none of its parent's threads: work passed to its
+/// parent's pool would wait for ever.
 static FORKED: Mutex<Option<(u32, Arc<ThreadPool>)>> = Mutex::new(None);
 
-/// Remember the process.
-pub fn settle() {
+/// Record the process that loads this module.
+pub fn remember_process() {
     HOME.get_or_init(process::id);
 }
 
-/// Work with the interpreter's lock released.
+/// Run `work` with the interpreter's lock released.
 pub fn detached<R: Ungil + Send>(py: Python<'_>, work: impl FnOnce() -> R + Ungil + Send) -> R {
     match forked() {
         None => py.detach(work),
@@ -26,7 +26,8 @@ pub fn detached<R: Ungil + Send>(py: Python<'_>, work: impl FnOnce() -> R + Ungi
     }
 }
 
-/// This process's own threads, if it was forked; none where they cannot be had, and for the first process.
+/// The pool of this process, if it was forked; `None` for the process that loaded the module, and where no pool can be
+/// made.
 fn forked() -> Option<Arc<ThreadPool>> {
     let own = process::id();
     if HOME.get() == Some(&own) {

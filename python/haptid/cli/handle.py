@@ -108,7 +108,7 @@ def _draw_map(where: Workspace, found: Characterisation, path: Path) -> None:
     qa[-2:] = across.ravel(), up.ravel()
     mass = np.full(SIDE * SIDE, np.nan)
     inside = where.holds(qa)
-    mass[inside] = apparent_mass(found.identified, qa[:, inside], worst_condition=found.grasp.worst).mass.value[:, 0]
+    mass[inside] = apparent_mass(found.identified, qa[:, inside], worst_condition=found.grasp.worst).mass.values[:, 0]
     joints = [found.model.device.joints[j] for j in found.model.device.active[-2:]]
     across_label, up_label = (f"{joint.name}, {'m' if joint.prismatic else 'rad'}" for joint in joints)
     labels = (across_label, up_label, "largest apparent mass, kg")
@@ -133,14 +133,14 @@ def show(console: Console, found: Characterisation, made: Sequence[Column]) -> N
 
 
 def _single(column: Column) -> list[str]:
-    value, interval = float(column.figure.value[0]), column.figure.interval95
+    value, interval = float(column.figure.values[0]), column.figure.conf_int()
     if not np.isfinite(value):
         return ["unknown", ""]
     return [f"{value:.4g}", "" if interval is None else f"{interval[0, 0]:.4g} .. {interval[0, 1]:.4g}"]
 
 
 def _several(column: Column) -> list[str]:
-    value, interval = column.figure.value, column.figure.interval95
+    value, interval = column.figure.values, column.figure.conf_int()
     known = np.isfinite(value)
     if not known.any():
         return ["unknown", "", "", ""]

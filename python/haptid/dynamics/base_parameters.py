@@ -1,7 +1,7 @@
-"""Base parameters, numerically: the smallest set that determines the torque, and how the others regroup into it.
+"""Base parameters, numerically: the smallest parameter set that determines the torque, and the regrouping into it.
 
 Source: Gautier (1991), J. Robotic Systems 8(4), with an ordered elimination in place of the pivoted QR, so that the
-set kept is the one the books keep.
+parameters kept are those of the textbooks.
 """
 
 from __future__ import annotations
@@ -16,23 +16,23 @@ from scipy import linalg
 
 from haptid._internal.arrays import Array, freeze, read_only
 from haptid.dynamics.regressor import rows
-from haptid.errors import UnidentifiableTargetError
+from haptid.errors import IdentifiabilityError
 
 if TYPE_CHECKING:
     from haptid.dynamics.model import DynamicModel
 
-# A column this small beside the largest has no effect. Tested before columns are scaled to unit length: scaled
+# A column this small relative to the largest has no effect. Tested before columns are scaled to unit length: scaled
 # rounding noise would otherwise count as rank.
 NO_EFFECT = 1e-12
-# A regrouping coefficient this small beside its unit (length of the mechanism to the right power) is rounding.
+# A regrouping coefficient this small relative to the ratio of its columns' lengths is rounding.
 ROUNDING = 1e-9
-# Between the least independent column kept and the most independent one dropped there should be such a gulf.
+# Least ratio between the least independent column kept and the most independent one dropped.
 CLEAR_GAP = 1e3
-# What is left of a combination beyond base parameters, as a share of what cancelled: below this it is rounding.
+# Rest of a combination outside the base parameters, as a share of what cancelled: below this it is rounding.
 CANCELLED = 1e-7
-# Groupings that an error names, within which a combination appears.
+# Most groupings that an error lists.
 MOST_GROUPS = 3
-# Within a link, the parameters that the books keep come first.
+# Within a link, the parameters that textbooks keep come first.
 PREFERENCE = ("ZZ", "XX", "XY", "XZ", "YZ", "MX", "MY", "IA", "YY", "MZ", "M")
 
 
@@ -46,7 +46,7 @@ class BaseParameters:
         independent_columns: index in the device's standard parameters of the one each is named after, (p,).
         regrouping: (p, standard parameters), the identity on `independent_columns`.
         standard: names of the standard parameters.
-        no_effect: names of the standard parameters that no motion can show.
+        no_effect: names of the standard parameters without effect on any torque.
         tolerance: relative length below which a column counts as a combination of those before it.
         gap: least relative length kept, and greatest dropped (0 where nothing was).
     """
@@ -76,7 +76,7 @@ class BaseParameters:
 
     @property
     def is_clear(self) -> bool:
-        """Whether the rank is beyond doubt: a gulf between what was kept and what was dropped."""
+        """Whether the numerical rank is unambiguous: a wide gap between columns kept and columns dropped."""
         return self.gap[0] > CLEAR_GAP * max(self.gap[1], np.finfo(float).eps)
 
     def of(self, chi: Array) -> Array:
@@ -99,8 +99,8 @@ def formula(coefficients: Array, names: tuple[str, ...], first: int) -> str:
 def base_parameters(model: DynamicModel, seed: int = 0) -> BaseParameters:
     """Base parameters of a device, from the regressor at random states.
 
-    Columns are taken in order of preference and kept when they are independent of those kept before: the user's own
-    first choices, then link by link ZZ XX XY XZ YZ MX MY IA YY MZ M, then the other terms, those of motors and
+    Columns are taken in order of preference and kept when they are independent of those kept before: the device
+    file's own choices, then link by link ZZ XX XY XZ YZ MX MY IA YY MZ M, then the other terms, those of motors and
     active joints before those of passive joints.
 
     Args:
@@ -134,9 +134,9 @@ def base_parameters(model: DynamicModel, seed: int = 0) -> BaseParameters:
 def random_regressor(model: DynamicModel, seed: int) -> Array:
     """The regressor of the standard parameters at random states, (rows, standard parameters).
 
-    Only torques that are measured have rows: what acts on an axis without motor alone cannot be known. Positions
-    cover the whole circle, whatever the joint limits: identifiability is a property of the structure. Where loops that
-    are not linear close at some poses only, positions are of these, inside the limits.
+    Only measured torques have rows: what acts on an unmotorised axis alone is not identifiable. Positions cover the
+    whole circle, whatever the joint limits: identifiability is a property of the structure. Positions of loops that
+    close at some poses only are drawn from these, inside the limits.
     """
     rng = np.random.default_rng(seed)
     S = model.device.parameters.S
@@ -148,7 +148,7 @@ def random_regressor(model: DynamicModel, seed: int) -> Array:
 
 
 def preference(model: DynamicModel) -> list[int]:
-    """Indices of the standard parameters, in the order in which they would rather be kept."""
+    """Indices of the standard parameters, in the order in which they are preferred as base parameters."""
     parameters = model.device.parameters
     first = {name: k for k, name in enumerate(model.device.keep)}
     rank = {kind: k for k, kind in enumerate(PREFERENCE)}
@@ -165,7 +165,7 @@ def preference(model: DynamicModel) -> list[int]:
 
 
 def eliminate(W: Array, order: list[int], tolerance: float) -> tuple[list[int], Array, tuple[float, float]]:
-    """Columns of unit length, taken in order and kept when independent of those kept before.
+    """Ordered elimination: columns of unit length are kept when independent of those kept before.
 
     Returns:
         the columns kept, an orthonormal basis of them, and the least length kept and greatest dropped.
@@ -192,7 +192,7 @@ def regroup(W: Array, Q: Array, kept: list[int], effective: np.ndarray) -> Array
     R = Q.T @ W[:, kept]
     coefficients = np.asarray(linalg.solve(R, Q.T @ W)) if kept else np.zeros((0, W.shape[1]))
     lengths = np.linalg.norm(W, axis=0)
-    # What a coefficient can change in a column, beside that column: below ROUNDING it is noise.
+    # What a coefficient changes in a column, relative to that column: below ROUNDING it is noise.
     share = np.abs(coefficients) * lengths[kept][:, None] / np.where(effective, lengths, np.inf)
     coefficients[share < ROUNDING] = 0.0
     coefficients[:, kept] = np.eye(len(kept))
@@ -202,10 +202,10 @@ def regroup(W: Array, Q: Array, kept: list[int], effective: np.ndarray) -> Array
 def base_combinations(model: DynamicModel, names: Sequence[str], rows: Array) -> Array:
     """Combinations of standard parameters, (k, n), as combinations of base parameters, (k, p).
 
-    They are where their factors of those that base parameters are named after give back all their other factors.
+    A combination is identifiable iff C_kept @ regrouping reproduces its other coefficients.
 
     Raises:
-        UnidentifiableTargetError: one is not, given by its name.
+        IdentifiabilityError: a combination is not identifiable, given by its name.
     """
     base = model.base
     C = rows[:, list(base.independent_columns)]
@@ -217,9 +217,16 @@ def base_combinations(model: DynamicModel, names: Sequence[str], rows: Array) ->
     return freeze(np.ascontiguousarray(C))
 
 
-def _unidentifiable(model: DynamicModel, target: str, hidden: Array, shown: Array) -> UnidentifiableTargetError:
+def _unidentifiable(model: DynamicModel, target: str, hidden: Array, shown: Array) -> IdentifiabilityError:
     base = model.base
     holding = np.flatnonzero((base.regrouping[:, hidden != 0] != 0).any(axis=1) & (not shown.any()))
     groups = [f"{base.names[k]} = {base.groupings[k]}" for k in holding[:MOST_GROUPS]]
     texts = [formula(row, base.standard, int(np.argmax(row != 0))) if row.any() else "" for row in (hidden, shown)]
-    return UnidentifiableTargetError(target, texts[0], texts[1], groups)
+    seen = f" What it shows is {texts[1]}." if texts[1] else ""
+    within = f" It is identifiable only within {'; '.join(groups)}." if groups else ""
+    return IdentifiabilityError(
+        f"target {target} is not identifiable: no torque of this device depends on {texts[0]} by itself.{seen}{within}",
+        where=target,
+        found=texts[0],
+        advice="Write the target as a sum of base parameters; `haptid model` prints them with their regrouping.",
+    )

@@ -1,4 +1,4 @@
-"""Where the links and the handle are, and how the handle moves with the active joints."""
+"""Kinematics: poses of links and handle, and the handle's Jacobian with respect to the active joints."""
 
 from __future__ import annotations
 
@@ -11,15 +11,15 @@ from numpy.typing import ArrayLike
 from haptid._internal.arrays import Array, expect, freeze, read_only
 from haptid.device import Handle, poses
 from haptid.dynamics.model import DynamicModel
-from haptid.errors import HandleMissingError
+from haptid.errors import IncompleteDeviceError
 
 
 @dataclass(frozen=True, eq=False)
 class HandleMotion:
-    """The handle at some positions, and its Jacobian; linear rows first, angular rows after.
+    """Pose and Jacobian of the handle at some positions; linear rows first, angular rows after.
 
-    The Jacobian takes rates of the active joints to the velocity of the handle's origin and the angular velocity of
-    its frame. Its transpose takes a wrench at the handle's origin to torques of the active joints.
+    The Jacobian maps rates of the active joints to the velocity of the handle's origin and the angular velocity of
+    its frame. Its transpose maps a wrench at the handle's origin to torques of the active joints.
 
     Attributes:
         model: the dynamic model.
@@ -45,14 +45,14 @@ class HandleMotion:
 
     @cached_property
     def jacobian_in_handle(self) -> Array:
-        """The same velocities with components along the handle's own axes, (samples, 6, active)."""
+        """The Jacobian with components along the handle's own axes, (samples, 6, active)."""
         return freeze(np.concatenate([self.rotation.mT @ half for half in np.split(self.jacobian, 2, axis=1)], axis=1))
 
     @cached_property
     def row_jacobian(self) -> Array:
-        """By rates of the coordinates that torque rows belong to, in the base frame, (samples, 6, active).
+        """The Jacobian with respect to the torque rows' coordinates, in the base frame, (samples, 6, active).
 
-        Its transpose takes a wrench to the torque rows; the same as `jacobian` where rows are the active joints'.
+        Its transpose maps a wrench to the torque rows; equal to `jacobian` where rows are the active joints'.
         """
         return freeze(self.jacobian @ np.linalg.inv(self.model.device.row_map))
 
@@ -74,22 +74,22 @@ def handle_motion(model: DynamicModel, qa: ArrayLike) -> HandleMotion:
     """Pose and Jacobian of the handle.
 
     Column j of a tree's Jacobian is z x (p - o), z for a turning joint and z, 0 for a sliding one (Siciliano et al.
-    2009, eq. 3.30), where joint j carries the handle; loops then project it: J = J_tree G.
+    2009, eq. 3.30), where joint j carries the handle; the loop constraints then project it: J = J_tree G.
 
     Args:
         model: the dynamic model.
         qa: positions of the active joints, (active, samples), rad or m.
 
     Raises:
-        HandleMissingError: the device has no handle.
+        IncompleteDeviceError: the device has no handle.
         ShapeError: the array does not fit the device.
     """
     qa, handle = np.asarray(qa, dtype=float), handle_of(model)
     expect("qa", qa.shape, (len(model.device.active), None))
     followed = model.device.closure.follow(qa)
     at = poses(model.device, followed.q.T)
-    held = np.broadcast_to(np.eye(4), (qa.shape[1], 4, 4)) if handle.link < 0 else at[:, handle.link]
-    position = held[:, :3, :3] @ handle.translation + held[:, :3, 3]
+    link_pose = np.broadcast_to(np.eye(4), (qa.shape[1], 4, 4)) if handle.link < 0 else at[:, handle.link]
+    position = link_pose[:, :3, :3] @ handle.translation + link_pose[:, :3, 3]
     tree = np.zeros((qa.shape[1], 6, len(model.device.joints)))
     link = handle.link
     while link >= 0:
@@ -100,17 +100,21 @@ def handle_motion(model: DynamicModel, qa: ArrayLike) -> HandleMotion:
             tree[:, :3, link] = np.cross(axis, position - at[:, link, :3, 3])
             tree[:, 3:, link] = axis
         link = joint.parent
-    return HandleMotion(model, qa, position, held[:, :3, :3] @ handle.rotation, tree @ followed.G)
+    return HandleMotion(model, qa, position, link_pose[:, :3, :3] @ handle.rotation, tree @ followed.G)
 
 
 def handle_of(model: DynamicModel) -> Handle:
     """The device's handle.
 
     Raises:
-        HandleMissingError: it has none.
+        IncompleteDeviceError: it has none.
     """
     if model.device.handle is None:
-        raise HandleMissingError(model.device.name)
+        raise IncompleteDeviceError(
+            f"{model.device.name} has no handle.",
+            where=model.device.name,
+            advice="Add [handle] with its link and xyz to the device file.",
+        )
     return model.device.handle
 
 

@@ -6,7 +6,7 @@ import importlib
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -16,11 +16,13 @@ from haptid.device import Device, Followed
 from haptid.device.priors import combined_prior
 from haptid.device.terms.term import DRY, LoadDependentFriction, TermColumn, external_columns
 from haptid.dynamics.base_parameters import BaseParameters, base_parameters
+from haptid.errors import ModelMismatchError
 
 if TYPE_CHECKING:
     from haptid.dynamics.symbolic import Regroupings
 
-# Ten parameters of a link before any estimate: the bodies whose torque scales load-dependent friction until then.
+
+# Nominal inertial parameters of a link: load-dependent friction is scaled by their torque before the first estimate.
 NOMINAL_LINK = [0.3, 0.0, 0.0, 0.3, 0.0, 0.3, 0.3, 0.2, 0.1, 1.0]
 
 
@@ -34,8 +36,7 @@ class DynamicModel:
 
     Attributes:
         device: the mechanism as its file describes it.
-        terms: columns in addition to link inertia, in the core's order, at the constants used; the device's own where
-            left out.
+        terms: columns in addition to link inertia, in the core's order; the device's own by default.
     """
 
     device: Device
@@ -46,13 +47,22 @@ class DynamicModel:
         object.__setattr__(self, "terms", device.terms if terms is None else terms)
 
     def __getstate__(self) -> dict[str, Any]:
-        """State for another process: all but the compiled mechanism, which is compiled again there."""
+        """State for another process, without the compiled mechanism, which is compiled again there."""
         return {name: value for name, value in self.__dict__.items() if name != "mechanism"}
 
     def is_same_as(self, other: DynamicModel) -> bool:
-        """Whether both have the same device, at the same constants."""
-        same_terms = len(self.terms) == len(other.terms) and all(map(_identical, self.terms, other.terms))
+        """Whether both have the same device and the same constants."""
+        same_terms = list(map(id, self.terms)) == list(map(id, other.terms))
         return self is other or (self.device is other.device and same_terms)
+
+    def require_same(self, other: DynamicModel) -> None:
+        """Raise ModelMismatchError unless both have the same device and the same constants."""
+        if not self.is_same_as(other):
+            raise ModelMismatchError(
+                f"these are of two models, of devices {other.device.name!r} and {self.device.name!r}.",
+                where=(other.device.name, self.device.name),
+                advice="Read the device once, and make every observation with it.",
+            )
 
     def at_constants(self, values: Sequence[float]) -> DynamicModel:
         """The model at other values of the constants that the device file leaves open, in their order, SI."""
@@ -62,15 +72,25 @@ class DynamicModel:
         return replace(self, terms=tuple(terms))
 
     def with_gravity(self, gravity: ArrayLike) -> DynamicModel:
-        """The model of the device mounted so that gravity is another vector in its base frame, (3,), m/s^2."""
+        """The model of the device mounted with another gravity vector in its base frame, (3,), m/s^2."""
         return replace(self, device=self.device.with_gravity(gravity))
 
     @cached_property
     def mechanism(self) -> Any:
         """The compiled mechanism, `haptid._core.Mechanism`."""
-        from haptid.dynamics.mechanism import mechanism_arguments
+        from haptid.dynamics.model import mechanism_arguments
 
         return importlib.import_module("haptid._core").Mechanism(*mechanism_arguments(self))
+
+    @cached_property
+    def measured_rows(self) -> tuple[int, ...]:
+        """Indices of the torque rows whose torque is measured."""
+        return tuple(k for k, measured in enumerate(self.device.measured) if measured)
+
+    @cached_property
+    def unmeasured_labels(self) -> tuple[str, ...]:
+        """Labels of the torque rows whose torque is not measured."""
+        return tuple(x for k, x in enumerate(self.device.row_labels) if k not in self.measured_rows)
 
     @cached_property
     def base(self) -> BaseParameters:
@@ -79,18 +99,18 @@ class DynamicModel:
 
     @cached_property
     def needed(self) -> tuple[tuple[int, ...], Array]:
-        """The core's columns that base parameters need, and the combinations (columns, p) that make them of these.
+        """The core's columns that base parameters depend on, and the map (columns, p) from them to base columns.
 
-        In the parameters' order: where each is one column, the combinations are the identity.
+        In the parameters' order; the identity where each parameter is one column.
         """
-        made = self.device.parameters.S[:, list(self.base.independent_columns)]
-        columns = np.flatnonzero(made.any(axis=1))
-        columns = columns[np.argsort(made[columns].argmax(axis=1), kind="stable")]
-        return tuple(columns.tolist()), freeze(made[columns])
+        S = self.device.parameters.S[:, list(self.base.independent_columns)]
+        columns = np.flatnonzero(S.any(axis=1))
+        columns = columns[np.argsort(S[columns].argmax(axis=1), kind="stable")]
+        return tuple(columns.tolist()), freeze(S[columns])
 
     @cached_property
     def regroupings(self) -> Regroupings:
-        """Base parameters with the lengths as symbols; see `haptid.regroupings` for the errors raised."""
+        """Base parameters with symbolic lengths; see `haptid.regroupings` for the errors raised."""
         from haptid.dynamics.symbolic import regroupings
 
         return regroupings(self)
@@ -111,7 +131,7 @@ class DynamicModel:
             qdda: their accelerations.
 
         Raises:
-            LoopUnreachableError, SingularLoopError: loops that are not linear do not close at a pose, or not clearly.
+            LoopClosureError, SingularityError: a loop does not close at a pose, or is singular there.
         """
         for name, array in (("qa", qa), ("qda", qda), ("qdda", qdda)):
             expect(name, array.shape, (len(self.device.active), qa.shape[1]))
@@ -119,34 +139,34 @@ class DynamicModel:
         return followed.q, followed.velocity(qda), followed.acceleration(qda, qdda)
 
     def follow(self, c: Array, cd: Array) -> Followed:
-        """Positions of all joints and their rates by the coordinates that torque rows belong to.
+        """Positions of all joints and their rates with respect to the torque rows' coordinates.
 
         Args:
             c: positions of these coordinates, (active, samples), rad or m.
             cd: their velocities.
 
         Raises:
-            LoopUnreachableError, SingularLoopError: as for `tree`.
+            LoopClosureError, SingularityError: as for `tree`.
         """
         to_joints = np.linalg.inv(self.device.row_map)
         return self.device.closure.follow(to_joints @ c, to_joints @ cd).by(self.device.row_map)
 
     def loops(self, c: Array, cd: Array) -> Array | None:
-        """What the core needs with every sample where rates vary, (channels, samples); None where none does.
+        """The core's inputs for joints whose rates vary with the pose, (channels, samples); None where no rate varies.
 
-        For each joint with such rates its position, those rates by the coordinates, and their rates of change.
+        For each such joint its position, its rates with respect to the coordinates, and their time derivatives.
 
         Args:
-            c: positions of the coordinates that torque rows belong to, (active, samples), rad or m.
+            c: positions of the torque rows' coordinates, (active, samples), rad or m.
             cd: their velocities.
 
         Raises:
-            LoopUnreachableError, SingularLoopError: as for `tree`.
+            LoopClosureError, SingularityError: as for `tree`.
         """
         return self.given(self.follow(c, cd)) if self.device.varying.any() else None
 
     def given(self, followed: Followed) -> Array | None:
-        """The same from what is known of all joints, by the coordinates that torque rows belong to."""
+        """The same inputs from known positions and rates of all joints with respect to the torque rows' coordinates."""
         parts = []
         for j in np.flatnonzero(self.device.varying.any(axis=1)):
             rates = (x[:, j, self.device.varying[j]].T for x in (followed.G, followed.Gd))
@@ -161,7 +181,7 @@ class DynamicModel:
         return tuple(term for term in self.terms if term.kind == "external")
 
     def external(self, qa: Array, qda: Array, qdda: Array) -> Array:
-        """Columns that Python computes (counterbalances, a user's own), (externals, samples).
+        """Columns that Python computes: counterbalances, user-defined, load-dependent friction; (externals, samples).
 
         Args:
             qa: positions of the active joints, (active, samples), rad or m.
@@ -172,41 +192,41 @@ class DynamicModel:
         return external_columns(self.externals, self.device.joint_names, self.tree(qa, qda, qdda), loads)
 
     def _loads(self, c: Array, cd: Array, cdd: Array) -> dict[str, Array]:
-        """Columns of friction by load, by name, each (samples,), from the coordinates' motion."""
-        made = {}
+        """Columns of load-dependent friction, by name, each (samples,), from the coordinates' motion."""
+        columns = {}
         for term in self.externals:
             if isinstance(term.shape, LoadDependentFriction):
-                bare, chi = self.bodies
-                own, loops = np.zeros((0, c.shape[1])), bare.loops(c, cd)
-                made[term.name] = term.shape.values(bare.mechanism.torque(c, cd, cdd, own, chi, loops), cd)
-        return made
+                rigid, chi = self.bodies
+                own, loops = np.zeros((0, c.shape[1])), rigid.loops(c, cd)
+                columns[term.name] = term.shape.values(rigid.mechanism.torque(c, cd, cdd, own, chi, loops), cd)
+        return columns
 
     @cached_property
     def bodies(self) -> tuple[DynamicModel, Array]:
-        """Links and rotors alone, and their parameters as friction by load has them, (r,), SI."""
+        """The model with links and rotors only, and their parameters that load-dependent friction uses, (r,), SI."""
         rotors = tuple(term for term in self.terms if term.kind == "rotor")
-        alike = np.array(NOMINAL_LINK * len(self.device.joints) + [0.0] * len(rotors))
-        return replace(self, terms=rotors), freeze(alike) if self.load is None else self.load
+        nominal = np.array(NOMINAL_LINK * len(self.device.joints) + [0.0] * len(rotors))
+        return replace(self, terms=rotors), freeze(nominal) if self.load is None else self.load
 
     @property
     def has_loads(self) -> bool:
-        """Whether it has friction by load, whose columns depend on the bodies' parameters."""
+        """Whether it has load-dependent friction, whose columns depend on the bodies' parameters."""
         return any(isinstance(term.shape, LoadDependentFriction) for term in self.terms)
 
     @property
     def load(self) -> Array | None:
-        """What friction by load is made of: parameters of links, then of rotors, (r,), SI; None where nothing is."""
+        """Parameters of links, then of rotors, that scale load-dependent friction, (r,), SI; None without it."""
         return next((term.shape.bodies for term in self.terms if isinstance(term.shape, LoadDependentFriction)), None)
 
     def loaded(self, beta: Array) -> DynamicModel:
-        """The same device with friction by load as these base parameters' bodies have it, (p,), SI."""
+        """The same device with load-dependent friction scaled by the bodies of these base parameters, (p,), SI."""
         raw = self.device.parameters.S[:, list(self.base.independent_columns)] @ beta
         links = 10 * len(self.device.joints)
         rotors = [links + k for k, term in enumerate(self.terms) if term.kind == "rotor"]
         return self.with_load(np.concatenate([raw[:links], raw[rotors]]))
 
     def with_load(self, bodies: ArrayLike) -> DynamicModel:
-        """The same device with friction by load made of bodies, as `load` has them.
+        """The same device with load-dependent friction scaled by these bodies, (r,), ordered as `load`, SI.
 
         Raises:
             ShapeError: they are not the parameters of its links and rotors.
@@ -225,11 +245,11 @@ class DynamicModel:
         )
 
     def coulomb_terms(self, row: int) -> tuple[TermColumn, ...]:
-        """Terms on whose sign of velocity a torque row depends, one for each velocity."""
+        """Dry-friction terms that act on a torque row, one for each velocity whose sign they depend on."""
         found: list[TermColumn] = []
         for term in self.terms:
-            felt = term.kind in DRY and self.feels(row, term)
-            if felt and not any(term.moves_as(known) for known in found):
+            acts = term.kind in DRY and self.feels(row, term)
+            if acts and not any(term.moves_as(known) for known in found):
                 found.append(term)
         return tuple(found)
 
@@ -238,20 +258,63 @@ class DynamicModel:
         return bool(term.weights[row] != 0 or (term.joint is not None and self.device.varying[term.joint, row]))
 
     def speed(self, term: TermColumn, c: Array, cd: Array) -> Array:
-        """Velocity of what a term acts on, (samples,); arguments as in `shares`."""
+        """Velocity that a term acts on, (samples,); arguments as in `shares`."""
         return np.asarray((self.shares(term, c, cd) * cd).sum(axis=0))
 
     def shares(self, term: TermColumn, c: Array, cd: Array) -> Array:
-        """Rates of what a term acts on by the coordinates, (active, samples), or (active, 1) where they are constant.
+        """Rates of a term's velocity with respect to the coordinates, (active, samples), or (active, 1) where constant.
 
         Args:
             term: one of the device's.
-            c, cd: position and velocity of the coordinates that torque rows belong to, (active, samples).
+            c, cd: position and velocity of the torque rows' coordinates, (active, samples).
         """
         if term.joint is None:
             return np.asarray(term.weights)[:, None]
         return np.asarray(self.follow(c, cd).G[:, term.joint].T)
 
 
-def _identical(one: TermColumn, other: TermColumn) -> bool:
-    return one is other
+class MechanismArguments(NamedTuple):
+    """Arguments of `haptid._core.Mechanism`, in its order.
+
+    Attributes:
+        parent: index of each joint's parent, -1 for the base.
+        rotation, translation: placements, (joints, 3, 3) and (joints, 3), m.
+        prismatic: whether each joint slides.
+        gravity: (3,), m/s^2.
+        rates: all joints' rates with respect to the coordinates, (joints, active).
+        offset: all joints' positions where the device's coordinates are zero, (joints,).
+        terms: (kind, weights, offset, a, b, c) of every column in addition to link inertia.
+        backend: the core's choice.
+        given: which rates vary with the pose and are passed with every sample, (joints, active); None for none.
+        on: for each term the joint with such rates that it acts on, None for others.
+    """
+
+    parent: list[int]
+    rotation: Array
+    translation: Array
+    prismatic: list[bool]
+    gravity: list[float]
+    rates: Array
+    offset: Array
+    terms: list[tuple[str, Array, float, float, float, float]]
+    backend: str | None
+    given: np.ndarray | None
+    on: list[int | None]
+
+
+def mechanism_arguments(model: DynamicModel) -> MechanismArguments:
+    """The arguments that compile a dynamic model in the core."""
+    joints = model.device.joints
+    return MechanismArguments(
+        parent=[joint.parent for joint in joints],
+        rotation=np.array([joint.rotation for joint in joints]),
+        translation=np.array([joint.translation for joint in joints]),
+        prismatic=[joint.prismatic for joint in joints],
+        gravity=[float(g) for g in model.device.gravity],
+        rates=np.ascontiguousarray(model.device.rates),
+        offset=np.ascontiguousarray(model.device.closure.offset),
+        terms=[term.for_core for term in model.terms],
+        backend=None,
+        given=model.device.varying if model.device.varying.any() else None,
+        on=[term.joint for term in model.terms],
+    )

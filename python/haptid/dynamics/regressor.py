@@ -1,4 +1,4 @@
-"""What the core makes rows of, from a motion of the coordinates, and slopes by it as slopes by that motion."""
+"""The regressor from a motion of the coordinates, and derivatives by that motion."""
 
 from __future__ import annotations
 
@@ -10,24 +10,24 @@ import numpy as np
 from haptid._internal.arrays import Array
 from haptid.device.expressions import Column
 from haptid.device.terms.term import LoadDependentFriction
-from haptid.errors import AccelerationColumnError
+from haptid.errors import MissingAccelerationError
 
 if TYPE_CHECKING:
     from haptid.dynamics.model import DynamicModel
 
-# Steps of the differences by position, velocity and acceleration.
+# Step sizes of central differences by position, velocity and acceleration.
 STEPS = (1e-6, 1e-5, 1e-4)
 
 
 @dataclass(frozen=True, eq=False)
 class CoreChannels:
-    """Channels of a motion, (channels, n) each.
+    """The core's input channels for a motion, (channels, n) each.
 
     Attributes:
         model: the dynamic model.
-        motion: positions, velocities and accelerations of the coordinates that torque rows belong to, (3, rows, n).
+        motion: positions, velocities and accelerations of the torque rows' coordinates, (3, rows, n).
         own: the columns that Python computes, (externals, n).
-        loops: of loops whose rates vary; no channels where there are none.
+        loops: inputs for joints whose rates vary; no channels where there are none.
     """
 
     model: DynamicModel
@@ -37,14 +37,14 @@ class CoreChannels:
 
     @staticmethod
     def of(model: DynamicModel, motion: Array) -> CoreChannels:
-        """Of a device in a motion of its coordinates, (3, rows, n)."""
+        """From a motion of the coordinates, (3, rows, n)."""
         c, cd, cdd = motion = np.ascontiguousarray(motion)
         loops = model.loops(c, cd)
         loops = np.zeros((0, motion.shape[2])) if loops is None else loops
         return CoreChannels(model, motion, external(model, c, cd, cdd), loops)
 
     def torque_slopes(self, chi: Array) -> Array:
-        """Slopes of every row's torque by the motion, (rows, 3, rows, n), of parameters of the core's columns, (r,)."""
+        """Derivatives of every row's torque by the motion, (rows, 3, rows, n); `chi` of the core's columns, (r,)."""
         columns = np.flatnonzero(chi)
         made = self.model.mechanism.torque_slopes(
             *self.motion, self.own, columns.tolist(), chi[columns].tolist(), self.loops
@@ -52,58 +52,58 @@ class CoreChannels:
         return self.by_motion(made)
 
     def by_motion(self, by_channel: Array) -> Array:
-        """Slopes by the motion, (..., 3, rows, n), from those by channels, (..., channels, n).
+        """Derivatives by the motion, (..., 3, rows, n), from those by channels, (..., channels, n).
 
-        Exact, but for the channels that Python makes: by central differences of these.
+        Exact, except for the channels that Python computes, which are differentiated by central differences.
         """
-        made, by_made = np.split(by_channel, [self.motion.shape[0] * self.motion.shape[1]], axis=-2)
-        made = made.reshape(*made.shape[:-2], *self.motion.shape).copy()
-        for s, step in enumerate(STEPS if by_made.size else ()):
+        slopes, by_python = np.split(by_channel, [self.motion.shape[0] * self.motion.shape[1]], axis=-2)
+        slopes = slopes.reshape(*slopes.shape[:-2], *self.motion.shape).copy()
+        for s, step in enumerate(STEPS if by_python.size else ()):
             for j in range(self.motion.shape[1]):
-                change = self._python_made(s, j, step) - self._python_made(s, j, -step)
-                made[..., s, j, :] += (by_made * change).sum(axis=-2) / (2 * step)
-        return made
+                change = self._python_channels(s, j, step) - self._python_channels(s, j, -step)
+                slopes[..., s, j, :] += (by_python * change).sum(axis=-2) / (2 * step)
+        return slopes
 
-    def _python_made(self, s: int, j: int, step: float) -> Array:
-        """The channels that Python makes, (own, n), where one position, velocity or acceleration is another."""
+    def _python_channels(self, s: int, j: int, step: float) -> Array:
+        """The channels that Python computes, (own, n), with one position, velocity or acceleration moved by a step."""
         there = CoreChannels.of(self.model, moved(self.motion, s, j, step))
         return np.concatenate([there.own, there.loops])
 
 
 def moved(motion: Array, s: int, j: int, step: float) -> Array:
-    """The motion with one position, velocity or acceleration moved."""
-    made = motion.copy()
-    made[s, j] += step
-    return made
+    """The motion with one position, velocity or acceleration changed by a step."""
+    changed = motion.copy()
+    changed[s, j] += step
+    return changed
 
 
 def external(model: DynamicModel, c: Array, cd: Array, cdd: Array | None) -> Array:
-    """Columns that the device computes itself (counterbalances, a user's own), (columns, samples).
+    """Columns that Python computes: counterbalances, user-defined ones, load-dependent friction, (columns, samples).
 
     Raises:
-        AccelerationColumnError: a column is made of accelerations, and there are none.
+        MissingAccelerationError: a column reads accelerations, and `cdd` is None.
     """
     if not model.externals:
         return np.zeros((0, c.shape[1]))
     if cdd is None:
-        cdd = np.zeros_like(c)  # which no column reads
+        cdd = np.zeros_like(c)  # no column reads it
         check_linear(model)
     to_joints = np.linalg.inv(model.device.row_map)
     return np.ascontiguousarray(model.external(to_joints @ c, to_joints @ cd, to_joints @ cdd))
 
 
 def check_columns(model: DynamicModel) -> None:
-    """Raise AccelerationColumnError if a column that the device file writes out reads accelerations."""
+    """Raise MissingAccelerationError if a user-defined column reads accelerations."""
     for term in model.externals:
         if isinstance(term.shape, Column) and term.shape.reads({f"a_{name}" for name in model.device.joint_names}):
-            raise AccelerationColumnError(term.name)
+            raise _acceleration_column(term.name)
 
 
 def check_linear(model: DynamicModel) -> None:
-    """The same, or if it has friction by load: torque is then not linear in accelerations."""
+    """The same, or if it has load-dependent friction: torque is then not linear in accelerations."""
     for term in model.externals:
         if isinstance(term.shape, LoadDependentFriction):
-            raise AccelerationColumnError(term.name)
+            raise _acceleration_column(term.name)
     check_columns(model)
 
 
@@ -115,9 +115,20 @@ def rows(model: DynamicModel, c: Array, cd: Array, cdd: Array) -> Array:
 
 
 def columns(model: DynamicModel, c: Array, cd: Array, cdd: Array, base: Array) -> Array:
-    """Columns of the inverse model by base parameters, (n, p, samples)."""
+    """Columns of inverse dynamics by base parameters, (n, p, samples)."""
     used = [int(k) for k in np.flatnonzero(base.any(axis=1))]
     c, cd, cdd = (np.ascontiguousarray(x) for x in (c, cd, cdd))
     own, loops = external(model, c, cd, cdd), model.loops(c, cd)
     raw = model.mechanism.regressor(c, cd, cdd, own, used, loops)
     return np.asarray(base[used].T @ raw)
+
+
+def _acceleration_column(column: str) -> MissingAccelerationError:
+    return MissingAccelerationError(
+        f"column {column} reads accelerations, which momentum rows, the momentum observer and Kalman filters lack.",
+        where=column,
+        advice=(
+            "Choose accelerations = 'differences', estimate_force or another method, or write the term as a rotor "
+            "inertia."
+        ),
+    )

@@ -1,4 +1,4 @@
-"""Where a device may go: limits of joints, of their combinations, and of the handle's place."""
+"""Workspace of a device: limits of joints, of their combinations, and of the handle's position."""
 
 from __future__ import annotations
 
@@ -12,10 +12,10 @@ from numpy.typing import ArrayLike
 from haptid._internal.arrays import Array, expect, freeze, read_only
 from haptid.dynamics.kinematics import handle_motion, handle_of, tree_positions
 from haptid.dynamics.model import DynamicModel
-from haptid.errors import EmptyWorkspaceError, UnboundedWorkspaceError, WorkspaceLimitError
+from haptid.errors import IncompleteDeviceError, WorkspaceError
 
 Range = tuple[float, float]
-# Poses of a grid over the joints' limits, those outside other limits counted.
+# Cells of a grid over the joints' limits, including those outside other limits.
 POSES = 120_000
 
 
@@ -33,7 +33,7 @@ class Box:
     def __post_init__(self) -> None:
         for name in ("low", "high"):
             if np.shape(getattr(self, name)) != (3,):
-                raise WorkspaceLimitError(f"box {name}", getattr(self, name), "three numbers: x, y, z in m")
+                raise _workspace_limit(f"box {name}", getattr(self, name), "three numbers: x, y, z in m")
         for axis, low, high in zip("xyz", self.low, self.high, strict=True):
             _ascending(f"box {axis}", (low, high))
 
@@ -70,9 +70,9 @@ class Workspace:
         return tuple(self.model.device.joint_names[j] for j in self.coupled)
 
     def slack(self, qa: ArrayLike) -> Array:
-        """How far every pose is inside each limit, negative outside, (limits, samples), rad or m.
+        """Distance of every pose from each limit, negative outside, (limits, samples), rad or m.
 
-        Where loops do not close no limit is kept: -inf.
+        -inf at poses where loops do not close.
 
         Args:
             qa: positions of the active joints, (active, samples), rad or m.
@@ -80,11 +80,11 @@ class Workspace:
         qa = np.asarray(qa, dtype=float)
         expect("qa", qa.shape, (len(self.model.device.active), None))
         closed = self.model.device.closure.closes(qa)
-        here = qa[:, closed]
-        pairs = [(here, self.limits), (tree_positions(self.model, here)[list(self.coupled)], self.ranges)]
+        q = qa[:, closed]
+        pairs = [(q, self.limits), (tree_positions(self.model, q)[list(self.coupled)], self.ranges)]
         if self.box is not None:
-            at = handle_motion(self.model, here).position.T
-            pairs.append((at, np.column_stack([self.box.low, self.box.high])))
+            position = handle_motion(self.model, q).position.T
+            pairs.append((position, np.column_stack([self.box.low, self.box.high])))
         slack = np.full((2 * sum(len(x) for x, _ in pairs), qa.shape[1]), -np.inf)
         slack[:, closed] = np.concatenate([side for x, r in pairs for side in (x - r[:, :1], r[:, 1:] - x)])
         return slack
@@ -97,10 +97,10 @@ class Workspace:
         """Poses inside all limits, at the centres of equal cells over the joints' limits, (active, samples), rad or m.
 
         Args:
-            poses: cells at most.
+            poses: most cells.
 
         Raises:
-            EmptyWorkspaceError: no cell's centre is inside.
+            WorkspaceError: no cell's centre is inside.
         """
         per_joint = max(1, int(poses ** (1 / len(self.limits)) + 1e-9))
         centres = (np.arange(per_joint) + 0.5) / per_joint
@@ -108,30 +108,38 @@ class Workspace:
         every = np.array([axis.ravel() for axis in np.meshgrid(*axes, indexing="ij")])
         inside = every[:, self.holds(every)]
         if not inside.size:
-            raise EmptyWorkspaceError(every.shape[1])
+            raise WorkspaceError(
+                f"none of {every.shape[1]} grid poses over the joints' limits is inside all limits of the workspace.",
+                found=every.shape[1],
+                advice="Widen the coupling limits or the box of the handle, or check their signs and units (rad, m).",
+            )
         return freeze(np.ascontiguousarray(inside))
 
 
 def workspace(
     model: DynamicModel, limits: Mapping[str, Sequence[float] | None] | None = None, box: Box | None = None
 ) -> Workspace:
-    """The workspace of a device: its file's limits, some of them replaced.
+    """The workspace of a device: the limits of its file, some of them replaced.
 
     Args:
         model: the dynamic model.
-        limits: of joints by name, active or passive, rad or m; instead of the file's, None for no limit. A passive
-            joint's are limits of a combination of active ones, such as a parallelogram's coupling.
+        limits: of joints by name, active or passive, rad or m; None for no limit. Limits of a passive joint are limits
+            of a combination of active ones, such as a parallelogram's coupling.
         box: of the handle's origin, if any.
 
     Raises:
-        WorkspaceLimitError: limits of a joint that is not there, or that do not ascend.
-        UnboundedWorkspaceError: an active joint slides without limits; a turning one has a whole turn.
-        HandleMissingError: a box for a device without handle.
+        WorkspaceError: limits of an unknown joint, or limits that do not ascend.
+        IncompleteDeviceError: a sliding active joint without limits (a turning one has a whole turn), or a box for a
+            device without handle.
     """
     known = _limits(model, limits or {})
     for j in model.device.active:
         if known[model.device.joint_names[j]] is None and model.device.joints[j].prismatic:
-            raise UnboundedWorkspaceError(model.device.joint_names[j])
+            raise IncompleteDeviceError(
+                f"joint {model.device.joint_names[j]} slides and has no limits, so its workspace is unbounded.",
+                where=model.device.joint_names[j],
+                advice="Give it limits in the device file, or to the workspace.",
+            )
     active = [known[model.device.joint_names[j]] or (-np.pi, np.pi) for j in model.device.active]
     passive = [
         j
@@ -148,11 +156,11 @@ def workspace(
 
 
 def _limits(model: DynamicModel, given: Mapping[str, Sequence[float] | None]) -> dict[str, Range | None]:
-    """Of every joint by name: those given, else the file's."""
+    """Limits of every joint by name: those given, else the file's."""
     known = {joint.name: joint.position_limits for joint in model.device.joints}
     for name, pair in given.items():
         if name not in known:
-            raise WorkspaceLimitError(name, pair, f"limits of one of the joints {', '.join(known)}")
+            raise _workspace_limit(name, pair, f"limits of one of the joints {', '.join(known)}")
         known[name] = None if pair is None else _ascending(name, pair)
     return known
 
@@ -161,5 +169,11 @@ def _ascending(name: str, pair: Sequence[float]) -> Range:
     """Two limits, the lower one first."""
     both = tuple(pair) if isinstance(pair, Iterable) else ()
     if len(both) != 2 or not all(isinstance(x, Real) and np.isfinite(x) for x in both) or both[0] >= both[1]:
-        raise WorkspaceLimitError(name, pair, "two finite numbers, the lower one first")
+        raise _workspace_limit(name, pair, "two finite numbers, the lower one first")
     return float(both[0]), float(both[1])
+
+
+def _workspace_limit(name: str, found: object, wanted: str) -> WorkspaceError:
+    return WorkspaceError(
+        f"workspace limit {name} is {found!r}; write {wanted}.", where=name, found=found, limit=wanted
+    )

@@ -1,4 +1,4 @@
-"""What the torque rows tell of a wrench at the handle, pose by pose."""
+"""The wrench at the handle from the torque rows, pose by pose: weighted pseudo-inverse of the transposed Jacobian."""
 
 from __future__ import annotations
 
@@ -9,26 +9,26 @@ import numpy as np
 from haptid._internal.arrays import Array, expect, freeze
 from haptid.dynamics.kinematics import HandleMotion
 
-# A component is determined where what the torques cannot see of it is smaller than this.
-UNSEEN = 1e-6
-# No row counts as quieter than this share of the noisiest one.
-QUIETEST = 1e-6
+# A component is determined where its part in the null space of the torques is smaller than this.
+NULL_SPACE = 1e-6
+# Lower limit of a row's noise, as a share of the noisiest row's.
+LEAST_NOISE = 1e-6
 
 
 @dataclass(frozen=True, eq=False)
 class Lever:
-    """From torques on the measured rows to the wrench at the handle, in the base frame.
+    """Map from measured torque rows to the wrench at the handle, in the base frame.
 
     Attributes:
         handle: its poses.
-        unknown: 3 where the moment is given or taken as zero, 6 where the torques tell the whole wrench.
+        unknown: unknown components: 3 where the moment is given or taken as zero, 6 for the whole wrench.
         inverse: torques to the unknown components, least squares weighted by the rows' noise, (samples, unknown, rows).
         condition: number of the Jacobian's part that is inverted, (samples,).
         usable: whether it is below the limit, (samples,).
-        determined: whether torques alone tell a component, forces first, in the handle's own axes, at every usable
-            pose, (6,).
-        sure: directions of force that are known whatever the moment; 0 where no pose is usable.
-        leak: greatest force that a unit of unknown moment is taken for, N/(N m); NaN where no pose is usable.
+        determined: whether torques alone determine a component, forces first, in the handle's own axes, at every
+            usable pose, (6,).
+        sure: directions of force that are determined whatever the moment; 0 where no pose is usable.
+        leak: largest force error for a unit of unknown moment, N/(N m); NaN where no pose is usable.
     """
 
     handle: HandleMotion
@@ -41,15 +41,15 @@ class Lever:
     leak: float
 
     def wrench(self, torque: Array) -> Array:
-        """The unknown components that make these torques, (unknown, samples), from (rows, samples)."""
+        """The unknown components, (unknown, samples), from torques, (rows, samples)."""
         return np.asarray(np.einsum("num,mn->un", self.inverse, torque))
 
 
 def lever(handle: HandleMotion, rows: list[int], noise: Array, unknown: int, worst: float) -> Lever:
     """Invert the transposed Jacobian at every pose.
 
-    With fewer rows than unknown components the inverse gives the part of the force that the mechanism can feel, along
-    the handle's own motion, and zero for the rest.
+    With fewer rows than unknown components the inverse gives the part of the force along the handle's own motion, and
+    zero for the rest.
 
     Args:
         handle: poses.
@@ -60,7 +60,7 @@ def lever(handle: HandleMotion, rows: list[int], noise: Array, unknown: int, wor
     """
     expect("noise", noise.shape, (len(rows),))
     J = handle.row_jacobian[:, :, rows]
-    # Moments in N m count like the force that makes them at the device's own size.
+    # Moments are scaled by the device's characteristic length, so that condition numbers have one unit.
     linear, angular = (float(np.linalg.norm(half)) for half in np.split(J, 2, axis=1))
     scale = np.repeat([1.0, linear / angular if angular > 1e-12 * linear else 1.0], 3)
     scaled = J * scale[:, None]
@@ -68,7 +68,7 @@ def lever(handle: HandleMotion, rows: list[int], noise: Array, unknown: int, wor
     singular = np.linalg.svd(scaled[:, :unknown], compute_uv=False)[:, :rank]
     condition = singular[:, 0] / np.maximum(singular[:, -1], np.finfo(float).tiny)
     usable = condition <= worst
-    weights = 1 / np.maximum(noise, QUIETEST * noise.max()) if noise.any() else np.ones(len(rows))
+    weights = 1 / np.maximum(noise, LEAST_NOISE * noise.max()) if noise.any() else np.ones(len(rows))
     inverse = _inverse(scaled[:, :unknown].mT * weights[:, None], rank) * weights * scale[:unknown, None]
     leak = np.linalg.norm(inverse[usable, :3] @ J[usable, 3:].mT, axis=(1, 2), ord=2)
     return Lever(
@@ -92,13 +92,13 @@ def _inverse(A: Array, rank: int) -> Array:
 
 
 def _determined(handle: HandleMotion, J: Array, usable: np.ndarray) -> np.ndarray:
-    """Whether each component, in the handle's axes, lies in the range of the Jacobian at every usable pose."""
+    """Whether each component, in the handle's axes, lies in the range of the Jacobian at every usable pose, (6,)."""
     halves = np.split(J[usable], 2, axis=1)
-    own = np.concatenate([handle.rotation[usable].mT @ half for half in halves], axis=1)
-    U, s, _ = np.linalg.svd(own, full_matrices=False)
+    in_handle = np.concatenate([handle.rotation[usable].mT @ half for half in halves], axis=1)
+    U, s, _ = np.linalg.svd(in_handle, full_matrices=False)
     U = U * (s > 1e-9 * np.maximum(s[:, :1], np.finfo(float).tiny))[:, None, :]
-    seen = np.square(U).sum(axis=2)
-    return np.asarray((1 - seen < UNSEEN**2).all(axis=0) & usable.any())
+    in_range = np.square(U).sum(axis=2)
+    return np.asarray((1 - in_range < NULL_SPACE**2).all(axis=0) & usable.any())
 
 
 def _rank(A: Array) -> int:

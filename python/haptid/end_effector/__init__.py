@@ -1,1 +1,4 @@
-"""What the hand feels and does at the end-effector: torque decomposition, force estimation, apparent mass."""
+"""The model at the end-effector: torque decomposition, hand-force estimation, compensation and characterisation.
+
+It uses estimates and treated motions, and knows no study, report or experiment.
+"""

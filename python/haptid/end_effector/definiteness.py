@@ -1,4 +1,4 @@
-"""Whether the mass matrix is positive definite all over a workspace, and where and how it fails."""
+"""Positive definiteness of the mass matrix over a workspace: its smallest eigenvalue, and where and how it fails."""
 
 from __future__ import annotations
 
@@ -11,17 +11,16 @@ from scipy import optimize
 from haptid._internal.arrays import Array, expect, read_only
 from haptid.dynamics.inverse import mass_matrix
 from haptid.dynamics.workspace import Workspace
-from haptid.errors import DifferentModelError
 from haptid.estimation import Estimate
 from haptid.estimation.feasibility.feasible import checked
 
-# The smallest eigenvalue is refined from so many of the grid's lowest poses.
+# Number of the grid's lowest poses from which the smallest eigenvalue is refined.
 STARTS = 20
-# Those poses are this far from each other in some joint, as a share of its range.
+# Least distance between those poses in some joint, as a share of its range.
 APART = 0.2
-# A pose counts as inside where it is out by less than this, rad or m: the optimiser ends on limits.
+# Tolerance on limits, rad or m: the optimiser ends on them.
 AT_LIMIT = 1e-6
-# One coordinate makes up the failing direction alone where its component is at least this.
+# Least component of an eigenvector for which one coordinate is named alone.
 ALONE = 0.99
 
 
@@ -34,10 +33,10 @@ class Definiteness:
     Attributes:
         workspace: the poses.
         smallest: eigenvalue, kg m^2, kg, or in mixed units.
-        se: its deviation from the estimate's covariance; None for parameters without one.
+        se: its standard error from the estimate's covariance; None for parameters without one.
         at: the pose, (active,), rad or m.
-        direction: its eigenvector over the coordinates that torque rows belong to, (active,).
-        share: of the workspace's poses, those at which M is not positive definite, 0 to 1.
+        direction: its eigenvector over the torque rows' coordinates, (active,).
+        share: of the workspace's poses at which M is not positive definite, 0 to 1.
         poses: grid poses inside the workspace.
         unit: of the eigenvalue.
     """
@@ -58,26 +57,26 @@ class Definiteness:
 
     @property
     def positive(self) -> bool:
-        """Whether M is positive definite at every pose that was looked at."""
+        """Whether M is positive definite at every pose evaluated."""
         return self.smallest > 0
 
     def summary(self) -> str:
-        """What was found, in sentences."""
+        """The result in sentences."""
         model = self.workspace.model
         joints = [model.device.joints[j] for j in model.device.active]
         pose = ", ".join(
             f"{joint.name} {x:.4g} m" if joint.prismatic else f"{joint.name} {np.degrees(x):.4g} deg"
             for joint, x in zip(joints, self.at, strict=True)
         )
-        se = "" if self.se is None else f" (standard deviation {self.se:.2g})"
+        se = "" if self.se is None else f" (standard error {self.se:.2g})"
         least = f"smallest eigenvalue {self.smallest:.4g} {self.unit}{se} at {pose}"
         if self.positive:
-            shown = f"{self.poses} poses of the workspace, and descents from the lowest of them, show"
-            text = f"The mass matrix is positive definite as far as {shown}: {least}."
+            searched = f"{self.poses} poses of the workspace and local minima from the lowest of them"
+            text = f"The mass matrix is positive definite at {searched}: {least}."
         else:
             text = (
                 f"The mass matrix is not positive definite in {100 * self.share:.3g} % of the workspace: {least}. "
-                f"The direction that fails is {self._failing()}."
+                f"It fails along {self._failing()}."
             )
         return " ".join([text, *self._caveats()])
 
@@ -90,49 +89,47 @@ class Definiteness:
         return " ".join(f"{x:+.2g} {label}" for x, label in parts if abs(x) > 1 - ALONE)
 
     def _caveats(self) -> list[str]:
-        model, made = self.workspace.model, []
+        model, notes = self.workspace.model, list[str]()
         if len(set(model.device.coordinate_units)) > 1:
-            made.append("Some coordinates turn, others slide: the eigenvalue's sign has a meaning, its size has not.")
-        blind = [
-            label for label, known in zip(model.device.row_labels, model.device.measured, strict=True) if not known
-        ]
-        if blind:
-            made.append(f"Torque is not measured on {', '.join(blind)}: the matrix is of the other coordinates.")
-        return made
+            notes.append("Some coordinates turn, others slide: the eigenvalue's sign is meaningful, its size is not.")
+        if labels := ", ".join(model.unmeasured_labels):
+            notes.append(f"Torque is not measured on {labels}: the matrix is of the other coordinates.")
+        return notes
 
 
 def definiteness(identified: Estimate | ArrayLike, workspace: Workspace) -> Definiteness:
-    """The smallest eigenvalue of M over a workspace: on a grid, then refined from the grid's lowest poses.
+    """The smallest eigenvalue of M over a workspace: on a grid, then by local minimisation from the lowest poses.
 
     Args:
         identified: an estimate, or base parameters in SI of the workspace's device, (p,).
         workspace: the poses.
 
     Raises:
-        DifferentModelError: the estimate is of another device.
-        EmptyWorkspaceError: no pose is inside the workspace.
+        ModelMismatchError: the estimate is of another device.
+        WorkspaceError: no pose is inside the workspace.
         ShapeError: the parameters do not fit the device.
-        ParameterValueError: one of them is not a finite number.
+        SettingError: one of them is not a finite number.
     """
     model = workspace.model
     estimate = identified if isinstance(identified, Estimate) else None
-    if estimate is not None and not estimate.model.is_same_as(model):
-        raise DifferentModelError(estimate.model.device.name, model.device.name)
-    form = _Form(workspace, identified.beta if isinstance(identified, Estimate) else checked(model, identified))
+    if estimate is not None:
+        model.require_same(estimate.model)
+    beta = identified.beta if isinstance(identified, Estimate) else checked(model, identified)
+    mass = _MassEigenvalue(workspace, beta)
     poses = workspace.grid()
-    values, _ = form.lowest(poses)
+    values, _ = mass.lowest(poses)
     starts = poses[:, _lowest_apart(poses, values, workspace.limits)]
-    ends = np.column_stack([starts, *(form.descend(start) for start in starts.T)])
+    ends = np.column_stack([starts, *(mass.descend(start) for start in starts.T)])
     ends = ends[:, (workspace.slack(ends) >= -AT_LIMIT).all(axis=0)]
-    found, vectors = form.lowest(ends)
+    found, vectors = mass.lowest(ends)
     best = int(np.argmin(found))
     at, direction = ends[:, best], np.zeros(len(model.device.active))
-    direction[form.known] = vectors[best]
-    units = {unit for unit, known in zip(model.device.coordinate_units, model.device.measured, strict=True) if known}
+    direction[mass.known] = vectors[best]
+    units = {model.device.coordinate_units[k] for k in mass.known}
     return Definiteness(
         workspace=workspace,
         smallest=float(found[best]),
-        se=None if estimate is None else _deviation(estimate, at, direction),
+        se=None if estimate is None else _standard_error(estimate, at, direction),
         at=at,
         direction=direction,
         share=float(np.mean(values <= 0)),
@@ -142,7 +139,7 @@ def definiteness(identified: Estimate | ArrayLike, workspace: Workspace) -> Defi
 
 
 @dataclass(frozen=True, eq=False)
-class _Form:
+class _MassEigenvalue:
     """The smallest eigenvalue of M as a function of the pose."""
 
     workspace: Workspace
@@ -150,8 +147,8 @@ class _Form:
 
     @property
     def known(self) -> list[int]:
-        """Coordinates whose torque is measured: the others' own entries of M are not identified."""
-        return [k for k, measured in enumerate(self.workspace.model.device.measured) if measured]
+        """Coordinates with measured torque: the others' own entries of M are not identifiable."""
+        return list(self.workspace.model.measured_rows)
 
     def matrices(self, qa: Array) -> Array:
         return mass_matrix(self.workspace.model, self.beta, qa)[:, self.known][:, :, self.known]
@@ -162,7 +159,7 @@ class _Form:
         return values[:, 0], vectors[:, :, 0]
 
     def descend(self, start: Array) -> Array:
-        """The pose of the local minimum, (active,)."""
+        """The pose of the local minimum from a start, (active,)."""
         limits = self.workspace.limits
         width = limits[:, 1] - limits[:, 0]
         scale = float(np.abs(self.lowest(start[:, None])[0][0])) or 1.0
@@ -173,7 +170,7 @@ class _Form:
         step = 1e-6 * np.eye(len(width))
 
         def slope(x: Array) -> Array:
-            """v' dM v: the derivative of a single eigenvalue."""
+            """v' dM v: the derivative of a simple eigenvalue."""
             _, v = self.lowest(pose(x))
             around = np.column_stack([pose(x + side * e) for side in (1, -1) for e in step])
             quadratic = np.einsum("i,sij,j->s", v[0], self.matrices(around), v[0])
@@ -193,7 +190,7 @@ class _Form:
 
 
 def _lowest_apart(poses: Array, values: Array, limits: Array) -> list[int]:
-    """The lowest pose, then the lowest of those far from it, and so on."""
+    """Indices of the lowest poses that are far from each other, the lowest first."""
     place = (poses - limits[:, :1]) / (limits[:, 1:] - limits[:, :1])
     left, chosen = np.arange(len(values)), list[int]()
     while len(left) and len(chosen) < STARTS:
@@ -203,8 +200,8 @@ def _lowest_apart(poses: Array, values: Array, limits: Array) -> list[int]:
     return chosen
 
 
-def _deviation(estimate: Estimate, at: Array, direction: Array) -> float:
-    """Of the eigenvalue: v' M v is linear in the parameters, and the eigenvalue's slope is that of v' M v."""
+def _standard_error(estimate: Estimate, at: Array, direction: Array) -> float:
+    """Of the eigenvalue, to first order: its gradient is that of v' M v, which is linear in the parameters."""
     if estimate.single_block:
         return float("inf")
     model, p = estimate.model, len(estimate.beta)

@@ -1,14 +1,13 @@
-"""The force of the hand on the device, from the motors' torques and the model.
+"""Hand force on the device from the motors' torques and the model.
 
-Source: Tahmasebi et al. (2005), eq. (14), with two slips mended: the Jacobian's angular rows are transposed, and the
-hand's moment is a physical one, which the amplifiers' gain has nothing to do with.
+Source: Tahmasebi et al. (2005), eq. (14), with two slips corrected: the Jacobian's angular rows are transposed, and the
+hand's moment is a physical one, which the amplifiers' gain does not scale.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, fields, replace
-from functools import cached_property
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -18,18 +17,18 @@ from haptid.dynamics.inverse import raw_parameters
 from haptid.dynamics.kinematics import handle_motion, handle_of
 from haptid.dynamics.model import DynamicModel
 from haptid.dynamics.wrench import Lever, lever
-from haptid.errors import ForceSettingError
+from haptid.errors import SettingError
 from haptid.estimation import Estimate
 from haptid.motion.treatment import Motion
 from haptid.observation.reversals import doubt, softened
 from haptid.observation.rows import chunks
+from haptid.uncertainty.quantities import LEVEL, half_width
 from haptid.validation.validation import Validation, direct
 
-# Below this speed the sign of a velocity is smoothed, rad/s or m/s.
+# Speed below which the sign of a velocity is smoothed, rad/s or m/s.
 REVERSAL_SPEED = 0.01
-# A pose is left out where the Jacobian's condition number is above this.
+# Largest condition number of the Jacobian at which a pose is used.
 WORST_CONDITION = 30.0
-NORMAL95 = 1.959963984540054
 COMPONENTS = ("force x", "force y", "force z", "moment x", "moment y", "moment z")
 
 
@@ -37,19 +36,19 @@ COMPONENTS = ("force x", "force y", "force z", "moment x", "moment y", "moment z
 class HandleForce:
     """The wrench of the hand on the device at the handle's origin, in the base frame, along a motion.
 
-    The device's model is: torque of the model = torque of the motors + J' wrench, with the wrench that the hand exerts
-    on the device. What the device exerts on the hand is its opposite: `on_hand`.
+    Sign convention: torque of the model = torque of the motors + J' wrench, with the wrench that the hand exerts on the
+    device. The wrench that the device exerts on the hand is its opposite: `on_hand`.
 
     Attributes:
         model: the dynamic model.
         t: (rows,), s.
         wrench: force, N, and moment, N m, of the hand on the device, (rows, 6); NaN at poses that are not usable.
         bare: the same without the dynamic model, as if motors balanced the hand alone, (rows, 6).
-        se: deviation of `wrench`, from the estimate's covariance, the residual's level and the doubt of dry friction at
-            reversals, (rows, 6); NaN for a moment that was given or taken as zero.
+        se: standard errors of `wrench`, from the estimate's covariance, the residual's level and the uncertainty of dry
+            friction at reversals, (rows, 6); NaN for a moment that was given or taken as zero.
         external: torque of the hand on the measured torque rows, (motors, rows), N m or N.
-        lever: poses, condition numbers, and what torques can tell of a wrench.
-        usable: whether the wrench of each row was computed, or its pose was too near a singular one, (rows,).
+        lever: poses, condition numbers, and the components of a wrench that torques determine.
+        usable: whether each row's pose is far enough from a singular one for its wrench to be computed, (rows,).
         moment: whether the moment was "given", "estimated" or "taken as zero".
         notes: sentences a user should read.
     """
@@ -66,9 +65,9 @@ class HandleForce:
     notes: tuple[str, ...]
 
     def __post_init__(self) -> None:
-        for name in ("t", "wrench", "bare", "sd", "external"):
+        for name in ("t", "wrench", "bare", "se", "external"):
             object.__setattr__(self, name, read_only(getattr(self, name)))
-        for name in ("wrench", "bare", "sd"):
+        for name in ("wrench", "bare", "se"):
             expect(name, getattr(self, name).shape, (len(self.t), 6))
         expect("external", self.external.shape, (None, len(self.t)))
 
@@ -87,21 +86,20 @@ class HandleForce:
         """Force of the hand on the device, along the handle's own axes, (rows, 3), N."""
         return freeze(np.einsum("nij,ni->nj", self.lever.handle.rotation, self.force))
 
-    @cached_property
-    def interval95(self) -> Array:
-        """95 % intervals of `force`, (rows, 3, 2), N."""
-        half = NORMAL95 * self.se[:, :3]
+    def conf_int(self, level: float = LEVEL) -> Array:
+        """Confidence intervals of `force`, (rows, 3, 2), N."""
+        half = half_width(self.se[:, :3], np.inf, level)
         return freeze(np.stack([self.force - half, self.force + half], axis=2))
 
     def summary(self) -> str:
-        """Size of the force, its deviation, the poses, and what cannot be known, as text."""
+        """RMS and standard error of the force, condition numbers, and what is not determined, as text."""
         used = self.usable
         lines = [f"Force of the hand on {self.model.device.name}: {used.sum()} of {len(used)} rows"]
         if used.any():
             rms, bare, se = (np.sqrt((x[used, :3] ** 2).mean(axis=0)) for x in (self.wrench, self.bare, self.se))
             for k, axis in enumerate("xyz"):
                 lines.append(
-                    f"  {axis}: RMS {rms[k]:.4g} N, deviation {se[k]:.2g} N, without the model {bare[k]:.4g} N"
+                    f"  {axis}: RMS {rms[k]:.4g} N, standard error {se[k]:.2g} N, without the model {bare[k]:.4g} N"
                 )
         worst, middle = self.lever.condition.max(), np.median(self.lever.condition)
         lines.append(f"  condition number of the Jacobian: {middle:.3g} at the median, {worst:.3g} at worst")
@@ -117,23 +115,23 @@ def estimate_force(
     reversal_speed: float = REVERSAL_SPEED,
     worst_condition: float = WORST_CONDITION,
 ) -> HandleForce:
-    """Force of the hand on the device: F = J_p^-T (tau_model - tau_motors - J_o' moment), treated as in `predict`.
+    """Force of the hand on the device: F = J_p^-T (tau_model - tau_motors - J_o' moment), filtered as in `predict`.
 
     Args:
         estimate: the model.
         motion: with torques, while the hand pushes.
-        validation: on unseen rows without a hand, treated alike: its residual is the noise of the torque rows; without
-            it the residual of the fit is taken.
+        validation: on unseen rows without a hand, same treatment: its residual is the noise of the torque rows; by
+            default the residual of the fit.
         moment: of the hand on the device about the handle's origin, in the handle's axes, at the motion's samples,
-            (n, 3), N m, from a force sensor; None where it is not known. Six measured torque rows or more then tell it;
-            with fewer it is taken as zero, as a gimbal or a thimble leaves it.
-        reversal_speed: below it the sign of a velocity is smoothed and friction is in doubt, rad/s or m/s.
+            (n, 3), N m, from a force sensor; None where it is unknown. It is then estimated if there are six measured
+            torque rows or more, and otherwise taken as zero, as for a gimbal or a thimble.
+        reversal_speed: below it the sign of a velocity is smoothed and friction is uncertain, rad/s or m/s.
         worst_condition: condition number of the Jacobian beyond which a pose is left out.
 
     Raises:
-        HandleMissingError: the device has no handle.
-        ForceSettingError: a setting that means nothing, or a moment that is not a finite number.
-        ChannelCountError, MotionTooShortError: as for `predict`.
+        IncompleteDeviceError: the device has no handle.
+        SettingError: a setting out of range, or a moment that is not a finite number.
+        LogMismatchError, MotionTooShortError: as for `predict`.
         ShapeError: the moment does not fit the motion, or the validation the device.
     """
     model = estimate.model
@@ -159,33 +157,38 @@ def estimate_force(
     return handle_force(estimate, found, told, noted(validation))
 
 
-UNVALIDATED = "No validation was given: the noise is the residual of the fit, which is smaller than on unseen rows."
+UNVALIDATED = "No validation was given: the noise is taken from the fit's residual, smaller than on unseen rows."
 
 
 def noted(validation: Validation | None) -> tuple[str, ...]:
-    """What to say of the noise."""
+    """Notes on the source of the noise level."""
     return () if validation is not None else (UNVALIDATED,)
 
 
 def check_settings(reversal_speed: float, worst_condition: float) -> None:
-    """Raise ForceSettingError for a setting that means nothing."""
+    """Raise SettingError for a setting out of range."""
     if not (reversal_speed == 0 or positive(reversal_speed)):
-        raise ForceSettingError("reversal_speed", reversal_speed, "a finite speed, 0 or more")
+        raise setting_error("reversal_speed", reversal_speed, "a finite speed, 0 or more")
     if not (positive(worst_condition) and worst_condition > 1):
-        raise ForceSettingError("worst_condition", worst_condition, "a finite number above 1")
+        raise setting_error("worst_condition", worst_condition, "a finite number above 1")
+
+
+def setting_error(name: str, value: object, wanted: str) -> SettingError:
+    """The error for a setting out of range."""
+    return SettingError(f"{name} is {value!r}; write {wanted}.", where=name, found=value, limit=wanted)
 
 
 def check_finite(name: str, array: ArrayLike) -> None:
-    """Raise ForceSettingError for the first entry that is not a finite number."""
+    """Raise SettingError for the first entry that is not a finite number."""
     values = np.asarray(array, dtype=float)
     bad = np.argwhere(~np.isfinite(values))
     if len(bad):
         first = tuple(int(k) for k in bad[0])
-        raise ForceSettingError(f"{name}[{', '.join(map(str, first))}]", float(values[first]), "a finite number")
+        raise setting_error(f"{name}[{', '.join(map(str, first))}]", float(values[first]), "a finite number")
 
 
 def noise_of(estimate: Estimate, validation: Validation | None) -> Array:
-    """Residual of each measured torque row, (rows,), N m or N."""
+    """Residual RMS of each measured torque row, (rows,), N m or N."""
     errors = (validation or direct(estimate)).motors
     expect("validation.motors", (len(errors),), (sum(estimate.model.device.measured),))
     return np.array([error.rmse for error in errors])
@@ -193,7 +196,7 @@ def noise_of(estimate: Estimate, validation: Validation | None) -> Array:
 
 @dataclass(frozen=True, eq=False)
 class Told:
-    """What the torques tell of the wrench, in the base frame.
+    """The wrench estimated from the torques, in the base frame.
 
     Attributes:
         t: (rows,), s.
@@ -215,14 +218,15 @@ class Told:
 
 @dataclass(frozen=True, eq=False)
 class Torques:
-    """Torques of some rows, all treated alike.
+    """Torques of some rows, all filtered alike.
 
     Attributes:
         t: (rows,), s.
         qa: positions of the active joints, (active, rows), rad or m.
         motors: of the motors, and of the hand's moment where it is given, (measured, rows), N m or N.
         external: of the model less those of the motors, (measured, rows).
-        covariance: of `external`, from that of the estimate and the doubt of dry friction, (measured, measured, rows).
+        covariance: of `external`, from the estimate's covariance and the uncertainty of dry friction,
+            (measured, measured, rows).
         moment: of the hand where it is given, in the base frame, (3, rows), N m; (0, rows) where it is not.
     """
 
@@ -235,12 +239,12 @@ class Torques:
 
     @staticmethod
     def joined(parts: Sequence[Torques]) -> Torques:
-        """One after the other."""
+        """Concatenated."""
         return Torques(*(np.concatenate([getattr(p, f.name) for p in parts], axis=-1) for f in fields(Torques)))
 
 
 def _pieces(estimate: Estimate, motion: Motion, moment: Array | None, speed: float) -> Iterator[Torques]:
-    """Torques of the motion's rows, stretch by stretch."""
+    """Torques of the motion's rows, chunk by chunk."""
     model = estimate.model
     soft, chi = softened(model, speed), raw_parameters(model, estimate.beta)
     to_joints = np.linalg.inv(model.device.row_map)
@@ -265,70 +269,70 @@ def _pieces(estimate: Estimate, motion: Motion, moment: Array | None, speed: flo
 
 
 def spread_columns(estimate: Estimate) -> Array:
-    """Columns whose outer products sum to the covariance, (p, p)."""
+    """A square root of the parameter covariance: columns whose outer products sum to it, (p, p)."""
     values, vectors = np.linalg.eigh(estimate.covariance)
     return np.asarray(vectors * np.sqrt(np.maximum(values, 0.0)))
 
 
-def spread(parts: Iterable[Array], doubts: Array) -> Array:
-    """Covariance of torques whose contributions are `parts`, each (rows, samples), and independent `doubts`."""
-    covariance = np.eye(len(doubts))[:, :, None] * doubts**2
+def spread(parts: Iterable[Array], errors: Array) -> Array:
+    """Covariance of torques from parameter contributions and independent errors, each (rows, samples)."""
+    covariance = np.eye(len(errors))[:, :, None] * errors**2
     for part in parts:
         covariance += part[:, None] * part[None]
     return covariance
 
 
 def lever_of(estimate: Estimate, qa: Array, noise: Array, given: bool, worst: float) -> Lever:
-    """From torques to wrenches at these poses; whether the moment is given decides how much is unknown."""
-    rows = [k for k, known in enumerate(estimate.model.device.measured) if known]
+    """Map from torques to wrenches at these poses; the moment is unknown if not given and rows are six or more."""
+    rows = list(estimate.model.measured_rows)
     return lever(handle_motion(estimate.model, qa), rows, noise, 6 if len(rows) >= 6 and not given else 3, worst)
 
 
 def handle_force(estimate: Estimate, found: Lever, told: Told, notes: tuple[str, ...]) -> HandleForce:
-    """The value, with zero or the given moment where it is not estimated, and what cannot be known."""
+    """The result, with zero or the given moment where it is not estimated, and notes on what is not determined."""
     known = 6 - found.unknown
     moment = "given" if len(told.moment) else "taken as zero" if known else "estimated"
     rest = told.moment if len(told.moment) else np.zeros((known, len(told.t)))
-    deviation = np.full_like(told.variance, np.inf) if estimate.single_block else np.sqrt(told.variance)
-    lacking = np.full((known, len(told.t)), np.nan)
+    se = np.full_like(told.variance, np.inf) if estimate.single_block else np.sqrt(told.variance)
+    unknown = np.full((known, len(told.t)), np.nan)
     wrench, bare, se = (
         np.where(told.usable, np.concatenate(halves), np.nan).T
-        for halves in ((told.wrench, rest), (told.bare, rest), (deviation, lacking))
+        for halves in ((told.wrench, rest), (told.bare, rest), (se, unknown))
     )
-    notes = (*notes, *_doubts(estimate, found, told.usable, moment))
+    notes = (*notes, *_limits(estimate, found, told.usable, moment))
     return HandleForce(estimate.model, told.t, wrench, bare, se, told.external, found, told.usable, moment, notes)
 
 
-def _doubts(estimate: Estimate, found: Lever, usable: np.ndarray, moment: str) -> Iterator[str]:
-    """What cannot be known from these torques, in sentences."""
+def _limits(estimate: Estimate, found: Lever, usable: np.ndarray, moment: str) -> Iterator[str]:
+    """What these torques do not determine, in sentences."""
     if not usable.any():
         yield (
-            f"No pose is usable: all {len(usable)} are too near a singular one (condition number of the Jacobian "
-            f"{found.condition.min():.3g} at best). Move elsewhere, or raise `worst_condition`."
+            f"No pose is usable: all {len(usable)} are too close to a singularity (condition number of the Jacobian "
+            f"{found.condition.min():.3g} at best). Use other poses, or raise `worst_condition`."
         )
         return
     rows = sum(estimate.model.device.measured)
     if moment == "taken as zero":
         known = [name for name, told in zip(COMPONENTS, found.determined, strict=True) if told]
         yield (
-            f"{rows} torques cannot tell the six components of a wrench. The force is right where the hand applies no "
-            f"moment; a moment of 1 N m that it does apply is taken for a force of up to {found.leak:.3g} N. Known "
+            f"{rows} torques do not determine the six components of a wrench. The force is correct where the hand "
+            f"applies no moment; a moment of 1 N m causes a force error of up to {found.leak:.3g} N. Determined "
             f"whatever the moment: {counted(found.sure)} of force at each pose, and in the handle's own axes "
             f"{', '.join(known) or 'no component'} at all poses."
         )
     if rows < 3:
         yield (
-            f"The torques tell the force along {counted(rows)} of the handle's own motion; what lies across is not "
-            f"known and is shown as zero."
+            f"The torques determine the force along {counted(rows)} of the handle's own motion; components across are "
+            f"unknown and shown as zero."
         )
     if not usable.all():
         yield (
-            f"{int((~usable).sum())} of {len(usable)} rows are left out: their poses are too near a "
-            f"singular one (condition number of the Jacobian up to {found.condition.max():.3g})."
+            f"{int((~usable).sum())} of {len(usable)} rows are left out: their poses are too close to a "
+            f"singularity (condition number of the Jacobian up to {found.condition.max():.3g})."
         )
     if estimate.single_block:
         names = ", ".join(estimate.base.names[k] for k in estimate.single_block)
-        yield f"The estimate cannot say how far to trust {names}, so the force's interval is infinite."
+        yield f"The standard errors of {names} cannot be estimated, so the force's interval is unbounded."
     if len(set(estimate.model.device.coordinate_units)) > 1:
         yield "Some coordinates turn and others slide: condition numbers depend on the units."
 

@@ -1,4 +1,4 @@
-"""The force of the hand in real time: the generalised-momentum observer.
+"""Hand force in real time: the generalised-momentum observer.
 
 Source: De Luca and Mattone (2005), IEEE ICRA, eqs (10) to (14).
 """
@@ -28,9 +28,9 @@ from haptid.end_effector.force import (
     lever_of,
     noise_of,
     noted,
+    setting_error,
     spread_columns,
 )
-from haptid.errors import ForceSettingError
 from haptid.estimation import Estimate
 from haptid.estimation.feasibility.feasible import checked
 from haptid.motion.channels import coordinate_torque, state
@@ -38,21 +38,21 @@ from haptid.motion.treatment import Motion
 from haptid.observation.reversals import doubt, softened
 from haptid.validation.validation import Validation
 
-# After so many times 1 / gain what a pose near a singular one left in the low-pass is forgotten: 0.7 %.
-FORGOTTEN = 5.0
-# Samples handed to the core at a time.
-STRETCH = 1 << 14
+# Time constants after which a singular pose no longer affects the low-pass: 0.7 % is left.
+SETTLING = 5.0
+# Samples passed to the core at a time.
+CHUNK = 1 << 14
 
 
 @dataclass(frozen=True, eq=False)
 class ObserverResult:
-    """What the observer knows after some samples, and all it needs for the next ones.
+    """The observer's output after some samples, and its state for the next ones.
 
     Attributes:
         torque: external torque on every torque row after each sample, (rows, samples), N m or N.
         mean: of the external torque over the step that ends at each sample, before the low-pass, (rows, samples).
         p: momentum at the last sample, (rows,).
-        pushed: what moves the momentum beside the hand at the last sample: tau + C' cd - g - friction, (rows,).
+        pushed: rate of momentum without the hand at the last sample: tau + C' cd - g - friction, (rows,).
     """
 
     torque: Array
@@ -67,14 +67,14 @@ class ObserverResult:
 
 @dataclass(frozen=True)
 class MomentumObserver:
-    """r = K (p - integral of (tau + C' cd - g - friction + r)): follows the torque of the hand, r = K / (s + K) of it.
+    """Momentum observer r = K (p - integral of (tau + C' cd - g - friction + r)): the hand's torque times K / (s + K).
 
-    It needs no acceleration, and no more of the past than one sample. Over one step the momentum changes by the mean
-    torque; what motors, gravity, friction and the velocity product leave unexplained is the mean external torque, and
-    that passes the low-pass as a held signal: exact for any gain and step, without integrals that drift.
+    It requires no acceleration, and no more of the past than one sample. Over one step the momentum changes by the mean
+    torque; the part not explained by motors, gravity, friction and velocity product is the mean external torque, and
+    passes the low-pass as a held signal: exact for any gain and step, without drifting integrals.
 
     Attributes:
-        gain: K, rad/s. A constant push is seen in full; a step to 63 % after 1 / K.
+        gain: K, rad/s; the response to a step reaches 63 % after 1 / K.
         reversal_speed: below it the sign of a velocity is smoothed, rad/s or m/s.
     """
 
@@ -83,17 +83,17 @@ class MomentumObserver:
 
     def __post_init__(self) -> None:
         if not positive(self.gain):
-            raise ForceSettingError("gain", self.gain, "a finite number above zero, rad/s")
+            raise setting_error("gain", self.gain, "a finite number above zero, rad/s")
         check_settings(self.reversal_speed, WORST_CONDITION)
 
     @property
     def bandwidth_hz(self) -> float:
-        """Frequency at which a push is seen 3 dB too small, K / 2 pi, Hz."""
+        """-3 dB bandwidth, K / 2 pi, Hz."""
         return self.gain / (2 * np.pi)
 
     @property
     def delay(self) -> float:
-        """By which slow pushes are seen late, 1 / K, s; the sampling adds half a step."""
+        """Low-frequency delay, 1 / K, s; the sampling adds half a step."""
         return 1 / self.gain
 
     def follow(
@@ -119,18 +119,17 @@ class MomentumObserver:
 
         Raises:
             ShapeError: an array does not fit the device.
-            ForceSettingError: a step that is not a time, no sample, or one that is not a finite number.
-            ParameterValueError: a base parameter is not a finite number.
-            AccelerationColumnError: a column of the device is made of accelerations.
+            SettingError: a step that is not positive, no sample, or a sample or base parameter that is not finite.
+            MissingAccelerationError: a column of the device reads accelerations.
         """
         if not positive(dt):
-            raise ForceSettingError("dt", dt, "a finite time above zero, s")
+            raise setting_error("dt", dt, "a finite time above zero, s")
         shape = (len(model.device.active), np.shape(qa)[-1] if np.ndim(qa) else 0)
         for name, array in (("qa", qa), ("qda", qda), ("tau", tau)):
             expect(name, np.shape(array), shape)
             check_finite(name, array)
         if not shape[1]:
-            raise ForceSettingError("number of samples", 0, "one sample or more")
+            raise setting_error("number of samples", 0, "one sample or more")
         c, cd = (model.device.row_map @ np.asarray(x, dtype=float) for x in (qa, qda))
         p, pushed = self._balance(model, raw_parameters(model, checked(model, beta)), c, cd)
         pushed = pushed + np.asarray(tau, dtype=float)
@@ -138,11 +137,11 @@ class MomentumObserver:
         last = before or ObserverResult(rest, rest, p[:, 0], -pushed[:, 0])  # no step leads to the first sample
         explained = np.column_stack([last.pushed, pushed])
         mean = np.diff(p, axis=1, prepend=last.p[:, None]) / dt - 0.5 * (explained[:, 1:] + explained[:, :-1])
-        made, _ = signal.lfilter(*self._filter(dt), mean, axis=1, zi=self._keep(dt) * last.torque[:, -1:])
+        made, _ = signal.lfilter(*self._filter(dt), mean, axis=1, zi=self._pole(dt) * last.torque[:, -1:])
         return ObserverResult(np.asarray(made), mean, p[:, -1], pushed[:, -1])
 
     def smooth(self, signals: Array, dt: float) -> Array:
-        """The observer's own low-pass of other signals, from rest, (channels, samples): what to compare it with.
+        """The observer's own low-pass of other signals, from rest, (channels, samples), for comparisons.
 
         Args:
             signals: means over the steps that end at each sample; samples themselves come out half a step early.
@@ -150,26 +149,26 @@ class MomentumObserver:
         """
         return np.asarray(signal.lfilter(*self._filter(dt), signals, axis=-1))
 
-    def _keep(self, dt: float) -> float:
-        """What is left of the past after a step."""
+    def _pole(self, dt: float) -> float:
+        """Pole of the discrete low-pass."""
         return float(np.exp(-self.gain * dt))
 
     def _filter(self, dt: float) -> tuple[list[float], list[float]]:
         """K / (s + K) of a held signal: numerator and denominator."""
-        keep = self._keep(dt)
-        return [1 - keep], [1, -keep]
+        pole = self._pole(dt)
+        return [1 - pole], [1, -pole]
 
     def _balance(self, model: DynamicModel, chi: Array, c: Array, cd: Array) -> tuple[Array, Array]:
-        """Momentum, and all that moves it beside motors and hand, each (rows, samples)."""
+        """Momentum, and its rate without the hand and the motors, each (rows, samples)."""
         soft, bodies, pieces = softened(model, self.reversal_speed), rigid(model, chi), []
-        for low in range(0, c.shape[1], STRETCH):
-            here, rates = c[:, low : low + STRETCH], cd[:, low : low + STRETCH]
+        for low in range(0, c.shape[1], CHUNK):
+            here, rates = c[:, low : low + CHUNK], cd[:, low : low + CHUNK]
             p, rest = momentum(model, bodies, here, rates)
             own = external(model, here, rates, None)
             terms = core_torque(soft, chi - bodies, here, rates, np.zeros_like(here), own)
             pieces.append((p, -rest - terms))
-        p, moved = (np.concatenate(each, axis=1) for each in zip(*pieces, strict=True))
-        return p, moved
+        p, rate = (np.concatenate(each, axis=1) for each in zip(*pieces, strict=True))
+        return p, rate
 
 
 def observe_force(
@@ -180,26 +179,25 @@ def observe_force(
     validation: Validation | None = None,
     worst_condition: float = WORST_CONDITION,
 ) -> HandleForce:
-    """Force of the hand on the device along a motion, as the observer would have followed it.
+    """Force of the hand on the device along a motion, by the momentum observer.
 
-    One row for each sample of the motion that has rates, from rest: what pushes at the first sample is seen after some
-    1 / gain. The low-pass is of the wrench in the base frame, not of joint torques, whose share in a force changes
-    with the pose. The moment is taken as zero or, with six measured torque rows
-    or more, estimated.
+    One row for each sample of the motion that has rates, from rest: a push at the first sample appears after about
+    1 / gain. The low-pass acts on the wrench in the base frame, not on joint torques, whose relation to the force
+    varies with the pose. The moment is taken as zero or, with six measured torque rows or more, estimated.
 
     Args:
         estimate: the model.
         motion: with torques, while the hand pushes.
         observer: the default one where None.
-        validation: on unseen rows without a hand; its residual is the noise of the torque rows, and is right where its
-            treatment passes about the observer's bandwidth.
+        validation: on unseen rows without a hand; its residual is the noise of the torque rows, correct where its
+            treatment has about the observer's bandwidth.
         worst_condition: condition number of the Jacobian beyond which a pose is left out.
 
     Raises:
-        HandleMissingError: the device has no handle.
-        ForceSettingError: a setting that means nothing.
-        ChannelCountError: the motion has more or fewer channels than the device has coordinates or motors.
-        AccelerationColumnError: a column of the device is made of accelerations.
+        IncompleteDeviceError: the device has no handle.
+        SettingError: a setting out of range.
+        LogMismatchError: the motion has more or fewer channels than the device has coordinates or motors.
+        MissingAccelerationError: a column of the device reads accelerations.
     """
     observer = observer or MomentumObserver()
     handle_of(estimate.model)
@@ -212,7 +210,7 @@ def observe_force(
 
 @dataclass(frozen=True, eq=False)
 class _Path:
-    """What the observer watches: samples of a motion.
+    """The observer's input: samples of a motion.
 
     Attributes:
         estimate: the model.
@@ -240,39 +238,39 @@ class _Path:
 
     @property
     def middles(self) -> Array:
-        """Positions in the middle of the step that ends at each sample, (active, samples)."""
+        """Positions at the middle of the step that ends at each sample, (active, samples)."""
         return 0.5 * (self.qa + np.column_stack([self.qa[:, :1], self.qa[:, :-1]]))
 
     def told(self, observer: MomentumObserver, found: Lever, noise: Array) -> Told:
-        """The wrench at every step, then through the observer's low-pass, which does not turn with the device."""
+        """The wrench at every step, then the observer's low-pass in the base frame."""
         estimate, model, dt = self.estimate, self.estimate.model, self.dt
-        rows, none = [k for k, known in enumerate(model.device.measured) if known], np.zeros_like(self.tau)
+        rows, none = list(model.measured_rows), np.zeros_like(self.tau)
 
         def smooth(wrench: Array) -> Array:
             return observer.smooth(np.where(found.usable, wrench, 0.0), dt)
 
-        def seen(beta: Array, torque: Array) -> Array:
+        def filtered(beta: Array, torque: Array) -> Array:
             return smooth(found.wrench(observer.follow(model, beta, dt, self.qa, self.qda, torque).mean[rows]))
 
         variance = noise.copy()
         for column in spread_columns(estimate).T:  # the observer is linear in parameters and torques together
-            variance += seen(column, none) ** 2
-        sizes = self._doubts(observer)[rows]
+            variance += filtered(column, none) ** 2
+        sizes = self._friction_errors(observer)[rows]
         for m, size in enumerate(sizes):
             variance += smooth(np.abs(found.inverse[:, :, m].T) * size) ** 2
-        long = min(len(self.t), 1 + round(FORGOTTEN * observer.delay / dt))
+        long = min(len(self.t), 1 + round(SETTLING * observer.delay / dt))
         return Told(
             t=self.t,
             external=observer.follow(model, estimate.beta, dt, self.qa, self.qda, self.tau).torque[rows],
-            wrench=seen(estimate.beta, self.tau),
-            bare=seen(np.zeros_like(estimate.beta), self.tau),
+            wrench=filtered(estimate.beta, self.tau),
+            bare=filtered(np.zeros_like(estimate.beta), self.tau),
             variance=variance,
             usable=np.convolve(~found.usable, np.ones(long))[: len(self.t)] < 0.5,
             moment=np.zeros((0, len(self.t))),
         )
 
-    def _doubts(self, observer: MomentumObserver) -> Array:
-        """What dry friction may be off by, (active, samples), N m or N."""
+    def _friction_errors(self, observer: MomentumObserver) -> Array:
+        """Uncertainty of dry friction, (active, samples), N m or N."""
         model = self.estimate.model
         c, cd = model.device.row_map @ self.qa, model.device.row_map @ self.qda
         return doubt(model, raw_parameters(model, self.estimate.beta), c, cd, observer.reversal_speed)

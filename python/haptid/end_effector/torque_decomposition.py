@@ -1,4 +1,4 @@
-"""What the model's torque is made of: inertia, velocity torques, gravity, friction and the other terms.
+"""Torque decomposition: inertia, Coriolis and centrifugal torque, gravity, friction and the other terms of the model.
 
 Source: Tahmasebi et al. (2005), section III-E and figures 7 to 11.
 """
@@ -35,13 +35,13 @@ PARTS = {
 
 @dataclass(frozen=True, eq=False)
 class TorqueDecomposition:
-    """The model's torque in parts, treated like the measured torque; the parts sum to the model's torque.
+    """The model's torque in parts, filtered like the measured torque; the parts sum to the model's torque.
 
-    A base parameter counts with the part of the parameter it is named after: where an offset cannot be told from a
-    weight on a sliding joint, neither can the two parts.
+    A base parameter counts with the part of the parameter it is named after: where an offset and a weight on a sliding
+    joint regroup, so do their parts.
 
     Attributes:
-        motors: what each row is of, "motor 1" or "joint 5", (motors,).
+        motors: label of each row, "motor 1" or "joint 5", (motors,).
         units: N m or N, (motors,).
         t: (rows,), s.
         parts: inertia (with rotors), Coriolis and centrifugal, gravity, then one for each kind of term, (parts,).
@@ -85,7 +85,7 @@ class TorqueDecomposition:
     def shares(self) -> Array:
         """RMS of each part over that of the model's torque, (parts, motors); NaN where the model has no torque.
 
-        Parts may oppose each other, so shares need not add to one.
+        Parts may cancel, so shares need not add to one.
         """
         whole = np.sqrt((self.total**2).mean(axis=1))
         return freeze(self.rms / np.where(whole > 0, whole, np.nan))
@@ -93,7 +93,7 @@ class TorqueDecomposition:
     def summary(self) -> str:
         """A table as text: RMS of each part, and its share of the model's."""
         width = max(len(part) for part in self.parts)
-        lines = ["RMS torque of each part, and its share of the model's; parts may oppose each other"]
+        lines = ["RMS torque of each part, and its share of the model's; parts may cancel"]
         for m, (motor, unit) in enumerate(zip(self.motors, self.units, strict=True)):
             lines.append(f"  {motor}")
             for k, part in enumerate(self.parts):
@@ -102,14 +102,14 @@ class TorqueDecomposition:
 
 
 def decompose_torque(estimate: Estimate, motion: Motion) -> TorqueDecomposition:
-    """The parts of an estimate's torque along a motion, through the same filter and decimation as in `predict`.
+    """The parts of an estimate's torque along a motion, with the filter and decimation of `predict`.
 
     Args:
-        estimate: whose torque.
-        motion: along what.
+        estimate: with parameters.
+        motion: the motion.
 
     Raises:
-        ChannelCountError: the motion has more or fewer channels than the device has coordinates or motors.
+        LogMismatchError: the motion has more or fewer channels than the device has coordinates or motors.
         MotionTooShortError: not one row fits between the filters' ends.
     """
     model = estimate.model
@@ -117,10 +117,9 @@ def decompose_torque(estimate: Estimate, motion: Motion) -> TorqueDecomposition:
     terms = {name: _only(model, chi, name) for name in dict.fromkeys(_part(t) for t in model.terms) if name}
     pieces = ((s.t, _torques(s, rigid(model, chi), terms), s.measured()) for s in chunks(model, motion))
     t, torque, measured = gathered(pieces, Plan.of(model, motion).rows)
-    rows = [k for k, known in enumerate(model.device.measured) if known]
     return TorqueDecomposition(
-        motors=tuple(model.device.row_labels[k] for k in rows),
-        units=tuple(model.device.torque_units[k] for k in rows),
+        motors=tuple(model.device.row_labels[k] for k in model.measured_rows),
+        units=tuple(model.device.torque_units[k] for k in model.measured_rows),
         t=freeze(t),
         parts=(*RIGID, *terms),
         torque=freeze(torque),
@@ -145,15 +144,15 @@ def _only(model: DynamicModel, chi: Array, part: str) -> Array:
     return np.where(kept, chi, 0.0)
 
 
-def _torques(stretch: Chunk, bodies: Array, terms: dict[str, Array]) -> Array:
-    """Treated torque of every part, (parts, motors, rows).
+def _torques(chunk: Chunk, bodies: Array, terms: dict[str, Array]) -> Array:
+    """Filtered torque of every part, (parts, motors, rows).
 
-    The bodies' torque is linear in acceleration and, apart from it, quadratic in velocity: the velocity torques are
-    what velocity adds to the torque at rest, and inertia is the rest of the bodies' torque.
+    The bodies' torque is linear in acceleration and, apart from it, quadratic in velocity: Coriolis and centrifugal
+    torque is what velocity adds to the torque at rest, and inertia is the rest of the bodies' torque.
     """
-    model, still = stretch.model, np.zeros_like(stretch.c)
-    weight = core_torque(model, bodies, stretch.c, still, still)
-    velocity = stretch.treated(core_torque(model, bodies, stretch.c, stretch.cd, still) - weight)
-    gravity = stretch.treated(weight)
-    inertia = stretch.torque(bodies) - velocity - gravity
-    return np.array([inertia, velocity, gravity, *(stretch.torque(chi) for chi in terms.values())])
+    model, still = chunk.model, np.zeros_like(chunk.c)
+    static = core_torque(model, bodies, chunk.c, still, still)
+    velocity = chunk.treated(core_torque(model, bodies, chunk.c, chunk.cd, still) - static)
+    gravity = chunk.treated(static)
+    inertia = chunk.torque(bodies) - velocity - gravity
+    return np.array([inertia, velocity, gravity, *(chunk.torque(chi) for chi in terms.values())])

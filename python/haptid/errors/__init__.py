@@ -342,7 +342,7 @@ __all__ = [
     "NotByRowsError",
     "NotNumericError",
     "OptionError",
-    "OutputError",
+    "OutputErrorMethod",
     "OutputFolderError",
     "OversizedLogError",
     "ParameterNameError",

@@ -37,7 +37,9 @@ def parameter(text: str) -> str:
 
 def _exact(found: Regroupings, k: int) -> str:
     page = _Typesetter()
-    return page.terms(formula(found.coefficients[k], found.kept[k], found.standard, found.links, page.style))
+    return page.terms(
+        formula(found.coefficients[k], found.independent_columns[k], found.standard, found.links, page.style)
+    )
 
 
 def _numeric(coefficients: np.ndarray, names: Sequence[str], first: int) -> str:

@@ -117,7 +117,7 @@ class Hand:
     @staticmethod
     def of(name: str, found: HandleForce, measured: Array | None = None) -> Hand:
         """From the result of `estimate_force`, and a sensor's force in the base frame, (rows, 3), N."""
-        return Hand(name, found.t, found.force, found.interval95, measured, found.notes)
+        return Hand(name, found.t, found.force, found.conf_int(), measured, found.notes)
 
 
 @dataclass(frozen=True, eq=False)

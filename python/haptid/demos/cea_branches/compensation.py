@@ -56,7 +56,7 @@ def compensated(plan: Compensating, sweep: Sweep, estimated: Estimate, bench: Se
     angles = {"degrees": (plan.degrees[0], plan.degrees[-1]), "poses": len(plan.degrees)}
     qa = sweep.model_copy(update=angles).along(estimated.model)
     felt = apparent_mass(estimated, qa)
-    target = (1 - plan.share) * float(felt.mass.value.max())
+    target = (1 - plan.share) * float(felt.mass.values.max())
     laws = [Compensation(estimated, share) for share in (0.0, plan.share)]
     laws.append(Compensation(estimated, plan.share, towards=target))
     masses = np.array(
@@ -69,10 +69,10 @@ def compensated(plan: Compensating, sweep: Sweep, estimated: Estimate, bench: Se
     lag = laws[1].lag(made.dt)
     return Compensated(
         degrees=np.array(plan.degrees),
-        estimated=felt.mass.value[:, 0],
+        estimated=felt.mass.values[:, 0],
         before=masses[:, 0],
         after=masses[:, 1],
-        promised=left * felt.mass.value[:, 0],
+        promised=left * felt.mass.values[:, 0],
         target=target,
         even=masses[:, 2],
         bound=min(bound(plan, estimated, pose, lag) for pose in qa.T),

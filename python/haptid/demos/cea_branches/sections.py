@@ -158,7 +158,7 @@ def _masses(found: Results) -> DocumentSection:
     text += [*_disjoint_ranges(found), *_similarity(found)]
     cells = [["sweep", "largest mass", "printed, kg", *(one.branch.title for one in found.found.values())]]
     for said in found.demo.statements:
-        masses = (handle.sweeps[said.sweep].mass.value[:, 0] for handle in found.handles.values())
+        masses = (handle.sweeps[said.sweep].mass.values[:, 0] for handle in found.handles.values())
         ours = [f"{FIGURES[said.what](mass):.2f}" for mass in masses]
         label = found.demo.sweep(said.sweep).label.split(",")[0]
         cells.append([label, WORDS[said.what], f"{said.published:.2f}", *ours])
@@ -170,9 +170,9 @@ def _masses(found: Results) -> DocumentSection:
 def _sweep_chart(found: Results, sweep: Sweep, key: str, one: Identified) -> Chart:
     """Principal apparent masses along a sweep with 95 % intervals; the published ranges are dashed."""
     mass, x = found.handles[key].sweeps[sweep.key].mass, packed(sweep.plotted)
-    band, curves = mass.interval95, []
+    band, curves = mass.conf_int(), []
     for k, (ends, colour) in enumerate(zip(sweep.published, COLOURS, strict=True)):
-        curves.append(series(f"mass {k + 1}", "line", colour, x=x, y=packed(mass.value[:, k])))
+        curves.append(series(f"mass {k + 1}", "line", colour, x=x, y=packed(mass.values[:, k])))
         for end, level in zip(("lowest", "highest"), ends, strict=True):
             y = packed(np.full(sweep.poses, level))
             curves.append(series(f"{end} published {k + 1}", "line", colour, x=x, y=y, dash="4 3"))
@@ -181,7 +181,7 @@ def _sweep_chart(found: Results, sweep: Sweep, key: str, one: Identified) -> Cha
             curves.append(series(f"95 % interval {k + 1}", "band", colour, x=x, low=low, high=high))
     label, _, unit = sweep.label.partition(", ")
     drawing = plot(axis(label, unit), axis("apparent mass", "kg", zero=True), curves, height=260)
-    ranges = "; ".join(f"mass {k + 1} {ranged(mass.value[:, k])} kg" for k in range(len(COLOURS)))
+    ranges = "; ".join(f"mass {k + 1} {ranged(mass.values[:, k])} kg" for k in range(len(COLOURS)))
     title = f"Fig. 7, {one.branch.title.lower()} branch: {sweep.title}"
     alt = f"Principal apparent masses against {label}, with the published ranges."
     return Chart(f"sweep-{sweep.key}-{key}", title, alt, f"{ranges}.", drawing)
@@ -193,7 +193,7 @@ def _disjoint_ranges(found: Results) -> Iterator[str]:
     for k, (one, other) in enumerate(zip(first.published, second.published, strict=True)):
         if max(one[0], other[0]) > min(one[1], other[1]):
             for key, handle in found.handles.items():
-                masses = np.concatenate([handle.sweeps[sweep.key].mass.value[:, k] for sweep in (first, second)])
+                masses = np.concatenate([handle.sweeps[sweep.key].mass.values[:, k] for sweep in (first, second)])
                 yield (
                     f"The published ranges of mass {k + 1} in the two sweeps are disjoint: {one[0]:g} .. {one[1]:g} "
                     f"and {other[0]:g} .. {other[1]:g} kg. Ours ({found.found[key].branch.title.lower()}) vary by "
@@ -204,11 +204,11 @@ def _disjoint_ranges(found: Results) -> Iterator[str]:
 def _similarity(found: Results) -> Iterator[str]:
     """Change of the largest mass in 10 degrees of each sweep, and differences between the branches."""
     for sweep in found.demo.sweeps:
-        masses = [handle.sweeps[sweep.key].mass.value[:, 0] for handle in found.handles.values()]
+        masses = [handle.sweeps[sweep.key].mass.values[:, 0] for handle in found.handles.values()]
         rate = max(10 * np.ptp(mass) / np.ptp(sweep.degrees) for mass in masses)
         yield f"The largest mass changes by {rate:.2f} kg in 10 degrees of {sweep.label.split(',')[0]}."
     first, *others = (
-        np.concatenate([handle.sweeps[sweep.key].mass.value for sweep in found.demo.sweeps])
+        np.concatenate([handle.sweeps[sweep.key].mass.values for sweep in found.demo.sweeps])
         for handle in found.handles.values()
     )
     for other in others:
@@ -253,7 +253,7 @@ def _compensation(found: Results) -> DocumentSection:
     cells = [["angle", *columns]]
     cells += [[f"{a:g}", *(f"{m:.3f}" for m in row)] for a, *row in zip(made.degrees, *columns.values(), strict=True)]
     sweep = found.demo.sweep(plan.sweep)
-    mass = found.handles[plan.branch].sweeps[sweep.key].mass.value[:, 0]
+    mass = found.handles[plan.branch].sweeps[sweep.key].mass.values[:, 0]
     curves = [series("model", "line", "black", x=packed(sweep.plotted), y=packed(mass))]
     colours = {"weight carried": "blue", "with the law": "vermillion", "predicted": "purple"}
     colours["pose-dependent share"] = "green"

@@ -11,8 +11,7 @@ import numpy as np
 from haptid._internal.arrays import Array
 from haptid.demos.cea_branches.results import Handle, Identified, Results, coulomb_of
 from haptid.demos.plan import write_csv
-from haptid.end_effector.characterisation import Figure
-from haptid.uncertainty.quantities import aligned
+from haptid.uncertainty.quantities import Field, aligned
 from haptid.validation.validation import Validation
 
 AXES = "xyz"
@@ -56,7 +55,7 @@ def sweeps(found: Results) -> Cells:
             for handle in found.handles.values():
                 mass = handle.sweeps[sweep.key].mass
                 assert mass.se is not None
-                row.append(f"{ranged(mass.value[:, k])}, ± {2 * mass.se[:, k].max():.1g}")
+                row.append(f"{ranged(mass.values[:, k])}, ± {2 * mass.se[:, k].max():.1g}")
             cells.append(row)
     return cells
 
@@ -95,10 +94,10 @@ def at_posture(found: Results, handle: Handle) -> Iterator[tuple[tuple[str, str]
     yield ("peak force in the worst direction", "N"), shown(c.greatest_force(plan.limits)[0])
 
 
-def shown(figure: Figure, k: int | None = None) -> str:
+def shown(figure: Field, k: int | None = None) -> str:
     """The figure of the only pose, and its interval."""
     pick = 0 if k is None else (0, k)
-    value, band = float(figure.value[pick]), figure.interval95
+    value, band = float(figure.values[pick]), figure.conf_int()
     if band is None or not np.isfinite(band[pick]).all() or np.ptp(band[pick]) == 0:
         return f"{value:.4f}"
     low, high = band[pick]
@@ -169,7 +168,7 @@ def _branch(found: Results, key: str) -> dict[str, Any]:
         "parameters": {name: _parameter(one, name) for name in one.full.base.names},
         "essential": one.reduction.essential,
         "essential_by_motor": {made.full.observation.motors[0].name: made.essential for made in one.by_motor},
-        "sweeps": {name: {"mass": felt.mass.value.tolist()} for name, felt in handle.sweeps.items()},
+        "sweeps": {name: {"mass": felt.mass.values.tolist()} for name, felt in handle.sweeps.items()},
         "posture": {f"{what}, {unit}": text for (what, unit), text in at_posture(found, handle)},
     }
 

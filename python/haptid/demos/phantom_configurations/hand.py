@@ -75,7 +75,7 @@ def hand_forces(plan: Hand, fit: Fit, recording: BenchRecording) -> HandForces:
     turned = handle_motion(recording.model, recording.q).rotation
     sensed = np.asarray(np.einsum("nij,nj->ni", turned, recording.sensor))
     true, measured = (signal.convolve(x, taps, mode="same")[at] for x in (acting, sensed))
-    low, high = force.interval95[rows, :, 0], force.interval95[rows, :, 1]
+    low, high = np.moveaxis(force.conf_int()[rows], -1, 0)
     return HandForces(
         t=force.t[rows],
         measured=measured,

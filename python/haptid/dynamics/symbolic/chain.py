@@ -1,62 +1,270 @@
-"""A mechanism with its lengths as symbols: tree, cuts, motion, gravity, terms and measured rows."""
+"""Mechanisms with symbolic lengths: joint motion modulo a prime, columns in addition to link inertia, and the chain."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Hashable, Mapping, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
+from typing import Protocol
 
 import numpy as np
 
 from haptid._internal.arrays import Array
-from haptid.device import Closure, Device
+from haptid.device import Closure, Counterbalance, Device, TermColumn
 from haptid.device.toml.schema import AnyDevice
-from haptid.dynamics.symbolic.laurent import Laurent, powers
-from haptid.dynamics.symbolic.motion import LinearMotion, Motion
-from haptid.dynamics.symbolic.placements import Placement, Shift
-from haptid.dynamics.symbolic.reading import GeometryReader, placements
-from haptid.dynamics.symbolic.symbols import GRAVITY, Symbol, Symbols, ratio
-from haptid.dynamics.symbolic.terms import ExactColumn, exact_columns
-from haptid.dynamics.symbolic.tree import ExactCut, ExactFrame, ExactJoint
-from haptid.errors import ManyAnglesError
+from haptid.dynamics.symbolic.arithmetic import ZERO, Laurent, Points, PrimeField, Residues, powers
+from haptid.dynamics.symbolic.geometry import (
+    GeometryReader,
+    Placement,
+    SymbolicCut,
+    SymbolicFrame,
+    SymbolicJoint,
+    Translation,
+    placements,
+)
+from haptid.dynamics.symbolic.symbols import DIMENSIONLESS, GRAVITY, LENGTH, Symbol, Symbols, ratio
+from haptid.errors import RegroupingError
 
-# Coefficients are polynomials in the cosines and sines of angles that are no quarter turns: of more angles than these
-# they have too many terms to be found, or to be read.
+
+@dataclass(frozen=True, eq=False)
+class States:
+    """Joint states drawn at random, all residues.
+
+    The position of a turning joint is drawn independently of its cosine and sine: no polynomial relates them.
+
+    Attributes:
+        cos, sin: of turning joints, (joints, n); one and zero for sliding ones.
+        slide: of sliding joints, (joints, n); zero for turning ones.
+        position, velocity, acceleration: (joints, n).
+        G: rates of all joints by active one, (joints, n, active).
+        active: position, velocity and acceleration of the active joints, (3, active, n).
+    """
+
+    cos: Residues
+    sin: Residues
+    slide: Residues
+    position: Residues
+    velocity: Residues
+    acceleration: Residues
+    G: Residues
+    active: Residues
+
+
+class Motion(Protocol):
+    """Protocol of joint motion in a closed chain; each kind of loop is one implementation."""
+
+    @property
+    def depends(self) -> tuple[Laurent, ...]:
+        """Polynomials that it depends on, in addition to the placements of joints and cut frames."""
+
+    def states(self, rng: np.random.Generator, points: Points) -> States:
+        """Random states, one for each set of lengths."""
+
+
+@dataclass(frozen=True)
+class LinearMotion:
+    """Joint positions linear in the active ones': q = G qa + offset.
+
+    Attributes:
+        prismatic: of every joint.
+        rates: G, by joint and active joint.
+        multiples: angle of a turning joint in integer units of each active joint's, by joint and active joint.
+        turns: cosine and sine of every turning joint's offset.
+        offsets: of every joint, as a length or an angle.
+    """
+
+    prismatic: tuple[bool, ...]
+    rates: tuple[tuple[Laurent, ...], ...]
+    multiples: tuple[tuple[int, ...], ...]
+    turns: tuple[tuple[Laurent, Laurent], ...]
+    offsets: tuple[Laurent, ...]
+
+    @property
+    def depends(self) -> tuple[Laurent, ...]:
+        """See Motion."""
+        return (*self.offsets, *(part for row in (*self.rates, *self.turns) for part in row))
+
+    def states(self, rng: np.random.Generator, points: Points) -> States:
+        """See Motion."""
+        field, count, actives = points.field, points.count, len(self.rates[0])
+        active = field.draw(rng, 3, actives, count)
+        G: Residues = np.array([[entry.modulo(points) for entry in row] for row in self.rates])
+        moved = np.zeros((3, len(self.rates), count), dtype=np.int64)
+        for k in range(actives):  # one product at a time: a longer sum could overflow
+            moved = field.reduce(moved + G[:, k] * active[:, None, k])
+        offsets: Residues = np.array([offset.modulo(points) for offset in self.offsets])
+        position = field.reduce(moved[0] + offsets)
+        cos, sin = self._angles(rng, points)
+        slide = np.where(np.array(self.prismatic)[:, None], position, 0)
+        return States(cos, sin, slide, position, moved[1], moved[2], np.moveaxis(G, 1, 2), active)
+
+    def _angles(self, rng: np.random.Generator, points: Points) -> tuple[Residues, Residues]:
+        field = points.field
+        units = [field.circle(rng, points.count) for _ in self.rates[0]]
+        cos = np.ones((len(self.rates), points.count), dtype=np.int64)
+        sin = np.zeros_like(cos)
+        for j, (multiples, prismatic) in enumerate(zip(self.multiples, self.prismatic, strict=True)):
+            if prismatic:
+                continue
+            angle = (self.turns[j][0].modulo(points), self.turns[j][1].modulo(points))
+            for unit, times in zip(units, multiples, strict=True):
+                if times:
+                    angle = field.sum_of_angles(angle, field.multiple_of_angle(unit, times))
+            cos[j], sin[j] = angle
+        return cos, sin
+
+
+# Index of each of these among a coordinate's position, velocity and acceleration.
+MOTION = {"position": 0, "velocity": 1, "acceleration": 2}
+
+
+@dataclass(frozen=True)
+class ColumnPart:
+    """One summand of a column: a factor times a quantity of the motion.
+
+    Attributes:
+        factor: number.
+        what: position, velocity, acceleration, one.
+        key: identifies a function that multiplies it; functions with the same key are equal, others independent. None
+            for none.
+    """
+
+    factor: Fraction
+    what: str
+    key: Hashable = None
+
+
+@dataclass(frozen=True)
+class SymbolicColumn:
+    """A column in addition to link inertia, on a joint, or on a cut's or motor's combination of active joints.
+
+    Attributes:
+        joint: index, None for a cut or a motor.
+        weights: of a cut or a motor, one for each active joint.
+        parts: summands of the column at one of its coordinate's states.
+        rest: subtracted from the position.
+    """
+
+    joint: int | None
+    weights: tuple[Fraction, ...]
+    parts: tuple[ColumnPart, ...]
+    rest: Laurent = ZERO
+
+    def modulo(self, states: States, points: Points, functions: Mapping[Hashable, Residues]) -> Residues:
+        """Residues of the active joints' torques, (n, active)."""
+        field = points.field
+        G, motion = self._coordinate(field, states)
+        total = np.zeros(points.count, dtype=np.int64)
+        for part in self.parts:
+            size = np.ones_like(total) if part.what == "one" else motion[MOTION[part.what]]
+            if part.what == "position":
+                size = field.reduce(size - self.rest.modulo(points))
+            if part.key is not None:
+                size = field.reduce(size * functions[part.key])
+            total = field.reduce(total + field.of(part.factor) * size)
+        return field.reduce(G * total[:, None])
+
+    def _coordinate(self, field: PrimeField, states: States) -> tuple[Residues, tuple[Residues, ...]]:
+        """Rates of the coordinate by active joint, (n, active), and its position, velocity and acceleration."""
+        if self.joint is not None:
+            each = (states.position, states.velocity, states.acceleration)
+            return states.G[self.joint], tuple(quantity[self.joint] for quantity in each)
+        weights = np.array([field.of(weight) for weight in self.weights])
+        G = np.broadcast_to(weights, (states.active.shape[2], len(weights)))
+        moved = field.reduce(field.reduce(states.active * weights[:, None]).sum(axis=1))  # a sum of few stays small
+        return G, tuple(moved)
+
+
+def symbolic_columns(device: Device, active: Sequence[int], symbols: Symbols) -> tuple[SymbolicColumn, ...]:
+    """Columns of all terms of a device, those of cuts and motors with respect to these active joints."""
+    names = device.joint_names
+    made = []
+    for term in device.terms:
+        side, _, name = term.on.partition(" ")
+        joint = names.index(name) if side == "joint" else None
+        weights = tuple(ratio(float(w)) for w in (term.weights @ device.row_map)[list(active)])
+        made.append(SymbolicColumn(joint, weights if joint is None else (), _parts(term), _rest(term, device, symbols)))
+    return tuple(made)
+
+
+def _rest(term: TermColumn, device: Device, symbols: Symbols) -> Laurent:
+    """Rest position of a spring; on a cut, relative to the zero of its combination of active joints."""
+    if term.kind != "spring":
+        return Laurent()
+    side, _, name = term.on.partition(" ")
+    sliding = {f"joint {j.name}" for j in device.joints if j.prismatic}
+    sliding |= {f"cut {cut.name}" for cut in device.cut_joints if cut.prismatic}
+    slides, rest = term.on in sliding, term.settings[0]
+    made = symbols.quantity(rest, f"rest{name}", LENGTH if slides else DIMENSIONLESS) if rest else Laurent()
+    return made - symbols.position(term.offset, slides, f"q{name}") if side == "cut" else made
+
+
+def _parts(term: TermColumn) -> tuple[ColumnPart, ...]:
+    """The summands of a term; friction is distinguished by direction of motion, sign and smoothing width."""
+    plain = {"rotor": "acceleration", "viscous": "velocity", "offset": "one", "spring": "position"}
+    if term.kind in plain:
+        return (ColumnPart(Fraction(1), plain[term.kind]),)
+    if term.kind == "external" and not term.side:
+        shape = term.shape
+        key = shape if isinstance(shape, Counterbalance) else getattr(shape, "text", "")
+        return (ColumnPart(Fraction(1), "one", key),)
+    if not term.weights.any():  # its coordinate never moves
+        return ()
+    first = float(term.weights[np.flatnonzero(term.weights)[0]])
+    direction = tuple(np.round(term.weights / first, 9).tolist())
+    sign, scale = Fraction(1 if first > 0 else -1), abs(first)
+    if term.kind == "stribeck":
+        velocity, exponent, width = term.settings
+        return (ColumnPart(sign, "one", ("stribeck", direction, velocity / scale, exponent, width / scale)),)
+    width = term.settings[0] / scale
+    odd, half = ("coulomb", direction, width), Fraction(term.side, 2)
+    if term.kind == "coulomb":
+        return (ColumnPart(sign, "one", odd),)
+    if term.nature == "viscous":
+        # max(v, 0) = (v + v sgn v) / 2 and min(v, 0) = (v - v sgn v) / 2.
+        return (ColumnPart(Fraction(1, 2), "velocity"), ColumnPart(sign * half, "velocity", odd))
+    # sgn max(v, 0) = (|sgn v| + sgn v) / 2, sgn min(v, 0) = (sgn v - |sgn v|) / 2, and |sgn v| is one except at rest.
+    even = ColumnPart(half, "one", ("even", direction, width) if width else None)
+    return (ColumnPart(sign / 2, "one", odd), even)
+
+
+# Coefficients are polynomials in the cosines and sines of angles that are no quarter turns: with more angles than these
+# they have too many terms to be interpolated, or to be read.
 MOST_ANGLES = 4
 # Measured torques as combinations of the active joints', None for all of them.
 Rows = tuple[tuple[Fraction, ...], ...] | None
 
 
 @dataclass(frozen=True)
-class ExactChain:
-    """A tree or closed chain with symbols for its lengths.
+class SymbolicChain:
+    """A tree or closed chain with symbolic lengths.
 
     Attributes:
         joints: parents before children.
         cuts: joints cut to leave a tree.
-        motion: how the joints follow the active ones.
+        motion: of all joints, from the active ones.
         gravity: in the base frame, by component.
-        columns: beside link inertia.
-        torques: how many are measured.
-        rows: those that are, each as a combination of the active joints'; None where all of them are.
+        columns: in addition to link inertia.
+        torques: number of measured ones.
+        rows: measured torques, each a combination of the active joints'; None where all are measured.
         symbols: those that the mechanism depends on.
     """
 
-    joints: tuple[ExactJoint, ...]
-    cuts: tuple[ExactCut, ...]
+    joints: tuple[SymbolicJoint, ...]
+    cuts: tuple[SymbolicCut, ...]
     motion: Motion
     gravity: tuple[Laurent, ...]
-    columns: tuple[ExactColumn, ...]
+    columns: tuple[SymbolicColumn, ...]
     torques: int
     rows: Rows
     symbols: tuple[Symbol, ...]
 
 
-def exact_chain(device: Device) -> ExactChain:
-    """A device's mechanism with symbols for its lengths, from the file it was read from."""
+def symbolic_chain(device: Device) -> SymbolicChain:
+    """The mechanism of a device whose loops are linear, with symbolic lengths, from its file."""
 
-    def linear(_: tuple[ExactJoint, ...], __: tuple[ExactCut, ...], symbols: Symbols) -> Motion:
+    def linear(_: tuple[SymbolicJoint, ...], __: tuple[SymbolicCut, ...], symbols: Symbols) -> Motion:
         return linear_motion(device, symbols)
 
     return assembled(device, device.tables, range(len(device.active)), _rows(device), linear)
@@ -67,43 +275,54 @@ def assembled(
     tables: AnyDevice,
     active: Sequence[int],
     rows: Rows,
-    motion_of: Callable[[tuple[ExactJoint, ...], tuple[ExactCut, ...], Symbols], Motion],
-) -> ExactChain:
+    motion_of: Callable[[tuple[SymbolicJoint, ...], tuple[SymbolicCut, ...], Symbols], Motion],
+) -> SymbolicChain:
     """A mechanism from its parts.
 
     Args:
         device: its joints, gravity and terms.
         tables: its geometry and cuts, as written.
-        active: which of the device's active joints its motion takes for that.
-        rows: see ExactChain.
+        active: which of the device's active joints are active in its motion.
+        rows: see SymbolicChain.
         motion_of: makes the motion of joints and cuts.
 
     Raises:
-        ManyAnglesError: more angles than MOST_ANGLES are no quarter turns.
+        RegroupingError: more than MOST_ANGLES angles are no quarter turns.
     """
     symbols = Symbols()
     reader = GeometryReader(tables.lengths, device.lengths, symbols)
     placed, frames = placements(tables, [joint.parent for joint in device.joints], reader)
     joints = tuple(
-        ExactJoint(joint.parent, joint.prismatic, placement)
+        SymbolicJoint(joint.parent, joint.prismatic, placement)
         for joint, placement in zip(device.joints, placed, strict=True)
     )
     cuts = _cuts(tables, device.joint_names, frames, reader)
     gravity = _gravity(device.gravity, symbols)
     motion = motion_of(joints, cuts, symbols)
-    columns = exact_columns(device, active, symbols)
+    columns = symbolic_columns(device, active, symbols)
     steps = [*placed, *(frame.placement for cut in cuts for frame in (cut.frame, cut.twin))]
     used = _used(steps, (*gravity, *motion.depends, *(column.rest for column in columns)))
     known = tuple(symbol for symbol in symbols.all if symbol.name in used)
     angles = {symbol.angle for symbol in known if symbol.angle}
     if len(angles) > MOST_ANGLES:
-        raise ManyAnglesError(len(angles), MOST_ANGLES)
-    return ExactChain(joints, cuts, motion, gravity, columns, len(active) if rows is None else len(rows), rows, known)
+        raise RegroupingError(
+            f"the geometry has {len(angles)} angles that are no multiples of a quarter turn, limit {MOST_ANGLES}: "
+            "symbolic groupings would have too many terms.",
+            found=len(angles),
+            limit=MOST_ANGLES,
+            advice=(
+                "Use the numeric groupings of `base_parameters`; write angles that are rounded quarter turns "
+                'as such: "pi/2", not 1.5708.'
+            ),
+        )
+    return SymbolicChain(
+        joints, cuts, motion, gravity, columns, len(active) if rows is None else len(rows), rows, known
+    )
 
 
 def _cuts(
     tables: AnyDevice, names: Sequence[str], frames: Sequence[Placement], reader: GeometryReader
-) -> tuple[ExactCut, ...]:
+) -> tuple[SymbolicCut, ...]:
     base = reader.base(tables.base)
     index = {"base": -1, **{name: k for k, name in enumerate(names)}}
     made = []
@@ -112,13 +331,13 @@ def _cuts(
         for on, table, word in ((cut.on, cut.frame, "cut"), (cut.with_, cut.twin, "twin")):
             link = index[on]
             local = reader.frame(table, f"{word}{k}")
-            both.append(ExactFrame(link, (*(base if link < 0 else frames[link]), *local)))
-        made.append(ExactCut(cut.type == "prismatic", *both))
+            both.append(SymbolicFrame(link, (*(base if link < 0 else frames[link]), *local)))
+        made.append(SymbolicCut(cut.type == "prismatic", *both))
     return tuple(made)
 
 
 def _gravity(gravity: Array, symbols: Symbols) -> tuple[Laurent, ...]:
-    """One symbol g where gravity lies along an axis, one for each component where it does not."""
+    """One symbol g for gravity along an axis, otherwise one for each component."""
     along = np.count_nonzero(gravity) == 1
     made = []
     for axis, part in zip("xyz", gravity.tolist(), strict=True):
@@ -128,7 +347,7 @@ def _gravity(gravity: Array, symbols: Symbols) -> tuple[Laurent, ...]:
 
 
 def linear_motion(device: Device, symbols: Symbols) -> LinearMotion:
-    """The motion of a device's joints: every number in it a ratio of whole numbers, or a symbol."""
+    """The motion of a device's joints: every number in it a ratio of integers, or a symbol."""
     closure, slides = device.closure, [joint.prismatic for joint in device.joints]
     assert isinstance(closure, Closure)
     rates, turns, offsets = [], [], []
@@ -147,7 +366,7 @@ def linear_motion(device: Device, symbols: Symbols) -> LinearMotion:
 
 
 def _rate(g: float, slides: bool, active_slides: bool, name: str, symbols: Symbols) -> Laurent:
-    """How fast a joint follows an active one: a plain number, a length, or one over a length."""
+    """Rate of a joint with respect to an active one: a number, a length, or the inverse of a length."""
     if g == 0 or slides == active_slides:
         return Laurent.number(ratio(g))
     if slides:
@@ -157,7 +376,7 @@ def _rate(g: float, slides: bool, active_slides: bool, name: str, symbols: Symbo
 
 
 def _multiples(G: Array, slides: Sequence[bool], active_slides: Sequence[bool]) -> tuple[tuple[int, ...], ...]:
-    """Angles of turning joints as whole multiples of one small angle for each active joint."""
+    """Angles of turning joints as integer multiples of one small angle for each active joint."""
     made = np.zeros(G.shape, dtype=object)
     for k, slide in enumerate(active_slides):
         turning = [j for j in np.flatnonzero(G[:, k]).tolist() if not slides[j]]
@@ -171,7 +390,7 @@ def _multiples(G: Array, slides: Sequence[bool], active_slides: Sequence[bool]) 
 
 
 def _rows(device: Device) -> Rows:
-    """Rows of measured torque by active joint; where all are measured, mixing them changes no relation."""
+    """Rows of measured torque by active joint; None where all are measured, since mixing them changes no relation."""
     if all(device.measured):
         return None
     chosen = np.linalg.inv(device.row_map).T[list(device.measured)]
@@ -179,10 +398,10 @@ def _rows(device: Device) -> Rows:
 
 
 def _used(placed: Sequence[Placement], others: Sequence[Laurent]) -> set[str]:
-    """Names of the symbols that the mechanism depends on, an angle's cosine and sine together."""
+    """Names of the symbols that the mechanism depends on, always both cosine and sine of an angle."""
     found = list(others)
     for placement in placed:
         for step in placement:
-            found += [step.length] if isinstance(step, Shift) else [step.cos, step.sin]
+            found += [step.length] if isinstance(step, Translation) else [step.cos, step.sin]
     names = {name for polynomial in found for name in polynomial.symbols}
     return names | {f"{word}({name[4:-1]})" for name in names if name[3:4] == "(" for word in ("cos", "sin")}

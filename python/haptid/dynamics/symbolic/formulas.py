@@ -1,4 +1,4 @@
-"""Groupings as a person writes them: parameters that share a coefficient collected before it."""
+"""Regroupings as formulas in plain text and LaTeX: parameters with a common coefficient are collected."""
 
 from __future__ import annotations
 
@@ -7,9 +7,9 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
 
-from haptid.dynamics.symbolic.laurent import Coefficient, Laurent, Powers
+from haptid.dynamics.symbolic.arithmetic import Coefficient, Laurent, Powers
 
-# How names of parameters split into kind and owner, in LaTeX.
+# Parameter names split into kind and owner.
 NAME = re.compile(r"(XX|XY|XZ|YY|YZ|ZZ|MX|MY|MZ|IA|FV|FC|FS|OFF|M|K|[A-Za-z]+?)(\w*)$")
 
 
@@ -20,7 +20,7 @@ class Style:
     Attributes:
         parameter: of a standard parameter's name.
         power: of a symbol's name and an exponent above zero.
-        fraction: of what is above and below a line, either of them a product or a sum.
+        fraction: of numerator and denominator, each a product or a sum.
     """
 
     parameter: Callable[[str], str]
@@ -28,7 +28,7 @@ class Style:
     fraction: Callable[[str, str], str]
 
     def number(self, value: Fraction) -> str:
-        """A number above zero, nothing for one."""
+        """A number above zero, empty for one."""
         if value == 1:
             return ""
         if value.denominator == 1:
@@ -42,7 +42,7 @@ class Style:
         return self.fraction(above or "1", below) if below else above
 
     def polynomial(self, found: Laurent) -> str:
-        """A sum of products, those added first, then the highest powers."""
+        """A sum of monomials, positive ones first, then by degree, highest first."""
         terms = sorted(found.terms, key=lambda term: (term[1] < 0, _rank(term[0])))
         return joined((c, " ".join(filter(None, (self.number(abs(c)), self.monomial(e)))) or "1") for e, c in terms)
 
@@ -52,7 +52,7 @@ class Style:
 
 
 def joined(parts: Iterable[tuple[Fraction, str]]) -> str:
-    """Texts, each with the sign of its number, as a sum."""
+    """Texts as a sum, each with the sign of its number."""
     made = ""
     for signed, part in parts:
         sign = "-" if signed < 0 else "+"
@@ -76,11 +76,11 @@ def coefficient(found: Coefficient) -> str:
 
 
 def _quotient(found: Coefficient, style: Style) -> str:
-    return style.fraction(*(_held(style.polynomial(part)) for part in (found.numerator, found.denominator)))
+    return style.fraction(*(_bracketed(style.polynomial(part)) for part in (found.numerator, found.denominator)))
 
 
 def formula(row: Mapping[int, Coefficient], kept: int, names: Sequence[str], links: Sequence[int], style: Style) -> str:
-    """A base parameter in a style: the parameter kept, plain ones link by link, then those that come with lengths."""
+    """A base parameter as text: the parameter kept, those with numeric factors by link, then those with lengths."""
     order = sorted(row, key=lambda k: (k != kept, links[k] < 0, links[k], k))
     by_monomial: dict[Powers, list[tuple[str, Fraction]]] = {}
     for k in order:
@@ -99,7 +99,7 @@ def formula(row: Mapping[int, Coefficient], kept: int, names: Sequence[str], lin
 def _collected(
     by_monomial: Mapping[Powers, Sequence[tuple[str, Fraction]]],
 ) -> list[tuple[tuple[tuple[str, Fraction], ...], Laurent]]:
-    """Parameters that come in the same proportions, and the polynomial that they share."""
+    """Parameters in the same proportions, and their common polynomial."""
     made: dict[tuple[tuple[str, Fraction], ...], Laurent] = {}
     for exponents in sorted(by_monomial, key=_rank):
         share = by_monomial[exponents]
@@ -111,15 +111,15 @@ def _collected(
 
 def _product(share: Sequence[tuple[str, Fraction]], factor: Laurent, style: Style) -> tuple[Fraction, str]:
     """A sign, and parameters times their polynomial."""
-    parameters = _held(style.parameters(share))
+    parameters = _bracketed(style.parameters(share))
     if len(factor.terms) > 1:
-        return Fraction(1), f"{parameters} {_held(style.polynomial(factor))}"
+        return Fraction(1), f"{parameters} {_bracketed(style.polynomial(factor))}"
     ((exponents, lead),) = factor.terms
     return lead, " ".join(filter(None, (style.number(abs(lead)), parameters, style.monomial(exponents))))
 
 
-def _held(sum_: str) -> str:
-    """A sum in brackets, anything else as it is."""
+def _bracketed(sum_: str) -> str:
+    """A sum in brackets, anything else unchanged."""
     return f"({sum_})" if " + " in sum_ or " - " in sum_ else sum_
 
 

@@ -1,58 +1,44 @@
-"""From residues of a coefficient at many sets of lengths to the coefficient itself.
+"""Interpolation of a coefficient from its residues at many sets of lengths.
 
-Its dimension is known from the units of the two parameters, so that only monomials of that degree are tried: Laurent
-polynomials of growing reach first, then ratios of polynomials. What fits at more points than it has unknowns is right
-but for an accident of the draw; it is checked at another prime afterwards all the same.
+Its dimension is known from the units of the two parameters, so only monomials of that dimension are tried: Laurent
+polynomials of growing degree first, then ratios of polynomials. A form that fits at more points than it has unknowns is
+correct with overwhelming probability; it is checked at another prime as well.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
 from fractions import Fraction
 from itertools import islice, product
 from types import MappingProxyType
 
 import numpy as np
 
-from haptid.dynamics.symbolic.laurent import Coefficient, Laurent, Powers, powers
-from haptid.dynamics.symbolic.residues import Field, Residues, rational
-from haptid.dynamics.symbolic.symbols import GRAVITY, PURE, Grade, Symbol
+from haptid.dynamics.symbolic.arithmetic import Coefficient, Laurent, Points, Powers, Residues, powers, rational
+from haptid.dynamics.symbolic.symbols import DIMENSIONLESS, GRAVITY, Dimension, Symbol
 
-# Exponents tried in polynomials, from the least reach to the widest.
-REACHES = ((0, 2), (-1, 2), (-1, 3), (-2, 3), (-3, 4))
-# Degrees of the denominators of ratios that are tried, in lengths and gravity together, and in gravity.
+# Ranges of exponents tried in polynomials, narrowest first.
+EXPONENT_RANGES = ((0, 2), (-1, 2), (-1, 3), (-2, 3), (-3, 4))
+# Degrees of denominators tried, in lengths and gravity together, and in gravity.
 DENOMINATORS = (0, 1, 2, 3, 4)
-# More combinations of exponents than this are not listed.
+# Most combinations of exponents that are listed.
 MOST_COMBINATIONS = 20_000
-# Exponents of one symbol that are tried, of either sign.
-FARTHEST = 4
-# Points that a fit must leave over.
-LEFT_OVER = 3
+# Largest exponent of one symbol that is tried, of either sign.
+LARGEST_EXPONENT = 4
+# Least number of points beyond the unknowns of a fit.
+SPARE_POINTS = 3
 
 
-@dataclass(frozen=True, eq=False)
-class Points:
-    """Sets of lengths modulo one prime.
-
-    Attributes:
-        field: the prime.
-        values: residues of every symbol, (points,) each.
-    """
-
-    field: Field
-    values: Mapping[str, Residues]
-
-    def monomials(self, found: Sequence[Powers], count: int) -> Residues:
-        """Residues of products of powers at the first points, (count, monomials)."""
-        made = np.ones((count, len(found)), dtype=np.int64)
-        cache: dict[tuple[str, int], Residues] = {}
-        for k, exponents in enumerate(found):
-            for name, exponent in exponents:
-                if (name, exponent) not in cache:
-                    cache[name, exponent] = self.field.power(self.values[name][:count], exponent)
-                made[:, k] = self.field.reduce(made[:, k] * cache[name, exponent])
-        return made
+def _monomial_residues(at: Points, found: Sequence[Powers], count: int) -> Residues:
+    """Residues of monomials at the first points, (count, monomials)."""
+    residues = np.ones((count, len(found)), dtype=np.int64)
+    cache: dict[tuple[str, int], Residues] = {}
+    for k, exponents in enumerate(found):
+        for name, exponent in exponents:
+            if (name, exponent) not in cache:
+                cache[name, exponent] = at.field.power(at.values[name][:count], exponent)
+            residues[:, k] = at.field.reduce(residues[:, k] * cache[name, exponent])
+    return residues
 
 
 def span_of(at: Points, y: Residues, name: str, along: Sequence[int]) -> range | None:
@@ -65,7 +51,7 @@ def span_of(at: Points, y: Residues, name: str, along: Sequence[int]) -> range |
         along: points that differ in this symbol alone.
     """
     x, wanted = at.values[name][along], y[along]
-    for width, low in product(range(len(along) - LEFT_OVER), range(-FARTHEST, FARTHEST + 1)):
+    for width, low in product(range(len(along) - SPARE_POINTS), range(-LARGEST_EXPONENT, LARGEST_EXPONENT + 1)):
         powers_of = [at.field.power(x, exponent) for exponent in range(low, low + width + 1)]
         whole = np.column_stack([*powers_of, wanted])
         if at.field.echelon(whole[None])[1] == list(range(width + 1)):
@@ -77,29 +63,29 @@ def fit(
     points: Sequence[Points],
     y: Sequence[Residues],
     symbols: Sequence[Symbol],
-    grade: Grade,
+    dimension: Dimension,
     spans: Mapping[str, range | None],
 ) -> Coefficient | None:
-    """The coefficient with given residues, None where no form tried fits.
+    """The coefficient with given residues, None where no form fits.
 
     Args:
         points: sets of lengths, for each prime.
         y: residues of the coefficient there, (points,) each.
         symbols: those that it depends on.
-        grade: its dimension.
+        dimension: its dimension.
         spans: exponents of symbols, as far as they are known.
     """
-    most = len(y[0]) - LEFT_OVER
+    most = len(y[0]) - SPARE_POINTS
     tried: set[tuple[Powers, ...]] = set()
-    settled = all(spans.get(symbol.name) for symbol in symbols)  # a Laurent polynomial in each is one in all
-    for low, high in REACHES[:1] if settled else REACHES:
-        found = tuple(islice(monomials(symbols, grade, low, high, spans=spans), most + 1))
+    polynomial = all(spans.get(symbol.name) for symbol in symbols)  # a Laurent polynomial in each is one in all
+    for low, high in EXPONENT_RANGES[:1] if polynomial else EXPONENT_RANGES:
+        found = tuple(islice(monomials(symbols, dimension, low, high, spans=spans), most + 1))
         if found and len(found) <= most and found not in tried:
             made = _polynomial(points, y, found)
             if made is not None:
                 return Coefficient(sines(made))
         tried.add(found)
-    for below, above in () if settled else _quotients(symbols, grade):
+    for below, above in () if polynomial else _quotients(symbols, dimension):
         if above and len(below) > 1 and len(above) + len(below) <= most:
             ratio = _ratio(points, y, above, below)
             if ratio is not None:
@@ -107,52 +93,54 @@ def fit(
     return None
 
 
-def _quotients(symbols: Sequence[Symbol], grade: Grade) -> Iterator[tuple[tuple[Powers, ...], tuple[Powers, ...]]]:
+def _quotients(
+    symbols: Sequence[Symbol], dimension: Dimension
+) -> Iterator[tuple[tuple[Powers, ...], tuple[Powers, ...]]]:
     """Monomials of denominators and numerators, of growing degree in lengths, gravity and an angle's cosines."""
     turns = (1, 2) if any(symbol.angle for symbol in symbols) else (0,)
-    heaviness = DENOMINATORS if any(symbol.grade == GRAVITY for symbol in symbols) else (0,)
+    heaviness = DENOMINATORS if any(symbol.dimension == GRAVITY for symbol in symbols) else (0,)
     for degree, heavy, turn in product(DENOMINATORS, heaviness, turns):
         if degree >= heavy:
             below = (degree, -2 * heavy)
-            above = (grade[0] + degree, grade[1] - 2 * heavy)
+            above = (dimension[0] + degree, dimension[1] - 2 * heavy)
             yield (
                 tuple(monomials(symbols, below, 0, degree, turn)),
-                tuple(monomials(symbols, above, 0, degree + max(grade[0], 0), turn)),
+                tuple(monomials(symbols, above, 0, degree + max(dimension[0], 0), turn)),
             )
 
 
 def monomials(
     symbols: Sequence[Symbol],
-    grade: Grade,
+    dimension: Dimension,
     low: int,
     high: int,
     turn: int = 2,
     spans: Mapping[str, range | None] = MappingProxyType({}),
 ) -> Iterator[Powers]:
-    """Products of powers of a dimension, `turn` cosines or sines of an angle among them; exponents as far as known."""
+    """Monomials of a dimension, at most `turn` cosines or sines of an angle in each; exponents as far as known."""
     each = [spans.get(symbol.name) or _span(symbol, low, high) for symbol in symbols]
     if np.prod([len(span) for span in each], dtype=float) > MOST_COMBINATIONS:
         return
     angles = {symbol.angle for symbol in symbols if symbol.angle}
     for exponents in product(*each):
-        total = tuple(sum(e * s.grade[k] for e, s in zip(exponents, symbols, strict=True)) for k in (0, 1))
+        total = tuple(sum(e * s.dimension[k] for e, s in zip(exponents, symbols, strict=True)) for k in (0, 1))
         turns = (sum(e for e, s in zip(exponents, symbols, strict=True) if s.angle == angle) for angle in angles)
-        if total == grade and all(found <= turn for found in turns):
+        if total == dimension and all(found <= turn for found in turns):
             yield powers((symbol.name, e) for symbol, e in zip(symbols, exponents, strict=True))
 
 
 def _span(symbol: Symbol, low: int, high: int) -> range:
-    """Exponents of a symbol; sin^2 is 1 - cos^2, so that a sine has none but 0 and 1, like a spring's rest angle."""
-    if symbol.grade != PURE:
+    """Exponents of a symbol; sin^2 is 1 - cos^2, so a sine, like a spring's rest angle, has only 0 and 1."""
+    if symbol.dimension != DIMENSIONLESS:
         return range(low, high + 1)
     return range(3) if symbol.name.startswith("cos(") else range(2)
 
 
 def _polynomial(points: Sequence[Points], y: Sequence[Residues], found: tuple[Powers, ...]) -> Laurent | None:
-    """The sum of these monomials that has the residues y, None where there is none."""
+    """The linear combination of these monomials with the residues y, None where there is none."""
     solutions = []
     for at, residues in zip(points, y, strict=True):
-        whole = np.column_stack([at.monomials(found, len(residues)), residues])
+        whole = np.column_stack([_monomial_residues(at, found, len(residues)), residues])
         form, pivots = at.field.echelon(whole[None])
         if pivots != list(range(len(found))):
             return None
@@ -163,11 +151,11 @@ def _polynomial(points: Sequence[Points], y: Sequence[Residues], found: tuple[Po
 def _ratio(
     points: Sequence[Points], y: Sequence[Residues], above: tuple[Powers, ...], below: tuple[Powers, ...]
 ) -> Coefficient | None:
-    """The ratio of sums of these monomials that has the residues y: which [above, -y below] takes to zero."""
+    """The ratio of combinations of these monomials with the residues y: the null vector of [above, -y below]."""
     solutions, free = [], -1
     for at, residues in zip(points, y, strict=True):
-        under = at.monomials(below, len(residues)) * residues[:, None]
-        whole = np.column_stack([at.monomials(above, len(residues)), at.field.reduce(-under)])
+        under = _monomial_residues(at, below, len(residues)) * residues[:, None]
+        whole = np.column_stack([_monomial_residues(at, above, len(residues)), at.field.reduce(-under)])
         form, pivots = at.field.echelon(whole[None])
         left = sorted(set(range(whole.shape[1])) - set(pivots))
         if not left or free not in (-1, left[0]):
@@ -186,7 +174,7 @@ def _ratio(
 
 
 def _joined(points: Sequence[Points], solutions: Sequence[Residues], found: tuple[Powers, ...]) -> Laurent | None:
-    """The polynomial whose coefficients have these residues, None where one of them is no small rational."""
+    """The polynomial with these residues as coefficients, None where one of them is no small rational."""
     primes = tuple(at.field.prime for at in points)
     terms: list[tuple[Powers, Fraction]] = []
     for k, exponents in enumerate(found):
@@ -198,7 +186,7 @@ def _joined(points: Sequence[Points], solutions: Sequence[Residues], found: tupl
 
 
 def sines(polynomial: Laurent) -> Laurent:
-    """The same with 1 - cos^2 as sin^2, wherever a term has its counterpart."""
+    """The same polynomial with 1 - cos^2 replaced by sin^2 wherever a term has its counterpart."""
     terms = dict(polynomial.terms)
     for exponents, coefficient in polynomial.terms:
         squares = [name for name, e in exponents if e == 2 and name.startswith("cos(")]

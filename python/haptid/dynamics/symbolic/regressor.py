@@ -1,35 +1,35 @@
-"""The regressor modulo a prime: exact rows at random states, for many sets of lengths at once.
+"""The regressor modulo a prime, at random states and many sets of lengths at once, and its independent columns.
 
-Source: Kane's form of the inverse dynamics, in link frames: the torque of active joint m is the sum over links of the
-link's force and moment times what they move per unit rate of m. Loops are in those rates, so that the tree's torques
+Source: Kane's form of inverse dynamics, in link frames: the torque of active joint m is the sum over links of the
+link's force and moment times its partial velocities by m. Loops are in these partial velocities, so the tree's torques
 are never formed (Khalil and Dombre 2002, eq. 10.25, for the same projection).
 """
 
 from __future__ import annotations
 
-from collections.abc import Hashable, Mapping
+from collections.abc import Hashable
 from dataclasses import dataclass
 
 import numpy as np
 
-from haptid.dynamics.symbolic import placements
-from haptid.dynamics.symbolic.chain import ExactChain
-from haptid.dynamics.symbolic.motion import States
-from haptid.dynamics.symbolic.residues import Field, Residues
-from haptid.dynamics.symbolic.tree import ExactJoint, about_z
+from haptid.dynamics.symbolic.arithmetic import Points, PrimeField, Residues, UnluckyDrawError
+from haptid.dynamics.symbolic.chain import States, SymbolicChain
+from haptid.dynamics.symbolic.geometry import SymbolicJoint, about_z, placement_residues
+from haptid.dynamics.symbolic.symbols import Symbol, draw
 
-# Where XX XY XZ YY YZ ZZ stand in the moment of inertia about x, y and z: row, component of the vector, parameter.
+Functions = dict[Hashable, Residues]
+# Entries of the map J v over XX XY XZ YY YZ ZZ: row, component of v, parameter.
 INERTIA = ((0, 0, 0), (0, 1, 1), (0, 2, 2), (1, 0, 1), (1, 1, 3), (1, 2, 4), (2, 0, 2), (2, 1, 4), (2, 2, 5))
 
 
 @dataclass(frozen=True, eq=False)
 class LinkMotion:
-    """Motion of a link's frame, seen in that frame, all residues.
+    """Motion of a link's frame in its own axes, all residues.
 
     Attributes:
         w, dw: angular velocity and acceleration, (n, 3).
         a: acceleration of the origin less gravity, (n, 3).
-        Jv, Jw: velocity of the origin and angular velocity per unit rate of each active joint, (n, 3, active).
+        Jv, Jw: partial velocity of the origin and angular velocity by each active joint, (n, 3, active).
     """
 
     w: Residues
@@ -39,51 +39,44 @@ class LinkMotion:
     Jw: Residues
 
 
-def regressor(
-    chain: ExactChain, field: Field, rng: np.random.Generator, values: Mapping[str, Residues], samples: int
-) -> Residues:
+def regressor(chain: SymbolicChain, rng: np.random.Generator, points: Points, samples: int) -> Residues:
     """Rows of measured torque by raw standard parameter, (sets, samples * rows, columns).
 
     Args:
         chain: the mechanism.
-        field: the residues' prime.
-        rng: where states are drawn from.
-        values: residues of its symbols, (sets,) each.
-        samples: states for each set of lengths.
+        rng: random generator.
+        points: sets of lengths.
+        samples: states for each set.
     """
-    sets = len(next(iter(values.values()))) if values else 1
-    count = sets * samples
-    each = {name: np.repeat(residues, samples) for name, residues in values.items()}
-    states = chain.motion.states(field, rng, each, count)
-    links = _links(chain, field, states, values, samples)
-    blocks = [link_columns(field, link) for link in links]
-    functions = _functions(chain, field, rng, count)
-    blocks += [column.modulo(field, states, each, functions)[:, :, None] for column in chain.columns]
+    field, each = points.field, points.repeated(samples)
+    states = chain.motion.states(rng, each)
+    blocks = [link_columns(field, link) for link in _links(chain, states, points, each)]
+    functions = _functions(chain, field, rng, each.count)
+    blocks += [column.modulo(states, each, functions)[:, :, None] for column in chain.columns]
     W = np.concatenate(blocks, axis=2)
     if chain.rows is not None:
         W = _measured(chain, field, W)
-    return W.reshape(sets, samples * W.shape[1], W.shape[2])
+    return W.reshape(points.count, samples * W.shape[1], W.shape[2])
 
 
-def _links(
-    chain: ExactChain, field: Field, states: States, values: Mapping[str, Residues], samples: int
-) -> list[LinkMotion]:
-    """Motion of all links, parents first."""
-    sets, count, actives = states.cos.shape[1] // samples, states.cos.shape[1], states.G.shape[2]
-    zero = np.zeros((count, 3), dtype=np.int64)
-    each = {name: np.repeat(residues, samples) for name, residues in values.items()}
-    up = np.stack([field.reduce(-part.modulo(field, each, count)) for part in chain.gravity], axis=1)
-    still = np.zeros((count, 3, actives), dtype=np.int64)
+def _links(chain: SymbolicChain, states: States, points: Points, each: Points) -> list[LinkMotion]:
+    """Motion of all links, parents first; `each` are the points of every state."""
+    field, samples = points.field, each.count // points.count
+    zero = np.zeros((each.count, 3), dtype=np.int64)
+    up = np.stack([field.reduce(-part.modulo(each)) for part in chain.gravity], axis=1)
+    still = np.zeros((each.count, 3, states.G.shape[2]), dtype=np.int64)
     base = LinkMotion(zero, zero, up, still, still)
-    made: list[LinkMotion] = []
+    links: list[LinkMotion] = []
     for j, joint in enumerate(chain.joints):
-        placed = np.repeat(placements.modulo(joint.placement, field, values, sets), samples, axis=0)
-        made.append(_moved(field, made[joint.parent] if joint.parent >= 0 else base, joint, placed, states, j))
-    return made
+        placed = np.repeat(placement_residues(joint.placement, points), samples, axis=0)
+        links.append(_moved(field, links[joint.parent] if joint.parent >= 0 else base, joint, placed, states, j))
+    return links
 
 
-def _moved(field: Field, parent: LinkMotion, joint: ExactJoint, placed: Residues, states: States, j: int) -> LinkMotion:
-    """Motion of the link that joint j moves, from its parent's and its own placement, (n, 4, 4)."""
+def _moved(
+    field: PrimeField, parent: LinkMotion, joint: SymbolicJoint, placed: Residues, states: States, j: int
+) -> LinkMotion:
+    """Motion of the link of joint j, from its parent's and its own placement, (n, 4, 4)."""
     back = np.swapaxes(field.product(placed[:, :3, :3], about_z(states.cos[j], states.sin[j])), 1, 2)
     origin = placed[:, :3, 3]
     if joint.prismatic:
@@ -105,7 +98,7 @@ def _moved(field: Field, parent: LinkMotion, joint: ExactJoint, placed: Residues
     return LinkMotion(w, dw, a, Jv, Jw)
 
 
-def link_columns(field: Field, link: LinkMotion) -> Residues:
+def link_columns(field: PrimeField, link: LinkMotion) -> Residues:
     """Torques of the active joints by XX XY XZ YY YZ ZZ MX MY MZ M of a link, (n, active, 10)."""
     spin = cross(link.w)
     moment = field.reduce(times_inertia(link.dw) + field.product(spin, times_inertia(link.w)))
@@ -116,7 +109,7 @@ def link_columns(field: Field, link: LinkMotion) -> Residues:
 
 
 def cross(v: Residues) -> Residues:
-    """Matrices of v x, (n, 3, 3)."""
+    """Matrices of the cross product with v, (n, 3, 3)."""
     made = np.zeros((len(v), 3, 3), dtype=np.int64)
     made[:, 2, 1], made[:, 0, 2], made[:, 1, 0] = v[:, 0], v[:, 1], v[:, 2]
     return made - np.swapaxes(made, 1, 2)
@@ -130,18 +123,18 @@ def times_inertia(v: Residues) -> Residues:
     return made
 
 
-def apply(field: Field, matrices: Residues, vectors: Residues) -> Residues:
+def apply(field: PrimeField, matrices: Residues, vectors: Residues) -> Residues:
     """Matrices (n, 3, 3) times vectors (n, 3)."""
     return field.product(matrices, vectors[:, :, None])[:, :, 0]
 
 
-def _functions(chain: ExactChain, field: Field, rng: np.random.Generator, count: int) -> dict[Hashable, Residues]:
-    """Values at every state of what is not polynomial: drawn apart for each function."""
+def _functions(chain: SymbolicChain, field: PrimeField, rng: np.random.Generator, count: int) -> Functions:
+    """Random values at every state of functions that are not polynomial, drawn independently for each."""
     keys = dict.fromkeys(part.key for column in chain.columns for part in column.parts)
     return {key: field.draw(rng, count) for key in keys if key is not None}
 
 
-def _measured(chain: ExactChain, field: Field, W: Residues) -> Residues:
+def _measured(chain: SymbolicChain, field: PrimeField, W: Residues) -> Residues:
     """The measured rows, (n, rows, columns), of all active joints', (n, active, columns)."""
     rows = []
     for weights in chain.rows or ():
@@ -150,3 +143,93 @@ def _measured(chain: ExactChain, field: Field, W: Residues) -> Residues:
             total = field.reduce(total + field.of(weight) * W[:, k])
         rows.append(total)
     return np.stack(rows, axis=1)
+
+
+@dataclass(frozen=True)
+class Pivots:
+    """Which columns are independent.
+
+    Attributes:
+        kept: independent of those before them.
+        no_effect: zero at all states.
+        samples: states required for those kept to be independent.
+    """
+
+    kept: tuple[int, ...]
+    no_effect: tuple[int, ...]
+    samples: int
+
+
+@dataclass(frozen=True)
+class Columns:
+    """The standard parameters' columns, in order of preference.
+
+    Attributes:
+        chain: the mechanism.
+        members: raw columns whose sum is each standard parameter's column.
+    """
+
+    chain: SymbolicChain
+    members: tuple[tuple[int, ...], ...]
+
+    def sample(self, rng: np.random.Generator, points: Points, samples: int) -> Residues:
+        """Rows at this many states for each set of lengths, (sets, samples * rows, standard parameters)."""
+        raw = regressor(self.chain, rng, points, samples)
+        W = raw[:, :, [members[0] for members in self.members]]
+        for k, members in enumerate(self.members):
+            for j in members[1:]:
+                W[:, :, k] = points.field.reduce(W[:, :, k] + raw[:, :, j])
+        return W
+
+    def pivots(self, field: PrimeField, rng: np.random.Generator) -> Pivots:
+        """Columns independent of those before them, at random lengths.
+
+        Independence is certain: a minor that is not zero modulo a prime is not zero. States are added until twice as
+        many give no more: the number of rows is no criterion where a torque depends on few of the columns.
+        """
+        points = draw(self.chain.symbols, field, rng, 1)
+        samples = -(-len(self.members) // self.chain.torques) + 1
+        W = self.sample(rng, points, samples)
+        kept = field.echelon(W)[1]
+        while True:
+            W = np.concatenate([W, self.sample(rng, points, samples)], axis=1)
+            before, kept = kept, field.echelon(W)[1]
+            if kept == before:
+                break
+            samples *= 2
+        enough = -(-len(kept) // self.chain.torques) + 1
+        while len(field.echelon(W[:, : enough * self.chain.torques, kept])[1]) < len(kept):
+            enough += 1
+        return Pivots(tuple(kept), tuple(np.flatnonzero(~W[0].any(axis=0)).tolist()), enough + 1)
+
+    def relations(self, rng: np.random.Generator, points: Points, pivots: Pivots, others: list[int]) -> Residues:
+        """Coefficients of other columns in those kept, (sets of lengths, kept, others).
+
+        Raises:
+            UnluckyDrawError: the columns kept are not independent at some of these lengths.
+        """
+        kept = len(pivots.kept)
+        W = self.sample(rng, points, pivots.samples)[:, :, [*pivots.kept, *others]]
+        form, found = points.field.echelon(W, kept)
+        if len(found) < kept:
+            raise UnluckyDrawError
+        return form[:, :, kept:]
+
+
+def scatter(symbols: tuple[Symbol, ...], field: PrimeField, rng: np.random.Generator, count: int, moves: int) -> Points:
+    """Sets of lengths: `count` at random, then the first one with each quantity in turn drawn `moves` times."""
+    groups = quantities(symbols)
+    values = dict(draw(symbols, field, rng, count).values)
+    for names in groups:
+        moved = draw(symbols, field, rng, moves).values
+        for name, residues in values.items():
+            values[name] = np.append(residues, moved[name] if name in names else np.repeat(residues[:1], moves))
+    return Points(field, values, count + moves * len(groups))
+
+
+def quantities(symbols: tuple[Symbol, ...]) -> list[tuple[str, ...]]:
+    """Names of symbols that vary together: one for a length, cosine and sine for an angle."""
+    groups: dict[str, list[str]] = {}
+    for symbol in symbols:
+        groups.setdefault(f"angle {symbol.angle}" if symbol.angle else symbol.name, []).append(symbol.name)
+    return [tuple(names) for names in groups.values()]

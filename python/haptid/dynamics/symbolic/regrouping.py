@@ -1,8 +1,8 @@
-"""Base parameters with the lengths as symbols: which are kept, and how the others regroup into them, exactly.
+"""Base parameters with symbolic lengths: which are kept, and exact formulas of the regrouping.
 
-The regressor is evaluated modulo primes at exact points of the motion, brought to reduced echelon form at many sets of
+The regressor is evaluated modulo primes at random exact states, brought to reduced row echelon form at many sets of
 lengths, and each coefficient is interpolated from its residues and checked at another prime. Nothing is rounded, and no
-trigonometry is done on symbols.
+symbolic trigonometry is needed.
 
 Source of the problem: Khalil and Bennis (1995), Int. J. Robotics Research 14(2); Gautier (1991), J. Robotic Systems
 8(4).
@@ -10,9 +10,10 @@ Source of the problem: Khalil and Bennis (1995), Int. J. Robotics Research 14(2)
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
+from pathlib import Path
 from types import MappingProxyType
 from typing import TYPE_CHECKING
 
@@ -20,28 +21,39 @@ import numpy as np
 
 from haptid._internal.arrays import Array, freeze
 from haptid.device import NewtonClosure
-from haptid.dynamics.base_parameters import preference
+from haptid.device.expressions import Column
+from haptid.device.toml.tables import read_tables
+from haptid.dynamics.base_parameters import preference, random_regressor
+from haptid.dynamics.model import DynamicModel
 from haptid.dynamics.symbolic import formulas
-from haptid.dynamics.symbolic.chain import ExactChain, exact_chain
-from haptid.dynamics.symbolic.closure import check_closure
-from haptid.dynamics.symbolic.comparison import check_agreement
-from haptid.dynamics.symbolic.elimination import Columns, Pivots, quantities, scatter
-from haptid.dynamics.symbolic.interpolation import Points, fit, span_of
-from haptid.dynamics.symbolic.laurent import ONE, Coefficient, Laurent
-from haptid.dynamics.symbolic.opening import dyad_chain, opened
-from haptid.dynamics.symbolic.residues import PRIMES, Field, Residues, UnluckyDrawError, rational
-from haptid.dynamics.symbolic.symbols import GRADES, PURE, Grade, Symbol, draw
-from haptid.errors import RegroupingCheckError, RegroupingFormError
+from haptid.dynamics.symbolic.arithmetic import (
+    ONE,
+    PRIMES,
+    Coefficient,
+    Laurent,
+    Points,
+    PrimeField,
+    Residues,
+    UnluckyDrawError,
+    rational,
+)
+from haptid.dynamics.symbolic.chain import SymbolicChain, symbolic_chain
+from haptid.dynamics.symbolic.interpolation import fit, span_of
+from haptid.dynamics.symbolic.loops import check_closure, dyad_chain, opened
+from haptid.dynamics.symbolic.regressor import Columns, Pivots, quantities, scatter
+from haptid.dynamics.symbolic.symbols import DIMENSIONLESS, DIMENSIONS, Dimension, Symbol, draw
+from haptid.errors import RegroupingError, listed
 
 if TYPE_CHECKING:
-    from haptid.dynamics.model import DynamicModel
+    from haptid.dynamics.base_parameters import BaseParameters
 
-# Sets of lengths from which coefficients are interpolated, and how often each length is then moved on its own: few
-# first, more for what does not fit.
+
+# Sets of lengths from which coefficients are interpolated, and draws of each length on its own: few first, more for
+# coefficients that do not fit.
 SETS = ((16, 1), (48, 6), (200, 6))
 # Sets of lengths at which the relations are checked.
 CHECKED_SETS = 3
-# Draws that may fail before something else must be wrong: each fails with odds of one in a million.
+# Most draws: each fails with odds of one in a million.
 DRAWS = 4
 
 
@@ -52,17 +64,17 @@ class Regroupings:
     Attributes:
         names: ZZ1R where others regroup into ZZ1, FC2 where nothing does, (p,).
         units: of each, (p,).
-        kept: index in the standard parameters of the one each is named after, (p,).
-        coefficients: of the standard parameters that are in each base parameter, by index; one for `kept`, (p,).
+        independent_columns: index in the standard parameters of the one each is named after, (p,).
+        coefficients: of the standard parameters in each base parameter, by index; one for its own column, (p,).
         standard: names of the standard parameters.
         links: index of the joint each belongs to, -1 for a motor's.
-        no_effect: names of the standard parameters that no motion can show.
+        no_effect: names of the standard parameters without effect on any torque.
         symbols: lengths and other quantities that the coefficients depend on.
     """
 
     names: tuple[str, ...]
     units: tuple[str, ...]
-    kept: tuple[int, ...]
+    independent_columns: tuple[int, ...]
     coefficients: tuple[Mapping[int, Coefficient], ...]
     standard: tuple[str, ...]
     links: tuple[int, ...] = field(repr=False)
@@ -109,11 +121,11 @@ class Regroupings:
 
     @property
     def _rows(self) -> tuple[tuple[Mapping[int, Coefficient], int], ...]:
-        return tuple(zip(self.coefficients, self.kept, strict=True))
+        return tuple(zip(self.coefficients, self.independent_columns, strict=True))
 
 
 def regroupings(model: DynamicModel, seed: int = 0) -> Regroupings:
-    """Base parameters of a device with its lengths as symbols, compared with those of its numbers.
+    """Base parameters of a device with symbolic lengths, checked against the numeric ones.
 
     Columns are taken in the same order of preference as by `base_parameters`. That those kept are independent is
     certain; that the relations hold is checked at other lengths, states and another prime, so that a wrong one has odds
@@ -121,50 +133,47 @@ def regroupings(model: DynamicModel, seed: int = 0) -> Regroupings:
 
     Args:
         model: the dynamic model.
-        seed: of what is drawn at random; the result does not depend on it.
+        seed: of random draws; the result does not depend on it.
 
     Raises:
-        SymbolicClosureError: a loop closes at the device's own lengths only, not for all values of its symbols.
-        NoDyadError: a loop that is not linear is no planar dyad.
-        ManyAnglesError: too many angles are no quarter turns.
-        RegroupingFormError: a coefficient is no ratio of polynomials of low degree.
-        AccelerationRegroupingError: a column of accelerations depends on other parameters.
-        RoadsDisagreeError: base parameters at the device's own lengths differ, so that its geometry is a special one.
+        RegroupingError: a loop closes at the device's own lengths only, or a loop that is not linear is no planar dyad;
+            too many angles are no quarter turns; a coefficient is no ratio of polynomials of low degree; a column of
+            accelerations depends on other parameters; or the numeric base parameters differ, because the device's
+            lengths are a special case.
     """
     if isinstance(model.device.closure, NewtonClosure):
         tree = opened(model.device.tables, model.device.name).with_gravity(model.device.gravity)
         chain = dyad_chain(tree, model.device.tables, model.device.name, seed)
     else:
-        chain = exact_chain(model.device)
+        chain = symbolic_chain(model.device)
     made = chain_regroupings(model, chain, seed)
     check_agreement(made, model)
     return made
 
 
-def chain_regroupings(model: DynamicModel, chain: ExactChain, seed: int) -> Regroupings:
+def chain_regroupings(model: DynamicModel, chain: SymbolicChain, seed: int) -> Regroupings:
     """Base parameters of a mechanism whose standard parameters are those of a device.
 
     Raises:
-        SymbolicClosureError, RegroupingFormError: see `regroupings`.
-        RegroupingCheckError: a relation does not hold where it is checked, or draws fail again and again.
+        RegroupingError: see `regroupings`; or a relation does not hold where it is checked, or every draw fails.
     """
     for attempt in range(DRAWS):
         try:
             return _regroupings(model, chain, seed + 1000 * attempt)
         except UnluckyDrawError:
             continue
-    raise RegroupingCheckError(f"{DRAWS} draws in a row met a zero that should not be there")
+    raise _failed_check(f"{DRAWS} draws in a row met a zero that should not be there")
 
 
-def _regroupings(model: DynamicModel, chain: ExactChain, seed: int) -> Regroupings:
+def _regroupings(model: DynamicModel, chain: SymbolicChain, seed: int) -> Regroupings:
     check_closure(chain, model.device.joint_names, seed)
     parameters, order = model.device.parameters, preference(model)
     members = tuple(tuple(np.flatnonzero(parameters.S[:, k]).tolist()) for k in order)
     columns = Columns(chain, members)
-    grades = [GRADES.get(parameters.units[k]) for k in order]
+    dimensions = [DIMENSIONS.get(parameters.units[k]) for k in order]
     names = [parameters.names[k] for k in order]
-    pivots = columns.pivots(Field(PRIMES[0]), np.random.default_rng(seed))
-    found = _coefficients(columns, pivots, grades, names, seed)
+    pivots = columns.pivots(PrimeField(PRIMES[0]), np.random.default_rng(seed))
+    found = _coefficients(columns, pivots, dimensions, names, seed)
     _check(columns, pivots, found, names, seed)
     kept = pivots.kept
     base = sorted(range(len(kept)), key=lambda row: order[kept[row]])
@@ -176,24 +185,24 @@ def _regroupings(model: DynamicModel, chain: ExactChain, seed: int) -> Regroupin
     return Regroupings(
         names=tuple(parameters.names[k] + ("R" if len(row) > 1 else "") for k, row in zip(first, rows, strict=True)),
         units=tuple(parameters.units[k] for k in first),
-        kept=tuple(first),
+        independent_columns=tuple(first),
         coefficients=tuple(rows),
         standard=tuple(parameters.names),
         links=tuple(parameters.links),
-        no_effect=tuple(parameters.names[k] for k in sorted(order[i] for i in pivots.idle)),
+        no_effect=tuple(parameters.names[k] for k in sorted(order[i] for i in pivots.no_effect)),
         symbols=tuple(symbol for symbol in chain.symbols if symbol.name in used),
     )
 
 
 def _coefficients(
-    columns: Columns, pivots: Pivots, grades: list[Grade | None], names: list[str], seed: int
+    columns: Columns, pivots: Pivots, dimensions: list[Dimension | None], names: list[str], seed: int
 ) -> dict[tuple[int, int], Coefficient]:
     """Coefficients that are not zero, by row of `kept` and column.
 
     Raises:
-        RegroupingFormError: one of them fits no form.
+        RegroupingError: one of them fits no form.
     """
-    others = [k for k in range(len(columns.members)) if k not in pivots.kept and k not in pivots.idle]
+    others = [k for k in range(len(columns.members)) if k not in pivots.kept and k not in pivots.no_effect]
     wanted: set[tuple[int, int]] = set()
     made: dict[tuple[int, int], Coefficient] = {}
     for sets, moves in SETS:
@@ -203,14 +212,21 @@ def _coefficients(
         known: dict[tuple[object, ...], Coefficient | None] = {}
         for i, k in sorted(wanted):
             y = [residues[:, i, others.index(k)] for residues in R]
-            grade = _difference(grades[pivots.kept[i]], grades[k])
-            key = (grade, *(residues.tobytes() for residues in y))
+            dimension = _difference(dimensions[pivots.kept[i]], dimensions[k])
+            key = (dimension, *(residues.tobytes() for residues in y))
             if key not in known:
-                known[key] = _coefficient(columns.chain.symbols, points, y, (sets, moves), grade)
+                known[key] = _coefficient(columns.chain.symbols, points, y, (sets, moves), dimension)
             if (coefficient := known[key]) is not None:
                 made[i, k] = coefficient
             elif sets == SETS[-1][0]:
-                raise RegroupingFormError(names[pivots.kept[i]], names[k], sets)
+                raise RegroupingError(
+                    f"the coefficient of {names[k]} in base parameter {names[pivots.kept[i]]} has no formula: no "
+                    f"ratio of polynomials of low degree fits at {sets} sets of lengths.",
+                    where=(names[pivots.kept[i]], names[k]),
+                    advice=(
+                        "Write fewer different lengths and angles, or use the numeric groupings of `base_parameters`."
+                    ),
+                )
         wanted -= set(made)
         if not wanted:
             break
@@ -220,13 +236,12 @@ def _coefficients(
 def _residues(
     columns: Columns, pivots: Pivots, others: list[int], sets: tuple[int, int], seed: int
 ) -> tuple[list[Points], list[Residues]]:
-    """Sets of lengths for the first two primes, and the relations there."""
+    """Sets of lengths for the first two primes, and the residues of the relations there."""
     points, R = [], []
     for prime in PRIMES[:2]:
         rng = np.random.default_rng([seed, *sets, prime])
-        at = Points(Field(prime), scatter(columns.chain.symbols, Field(prime), rng, *sets))
-        points.append(at)
-        R.append(columns.relations(at.field, rng, at.values, pivots, others))
+        points.append(scatter(columns.chain.symbols, PrimeField(prime), rng, *sets))
+        R.append(columns.relations(rng, points[-1], pivots, others))
     return points, R
 
 
@@ -235,9 +250,9 @@ def _coefficient(
     points: list[Points],
     y: list[Residues],
     layout: tuple[int, int],
-    grade: Grade | None,
+    dimension: Dimension | None,
 ) -> Coefficient | None:
-    """One coefficient: first on which quantities it depends, then in what form."""
+    """One coefficient: first which quantities it depends on, then its form."""
     sets, moves = layout
     along = {
         name: [0, *range(sets + k * moves, sets + (k + 1) * moves)]
@@ -249,35 +264,136 @@ def _coefficient(
         constant = rational(tuple(int(r[0]) for r in y), tuple(at.field.prime for at in points))
         same = all((r[:sets] == r[0]).all() for r in y)
         return Coefficient(Laurent.number(constant)) if constant is not None and same else None
-    if grade is None:
+    if dimension is None:
         return None
-    spans = {s.name: span_of(points[0], y[0], s.name, along[s.name]) for s in moving if s.grade != PURE}
-    return fit(points, [r[:sets] for r in y], moving, grade, spans)
+    spans = {s.name: span_of(points[0], y[0], s.name, along[s.name]) for s in moving if s.dimension != DIMENSIONLESS}
+    return fit(points, [r[:sets] for r in y], moving, dimension, spans)
 
 
-def _difference(base: Grade | None, other: Grade | None) -> Grade | None:
-    """Dimension of a coefficient, None where a user's own unit leaves it unknown."""
+def _difference(base: Dimension | None, other: Dimension | None) -> Dimension | None:
+    """Dimension of a coefficient, None where a user-defined unit leaves it unknown."""
     if base == other:
-        return PURE
+        return DIMENSIONLESS
     return (base[0] - other[0], base[1] - other[1]) if base and other else None
 
 
 def _check(
     columns: Columns, pivots: Pivots, found: Mapping[tuple[int, int], Coefficient], names: list[str], seed: int
 ) -> None:
-    """Every relation at fresh states, fresh lengths and another prime; what has no relation must be zero there.
+    """Check every relation at new states, new lengths and another prime; columns without relation must vanish there.
 
     Raises:
-        RegroupingCheckError: one of them does not hold.
+        RegroupingError: one of them does not hold.
     """
-    at, rng = Field(PRIMES[2]), np.random.default_rng([seed, PRIMES[2]])
-    values = draw(columns.chain.symbols, at, rng, CHECKED_SETS)
-    W = columns.sample(at, rng, values, pivots.samples)
+    field, rng = PrimeField(PRIMES[2]), np.random.default_rng([seed, PRIMES[2]])
+    points = draw(columns.chain.symbols, field, rng, CHECKED_SETS)
+    W = columns.sample(rng, points, pivots.samples)
     left = W.copy()
     for (i, k), coefficient in found.items():
-        share = coefficient.modulo(at, values, CHECKED_SETS)[: len(W), None]
-        left[:, :, k] = at.reduce(left[:, :, k] - W[:, :, pivots.kept[i]] * share)
+        share = coefficient.modulo(points)[:, None]
+        left[:, :, k] = field.reduce(left[:, :, k] - W[:, :, pivots.kept[i]] * share)
     left[:, :, pivots.kept] = 0
     wrong = np.flatnonzero(left.any(axis=(0, 1)))
     if len(wrong):
-        raise RegroupingCheckError(f"at another prime the relation of {names[wrong[0]]} does not hold")
+        raise _failed_check(f"at another prime the relation of {names[wrong[0]]} does not hold", names[wrong[0]])
+
+
+# Symbolic and numeric coefficients may differ by this much: relatively, and relative to a coefficient that makes both
+# columns equally long. The numeric method solves with columns whose lengths differ by orders of magnitude.
+RELATIVE, ROUNDING = 1e-6, 1e-7
+
+
+def check_agreement(exact: Regroupings, model: DynamicModel) -> None:
+    """Raise unless the symbolic and the numeric method keep the same parameters and regroup the others alike.
+
+    Args:
+        exact: the symbolic result.
+        model: its device, for the numeric one.
+
+    Raises:
+        RegroupingError: they disagree, or only one of them keeps a column of accelerations.
+    """
+    numeric = model.base
+    tied = [name for name in accelerated(model) if (name in _kept(exact)) != (name in _kept(numeric))]
+    if tied:
+        raise RegroupingError(
+            f"a column of accelerations, {listed(tied)}, is not independent of the other parameters, which symbolic "
+            "groupings do not detect.",
+            where=tied[0],
+            advice=(
+                "Leave the column out, write it as a rotor inertia, or use the numeric groupings of `base_parameters`."
+            ),
+        )
+    if exact.independent_columns != numeric.independent_columns or exact.no_effect != numeric.no_effect:
+        only = [_names(exact, a, b) for a, b in ((exact, numeric), (numeric, exact))]
+        raise _disagreement(len(exact), len(numeric), only[0], only[1])
+    apart = np.abs(exact.values - numeric.regrouping)
+    lengths = np.linalg.norm(random_regressor(model, seed=0), axis=0)
+    limit = ROUNDING * lengths / lengths[list(exact.independent_columns)][:, None] + RELATIVE * np.abs(exact.values)
+    if (apart > limit).any():
+        row, column = np.unravel_index(int(np.argmax(apart - limit)), apart.shape)
+        where = f"{exact.standard[column]} in {exact.names[row]}"
+        found = (float(exact.values[row, column]), float(numeric.regrouping[row, column]))
+        raise _disagreement(len(exact), len(numeric), [f"{found[0]:.6g} {where}"], [f"{found[1]:.6g} {where}"])
+
+
+def accelerated(model: DynamicModel) -> list[str]:
+    """Names of the user-defined columns that read accelerations."""
+    rates = {f"a_{name}" for name in model.device.joint_names}
+    return [term.name for term in model.externals if isinstance(term.shape, Column) and term.shape.reads(rates)]
+
+
+def _kept(one: Regroupings | BaseParameters) -> list[str]:
+    """Standard parameters that base parameters are named after."""
+    return [one.standard[k] for k in one.independent_columns]
+
+
+def _names(exact: Regroupings, one: Regroupings | BaseParameters, other: Regroupings | BaseParameters) -> list[str]:
+    """What one method keeps, or finds without effect, and the other does not."""
+    kept = [exact.standard[k] for k in one.independent_columns if k not in other.independent_columns]
+    return kept + [f"{name} without effect" for name in one.no_effect if name not in other.no_effect]
+
+
+def loop_regroupings(path: str | Path, seed: int = 0) -> Regroupings:
+    """Base parameters, with symbolic lengths, of a device whose loops are planar dyads (four-bar, five-bar linkages).
+
+    Two passive joints and a pin close each loop; the other joints are active, and have motors, unless the file names
+    motors for some of them only. It requires neither guess nor start pose, and it does not compare with numeric base
+    parameters as `regroupings` does. A loop that closes in two assembly modes is taken in both: the relations hold in
+    either.
+
+    Args:
+        path: of the device file.
+        seed: of random draws; the result does not depend on it.
+
+    Raises:
+        DeviceError: in one of its kinds, what is wrong with the file.
+        RegroupingError: a loop is no planar dyad, its links are not in one plane, or a coefficient is no ratio of
+            polynomials of low degree.
+    """
+    tables, file = read_tables(path)
+    tree = opened(tables, file)
+    return chain_regroupings(DynamicModel(tree), dyad_chain(tree, tables, file, seed), seed)
+
+
+def _failed_check(what: str, where: str | None = None) -> RegroupingError:
+    return RegroupingError(
+        f"the symbolic groupings fail their own check: {what}.",
+        where=where,
+        advice=(
+            "Try another seed; if it stays, use the numeric groupings of `base_parameters` and report the device file."
+        ),
+    )
+
+
+def _disagreement(exact: int, numeric: int, only_exact: Sequence[str], only_numeric: Sequence[str]) -> RegroupingError:
+    halves = (("former", only_exact), ("latter", only_numeric))
+    found = "; ".join((f"only the {which} have {listed(names)}" for which, names in halves if names))
+    return RegroupingError(
+        f"base parameters with symbolic lengths ({exact}) and at the device's own lengths ({numeric}) differ: {found}.",
+        found=(exact, numeric),
+        advice=(
+            "The device's lengths or angles are special, or a column's law ties it to others: write equal lengths by "
+            "one name and lengths of zero as 0, or use the numeric groupings of `base_parameters`."
+        ),
+    )

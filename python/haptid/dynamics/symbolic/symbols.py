@@ -11,16 +11,16 @@ from itertools import combinations
 import numpy as np
 
 from haptid.device.loops.from_toml import nearest
-from haptid.dynamics.symbolic.laurent import Laurent
-from haptid.dynamics.symbolic.residues import Field, Residues
+from haptid.dynamics.symbolic.arithmetic import Laurent, Points, PrimeField, Residues
 
-# Exponents of metre and second. Angles have none: a sliding joint that follows a turning one ties them to lengths.
-Grade = tuple[int, int]
-LENGTH: Grade = (1, 0)
-GRAVITY: Grade = (1, -2)
-PURE: Grade = (0, 0)
-# Dimension of a parameter over that of a mass, by its unit.
-GRADES: Mapping[str, Grade] = {
+# Exponents of metre and second. Angles are dimensionless: a sliding joint coupled to a turning one relates them to
+# lengths.
+Dimension = tuple[int, int]
+LENGTH: Dimension = (1, 0)
+GRAVITY: Dimension = (1, -2)
+DIMENSIONLESS: Dimension = (0, 0)
+# Dimension of a parameter divided by that of a mass, by its unit.
+DIMENSIONS: Mapping[str, Dimension] = {
     "kg m^2": (2, 0),
     "kg m": (1, 0),
     "kg": (0, 0),
@@ -31,36 +31,36 @@ GRADES: Mapping[str, Grade] = {
     "N m/rad": (2, -2),
     "N/m": (0, -2),
 }
-# Two numbers of a file this close, relatively, are one.
+# Numbers of a file that differ by less, relatively, are the same symbol.
 SAME = 1e-9
-# Largest denominator of a number that is taken as a ratio of whole numbers, where that misses it by less than SAME.
+# Largest denominator of a number that is read as a ratio of integers, if it is exact to SAME.
 LARGEST_DENOMINATOR = 10_000
 
 
 @dataclass(frozen=True)
 class Symbol:
-    """A quantity of the geometry that is kept as an unknown.
+    """A geometric quantity that is kept as an unknown.
 
     Attributes:
         name: as in formulas: d3, g, or cos(a2) and sin(a2) of an angle that is no multiple of a quarter turn.
         value: in this device, SI.
-        grade: exponents of metre and second.
+        dimension: exponents of metre and second.
     """
 
     name: str
     value: float
-    grade: Grade
+    dimension: Dimension
 
     @property
     def angle(self) -> str | None:
-        """Name of the angle whose cosine or sine it is, None for others."""
+        """Name of the angle whose cosine or sine it is, None for other symbols."""
         return self.name[4:-1] if self.name[:4] in ("cos(", "sin(") else None
 
 
 class Symbols:
-    """All symbols of one mechanism, while its file is read: equal numbers share one.
+    """Registry of the symbols of one mechanism while its file is read: equal numbers share one symbol.
 
-    Opposite bars of a parallelogram must be one symbol, or the loop would not close for all values of its lengths.
+    Opposite bars of a parallelogram must be one symbol, otherwise the loop would not close for all values of it.
     """
 
     def __init__(self) -> None:
@@ -68,30 +68,30 @@ class Symbols:
 
     @property
     def all(self) -> tuple[Symbol, ...]:
-        """In the order in which they were met."""
+        """In the order of registration."""
         return tuple(self._known.values())
 
-    def named(self, name: str, value: float, grade: Grade) -> Laurent:
+    def named(self, name: str, value: float, dimension: Dimension) -> Laurent:
         """A new symbol; a number that is zero stays zero."""
         if value == 0:
             return Laurent()
         while name in self._known or f"cos({name})" in self._known:
             name += "_"
-        self._known[name] = Symbol(name, value, grade)
+        self._known[name] = Symbol(name, value, dimension)
         return Laurent.symbol(name)
 
-    def quantity(self, value: float, name: str, grade: Grade = LENGTH) -> Laurent:
-        """The symbol of this size that is already there, or a new one."""
+    def quantity(self, value: float, name: str, dimension: Dimension = LENGTH) -> Laurent:
+        """The registered symbol of this size, or a new one."""
         for symbol in self.all:
-            if symbol.grade == grade and symbol.angle is None and _same(abs(symbol.value), abs(value)):
+            if symbol.dimension == dimension and symbol.angle is None and _same(abs(symbol.value), abs(value)):
                 sign = Fraction(1 if symbol.value * value > 0 else -1)
                 return Laurent.symbol(symbol.name).times(sign)
-        made = self.named(name, abs(value), grade)
+        made = self.named(name, abs(value), dimension)
         return made if value > 0 else -made
 
     def combination(self, value: float, name: str) -> Laurent:
-        """A length as a sum or difference of two that are already there, or as a symbol of its own."""
-        lengths = [symbol for symbol in self.all if symbol.grade == LENGTH]
+        """A length as a sum or difference of two registered ones, or as a symbol of its own."""
+        lengths = [symbol for symbol in self.all if symbol.dimension == LENGTH]
         if not any(_same(abs(symbol.value), abs(value)) for symbol in lengths):
             for a, b in combinations(lengths, 2):
                 for s, t in ((1, 1), (1, -1), (-1, 1), (-1, -1)):
@@ -100,18 +100,18 @@ class Symbols:
         return self.quantity(value, name)
 
     def position(self, value: float, slides: bool, name: str) -> Laurent:
-        """A joint's position: a length, so many twelfths of pi, or an angle of its own."""
+        """A joint's position: a length, a multiple of pi / 12, or a symbol of its own."""
         if value == 0:
             return Laurent()
         if slides:
             return self.combination(value, name)
         twelfths = nearest(value, math.pi / 12) / (math.pi / 12)
         if twelfths == round(twelfths):
-            return self.quantity(math.pi, "pi", PURE).times(Fraction(round(twelfths), 12))
-        return self.quantity(value, name, PURE)
+            return self.quantity(math.pi, "pi", DIMENSIONLESS).times(Fraction(round(twelfths), 12))
+        return self.quantity(value, name, DIMENSIONLESS)
 
     def turn(self, angle: float, name: str) -> tuple[Laurent, Laurent]:
-        """Cosine and sine of an angle: numbers at quarter turns, else symbols of the angle within an eighth of one.
+        """Cosine and sine of an angle: numbers at quarter turns, otherwise symbols of the rest within an eighth of one.
 
         Angles that differ by quarter turns or in sign share their symbols.
         """
@@ -133,7 +133,7 @@ class Symbols:
         while name in self._known or f"cos({name})" in self._known:
             name += "_"
         cosine, sine = f"cos({name})", f"sin({name})"
-        return self.named(cosine, math.cos(angle), PURE), self.named(sine, math.sin(angle), PURE)
+        return self.named(cosine, math.cos(angle), DIMENSIONLESS), self.named(sine, math.sin(angle), DIMENSIONLESS)
 
 
 def _same(a: float, b: float) -> bool:
@@ -141,17 +141,17 @@ def _same(a: float, b: float) -> bool:
 
 
 def ratio(value: float) -> Fraction:
-    """A plain number of a file, exactly: a ratio of small whole numbers, or else the decimals as they stand."""
+    """A number of a file as an exact fraction: a ratio of small integers, or the decimals as written."""
     simple = Fraction(value).limit_denominator(LARGEST_DENOMINATOR)
     return simple if _same(float(simple), value) else Fraction(repr(value))
 
 
-def draw(symbols: Iterable[Symbol], field: Field, rng: np.random.Generator, count: int) -> dict[str, Residues]:
-    """Residues of all symbols at random, (count,) each; those of an angle lie on the circle."""
+def draw(symbols: Iterable[Symbol], field: PrimeField, rng: np.random.Generator, count: int) -> Points:
+    """Random residues of all symbols, (count,) each; cosine and sine of an angle lie on the circle."""
     made: dict[str, Residues] = {}
     for symbol in symbols:
         if symbol.angle is None:
             made[symbol.name] = field.draw(rng, count)
         elif symbol.name not in made:
             made[f"cos({symbol.angle})"], made[f"sin({symbol.angle})"] = field.circle(rng, count)
-    return made
+    return Points(field, made, count)

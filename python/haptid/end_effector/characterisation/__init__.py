@@ -1,14 +1,13 @@
-"""What the hand feels of a device: masses, friction, weight and forces at the handle, with their intervals."""
+"""Characterisation at the end-effector: apparent mass, friction, weight and forces, with confidence intervals."""
 
 from haptid.end_effector.characterisation.apparent_mass import ApparentMass, apparent_mass
 from haptid.end_effector.characterisation.characterise import Characterisation, characterise, line, sweep
 from haptid.end_effector.characterisation.jacobian import Grasp
-from haptid.end_effector.characterisation.model import Figure, GivenParameters, IdentifiedModel
+from haptid.end_effector.characterisation.model import GivenParameters, IdentifiedModel
 
 __all__ = [
     "ApparentMass",
     "Characterisation",
-    "Figure",
     "GivenParameters",
     "Grasp",
     "IdentifiedModel",

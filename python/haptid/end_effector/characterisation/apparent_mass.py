@@ -1,4 +1,4 @@
-"""The masses that a hand feels: principal values of the handle's mass matrix, at a million poses where wanted."""
+"""Apparent mass (Khatib's effective mass): principal values of the mass matrix at the handle."""
 
 from __future__ import annotations
 
@@ -12,20 +12,21 @@ from haptid import _core
 from haptid._internal.arrays import Array, expect, freeze, read_only
 from haptid.dynamics.inverse import mass_matrix, raw_parameters
 from haptid.dynamics.kinematics import handle_motion, handle_of
-from haptid.end_effector.characterisation.jacobian import LINEAR, check_settings, moving_coordinates
-from haptid.end_effector.characterisation.model import Figure, IdentifiedModel, dof, spread, trusted
+from haptid.end_effector.characterisation.jacobian import LINEAR, check_settings
+from haptid.end_effector.characterisation.model import IdentifiedModel, dof, spread, trusted
 from haptid.end_effector.force import WORST_CONDITION
+from haptid.uncertainty.quantities import Field
 
-# Degrees of freedom are looked at in so many poses.
-LOOKED_AT = 6
+# Number of poses over which the least degrees of freedom are taken.
+DOF_POSES = 6
 
 
 @dataclass(frozen=True, eq=False)
 class ApparentMass:
-    """Principal masses at many poses, for a push that leaves all coordinates free: M = (J A^-1 J')^-1.
+    """Principal apparent masses at many poses, with all coordinates free to move: M = (J A^-1 J')^-1.
 
-    With as many coordinates as rows that is J^-T A J^-1 (Janot et al. 2007, section V); with more it is what a force
-    without moment feels (Khatib 1987, eq. 51); with fewer it is of the motion that the handle can have.
+    With as many coordinates as rows that is J^-T A J^-1 (Janot et al. 2007, section V); with more it is the mass that a
+    force without moment accelerates (Khatib 1987, eq. 51); with fewer it is of the motion that the handle can have.
 
     Attributes:
         mass: principal values, largest first, (poses, r), kg, or kg m^2 for angular rows.
@@ -35,34 +36,34 @@ class ApparentMass:
         worst: condition number beyond which a pose is left out.
     """
 
-    mass: Figure
+    mass: Field
     directions: Array
-    isotropy: Figure
+    isotropy: Field
     condition: Array
     worst: float
 
     def __post_init__(self) -> None:
         for name in ("directions", "condition"):
             object.__setattr__(self, name, read_only(getattr(self, name)))
-        expect("condition", self.condition.shape, self.mass.value.shape[:1])
+        expect("condition", self.condition.shape, self.mass.values.shape[:1])
 
     @property
     def usable(self) -> np.ndarray:
-        """Whether the Jacobian of each pose can be inverted, (poses,)."""
+        """Whether the Jacobian of each pose is invertible within the limit, (poses,)."""
         return np.asarray(self.condition <= self.worst)
 
     @property
     def definite(self) -> np.ndarray:
         """Whether the mass matrix of each usable pose is positive definite, (poses,)."""
-        return np.asarray(self.usable & np.isfinite(self.mass.value[:, 0]))
+        return np.asarray(self.usable & np.isfinite(self.mass.values[:, 0]))
 
 
 def apparent_mass(
     identified: IdentifiedModel, qa: ArrayLike, rows: tuple[int, ...] = LINEAR, worst_condition: float = WORST_CONDITION
 ) -> ApparentMass:
-    """Masses that a hand feels, with deviations: exact in the first order, since masses change as kinetic energy does.
+    """Principal apparent masses with first-order standard errors.
 
-    The order of masses that are nearly equal may change within their deviations.
+    The order of masses that are nearly equal may change within their standard errors.
 
     Args:
         identified: an estimate, or given parameters.
@@ -71,31 +72,32 @@ def apparent_mass(
         worst_condition: of the Jacobian, beyond which a pose is left out.
 
     Raises:
-        HandleMissingError: the device has no handle.
-        CharacterisationSettingError: a setting that means nothing.
+        IncompleteDeviceError: the device has no handle.
+        SettingError: a setting out of range.
         ShapeError: the poses do not fit the device.
     """
     model, qa = identified.model, np.asarray(qa, dtype=float)
     check_settings(model, qa, rows, worst_condition)
-    moving, columns = moving_coordinates(model), spread(identified)
+    moving, columns = model.measured_rows, spread(identified)
     none = np.zeros((len(identified.beta), 0))
-    known = core_spread(identified, none if columns is None else columns)
-    at = core_arguments(identified, qa)
-    found = _core.apparent_mass(*at, rows=rows, moving=moving, worst=worst_condition, spread=known)
+    raw = core_spread(identified, none if columns is None else columns)
+    found = _core.apparent_mass(
+        *core_arguments(identified, qa), rows=rows, moving=moving, worst=worst_condition, spread=raw
+    )
     m, r = len(rows), min(len(rows), len(moving))
     condition, mass, directions, C = np.split(found, [1, 1 + r, 1 + r + r * m], axis=1)
     directions = freeze(np.ascontiguousarray(directions).reshape(-1, r, m))
-    se, doubt = None, None
+    mass_se, isotropy_se, dof = None, None, float("inf")
     if columns is not None:
-        first = [0, *np.cumsum(np.arange(r, 1, -1))]
-        se = trusted(identified, np.sqrt(C[:, first]))
-        doubt = trusted(identified, _isotropy_sd(mass, C[:, 0], C[:, -1], C[:, r - 1]))
-    degrees = float("inf") if columns is None else _freedom(identified, qa, rows, moving, mass, directions)
-    linear = max(rows) < 3
+        variances = [0, *np.cumsum(np.arange(r, 1, -1))]
+        mass_se = trusted(identified, np.sqrt(C[:, variances]))
+        isotropy_se = trusted(identified, _isotropy_se(mass, C[:, 0], C[:, -1], C[:, r - 1]))
+        dof = _least_dof(identified, qa, rows, moving, mass, directions)
+    unit = "kg" if max(rows) < 3 else "kg m^2" if min(rows) > 2 else "in mixed units"
     return ApparentMass(
-        mass=Figure(mass, se, degrees, "kg" if linear else "kg m^2" if min(rows) > 2 else "in mixed units"),
+        mass=Field(mass, mass_se, dof, unit),
         directions=directions,
-        isotropy=Figure(mass[:, -1] / mass[:, 0], doubt, degrees, "1"),
+        isotropy=Field(mass[:, -1] / mass[:, 0], isotropy_se, dof, "1"),
         condition=condition[:, 0],
         worst=worst_condition,
     )
@@ -104,7 +106,7 @@ def apparent_mass(
 def core_arguments(
     identified: IdentifiedModel, qa: Array
 ) -> tuple[Any, Array, Array, int, list[float], Array, Array, Array]:
-    """What the core needs of a model at these poses: mechanism, positions, rates, handle, bodies, rotors."""
+    """The core's arguments for a model at these poses: mechanism, positions, rates, handle, bodies, rotors."""
     model, handle = identified.model, handle_of(identified.model)
     raw, links = raw_parameters(model, identified.beta), 10 * len(model.device.joints)
     rotors = [(links + k, term.weights) for k, term in enumerate(model.terms) if term.kind == "rotor"]
@@ -130,13 +132,13 @@ def core_spread(identified: IdentifiedModel, columns: Array) -> Array:
     return np.ascontiguousarray(model.device.parameters.S[kept][:, list(model.base.independent_columns)] @ columns)
 
 
-def _isotropy_sd(mass: Array, largest: Array, smallest: Array, both: Array) -> Array:
-    """Deviation of smallest over largest, from the variances of each and their covariance, (poses,)."""
+def _isotropy_se(mass: Array, largest: Array, smallest: Array, both: Array) -> Array:
+    """Standard error of smallest over largest, from the variances of each and their covariance, (poses,)."""
     ratio = mass[:, -1] / mass[:, 0]
     return np.asarray(np.sqrt(np.maximum(smallest + ratio**2 * largest - 2 * ratio * both, 0.0)) / mass[:, 0])
 
 
-def _freedom(
+def _least_dof(
     identified: IdentifiedModel,
     qa: Array,
     rows: tuple[int, ...],
@@ -146,7 +148,7 @@ def _freedom(
 ) -> float:
     """Least degrees of freedom of the masses at some poses."""
     known = np.flatnonzero(np.isfinite(mass[:, 0]))
-    few = known[np.linspace(0, len(known) - 1, min(len(known), LOOKED_AT)).astype(int)] if len(known) else known
+    few = known[np.linspace(0, len(known) - 1, min(len(known), DOF_POSES)).astype(int)] if len(known) else known
     inner = list(moving)
 
     def matrices(beta: Array) -> Array:

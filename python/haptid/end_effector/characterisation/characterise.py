@@ -1,4 +1,4 @@
-"""`characterise(model, poses)`: what the hand feels of a device, pose by pose, each figure with its deviation.
+"""`characterise(model, poses)`: mass, friction, weight and forces at the handle, pose by pose, with standard errors.
 
 Source: Janot et al. (2007), section V, eqs (18) and (19): F = M xdd + B xd + K x + F_c sign + F_d.
 """
@@ -19,25 +19,25 @@ from haptid.dynamics.workspace import Workspace
 from haptid.end_effector.characterisation import force_capability, friction, velocity_forces
 from haptid.end_effector.characterisation.apparent_mass import ApparentMass, apparent_mass
 from haptid.end_effector.characterisation.jacobian import LINEAR, Grasp, grasp
-from haptid.end_effector.characterisation.model import Figure, IdentifiedModel, changing, linear
+from haptid.end_effector.characterisation.model import IdentifiedModel, changing, linear
 from haptid.end_effector.characterisation.summary import summary
-from haptid.end_effector.force import WORST_CONDITION
-from haptid.errors import CharacterisationSettingError, DifferentModelError
+from haptid.end_effector.force import WORST_CONDITION, setting_error
+from haptid.uncertainty.quantities import Field
 
-# Poses of a workspace's grid, unless another number is asked for.
+# Default number of cells of a workspace's grid.
 POSES = 8000
 
 
 @dataclass(frozen=True, eq=False)
 class Characterisation:
-    """What the hand feels at some poses; see `characterise`.
+    """The dynamics at the handle at some poses; see `characterise`.
 
-    Figures over poses have NaN at those that do not count: `grasp.usable` says which, `summary` how many and where.
+    Values over poses are NaN at poses that are left out: `grasp.usable` marks them, `summary` counts them.
 
     Attributes:
         identified: the parameters.
-        grasp: the poses, the handle's place and Jacobian at each.
-        masses: principal masses that the hand feels.
+        grasp: the poses, the handle's position and Jacobian at each.
+        masses: principal apparent masses.
     """
 
     identified: IdentifiedModel
@@ -46,6 +46,7 @@ class Characterisation:
 
     @property
     def model(self) -> DynamicModel:
+        """The dynamic model."""
         return self.identified.model
 
     @cached_property
@@ -54,17 +55,17 @@ class Characterisation:
         return self.grasp.inverse("friction, weight or stiffness at the handle")
 
     @property
-    def apparent_mass(self) -> Figure:
+    def apparent_mass(self) -> Field:
         """Principal masses, largest first, (poses, r), kg."""
         return self.masses.mass
 
     @property
-    def isotropy(self) -> Figure:
+    def isotropy(self) -> Field:
         """Smallest over largest principal mass, (poses,)."""
         return self.masses.isotropy
 
-    def mass_along(self, direction: ArrayLike) -> Figure:
-        """d' J^-T A J^-1 d: force along d for an acceleration along d and none across, (poses,), kg."""
+    def mass_along(self, direction: ArrayLike) -> Field:
+        """d' J^-T A J^-1 d: force along d per acceleration along d with none across, (poses,), kg."""
         rates = self._rates(self._unit(direction))
         inner = list(self.grasp.moving)
 
@@ -75,7 +76,7 @@ class Characterisation:
         return linear(self.identified, of, "kg")
 
     @cached_property
-    def viscous_friction(self) -> Figure:
+    def viscous_friction(self) -> Field:
         """Principal values of J^-T Fv J^-1, largest first, (poses, m), N s/m."""
         D = self._viscous(self.identified.beta)
         values, vectors = np.linalg.eigh(np.nan_to_num(D))
@@ -87,22 +88,22 @@ class Characterisation:
         values = np.where(self.grasp.usable[:, None], values, np.nan)
         return changing(self.identified, values, slope, "N s/m")
 
-    def viscous_along(self, direction: ArrayLike) -> Figure:
+    def viscous_along(self, direction: ArrayLike) -> Field:
         """d' J^-T Fv J^-1 d, (poses,), N s/m."""
         d = self._unit(direction)
         return linear(self.identified, lambda beta: np.einsum("i,pij,j->p", d, self._viscous(beta), d), "N s/m")
 
-    def coulomb_friction(self, direction: ArrayLike) -> Figure:
-        """Force at the handle, all components, for slow motion along d: J^-T Fc sign(J^-1 d), (poses, m), N.
+    def coulomb_friction(self, direction: ArrayLike) -> Field:
+        """Coulomb friction force at the handle for slow motion along d: J^-T Fc sign(J^-1 d), (poses, m), N.
 
-        Its component along d is what the hand loses to dry friction: `backdrive_force` has it with the weight.
+        Its component along d is the force lost to dry friction; `backdrive_force` adds the weight.
         """
         rates = self.grasp.all_rates(self._rates(self._unit(direction)))
         return linear(self.identified, lambda beta: self._felt(friction.dry_torque(self.model, beta, rates)), "N")
 
     @cached_property
-    def coulomb_by_axis(self) -> Figure:
-        """J^-T Fc as printed in eq. (18), (poses, m), N: right where signs of the handle's and joints' rates agree."""
+    def coulomb_by_axis(self) -> Field:
+        """J^-T Fc as printed in eq. (18), (poses, m), N: correct where signs of handle and joint rates agree."""
 
         def of(beta: Array) -> Array:
             level = friction.coulomb_level(self.model, beta)
@@ -111,12 +112,12 @@ class Characterisation:
         return linear(self.identified, of, "N")
 
     @cached_property
-    def weight(self) -> Figure:
-        """Force of the hand that holds the device still, without friction, (poses, m), N."""
+    def weight(self) -> Field:
+        """Force of the hand that supports the device, without friction, (poses, m), N."""
         return linear(self.identified, lambda beta: self._felt(self._static(beta)), "N")
 
-    def backdrive_force(self, direction: ArrayLike) -> Figure:
-        """Force along d that moves the device slowly that way, motors off: friction and weight, (poses,), N."""
+    def backdrive_force(self, direction: ArrayLike) -> Field:
+        """Back-drive force along d: moves the device slowly that way, motors off; friction and weight, (poses,), N."""
         d = self._unit(direction)
         rates = self.grasp.all_rates(self._rates(d))
 
@@ -125,25 +126,24 @@ class Characterisation:
 
         return linear(self.identified, of, "N")
 
-    def neglected_force(self, speed: float) -> Figure:
+    def neglected_force(self, speed: float) -> Field:
         """Largest |F_d| over directions of motion at a handle speed, (poses,), N; see `neglected_force_of`.
 
-        F_d is weight and a part that grows with the square of speed, so at the largest speed of a range that part is
-        largest too.
+        F_d is weight plus a quadratic form of velocity, so it is bounded by its value at the largest speed of a range.
         """
         worst = speed * velocity_forces.worst_directions(self.grasp, self.inverse, self.identified.beta, speed)
         force = velocity_forces.neglected_force(self.grasp, self.inverse, self.identified.beta, worst)
-        best = np.linalg.norm(force, axis=1)
-        along = force / np.where(best > 0, best, 1.0)[:, None]
+        size = np.linalg.norm(force, axis=1)
+        along = force / np.where(size > 0, size, 1.0)[:, None]
 
         def slope(change: Array) -> Array:
             force = velocity_forces.neglected_force(self.grasp, self.inverse, change, worst)
             return np.asarray(np.einsum("pm,pm->p", along, force))
 
-        return changing(self.identified, best, slope, "N")
+        return changing(self.identified, size, slope, "N")
 
-    def neglected_force_of(self, velocity: ArrayLike) -> Figure:
-        """F_d for a velocity of the handle, (m,) or (poses, m), m/s: what eq. (18) leaves out, (poses, m), N."""
+    def neglected_force_of(self, velocity: ArrayLike) -> Field:
+        """F_d for a velocity of the handle, (m,) or (poses, m), m/s: the force neglected in eq. (18), (poses, m), N."""
         v = np.broadcast_to(np.asarray(velocity, dtype=float), (len(self.grasp), len(self.grasp.rows)))
         return linear(self.identified, lambda b: velocity_forces.neglected_force(self.grasp, self.inverse, b, v), "N")
 
@@ -161,8 +161,8 @@ class Characterisation:
         values = np.where(self.grasp.usable[:, None], values[:, ::-1], np.nan)
         return freeze(values), freeze(np.ascontiguousarray(vectors[:, :, ::-1].mT))
 
-    def greatest_force(self, limits: Mapping[str, float] | None = None) -> tuple[Figure, Array]:
-        """Force that motors can make in every direction while they carry the weight, and its worst direction.
+    def greatest_force(self, limits: Mapping[str, float] | None = None) -> tuple[Field, Array]:
+        """Force capability: the force that motors can exert in every direction while they carry the weight.
 
         Peak force for peak torques, continuous force for continuous ones.
 
@@ -173,7 +173,7 @@ class Characterisation:
             The force in the worst direction, (poses,), N, and that direction, (poses, m).
 
         Raises:
-            TorqueLimitError: a motor without a limit.
+            IncompleteDeviceError: a motor without a limit.
         """
         most, J = force_capability.torque_limits(self.model, limits), force_capability.motor_jacobian(self.grasp)
         held = force_capability.motor_torque(self.model, self._static(self.identified.beta))
@@ -188,13 +188,13 @@ class Characterisation:
 
         return changing(self.identified, force, slope, "N"), freeze(direction)
 
-    def force_along(self, direction: ArrayLike, limits: Mapping[str, float] | None = None) -> Figure:
-        """Greatest force of the motors on the hand along d, (poses,), N; arguments as for `greatest_force`."""
+    def force_along(self, direction: ArrayLike, limits: Mapping[str, float] | None = None) -> Field:
+        """Largest force of the motors on the hand along d, (poses,), N; arguments as for `greatest_force`."""
         most, J = force_capability.torque_limits(self.model, limits), force_capability.motor_jacobian(self.grasp)
         held = force_capability.motor_torque(self.model, self._static(self.identified.beta))
         force, load, motor = force_capability.along(J, most, held, self._unit(direction))
         at = np.arange(len(force))
-        # Where no motor feels d, or one has nothing left, a small change of the weight changes nothing.
+        # Where no motor is loaded by d, or one has no torque left, the derivative by the weight is zero.
         bound = np.isfinite(force) & (force > 0)
         slopes = np.where(bound, -1 / np.where(bound, load, 1.0), 0.0)
 
@@ -204,7 +204,7 @@ class Characterisation:
         return changing(self.identified, force, slope, "N")
 
     def summary(self) -> str:
-        """Figures over the poses, and the poses that do not count, as text."""
+        """Median and range of the quantities, and the poses left out, as text."""
         return summary(self)
 
     def _unit(self, direction: ArrayLike) -> Array:
@@ -212,11 +212,11 @@ class Characterisation:
         expect("direction", d.shape, (len(self.grasp.rows),))
         length = np.linalg.norm(d)
         if not (np.isfinite(length) and length > 0):
-            raise CharacterisationSettingError("direction", direction, "finite components, not all zero")
+            raise setting_error("direction", direction, "finite components, not all zero")
         return np.asarray(d / length)
 
     def _rates(self, direction: Array) -> Array:
-        """Of the moving coordinates, for unit speed along a direction, (poses, n)."""
+        """Rates of the moving coordinates for unit speed along a direction, (poses, n)."""
         return np.asarray(self.inverse @ direction)
 
     def _viscous(self, beta: Array) -> Array:
@@ -228,7 +228,7 @@ class Characterisation:
         return friction.felt(self.grasp, self.inverse, torque)
 
     def _static(self, beta: Array) -> Array:
-        """Torque that holds the device still, (active, poses): gravity, springs, offsets."""
+        """Static torque, (active, poses): gravity, springs, offsets."""
         still = np.zeros_like(self.grasp.qa)
         return inverse_dynamics(self.model, beta, self.grasp.qa, still, still)
 
@@ -239,36 +239,35 @@ def characterise(
     rows: tuple[int, ...] = LINEAR,
     worst_condition: float = WORST_CONDITION,
 ) -> Characterisation:
-    """What the hand feels of a device, at poses or over a workspace.
+    """Characterise the dynamics at the handle, at poses or over a workspace.
 
     Args:
-        identified: an estimate, whose covariance gives deviations, or given parameters.
+        identified: an estimate, whose covariance gives standard errors, or given parameters.
         poses: positions of the active joints, (active, poses), rad or m, or a workspace, of which a grid is taken.
         rows: components of the handle's velocity in the base frame, 0 to 2 linear, 3 to 5 angular.
         worst_condition: of the handle's Jacobian, beyond which a pose is left out.
 
     Raises:
-        HandleMissingError: the device has no handle.
-        CharacterisationSettingError: a setting that means nothing.
-        DifferentModelError: the workspace is of another device.
-        EmptyWorkspaceError: no pose is inside the workspace.
+        IncompleteDeviceError: the device has no handle.
+        SettingError: a setting out of range.
+        ModelMismatchError: the workspace is of another device.
+        WorkspaceError: no pose is inside the workspace.
         ShapeError: the poses do not fit the device.
     """
     if isinstance(poses, Workspace):
-        if not poses.model.is_same_as(identified.model):
-            raise DifferentModelError(identified.model.device.name, poses.model.device.name)
+        poses.model.require_same(identified.model)
         poses = poses.grid(POSES)
     qa = np.asarray(poses, dtype=float)
-    held = grasp(identified.model, qa, rows, worst_condition)
-    return Characterisation(identified, held, apparent_mass(identified, qa, rows, worst_condition))
+    handle = grasp(identified.model, qa, rows, worst_condition)
+    return Characterisation(identified, handle, apparent_mass(identified, qa, rows, worst_condition))
 
 
 def sweep(start: ArrayLike, joint: int, values: ArrayLike) -> Array:
-    """Poses in which one active joint takes values and the others stay, (active, poses), rad or m.
+    """Poses in which one active joint takes values and the others are constant, (active, poses), rad or m.
 
     Args:
         start: a pose, (active,).
-        joint: which of the active joints.
+        joint: index among the active joints.
         values: of it, (poses,).
     """
     values = np.asarray(values, dtype=float)
@@ -278,5 +277,5 @@ def sweep(start: ArrayLike, joint: int, values: ArrayLike) -> Array:
 
 
 def line(start: ArrayLike, end: ArrayLike, poses: int) -> Array:
-    """Poses on a straight line of the joints' positions, ends included, (active, poses), rad or m."""
+    """Poses on a straight line in joint space, ends included, (active, poses), rad or m."""
     return freeze(np.linspace(np.asarray(start, dtype=float), np.asarray(end, dtype=float), poses, axis=1))

@@ -1,4 +1,4 @@
-"""Greatest force at the handle that motors of limited torque can make, while they carry the device's weight."""
+"""Force capability: the largest force at the handle with limited motor torques, minus the torques for the weight."""
 
 from __future__ import annotations
 
@@ -9,28 +9,40 @@ import numpy as np
 from haptid._internal.arrays import Array
 from haptid.dynamics.model import DynamicModel
 from haptid.end_effector.characterisation.jacobian import Grasp
-from haptid.errors import TorqueLimitError
+from haptid.errors import IncompleteDeviceError, UnknownNameError, suggestion
 
 
 def torque_limits(model: DynamicModel, given: Mapping[str, float] | None) -> Array:
-    """Greatest torque of each motor's coordinate, (motors,), N m or N: those given, else the joint's in the device.
+    """Torque limit of each motor's coordinate, (motors,), N m or N: those given, else the joint's in the device.
 
     Raises:
-        TorqueLimitError: a motor without a limit, or a limit that means nothing.
+        IncompleteDeviceError: a motor without a limit, or a limit that is not positive.
+        UnknownNameError: a limit of an unknown motor.
     """
     known = given or {}
     made = [known.get(drive.name, _of_joint(model, drive.row)) for drive in model.device.motors]
     for drive, limit in zip(model.device.motors, made, strict=True):
         if limit is None or not (np.isfinite(limit) and limit > 0):
-            raise TorqueLimitError(drive.name, limit)
+            raise IncompleteDeviceError(
+                f"the torque limit of motor {drive.name} is {limit!r}.",
+                where=drive.name,
+                found=limit,
+                advice="Give a finite torque of its coordinate above zero, N m or N, or limits of its joint.",
+            )
+    names = [drive.name for drive in model.device.motors]
     for name in known:
-        if name not in [drive.name for drive in model.device.motors]:
-            raise TorqueLimitError(name, "of a motor that is not there")
+        if name not in names:
+            raise UnknownNameError(
+                f"a torque limit is given for {name!r}, which is no motor.",
+                where=name,
+                limit=tuple(names),
+                advice=suggestion(name, names),
+            )
     return np.array(made, dtype=float)
 
 
 def _of_joint(model: DynamicModel, row: Array) -> float | None:
-    """Limit of the one joint that a motor drives, seen by the motor; None where it drives several."""
+    """Limit of the one joint that a motor drives, at the motor; None where it drives several."""
     joints = np.flatnonzero(row)
     limit = model.device.joints[model.device.active[joints[0]]].torque_limit if len(joints) == 1 else None
     return None if limit is None else limit / abs(float(row[joints[0]]))
@@ -51,7 +63,7 @@ def motor_torque(model: DynamicModel, torque: Array) -> Array:
 
 
 def weakest(jacobian: Array, limits: Array, weight: Array) -> tuple[Array, Array, np.ndarray]:
-    """Force in the direction in which it is least, that direction, and the motor that sets it.
+    """Force in the direction in which it is least, that direction, and the limiting motor.
 
     A motor is loaded most by a force along its own column of the Jacobian, so the least force over all directions is
     the least of (limit - |weight|) / |column|: no search is needed.
@@ -62,25 +74,24 @@ def weakest(jacobian: Array, limits: Array, weight: Array) -> tuple[Array, Array
         weight: torque that carries the device, (motors, poses).
     """
     lengths = np.linalg.norm(jacobian, axis=1)
-    spare = np.maximum(limits - np.abs(weight.T), 0.0)
+    available = np.maximum(limits - np.abs(weight.T), 0.0)
     with np.errstate(divide="ignore", invalid="ignore"):
-        force = np.where(lengths > 0, spare / lengths, np.inf)
+        force = np.where(lengths > 0, available / lengths, np.inf)
     motor = np.argmin(force, axis=1)
     at = np.arange(len(force))
-    # A force whose load has the sign of the weight's.
+    # The sign for which the force loads the motor like the weight.
     column = jacobian[at, :, motor] * np.where(weight[motor, at] < 0, -1.0, 1.0)[:, None]
     return force[at, motor], column / np.linalg.norm(column, axis=1, keepdims=True), motor
 
 
 def along(jacobian: Array, limits: Array, weight: Array, direction: Array) -> tuple[Array, Array, np.ndarray]:
-    """Greatest force along one direction, infinite where no motor feels it; torque per force of the motor that sets it,
-    and which that is, (poses,) each.
+    """Largest force along one direction, the limiting motor's torque per force, and that motor, (poses,) each.
 
-    Motors carry the weight and push: |weight + J' f d| <= limit.
+    The force is infinite where no motor is loaded by it. Motors carry the weight and push: |weight + J' f d| <= limit.
     """
     load = np.einsum("pmk,m->pk", jacobian, direction)
-    room = np.maximum(limits - np.sign(load) * weight.T, 0.0)
+    available = np.maximum(limits - np.sign(load) * weight.T, 0.0)
     with np.errstate(divide="ignore", invalid="ignore"):
-        force = np.where(load != 0, room / np.abs(load), np.inf)
+        force = np.where(load != 0, available / np.abs(load), np.inf)
     motor, at = np.argmin(force, axis=1), np.arange(len(force))
     return force[at, motor], load[at, motor], motor

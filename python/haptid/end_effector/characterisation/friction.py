@@ -1,4 +1,4 @@
-"""Friction at the handle: viscous, and dry friction that depends on the direction of motion."""
+"""Friction at the handle: viscous friction, and dry friction that depends on the direction of motion."""
 
 from __future__ import annotations
 
@@ -10,12 +10,12 @@ from haptid.dynamics.inverse import raw_parameters
 from haptid.dynamics.model import DynamicModel
 from haptid.end_effector.characterisation.jacobian import Grasp
 
-# A joint stands still in a motion where its rate is below this share of the fastest one's.
+# A joint is at rest in a motion where its rate is below this share of the fastest one's.
 STILL = 1e-9
 
 
 def viscous_matrix(model: DynamicModel, beta: Array) -> Array:
-    """Viscous friction of the coordinates that torque rows belong to, (active, active), N m s/rad."""
+    """Viscous friction matrix of the torque rows' coordinates, (active, active), N m s/rad."""
     made = np.zeros((len(model.device.active),) * 2)
     for term, value in _terms(model, beta, ("viscous",)):
         made += value * np.outer(term.weights, term.weights) / (2 if term.side else 1)
@@ -23,14 +23,14 @@ def viscous_matrix(model: DynamicModel, beta: Array) -> Array:
 
 
 def dry_torque(model: DynamicModel, beta: Array, rates: Array) -> Array:
-    """Dry friction of a motion in the limit of slow speed, (active, samples), N m or N: only signs of rates count.
+    """Dry friction of a motion in the limit of low speed, (active, samples), N m or N: only signs of rates count.
 
-    Friction at rest counts for Stribeck terms. What does not move has none here, though at rest it may have.
+    Stribeck terms have their value at rest. Coordinates at rest have no friction here, though they may have stiction.
 
     Args:
         model: the dynamic model.
         beta: its base parameters, (p,), SI.
-        rates: of the coordinates that torque rows belong to, (active, samples).
+        rates: of the torque rows' coordinates, (active, samples).
     """
     made = np.zeros_like(rates)
     fastest = np.abs(rates).max(axis=0, initial=0.0)
@@ -46,7 +46,7 @@ def dry_torque(model: DynamicModel, beta: Array, rates: Array) -> Array:
 
 
 def coulomb_level(model: DynamicModel, beta: Array) -> Array:
-    """Sum of the dry friction that loads each coordinate, (active,), N m or N: the paper's Fc."""
+    """Sum of the dry friction on each coordinate, (active,), N m or N: Fc in Janot et al. (2007)."""
     made = np.zeros(len(model.device.active))
     for term, value in _terms(model, beta, DRY):
         made += value * np.abs(term.weights) / (2 if term.side else 1)
@@ -54,12 +54,12 @@ def coulomb_level(model: DynamicModel, beta: Array) -> Array:
 
 
 def _terms(model: DynamicModel, beta: Array, kinds: tuple[str, ...]) -> list[tuple[TermColumn, float]]:
-    """Terms of these kinds that have an effect, each with its parameter."""
+    """Terms of these kinds with a nonzero parameter, each with its parameter."""
     values = raw_parameters(model, beta)[10 * len(model.device.joints) :]
     pairs = zip(model.terms, values, strict=True)
     return [(term, float(value)) for term, value in pairs if term.nature in kinds and value]
 
 
 def felt(grasp: Grasp, inverse: Array, torque: Array) -> Array:
-    """Force at the handle, (poses, m), that balances torques of all coordinates, (active, poses)."""
+    """Force at the handle, (poses, m), in equilibrium with torques of all coordinates, (active, poses)."""
     return np.asarray(np.einsum("pnm,np->pm", inverse, torque[list(grasp.moving)]))

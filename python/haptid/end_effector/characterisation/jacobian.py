@@ -1,4 +1,4 @@
-"""The poses of a characterisation: how the handle moves at each, and which of them count."""
+"""Poses of a characterisation, the handle's Jacobian at each, and which of them are left out."""
 
 from __future__ import annotations
 
@@ -9,16 +9,17 @@ import numpy as np
 from haptid._internal.arrays import Array, expect, freeze, positive, read_only
 from haptid.dynamics.kinematics import handle_motion, handle_of
 from haptid.dynamics.model import DynamicModel
-from haptid.errors import CharacterisationSettingError, SpareJointsError
+from haptid.end_effector.force import setting_error
+from haptid.errors import RedundancyError
 
 LINEAR = (0, 1, 2)
-# Poses are described all at once for so many of them.
+# Poses evaluated at a time.
 CHUNK = 50_000
 
 
 @dataclass(frozen=True, eq=False)
 class Grasp:
-    """Poses, and the handle's Jacobian by the coordinates whose torque is measured; the others are held still.
+    """Poses, and the handle's Jacobian by the coordinates with measured torque; the others are constrained.
 
     Attributes:
         model: the dynamic model.
@@ -52,24 +53,31 @@ class Grasp:
 
     @property
     def usable(self) -> np.ndarray:
-        """Whether the Jacobian of each pose can be inverted, (poses,)."""
+        """Whether the Jacobian of each pose is invertible within the limit, (poses,)."""
         return np.asarray(self.condition <= self.worst)
 
     @property
-    def spare(self) -> int:
-        """Coordinates more than rows: the handle's motion does not tell how they share it."""
+    def redundancy(self) -> int:
+        """Degree of redundancy: more coordinates than rows, so the handle's motion does not determine theirs."""
         return max(0, len(self.moving) - len(self.rows))
 
-    def inverse(self, figure: str) -> Array:
-        """Rates of the moving coordinates from the handle's velocity, (poses, n, m); NaN at poses that do not count.
+    def inverse(self, quantity: str) -> Array:
+        """Rates of the moving coordinates from the handle's velocity, (poses, n, m); NaN at poses left out.
 
         With fewer coordinates than rows it takes the part of a velocity that the handle can have.
 
         Raises:
-            SpareJointsError: more coordinates than rows, so that `figure` is not determined.
+            RedundancyError: more coordinates than rows, so that `quantity` is not determined.
         """
-        if self.spare:
-            raise SpareJointsError(figure, len(self.moving), len(self.rows))
+        if self.redundancy:
+            raise RedundancyError(
+                f"{quantity} is not determined: {len(self.moving)} joints move {len(self.rows)} components of the "
+                "handle's velocity.",
+                where=quantity,
+                found=len(self.moving),
+                limit=len(self.rows),
+                advice="Choose more rows; apparent mass and force capability are determined all the same.",
+            )
         made = np.full((len(self), len(self.moving), len(self.rows)), np.nan)
         made[self.usable] = np.linalg.pinv(self.jacobian[self.usable])
         return freeze(made)
@@ -85,12 +93,12 @@ def grasp(model: DynamicModel, qa: Array, rows: tuple[int, ...], worst: float) -
     """The handle at these poses.
 
     Raises:
-        HandleMissingError: the device has no handle.
-        CharacterisationSettingError: a setting that means nothing.
+        IncompleteDeviceError: the device has no handle.
+        SettingError: a setting out of range.
         ShapeError: the poses do not fit the device.
     """
     check_settings(model, qa, rows, worst)
-    moving = moving_coordinates(model)
+    moving = model.measured_rows
     parts = [handle_motion(model, qa[:, k : k + CHUNK]) for k in range(0, max(qa.shape[1], 1), CHUNK)]
     jacobian = np.concatenate([part.row_jacobian[:, list(rows)][:, :, list(moving)] for part in parts])
     singular = np.linalg.svd(jacobian, compute_uv=False)
@@ -100,29 +108,24 @@ def grasp(model: DynamicModel, qa: Array, rows: tuple[int, ...], worst: float) -
     return Grasp(model, qa, rows, moving, position, jacobian, condition, worst)
 
 
-def moving_coordinates(model: DynamicModel) -> tuple[int, ...]:
-    """Coordinates whose torque is measured: entries of the model in the others' rows are not identified."""
-    return tuple(k for k, known in enumerate(model.device.measured) if known)
-
-
 def check_settings(model: DynamicModel, qa: Array, rows: tuple[int, ...], worst: float) -> None:
-    """Refuse settings that mean nothing.
+    """Check the settings of a characterisation.
 
     Raises:
-        HandleMissingError: the device has no handle.
-        CharacterisationSettingError: a setting, or a position that is not finite.
+        IncompleteDeviceError: the device has no handle.
+        SettingError: a setting out of range, or a position that is not finite.
         ShapeError: the poses do not fit the device.
     """
     expect("qa", qa.shape, (len(model.device.active), None))
     if not np.isfinite(qa).all():
-        raise CharacterisationSettingError("a position", float("nan"), "finite positions")
+        raise setting_error("qa", float("nan"), "finite positions")
     if handle_of(model).link < 0:
-        raise CharacterisationSettingError("the handle's link", "the base", "a link that moves")
+        raise setting_error("handle.link", "base", "a link that moves")
     for term in model.terms:
         if (term.kind == "rotor" or term.resists) and term.joint is not None and model.device.varying[term.joint].any():
             wanted = "rotors and friction on motors or active joints: the rates of this joint vary with the pose"
-            raise CharacterisationSettingError(f"term {term.name}", term.on, wanted)
+            raise setting_error(f"term {term.name}", term.on, wanted)
     if not rows or len(set(rows)) < len(rows) or not set(rows) <= set(range(6)):
-        raise CharacterisationSettingError("rows", rows, "different numbers of 0 to 5")
+        raise setting_error("rows", rows, "different numbers of 0 to 5")
     if not (positive(worst) and worst > 1):
-        raise CharacterisationSettingError("worst_condition", worst, "a finite number above 1")
+        raise setting_error("worst_condition", worst, "a finite number above 1")

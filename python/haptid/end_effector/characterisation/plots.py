@@ -1,9 +1,10 @@
-"""Sweeps and maps of what the hand feels, drawn."""
+"""Plots of a characterisation: sweeps of a joint with confidence bands, and maps over two joints."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from itertools import cycle
 from pathlib import Path
 
 import numpy as np
@@ -13,19 +14,19 @@ from matplotlib.figure import Figure as Picture
 from matplotlib.ticker import LogLocator
 
 from haptid._internal.arrays import Array, expect, read_only
-from haptid.end_effector.characterisation.model import Figure
+from haptid.uncertainty.quantities import Field
 
-# Colours that colour-blind readers tell apart (Okabe and Ito 2008), and styles of line.
+# Colour-blind safe colours (Okabe and Ito 2008), and line styles.
 COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9")
 STYLES = ("-", "--", ":", "-.")
-# What is not known is grey on a map.
+# Colour of unknown values on a map.
 UNKNOWN = "0.8"
 DECADE = 10.0
 
 
 @dataclass(frozen=True, eq=False)
 class Sweep:
-    """Figures along a sweep.
+    """Quantities along a sweep.
 
     Attributes:
         label: of the axis, with its unit, such as "q2, deg".
@@ -35,19 +36,19 @@ class Sweep:
 
     label: str
     x: Array
-    figures: Mapping[str, Figure]
+    figures: Mapping[str, Field]
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "x", read_only(self.x))
         for name, figure in self.figures.items():
-            expect(name, figure.value.shape[:1], self.x.shape)
+            expect(name, figure.values.shape[:1], self.x.shape)
 
 
 def plot_sweeps(sweeps: Sequence[Sweep], quantity: str, path: Path) -> None:
-    """One panel for each sweep: a style of line for each name, a colour for each value, intervals as bands.
+    """One panel for each sweep: a line style for each name, a colour for each value, confidence intervals as bands.
 
     Args:
-        sweeps: what is drawn.
+        sweeps: to plot.
         quantity: label of the vertical axis, with its unit.
         path: of the picture.
     """
@@ -55,7 +56,7 @@ def plot_sweeps(sweeps: Sequence[Sweep], quantity: str, path: Path) -> None:
     FigureCanvasAgg(picture)
     panels = np.atleast_1d(picture.subplots(1, len(sweeps), sharey=True))
     for panel, sweep in zip(panels, sweeps, strict=True):
-        for style, (name, figure) in zip(_repeated(STYLES, len(sweep.figures)), sweep.figures.items(), strict=True):
+        for style, (name, figure) in zip(cycle(STYLES), sweep.figures.items(), strict=False):
             _draw(panel, sweep.x, name, figure, style)
         panel.set_xlabel(sweep.label, parse_math=False)
         panel.grid(alpha=0.3)
@@ -66,11 +67,11 @@ def plot_sweeps(sweeps: Sequence[Sweep], quantity: str, path: Path) -> None:
     picture.savefig(path, dpi=120)
 
 
-def _draw(panel: Axes, x: Array, name: str, figure: Figure, style: str) -> None:
-    """The values of one figure: colours in order, the name once."""
-    values = figure.value.reshape(len(x), -1)
-    band = figure.interval95
-    for k, colour in enumerate(_repeated(COLOURS, values.shape[1])):
+def _draw(panel: Axes, x: Array, name: str, figure: Field, style: str) -> None:
+    """Plot the values of one quantity: colours in order, one legend entry."""
+    values = figure.values.reshape(len(x), -1)
+    band = figure.conf_int()
+    for k, colour in zip(range(values.shape[1]), cycle(COLOURS), strict=False):
         panel.plot(x, values[:, k], color=colour, linestyle=style, label=name if k == 0 else None)
         if band is not None:
             low, high = np.moveaxis(band.reshape(len(x), -1, 2)[:, k], -1, 0)
@@ -78,11 +79,11 @@ def _draw(panel: Axes, x: Array, name: str, figure: Figure, style: str) -> None:
 
 
 def plot_map(x: Array, y: Array, value: Array, labels: tuple[str, str, str], path: Path) -> None:
-    """One positive value over a slice of poses, its colours logarithmic; what is not known is grey.
+    """A map of one positive quantity over two joints, on a logarithmic colour scale; unknown values are grey.
 
     Args:
         x, y: of the cells' centres, (columns,) and (rows,).
-        value: (rows, columns), NaN where it is not known.
+        value: (rows, columns), NaN where unknown.
         labels: of x, y and the value, with units.
         path: of the picture.
     """
@@ -96,10 +97,8 @@ def plot_map(x: Array, y: Array, value: Array, labels: tuple[str, str, str], pat
         mesh = panel.pcolormesh(x, y, known, cmap="cividis", norm="log", shading="nearest", rasterized=True)
         bar = picture.colorbar(mesh, ax=panel, label=labels[2])
         bar.ax.yaxis.set_major_formatter("{x:g}")
-        if known.max() < DECADE * known.min():  # over several decades the minor ticks' figures would overlap
-            bar.ax.yaxis.set_minor_formatter("{x:g}")
-        else:
-            bar.ax.yaxis.set_minor_formatter("")
+        # Over several decades the labels of minor ticks would overlap.
+        bar.ax.yaxis.set_minor_formatter("{x:g}" if known.max() < DECADE * known.min() else "")
     if known.count() and known.min() < known.max():
         levels = LogLocator(subs=(1.0, 2.0, 5.0))
         lines = panel.contour(x, y, known, colors="white", linewidths=0.7, norm="log", locator=levels)
@@ -107,8 +106,3 @@ def plot_map(x: Array, y: Array, value: Array, labels: tuple[str, str, str], pat
     panel.set_xlabel(labels[0], parse_math=False)
     panel.set_ylabel(labels[1], parse_math=False)
     picture.savefig(path, dpi=120)
-
-
-def _repeated(styles: tuple[str, ...], count: int) -> tuple[str, ...]:
-    """So many styles, from the beginning again where they run out."""
-    return tuple(styles[k % len(styles)] for k in range(count))

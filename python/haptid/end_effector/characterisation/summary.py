@@ -1,4 +1,4 @@
-"""A characterisation as text."""
+"""Summary of a characterisation as text."""
 
 from __future__ import annotations
 
@@ -7,29 +7,29 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from haptid.end_effector.characterisation.model import Figure
+from haptid.uncertainty.quantities import Field
 
 if TYPE_CHECKING:
     from haptid.end_effector.characterisation.characterise import Characterisation
 
 
 def summary(found: Characterisation) -> str:
-    """Median and range of the figures over the poses that count, and what does not."""
+    """Median and range of the quantities over the poses that are not left out, and notes."""
     grasp = found.grasp
     lines = [f"{found.model.device.name} at the handle: {int(grasp.usable.sum())} of {len(grasp)} poses"]
-    for k in range(found.apparent_mass.value.shape[1]):
+    for k in range(found.apparent_mass.values.shape[1]):
         lines.append(_line(f"apparent mass {k + 1}", found.apparent_mass, k))
     lines.append(_line("isotropy", found.isotropy))
-    if not grasp.spare:
+    if not grasp.redundancy:
         lines.append(_line("largest viscous friction", found.viscous_friction, 0))
-        size = np.linalg.norm(found.weight.value, axis=1)
-        lines.append(_line("weight", Figure(size, None, float("inf"), "N")))
+        size = np.linalg.norm(found.weight.values, axis=1)
+        lines.append(_line("weight", Field(size, None, float("inf"), "N")))
     return "\n".join([*lines, *(f"  {note}" for note in notes(found))])
 
 
-def _line(name: str, figure: Figure, k: int | None = None) -> str:
+def _line(name: str, figure: Field, k: int | None = None) -> str:
     pick = slice(None) if k is None else (slice(None), k)
-    value = figure.value[pick]
+    value = figure.values[pick]
     known = np.isfinite(value)
     unit = "" if figure.unit == "1" else f" {figure.unit}"
     if not known.any():
@@ -38,11 +38,11 @@ def _line(name: str, figure: Figure, k: int | None = None) -> str:
     text = f"  {name}: {np.median(value):.3g}{unit} at the median, {value.min():.3g} .. {value.max():.3g}"
     if figure.se is None:
         return text
-    return f"{text}, deviation up to {figure.se[pick][known].max():.2g}"
+    return f"{text}, standard error up to {figure.se[pick][known].max():.2g}"
 
 
 def notes(found: Characterisation) -> Iterator[str]:
-    """What is not known, in sentences."""
+    """What is not determined, in sentences."""
     grasp, masses = found.grasp, found.masses
     out, indefinite = ~grasp.usable, grasp.usable & ~masses.definite
     if out.any():
@@ -53,30 +53,25 @@ def notes(found: Characterisation) -> Iterator[str]:
     if indefinite.any():
         yield (
             f"At {int(indefinite.sum())} of {len(grasp)} poses the mass matrix is not positive definite, so no mass is "
-            f"given{_where(found, indefinite)}; `definiteness` says which direction fails."
+            f"given{_where(found, indefinite)}; `definiteness` finds the direction."
         )
-    if grasp.spare:
+    if grasp.redundancy:
         yield (
-            f"{len(grasp.moving)} joints move {len(grasp.rows)} components of the handle's velocity: masses are those "
-            f"that a force feels when all joints are free; friction and weight at the handle are not determined."
+            f"{len(grasp.moving)} joints move {len(grasp.rows)} components of the handle's velocity: masses are "
+            f"effective masses with all joints free; friction and weight at the handle are not determined."
         )
     if len(grasp.moving) < len(grasp.rows):
-        yield f"The handle moves in {len(grasp.moving)} directions at a pose: figures are of that motion."
-    held = [
-        label
-        for label, known in zip(found.model.device.row_labels, found.model.device.measured, strict=True)
-        if not known
-    ]
-    if held:
-        yield f"Torque is not measured on {', '.join(held)}: those coordinates are taken to stand still."
+        yield f"The handle moves in {len(grasp.moving)} directions at a pose: all quantities are of that motion."
+    if labels := ", ".join(found.model.unmeasured_labels):
+        yield f"Torque is not measured on {labels}: those coordinates are taken as constrained."
     if min(grasp.rows) < 3 <= max(grasp.rows):
         yield "Linear and angular components are mixed: principal values depend on the units."
     if masses.mass.se is not None and np.isinf(masses.mass.se).any():
-        yield "The estimate cannot say how far to trust some parameter, so deviations are infinite."
+        yield "The standard error of some parameter cannot be estimated, so intervals are unbounded."
 
 
 def _where(found: Characterisation, poses: np.ndarray) -> str:
-    """Range of each active joint over these poses."""
+    """Range of each active joint over these poses, as text."""
     model, parts = found.model, []
     for j, row in zip(model.device.active, found.grasp.qa[:, poses], strict=True):
         joint = model.device.joints[j]

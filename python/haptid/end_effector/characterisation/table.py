@@ -1,4 +1,4 @@
-"""A characterisation as columns of figures: what a table of it has, pose by pose."""
+"""A characterisation as a table: its quantities pose by pose, and their CSV file."""
 
 from __future__ import annotations
 
@@ -10,10 +10,9 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import ArrayLike
 
-from haptid._internal.arrays import Array
 from haptid.end_effector.characterisation.characterise import Characterisation
-from haptid.end_effector.characterisation.model import Figure
 from haptid.errors import IncompleteDeviceError
+from haptid.uncertainty.quantities import Field
 
 # Names of the components of the handle's velocity.
 COMPONENTS = ("x", "y", "z", "rx", "ry", "rz")
@@ -21,13 +20,13 @@ COMPONENTS = ("x", "y", "z", "rx", "ry", "rz")
 
 @dataclass(frozen=True)
 class Asked:
-    """What figures need beside the model.
+    """Settings of quantities that depend on more than the model.
 
     Attributes:
         along: direction of the handle's motion, (rows,), for friction, back-drive force and mass along it.
-        speed: of the handle, for the force that a mass-friction-stiffness model leaves out, m/s.
-        stiffness: of the coordinates that torque rows belong to, N m/rad or N/m.
-        torque: greatest torque of each motor's coordinate by name, N m or N; the device's where left out.
+        speed: of the handle, for the force that a mass-friction-stiffness model neglects, m/s.
+        stiffness: of the torque rows' coordinates, N m/rad or N/m.
+        torque: torque limit of each motor's coordinate by name, N m or N; the device's where left out.
     """
 
     along: tuple[float, ...] | None = None
@@ -42,11 +41,11 @@ class Column:
 
     Attributes:
         name: such as "apparent mass 1".
-        figure: its values, (poses,), NaN where it is not known, with deviations where there are any.
+        figure: its values, (poses,), NaN where unknown, with standard errors where there are any.
     """
 
     name: str
-    figure: Figure
+    figure: Field
 
     @property
     def heading(self) -> str:
@@ -55,11 +54,11 @@ class Column:
 
 
 def columns(found: Characterisation, asked: Asked | None = None) -> tuple[Column, ...]:
-    """Every figure that the model and the device determine, (poses,) each.
+    """Every quantity that the model and the device determine, (poses,) each.
 
     Raises:
-        CharacterisationSettingError, ShapeError: a direction, or stiffnesses, that do not fit.
-        TorqueLimitError: a torque limit that is asked for, of a motor that is not there.
+        SettingError, ShapeError: a direction, or stiffnesses, that do not fit.
+        IncompleteDeviceError, UnknownNameError: a torque limit is not positive, or of an unknown motor.
     """
     return tuple(_columns(found, asked or Asked()))
 
@@ -67,7 +66,7 @@ def columns(found: Characterisation, asked: Asked | None = None) -> tuple[Column
 def _columns(found: Characterisation, asked: Asked) -> Iterator[Column]:
     yield from _numbered("apparent mass", found.apparent_mass)
     yield Column("isotropy", found.isotropy)
-    if found.grasp.spare:  # friction and weight at the handle are not determined
+    if found.grasp.redundancy:  # friction and weight at the handle are not determined
         return
     yield from _numbered("viscous friction", found.viscous_friction)
     names = [COMPONENTS[k] for k in found.grasp.rows]
@@ -77,8 +76,8 @@ def _columns(found: Characterisation, asked: Asked) -> Iterator[Column]:
     if asked.speed is not None:
         yield Column(f"neglected force at {asked.speed:g} m/s", found.neglected_force(asked.speed))
     if asked.stiffness is not None:
-        yield from _numbered("stiffness", _plain(found.stiffness(asked.stiffness)[0], "N/m"))
-    yield from _strength(found, asked)
+        yield from _numbered("stiffness", Field(found.stiffness(asked.stiffness)[0], None, np.inf, "N/m"))
+    yield from _force_capability(found, asked)
 
 
 def _along(found: Characterisation, along: ArrayLike, names: Sequence[str]) -> Iterator[Column]:
@@ -88,8 +87,8 @@ def _along(found: Characterisation, along: ArrayLike, names: Sequence[str]) -> I
     yield Column("back-drive force along", found.backdrive_force(along))
 
 
-def _strength(found: Characterisation, asked: Asked) -> Iterator[Column]:
-    """Greatest force of the motors, where their limits are known."""
+def _force_capability(found: Characterisation, asked: Asked) -> Iterator[Column]:
+    """Largest force of the motors, where their limits are known."""
     try:
         force = found.greatest_force(asked.torque)[0]
     except IncompleteDeviceError:
@@ -101,23 +100,18 @@ def _strength(found: Characterisation, asked: Asked) -> Iterator[Column]:
         yield Column("greatest force along", found.force_along(asked.along, asked.torque))
 
 
-def _plain(values: Array, unit: str) -> Figure:
-    """Figures without deviation: given stiffnesses and geometry alone, nothing that was identified."""
-    return Figure(values, None, float("inf"), unit)
+def _numbered(name: str, figure: Field) -> Iterator[Column]:
+    return _named(name, figure, [str(k + 1) for k in range(figure.values.shape[1])])
 
 
-def _numbered(name: str, figure: Figure) -> Iterator[Column]:
-    return _named(name, figure, [str(k + 1) for k in range(figure.value.shape[1])])
-
-
-def _named(name: str, figure: Figure, names: Sequence[str]) -> Iterator[Column]:
+def _named(name: str, figure: Field, names: Sequence[str]) -> Iterator[Column]:
     for k, one in enumerate(names):
         se = None if figure.se is None else figure.se[:, k]
-        yield Column(f"{name} {one}", Figure(figure.value[:, k], se, figure.dof, figure.unit))
+        yield Column(f"{name} {one}", Field(figure.values[:, k], se, figure.dof, figure.unit))
 
 
 def write_columns(found: Characterisation, made: Sequence[Column], path: Path) -> None:
-    """Write a CSV: a row for each pose; positions of joints and handle, condition number, figures with intervals."""
+    """Write a CSV, a row for each pose: joint and handle positions, condition number, quantities with intervals."""
     model, grasp = found.model, found.grasp
     joints = [model.device.joints[j] for j in model.device.active]
     heads = [f"{joint.name} [{'m' if joint.prismatic else 'rad'}]" for joint in joints]
@@ -125,8 +119,8 @@ def write_columns(found: Characterisation, made: Sequence[Column], path: Path) -
     values = [*grasp.qa, *grasp.position.T, grasp.condition]
     for column in made:
         heads.append(column.heading)
-        values.append(column.figure.value)
-        if (interval := column.figure.interval95) is not None:
+        values.append(column.figure.values)
+        if (interval := column.figure.conf_int()) is not None:
             heads += [f"{column.heading} low95", f"{column.heading} high95"]
             values += [*interval.T]
     with path.open("w", newline="", encoding="utf-8") as file:

@@ -1,4 +1,4 @@
-"""What the linear description of a device at its handle leaves out: forces of velocity, and weight."""
+"""Velocity-dependent forces at the handle, and weight: the part that a mass-friction-stiffness model neglects."""
 
 from __future__ import annotations
 
@@ -13,13 +13,13 @@ from haptid.dynamics.model import DynamicModel
 from haptid.end_effector.characterisation.friction import felt
 from haptid.end_effector.characterisation.jacobian import Grasp
 
-# Directions that a largest force is first looked for in, and steps from the best of them. At the most they are within
-# 0.1 % of the largest of thousands.
+# Directions of the grid search for a largest force, and steps from the best of them: within 0.1 % of a search over
+# thousands of directions.
 DIRECTIONS, STEPS = 256, 20
 
 
 def drift(model: DynamicModel, qa: Array, qda: Array) -> Array:
-    """Jdot qd: acceleration of the handle, linear and angular, without acceleration of joints, (samples, 6).
+    """Jdot qd: linear and angular acceleration of the handle at zero joint acceleration, (samples, 6).
 
     Forward recursion in the base frame (Siciliano et al. 2009, section 7.5.1, with all joint accelerations zero).
 
@@ -53,9 +53,9 @@ def drift(model: DynamicModel, qa: Array, qda: Array) -> Array:
 
 
 def neglected_force(grasp: Grasp, inverse: Array, beta: Array, velocity: Array) -> Array:
-    """F_d = J^-T (H - A J^-1 Jdot qd), (poses, m): Janot et al. (2007), eq. (19), with the inverse that it lacks.
+    """F_d = J^-T (H - A J^-1 Jdot qd), (poses, m): Janot et al. (2007), eq. (19), with its missing inverse added.
 
-    Weight is in it, as in the paper's H.
+    It includes weight, as H in the paper.
 
     Args:
         grasp: the poses.
@@ -67,8 +67,8 @@ def neglected_force(grasp: Grasp, inverse: Array, beta: Array, velocity: Array) 
     cd = grasp.all_rates(np.einsum("pnm,pm->pn", inverse, velocity))
     usable = grasp.usable
     cd = np.where(usable, cd, 0.0)
-    slowing = drift(model, grasp.qa, to_joints @ cd)[:, list(grasp.rows)]
-    cdd = -grasp.all_rates(np.einsum("pnm,pm->pn", np.where(usable[:, None, None], inverse, 0.0), slowing))
+    bias = drift(model, grasp.qa, to_joints @ cd)[:, list(grasp.rows)]
+    cdd = -grasp.all_rates(np.einsum("pnm,pm->pn", np.where(usable[:, None, None], inverse, 0.0), bias))
     chi = rigid(model, raw_parameters(model, beta))
     return felt(grasp, inverse, core_torque(model, chi, model.device.row_map @ grasp.qa, cd, cdd))
 
@@ -76,8 +76,9 @@ def neglected_force(grasp: Grasp, inverse: Array, beta: Array, velocity: Array) 
 def worst_directions(grasp: Grasp, inverse: Array, beta: Array, speed: float) -> Array:
     """Directions of motion at a handle speed in which F_d is largest, (poses, m).
 
-    F_d is weight and a quadratic form of the velocity, so a few velocities tell it. From the best direction of a grid,
-    two steps in turn never lower |F_d|: f along F_d; then the direction in which f' F_d is largest, an eigenvector.
+    F_d is weight plus a quadratic form of the velocity, so a few velocities determine it. Starting from the best
+    direction of a grid, two alternating steps never lower |F_d|: f along F_d; then the direction in which f' F_d is
+    largest, an eigenvector.
 
     Args:
         grasp, inverse, beta: as for `neglected_force`.
@@ -115,7 +116,7 @@ def _force(weight: Array, form: Array, direction: Array) -> Array:
 
 
 def unit_directions(m: int, count: int = DIRECTIONS) -> Array:
-    """Directions over a half sphere, nearly even, (count, m); a force of velocity is the same along both ways."""
+    """Nearly uniform directions over a half sphere, (count, m); F_d is the same for opposite directions."""
     if m == 1:
         return np.ones((1, 1))
     if m == 2:

@@ -8,7 +8,7 @@ import numpy as np
 from scipy import linalg
 
 from haptid._internal.arrays import Array
-from haptid.dynamics.parametric import ParametricForwardDynamics
+from haptid.dynamics.forward import ParametricForwardDynamics
 from haptid.estimation.methods.kalman import PARTS, Belief, Filtering, Track, lower
 
 

@@ -18,9 +18,9 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from haptid._internal.arrays import Array, positive
+from haptid.dynamics.forward import ParametricForwardDynamics
 from haptid.dynamics.inverse import inverse_dynamics
 from haptid.dynamics.model import DynamicModel
-from haptid.dynamics.parametric import ParametricForwardDynamics
 from haptid.errors import MethodSettingError, SimulationLostError
 from haptid.estimation.estimate import Estimate, estimate
 from haptid.estimation.method import Method

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from haptid._internal.arrays import Array
-from haptid.dynamics.parametric import ParametricForwardDynamics
+from haptid.dynamics.forward import ParametricForwardDynamics
 from haptid.estimation.methods.kalman import PARTS, Belief, Filtering, Track, lower
 
 

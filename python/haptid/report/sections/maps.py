@@ -25,10 +25,10 @@ WIDE = 20.0
 
 Pick = Callable[[Characterisation], Array]
 FIGURES: tuple[tuple[str, str, str, Pick], ...] = (
-    ("mass", "Largest apparent mass", "kg", lambda made: made.apparent_mass.value[:, 0]),
-    ("isotropy", "Isotropy: smallest over largest mass", "", lambda made: made.isotropy.value),
-    ("viscous", "Largest viscous friction", "N s/m", lambda made: made.viscous_friction.value[:, 0]),
-    ("weight", "Weight at the handle", "N", lambda made: np.linalg.norm(made.weight.value, axis=1)),
+    ("mass", "Largest apparent mass", "kg", lambda made: made.apparent_mass.values[:, 0]),
+    ("isotropy", "Isotropy: smallest over largest mass", "", lambda made: made.isotropy.values),
+    ("viscous", "Largest viscous friction", "N s/m", lambda made: made.viscous_friction.values[:, 0]),
+    ("weight", "Weight at the handle", "N", lambda made: np.linalg.norm(made.weight.values, axis=1)),
 )
 
 
@@ -136,7 +136,7 @@ def ranked(identified: GivenParameters, sliders: Sequence[dict[str, Any]]) -> li
     for k, slider in enumerate(sliders):
         qa = np.repeat(start[:, None], ALONG, axis=1)
         qa[k] = np.linspace(slider["low"], slider["high"], ALONG)
-        mass = characterise(identified, qa[:, identified.model.device.closure.closes(qa)]).apparent_mass.value[:, 0]
+        mass = characterise(identified, qa[:, identified.model.device.closure.closes(qa)]).apparent_mass.values[:, 0]
         known = np.log(mass[np.isfinite(mass)])
         changes.append(round(float(np.ptp(known)), 9) if known.size else 0.0)
     return sorted(range(len(sliders)), key=lambda k: -changes[k])

@@ -13,7 +13,6 @@ from haptid.device.loops.linear import Closure
 from haptid.dynamics.inverse import raw_parameters, rigid
 from haptid.dynamics.kinematics import handle_motion
 from haptid.dynamics.model import DynamicModel
-from haptid.end_effector.characterisation.jacobian import moving_coordinates
 from haptid.end_effector.force import WORST_CONDITION
 from haptid.report.chart import Chart, packed
 from haptid.report.section import Section
@@ -161,6 +160,6 @@ def _mass(model: DynamicModel, beta: Array) -> dict[str, Any] | None:
         "bodies": raw[:links].tolist(),
         "rotors": [{"weights": term.weights.tolist(), "value": float(raw[links + k])} for k, term in rotors],
         "frame": model.device.row_map.ravel().tolist(),
-        "moving": list(moving_coordinates(model)),
+        "moving": list(model.measured_rows),
         "worst": WORST_CONDITION,
     }

@@ -1,0 +1,7 @@
+//! Linear algebra: QR of long stacks of rows (TSQR), least squares in lanes, singular values of one pose,
+//! three-vectors.
+
+pub(crate) mod jacobi_svd;
+pub(crate) mod small_qr;
+pub(crate) mod tsqr;
+pub(crate) mod vector;

@@ -1,0 +1,52 @@
+//! Slots: one quantity at every sample of a batch.
+
+use crate::simd::lane::Lane;
+
+/// Samples in a batch.
+pub(crate) const BATCH: usize = 32;
+
+/// One quantity at every sample of a batch, aligned so that no lane crosses a cache line.
+#[derive(Clone, Copy)]
+#[repr(C, align(64))]
+pub(crate) struct Slot(pub(crate) [f64; BATCH]);
+
+impl Slot {
+    pub(crate) const ZERO: Slot = Slot([0.0; BATCH]);
+}
+
+impl Default for Slot {
+    fn default() -> Slot {
+        Slot::ZERO
+    }
+}
+
+/// Lanes of `N` successive slots, from sample `k` on.
+///
+/// # Safety
+///
+/// `first` points to `N` initialised slots that nobody writes meanwhile, and `k + T::WIDTH <= BATCH`.
+#[inline(always)]
+pub(crate) unsafe fn load<T: Lane, const N: usize>(first: *const Slot, k: usize) -> [T; N] {
+    // SAFETY: `e < N` and `k + T::WIDTH <= BATCH` keep the lane inside slot e of those promised.
+    core::array::from_fn(|e| unsafe { T::load(first.add(e).cast::<f64>().add(k)) })
+}
+
+/// Write lanes to `N` successive slots, from sample `k` on.
+///
+/// # Safety
+///
+/// As for [`load`], and nobody else reads or writes the slots meanwhile.
+#[inline(always)]
+pub(crate) unsafe fn store<T: Lane, const N: usize>(first: *mut Slot, k: usize, lanes: [T; N]) {
+    for (e, lane) in lanes.into_iter().enumerate() {
+        // SAFETY: as in [`load`].
+        unsafe { lane.store(first.add(e).cast::<f64>().add(k)) };
+    }
+}
+
+/// Extend a buffer to at least this length; the present items are kept.
+pub(crate) fn grow<X: Clone>(buffer: &mut Vec<X>, wanted: usize, empty: X) {
+    if buffer.len() < wanted {
+        buffer.resize(wanted, empty);
+    }
+}

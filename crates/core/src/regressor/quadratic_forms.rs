@@ -1,0 +1,63 @@
+//! Weights of the entries y of a row in the gradient of the quadratic form `y' F y`: `(F + F') y`.
+
+use crate::memory::slot::BATCH;
+use crate::simd::dispatch::dispatched;
+use crate::simd::lane::Lane;
+
+/// Weights, and lanes of each, that are computed together: as many as stay in registers.
+const PANEL: usize = 3;
+const LANES: usize = 4;
+
+/// `F + F'` for the nonzero columns of a row, in panels of its rows, column after column.
+pub(crate) struct QuadraticForm {
+    columns: usize,
+    panels: Vec<[f64; PANEL]>,
+}
+
+impl QuadraticForm {
+    /// From a form of `all` columns, row-major.
+    pub(crate) fn new(form: &[f64], all: usize, nonzero: &[usize]) -> QuadraticForm {
+        let both = |r: usize, c: usize| form[r * all + c] + form[c * all + r];
+        let panel = |rows: &[usize], c| core::array::from_fn(|e| rows.get(e).map_or(0.0, |&r| both(r, c)));
+        let of_rows = |rows| nonzero.iter().map(move |&c| panel(rows, c));
+        QuadraticForm { columns: nonzero.len(), panels: nonzero.chunks(PANEL).flat_map(of_rows).collect() }
+    }
+}
+
+dispatched! {
+    /// Weights of a batch of a row's entries, run after run.
+    ///
+    /// # Safety
+    ///
+    /// `entries` and `weights` have [`BATCH`] numbers for each of the form's columns, do not overlap, and nobody else
+    /// uses the weights.
+    pub(crate) unsafe fn quadratic_form_weights = quadratic_form_weights_in_lanes(form: &QuadraticForm, entries: *const f64, weights: *mut f64)
+}
+
+#[inline(always)]
+unsafe fn quadratic_form_weights_in_lanes<T: Lane>(form: &QuadraticForm, entries: *const f64, weights: *mut f64) {
+    let columns = form.columns.max(1);
+    for (first, panel) in form.panels.chunks_exact(columns).enumerate() {
+        for k in (0..BATCH).step_by(LANES * T::WIDTH) {
+            let mut sums = [[T::splat(0.0); LANES]; PANEL];
+            for (c, factors) in panel.iter().enumerate() {
+                // SAFETY: column c and samples below BATCH are inside the entries that the caller promises.
+                let run = unsafe { entries.add(c * BATCH + k) };
+                // SAFETY: as above; BATCH is a multiple of LANES widths.
+                let y: [T; LANES] = core::array::from_fn(|lane| unsafe { T::load(run.add(lane * T::WIDTH)) });
+                for (sums, &factor) in sums.iter_mut().zip(factors) {
+                    let factor = T::splat(factor);
+                    for (sum, y) in sums.iter_mut().zip(y) {
+                        *sum = y.fma(factor, *sum);
+                    }
+                }
+            }
+            for (column, sums) in (first * PANEL..form.columns).zip(sums) {
+                for (lane, sum) in sums.into_iter().enumerate() {
+                    // SAFETY: column and samples are inside the weights that the caller promises.
+                    unsafe { sum.store(weights.add(column * BATCH + k + lane * T::WIDTH)) };
+                }
+            }
+        }
+    }
+}

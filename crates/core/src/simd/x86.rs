@@ -1,0 +1,147 @@
+//! Back ends over the vector registers of x86-64. Values of these types exist only inside functions compiled with the
+//! matching `target_feature`, which a [`crate::simd::dispatch::Backend`] guards: that makes the intrinsics safe to
+//! call.
+use crate::simd::lane::Lane;
+use core::arch::x86_64::*;
+
+#[derive(Clone, Copy)]
+pub(crate) struct Avx2(__m256d);
+#[derive(Clone, Copy)]
+pub(crate) struct Avx512(__m512d);
+
+macro_rules! intrinsic {
+    ($name:ident, $width:literal, $panel:literal, $splat:ident, $load:ident, $store:ident, $stream:ident, $add:ident, $sub:ident, $mul:ident,
+     $div:ident, $fma:ident, $fnma:ident, $select:expr, $shift_left:expr, $xor:ident, $select_sign:expr, $xor_sign:expr, $sum:expr) => {
+        impl Lane for $name {
+            const WIDTH: usize = $width;
+            const PANEL: usize = $panel;
+            #[inline(always)]
+            fn splat(x: f64) -> Self {
+                // SAFETY: AVX2 and FMA, or AVX-512F and DQ, are there wherever this type is used (see the head of the
+                // file), as for all below.
+                unsafe { $name($splat(x)) }
+            }
+            #[inline(always)]
+            unsafe fn load(p: *const f64) -> Self {
+                // SAFETY: the instructions exist (see `splat`); the caller promises that `p` is readable.
+                unsafe { $name($load(p)) }
+            }
+            #[inline(always)]
+            unsafe fn store(self, p: *mut f64) {
+                // SAFETY: the instructions exist (see `splat`); the caller promises that `p` is writable.
+                unsafe { $store(p, self.0) }
+            }
+            #[inline(always)]
+            unsafe fn stream(self, p: *mut f64) {
+                // SAFETY: as for `store`, and the caller promises the alignment.
+                unsafe { $stream(p, self.0) }
+            }
+            #[inline(always)]
+            fn add(self, b: Self) -> Self {
+                // SAFETY: see `splat`.
+                unsafe { $name($add(self.0, b.0)) }
+            }
+            #[inline(always)]
+            fn sub(self, b: Self) -> Self {
+                // SAFETY: see `splat`.
+                unsafe { $name($sub(self.0, b.0)) }
+            }
+            #[inline(always)]
+            fn mul(self, b: Self) -> Self {
+                // SAFETY: see `splat`.
+                unsafe { $name($mul(self.0, b.0)) }
+            }
+            #[inline(always)]
+            fn div(self, b: Self) -> Self {
+                // SAFETY: see `splat`.
+                unsafe { $name($div(self.0, b.0)) }
+            }
+            #[inline(always)]
+            fn fma(self, b: Self, c: Self) -> Self {
+                // SAFETY: see `splat`.
+                unsafe { $name($fma(self.0, b.0, c.0)) }
+            }
+            #[inline(always)]
+            fn fnma(self, b: Self, c: Self) -> Self {
+                // SAFETY: see `splat`.
+                unsafe { $name($fnma(self.0, b.0, c.0)) }
+            }
+            #[inline(always)]
+            fn select_gt(a: Self, b: Self, x: Self, y: Self) -> Self {
+                // SAFETY: see `splat`.
+                unsafe { $name($select(a.0, b.0, x.0, y.0)) }
+            }
+            #[inline(always)]
+            fn shift_left<const BY: u32>(self) -> Self {
+                // SAFETY: see `splat`.
+                unsafe { $name($shift_left(self.0, BY)) }
+            }
+            #[inline(always)]
+            fn xor(self, b: Self) -> Self {
+                // SAFETY: see `splat`.
+                unsafe { $name($xor(self.0, b.0)) }
+            }
+            #[inline(always)]
+            fn select_sign(mask: Self, x: Self, y: Self) -> Self {
+                // SAFETY: see `splat`.
+                unsafe { $name($select_sign(mask.0, x.0, y.0)) }
+            }
+            #[inline(always)]
+            fn xor_sign(self, sign: Self) -> Self {
+                // SAFETY: see `splat`.
+                unsafe { $name($xor_sign(self.0, sign.0)) }
+            }
+            #[inline(always)]
+            fn sum(self) -> f64 {
+                // SAFETY: see `splat`.
+                unsafe { $sum(self.0) }
+            }
+        }
+    };
+}
+
+intrinsic!(
+    Avx2,
+    4,
+    3,
+    _mm256_set1_pd,
+    _mm256_loadu_pd,
+    _mm256_storeu_pd,
+    _mm256_stream_pd,
+    _mm256_add_pd,
+    _mm256_sub_pd,
+    _mm256_mul_pd,
+    _mm256_div_pd,
+    _mm256_fmadd_pd,
+    _mm256_fnmadd_pd,
+    |a, b, x, y| _mm256_blendv_pd(y, x, _mm256_cmp_pd::<_CMP_GT_OQ>(a, b)),
+    |x, by| _mm256_castsi256_pd(_mm256_sll_epi64(_mm256_castpd_si256(x), _mm_cvtsi32_si128(by as i32))),
+    _mm256_xor_pd,
+    |mask, x, y| _mm256_blendv_pd(y, x, mask),
+    |x, sign| _mm256_xor_pd(x, _mm256_and_pd(sign, _mm256_set1_pd(-0.0))),
+    |v| {
+        let half = _mm_add_pd(_mm256_castpd256_pd128(v), _mm256_extractf128_pd::<1>(v));
+        _mm_cvtsd_f64(_mm_add_sd(half, _mm_unpackhi_pd(half, half)))
+    }
+);
+intrinsic!(
+    Avx512,
+    8,
+    4,
+    _mm512_set1_pd,
+    _mm512_loadu_pd,
+    _mm512_storeu_pd,
+    _mm512_stream_pd,
+    _mm512_add_pd,
+    _mm512_sub_pd,
+    _mm512_mul_pd,
+    _mm512_div_pd,
+    _mm512_fmadd_pd,
+    _mm512_fnmadd_pd,
+    |a, b, x, y| _mm512_mask_blend_pd(_mm512_cmp_pd_mask::<_CMP_GT_OQ>(a, b), y, x),
+    |x, by| _mm512_castsi512_pd(_mm512_sll_epi64(_mm512_castpd_si512(x), _mm_cvtsi32_si128(by as i32))),
+    _mm512_xor_pd,
+    |mask, x, y| _mm512_mask_blend_pd(_mm512_movepi64_mask(_mm512_castpd_si512(mask)), y, x),
+    |x, sign| _mm512_xor_pd(x, _mm512_and_pd(sign, _mm512_set1_pd(-0.0))),
+    |v| _mm512_reduce_add_pd(v)
+);

@@ -1,0 +1,73 @@
+//! Apparent mass of a two-link arm, whose principal values are known.
+
+use haptid_core::{
+    ApparentMassQuery, Backend, BodyParameters, Closure, EndEffector, Joint, Mechanism, Poses, apparent_mass,
+};
+
+/// Two bars of length 1 m in a plane, each a point mass at its end; the end effector is the end of the second.
+fn arm(backend: Backend) -> Mechanism {
+    let eye = [1., 0., 0., 0., 1., 0., 0., 0., 1.];
+    let bar = |parent, x| Joint { parent, rotation: eye, translation: [x, 0., 0.], prismatic: false };
+    let joints = [bar(None, 0.0), bar(Some(0), 1.0)];
+    Mechanism::new(&joints, &Closure::open(2), [0.; 3], &[], backend).unwrap()
+}
+
+fn masses(backend: Backend, q: &[f64], max_condition: f64) -> Vec<f64> {
+    let mechanism = arm(backend);
+    let (first, second): ([f64; 10], [f64; 10]) = (point(2.0), point(3.0));
+    let chi: Vec<f64> = first.into_iter().chain(second).collect();
+    // Standard deviation of 0.1 kg, of the second mass alone.
+    let mut spread = vec![0.0; 20];
+    for (k, share) in point(0.1).into_iter().enumerate() {
+        spread[10 + k] = share;
+    }
+    let poses = Poses { samples: q.len() / 2, position: q, rates: &[1., 0., 0., 1.] };
+    let query = ApparentMassQuery {
+        rows: &[0, 1],
+        free: &[0, 1],
+        max_condition,
+        covariance_factor: &spread,
+        factor_columns: 1,
+    };
+    let bodies = BodyParameters { chi: &chi, rotors: &[], inertia: &[] };
+    let mut out = vec![0.0; poses.samples * query.width()];
+    apparent_mass(&mechanism, &poses, &EndEffector { link: 1, point: [1., 0., 0.] }, &bodies, &query, &mut out)
+        .unwrap();
+    out
+}
+
+/// A point mass at the end of a bar of length 1 m.
+fn point(m: f64) -> [f64; 10] {
+    [0., 0., 0., m, 0., m, m, 0., 0., m]
+}
+
+#[test]
+fn at_a_right_angle_the_principal_masses_are_along_the_second_bar_and_perpendicular_to_it() {
+    for backend in Backend::available() {
+        // Along the second bar both masses move; perpendicular to it only the second.
+        let out = masses(backend, &[0.3, std::f64::consts::FRAC_PI_2], 100.0);
+        let wanted = [5.0, 3.0];
+        for (got, wanted) in out[1..3].iter().zip(wanted) {
+            assert!((got - wanted).abs() < 1e-12, "{backend:?}: {out:?}");
+        }
+        // Both change with the second mass alone, one to one.
+        assert!(out[7..].iter().all(|v| (v - 0.01).abs() < 1e-12), "{backend:?}: {out:?}");
+    }
+}
+
+#[test]
+fn a_stretched_arm_has_no_masses() {
+    let out = masses(Backend::best(), &[0.3, 0.0], 100.0);
+    assert!(out[0] > 1e10 && out[1..].iter().all(|x| x.is_nan()), "{out:?}");
+}
+
+#[test]
+fn many_poses_on_several_threads_equal_single_poses() {
+    let n = 5003;
+    let q: Vec<f64> = (0..2 * n).map(|k| 0.4 + 1e-4 * k as f64).collect();
+    let all = masses(Backend::best(), &q, 100.0);
+    let width = all.len() / n;
+    for k in [0, 7, 8, 511, 512, 4999, n - 1] {
+        assert_eq!(masses(Backend::best(), &[q[k], q[n + k]], 100.0), all[k * width..][..width]);
+    }
+}
