@@ -20,7 +20,7 @@ import numpy as np
 
 import haptid
 from haptid.export import CCode, export_c
-from haptid.export.functions import Code, code_of
+from haptid.export.model.functions import Code, code_of
 
 DEVICES = ("phantom_premium_15", "cea_medical_branch", "puma560", "rx90", "arm7")
 # A seven-joint arm whose axes intersect: modified Denavit-Hartenberg, alpha in quarter turns, r in m.

@@ -38,7 +38,7 @@ def works(arm: Arm) -> dict[str, Work]:
     """Ours."""
     model, beta = arm.model, arm.beta
     q, qd, qdd, tau = (np.ascontiguousarray(x[:, :MANY]) for x in (arm.q, arm.qd, arm.qdd, arm.tau))
-    direct, model = ForwardDynamics(model, sets_of(model, beta)), GivenParameters(model, beta)
+    direct, identified = ForwardDynamics(model, sets_of(model, beta)), GivenParameters(model, beta)
 
     def simulated() -> tuple[np.ndarray, np.ndarray]:
         c, cd = q, qd

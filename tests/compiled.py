@@ -11,8 +11,9 @@ from pathlib import Path
 
 import numpy as np
 
-from haptid.export.functions import Code, Function
-from haptid.export.graph import Expr, Graph
+from haptid.export.expressions.emit import Function
+from haptid.export.expressions.graph import Expr, Graph
+from haptid.export.model.functions import Code
 
 STRICT = ["-std=c99", "-Wall", "-Wextra", "-Wpedantic", "-Wconversion", "-Werror"]
 NAME = "dev"

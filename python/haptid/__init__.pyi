@@ -100,8 +100,8 @@ from haptid.inference.elimination import (
     Elimination,
     GautierRatio,
     MaxRelativeStd,
+    eliminate,
     eliminate_by_motor,
-    essential,
 )
 from haptid.inference.payload_estimate import PayloadEstimate, estimate_payload
 from haptid.inference.targets import Targets, side_by_side, target_map, targets
@@ -249,9 +249,9 @@ __all__ = [
     "direct",
     "drift",
     "drive_gains",
+    "eliminate",
     "eliminate_by_motor",
     "errors",
-    "essential",
     "estimate",
     "estimate_force",
     "estimate_payload",

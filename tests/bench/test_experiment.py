@@ -139,7 +139,9 @@ def test_many_logs_at_a_time_are_those_made_one_by_one(short, tmp_path):
         for seed in (5, 6)
     ]
     told = []
-    made = bench.make_logs(jobs, workers=haptid.ProcessExecutor(2), tell=lambda path, share: told.append((path, share)))
+    made = bench.make_logs(
+        jobs, workers=haptid.ProcessExecutor(2), progress=lambda path, share: told.append((path, share))
+    )
     assert made == (tmp_path / "5.parquet", tmp_path / "6.parquet")
     assert {path for path, _ in told} == set(made)
     assert told[-1][1] == 1.0
@@ -194,7 +196,7 @@ def test_schema_knows_every_table():
         ("seconds = 1.0", "seconds = 0.0", "trajectory.seconds"),
         ("schema = 1", "schema = 2", "schema"),
         ("ramp = 0.3", "frequencies_hz = [5.0, 1.0]", "trajectory.frequencies_hz.*lowest, 5 Hz, is above"),
-        ("ramp = 0.3", "frequencies_hz = [5.0, 480.0]", "more than a control rate of 1000 Hz carries"),
+        ("ramp = 0.3", "frequencies_hz = [5.0, 480.0]", "not below the Nyquist frequency 500 Hz"),
         ("frequency_hz = 1.0", "start = 2.0\nstop = 1.0", "hand.0.stop.*not after start"),
         ('kind = "multisine"', "", 'trajectory.kind`: this key is missing; write one of "multisine"'),
         ('"multisine"', '"sine"', "trajectory.kind`: there is no kind 'sine'; write one of"),
@@ -220,7 +222,7 @@ def test_keys_that_are_wrong_are_named(before, after, where, tmp_path):
 def test_true_parameters_that_the_device_does_not_have_are_refused(more, tmp_path):
     path = tmp_path / "experiment.toml"
     path.write_text(SHORT + more)
-    with pytest.raises(errors.ParameterNameError, match="no free parameter"):
+    with pytest.raises(errors.UnknownNameError, match="no free parameter"):
         bench.read_experiment(path).setup(haptid.DynamicModel(haptid.read_device("phantom_premium_15")))
 
 
@@ -228,10 +230,12 @@ def test_true_parameters_that_the_device_does_not_have_are_refused(more, tmp_pat
 def test_masses_on_links_that_the_device_does_not_have_are_refused(table, tmp_path):
     path, model = tmp_path / "experiment.toml", haptid.DynamicModel(haptid.read_device("phantom_premium_15"))
     inertia = "\ninertia = [1.0, 1.0, 1.0, 0.0, 0.0, 0.0]" if table == "bodies" else ""
-    for link, said in (("zz", "Known: ba, be, df, a, c"), ("base", "The base does not move")):
+    for link in ("zz", "base"):
         path.write_text(f'{SHORT}\n[[{table}]]\nlink = "{link}"\nmass = 1.0\ncom = [0.0, 0.0, 0.0]{inertia}')
-        with pytest.raises(errors.LinkNameError, match=rf"\[\[{table}\]\].*no link '{link}'.*{said}"):
+        with pytest.raises(errors.UnknownNameError, match=rf"\[\[{table}\]\]") as raised:
             bench.read_experiment(path).setup(model)
+        assert raised.value.where == link
+        assert raised.value.limit == model.device.joint_names
 
 
 def test_a_run_that_fails_leaves_nothing_and_says_what_to_do(tmp_path):
@@ -260,8 +264,9 @@ def test_weights_and_mounting_are_part_of_the_truth(tmp_path):
         assert value == pytest.approx(wanted.get(name, 0.0), abs=1e-15), name
     np.testing.assert_array_equal(other.model.gravity, [0.0, 9.81, 0.0])
     (tmp_path / "off.toml").write_text(mounted.replace("[0.17, 0.0, 0.0]", "[0.17, 0.01, 0.0]"))
-    with pytest.raises(errors.ParameterNameError, match="XYa"):
+    with pytest.raises(errors.UnknownNameError) as raised:
         bench.read_experiment(tmp_path / "off.toml").setup(model)
+    assert raised.value.where == "XYa"
 
 
 def test_many_logs_at_a_time_are_those_of_their_seeds(tmp_path):

@@ -33,9 +33,9 @@ def test_handle_is_where_the_papers_say():
 
 def test_pictures_that_cannot_be_drawn(tmp_path):
     model = haptid.DynamicModel(haptid.read_device("phantom_premium_15"))
-    with pytest.raises(errors.PictureError, match="no instant"):
+    with pytest.raises(errors.ExperimentError, match="no instant"):
         bench.draw_strip(model, np.zeros((0, 3)), [], tmp_path / "strip.png")
-    with pytest.raises(errors.PictureError, match="Choose"):
+    with pytest.raises(errors.ExperimentError, match="Choose"):
         bench.draw_strip(model, np.zeros((1, 3)), [0.0], tmp_path / "absent" / "strip.png")
 
 
@@ -45,6 +45,6 @@ def test_rendering_works_or_says_what_to_do(tmp_path):
     said = ""
     try:
         bench.render_strip(model, true_parameters(model), np.zeros((2, 3)), path)
-    except errors.PictureError as error:
+    except errors.ExperimentError as error:
         said = str(error)
     assert path.exists() or "draw_strip" in said

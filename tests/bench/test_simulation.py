@@ -135,44 +135,54 @@ def test_payload_is_felt_by_the_motors():
 
 
 def test_a_device_that_runs_away_is_an_error():
-    with pytest.raises(errors.UnstableError, match=r"joint .*rad/s") as caught:
+    with pytest.raises(errors.SimulationError) as raised:
         made(seconds=2.0, controller=bench.Controller((40.0, 35.0, 14.0), (500.0,), tracking_limit=1e9))
-    assert caught.value.time < 2.0
+    joint, time = raised.value.where
+    assert joint in ("ba", "be", "df", "a", "c")
+    assert time < 2.0
+    assert abs(raised.value.found) > raised.value.limit
 
 
 def test_a_device_that_does_not_follow_is_an_error():
-    with pytest.raises(errors.TrackingLostError, match=r"joint (be|df)"):
+    with pytest.raises(errors.SimulationError) as raised:
         made(seconds=2.0, controller=bench.Controller((0.01,), (0.001,), tracking_limit=0.1))
+    assert raised.value.where[0] in ("be", "df")
 
 
 def test_a_joint_at_its_stop_is_an_error():
     push = bench.Push((60.0, 0.0, 0.0), start=0.1)
-    with pytest.raises(errors.LimitHitError, match=r"joint \w+ was at .* outside its limits"):
+    with pytest.raises(errors.SimulationError) as raised:
         made(seconds=2.0, hand=(push,), still=True, controller=bench.Controller((4.0,), (0.2,), tracking_limit=3.0))
+    assert raised.value.limit[0] < raised.value.limit[1]
 
 
 def test_a_loop_that_opens_is_an_error(monkeypatch):
     monkeypatch.setattr("haptid.experiment.bench.simulation.WIDEST_GAP", 1e-13)
-    with pytest.raises(errors.LoopBrokenError, match=r"open by .* m at"):
+    with pytest.raises(errors.SimulationError) as raised:
         made(seconds=2.0)
+    assert raised.value.found > raised.value.limit == 1e-13
 
 
 def test_periods_are_whole_numbers_of_steps():
     model = haptid.DynamicModel(haptid.read_device("phantom_premium_15"))
     chi = true_parameters(model)
-    with pytest.raises(errors.TimingError, match="control period"):
+    with pytest.raises(errors.ExperimentError) as raised:
         bench.Setup(model, chi, bench.Controller((1.0,), (1.0,), rate_hz=3000.0))
-    with pytest.raises(errors.TimingError, match="delay"):
+    assert raised.value.where == "the control period"
+    with pytest.raises(errors.ExperimentError) as raised:
         bench.Setup(model, chi, bench.Controller((1.0,), (1.0,)), amplifiers=bench.Amplifiers(delay=1.5e-5))
+    assert raised.value.where == "the delay"
 
 
 def test_a_hand_needs_a_handle():
     model = haptid.DynamicModel(haptid.read_device("emps"))
-    with pytest.raises(errors.NoHandleError, match="hand"):
+    with pytest.raises(errors.IncompleteDeviceError) as raised:
         bench.Setup(model, np.ones(4), bench.Controller((1.0,), (1.0,)), hand=(bench.Push((1.0, 0, 0)),))
+    assert raised.value.where == "hand"
 
 
 def test_without_mujoco_the_error_says_what_to_install(monkeypatch):
     monkeypatch.setitem(__import__("sys").modules, "mujoco", None)
-    with pytest.raises(errors.MujocoMissingError, match="pip install"):
+    with pytest.raises(errors.MissingDependencyError) as raised:
         made(seconds=2.0)
+    assert raised.value.where == "mujoco"

@@ -8,12 +8,12 @@ from hypothesis import strategies as st
 import haptid
 from compiled import NAME, STRICT, compiler, evaluated, named, relative, run
 from haptid.export import CCode, export_c
-from haptid.export.factoring import factored
-from haptid.export.functions import code_of
-from haptid.export.golden import Golden
-from haptid.export.graph import PARAMETER, Graph, cost, operations
-from haptid.export.moments import moments_of
-from haptid.export.polynomial import cheapest
+from haptid.export.expressions.factoring import factored
+from haptid.export.expressions.graph import PARAMETER, Graph, cost, operations
+from haptid.export.expressions.polynomial import cheapest
+from haptid.export.model.functions import code_of
+from haptid.export.model.moments import moments_of
+from haptid.export.selftest import Golden
 from mechanisms import mechanisms
 from random_devices import as_device, parameters
 

@@ -12,10 +12,10 @@ import haptid
 from bench_identification import CASES, device_of, log_of, record
 from haptid.experiment.bench.mjcf import depth_first
 from haptid.export import export_mjcf, export_urdf
-from haptid.export.standard import departure, standard_parameters
-from haptid.export.urdf import angles, upright
+from haptid.export.formats.bodies import departure, standard_parameters
+from haptid.export.formats.urdf import angles, upright
+from haptid.observation.observation import Plan
 from haptid.observation.filtering import decimate
-from haptid.observation.plan import Plan
 from mechanisms import mechanisms
 from random_devices import as_device, parameters
 from true_parameters import true_parameters
@@ -155,7 +155,9 @@ def test_urdf_says_what_it_has_no_place_for(tmp_path):
     made = export_urdf(mj_model("phantom_premium_15"), tmp_path)
     text = (tmp_path / made.files[0]).read_text()
     assert (
-        text.count("<gazebo>\n") == len(haptid.DynamicModel(haptid.read_device("phantom_premium_15")).device.closure.cuts) == 1
+        text.count("<gazebo>\n")
+        == len(haptid.DynamicModel(haptid.read_device("phantom_premium_15")).device.closure.cuts)
+        == 1
     )
     assert "URDF has no loops" in text
     model, beta = mj_model("cea_medical_branch")

@@ -11,9 +11,9 @@ import haptid
 from compiled import compiler, relative, run
 from haptid.end_effector.force import REVERSAL_SPEED
 from haptid.export import export_json, export_latex, export_matlab, export_rust
-from haptid.export.golden import Golden
-from haptid.export.latex import escaped, number, unit_text
-from haptid.export.names import default_name
+from haptid.export.formats.latex import escaped, number, unit_text
+from haptid.export.output import default_name
+from haptid.export.selftest import Golden
 from true_parameters import true_parameters
 
 DEVICES = ["phantom_premium_15", "cea_medical_branch", "kuka_kr300", "emps"]

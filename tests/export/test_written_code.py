@@ -11,9 +11,9 @@ import haptid
 from compiled import NAME, STRICT, Library, compiler, relative, run
 from haptid.end_effector.momentum_observer import MomentumObserver
 from haptid.export import CCode, export_c
-from haptid.export.functions import code_of
-from haptid.export.golden import Golden
-from haptid.export.moments import moments_of
+from haptid.export.model.functions import code_of
+from haptid.export.model.moments import moments_of
+from haptid.export.selftest import Golden
 from haptid.motion.filters import HighPass
 from true_parameters import true_parameters
 

@@ -9,7 +9,7 @@ from scipy import signal
 import haptid
 from haptid.experiment import bench
 from haptid.experiment.excitation import observed
-from haptid.inference.elimination import essential
+from haptid.inference.elimination import eliminate
 
 EXAMPLES = Path(__file__).resolve().parents[2] / "examples" / "cea"
 DEVICE = haptid.DynamicModel(haptid.read_device("cea_medical_branch"))
@@ -55,7 +55,7 @@ def fitted(file, seed):
 
 @pytest.mark.parametrize("seed", [1, 2, 3])
 def test_34_parameters_become_the_15_of_the_paper(seed):
-    found = essential(fitted("excite.toml", seed))
+    found = eliminate(fitted("excite.toml", seed))
     assert len(found.full.kept) == 34
     assert set(found.essential) == set(PUBLISHED)
     assert np.nanmax(np.abs(found.shift)) < 4

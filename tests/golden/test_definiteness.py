@@ -71,7 +71,7 @@ def test_smallest_eigenvalues_are_the_published_ones(model, betas, name):
         assert where.slack(found.at[:, None]).min() > -1e-9
         if wanted < 0:
             np.testing.assert_allclose(np.abs(found.direction), [1, 0, 0], atol=1e-6)
-            assert "The direction that fails is motor 1." in found.summary()
+            assert "It fails along motor 1." in found.summary()
         else:
             assert found.share == 0
             assert "The mass matrix is positive definite as far as" in found.summary()

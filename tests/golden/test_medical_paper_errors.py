@@ -10,7 +10,7 @@ import haptid
 from haptid.demos import read_demo
 from haptid.dynamics.inverse import core_torque, mass_matrix
 from haptid.dynamics.kinematics import handle_motion
-from haptid.end_effector.characterisation import GivenParameters, characterise, apparent_mass
+from haptid.end_effector.characterisation import GivenParameters, apparent_mass, characterise
 from haptid.end_effector.characterisation.velocity_forces import drift
 
 DEMO = read_demo("medical")
@@ -142,7 +142,9 @@ def test_t9_no_lengths_have_both_ranges(branch):
     table, (first, second) = TABLES[branch], (sweep.published[2] for sweep in DEMO.sweeps)
     qa = DEMO.sweeps[0].along(DEVICE)
     by_hand = smallest(table, D3, D4, qa[1], qa[2] - np.pi)
-    np.testing.assert_allclose(apparent_mass(GivenParameters.of(DEVICE, table), qa).mass.values[:, 2], by_hand, rtol=1e-9)
+    np.testing.assert_allclose(
+        apparent_mass(GivenParameters.of(DEVICE, table), qa).mass.values[:, 2], by_hand, rtol=1e-9
+    )
     lengths, angles = np.linspace(0.15, 0.4, 8), np.radians(np.linspace(-80, -20, 5))
     arm, forearm = angles, np.radians(np.linspace(50, 70, 5))
     for d3 in lengths:

@@ -5,7 +5,7 @@ import pytest
 
 import haptid
 from haptid.dynamics.inverse import mass_matrix
-from haptid.end_effector.characterisation import GivenParameters, characterise, apparent_mass, sweep
+from haptid.end_effector.characterisation import GivenParameters, apparent_mass, characterise, sweep
 
 D3, D4 = 0.225, 0.275
 # Janot et al. (2007), tables 1 and 2, identified values, SI.

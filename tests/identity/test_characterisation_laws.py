@@ -9,7 +9,7 @@ import haptid
 from haptid import _core
 from haptid.dynamics.inverse import bias_torque, mass_matrix
 from haptid.dynamics.kinematics import handle_motion
-from haptid.end_effector.characterisation import GivenParameters, characterise, apparent_mass
+from haptid.end_effector.characterisation import GivenParameters, apparent_mass, characterise
 from haptid.end_effector.characterisation.apparent_mass import core_arguments
 from haptid.end_effector.characterisation.velocity_forces import drift
 from mechanisms import draw, mechanisms

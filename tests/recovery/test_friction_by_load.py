@@ -87,7 +87,7 @@ def test_the_diagnosis_sees_it_where_it_is_missing(model, tmp_path):
 def test_rows_without_accelerations_and_exports_are_refused(model, tmp_path):
     made = moved(model)
     still = haptid.Motion(made.dt, made.q, made.tau, haptid.Treatment(cutoff_hz=20, accelerations="momentum"))
-    with pytest.raises(errors.AccelerationColumnError):
+    with pytest.raises(errors.MissingAccelerationError):
         haptid.observe(model, still)
     found = haptid.estimate(haptid.observe(fit_load_friction(model, [made]), made), haptid.WLS())
     with pytest.raises(errors.UnexportableTermError, match="load"):

@@ -13,7 +13,7 @@ from haptid import estimation as e
 from haptid.advice.eliminate import with_reduced
 from haptid.estimation.nonlinear.linearise import settled
 from haptid.estimation.nonlinear.load_friction import fit_load_friction
-from haptid.inference.elimination import without
+from haptid.inference.elimination import refit_without
 from haptid.results.result import Result
 from haptid.validation.cross_validation import alternate, each_log
 from motions import motion
@@ -122,7 +122,7 @@ def test_loads_alone_are_settled_by_every_fold(tmp_path):
 
 
 def test_the_reduced_estimate_is_held_out_as_the_full_one(found, model):
-    smaller = without(found.estimate, ("FV1",))
+    smaller = refit_without(found.estimate, ("FV1",))
     made = with_reduced(found, smaller)
     motions = [run.motion for run in found.runs]
     for one, other, run in zip(motions, motions[::-1], made.runs, strict=True):
@@ -132,7 +132,7 @@ def test_the_reduced_estimate_is_held_out_as_the_full_one(found, model):
 
 def test_the_result_keeps_the_bodies_of_the_loads(found, tmp_path):
     """Those that the friction was made of, not those of the estimate that is held or reduced."""
-    smaller = with_reduced(found, without(found.estimate, ("FV1", "FLM2")))
+    smaller = with_reduced(found, refit_without(found.estimate, ("FV1", "FLM2")))
     held = replace(found, estimate=haptid.estimate(found.estimate.observation, haptid.PhysicallyConsistent()))
     for k, made in enumerate((found, smaller, held)):
         folder = tmp_path / str(k)

@@ -20,7 +20,6 @@ from haptid.report.chart import envelope, extremes, packed, shaded
 from haptid.report.citations import bibtex, entries
 from haptid.report.mathml import groupings, parameter
 from haptid.report.report import DATA, PAGE
-from haptid.report.sections.comparison import compared
 from haptid.report.sections.excitation import information
 from haptid.report.sections.friction import model_curve
 from haptid.report.sections.hand import HandSection
@@ -232,7 +231,7 @@ def test_results_are_compared_as_their_estimates_are(tmp_path):
     second = haptid.identify(replace(study, logs=swapped), logs())
     folders = [folder_of(first, tmp_path / "monday"), folder_of(second, tmp_path / "tuesday")]
     one, other = (haptid.Result.load(folder) for folder in folders)
-    ours = compared(one, other)
+    ours = haptid.compare(one, other, independent=False)
     theirs = haptid.compare(first.estimate, second.estimate)
     assert ours.names == theirs.names
     np.testing.assert_allclose(ours.holm, theirs.holm, rtol=1e-6)

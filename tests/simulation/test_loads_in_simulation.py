@@ -137,5 +137,5 @@ def test_sharp_loads_are_smoothed_and_the_filter_refuses_them(model):
     soft = {t.name: t.constant("width") for t in smooth(harsh, [moved], 1e-2).terms if t.dry}
     assert soft["FC1"] == 0.1
     assert 0 < soft["FLM1"] < 0.1
-    with pytest.raises(errors.AccelerationColumnError):
+    with pytest.raises(errors.MissingAccelerationError):
         haptid.estimate(haptid.observe(model, moved), estimation.EKF())

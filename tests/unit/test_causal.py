@@ -8,8 +8,8 @@ from scipy import signal
 
 import haptid
 from haptid.errors import (
-    AccelerationColumnError,
     CutoffError,
+    MissingAccelerationError,
     MotionTooShortError,
     NoAccelerationError,
     TreatmentValueError,
@@ -223,5 +223,5 @@ def test_a_column_made_of_accelerations_is_refused_without_them(tmp_path):
         if name == "SIN":
             assert haptid.observe(model, motion).rows > 500
         else:
-            with pytest.raises(AccelerationColumnError, match="column JERKY is made of accelerations"):
+            with pytest.raises(MissingAccelerationError, match="column JERKY reads accelerations"):
                 haptid.observe(model, motion)

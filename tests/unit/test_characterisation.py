@@ -187,12 +187,14 @@ def test_settings_that_mean_nothing(phantom):
 
 
 def test_a_handle_on_the_base_moves_nothing(phantom):
-    fixed = replace(phantom, handle=replace(phantom.device.handle, link=-1))
+    handle = replace(phantom.device.handle, link=-1)
+    fixed = haptid.DynamicModel(replace(phantom.device, handle=handle))
     with pytest.raises(errors.SettingError) as raised:
         apparent_mass(GivenParameters(fixed, np.ones(len(fixed.base))), POSES)
     assert raised.value.where == "handle.link"
     with pytest.raises(errors.IncompleteDeviceError):
-        apparent_mass(GivenParameters(replace(phantom, handle=None), np.ones(len(phantom.base))), POSES)
+        bare = haptid.DynamicModel(replace(phantom.device, handle=None))
+        apparent_mass(GivenParameters(bare, np.ones(len(phantom.base))), POSES)
 
 
 def test_a_table_of_parameters_as_papers_print_it(phantom):

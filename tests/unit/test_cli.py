@@ -157,7 +157,7 @@ def test_the_same_study_gives_the_same_result_bit_for_bit(phantom, request):
 
 
 @pytest.mark.parametrize(
-    ("value", "sd", "shown"),
+    ("value", "se", "shown"),
     [
         (1.23456, 0.012, "1.235"),
         (203.48, 7.4, "203.5"),

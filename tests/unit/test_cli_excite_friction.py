@@ -95,7 +95,7 @@ def test_friction_of_a_log_is_told_and_drawn(swept, tmp_path):
     folder, true = swept
     done = call("friction", DEVICE, folder / "sweep.csv", "--out", tmp_path / "f")
     assert done.exit_code == 0, done.output
-    assert done.stdout.count("are enough") == 3
+    assert done.stdout.count("are sufficient") == 3
     found = json.loads((tmp_path / "f" / "friction.json").read_text())
     assert found["viscous_and_coulomb_are_enough"] is True
     for joint in found["joints"]:

@@ -18,7 +18,7 @@ from haptid.inference.diagnosis.finding import SIGNIFICANCE
 from haptid.inference.diagnosis.lack_of_fit import CANDIDATES, friction_coordinates
 from haptid.inference.diagnosis.plausibility import unit_error
 from haptid.inference.diagnosis.residuals import residuals
-from haptid.inference.elimination import untold
+from haptid.inference.elimination import not_identifiable
 from motions import motion, truth
 
 LOOKS = {
@@ -98,7 +98,7 @@ def test_parameters_and_motors_that_were_left_out_stay_out(clean):
 
 
 def untold_by_motor_1(made):
-    return tuple(made.base.names[k] for k in untold(made.observation.only("1")))
+    return tuple(made.base.names[k] for k in not_identifiable(made.observation.only("1")))
 
 
 def test_a_clean_log_has_every_look_and_a_good_verdict(diagnosis):

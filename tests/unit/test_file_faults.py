@@ -13,7 +13,7 @@ from haptid import errors
 from haptid._internal.toml_tables import LARGEST_FILE, Fault
 from haptid.device.toml.schema import ModifiedDHDevice
 from haptid.experiment import bench
-from haptid.experiment.bench.schema import ExperimentTable
+from haptid.experiment.bench.experiment import ExperimentTable
 from haptid.study.schema import StudyTable
 from small_study import DEVICE, STUDY
 
@@ -107,11 +107,11 @@ JUNK = st.one_of(
 
 
 @pytest.mark.parametrize(
-    ("model", "text"), [(StudyTable, STUDY), (ExperimentTable, EXPERIMENT), (ModifiedDHDevice, DEVICE)]
+    ("table", "text"), [(StudyTable, STUDY), (ExperimentTable, EXPERIMENT), (ModifiedDHDevice, DEVICE)]
 )
 @settings(deadline=None, max_examples=150)
 @given(data=st.data())
-def test_whatever_stands_there_is_told_where_it_stands(other_model, text, data):
+def test_whatever_stands_there_is_told_where_it_stands(table, text, data):
     """A fault's steps lead to something in the data, or to one key that it lacks."""
     tables = copy.deepcopy(tomllib.loads(text))
     here = tables
@@ -122,9 +122,9 @@ def test_whatever_stands_there_is_told_where_it_stands(other_model, text, data):
             break
         here = here[key]
     try:
-        other_model.model_validate(tables)
+        table.model_validate(tables)
     except ValidationError as error:
-        fault = Fault.of(error, other_model, tables)
+        fault = Fault.of(error, table, tables)
         lacks = fault.kind == "missing" or bool(fault.kinds)
         found = tables
         for step in fault.steps[:-1] if lacks else fault.steps:

@@ -117,7 +117,7 @@ def test_an_unknown_moment_is_taken_for_no_more_force_than_said(phantom):
     assert (found.lever.sure, found.lever.determined.any()) == (1, False)
     assert np.isnan(found.se[:, 3:]).all()
     text = found.summary()
-    assert "3 torques cannot tell the six components" in text
+    assert "3 torques do not determine the six components" in text
     assert "1 direction of force at each pose" in text
     # Along the direction that no moment reaches, the force is right: torque of the second motor over its arm.
     handle = handle_motion(phantom.model, pushed(phantom, wrench).q.T)
@@ -147,7 +147,7 @@ def test_fewer_than_three_torques_tell_part_of_the_force():
     found_in = estimated(model, model.base.of(parameters(mechanism, model)))
     made = pushed(found_in, np.ones((50, 6)) * [1, 1, 1, 0, 0, 0], seconds=0.05)
     text = estimate_force(found_in, made).summary()
-    assert "tell the force along 2 directions of the handle's own motion" in text
+    assert "determine the force along 2 directions of the handle's own motion" in text
 
 
 def test_deviations_are_those_of_repeated_estimates():

@@ -11,7 +11,7 @@ from typer.testing import CliRunner
 import haptid
 from haptid import estimation
 from haptid.cli import app
-from haptid.errors import StudyControllerError, StudyFileError
+from haptid.errors import StudyFileError
 from small_study import DEVICE, FRICTION, between, driven, log_of, two_links
 from true_parameters import true_parameters
 
@@ -99,7 +99,7 @@ def test_every_method_has_a_name(folder):
 
 def test_without_it_the_study_says_so(folder):
     for name in ("IV", "DIDIM", "CLIE", "CLOE"):
-        with pytest.raises(StudyControllerError, match=rf"{name} simulates .* \[controller\]"):
+        with pytest.raises(StudyFileError, match=rf"{name} simulates .* \[controller\]"):
             haptid.read_study(written(folder, method(name)))
     ran = CliRunner().invoke(app, ["identify", str(written(folder, method("IV"))), "--out", str(folder / "out")])
     assert ran.exit_code == 2

@@ -12,11 +12,12 @@ import pytest
 import haptid
 from haptid import estimation as e
 from haptid.device.priors import Body
-from haptid.errors import StudyFileError, UnknownLinkError
+from haptid.errors import StudyFileError, UnknownNameError
 from haptid.observation.cache import RFactorCache, fingerprint
 from haptid.observation.known_payload import Payload, log_without_payload
 from haptid.observation.observation import Plan
 from haptid.results.result import Result
+from haptid.uncertainty.quantities import correlations
 from motions import multisine, truth
 from small_study import columns, two_links, write_study
 
@@ -71,7 +72,7 @@ def test_the_result_says_what_was_taken_off(study, tmp_path):
     first, _, third = json.loads((tmp_path / "result.json").read_text())["logs"]
     assert first["payload"] is None
     assert third["payload"] == {"link": "2", "mass": 0.7, "com": [0.25, 0.1, 0.0], "inertia": BODY.inertia.tolist()}
-    assert "A load of 0.7 kg on link 2 is taken off the torque" in third["notes"][-1]
+    assert "A payload of 0.7 kg on link 2 is subtracted from the torque" in third["notes"][-1]
     assert third["notes"][-1] in made.estimate.notes
 
 
@@ -137,7 +138,7 @@ def test_a_load_that_is_none_is_refused(study, text, where):
 
 
 def test_a_load_on_no_link_is_refused(study):
-    with pytest.raises(UnknownLinkError):
+    with pytest.raises(UnknownNameError):
         haptid.identify(study("load = { link = '9', mass = 1.0, com = [0, 0, 0] }"))
 
 
@@ -185,5 +186,5 @@ def test_correlations_are_in_the_folder(study, tmp_path):
 
 
 def test_what_has_no_deviation_has_no_correlation():
-    R = e.spread.correlations(np.diag([4.0, 0.0]))
+    R = correlations(np.diag([4.0, 0.0]))
     np.testing.assert_array_equal(R, [[1.0, np.nan], [np.nan, 1.0]])

@@ -9,8 +9,8 @@ from haptid.end_effector.characterisation import GivenParameters
 from haptid.end_effector.characterisation.friction import viscous_matrix
 from haptid.end_effector.compensation import Compensation
 from haptid.export import CCode, export_c
-from haptid.export.functions import code_of
-from haptid.export.golden import Golden
+from haptid.export.model.functions import code_of
+from haptid.export.selftest import Golden
 from motions import motion
 from small_study import DEVICE
 

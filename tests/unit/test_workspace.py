@@ -80,7 +80,7 @@ def test_an_estimate_has_a_deviation_and_is_of_one_device():
     assert 0 < found.se < 0.05 * found.smallest
     assert abs(found.smallest - exact.smallest) < 5 * found.se
     assert exact.se is None
-    assert "standard deviation" in found.summary()
+    assert "standard error" in found.summary()
     with pytest.raises(errors.ModelMismatchError):
         definiteness(estimate, workspace(haptid.DynamicModel(haptid.read_device("phantom_premium_15"))))
 

@@ -1,1 +1,4 @@
-"""What to change in a study: proposals that are tried on the same data before they are made."""
+"""Advice: changes of a study, each tested on the same data before it is proposed.
+
+May import study and inference; it is used by commands and reports.
+"""

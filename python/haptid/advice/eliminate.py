@@ -1,4 +1,4 @@
-"""An identification with its essential parameters alone: the reduced estimate in the place of the full one."""
+"""An identification reduced to its essential parameters: with the reduced estimate in place of the full one."""
 
 from __future__ import annotations
 
@@ -12,14 +12,15 @@ from haptid.validation.validation import direct, validate
 
 
 def with_reduced(found: Identification, reduced: Estimate) -> Identification:
-    """The same study and logs, estimated and validated with some parameters left out.
+    """The same study and logs, estimated and validated with some parameters eliminated.
 
-    Rows that are held out of the fit have no part in the reduced values that predict them, nor in constants and loads.
-    They had one in the choice of what to leave out; logs with the role "validate" had none.
+    In cross-validation, the reduced values, nonlinear constants and load-dependent friction of each fold are estimated
+    without the rows they predict. The choice of the eliminated parameters used these rows; it did not use logs with the
+    role "validate".
 
     Args:
-        found: a study walked to its end.
-        reduced: of the same rows, `Elimination.reduced`; where nothing was left out, the identification's own.
+        found: a study carried out.
+        reduced: of the same rows, `Elimination.reduced`; where nothing was eliminated, the identification's own.
     """
     if reduced is found.estimate:
         return found
@@ -31,7 +32,7 @@ def with_reduced(found: Identification, reduced: Estimate) -> Identification:
 
 
 def _run(study: Study, filed: DynamicModel, run: Run, fitted: list[Run], reduced: Estimate) -> Run:
-    """A log as the reduced estimate predicts it."""
+    """A log with the validations of the reduced estimate."""
     if run.entry.role == "validate":
         return replace(run, unseen=(validate(reduced, run.observation),))
     others = [other.observation for other in fitted if other is not run]

@@ -53,8 +53,7 @@ def bench(
     quiet: Annotated[bool, typer.Option("--quiet", "-q", help="no progress, no summary")] = False,
 ) -> None:
     from haptid._internal.workers import DaskExecutor, ProcessExecutor
-    from haptid.experiment.bench.logs import truth_paths
-    from haptid.experiment.bench.run import Job, make_log, make_logs, repeated
+    from haptid.experiment.bench.run import Job, make_log, make_logs, repeated, truth_paths
 
     with errors_shown(), progress_bars(quiet) as progress:
         task = progress.add_task("simulating", total=1.0)

@@ -49,7 +49,7 @@ def essential(
     from haptid.advice.eliminate import with_reduced
     from haptid.inference.diagnosis import diagnose
     from haptid.inference.elimination import BackwardElimination, GautierRatio, MaxRelativeStd, eliminate_by_motor
-    from haptid.inference.elimination import essential as reduce
+    from haptid.inference.elimination import eliminate as reduce
     from haptid.results.result import Result
     from haptid.study import read_study
     from haptid.study.identify import identify

@@ -59,7 +59,7 @@ def excite(
     from haptid.dynamics.model import DynamicModel
     from haptid.experiment.bench import read_experiment
     from haptid.experiment.excitation import Search, design, write_experiment
-    from haptid.experiment.excitation.default_experiment import plain_experiment, write_samples
+    from haptid.experiment.excitation.writing import plain_experiment, write_samples
 
     with errors_shown():
         if out_file.suffix != ".toml":

@@ -17,7 +17,7 @@ def schema(
 ) -> None:
     """Print the JSON Schema of device, study, experiment or result files."""
     from haptid.device import device_schema
-    from haptid.experiment.bench.schema import experiment_schema
+    from haptid.experiment.bench.experiment import experiment_schema
     from haptid.results import result_schema
     from haptid.study import study_schema
 

@@ -18,8 +18,7 @@ from haptid.dynamics.inverse import inverse_dynamics
 from haptid.dynamics.model import DynamicModel
 from haptid.errors import IdentifiabilityError
 from haptid.experiment.bench.experiment import read_experiment
-from haptid.experiment.bench.logs import truth_paths, write_log, write_truth
-from haptid.experiment.bench.run import perform
+from haptid.experiment.bench.run import perform, truth_paths, write_log, write_truth
 from haptid.experiment.bench.setup import Encoders
 from haptid.log import Channels, Log, Signal, read_log
 from haptid.motion.streaming import lost

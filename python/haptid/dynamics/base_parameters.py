@@ -1,7 +1,7 @@
 """Base parameters, numerically: the smallest parameter set that determines the torque, and the regrouping into it.
 
 Source: Gautier (1991), J. Robotic Systems 8(4), with an ordered elimination in place of the pivoted QR, so that the
-parameters kept are those of the textbooks.
+parameters kept are those of the literature.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ CLEAR_GAP = 1e3
 CANCELLED = 1e-7
 # Most groupings that an error lists.
 MOST_GROUPS = 3
-# Within a link, the parameters that textbooks keep come first.
+# Within a link, the parameters that the literature keeps come first.
 PREFERENCE = ("ZZ", "XX", "XY", "XZ", "YZ", "MX", "MY", "IA", "YY", "MZ", "M")
 
 

@@ -145,7 +145,7 @@ def estimate_force(
     torques, noise = Torques.joined(pieces), noise_of(estimate, validation)
     found = lever_of(estimate, torques.qa, noise, moment is not None, worst_condition)
     covariance = torques.covariance + np.diag(noise**2)[:, :, None]
-    told = Told(
+    made = WrenchEstimate(
         t=torques.t,
         external=torques.external,
         wrench=found.wrench(torques.external),
@@ -154,7 +154,7 @@ def estimate_force(
         usable=found.usable,
         moment=torques.moment,
     )
-    return handle_force(estimate, found, told, noted(validation))
+    return handle_force(estimate, found, made, noted(validation))
 
 
 UNVALIDATED = "No validation was given: the noise is taken from the fit's residual, smaller than on unseen rows."
@@ -195,7 +195,7 @@ def noise_of(estimate: Estimate, validation: Validation | None) -> Array:
 
 
 @dataclass(frozen=True, eq=False)
-class Told:
+class WrenchEstimate:
     """The wrench estimated from the torques, in the base frame.
 
     Attributes:
@@ -288,19 +288,19 @@ def lever_of(estimate: Estimate, qa: Array, noise: Array, given: bool, worst: fl
     return lever(handle_motion(estimate.model, qa), rows, noise, 6 if len(rows) >= 6 and not given else 3, worst)
 
 
-def handle_force(estimate: Estimate, found: Lever, told: Told, notes: tuple[str, ...]) -> HandleForce:
+def handle_force(estimate: Estimate, found: Lever, made: WrenchEstimate, notes: tuple[str, ...]) -> HandleForce:
     """The result, with zero or the given moment where it is not estimated, and notes on what is not determined."""
     known = 6 - found.unknown
-    moment = "given" if len(told.moment) else "taken as zero" if known else "estimated"
-    rest = told.moment if len(told.moment) else np.zeros((known, len(told.t)))
-    se = np.full_like(told.variance, np.inf) if estimate.single_block else np.sqrt(told.variance)
-    unknown = np.full((known, len(told.t)), np.nan)
+    moment = "given" if len(made.moment) else "taken as zero" if known else "estimated"
+    rest = made.moment if len(made.moment) else np.zeros((known, len(made.t)))
+    se = np.full_like(made.variance, np.inf) if estimate.single_block else np.sqrt(made.variance)
+    unknown = np.full((known, len(made.t)), np.nan)
     wrench, bare, se = (
-        np.where(told.usable, np.concatenate(halves), np.nan).T
-        for halves in ((told.wrench, rest), (told.bare, rest), (se, unknown))
+        np.where(made.usable, np.concatenate(halves), np.nan).T
+        for halves in ((made.wrench, rest), (made.bare, rest), (se, unknown))
     )
-    notes = (*notes, *_limits(estimate, found, told.usable, moment))
-    return HandleForce(estimate.model, told.t, wrench, bare, se, told.external, found, told.usable, moment, notes)
+    notes = (*notes, *_limits(estimate, found, made.usable, moment))
+    return HandleForce(estimate.model, made.t, wrench, bare, se, made.external, found, made.usable, moment, notes)
 
 
 def _limits(estimate: Estimate, found: Lever, usable: np.ndarray, moment: str) -> Iterator[str]:
@@ -313,7 +313,7 @@ def _limits(estimate: Estimate, found: Lever, usable: np.ndarray, moment: str) -
         return
     rows = sum(estimate.model.device.measured)
     if moment == "taken as zero":
-        known = [name for name, told in zip(COMPONENTS, found.determined, strict=True) if told]
+        known = [name for name, wrench in zip(COMPONENTS, found.determined, strict=True) if wrench]
         yield (
             f"{rows} torques do not determine the six components of a wrench. The force is correct where the hand "
             f"applies no moment; a moment of 1 N m causes a force error of up to {found.leak:.3g} N. Determined "

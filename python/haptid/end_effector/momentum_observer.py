@@ -21,7 +21,7 @@ from haptid.end_effector.force import (
     REVERSAL_SPEED,
     WORST_CONDITION,
     HandleForce,
-    Told,
+    WrenchEstimate,
     check_finite,
     check_settings,
     handle_force,
@@ -205,7 +205,7 @@ def observe_force(
     path = _Path.of(estimate, motion)
     found = lever_of(estimate, path.middles, noise_of(estimate, validation), False, worst_condition)
     noise = np.square(found.inverse) @ np.square(noise_of(estimate, validation))
-    return handle_force(estimate, found, path.told(observer, found, noise.T), noted(validation))
+    return handle_force(estimate, found, path.wrench(observer, found, noise.T), noted(validation))
 
 
 @dataclass(frozen=True, eq=False)
@@ -241,7 +241,7 @@ class _Path:
         """Positions at the middle of the step that ends at each sample, (active, samples)."""
         return 0.5 * (self.qa + np.column_stack([self.qa[:, :1], self.qa[:, :-1]]))
 
-    def told(self, observer: MomentumObserver, found: Lever, noise: Array) -> Told:
+    def wrench(self, observer: MomentumObserver, found: Lever, noise: Array) -> WrenchEstimate:
         """The wrench at every step, then the observer's low-pass in the base frame."""
         estimate, model, dt = self.estimate, self.estimate.model, self.dt
         rows, none = list(model.measured_rows), np.zeros_like(self.tau)
@@ -259,7 +259,7 @@ class _Path:
         for m, size in enumerate(sizes):
             variance += smooth(np.abs(found.inverse[:, :, m].T) * size) ** 2
         long = min(len(self.t), 1 + round(SETTLING * observer.delay / dt))
-        return Told(
+        return WrenchEstimate(
             t=self.t,
             external=observer.follow(model, estimate.beta, dt, self.qa, self.qda, self.tau).torque[rows],
             wrench=filtered(estimate.beta, self.tau),

@@ -342,7 +342,7 @@ __all__ = [
     "NotByRowsError",
     "NotNumericError",
     "OptionError",
-    "OutputErrorMethod",
+    "OutputError",
     "OutputFolderError",
     "OversizedLogError",
     "ParameterNameError",

@@ -22,7 +22,9 @@ from haptid.estimation.method import Fitting, Knowing, Method, Reduced, rows_of
 from haptid.estimation.methods.bounded import BoundedSolution
 from haptid.estimation.methods.consistent import Constrained
 from haptid.estimation.methods.wls import WLS
-from haptid.observation.observation import Block, Observation
+from haptid.observation.observation import Observation
+from haptid.observation.plan import Block
+from haptid.uncertainty.quantities import Quantities
 
 # Scaled condition number above which single parameters are not to be trusted one by one (Gautier's rule).
 WELL_CONDITIONED = 200.0
@@ -111,7 +113,7 @@ class Estimate:
     zero: tuple[int, ...] = ()
 
     def __post_init__(self) -> None:
-        for name in ("beta", "covariance", "classical_covariance", "freedom", "weights"):
+        for name in ("beta", "covariance", "classical_covariance", "dof", "weights"):
             object.__setattr__(self, name, read_only(getattr(self, name)))
 
     @property
@@ -123,14 +125,9 @@ class Estimate:
         return self.observation.base
 
     @property
-    def names(self) -> tuple[str, ...]:
-        """Of the base parameters, (p,)."""
-        return self.base.names
-
-    @property
-    def units(self) -> tuple[str, ...]:
-        """Of the base parameters, (p,)."""
-        return self.base.units
+    def quantities(self) -> Quantities:
+        """Base parameters of the unconstrained fit, with covariance and degrees of freedom."""
+        return Quantities(self.base.names, self.base.units, self.free, self.covariance, self.dof, self.single_block)
 
     @property
     def blocks(self) -> tuple[Block, ...]:

@@ -26,8 +26,8 @@ class Knowledge:
     def __post_init__(self) -> None:
         m = np.shape(self.b)[0]
         expect("A", np.shape(self.A), (m, None))
-        expect("sd", np.shape(self.se), (m,))
-        for name in ("A", "b", "sd"):
+        expect("se", np.shape(self.se), (m,))
+        for name in ("A", "b", "se"):
             object.__setattr__(self, name, read_only(getattr(self, name)))
 
     @property

@@ -1,16 +1,19 @@
-"""Files that other programs read: a model as code for a control loop, for simulators, and for papers."""
+"""Export of an identified model: code for control loops, robot descriptions for simulators, tables for papers.
 
-from haptid.export.folder import Export
-from haptid.export.formats import FORMATS, export
-from haptid.export.graph import Operations
-from haptid.export.latex import export_latex
-from haptid.export.matlab import export_matlab
-from haptid.export.mjcf import export_mjcf
-from haptid.export.model_json import export_json
-from haptid.export.rust import export_rust
-from haptid.export.settings import CCode
-from haptid.export.urdf import export_urdf
-from haptid.export.writing import CExport, export_c
+`expressions` is symbolic algebra, `model` builds the dynamics in it, `formats` writes the files. It may import
+everything up to `results`.
+"""
+
+from haptid.export.all_formats import FORMATS, export
+from haptid.export.expressions.graph import Operations
+from haptid.export.formats.c import CExport, export_c
+from haptid.export.formats.json import export_json
+from haptid.export.formats.latex import export_latex
+from haptid.export.formats.matlab import export_matlab
+from haptid.export.formats.mjcf import export_mjcf
+from haptid.export.formats.rust import export_rust
+from haptid.export.formats.urdf import export_urdf
+from haptid.export.output import CCode, Export
 
 __all__ = [
     "FORMATS",

@@ -1,4 +1,4 @@
-"""What a model is, where it comes from, and whether it may be written out."""
+"""Provenance of an exported model: parameters, data, validation verdict, and the heading of every written file."""
 
 from __future__ import annotations
 
@@ -10,33 +10,34 @@ from numpy.typing import ArrayLike
 
 from haptid._core import __version__
 from haptid._internal.arrays import Array, expect, read_only
+from haptid.device import Motor
 from haptid.dynamics.model import DynamicModel
-from haptid.errors import FailedValidationError, UnvalidatedError
+from haptid.errors import UnvalidatedModelError
 from haptid.estimation import Estimate
 from haptid.results import Result, ResultUse
 from haptid.study.identify import Identification
 from haptid.validation.validation import Validation
 
-# What can be exported: an identification by a study, the same read back from its result folder, an estimate, or a
-# device with base parameters from elsewhere.
+# What can be exported: the identification of a study, a result read from its folder, an estimate, or a model with
+# base parameters of other origin.
 IdentifiedModel = Identification | Result | Estimate | tuple[DynamicModel, ArrayLike]
-# Widest of the first lines of a file, characters.
+# Maximum line length of a file's heading, characters.
 WIDTH = 112
 
 
 @dataclass(frozen=True, eq=False)
 class Provenance:
-    """A model to write out.
+    """A model to export.
 
     Attributes:
         model: the dynamic model.
         beta: its base parameters, (p,), SI.
-        intervals: 95 % intervals of them, (p, 2), or None where nothing is known.
-        covariance: of them, (p, p), or None where nothing is known.
+        intervals: their 95 % confidence intervals, (p, 2); None where unknown.
+        covariance: of their errors, (p, p); None where unknown.
         hashes: SHA-256 of the logs that it was identified from.
-        verdict: on unseen motion, a sentence.
-        zero: indices of the base parameters that were left out: code does without them.
-        uses: what the model is good for; empty where it was not diagnosed.
+        verdict: prediction error on unseen motion, a sentence.
+        zero: indices of eliminated base parameters, which the code omits.
+        uses: fitness of the model for each use; empty where it was not diagnosed.
     """
 
     model: DynamicModel
@@ -53,25 +54,24 @@ class Provenance:
 
     @property
     def fitness(self) -> list[str]:
-        """A sentence for each use, with a warning where the model is not fit for it."""
+        """A sentence for each use, marked as a warning where the model is not fit for it."""
         return [f"WARNING: {said.sentence}" if said.grade == "bad" else said.sentence for said in self.uses]
 
 
 def provenance(
     identified: IdentifiedModel, validation: Validation | None, largest_error: float | None, anyway: bool
 ) -> Provenance:
-    """The model, if its validation lets it pass.
+    """The model with its provenance, provided that it meets its validation criterion.
 
     Args:
-        identified: what to export.
+        identified: the model to export.
         validation: of an estimate; an identification and a result have their own.
-        largest_error: criterion, per cent; an identification has that of its study where this is None.
-        anyway: write a model that fails its criterion, and say so.
+        largest_error: criterion, per cent; that of the study or result where None.
+        anyway: export a model that fails its criterion, with a note in the files.
 
     Raises:
-        FailedValidationError: it misses more of the torque than its criterion allows.
-        UnvalidatedError: there is a criterion, and no validation.
-        ShapeError: the base parameters are not as many as the device has.
+        UnvalidatedModelError: the prediction error exceeds the criterion, or there is a criterion but no validation.
+        ShapeError: the number of base parameters is not that of the device.
     """
     validations: tuple[Validation, ...] = () if validation is None else (validation,)
     if isinstance(identified, Identification):
@@ -84,7 +84,7 @@ def provenance(
     verdict = _verdict(validations, largest_error, anyway)
     if isinstance(identified, Result):
         used = dict.fromkeys(log.sha256 for log in identified.logs if log.role == "identify")
-        known = (identified.conf_int(), identified.covariance)
+        known = (identified.conf_int(), identified.quantities.covariance)
         return Provenance(
             identified.model, identified.beta, *known, tuple(used), verdict, identified.zero, tuple(identified.verdict)
         )
@@ -98,10 +98,14 @@ def provenance(
 
 
 def _verdict(validations: tuple[Validation, ...], limit: float | None, anyway: bool) -> str:
-    """A sentence on how the model predicts, or an error where it may not pass."""
+    """The prediction error as a sentence; an error where the criterion is not met."""
     if not validations:
         if limit is not None and not anyway:
-            raise UnvalidatedError(limit)
+            raise UnvalidatedModelError(
+                f"the criterion is {limit:.2f} %, but the model was not validated on unseen motion.",
+                limit=limit,
+                advice="Give a validation or a log with the role validate, or export it anyway (noted in the files).",
+            )
         asked = "" if limit is None else f" Its criterion, {limit:.2f} %, was not tested."
         return f"NOT VALIDATED: nothing is known of how it predicts unseen motion.{asked}"
     worst = max(validations, key=lambda found: found.relative)
@@ -112,12 +116,17 @@ def _verdict(validations: tuple[Validation, ...], limit: float | None, anyway: b
     if worst.relative <= limit:
         return f"Error {error}; criterion {limit:.2f} %: met."
     if not anyway:
-        raise FailedValidationError(worst.relative, limit)
+        raise UnvalidatedModelError(
+            f"the prediction error is {worst.relative:.2f} % of the unseen torque; the criterion is {limit:.2f} %.",
+            found=worst.relative,
+            limit=limit,
+            advice="Identify it again, or export it anyway (noted in the files).",
+        )
     return f"VALIDATION FAILED: error {error}; criterion {limit:.2f} %."
 
 
 def about(source: Provenance) -> list[str]:
-    """The first lines of every file: the device, the verdict, the data."""
+    """Heading of every file: device, verdict, hashes of the data."""
     model = source.model
     said = [
         f"{model.device.name}: dynamic model, written by haptid {__version__}.",
@@ -128,5 +137,44 @@ def about(source: Provenance) -> list[str]:
     ]
     return [
         *(line for sentence in said for line in textwrap.wrap(sentence, WIDTH) or [""]),
-        *(f"Data, SHA-256: {sha}" for sha in source.hashes or ("none: parameters from elsewhere",)),
+        *(f"Data, SHA-256: {sha}" for sha in source.hashes or ("none: parameters of other origin",)),
     ]
+
+
+def coordinate_lines(model: DynamicModel) -> list[str]:
+    """A line for each coordinate: label, units, limits, and the command of its motor."""
+    lines = []
+    for k, (row, label) in enumerate(zip(model.device.row_map, model.device.row_labels, strict=True)):
+        unit, torque = model.device.coordinate_units[k], model.device.torque_units[k]
+        parts = [f"{label}, {unit}, {torque}"]
+        moved = [(float(w), model.device.joints[j]) for w, j in zip(row, model.device.active, strict=True) if w]
+        if len(moved) == 1 and moved[0][0] == 1.0:
+            joint = moved[0][1]
+            if joint.position_limits:
+                parts.append(f"from {joint.position_limits[0]:.6g} to {joint.position_limits[1]:.6g} {unit}")
+            if joint.velocity_limit:
+                parts.append(f"at most {joint.velocity_limit:.6g} {unit}/s")
+            if joint.torque_limit:
+                parts.append(f"at most {joint.torque_limit:.6g} {torque}")
+        else:
+            parts.append(" ".join(f"{weight:+.6g} joint {joint.name}" for weight, joint in moved))
+        drive = model.device.drives[k]
+        if model.device.torque_rows == "motor" and drive.motorised:
+            parts.append(_command(drive, torque))
+        if not model.device.measured[k]:
+            parts.append("no motor: parameters identifiable only through other rows")
+        lines += textwrap.wrap(one_line(f"q[{k}] {'; '.join(parts)}"), WIDTH, subsequent_indent="     ")
+    return lines
+
+
+def _command(drive: Motor, torque: str) -> str:
+    """Conversion of a torque to the motor's command."""
+    factor = drive.gear * drive.gain
+    if factor == 1.0 and drive.unit == torque:
+        return "command = torque"
+    return f"command in {drive.unit} = torque / ({factor:.9g} {torque} per {drive.unit})"
+
+
+def one_line(text: str) -> str:
+    """Text on one line that cannot end a C comment."""
+    return " ".join(text.split()).replace("*/", "* /").replace("/*", "/ *").replace("\\", "/")

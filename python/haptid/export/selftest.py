@@ -1,39 +1,154 @@
-"""The self-test that goes with the code: values of the Python model, and comparisons with them."""
+"""Self-test of the C code: reference values of the Python model, and a program that compares the code with them."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
 from haptid._internal.arrays import Array
+from haptid.device.terms.term import TermColumn
+from haptid.dynamics.inverse import core_torque, mass_matrix, momentum, raw_parameters, rigid
+from haptid.dynamics.kinematics import HandleMotion, handle_motion
+from haptid.dynamics.model import DynamicModel
+from haptid.dynamics.regressor import external
 from haptid.end_effector.momentum_observer import MomentumObserver
-from haptid.estimation.nonlinear.search import STEP
-from haptid.experiment.friction_test.choice import GAIN
-from haptid.export.dialects import DOUBLE, C
-from haptid.export.functions import Function
-from haptid.export.golden import Golden
-from haptid.export.text import CUTOFF_HZ, Files
+from haptid.export.expressions.dialects import DOUBLE, C
+from haptid.export.expressions.emit import Function
+from haptid.export.formats.c_source import CUTOFF_HZ, GAIN, STEP, Files
 from haptid.motion.filters import HighPass
+from haptid.observation.reversals import softened
 
+# Smallest eigenvalue of a mass matrix, relative to the largest, at which its inverse is compared.
+WORST = 1e-6
+
+
+@dataclass(frozen=True, eq=False)
+class Golden:
+    """Reference ("golden") values of the Python model at some states.
+
+    Attributes:
+        model: the dynamic model.
+        beta: its base parameters, (p,), SI.
+        speed: below it the sign of a velocity is smoothed, rad/s or m/s.
+        q, qd, qdd, tau: coordinates of the torque rows, their rates and torques, each (active, samples).
+    """
+
+    model: DynamicModel
+    beta: Array
+    speed: float
+    q: Array
+    qd: Array
+    qdd: Array
+    tau: Array
+
+    @staticmethod
+    def at_random(model: DynamicModel, beta: Array, speed: float, samples: int, seed: int = 0) -> Golden:
+        """Random states: positions in +-pi, rates in +-2, torques in +-1."""
+        rng = np.random.default_rng(seed)
+        n = len(model.device.drives)
+        q = rng.uniform(-np.pi, np.pi, (n, samples))
+        qd, qdd = rng.uniform(-2, 2, (2, n, samples))
+        return Golden(model, beta, speed, q, qd, qdd, rng.uniform(-1, 1, (n, samples)))
+
+    @property
+    def functions(self) -> Mapping[str, Callable[[], dict[str, Array]]]:
+        """Reference outputs of each function of the code, (samples, size)."""
+        return {
+            "inverse_dynamics": lambda: {"tau": self._bodies(self.qd, self.qdd).T},
+            "gravity": lambda: {"tau": self._bodies(self._none, self._none).T},
+            "terms": lambda: {"tau": self._terms(lambda term: term.kind != "rotor").T},
+            "friction": lambda: {"tau": self._terms(lambda term: term.resists).T},
+            "mass_matrix": lambda: {"M": self._flat(self._M)},
+            "forward_dynamics": lambda: {"qdd": self._solved(self.tau - self._bodies(self.qd, self._none))},
+            "momentum": self._momentum,
+            "handle_pose": lambda: {"position": self._handle.position, "rotation": self._flat(self._handle.rotation)},
+            "handle_jacobian": lambda: {"J": self._flat(self._handle.row_jacobian)},
+            "handle_mobility": lambda: {"mobility": self._flat(self._J @ np.linalg.solve(self._M, self._J.mT))},
+            "handle_force": lambda: {"force": (np.linalg.pinv(self._J.mT) @ self.tau.T[:, :, None])[:, :, 0]},
+        }
+
+    def sound(self, function: str) -> np.ndarray:
+        """States at which a function is well-conditioned, (samples,)."""
+        if function in ("forward_dynamics", "handle_mobility"):
+            sizes = np.linalg.eigvalsh(self._M)
+            return np.asarray(sizes[:, 0] > WORST * np.abs(sizes[:, -1]))
+        if function == "handle_force":
+            sizes = np.linalg.svd(self._J, compute_uv=False)
+            return np.asarray(sizes[:, -1] > np.sqrt(WORST) * sizes[:, 0])
+        return np.ones(self.q.shape[1], dtype=bool)
+
+    def at(self, samples: np.ndarray) -> Golden:
+        """A subset of the states."""
+        q, qd, qdd, tau = (x[:, samples] for x in (self.q, self.qd, self.qdd, self.tau))
+        return replace(self, q=q, qd=qd, qdd=qdd, tau=tau)
+
+    @cached_property
+    def _chi(self) -> Array:
+        return raw_parameters(self.model, self.beta)
+
+    @cached_property
+    def _qa(self) -> Array:
+        return np.asarray(np.linalg.solve(self.model.device.row_map, self.q))
+
+    @cached_property
+    def _M(self) -> Array:
+        return mass_matrix(self.model, self.beta, self._qa)
+
+    @cached_property
+    def _handle(self) -> HandleMotion:
+        return handle_motion(self.model, self._qa)
+
+    @property
+    def _J(self) -> Array:
+        return self._handle.row_jacobian[:, :3]
+
+    @property
+    def _none(self) -> Array:
+        return np.zeros_like(self.q)
+
+    @staticmethod
+    def _flat(matrices: Array) -> Array:
+        return matrices.reshape(len(matrices), -1)
+
+    def _bodies(self, qd: Array, qdd: Array) -> Array:
+        return core_torque(self.model, rigid(self.model, self._chi), self.q, qd, qdd)
+
+    def _terms(self, wanted: Callable[[TermColumn], bool]) -> Array:
+        links = 10 * len(self.model.device.joints)
+        kept = [False] * links + [wanted(term) for term in self.model.terms]
+        chi = np.where(kept, self._chi, 0.0)
+        own = external(self.model, self.q, self.qd, self._none)
+        return core_torque(softened(self.model, self.speed), chi, self.q, self.qd, self._none, own)
+
+    def _solved(self, torque: Array) -> Array:
+        return np.asarray(np.linalg.solve(self._M, torque.T[:, :, None])[:, :, 0])
+
+    def _momentum(self) -> dict[str, Array]:
+        p, rest = momentum(self.model, self._chi, self.q, self.qd)
+        return {"p": p.T, "rest": rest.T}
+
+
+# Compared states, and random states of which the best-conditioned are taken.
 SAMPLES = 12
-# States of which the best are taken.
 POOL = 200
-# Relative: for the functions that solve linear systems, with room for a poor condition.
+# Relative tolerances, with a margin for ill-conditioned linear systems.
 TOLERANCES = {"double": "1e-9", "float": "2e-3"}
-# The path of the loops: amplitude and frequencies, rad or m and rad/s.
+# Motion of the observer and the differentiator: amplitude, rad or m, and lowest frequency, rad/s.
 AMPLITUDE, SLOWEST = 0.2, 20.0
 
 
 def selftest(files: Files) -> str:
-    """The program's source."""
+    """Source of the self-test program."""
     golden = states(files)
     parts, calls = [], []
     for name in ("q", "qd", "qdd", "tau"):
         parts.append(table(f"in_{name}", getattr(golden, name).T, files.dialect, inputs=True))
     for function in files.code.functions:
         if not golden.sound(function.name).all():
-            calls.append(f"/* {function.name}: nothing to compare, its matrix cannot be inverted. */")
+            calls.append(f"/* {function.name}: not compared, its matrix is singular. */")
             continue
         wanted = golden.functions[function.name]()
         parts += [table(f"{function.name}_{name}", values, DOUBLE) for name, values in wanted.items()]
@@ -56,7 +171,7 @@ def selftest(files: Files) -> str:
 
 
 def states(files: Files) -> Golden:
-    """Random states, at most of which every function has something to give."""
+    """Random states, chosen so that as many functions as possible are well-conditioned."""
     golden = Golden.at_random(files.model, files.source.beta, files.code.speed, POOL)
     unsound = np.sum([~golden.sound(function.name) for function in files.code.functions], axis=0)
     return golden.at(np.argsort(unsound, kind="stable")[:SAMPLES])
@@ -71,7 +186,7 @@ def path(active: int) -> tuple[Array, Array, Array]:
 
 
 def watched(files: Files, q: Array, qd: Array, tau: Array) -> tuple[Array, Array]:
-    """What observer and differentiator make of a motion, each (samples, active)."""
+    """Reference outputs of observer and differentiator along a motion, each (samples, active)."""
     model = files.model
     to_joints = np.linalg.inv(model.device.row_map)
     observer = MomentumObserver(GAIN, files.code.speed)
@@ -87,7 +202,7 @@ def table(name: str, values: Array, dialect: C, inputs: bool = False) -> str:
 
 
 def _calls(files: Files, function: Function, wanted: dict[str, Array]) -> Sequence[str]:
-    """One call and its comparisons."""
+    """A call of a function and the comparisons of its outputs."""
     arguments = ["model"] if function.parameters else []
     arguments += [f"in_{name}[i]" for name, _ in function.inputs]
     arguments += [name for name, _ in function.outputs]
@@ -102,5 +217,5 @@ def _calls(files: Files, function: Function, wanted: dict[str, Array]) -> Sequen
 
 
 def _scale(values: Array) -> str:
-    """The largest entry, or one where all are zero."""
+    """The largest magnitude, or one where all are zero."""
     return repr(float(np.abs(values).max(initial=0.0)) or 1.0)

@@ -6,7 +6,7 @@ of Statistics 6.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Protocol, overload
@@ -15,16 +15,10 @@ import numpy as np
 
 from haptid._internal.arrays import Array, expect, freeze, read_only
 from haptid.dynamics.base_parameters import BaseParameters
-from haptid.errors import (
-    ConfidenceError,
-    DependentEstimatesError,
-    DifferentParametersError,
-    FewEstimatesError,
-    LabelCountError,
-)
-from haptid.observation.observation import Block
+from haptid.errors import ModelMismatchError, SettingError, SharedRowsError, listed
+from haptid.observation.plan import Block
 from haptid.uncertainty.multiple_testing import deviations_to_weigh, misfit, together, two_sided
-from haptid.uncertainty.quantities import aligned, half_width
+from haptid.uncertainty.quantities import Quantities, aligned, half_width
 
 # Base parameters of one name with regrouping factors that differ by a larger share are different parameters.
 SAME_MEANING = 1e-6
@@ -34,36 +28,16 @@ class Comparable(Protocol):
     """An estimate that can be compared: `Estimate`, `Targets`, or a `Result` that was read back."""
 
     @property
-    def names(self) -> tuple[str, ...]:
-        """Of the parameters, (p,)."""
-
-    @property
-    def units(self) -> tuple[str, ...]:
-        """Of the parameters, (p,)."""
+    def quantities(self) -> Quantities:
+        """Its parameters: those of the unconstrained fit, to which the standard errors belong."""
 
     @property
     def base(self) -> BaseParameters | None:
         """What regroups into the parameters; None where they are not base parameters."""
 
     @property
-    def free(self) -> Array:
-        """Values of the unconstrained fit, to which the standard errors belong, (p,)."""
-
-    @property
-    def se(self) -> Array:
-        """Cluster-robust standard errors, infinite where they cannot be estimated, (p,)."""
-
-    @property
-    def covariance(self) -> Array:
-        """Of the errors, (p, p)."""
-
-    @property
-    def dof(self) -> Array:
-        """Degrees of freedom of each standard error, (p,)."""
-
-    @property
     def constrained(self) -> bool:
-        """Whether a constraint is active, so that the value differs from `free`."""
+        """Whether a constraint is active, so that the estimate differs from the unconstrained fit."""
 
     @property
     def blocks(self) -> tuple[Block, ...]:
@@ -81,8 +55,8 @@ class Comparison:
     Attributes:
         names, units: of the parameters compared, (k,).
         first, second: values, (k,).
-        first_sd, second_sd: cluster-robust standard errors, infinite where they cannot be estimated, (k,).
-        first_freedom, second_freedom: degrees of freedom of each, (k,).
+        first_se, second_se: cluster-robust standard errors, infinite where they cannot be estimated, (k,).
+        first_dof, second_dof: degrees of freedom of each, (k,).
         covariance: of second - first, the sum of both, (k, k).
         confidence: family-wise confidence level at which a parameter counts as different.
         notes: sentences for the user.
@@ -92,16 +66,16 @@ class Comparison:
     units: tuple[str, ...]
     first: Array
     second: Array
-    first_sd: Array
-    second_sd: Array
-    first_freedom: Array
-    second_freedom: Array
+    first_se: Array
+    second_se: Array
+    first_dof: Array
+    second_dof: Array
     covariance: Array
     confidence: float
     notes: tuple[str, ...]
 
     def __post_init__(self) -> None:
-        for name in ("first", "second", "first_sd", "second_sd", "first_freedom", "second_freedom", "covariance"):
+        for name in ("first", "second", "first_se", "second_se", "first_dof", "second_dof", "covariance"):
             object.__setattr__(self, name, read_only(getattr(self, name)))
 
     @property
@@ -112,15 +86,15 @@ class Comparison:
     @cached_property
     def se(self) -> Array:
         """Standard errors of the differences, (k,)."""
-        return freeze(np.hypot(self.first_sd, self.second_sd))
+        return freeze(np.hypot(self.first_se, self.second_se))
 
     @cached_property
     def dof(self) -> Array:
         """Degrees of freedom, (k,) (Welch 1947, eq. 28); the smaller one where a standard error is infinite."""
-        a, b = self.first_sd**2, self.second_sd**2
-        least = np.minimum(self.first_freedom, self.second_freedom)
+        a, b = self.first_se**2, self.second_se**2
+        least = np.minimum(self.first_dof, self.second_dof)
         with np.errstate(invalid="ignore"):
-            made = (a + b) ** 2 / (a**2 / self.first_freedom + b**2 / self.second_freedom)
+            made = (a + b) ** 2 / (a**2 / self.first_dof + b**2 / self.second_dof)
         return freeze(np.where(np.isfinite(made), made, least))
 
     def conf_int(self, level: float | None = None) -> Array:
@@ -146,7 +120,7 @@ class Comparison:
     @cached_property
     def flipped(self) -> tuple[str, ...]:
         """Those that differ and have changed sign, both values being significantly different from zero."""
-        sides = ((self.first, self.first_sd, self.first_freedom), (self.second, self.second_sd, self.second_freedom))
+        sides = ((self.first, self.first_se, self.first_dof), (self.second, self.second_se, self.second_dof))
         nonzero = np.all([two_sided(*side) < 1 - self.confidence for side in sides], axis=0)
         turned = nonzero & (np.sign(self.first) != np.sign(self.second))
         return tuple(name for name, flip in zip(self.names, turned, strict=True) if flip and name in self.differs)
@@ -169,9 +143,9 @@ class Comparison:
                 [
                     self.names[k],
                     f"{self.first[k]:.4g}",
-                    f"{self.first_sd[k]:.2g}",
+                    f"{self.first_se[k]:.2g}",
                     f"{self.second[k]:.4g}",
-                    f"{self.second_sd[k]:.2g}",
+                    f"{self.second_se[k]:.2g}",
                     f"{self.difference[k]:.3g}",
                     f"{low:.3g} .. {high:.3g}",
                     f"{self.holm[k]:.2g}",
@@ -224,7 +198,7 @@ class Series:
 
     def __post_init__(self) -> None:
         n, k = len(self.labels), len(self.names)
-        shapes = {"value": (n, k), "sd": (n, k), "freedom": (n, k), "covariance": (n, k, k)}
+        shapes = {"value": (n, k), "se": (n, k), "dof": (n, k), "covariance": (n, k, k)}
         for name, shape in shapes.items():
             object.__setattr__(self, name, read_only(getattr(self, name)))
             expect(name, getattr(self, name).shape, shape)
@@ -273,10 +247,10 @@ class Series:
             units=self.units,
             first=self.value[a],
             second=self.value[b],
-            first_sd=self.se[a],
-            second_sd=self.se[b],
-            first_freedom=self.dof[a],
-            second_freedom=self.dof[b],
+            first_se=self.se[a],
+            second_se=self.se[b],
+            first_dof=self.dof[a],
+            second_dof=self.dof[b],
             covariance=self.covariance[a] + self.covariance[b],
             confidence=self.confidence,
             notes=self.notes,
@@ -308,15 +282,19 @@ class Series:
 
 
 @overload
-def compare(first: Comparable, second: Comparable, /, *, confidence: float = 0.95) -> Comparison: ...
+def compare(
+    first: Comparable, second: Comparable, /, *, confidence: float = 0.95, independent: bool = True
+) -> Comparison: ...
 @overload
-def compare(*estimates: Comparable, labels: Sequence[str], confidence: float = 0.95) -> Series: ...
+def compare(
+    *estimates: Comparable, labels: Sequence[str], confidence: float = 0.95, independent: bool = True
+) -> Series: ...
 @overload
-def compare(*estimates: Comparable, confidence: float = 0.95) -> Comparison | Series: ...
+def compare(*estimates: Comparable, confidence: float = 0.95, independent: bool = True) -> Comparison | Series: ...
 
 
 def compare(
-    *estimates: Comparable, labels: Sequence[str] | None = None, confidence: float = 0.95
+    *estimates: Comparable, labels: Sequence[str] | None = None, confidence: float = 0.95, independent: bool = True
 ) -> Comparison | Series:
     """Which parameters of two or more estimates differ: mountings of a device, tools, days, devices of a series.
 
@@ -328,74 +306,105 @@ def compare(
             devices may differ.
         labels: one for each; "1", "2", ... where None.
         confidence: family-wise confidence level over all parameters, between 0 and 1.
+        independent: whether common rows are an error; if not, they are noted.
 
     Returns:
         A `Comparison` of two estimates without labels, otherwise a `Series`.
 
     Raises:
-        ConfidenceError: it is not between 0 and 1.
-        FewEstimatesError: fewer than two estimates.
-        LabelCountError: not one different label for each.
-        DependentEstimatesError: two were made from the same rows.
-        DifferentParametersError: they have no parameter in common.
+        SettingError: the confidence is not between 0 and 1; there are fewer than two estimates; not one different label
+            for each.
+        SharedRowsError: two were made from the same rows.
+        ModelMismatchError: they have no parameter in common.
     """
     if not 0 < confidence < 1:
-        raise ConfidenceError(confidence)
+        raise SettingError(
+            f"confidence is {confidence!r}.",
+            where="confidence",
+            found=confidence,
+            limit=(0, 1),
+            advice="Write a number between 0 and 1, such as 0.95.",
+        )
     if len(estimates) < 2:
-        raise FewEstimatesError(len(estimates), 2)
+        raise SettingError(
+            f"{len(estimates)} estimates cannot be compared; give 2 or more.",
+            where="estimates",
+            found=len(estimates),
+            limit=2,
+        )
     pair = ("the first estimate", "the second estimate") if len(estimates) == 2 and labels is None else None
     called = tuple(labels or pair or (str(k + 1) for k in range(len(estimates))))
     if len(called) != len(estimates) or len(set(called)) != len(called):
-        raise LabelCountError(called, len(estimates))
-    for k, one in enumerate(estimates):
-        for other in estimates[:k]:
-            check_independent(other, one)
+        raise SettingError(
+            f"{len(set(called))} different labels are given for {len(estimates)} estimates, {list(called)!r}; give one "
+            "for each.",
+            where="labels",
+            found=len(set(called)),
+            limit=len(estimates),
+        )
+    shared = [block for k, one in enumerate(estimates) for other in estimates[:k] if (block := _shared(other, one))]
+    if shared and independent:
+        block = shared[0]
+        raise SharedRowsError(
+            f"both estimates were made from the rows from {block.start:.3f} to {block.stop:.3f} s of log "
+            f"{block.log[:12]}, so the standard error of their difference is not known.",
+            where=(block.log, block.start),
+            advice="Compare estimates from logs, or time ranges, without common rows.",
+        )
     names = common_parameters(estimates)
-    at = [[one.names.index(name) for name in names] for one in estimates]
-    chosen = list(zip(estimates, at, strict=True))
+    picked = [one.quantities.pick([one.quantities.names.index(name) for name in names]) for one in estimates]
+    notes = list(_notes(estimates, called, names))
+    if shared:
+        notes.append("Some were made from the same rows: their errors are not independent, and the test is not valid.")
     made = Series(
         labels=called,
         names=names,
-        units=tuple(estimates[0].units[k] for k in at[0]),
-        value=np.array([one.free[k] for one, k in chosen]),
-        se=np.array([one.se[k] for one, k in chosen]),
-        dof=np.array([one.dof[k] for one, k in chosen]),
-        covariance=np.array([one.covariance[np.ix_(k, k)] for one, k in chosen]),
+        units=picked[0].units,
+        value=np.array([one.values for one in picked]),
+        se=np.array([one.se for one in picked]),
+        dof=np.array([one.dof for one in picked]),
+        covariance=np.array([one.covariance for one in picked]),
         confidence=confidence,
-        notes=_notes(estimates, called, names),
+        notes=tuple(notes),
     )
     return made.pair(*pair) if pair else made
 
 
-def check_independent(first: Comparable, second: Comparable) -> None:
-    """Raise DependentEstimatesError where both were made from the same rows."""
-    for block in first.blocks:
-        if any(block.overlaps(other) for other in second.blocks):
-            raise DependentEstimatesError(block.log, block.start, block.stop)
+def _shared(first: Comparable, second: Comparable) -> Block | None:
+    """A block of the first with rows of the second."""
+    return next((block for block in first.blocks if any(block.overlaps(other) for other in second.blocks)), None)
 
 
 def common_parameters(estimates: Sequence[Comparable]) -> tuple[str, ...]:
     """Names of the parameters that all estimates have with one unit and meaning.
 
     Raises:
-        DifferentParametersError: there is none.
+        ModelMismatchError: there is none.
     """
     first, *others = estimates
-    names = tuple(name for name in first.names if all(same_parameter(name, first, other) for other in others))
+    own = first.quantities.names
+    names = tuple(name for name in own if all(same_parameter(name, first, other) for other in others))
     if not names:
-        fewest = min(others, key=lambda other: sum(same_parameter(name, first, other) for name in first.names))
-        raise DifferentParametersError(list(first.names), list(fewest.names))
+        fewest = min(others, key=lambda other: sum(same_parameter(name, first, other) for name in own))
+        found = (own, fewest.quantities.names)
+        raise ModelMismatchError(
+            "these estimates have no parameter of one name, unit and meaning in common: they are of "
+            f"{' and of '.join(listed(one, 6) for one in found)}.",
+            found=found,
+            advice="Compare base parameters with base parameters or targets with targets, in the same units.",
+        )
     return names
 
 
 def same_parameter(name: str, first: Comparable, second: Comparable) -> bool:
     """Whether a parameter of the first is in the second with the same unit and regrouping."""
-    if name not in second.names or first.units[first.names.index(name)] != second.units[second.names.index(name)]:
+    a, b = first.quantities, second.quantities
+    if name not in b.names or a.units[a.names.index(name)] != b.units[b.names.index(name)]:
         return False
     if first.base is None or second.base is None:
         return first.base is second.base
-    a, b = _regrouped(first.base, name), _regrouped(second.base, name)
-    return a.keys() == b.keys() and all(np.isclose(a[n], b[n], rtol=SAME_MEANING) for n in a)
+    ours, theirs = _regrouped(first.base, name), _regrouped(second.base, name)
+    return ours.keys() == theirs.keys() and all(np.isclose(ours[n], theirs[n], rtol=SAME_MEANING) for n in ours)
 
 
 def _regrouped(base: BaseParameters, name: str) -> dict[str, float]:
@@ -404,19 +413,20 @@ def _regrouped(base: BaseParameters, name: str) -> dict[str, float]:
     return {base.standard[k]: float(row[k]) for k in np.flatnonzero(row)}
 
 
-def _notes(estimates: Sequence[Comparable], labels: Sequence[str], names: tuple[str, ...]) -> tuple[str, ...]:
+def _notes(estimates: Sequence[Comparable], labels: Sequence[str], names: tuple[str, ...]) -> Iterator[str]:
     """What could not be compared, and which standard errors cannot be estimated."""
-    alone = dict.fromkeys(name for one in estimates for name in one.names if name not in names)
-    notes = [f"Not compared (not in all with one unit and meaning): {', '.join(alone)}."] if alone else []
+    alone = dict.fromkeys(name for one in estimates for name in one.quantities.names if name not in names)
+    if alone:
+        yield f"Not compared (not in all with one unit and meaning): {', '.join(alone)}."
     for one, label in zip(estimates, labels, strict=True):
         if one.constrained:
-            notes.append(f"Constraints are active in {label}: its unconstrained fit is compared.")
-        if unbounded := [name for name in names if np.isinf(one.se[one.names.index(name)])]:
-            notes.append(
-                f"{', '.join(unbounded)} excited in a single time block of {label}: the standard error cannot be "
+            yield f"Constraints are active in {label}: its unconstrained fit is compared."
+        unbounded = [one.quantities.names[k] for k in one.quantities.unbounded]
+        if shown := [name for name in names if name in unbounded]:
+            yield (
+                f"{', '.join(shown)} excited in a single time block of {label}: the standard error cannot be "
                 f"estimated, and no difference can be significant."
             )
-    return tuple(notes)
 
 
 def significant(names: Sequence[str], p: Array, confidence: float) -> tuple[str, ...]:
@@ -432,3 +442,12 @@ def family_wise(confidence: float, many: int) -> str:
 def confidence_text(p: float) -> str:
     """A p-value as a confidence level, rounded down: 99.89 % does not reach 99.9 %."""
     return f"{np.floor(1e3 * (1 - p)) / 10:.1f} %"
+
+
+def _different_parameters(first: Sequence[str], second: Sequence[str]) -> ModelMismatchError:
+    shown = " and of ".join(listed(names, 6) for names in (first, second))
+    return ModelMismatchError(
+        f"these estimates have no parameter of one name, unit and meaning in common: they are of {shown}.",
+        found=(tuple(first), tuple(second)),
+        advice="Compare base parameters with base parameters or targets with targets, in the same units.",
+    )

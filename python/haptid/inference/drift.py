@@ -12,7 +12,7 @@ from functools import cached_property
 import numpy as np
 
 from haptid._internal.arrays import Array, expect, freeze, read_only
-from haptid.errors import TimeCountError, TimeValueError
+from haptid.errors import SettingError
 from haptid.inference.comparison import Series, confidence_text, family_wise, significant
 from haptid.uncertainty.multiple_testing import deviations_to_weigh, together, two_sided
 from haptid.uncertainty.quantities import aligned, half_width
@@ -160,14 +160,22 @@ def drift(series: Series, times: Sequence[float], unit: str = "day") -> Drift:
         unit: of the times.
 
     Raises:
-        TimeCountError: not one time for each estimate.
-        TimeValueError: a time is not finite, or all are the same.
+        SettingError: not one time for each estimate; a time is not finite, or all are the same.
     """
     t = np.asarray(times, dtype=float)
     if t.shape != (len(series),):
-        raise TimeCountError(t.size, len(series))
+        raise SettingError(
+            f"{t.size} times are given for {len(series)} estimates; give one for each.",
+            where="times",
+            found=t.size,
+            limit=len(series),
+        )
     if not np.isfinite(t).all() or np.ptp(t) == 0:
-        raise TimeValueError(t.tolist())
+        raise SettingError(
+            f"the times are {t.tolist()!r}; give finite numbers, at least two different ones.",
+            where="times",
+            found=t.tolist(),
+        )
     lines = [_line(t, value, se) for value, se in zip(series.value.T, series.se.T, strict=True)]
     weights, leverage = (np.column_stack(part) for part in zip(*lines, strict=True))
     return Drift(series, t, unit, weights, leverage)

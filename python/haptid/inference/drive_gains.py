@@ -10,11 +10,12 @@ from scipy import linalg
 from haptid._internal.arrays import Array, freeze, read_only
 from haptid.device.priors import Body
 from haptid.dynamics.model import DynamicModel
-from haptid.errors import DifferentModelError, GainSettlingError
+from haptid.errors import ConvergenceError, ModelMismatchError
 from haptid.estimation.intervals.cluster_robust import clustered
 from haptid.estimation.least_squares import Solution, check_excited
 from haptid.observation.known_payload import payload_torque
-from haptid.observation.observation import MotorRows, Observation, triangle
+from haptid.observation.observation import MotorRows, Observation
+from haptid.observation.r_factor import triangle
 from haptid.uncertainty.quantities import LEVEL, half_width
 
 # Gauss-Newton: largest number of steps, and relative change of the scales at convergence.
@@ -42,7 +43,7 @@ class DriveGains:
     beta: Array
 
     def __post_init__(self) -> None:
-        for name in ("factor", "covariance", "freedom", "beta"):
+        for name in ("factor", "covariance", "dof", "beta"):
             object.__setattr__(self, name, read_only(getattr(self, name)))
 
     def conf_int(self, level: float = LEVEL) -> Array:
@@ -75,14 +76,19 @@ def drive_gains(bare: Observation, loaded: Observation, link: str, body: Body) -
         link, body: as for `haptid.observation.known_payload.payload_torque`.
 
     Raises:
-        DifferentModelError: the observations are of two devices.
-        UnknownLinkError, LoadSymmetryError: as `payload_torque`.
-        UnexcitedError: a direction of the parameters is not excited, or a motor is not loaded by the payload.
-        GainSettlingError: Gauss-Newton did not converge.
+        ModelMismatchError: the observations are of two devices.
+        UnknownNameError, DeviceError: as `payload_torque`.
+        IdentifiabilityError: a direction of the parameters is not excited, or a motor is not loaded by the payload.
+        ConvergenceError: Gauss-Newton did not converge.
     """
     model = bare.model
     if not loaded.model.is_same_as(model):
-        raise DifferentModelError(model.device.name, loaded.model.device.name)
+        raise ModelMismatchError(
+            f"these are of two devices, {model.device.name!r} and {loaded.model.device.name!r}, or of one device "
+            "read twice.",
+            found=(model.device.name, loaded.model.device.name),
+            advice="Read the device once, and make every observation with it.",
+        )
     both, shift = bare + loaded, payload_torque(model, link, body)
     carrying = np.arange(len(both.blocks)) >= len(bare.blocks)
     p, many = len(model.base), len(both.motors)
@@ -96,7 +102,12 @@ def drive_gains(bare: Observation, loaded: Observation, link: str, body: Body) -
         if np.abs(moved).max() < CONVERGED * np.abs(scale).max():
             break
     else:
-        raise GainSettlingError(float(np.abs(moved).max()), CONVERGED, MOST_STEPS)
+        raise ConvergenceError(
+            f"the gains still change by {np.abs(moved).max():.2g} after {MOST_STEPS} steps, limit {CONVERGED:.2g}.",
+            found=float(np.abs(moved).max()),
+            limit=CONVERGED,
+            advice="Record longer, with a heavier payload that loads every motor.",
+        )
     motors = np.eye(p + many)[p:]
     made = clustered(replace(both, motors=tuple(rows)), weights, solution, motors)
     factor = 1.0 / scale

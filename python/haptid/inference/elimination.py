@@ -1,16 +1,17 @@
-"""Essential parameters: base parameters left out one by one, as long as the log does not miss them.
+"""Essential parameters by backward elimination of base parameters, stopped by a robust F-test.
 
-The parameter of the largest relative deviation is left out and the rest estimated again (Gautier 1997; Janot et al.
-2007, section 4), until the largest is within a rule, or until an F-test against the full model objects.
+The parameter with the largest relative standard error is set to zero and the rest estimated again (Gautier 1997; Janot
+et al. 2007, section 4), until the largest satisfies a rule, or until an F-test against the full model is significant.
 
-The deviation is the honest one. The test is Rao and Scott's (1984, Annals of Statistics 12(1)), for residuals that
-are serially correlated: with C the honest and T the textbook covariance of the d parameters left out, A = T^-1 C,
+Standard errors are cluster-robust. The test is that of Rao and Scott (1984, Annals of Statistics 12(1)), for serially
+correlated residuals: with C the cluster-robust and T the classical covariance of the d eliminated parameters,
+A = T^-1 C,
 
     F = b' T^-1 b / tr A,  on k = (tr A)^2 / tr A^2 and k nu degrees of freedom,
 
-where b are their values in the full model and nu the least of their effective degrees of freedom (blocks that carry
-them, over time blocks). White residuals have C = T: then it is the textbook F-test, (rise of the residual's sum of
-squares / d) / variance. Of one parameter it is the square of its honest t.
+where b are their values in the full model and nu the least of their effective degrees of freedom. White residuals have
+C = T: then it is the classical F-test, (increase of the residual sum of squares / d) / variance. For one parameter it
+is the square of its cluster-robust t.
 """
 
 from __future__ import annotations
@@ -22,7 +23,7 @@ import numpy as np
 from scipy import linalg, stats
 
 from haptid._internal.arrays import Array, positive
-from haptid.errors import MethodSettingError
+from haptid.errors import SettingError
 from haptid.estimation.estimate import Estimate, Restricted, estimate
 from haptid.estimation.least_squares import EXCITED
 from haptid.estimation.methods.zeroed import FixedAtZero
@@ -30,17 +31,17 @@ from haptid.motion.treatment import Motion
 from haptid.observation.observation import Observation, observe
 from haptid.validation.validation import Validation, direct, validate
 
-# An F-test objects below this probability.
-LEVEL = 0.05
-# Columns of unit length whose least singular value is below this are told apart by rounding alone.
-BY_ITSELF = 1e-7
+# Significance level of the F-test.
+SIGNIFICANCE = 0.05
+# Columns of unit length whose least singular value is below this are collinear to rounding error.
+COLLINEAR = 1e-7
 
 
 class Rule(Protocol):
-    """When the largest relative deviation is small enough."""
+    """When the largest relative standard error is small enough."""
 
     def limit(self, smallest: float) -> float:
-        """What it must not exceed, per cent, from the smallest one."""
+        """Its upper limit, per cent, given the smallest one."""
 
     @property
     def text(self) -> str:
@@ -49,20 +50,20 @@ class Rule(Protocol):
 
 @dataclass(frozen=True)
 class GautierRatio:
-    """Gautier's rule: no relative deviation is over so many times the smallest one.
+    """Gautier's rule: the ratio of the largest to the smallest relative standard error.
 
     Attributes:
-        times: how many.
+        times: upper limit of the ratio.
     """
 
     times: float = 10.0
 
     def __post_init__(self) -> None:
         if not (positive(self.times) and self.times > 1):
-            raise MethodSettingError("GautierRatio", "times", self.times, "a finite number above 1")
+            raise _setting("GautierRatio", "times", self.times, "a finite number above 1")
 
     def limit(self, smallest: float) -> float:
-        """What the largest must not exceed, per cent, from the smallest one."""
+        """Upper limit of the largest, per cent, given the smallest one."""
         return self.times * smallest
 
     @property
@@ -73,7 +74,7 @@ class GautierRatio:
 
 @dataclass(frozen=True)
 class MaxRelativeStd:
-    """No relative deviation is over a stated one.
+    """A fixed upper limit of the relative standard error.
 
     Attributes:
         percent: of the value.
@@ -83,10 +84,10 @@ class MaxRelativeStd:
 
     def __post_init__(self) -> None:
         if not positive(self.percent):
-            raise MethodSettingError("MaxRelativeStd", "percent", self.percent, "a finite number above zero")
+            raise _setting("MaxRelativeStd", "percent", self.percent, "a finite number above zero")
 
     def limit(self, smallest: float) -> float:
-        """What the largest must not exceed, per cent, whatever the smallest."""
+        """Upper limit of the largest, per cent, for any smallest one."""
         del smallest
         return self.percent
 
@@ -98,12 +99,12 @@ class MaxRelativeStd:
 
 @dataclass(frozen=True)
 class FTest:
-    """An F-test of parameters left out, against the full model.
+    """F-test of eliminated parameters against the full model.
 
     Attributes:
         F: statistic.
-        dof: degrees of freedom above and below.
-        p: probability of as large an F if those parameters were zero.
+        dof: degrees of freedom of numerator and denominator.
+        p: p-value of the hypothesis that these parameters are zero.
     """
 
     F: float
@@ -113,13 +114,13 @@ class FTest:
 
 @dataclass(frozen=True)
 class Drop:
-    """One parameter left out, after those before it.
+    """One step of the elimination.
 
     Attributes:
-        name: of the parameter.
-        relative_se: before it was left out, per cent of its value.
-        test: of it and all those before it together.
-        error: relative error of the torque without them, on the rows of the fit, per cent.
+        name: of the parameter eliminated.
+        relative_se: before the step, per cent of its value.
+        test: of it and all those eliminated before it.
+        error: relative torque error without them, on the rows of the fit, per cent.
     """
 
     name: str
@@ -130,15 +131,15 @@ class Drop:
 
 @dataclass(frozen=True, eq=False)
 class Elimination:
-    """An estimate and its essential parameters.
+    """Backward elimination from a full to a reduced estimate.
 
     Attributes:
-        full: the estimate that it began with.
-        reduced: the last one: zero for the parameters left out, and otherwise an estimate like any other.
-        drops: in order.
-        refused: what the F-test objected to, None where it did not.
-        reason: why it ended there, a sentence.
-        seen: relative error of both on the rows of the fit, full and reduced.
+        full: the estimate at the start.
+        reduced: the estimate at the end, with zero for the eliminated parameters.
+        drops: the steps, in order.
+        refused: the step that the F-test rejected, None where there was none.
+        reason: the stopping criterion that was met, a sentence.
+        seen: errors of both on the rows of the fit, full and reduced.
         unseen: the same on unseen rows, None without them.
     """
 
@@ -152,18 +153,18 @@ class Elimination:
 
     @property
     def essential(self) -> tuple[str, ...]:
-        """Names of the parameters kept."""
+        """Names of the essential parameters: those that remain."""
         return tuple(self.reduced.base.names[k] for k in self.reduced.kept)
 
     @property
     def shift(self) -> Array:
-        """How far leaving out others moved each parameter, in its own deviations of before, (p,); NaN if left out."""
+        """Change of each parameter, in its standard errors in the full model, (p,); NaN if eliminated."""
         moved = (self.reduced.beta - self.full.beta) / np.where(self.full.se > 0, self.full.se, np.nan)
         moved[list(self.reduced.zero)] = np.nan
         return np.asarray(moved)
 
     def summary(self) -> str:
-        """As text: what was left out, what that moved, the reduced estimate, and both errors."""
+        """As text: the steps, the reduced estimate with the change of each parameter, and both errors."""
         lines = [f"{len(self.full.kept)} parameters, {len(self.essential)} essential. {self.reason}"]
         for k, drop in enumerate(self.drops, 1):
             lines.append(f"  {k:2d} without {_line(drop)}")
@@ -173,7 +174,7 @@ class Elimination:
             p = self.reduced.parameters[k]
             lines.append(
                 f"  {p.name:8s} {p.value:11.4g} {p.unit:10s} {p.interval[0]:11.4g} .. {p.interval[1]:.4g}, "
-                f"{p.relative_se:.2g} %, moved by {self.shift[k]:+.2f} of its deviations"
+                f"{p.relative_se:.2g} %, changed by {self.shift[k]:+.2f} standard errors"
             )
         for kind, both in (("rows of the fit", self.seen), ("unseen rows", self.unseen)):
             if both:
@@ -184,92 +185,96 @@ class Elimination:
 def _line(drop: Drop) -> str:
     F, (above, below) = drop.test.F, drop.test.dof
     return (
-        f"{drop.name:8s} relative deviation {drop.relative_se:9.3g} %, F({above:.1f}, {below:.0f}) = {F:.3g}, "
+        f"{drop.name:8s} relative standard error {drop.relative_se:9.3g} %, F({above:.1f}, {below:.0f}) = {F:.3g}, "
         f"p = {drop.test.p:.2g}, error {drop.error:.3f} %"
     )
 
 
 @dataclass(frozen=True)
 class BackwardElimination:
-    """How to find essential parameters.
+    """Settings of backward elimination.
 
     Attributes:
-        rule: when the largest relative deviation is small enough.
-        level: probability below which the F-test objects.
+        rule: when the largest relative standard error is small enough.
+        level: significance level of the F-test.
     """
 
     rule: Rule = field(default_factory=GautierRatio)
-    level: float = LEVEL
+    level: float = SIGNIFICANCE
 
     def __post_init__(self) -> None:
         if not 0 < self.level < 1:
-            raise MethodSettingError("Essential", "level", self.level, "a probability between 0 and 1")
+            raise _setting("BackwardElimination", "level", self.level, "a probability between 0 and 1")
 
 
-def essential(
+def eliminate(
     full: Estimate, how: BackwardElimination | None = None, unseen: Motion | Observation | None = None
 ) -> Elimination:
-    """Leave out, one by one, the parameters that the log does not miss.
+    """Essential parameters of an estimate, by backward elimination.
 
     Args:
-        full: an estimate by `OLS()` or `WLS()`; what it has left out already stays out.
-        how: rule and level; Gautier's rule at 0.05 where left out.
-        unseen: rows that the fit has not seen, to compare both on.
+        full: an estimate by `OLS()` or `WLS()`; parameters that are already eliminated stay so.
+        how: rule and significance level; Gautier's rule at 0.05 where None.
+        unseen: rows outside the fit, on which both are validated.
 
     Raises:
-        MethodSettingError: the estimate is held to what bodies can have: a zero may lie outside of that.
-        SeenRowsError: rows of `unseen` were in the fit.
+        SettingError: the estimate is constrained: a zero may violate the constraints.
+        SharedRowsError: rows of `unseen` were in the fit.
     """
     if isinstance(full.method, Restricted):
-        raise MethodSettingError("essential", "the method", full.method.name, "the estimate by OLS() or WLS()")
+        raise _setting("eliminate", "the method", full.method.name, "the estimate by OLS() or WLS()")
     how = how or BackwardElimination()
     if isinstance(unseen, Motion):
         unseen = observe(full.model, unseen)
     now, refused = full, None
     drops: list[Drop] = []
-    while (name := largest(now)) is not None and not within(now, how.rule):
-        smaller = without(full, (*(drop.name for drop in drops), name))
-        drop = Drop(name, now[name].relative_se, objection(full, smaller.zero), direct(smaller).relative)
+    while (name := least_precise(now)) is not None and not satisfied(now, how.rule):
+        smaller = refit_without(full, (*(drop.name for drop in drops), name))
+        drop = Drop(name, now[name].relative_se, rao_scott_test(full, smaller.zero), direct(smaller).relative)
         if drop.test.p < how.level:
             refused = drop
             break
         now, drops = smaller, [*drops, drop]
     both = (validate(full, unseen), validate(now, unseen)) if unseen is not None else None
-    return Elimination(full, now, tuple(drops), refused, reason(now, refused, how), (direct(full), direct(now)), both)
+    return Elimination(
+        full, now, tuple(drops), refused, stop_reason(now, refused, how), (direct(full), direct(now)), both
+    )
 
 
 def eliminate_by_motor(
     full: Estimate, how: BackwardElimination | None = None, unseen: Motion | Observation | None = None
 ) -> tuple[Elimination, ...]:
-    """The same for every motor by itself: the parameters that its own rows do not miss.
+    """Backward elimination for every motor separately, on its own rows.
 
-    One motor's rows may not tell all the parameters that they hold apart. Of those that they do not, the ones that
-    come last are left out from the start, and `full` of that motor's reduction stands for sums of them.
+    From one motor's rows alone, not all parameters may be identifiable. Collinear ones that come last are eliminated at
+    the start, and `full` of that motor's elimination has linear combinations of them.
 
     Args:
         full: an estimate of all motors.
-        how: rule and level.
-        unseen: rows that the fit has not seen.
+        how: rule and significance level.
+        unseen: rows outside the fit.
     """
     if isinstance(unseen, Motion):
         unseen = observe(full.model, unseen)
     found = []
     for motor in full.observation.motors:
         rows = full.observation.only(motor.name)
-        names = tuple(full.base.names[k] for k in sorted({*full.zero, *untold(rows)}))
+        names = tuple(full.base.names[k] for k in sorted({*full.zero, *not_identifiable(rows)}))
         own = estimate(rows, FixedAtZero(names, _weighting(full)))
-        found.append(essential(own, how, unseen.only(motor.name) if unseen is not None else None))
+        found.append(eliminate(own, how, unseen.only(motor.name) if unseen is not None else None))
     return tuple(found)
 
 
-def without(full: Estimate, names: tuple[str, ...]) -> Estimate:
-    """The same rows and method with more parameters left out."""
+def refit_without(full: Estimate, names: tuple[str, ...]) -> Estimate:
+    """The estimate from the same rows and weights, with more parameters at zero."""
     already = tuple(full.base.names[k] for k in full.zero)
     return estimate(full.observation, FixedAtZero((*already, *names), _weighting(full)))
 
 
-def _weighting(full: Estimate) -> Fixed:
-    return Fixed(full.method.name, full.method.unit_residual, tuple(full.weights.tolist()), _motors(full.observation))
+def _weighting(full: Estimate) -> FixedWeights:
+    return FixedWeights(
+        full.method.name, full.method.unit_residual, tuple(full.weights.tolist()), _motors(full.observation)
+    )
 
 
 def _motors(observation: Observation) -> tuple[str, ...]:
@@ -277,8 +282,8 @@ def _motors(observation: Observation) -> tuple[str, ...]:
 
 
 @dataclass(frozen=True)
-class Fixed:
-    """Weights that are known already: of a fit with more parameters.
+class FixedWeights:
+    """Weights fixed at those of a fit with more parameters.
 
     Attributes:
         name, unit_residual: of the method that made them.
@@ -297,22 +302,22 @@ class Fixed:
         return np.array([known[motor.name] for motor in observation.motors])
 
 
-def largest(now: Estimate) -> str | None:
-    """The parameter of the largest relative deviation; None where only one is left."""
+def least_precise(now: Estimate) -> str | None:
+    """The parameter with the largest relative standard error; None where only one is left."""
     kept = now.kept
     if len(kept) < 2:
         return None
     return now.base.names[max(kept, key=lambda k: now.parameters[k].relative_se)]
 
 
-def within(now: Estimate, rule: Rule) -> bool:
-    """Whether the largest relative deviation obeys the rule."""
+def satisfied(now: Estimate, rule: Rule) -> bool:
+    """Whether the largest relative standard error satisfies the rule."""
     relative = [now.parameters[k].relative_se for k in now.kept]
     return max(relative) <= rule.limit(min(relative))
 
 
-def objection(full: Estimate, zero: tuple[int, ...]) -> FTest:
-    """Rao and Scott's F-test that all parameters of `zero` that the full model has are zero."""
+def rao_scott_test(full: Estimate, zero: tuple[int, ...]) -> FTest:
+    """Rao and Scott's F-test that the parameters `zero` of the full model are zero."""
     out = [k for k in zero if k not in full.zero]
     square = np.ix_(out, out)
     factor = linalg.cholesky(full.classical_covariance[square], lower=True)
@@ -326,26 +331,30 @@ def objection(full: Estimate, zero: tuple[int, ...]) -> FTest:
     return FTest(F, (above, below), float(stats.f.sf(F, above, below)))
 
 
-def reason(now: Estimate, refused: Drop | None, how: BackwardElimination) -> str:
-    """Why the reduction ended."""
+def stop_reason(now: Estimate, refused: Drop | None, how: BackwardElimination) -> str:
+    """Which stopping criterion was met."""
     if refused is not None:
         return (
-            f"The F-test objects to leaving out {refused.name}, whose relative deviation is {refused.relative_se:.3g} "
-            f"%: p = {refused.test.p:.2g}, below {how.level:g}."
+            f"The F-test rejects the elimination of {refused.name}, whose relative standard error is "
+            f"{refused.relative_se:.3g} %: p = {refused.test.p:.2g}, below {how.level:g}."
         )
     if len(now.kept) < 2:
         return "Only one parameter is left."
-    return f"The largest relative deviation is within {how.rule.text}."
+    return f"The largest relative standard error is within {how.rule.text}."
 
 
-def untold(rows: Observation) -> tuple[int, ...]:
-    """Indices of the base parameters whose columns the rows do not have, or make of those before them."""
+def not_identifiable(rows: Observation) -> tuple[int, ...]:
+    """Indices of the base parameters whose columns are zero, or collinear with those before them."""
     R = rows.stack()[:-1, :-1]
     lengths = np.linalg.norm(R, axis=0)
     scaled = R / np.where(lengths > 0, lengths, 1.0)
     kept: list[int] = []
     for k in range(len(lengths)):
         least = np.linalg.svd(scaled[:, [*kept, k]], compute_uv=False)[-1]
-        if lengths[k] > EXCITED * lengths.max() and least > BY_ITSELF:
+        if lengths[k] > EXCITED * lengths.max() and least > COLLINEAR:
             kept.append(k)
     return tuple(k for k in range(len(lengths)) if k not in kept)
+
+
+def _setting(owner: str, name: str, value: object, wanted: str) -> SettingError:
+    return SettingError(f"{owner}: {name} is {value!r}; write {wanted}.", where=name, found=value, limit=wanted)

@@ -9,7 +9,7 @@ import numpy as np
 
 from haptid._internal.arrays import Array, expect, freeze, read_only
 from haptid.device import INERTIAL
-from haptid.errors import DifferentModelError, UnknownLinkError
+from haptid.errors import ModelMismatchError, UnknownNameError, suggestion
 from haptid.estimation import Estimate
 from haptid.inference.comparison import compare
 from haptid.uncertainty.quantities import LEVEL, half_width
@@ -76,18 +76,29 @@ def estimate_payload(before: Estimate, after: Estimate, link: str) -> PayloadEst
         link: name of the joint whose link carries it.
 
     Raises:
-        DifferentModelError: the estimates are of two devices.
-        UnknownLinkError: there is no such link, or it has no free parameters.
-        DependentEstimatesError: both were made from the same rows.
+        ModelMismatchError: the estimates are of two devices.
+        UnknownNameError: there is no such link, or it has no free parameters.
+        SharedRowsError: both were made from the same rows.
     """
     model = before.model
     if not after.model.is_same_as(model):
-        raise DifferentModelError(model.device.name, after.model.device.name)
+        raise ModelMismatchError(
+            f"these are of two devices, {model.device.name!r} and {after.model.device.name!r}, or of one device "
+            "read twice.",
+            found=(model.device.name, after.model.device.name),
+            advice="Read the device once, and make every observation with it.",
+        )
     device, standard = model.device, model.device.parameters
     place = device.joint_names.index(link) if link in device.joint_names else -1
     own = [k for k, of in enumerate(standard.links) if of == place and standard.kinds[k] in INERTIAL]
     if place < 0 or not own:
-        raise UnknownLinkError(link, device.joint_names)
+        raise UnknownNameError(
+            f"no link {link!r} with free inertial parameters.",
+            where="link",
+            found=link,
+            limit=tuple(device.joint_names),
+            advice=suggestion(link, device.joint_names),
+        )
     changed = compare(before, after)
     bodies = [k for k, kept in enumerate(model.base.independent_columns) if standard.kinds[kept] in INERTIAL]
     root = np.linalg.cholesky(changed.covariance[np.ix_(bodies, bodies)])

@@ -12,10 +12,10 @@ from haptid._internal.arrays import Array, expect, freeze, read_only
 from haptid.device.priors import combined_prior
 from haptid.dynamics.base_parameters import base_combinations
 from haptid.dynamics.model import DynamicModel
-from haptid.errors import NoTargetsError
+from haptid.errors import IncompleteDeviceError
 from haptid.estimation import Estimate, Parameter
-from haptid.observation.observation import Block
-from haptid.uncertainty.quantities import LEVEL, aligned, correlations, half_width
+from haptid.observation.plan import Block
+from haptid.uncertainty.quantities import LEVEL, Quantities, aligned, half_width
 
 # A drive rate below this share of the largest is rounding error.
 ROUNDING = 1e-7
@@ -62,7 +62,7 @@ class Targets:
         expect("C", self.C.shape, (k, None))
         for name in ("covariance", "classical_covariance"):
             expect(name, getattr(self, name).shape, (k, k))
-        for name in ("C", "value", "free", "covariance", "classical_covariance", "freedom"):
+        for name in ("C", "value", "free", "covariance", "classical_covariance", "dof"):
             object.__setattr__(self, name, read_only(getattr(self, name)))
 
     def __len__(self) -> int:
@@ -70,6 +70,11 @@ class Targets:
 
     def __getitem__(self, name: str) -> Parameter:
         return self.parameters[self.names.index(name)]
+
+    @property
+    def quantities(self) -> Quantities:
+        """The targets of the unconstrained fit, with covariance and degrees of freedom."""
+        return Quantities(self.names, self.units, self.free, self.covariance, self.dof, self.single_block)
 
     @property
     def base(self) -> None:
@@ -89,9 +94,7 @@ class Targets:
     @cached_property
     def se(self) -> Array:
         """Cluster-robust standard errors, (k,); infinite where they cannot be estimated."""
-        se = np.sqrt(np.diag(self.covariance))
-        se[list(self.single_block)] = np.inf
-        return freeze(se)
+        return self.quantities.se
 
     def conf_int(self, level: float = LEVEL) -> Array:
         """Confidence intervals, (k, 2)."""
@@ -102,7 +105,7 @@ class Targets:
     @cached_property
     def correlation(self) -> Array:
         """Correlations of the errors, (k, k)."""
-        return correlations(self.covariance)
+        return self.quantities.correlation
 
     @cached_property
     def parameters(self) -> tuple[Parameter, ...]:
@@ -163,8 +166,8 @@ def targets(estimate: Estimate) -> Targets:
         estimate: of a device whose file has a table [targets].
 
     Raises:
-        NoTargetsError: there is none.
-        UnidentifiableTargetError: a target is not a linear combination of base parameters.
+        IncompleteDeviceError: there is none.
+        IdentifiabilityError: a target is not a linear combination of base parameters.
     """
     model = estimate.model
     C = target_map(model)
@@ -194,11 +197,15 @@ def target_map(model: DynamicModel) -> Array:
     """Matrix C of targets = C beta, (targets, base parameters).
 
     Raises:
-        NoTargetsError: the device has no targets.
-        UnidentifiableTargetError: a target is not a linear combination of base parameters.
+        IncompleteDeviceError: the device has no targets.
+        IdentifiabilityError: a target is not a linear combination of base parameters.
     """
     if not model.device.targets:
-        raise NoTargetsError(model.device.name)
+        raise IncompleteDeviceError(
+            f"device {model.device.name!r} has no targets.",
+            where=model.device.name,
+            advice='Write a table [targets] in its file, such as pi_4 = "2*(L1*MX2 + L3*MX3)", and read it again.',
+        )
     rows = np.array([target.row for target in model.device.targets])
     return base_combinations(model, [target.name for target in model.device.targets], rows)
 

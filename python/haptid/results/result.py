@@ -7,6 +7,7 @@ import dataclasses
 import json
 import math
 from collections.abc import Iterable, Iterator, Mapping, Sequence
+from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
@@ -20,13 +21,13 @@ from haptid.device.toml.tables import checked
 from haptid.dynamics.base_parameters import BaseParameters
 from haptid.dynamics.model import DynamicModel
 from haptid.end_effector.characterisation.model import GivenParameters
-from haptid.errors import ResultDeviceError, ResultFileError, ShapeError
+from haptid.errors import ResultFileError, ShapeError, listed
 from haptid.estimation import BoundedSolution, Constrained, Estimate, Method, PhysicallyConsistent, Reduced
 from haptid.estimation.nonlinear import VariableProjection
 from haptid.inference.targets import targets
 from haptid.motion.filters import Causal
 from haptid.motion.treatment import Treatment
-from haptid.observation.observation import Block
+from haptid.observation.plan import Block
 from haptid.results.schema import (
     BoundConstraints,
     Condition,
@@ -43,7 +44,7 @@ from haptid.results.schema import (
     Table,
 )
 from haptid.study.identify import Identification, Run
-from haptid.uncertainty.quantities import correlations
+from haptid.uncertainty.quantities import Quantities
 from haptid.validation.validation import MotorError, Validation
 
 if TYPE_CHECKING:
@@ -137,8 +138,8 @@ class Result(Table):
             folder: the folder, or the file itself.
 
         Raises:
-            ResultFileError: there is no result, it has another schema, or a key is missing or wrong.
-            ResultDeviceError: this haptid finds other base parameters for the device than the one that wrote it.
+            ResultFileError: there is no result, it has another schema, a key is missing or wrong, or this haptid finds
+                other base parameters for the device than the one that wrote it.
             DeviceError: the device in it cannot be read by this haptid.
         """
         path = Path(folder)
@@ -150,10 +151,10 @@ class Result(Table):
             model = _with_load_friction(path, model, made.estimate.load_friction_parameters)
         stored = [p.name for p in made.estimate.parameters]
         if tuple(stored) != model.base.names:
-            raise ResultDeviceError(path, stored, model.base.names, made.haptid)
+            raise _other_parameters(path, stored, model.base.names, made.haptid)
         size = len(stored)
         if [len(row) for row in made.estimate.covariance] != [size] * size:
-            raise ResultFileError(path, f"key `estimate.covariance` is wrong (not {size} x {size})")
+            raise fault(path, f"key `estimate.covariance` is wrong (not {size} x {size})", "estimate.covariance")
         made._model = model
         return made
 
@@ -162,7 +163,7 @@ class Result(Table):
         (folder / "result.json").write_text(self.to_json(), encoding="utf-8")
         heads = ("name", "value", "se", "low95", "high95", "relative_se_percent", "classical_se", "unit", "grouping")
         _write_csv(folder / "parameters.csv", [(*heads, "unconstrained"), *map(_csv_row, self.estimate.parameters)])
-        named = zip(self.names, self.correlation, strict=True)
+        named = zip(self.names, self.quantities.correlation, strict=True)
         rows = [[name, *("" if math.isnan(r) else r for r in row)] for name, row in named]
         _write_csv(folder / "correlation.csv", [["name", *self.names], *rows])
 
@@ -190,57 +191,30 @@ class Result(Table):
         return self.base.names
 
     @property
-    def units(self) -> tuple[str, ...]:
-        """Of the base parameters, (p,)."""
-        return self.base.units
-
-    @property
     def beta(self) -> Array:
         """Base parameters, (p,), SI."""
         return freeze(np.array([p.value for p in self.estimate.parameters]))
 
-    @property
-    def free(self) -> Array:
-        """Base parameters of the unconstrained fit, (p,), SI."""
-        return freeze(np.array([p.unconstrained for p in self.estimate.parameters]))
+    @cached_property
+    def quantities(self) -> Quantities:
+        """Base parameters of the unconstrained fit, with covariance and degrees of freedom."""
+        found = self.estimate.parameters
+        values = np.array([p.unconstrained for p in found])
+        covariance = np.array(self.estimate.covariance, dtype=float).reshape(len(found), -1)
+        dof = _or([p.dof for p in found], np.inf)
+        unbounded = tuple(k for k, p in enumerate(found) if p.se is None)
+        return Quantities(self.base.names, self.base.units, values, covariance, dof, unbounded)
 
     @property
     def constrained(self) -> bool:
         """Whether constraints move the estimate away from the unconstrained fit."""
-        return bool((self.beta != self.free).any())
-
-    @property
-    def covariance(self) -> Array:
-        """Of `free`, (p, p)."""
-        return freeze(np.array(self.estimate.covariance, dtype=float).reshape(len(self.names), -1))
-
-    @property
-    def dof(self) -> Array:
-        """Degrees of freedom of each interval, (p,)."""
-        return freeze(_or([p.dof for p in self.estimate.parameters], np.inf))
+        return bool((self.beta != self.quantities.values).any())
 
     def conf_int(self) -> Array:
         """Confidence intervals at `estimate.level`, (p, 2)."""
         ends = [p.conf_int for p in self.estimate.parameters]
         low, high = (_or([end[k] for end in ends], sign * np.inf) for k, sign in ((0, -1.0), (1, 1.0)))
         return freeze(np.column_stack([low, high]))
-
-    @property
-    def correlation(self) -> Array:
-        """Correlations of the errors of the base parameters, (p, p); NaN next to a zero variance."""
-        return correlations(self.covariance)
-
-    @property
-    def single_block(self) -> tuple[int, ...]:
-        """Parameters, by index, whose standard error cannot be estimated: a single block has information on them."""
-        return tuple(k for k, p in enumerate(self.estimate.parameters) if p.se is None)
-
-    @property
-    def se(self) -> Array:
-        """Cluster-robust standard errors, (p,); infinite where they cannot be estimated."""
-        se = np.sqrt(np.diag(self.covariance))
-        se[list(self.single_block)] = np.inf
-        return freeze(se)
 
     @property
     def zero(self) -> tuple[int, ...]:
@@ -269,9 +243,8 @@ class Result(Table):
         Degrees of freedom of derived quantities are the least of any parameter's: the distribution of information over
         the blocks, from which those of a combination are computed, is not in the folder.
         """
-        return GivenParameters(
-            self.model, self.beta, self.covariance, float(self.dof.min(initial=np.inf)), self.single_block
-        )
+        q = self.quantities
+        return GivenParameters(self.model, self.beta, q.covariance, float(q.dof.min(initial=np.inf)), q.unbounded)
 
 
 def result_schema() -> dict[str, Any]:
@@ -405,17 +378,35 @@ def _validations(errors: Iterable[ErrorTable], model: DynamicModel, *, seen: boo
             motors.append(MotorError(e.motor, labels.get(e.motor, e.motor), e.unit, e.residual, e.measured, e.count))
 
 
+def fault(path: Path, what: str, key: str | None = None) -> ResultFileError:
+    """The error for a file that is no result of this schema."""
+    advice = "Give the output folder of `haptid identify`, or identify again."
+    return ResultFileError(f"{path}: {what}.", where=key or str(path), advice=advice)
+
+
+def _other_parameters(path: Path, stored: Sequence[str], found: Sequence[str], version: str) -> ResultFileError:
+    lost = listed([name for name in stored if name not in found]) or "their order"
+    return ResultFileError(
+        f"{path}: its {len(stored)} base parameters, by haptid {version}, are not the {len(found)} of its device here; "
+        f"they differ in {lost}.",
+        where="estimate.parameters",
+        found=tuple(stored),
+        limit=tuple(found),
+        advice="Identify again with this haptid.",
+    )
+
+
 def _read(path: Path) -> dict[str, Any]:
     try:
         if path.stat().st_size > LARGEST_FILE:
-            raise ResultFileError(path, f"the file is larger than {LARGEST_FILE >> 20} MiB, so it is no result")
+            raise fault(path, f"the file is larger than {LARGEST_FILE >> 20} MiB, so it is no result")
         values = json.loads(path.read_text(encoding="utf-8"))
     except FileNotFoundError:
-        raise ResultFileError(path, "there is no such file") from None
+        raise fault(path, "there is no such file") from None
     except (OSError, ValueError, RecursionError) as error:  # not readable, not UTF-8, not JSON
-        raise ResultFileError(path, f"cannot be read ({error})") from error
+        raise fault(path, f"cannot be read ({error})") from error
     if not isinstance(values, dict):
-        raise ResultFileError(path, "is not a result of haptid")
+        raise fault(path, "is not a result of haptid")
     return values
 
 
@@ -423,9 +414,12 @@ def _validated(cls: type[Result], path: Path, values: dict[str, Any]) -> Result:
     version = values.get("schema")
     if isinstance(version, int) and version != SCHEMA:
         raise ResultFileError(
-            path,
-            f"was written by haptid {values.get('haptid', '(unknown version)')} in schema {version}; this haptid "
-            f"({__version__}) reads schema {SCHEMA}. Run `haptid identify` again on the study {values.get('study')!r}",
+            f"{path}: was written by haptid {values.get('haptid', '(unknown version)')} in schema {version}; this "
+            f"haptid ({__version__}) reads schema {SCHEMA}.",
+            where="schema",
+            found=version,
+            limit=SCHEMA,
+            advice=f"Run `haptid identify` again on the study {values.get('study')!r}.",
         )
     try:
         return cls.model_validate(values)
@@ -433,18 +427,18 @@ def _validated(cls: type[Result], path: Path, values: dict[str, Any]) -> Result:
         first = error.errors(include_url=False)[0]
         where = ".".join(map(str, first["loc"]))
         what = "is missing" if first["type"] == "missing" else f"is wrong ({first['msg']})"
-        raise ResultFileError(path, f"key `{where}` {what}") from error
+        raise fault(path, f"key `{where}` {what}", where) from error
 
 
 def _with_load_friction(path: Path, model: DynamicModel, parameters: list[float] | None) -> DynamicModel:
     """With load-dependent friction of the bodies that it was estimated with."""
-    key = "key `estimate.load_friction_parameters`"
+    key = "estimate.load_friction_parameters"
     if parameters is None:
-        raise ResultFileError(path, f"{key} is missing, of which the load-dependent friction is made")
+        raise fault(path, f"key `{key}` is missing, of which the load-dependent friction is made", key)
     try:
         return model.with_load(parameters)
     except ShapeError as error:
-        raise ResultFileError(path, f"{key} is wrong ({error})") from error
+        raise fault(path, f"key `{key}` is wrong ({error})", key) from error
 
 
 def _or(values: Sequence[float | None], instead: float) -> Array:

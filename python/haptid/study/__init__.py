@@ -1,4 +1,7 @@
-"""A study: the corridor from device and logs to a validated estimate, written down as TOML."""
+"""Studies: identification pipelines from device and logs to a validated estimate, described in TOML.
+
+May import everything that a pipeline consists of, up to validation; it writes no files.
+"""
 
 from haptid.study.read import read_study
 from haptid.study.schema import Role, study_schema

@@ -1,4 +1,4 @@
-"""Walking a study: from its logs to an estimate and what it predicts of rows it has not seen."""
+"""`identify`: carry out a study, from its logs to an estimate and its validation on unseen rows."""
 
 from __future__ import annotations
 
@@ -31,14 +31,14 @@ Progress = Callable[[str, float], None]
 
 @dataclass(frozen=True)
 class Run:
-    """One log of a study, observed, and what was predicted of it.
+    """One log of a study, its observation and validations.
 
     Attributes:
         entry: the study's entry.
         observation: its rows.
-        direct: errors of the final estimate, where the fit saw the log.
-        unseen: errors of fits that had not seen the rows: of the final estimate for a validation log, of the fold's
-            own fit where rows were held out.
+        direct: errors of the final estimate on the rows of its fit; None of a validation log.
+        unseen: out-of-sample errors: of the final estimate for a validation log, of each fold's own fit in
+            cross-validation.
     """
 
     entry: LogEntry
@@ -53,14 +53,15 @@ class Run:
 
 @dataclass(frozen=True)
 class Identification:
-    """A study walked to its end.
+    """A study carried out.
 
     Attributes:
-        study, model: what was asked, of what.
-        proposal: how the logs were treated, and why so.
+        study: the study.
+        model: the dynamic model, at the nonlinear constants that were found.
+        proposal: treatment of the logs, with reasons.
         estimate: from all logs with role "identify".
-        runs: log by log.
-        projection: the device's searched constants as found, None where it has none; `device` has these values.
+        runs: one for each log.
+        projection: the nonlinear constants as found by variable projection, None where the device has none.
     """
 
     study: Study
@@ -72,12 +73,12 @@ class Identification:
 
     @property
     def unseen(self) -> tuple[Validation, ...]:
-        """Every validation on rows that its fit had not seen."""
+        """Every out-of-sample validation."""
         return tuple(v for run in self.runs for v in run.unseen)
 
     @property
     def meets_criteria(self) -> bool | None:
-        """Whether every unseen prediction is within the study's limit; None where it sets none."""
+        """Whether every out-of-sample error is within the study's criterion; None where it has none."""
         limit = self.study.largest_error
         if limit is None:
             return None
@@ -91,17 +92,17 @@ def identify(
     workers: Executor | None = None,
     kept: RFactorCache | None = None,
 ) -> Identification:
-    """Read, treat, observe, estimate and validate.
+    """Read and treat the logs of a study, observe, estimate and validate.
 
     Args:
-        study: what to do.
+        study: to carry out.
         data: where the study's relative log paths start; the study's own folder where None.
-        progress: called with what is being done and the share of it done; what follows a colon says how it goes.
-        workers: who reduces the logs to triangles; this process where None.
-        kept: where triangles of long logs are kept for the case of an interruption; nowhere where None.
+        progress: called with the name of a step and the share of it done; details follow a colon in the name.
+        workers: executor that reduces the logs to R factors; this process where None.
+        kept: cache of the R factors of long logs, from which an interrupted run resumes; none where None.
 
     Raises:
-        HaptidError: one of the errors of the rooms it walks through.
+        HaptidError: any error of the steps.
     """
     tell = progress or _silent
     as_filed = DynamicModel(read_device(study.device))
@@ -131,7 +132,7 @@ def identify(
 
 
 def _silent(_what: str, _share: float) -> None:
-    """Progress that nobody wants to see."""
+    """No progress report."""
 
 
 def _read(entry: LogEntry, data: Path, tell: Progress) -> Log:
@@ -144,7 +145,7 @@ def _read(entry: LogEntry, data: Path, tell: Progress) -> Log:
 
 
 def _fit_to_propose(logs: Sequence[Log], study: Study) -> list[Log]:
-    """Logs of the fit without a load where there are some: with loads taken off they would need a treatment first."""
+    """Logs of the fit without payload if there are any: subtracting a payload requires a treatment first."""
     fitting = [(log, entry) for log, entry in zip(logs, study.logs, strict=True) if entry.role == "identify"]
     bare = [log for log, entry in fitting if entry.load is None]
     return bare or [log for log, _ in fitting]
@@ -162,7 +163,7 @@ def _treat(log: Log, treatment: Treatment, tell: Progress) -> Motion:
 
 
 def _pace(tell: Progress) -> Callable[[Motion, float], None]:
-    """Progress of observing, with the samples of a second."""
+    """Progress of observing, with samples per second."""
     begin, done = time.perf_counter(), dict[Motion, float]()
 
     def observing(motion: Motion, share: float) -> None:
@@ -177,13 +178,13 @@ def _pace(tell: Progress) -> Callable[[Motion, float], None]:
 def held_out(
     study: Study, model: DynamicModel, observation: Observation, others: list[Observation]
 ) -> tuple[Validation, ...]:
-    """Predictions of a log's rows by fits that have not seen them, as the study's holdout says.
+    """Cross-validation of a log's rows by fits without them, by the study's scheme.
 
     Args:
         study: with the method of these fits.
-        model: as its file has it; what is not settled there is settled anew by every fit.
+        model: as its file has it; nonlinear constants and load-dependent friction are estimated again in every fit.
         observation: of the log.
-        others: of the other logs with the role "identify", all of one device.
+        others: of the other logs with the role "identify".
     """
     if study.holdout and unsettled(model):
         predict = {"each-log": each_log, "alternate": alternate}[study.holdout]

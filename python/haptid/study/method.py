@@ -1,11 +1,11 @@
-"""The method of estimation and the kind of intervals that a study names."""
+"""Estimation method, constraints and kind of confidence intervals of a study."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from pathlib import Path
 
-from haptid.errors import PulledProfileError, SettingError, StudyControllerError, StudyFileError
+from haptid.errors import SettingError
 from haptid.estimation import (
     CLIE,
     CLOE,
@@ -43,9 +43,9 @@ from haptid.estimation import (
 from haptid.estimation.methods.entropic import Entropic
 from haptid.estimation.methods.simulating import ClosedLoop
 from haptid.simulation import PID
-from haptid.study.schema import EstimateTable
+from haptid.study.schema import EstimateTable, fault
 
-# What each method is made of, and the keys of the study that are its settings.
+# Constructor of each method, and the study keys that are its settings.
 METHODS: Mapping[str, tuple[Callable[..., Method], tuple[str, ...]]] = {
     "OLS": (OLS, ()),
     "WLS": (WLS, ("passes",)),
@@ -76,36 +76,54 @@ INTERVALS: Mapping[str, Callable[[], Intervals]] = {
 }
 LOSSES: Mapping[str, Callable[[], Loss]] = {"Tukey": Tukey, "Huber": Huber, "Student t": StudentT}
 SETTINGS = tuple(dict.fromkeys(key for _, keys in METHODS.values() for key in keys))
-HOLDING = ("possible", "limits", "relations")
+CONSTRAINTS = ("possible", "limits", "relations")
 
 
 def method_of(study: Path, table: EstimateTable, controller: PID | None) -> Method:
+    """The method of a study, with its constraints.
+
+    Raises:
+        StudyFileError: a setting that the method does not have, or that has no meaning; the method requires a
+            controller, and there is none.
+    """
     make, keys = METHODS[table.method]
     given = {key: value for key in SETTINGS if (value := getattr(table, key)) is not None}
     for key in given:
         if key not in keys:
-            raise StudyFileError(study, f"estimate.{key}", f"the method {table.method!r} has no such setting")
+            raise fault(study, f"estimate.{key}", f"the method {table.method!r} has no such setting", given[key])
     if "loss" in given:
         given["loss"] = LOSSES[given["loss"]]()
     if isinstance(make, type) and issubclass(make, ClosedLoop):
         if controller is None:
-            raise StudyControllerError(study, table.method)
+            raise fault(
+                study,
+                "estimate.method",
+                f"{table.method} simulates the device under the controller that moved it, and the study has none",
+                table.method,
+                "Add a [controller] table with its gains kp and kd; or use a method that needs none, such as WLS.",
+            )
         given["controller"] = controller
     if isinstance(given.get("resolution"), list):
         given["resolution"] = tuple(given["resolution"])
     if make is Entropic and INTERVALS[table.intervals] is Profile:
-        raise StudyFileError(study, "estimate.intervals", str(PulledProfileError()).rstrip("."))
-    held = [key for key in HOLDING if getattr(table, key)]
+        raise fault(
+            study,
+            "estimate.intervals",
+            "a profile likelihood requires an estimate that maximises the likelihood, which a regularised one does not",
+            table.intervals,
+            "Use another method than entropic, or other intervals, such as clustered.",
+        )
+    held = [key for key in CONSTRAINTS if getattr(table, key)]
     if len(held) > 1:
-        raise StudyFileError(study, f"estimate.{held[1]}", f"beside {held[0]}: give one of {', '.join(HOLDING)}")
+        raise fault(study, f"estimate.{held[1]}", f"together with {held[0]}: give one of {', '.join(CONSTRAINTS)}")
     try:
-        return _held(table, make(**given))
+        return _constrained(table, make(**given))
     except SettingError as error:
-        raise StudyFileError(study, "estimate", str(error).rstrip(".")) from error
+        raise fault(study, "estimate", str(error).rstrip(".")) from error
 
 
-def _held(table: EstimateTable, weighting: Method) -> Method:
-    """The method with what holds its estimate."""
+def _constrained(table: EstimateTable, weighting: Method) -> Method:
+    """The method with its constraints."""
     if table.possible:
         return PhysicallyConsistent(weighting)
     if table.limits:

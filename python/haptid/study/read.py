@@ -1,4 +1,4 @@
-"""From a study file to a study."""
+"""`read_study`: a study file as a `Study`."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ import numpy as np
 
 from haptid._internal.toml_tables import read_checked
 from haptid.device.priors import Body, tensor
-from haptid.errors import LogError, SettingError, StudyFileError, StudyLogsError
+from haptid.errors import LogError, SettingError, StudyFileError
 from haptid.log import Channels, Signal
 from haptid.motion.filters import SHAPES, Causal, HighPass
 from haptid.motion.treatment import Treatment
@@ -25,6 +25,7 @@ from haptid.study.schema import (
     SignalTable,
     StudyTable,
     TreatmentTable,
+    fault,
 )
 from haptid.study.study import LogEntry, Study
 
@@ -33,9 +34,8 @@ def read_study(path: str | Path) -> Study:
     """Read a study file.
 
     Raises:
-        StudyFileError: the file cannot be read, or a key in it is missing, unknown or wrong; says which.
-        StudyLogsError: the logs cannot serve the study: none to identify from, or one named twice.
-        StudyControllerError: the method needs the controller that moved the device, and there is none.
+        StudyFileError: the file cannot be read; a key in it is missing, unknown or wrong; there is no log to identify
+            from, or one is named twice; the method requires a controller, and there is none.
     """
     path = Path(path)
     table = read_checked(path, StudyTable, StudyFileError, "a study")
@@ -57,17 +57,17 @@ def read_study(path: str | Path) -> Study:
 
 
 def _treatment(study: Path, table: TreatmentTable) -> dict[str, Any]:
-    """Settings of `Treatment` that the study gives."""
+    """Given settings of `Treatment`."""
     given: dict[str, Any] = table.model_dump(exclude_none=True)
     shape, order = given.pop("parallel_shape", None), given.pop("parallel_order", None)
     if order is not None and shape != "causal":
-        raise StudyFileError(study, "treatment.parallel_order", "only the shape 'causal' has an order")
+        raise fault(study, "treatment.parallel_order", "only the shape 'causal' has an order")
     if shape is not None:
         given["parallel_shape"] = Causal(order or 1) if shape == "causal" else SHAPES[shape]
     if "velocity_cutoff_hz" in given:
         given |= {"velocity": HighPass(given.pop("velocity_cutoff_hz")), "cutoff_hz": given.get("cutoff_hz")}
     settings: dict[str, Any] = {key: None if value == "none" else value for key, value in given.items()}
-    Treatment(**settings)  # a setting that means nothing is an error before any log is read
+    Treatment(**settings)  # a setting without meaning is an error before any log is read
     return settings
 
 
@@ -82,11 +82,11 @@ def _controller(study: Path, table: ControllerTable) -> PID:
     try:
         return PID(**given)
     except SettingError as error:
-        raise StudyFileError(study, "controller", str(error).rstrip(".")) from error
+        raise fault(study, "controller", str(error).rstrip(".")) from error
 
 
 def _device(study: Path, text: str) -> str | Path:
-    """A path where the study means one, else the name of a shipped device."""
+    """A path, or the name of a shipped device."""
     return study.parent / text if text.endswith(".toml") or "/" in text or "\\" in text else text
 
 
@@ -94,12 +94,12 @@ def _log(study: Path, index: int, log: LogTable, common: ChannelsTable | None) -
     table = log.channels or common
     stretch = (log.stretch[0], log.stretch[1]) if log.stretch else None
     if stretch and stretch[0] >= stretch[1]:
-        raise StudyFileError(study, f"logs.{index}.stretch", f"ends at {stretch[1]} before it begins at {stretch[0]}")
+        raise fault(study, f"logs.{index}.stretch", f"ends at {stretch[1]} before it begins at {stretch[0]}")
     channels = None
     if table:
         where = f"logs.{index}.channels" if log.channels else "channels"
         if (table.time is None) == (table.rate_hz is None):
-            raise StudyFileError(study, where, "give `time` (a channel) or `rate_hz`, one of the two")
+            raise fault(study, where, "give `time` (a channel) or `rate_hz`, one of the two")
         try:
             channels = Channels(
                 position=_signal(study, f"{where}.position", table.position),
@@ -109,7 +109,7 @@ def _log(study: Path, index: int, log: LogTable, common: ChannelsTable | None) -
                 rate_hz=table.rate_hz,
             )
         except LogError as error:
-            raise StudyFileError(study, where, str(error).rstrip(".")) from error
+            raise fault(study, where, str(error).rstrip(".")) from error
     return LogEntry(log.path, log.role, stretch, channels, _load(log.load) if log.load else None)
 
 
@@ -122,7 +122,7 @@ def _signal(study: Path, where: str, table: SignalTable) -> Signal:
     def spread(name: str, value: float | list[float]) -> tuple[float, ...]:
         values = tuple(value) if isinstance(value, list) else (value,) * len(table.channels)
         if len(values) != len(table.channels):
-            raise StudyFileError(study, f"{where}.{name}", f"{len(values)} figures for {len(table.channels)} channels")
+            raise fault(study, f"{where}.{name}", f"{len(values)} figures for {len(table.channels)} channels")
         return values
 
     return Signal(
@@ -141,17 +141,17 @@ def _signal(study: Path, where: str, table: SignalTable) -> Signal:
 def _check_logs(study: Path, logs: tuple[LogEntry, ...], holdout: HoldoutTable | None) -> None:
     fitted = [log for log in logs if log.role == "identify"]
     if not fitted:
-        raise StudyLogsError(study, "no log has role 'identify', so there is nothing to fit")
+        raise fault(study, "logs", "no log has role 'identify', so there is nothing to fit")
     seen: dict[str, list[LogEntry]] = {}
     for log in logs:
         earlier = seen.setdefault(log.path, [])
         if any(_overlap(log.stretch, other.stretch) for other in earlier):
-            raise StudyLogsError(
-                study, f"{log.path!r} is named twice; give the two entries stretches that do not overlap"
+            raise fault(
+                study, "logs", f"{log.path!r} is named twice; give the two entries stretches that do not overlap"
             )
         earlier.append(log)
     if holdout and holdout.pattern == "each-log" and len(fitted) < 2:
-        raise StudyLogsError(study, "holdout pattern 'each-log' needs at least two logs with role 'identify'")
+        raise fault(study, "logs", "holdout pattern 'each-log' needs at least two logs with role 'identify'")
 
 
 def _overlap(a: tuple[float, float] | None, b: tuple[float, float] | None) -> bool:

@@ -1,10 +1,13 @@
-"""The tables of a study file, and their JSON Schema."""
+"""Tables of a study file, and their JSON Schema."""
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import Annotated, Any, Literal
 
 from pydantic import BaseModel, ConfigDict, Field
+
+from haptid.errors import StudyFileError
 
 Role = Literal["identify", "validate"]
 Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
@@ -16,21 +19,21 @@ class _Table(BaseModel):
 
 
 class SignalTable(_Table):
-    """Which channels are the positions, or the torques, and in what unit."""
+    """Channels of the positions or torques, and their unit."""
 
     channels: list[str] = Field(min_length=1, description="one channel for each joint or motor, in the device's order")
     unit: str = Field(description="rad, deg, turn, m, mm, um, counts; N m, mN m, N, V, mV, A, mA, counts")
     side: Literal["joint", "motor"] = Field("joint", description="measured at the joint or at the motor's shaft")
-    gain: Finite | list[Finite] = Field(1.0, description="the channel is multiplied by this first")
+    gain: Finite | list[Finite] = Field(1.0, description="factor on the channel, applied first")
     offset: Finite | list[Finite] = Field(0.0, description="added after the gain and the unit, SI")
-    unwrap: bool = Field(False, description="the angle jumps by a whole turn: put the turns back")
-    period: Positive | None = Field(None, description="the jump of a wrapped channel, in its own unit; one turn")
-    constant_ok: bool = Field(False, description="a channel that never changes is meant to")
-    allow_saturation: bool = Field(False, description="a torque held at its limit is meant to be used")
+    unwrap: bool = Field(False, description="unwrap an angle that jumps by whole turns")
+    period: Positive | None = Field(None, description="jump of a wrapped channel, in its own unit; default: one turn")
+    constant_ok: bool = Field(False, description="permit a channel that is constant")
+    allow_saturation: bool = Field(False, description="permit a torque held at its limit")
 
 
 class ChannelsTable(_Table):
-    """Where time, positions and torques are in the log files."""
+    """Channels of time, positions and torques in the log files."""
 
     time: str | None = Field(None, description="channel of the sample times; or give rate_hz")
     time_unit: str = Field("s", description="s, ms, us or ns")
@@ -40,7 +43,7 @@ class ChannelsTable(_Table):
 
 
 class LoadTable(_Table):
-    """A known body that was fixed to a link while the log was recorded; a point mass where `inertia` is left out."""
+    """A known payload, fixed to a link during the recording; a point mass where `inertia` is left out."""
 
     link: str = Field(description="name of the link's joint")
     mass: Positive = Field(description="kg")
@@ -51,83 +54,84 @@ class LoadTable(_Table):
 
 
 class LogTable(_Table):
-    """One log and what it is for."""
+    """One log and its role."""
 
     path: str = Field(description="relative to --data, or to the study file")
-    role: Role = Field("identify", description="identify: the fit sees it; validate: it is only predicted")
-    stretch: list[Finite] | None = Field(None, min_length=2, max_length=2, description="only from .. to, s")
-    channels: ChannelsTable | None = Field(None, description="where this log's channels differ from the study's")
-    load: LoadTable | None = Field(None, description="known load of this recording; its torque is taken off")
+    role: Role = Field("identify", description="identify: used in the fit; validate: only predicted")
+    stretch: list[Finite] | None = Field(None, min_length=2, max_length=2, description="time range used, from .. to, s")
+    channels: ChannelsTable | None = Field(None, description="if they differ from the study's")
+    load: LoadTable | None = Field(None, description="known payload of this recording; its torque is subtracted")
 
 
 class TreatmentTable(_Table):
-    """How logs become rows; what is not given is proposed from the logs. See `haptid.Treatment`."""
+    """Treatment of the logs; settings that are not given are proposed from the logs. See `haptid.Treatment`."""
 
     cutoff_hz: Positive | Literal["none"] | None = Field(
         None, description="-3 dB of the position filter, Hz, or 'none'"
     )
     order: int | None = Field(None, ge=1, le=12, description="order of one pass of the Butterworth filter; default 4")
-    decimation: int | None = Field(None, ge=1, description="one row is kept of so many samples")
-    parallel_cutoff_hz: Positive | None = Field(None, description="-3 dB of the filter that torque and W share, Hz")
+    decimation: int | None = Field(None, ge=1, description="samples per row")
+    parallel_cutoff_hz: Positive | None = Field(None, description="-3 dB of the parallel filter of torque and W, Hz")
     parallel_shape: Literal["bell", "sharp", "causal"] | None = Field(
-        None, description="of that filter: bell (default), sharp as published recipes have it, or causal"
+        None,
+        description="of that filter: bell (Kaiser window, default), sharp (windowed sinc), or causal",
     )
     parallel_order: int | None = Field(None, ge=1, le=12, description="of the causal filter; default 1")
     accelerations: Literal["differences", "momentum"] | None = Field(
-        None, description="differences of the positions (default), or momentum: rows without accelerations"
+        None, description="differences of the positions (default), or momentum: a formulation without accelerations"
     )
     velocity_cutoff_hz: Positive | None = Field(
         None, description="velocity by a causal differentiator of the positions, Hz; with accelerations = 'momentum'"
     )
     reversal_speed: Finite | list[Finite] | None = Field(
-        None, description="rows slower than this are dropped, rad/s or m/s; 0 for none"
+        None, description="rows below this speed are dropped, rad/s or m/s; 0 for none"
     )
     guard: Annotated[float, Field(ge=0, allow_inf_nan=False)] | None = Field(
         None,
-        description="rows this near slow motion are dropped too, s; default: all that the shared filter reaches",
+        description="rows this close to slow motion are dropped too, s; default: the length of the parallel filter",
     )
     block: Positive | None = Field(None, description="length of a time block, s; default 1")
     torque_delay_s: Finite | None = Field(
-        None, description="the torque that acts is the channel's of so much earlier, s; 0 for none"
+        None, description="delay of the torque channel, by which the acting torque is earlier, s; 0 for none"
     )
 
 
 class ReferenceTable(_Table):
-    """Channels of the planned positions, in the log files."""
+    """Channels of the reference positions, in the log files."""
 
     channels: list[str] = Field(min_length=1, description="one channel for each active joint, in the device's order")
     unit: str = Field(description="rad, deg, turn, m, mm, um, counts")
-    gain: Finite | list[Finite] = Field(1.0, description="the channel is multiplied by this first")
+    gain: Finite | list[Finite] = Field(1.0, description="factor on the channel, applied first")
     offset: Finite | list[Finite] = Field(0.0, description="added after the gain and the unit, SI")
 
 
 class ControllerTable(_Table):
-    """The controller that moved the device while it was logged; one figure for all motors, or one for each."""
+    """The controller that moved the device during the recording; one value for all motors, or one for each."""
 
-    kp: Finite | list[Finite] = Field(description="gain of the position error at the joint side, N m/rad or N/m")
-    kd: Finite | list[Finite] = Field(description="gain of the velocity error, N m s/rad or N s/m")
-    ki: Finite | list[Finite] = Field(0.0, description="gain of the integral of the position error; 0 for none")
+    kp: Finite | list[Finite] = Field(description="proportional gain at the joint side, N m/rad or N/m")
+    kd: Finite | list[Finite] = Field(description="derivative gain, N m s/rad or N s/m")
+    ki: Finite | list[Finite] = Field(0.0, description="integral gain; 0 for none")
     rate_hz: Positive | None = Field(None, description="control rate, a multiple of the log's; default: the log's")
     velocity_cutoff_hz: Positive | None = Field(
-        None, description="of the first-order filter behind the difference of positions; none where left out"
+        None, description="cut-off of the first-order filter of the differentiated positions; default: none"
     )
-    saturation: Positive | list[Positive] | None = Field(None, description="greatest torque of a motor, N m or N")
-    reference: ReferenceTable | None = Field(None, description="planned positions; the treated ones where left out")
+    saturation: Positive | list[Positive] | None = Field(None, description="torque limit of a motor, N m or N")
+    reference: ReferenceTable | None = Field(None, description="reference positions; default: the treated ones")
 
 
 class HoldoutTable(_Table):
-    """Rows that are predicted by a fit that has not seen them."""
+    """Cross-validation: rows predicted by fits without them."""
 
     pattern: Literal["alternate", "each-log"] = Field(
-        description="alternate: every other time block; each-log: every log in turn"
+        description="alternate: every other time block; each-log: leave one log out"
     )
 
 
 class LimitTable(_Table):
-    """Between what a base parameter is held."""
+    """Bounds of a base parameter."""
 
-    low: Finite | None = Field(None, description="least value, SI")
-    high: Finite | None = Field(None, description="largest value, SI")
+    low: Finite | None = Field(None, description="lower bound, SI")
+    high: Finite | None = Field(None, description="upper bound, SI")
 
 
 class EstimateTable(_Table):
@@ -151,26 +155,35 @@ class EstimateTable(_Table):
         "output error",
         "EKF",
         "UKF",
-    ] = Field("WLS", description="how rows are weighted, and what is taken off or added; see the page on estimators")
+    ] = Field("WLS", description="estimation method; see the page on estimators")
     passes: int | None = Field(
-        None, ge=1, description="times the weights are made anew; only of WLS, SUR, GLS, heteroscedastic and ridge"
+        None, ge=1, description="iterations of the weights; only of WLS, SUR, GLS, heteroscedastic and ridge"
     )
-    loss: Literal["Tukey", "Huber", "Student t"] | None = Field(None, description="IRLS: what wild rows count; Tukey")
+    loss: Literal["Tukey", "Huber", "Student t"] | None = Field(None, description="IRLS: robust loss; default: Tukey")
     resolution: Positive | list[Positive] | None = Field(
-        None, description="encoder noise: step of the position channels, rad or m; the log's smallest"
+        None,
+        description="encoder noise: resolution of the position channels, rad or m; default: the log's smallest step",
     )
-    share: Positive | None = Field(None, description="ridge: deviation of prior values that have none, as a share; 0.3")
-    strength: Positive | None = Field(None, description="ridge, entropic: of the pull; the one that predicts best")
+    share: Positive | None = Field(
+        None, description="ridge: relative standard deviation of prior values that have none; default: 0.3"
+    )
+    strength: Positive | None = Field(
+        None, description="ridge, entropic: regularisation strength; default: by cross-validation"
+    )
     intervals: Literal["clustered", "jackknife", "textbook", "sandwich", "fixed-b", "bootstrap", "profile"] = Field(
-        "clustered", description="how deviations are made; see the page on estimators"
+        "clustered", description="how standard errors are computed; see the page on estimators"
     )
-    possible: bool = Field(False, description="hold the estimate to what bodies and passive friction can have")
-    limits: dict[str, LimitTable] | None = Field(None, description="hold base parameters between limits, by name")
-    relations: dict[str, Finite] | None = Field(None, description="combinations of parameters and their exact values")
+    possible: bool = Field(
+        False, description="constrain the estimate to be physically consistent: bodies and passive friction"
+    )
+    limits: dict[str, LimitTable] | None = Field(None, description="bounds of base parameters, by name")
+    relations: dict[str, Finite] | None = Field(
+        None, description="equality constraints: combinations of parameters and their exact values"
+    )
 
 
 class CriteriaTable(_Table):
-    """What the result must meet; the exit status of `haptid identify` says whether it does."""
+    """Criterion of the result; the exit status of `haptid identify` reports whether it is met."""
 
     relative_error_percent: Positive | None = Field(None, description="largest relative error on unseen rows")
 
@@ -188,6 +201,19 @@ class StudyTable(_Table):
     controller: ControllerTable | None = None
     estimate: EstimateTable = EstimateTable.model_validate({})
     criteria: CriteriaTable = CriteriaTable.model_construct(relative_error_percent=None)
+
+
+def fault(study: Path, key: str, what: str, found: Any = None, advice: str = "") -> StudyFileError:
+    """The error for a key of a study file.
+
+    Args:
+        study: the file.
+        key: with dots.
+        what: is wrong, without full stop.
+        found: the value.
+        advice: what to do.
+    """
+    return StudyFileError(f"{study}, key `{key}`: {what}.", where=key, found=found, advice=advice)
 
 
 def study_schema() -> dict[str, Any]:

@@ -1,4 +1,4 @@
-"""A study, read and checked: the corridor from device and logs to a validated estimate."""
+"""`Study`: a study file, read and checked."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from haptid.study.schema import Role
 
 @dataclass(frozen=True)
 class LogEntry:
-    """A log of a study: where it is, what it is for, how its channels are mapped, what was fixed to the device."""
+    """A log of a study: path, role, time range, channel mapping, known payload."""
 
     path: str
     role: Role
@@ -27,18 +27,18 @@ class LogEntry:
 
 @dataclass(frozen=True)
 class Study:
-    """A study file, read and checked.
+    """An identification pipeline: device, logs, treatment, estimator, validation, criterion.
 
     Attributes:
         name, path: of the study.
         device: name of a shipped device, or path of a device file.
         logs: the logs, in the file's order.
-        treatment: settings of `Treatment` that the study gives; the rest is proposed from the logs.
-        method: how they are estimated.
-        holdout: how rows are held out of the fit for validation, if at all.
-        largest_error: largest relative error on unseen rows that is good enough, per cent; None for no limit.
-        intervals: how deviations are made.
-        controller: that moved the device, None where the study does not say.
+        treatment: given settings of `Treatment`; the others are proposed from the logs.
+        method: of estimation.
+        holdout: cross-validation scheme, None for none.
+        largest_error: criterion on the relative error on unseen rows, per cent; None for none.
+        intervals: how standard errors are computed.
+        controller: that moved the device, None if not given.
     """
 
     name: str

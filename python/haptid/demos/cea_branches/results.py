@@ -21,7 +21,7 @@ from haptid.estimation import WLS, Estimate, estimate
 from haptid.experiment.bench.experiment import read_experiment
 from haptid.experiment.friction_test.choice import FrictionChoice, choose_friction
 from haptid.experiment.friction_test.curve import FrictionCurve, friction_curve
-from haptid.inference.elimination import Elimination, eliminate_by_motor, essential
+from haptid.inference.elimination import Elimination, eliminate, eliminate_by_motor
 from haptid.motion.treatment import Motion, Treatment
 from haptid.observation.observation import Observation, observe
 from haptid.treatment_choice.propose import Proposal, propose
@@ -117,7 +117,7 @@ def identified(
     other = unseen.motion(stretch.unseen, proposal.treatment)
     full = estimate(observe(model, fit), WLS())
     every = observe(model, replace(fit, treatment=replace(fit.treatment, reversal_speed=0.0)))
-    return Identified(branch, table, recording.beta, proposal, fit, other, every, essential(full, unseen=other))
+    return Identified(branch, table, recording.beta, proposal, fit, other, every, eliminate(full, unseen=other))
 
 
 @dataclass(frozen=True, eq=False)
@@ -130,7 +130,7 @@ class FrictionTest:
     def coulomb(self, label: str) -> tuple[float, tuple[float, float]]:
         """Coulomb friction of a motor and its 95 % interval, N m."""
         chosen = next(joint.chosen for joint in self.choice.joints if joint.label == label)
-        return chosen.values["FC"], chosen.intervals["FC"]
+        return chosen.values["FC"], chosen.conf_int()["FC"]
 
 
 def friction_test(stretch: Stretch, recording: BenchRecording) -> FrictionTest:

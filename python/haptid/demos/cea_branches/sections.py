@@ -41,7 +41,7 @@ def _friction(found: Results) -> DocumentSection:
         title = found.found[key].branch.title
         text += [f"{title} branch, {joint.sentence}" for joint in test.choice.joints]
         for k, joint in enumerate(test.curve.joints):
-            low, high = joint.interval95.T
+            low, high = joint.conf_int().T
             points = {"x": packed(joint.velocity), "y": packed(joint.torque), "low": packed(low), "high": packed(high)}
             drawing = plot(
                 axis("velocity", "rad/s"),

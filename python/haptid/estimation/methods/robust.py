@@ -86,7 +86,7 @@ class StudentT:
     dof: float = 4.0
 
     def __post_init__(self) -> None:
-        _expect_positive("StudentT", "freedom", self.dof)
+        _expect_positive("StudentT", "dof", self.dof)
 
     @property
     def name(self) -> str:

@@ -1,16 +1,18 @@
-"""The virtual bench: a device in MuJoCo with its controller, encoders and amplifiers, and the logs that it gives."""
+"""The virtual bench: closed-loop MuJoCo simulation of a device with controller, encoders and amplifiers, giving logs.
+
+It may import everything below it: device, dynamics, motion, end effector; nothing of estimation results.
+"""
 
 from haptid.experiment.bench.bodies import Body, bodies
 from haptid.experiment.bench.compiled_code import Compiled
 from haptid.experiment.bench.controllers import Assistance, Tracking
-from haptid.experiment.bench.experiment import Experiment, read_experiment
+from haptid.experiment.bench.experiment import Experiment, experiment_schema, read_experiment
 from haptid.experiment.bench.hand import Felt, Stroke, feel
 from haptid.experiment.bench.in_the_loop import Rehearsal, rehearse
 from haptid.experiment.bench.limits import check_trajectory, loop_openness
 from haptid.experiment.bench.mjcf import Payload, Physics, mjcf
 from haptid.experiment.bench.picture import draw_strip, render_strip
 from haptid.experiment.bench.run import Job, make_log, make_logs, perform
-from haptid.experiment.bench.schema import experiment_schema
 from haptid.experiment.bench.setup import (
     Amplifiers,
     Controller,

@@ -1,4 +1,4 @@
-"""What standard parameters are to a simulator: bodies about their centres of mass, and effects along coordinates."""
+"""Standard parameters in a simulator's form: rigid bodies about their centres of mass, and forces along coordinates."""
 
 from __future__ import annotations
 
@@ -11,15 +11,15 @@ from haptid.device import NewtonClosure, TermColumn
 from haptid.device.priors import TENSOR
 from haptid.dynamics.model import DynamicModel
 from haptid.dynamics.regressor import rows
-from haptid.errors import UnphysicalBodyError, UnsimulatedTermError, WeightlessLinkError
+from haptid.errors import ExportError, PhysicalConsistencyError
 
-# A moment of inertia may exceed the sum of the other two by this share of it: rounding.
+# Relative rounding allowed in the triangle inequality of the principal moments of inertia.
 TRIANGLE_SLACK = 1e-9
-# What is moved from a link to its rotor beyond the least that makes the link physical, as a share of the other moments.
+# Inertia moved from a link to its rotor beyond the minimum that makes the link physical, relative to the other moments.
 MOVED_SPARE = 0.02
-# Rotor of a weightless link in a loop, as a share of the greatest inertia of the device's bodies.
+# Rotor inertia given to a massless link in a loop, relative to the largest inertia of the device's bodies.
 LIGHT = 1e-6
-# Two columns of the regressor are one where they differ by less than this share.
+# Relative difference below which two regressor columns are equal.
 SAME_COLUMN = 1e-10
 
 
@@ -31,7 +31,7 @@ class Body:
         mass: kg.
         com: centre of mass, (3,), m.
         inertia: tensor about the centre of mass, (3, 3), kg m^2.
-        moved: inertia about the joint's axis that was moved to the rotor, kg m^2.
+        moved: inertia about the joint axis that was moved to the rotor, kg m^2.
     """
 
     mass: float
@@ -47,17 +47,17 @@ class Body:
 
     @property
     def weightless(self) -> bool:
-        """Whether it has no inertia at all."""
+        """Whether it is massless."""
         return self.mass == 0
 
 
 @dataclass
 class Effect:
-    """What terms do along one coordinate, a combination of joints' positions.
+    """Rotor inertia, friction, spring and constant force along one coordinate, a combination of joint positions.
 
     Attributes:
-        name: of the joint, or of the motor where several joints are in it.
-        joints: share of every joint in it, (joints,).
+        name: of the joint, or of the motor where the combination has several joints.
+        joints: weight of every joint in the combination, (joints,).
         armature, viscous, coulomb, stiffness, rest, offset: rotor inertia, friction, spring and constant force, SI.
     """
 
@@ -72,35 +72,35 @@ class Effect:
     _springs: list[tuple[float, float]] = field(default_factory=list, repr=False)
 
     def spring(self, stiffness: float, rest: float) -> None:
-        """One more spring: several are one, with its rest where their forces are in balance."""
+        """Add a spring in parallel: the sum has the rest position at which the forces balance."""
         self._springs.append((stiffness, rest))
         self.stiffness = sum(k for k, _ in self._springs)
         self.rest = sum(k * r for k, r in self._springs) / self.stiffness
 
 
 def bodies(model: DynamicModel, chi: Array) -> tuple[Body, ...]:
-    """The bodies of all links.
+    """Rigid bodies of all links.
 
-    A link whose moment of inertia about its joint's axis is too large for a body holds a rotor's: where that makes no
-    difference to the motion, the rotor gets it.
+    A moment of inertia about the joint axis that violates the triangle inequality includes a rotor's; the excess is
+    moved to the rotor where the two have the same regressor column.
 
     Args:
         model: the dynamic model.
         chi: its free standard parameters, (p,), SI.
 
     Raises:
-        UnphysicalBodyError: no rigid body has a link's parameters.
+        PhysicalConsistencyError: no rigid body has the parameters of a link.
     """
     raw = model.device.parameters.S @ chi
     return tuple(_body(model, j, raw[10 * j : 10 * j + 10]) for j in range(len(model.device.joints)))
 
 
 def effects(model: DynamicModel, chi: Array, made: tuple[Body, ...]) -> tuple[Effect, ...]:
-    """What the terms do: one effect for each joint, then one for each motor or cut joint that goes with several.
+    """Effects of the terms: one for each joint, then one for each motor or cut joint that combines several joints.
 
     Raises:
-        UnsimulatedTermError: a term that MuJoCo has no counterpart for is not zero.
-        WeightlessLinkError: a joint moves neither mass nor rotor.
+        ExportError: a nonzero term without counterpart in MuJoCo.
+        PhysicalConsistencyError: a joint moves neither mass nor rotor.
     """
     raw = model.device.parameters.S @ chi
     unit = np.eye(len(model.device.joints))
@@ -117,13 +117,22 @@ def effects(model: DynamicModel, chi: Array, made: tuple[Body, ...]) -> tuple[Ef
             _add(single[int(used[0])], term, float(value), float(shares[used[0]]))
         else:
             _add(found.setdefault(term.on, Effect(term.on, shares)), term, float(value), 1.0)
-    _steady(model, made, single)
-    _check_heavy(model, made, tuple(found.values()))
+    _regularise(model, made, single)
+    moves_mass = _moves_mass(model, made, tuple(found.values()))
+    if not all(moves_mass):
+        link = model.device.joints[moves_mass.index(False)].name
+        raise PhysicalConsistencyError(
+            f"link {link} and all links beyond it have neither mass nor rotor inertia; the mass must be positive.",
+            where=link,
+            found=0.0,
+            limit=0.0,
+            advice="Give it a body: [[bodies]] with link, mass, com and inertia in the experiment.",
+        )
     return tuple(found.values())
 
 
 def _shares(model: DynamicModel, term: TermColumn) -> Array:
-    """The coordinate of a term as a combination of all joints, (joints,)."""
+    """Coordinate of a term as a combination of all joints, (joints,)."""
     shares = np.zeros(len(model.device.joints))
     what, _, name = term.on.partition(" ")
     if what == "joint":
@@ -134,7 +143,7 @@ def _shares(model: DynamicModel, term: TermColumn) -> Array:
 
 
 def _add(effect: Effect, term: TermColumn, value: float, share: float) -> None:
-    """Add a term of a coordinate that is `share` times the effect's."""
+    """Add a term whose coordinate is `share` times the effect's."""
     width = term.settings[0]
     if term.kind == "rotor":
         effect.armature += value * share**2
@@ -151,11 +160,17 @@ def _add(effect: Effect, term: TermColumn, value: float, share: float) -> None:
     elif term.kind == "offset":
         effect.offset += value * share
     else:
-        raise UnsimulatedTermError(term.name, term.kind, value)
+        raise ExportError(
+            f"term {term.name} = {value:g} is of kind {term.kind!r}, which the bench cannot simulate; supported are "
+            "rotor, viscous, coulomb (of width 0), spring and offset.",
+            where=term.name,
+            found=value,
+            advice=f"Set {term.name} to 0 in the experiment's [parameters].",
+        )
 
 
 def _body(model: DynamicModel, j: int, chi: Array) -> Body:
-    """The body of one link from its ten standard parameters, (10,)."""
+    """Body of one link from its ten standard parameters, (10,)."""
     joint, mass = model.device.joints[j], float(chi[9])
     J = np.zeros((3, 3))
     for value, (i, k) in zip(chi[:6], TENSOR, strict=True):
@@ -166,20 +181,15 @@ def _body(model: DynamicModel, j: int, chi: Array) -> Body:
         alone = mass == 0 and J[2, 2] > 0 and not np.delete(chi, 5).any()
         if alone and _is_rotor(model, j):
             return Body(0.0, np.zeros(3), np.zeros((3, 3)), float(J[2, 2]))
-        raise UnphysicalBodyError(joint.name, f"its mass is {mass:g} kg beside other parameters", _INSTEAD)
+        raise _unphysical_body(joint.name, f"its mass is {mass:g} kg but other parameters are not zero", mass)
     com = chi[6:9] / mass
     central = J - mass * (com @ com * np.eye(3) - np.outer(com, com))
     central, moved = _physical(model, j, central)
     return Body(mass, com, central, moved)
 
 
-_INSTEAD = (
-    "Base parameters alone are no body: give the link its mass, com and inertia under [[bodies]] in the experiment."
-)
-
-
 def _physical(model: DynamicModel, j: int, central: Array) -> tuple[Array, float]:
-    """A tensor that obeys the triangle inequality, and what of it was moved to the rotor."""
+    """A tensor that satisfies the triangle inequality, and the inertia that was moved to the rotor."""
     moments = np.linalg.eigvalsh(central)
     excess = moments[2] - moments[0] - moments[1]
     if moments[0] > 0 and excess <= TRIANGLE_SLACK * moments[2]:
@@ -189,14 +199,14 @@ def _physical(model: DynamicModel, j: int, central: Array) -> tuple[Array, float
     now = np.linalg.eigvalsh(less)
     if moments[0] > 0 and now[0] > 0 and now[2] <= now[0] + now[1] and _is_rotor(model, j):
         return less, float(moved)
-    shown = ", ".join(f"{moment:.3g}" for moment in moments)
-    found = f"its principal moments of inertia about the centre of mass are {shown} kg m^2"
-    rule = f"{'a moment that is not above 0' if moments[0] <= 0 else 'one above the sum of the other two'}"
-    raise UnphysicalBodyError(model.device.joints[j].name, f"{found}, with {rule}", _INSTEAD)
+    values = ", ".join(f"{moment:.3g}" for moment in moments)
+    rule = "not positive" if moments[0] <= 0 else "above the sum of the other two"
+    what = f"its principal moments of inertia about the centre of mass are {values} kg m^2, one of them {rule}"
+    raise _unphysical_body(model.device.joints[j].name, what, moments.tolist())
 
 
 def _is_rotor(model: DynamicModel, j: int) -> bool:
-    """Whether inertia about a turning joint's axis acts as its rotor's would: the same column of the regressor."""
+    """Whether inertia about a revolute joint's axis has the same regressor column as its rotor inertia."""
     if model.device.joints[j].prismatic:
         return False
     rng = np.random.default_rng(0)
@@ -209,32 +219,35 @@ def _is_rotor(model: DynamicModel, j: int) -> bool:
     return bool(np.abs(column - rotor).max() <= SAME_COLUMN * max(np.abs(rotor).max(), 1e-300))
 
 
-def _steady(model: DynamicModel, made: tuple[Body, ...], single: list[Effect]) -> None:
-    """Give weightless links that a loop holds at both ends a rotor that is too small to be felt.
+def _regularise(model: DynamicModel, made: tuple[Body, ...], single: list[Effect]) -> None:
+    """Give massless links inside a loop a negligible rotor inertia.
 
-    The simulator moves them as parts of a tree, where they would weigh nothing.
+    The simulator integrates the tree, whose mass matrix would be singular there.
     """
     if not isinstance(model.device.closure, NewtonClosure):
         return
     masses = np.array([body.mass for body in made])
     turned = np.array([np.trace(body.inertia) + body.mass * body.com @ body.com for body in made])
-    heavy = _heavy(model, made, tuple(single))
+    moves_mass = _moves_mass(model, made, tuple(single))
     for j in model.device.closure.unknown:
-        if not heavy[j]:
+        if not moves_mass[j]:
             single[j].armature = LIGHT * float((masses if model.device.joints[j].prismatic else turned).max())
 
 
-def _check_heavy(model: DynamicModel, made: tuple[Body, ...], found: tuple[Effect, ...]) -> None:
-    """Raise WeightlessLinkError where a joint moves nothing."""
-    heavy = _heavy(model, made, found)
-    if not all(heavy):
-        raise WeightlessLinkError(model.device.joints[heavy.index(False)].name)
-
-
-def _heavy(model: DynamicModel, made: tuple[Body, ...], found: tuple[Effect, ...]) -> list[bool]:
-    """Whether each joint moves a mass or a rotor, its own or one that it carries."""
-    heavy = [not body.weightless or any(e.armature > 0 and e.joints[j] for e in found) for j, body in enumerate(made)]
+def _moves_mass(model: DynamicModel, made: tuple[Body, ...], found: tuple[Effect, ...]) -> list[bool]:
+    """Whether each joint moves a mass or a rotor, of its own link or of one that it carries."""
+    moves = [not body.weightless or any(e.armature > 0 and e.joints[j] for e in found) for j, body in enumerate(made)]
     for j in reversed(range(len(made))):
-        if heavy[j] and model.device.joints[j].parent >= 0:
-            heavy[model.device.joints[j].parent] = True
-    return heavy
+        if moves[j] and model.device.joints[j].parent >= 0:
+            moves[model.device.joints[j].parent] = True
+    return moves
+
+
+def _unphysical_body(link: str, what: str, found: object) -> PhysicalConsistencyError:
+    return PhysicalConsistencyError(
+        f"link {link}: {what}, which no rigid body has, so it cannot be simulated.",
+        where=link,
+        found=found,
+        advice="Base parameters do not define a body: give the link's mass, com and inertia under [[bodies]] in the "
+        "experiment.",
+    )

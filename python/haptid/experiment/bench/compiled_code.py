@@ -1,4 +1,4 @@
-"""Exported C, compiled and loaded: the code that goes to a real device, called state by state from the bench."""
+"""Exported C code, compiled and loaded with ctypes, so that the bench runs the code that goes to a real device."""
 
 from __future__ import annotations
 
@@ -16,12 +16,12 @@ from typing import Any
 import numpy as np
 
 from haptid._internal.arrays import Array
-from haptid.errors import CodeSettingError, CompileError, NoCodeError, NoCompilerError
+from haptid.errors import ExportError, MissingDependencyError, SettingError
 
 FLAGS = ("-std=c99", "-O2", "-fPIC", "-shared")
-# Vectors of the observer and of the differentiator, beside their numbers.
+# Fields of the observer's and the differentiator's structs: scalars, then vectors; and the argument of their init.
+SCALARS = {"observer": ("dt", "keep"), "differentiator": ("a", "b")}
 VECTORS = {"observer": ("p", "pushed", "torque"), "differentiator": ("q", "qd")}
-NUMBERS = {"observer": ("dt", "keep"), "differentiator": ("a", "b")}
 SETTINGS = {"observer": "gain", "differentiator": "cutoff_hz"}
 
 
@@ -30,10 +30,10 @@ class Prototype:
     """A function of the code, as its header declares it.
 
     Attributes:
-        constants_struct: whether it reads the model.
-        inputs: sizes of the arrays it reads, by name.
-        outputs: sizes of those it fills.
-        checks: whether it says that it failed.
+        constants_struct: whether its first argument is the model.
+        inputs: sizes of the input arrays, by name.
+        outputs: sizes of the output arrays, by name.
+        checks: whether it returns a status.
     """
 
     constants_struct: bool
@@ -44,14 +44,14 @@ class Prototype:
 
 @dataclass(frozen=True, eq=False)
 class Compiled:
-    """The code of an exported folder; see `Compiled.of`.
+    """Compiled code of an exported folder; see `Compiled.of`.
 
     Attributes:
-        name: how its names begin.
-        coordinates: how many there are.
-        functions: by their names, without the prefix.
-        real: type of its numbers.
-        library: the loaded code.
+        name: prefix of its names.
+        coordinates: their number.
+        functions: by name, without the prefix.
+        real: ctypes type of its numbers.
+        library: the loaded shared library.
     """
 
     name: str
@@ -63,22 +63,20 @@ class Compiled:
 
     @staticmethod
     def of(folder: str | Path) -> Compiled:
-        """Compile and load what `export_c` wrote.
-
-        The compiler is that of the environment variable CC, else `cc`.
+        """Compile and load a folder of `export_c`, with the compiler of the environment variable CC, else `cc`.
 
         Args:
             folder: with NAME.h and NAME.c.
 
         Raises:
-            NoCodeError: there is no code in it.
-            NoCompilerError, CompileError: it cannot be compiled here.
+            ExportError: the folder does not have exactly one model, or its code does not compile.
+            MissingDependencyError: there is no compiler.
         """
         header = _header(Path(folder))
         text, name = header.read_text(encoding="utf-8"), header.stem
         real = ctypes.c_float if f"typedef float {name}_real" in text else ctypes.c_double
         constants, coordinates, parameters = (
-            _figure(text, pattern)
+            _number(text, pattern)
             for pattern in (rf"{name}_real k\[(\d+)\]", r"_COORDINATES (\d+)", r"_PARAMETERS (\d+)")
         )
         library, constants_struct = _built(header), (real * constants)()
@@ -88,7 +86,7 @@ class Compiled:
         return Compiled(name, coordinates, prototypes(text, name), real, library, constants_struct)
 
     def __call__(self, function: str, *inputs: Array) -> dict[str, Array]:
-        """What a function gives, by output; zeros where it says that it failed.
+        """Call a function; returns its outputs by name, zeros where it returns a failure.
 
         Args:
             function: its name, without the prefix.
@@ -103,17 +101,17 @@ class Compiled:
         return {name: np.array(values, dtype=float) for name, values in made.items()}
 
     def array(self, values: Array) -> Any:
-        """Values as the code takes them."""
+        """A ctypes array of the values."""
         return (self.real * len(values))(*map(float, values))
 
     def friction_compensation(self, qd: Array, share: float) -> Array:
-        """A share of the friction, (coordinates,), N m or N."""
+        """Friction compensation torque, (coordinates,), N m or N."""
         tau = (self.real * self.coordinates)()
         self.library[f"{self.name}_friction_compensation"](self.constants_struct, self.array(qd), self.real(share), tau)
         return np.array(tau, dtype=float)
 
     def differentiator(self, cutoff_hz: float, dt: float) -> Callable[[Array], Array]:
-        """Velocities of positions that are given one after the other, each (coordinates,)."""
+        """The code's differentiator: velocity from one position sample after another, each (coordinates,)."""
         state = self._state("differentiator", cutoff_hz, dt)
 
         def update(q: Array) -> Array:
@@ -124,7 +122,7 @@ class Compiled:
         return update
 
     def observer(self, gain: float, dt: float) -> Callable[[Array, Array, Array], Array]:
-        """Torque of the hand from positions, velocities and motors' torques, each (coordinates,)."""
+        """The code's momentum observer: hand torque from position, velocity and motor torque, each (coordinates,)."""
         state = self._state("observer", gain, dt)
 
         def update(q: Array, qd: Array, tau: Array) -> Array:
@@ -136,18 +134,23 @@ class Compiled:
         return update
 
     def _state(self, kind: str, setting: float, dt: float) -> Any:
-        """A started observer or differentiator."""
-        numbers = [(name, self.real) for name in NUMBERS[kind]]
+        """An initialised observer or differentiator."""
+        scalars = [(name, self.real) for name in SCALARS[kind]]
         vectors = [(name, self.real * self.coordinates) for name in VECTORS[kind]]
-        state = type(kind, (ctypes.Structure,), {"_fields_": [*numbers, ("started", ctypes.c_int), *vectors]})()
-        wrong = self.library[f"{self.name}_{kind}_init"](ctypes.byref(state), self.real(setting), self.real(dt))
-        if wrong:
-            raise CodeSettingError(SETTINGS[kind], setting, f"a figure above zero that a step of {dt:g} s can meet")
+        state = type(kind, (ctypes.Structure,), {"_fields_": [*scalars, ("started", ctypes.c_int), *vectors]})()
+        failed = self.library[f"{self.name}_{kind}_init"](ctypes.byref(state), self.real(setting), self.real(dt))
+        if failed:
+            raise SettingError(
+                f"{kind}: {SETTINGS[kind]} is {setting!r}; write a positive number, feasible at a step of {dt:g} s.",
+                where=SETTINGS[kind],
+                found=setting,
+                limit=0.0,
+            )
         return state
 
 
 def prototypes(header: str, name: str) -> dict[str, Prototype]:
-    """The functions whose arguments are the model and arrays, from the text of a header."""
+    """Functions of a header whose arguments are the model and arrays only."""
     found = {}
     for kind, function, arguments in re.findall(rf"^(void|int) {name}_(\w+)\(([^)]*)\);", header, re.MULTILINE):
         parts = [" ".join(part.split()) for part in arguments.split(",")]
@@ -165,21 +168,32 @@ def _header(folder: Path) -> Path:
     """The header of the folder's one model."""
     found = [path for path in sorted(folder.glob("*.h")) if path.with_suffix(".c").is_file()]
     if len(found) != 1:
-        raise NoCodeError(folder, [path.name for path in found])
+        names = [path.name for path in found]
+        what = f"has the code of several models: {', '.join(names)}" if names else "has no exported code"
+        raise ExportError(
+            f"{folder} {what}.",
+            where=folder,
+            found=names,
+            advice="Give a folder written by `export_c` or `haptid export --to c`.",
+        )
     return found[0]
 
 
-def _figure(text: str, pattern: str) -> int:
+def _number(text: str, pattern: str) -> int:
     found = re.search(pattern, text)
-    assert found is not None  # the header is haptid's own
+    assert found is not None  # haptid wrote the header
     return int(found[1])
 
 
 def _built(header: Path) -> ctypes.CDLL:
-    """The source beside a header, compiled and loaded."""
+    """The source of a header, compiled and loaded."""
     command = os.environ.get("CC", "cc")
     if shutil.which(command) is None:
-        raise NoCompilerError(command)
+        raise MissingDependencyError(
+            f"there is no C compiler {command!r}.",
+            where=command,
+            advice="Install one, or set the environment variable CC.",
+        )
     with tempfile.TemporaryDirectory() as scratch:
         out = Path(scratch) / "model.so"
         source = header.with_suffix(".c").resolve()
@@ -187,5 +201,9 @@ def _built(header: Path) -> ctypes.CDLL:
             [command, *FLAGS, str(source), "-lm", "-o", str(out)], capture_output=True, text=True, check=False
         )
         if done.returncode:
-            raise CompileError(source, done.stderr)
+            raise ExportError(
+                f"{source} does not compile.",
+                where=source,
+                advice=f"Export the model again. Output of the compiler:\n{done.stderr.strip()}",
+            )
         return ctypes.CDLL(str(out))

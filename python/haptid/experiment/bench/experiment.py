@@ -1,22 +1,25 @@
-"""An experiment on the bench, written down as TOML: motion, controller, instruments, and what is true."""
+"""Experiment files of the bench (TOML): planned motion, controller, instruments and true parameters.
+
+The pydantic tables are the format, with the unit and the default of every key; `Experiment` is a checked file.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any, Literal
 
 import numpy as np
+from pydantic import BaseModel, ConfigDict, Field
 
 from haptid._internal.arrays import Array, freeze
 from haptid._internal.toml_tables import read_checked
 from haptid.device import INERTIAL
 from haptid.device.priors import Body, inertial_parameters, tensor
 from haptid.dynamics.model import DynamicModel
-from haptid.errors import ExperimentFileError, LinkNameError, ParameterNameError
+from haptid.errors import ExperimentFileError, UnknownNameError, suggestion
 from haptid.experiment.bench.mjcf import Payload, Physics
-from haptid.experiment.bench.schema import ExperimentTable, SinesTable, TrianglesTable
 from haptid.experiment.bench.setup import Amplifiers, Controller, Encoders, ForceSensor, Push, Setup
 from haptid.experiment.bench.trajectories import (
     SPREAD,
@@ -29,18 +32,205 @@ from haptid.experiment.bench.trajectories import (
     TrianglesAndSines,
 )
 
+Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
+Finite = Annotated[float, Field(allow_inf_nan=False)]
+NotNegative = Annotated[float, Field(ge=0, allow_inf_nan=False)]
+Each = Finite | list[Finite]
+EachPositive = Positive | list[Positive]
+EachNotNegative = NotNegative | list[NotNegative]
+Triple = Annotated[list[Finite], Field(min_length=3, max_length=3)]
+Pair = Annotated[list[Positive], Field(min_length=2, max_length=2)]
+Series = Annotated[list[Annotated[list[Finite], Field(min_length=1, max_length=100)]], Field(min_length=1)]
+Seconds = Annotated[float, Field(gt=0, le=3600, allow_inf_nan=False)]
+
+CENTRE = "of the active joints, rad or m; one value for all or one for each"
+RAMP = "duration of the smooth start, and of the stop, s"
+
+
+class _Table(BaseModel):
+    model_config = ConfigDict(extra="forbid", frozen=True, strict=True)
+
+
+class SinesTable(_Table):
+    """A multisine for each joint, phases drawn from the seed."""
+
+    amplitude: EachPositive = Field(description="maximum distance from the centre, rad or m")
+    frequencies_hz: Pair = Field([0.25, 2.4], description="lowest and highest frequency, Hz")
+    count: int = Field(4, ge=1, le=100, description="number of sines per joint")
+    speed: EachPositive | None = Field(None, description="maximum speed; lowers the amplitude where needed")
+
+
+class MultisineTable(SinesTable):
+    """A multisine."""
+
+    kind: Literal["multisine"]
+    seconds: Seconds = Field(description="duration, s")
+    centre: Each = Field(description=CENTRE)
+    ramp: Positive = Field(1.5, description=RAMP)
+
+
+class TrianglesTable(_Table):
+    """Triangular motion with rounded corners (nearly constant velocity); with `sines`, plus a smaller multisine."""
+
+    kind: Literal["triangles"]
+    seconds: Seconds = Field(description="duration, s")
+    centre: Each = Field(description=CENTRE)
+    amplitude: EachPositive = Field(description="rad or m")
+    frequency_hz: EachPositive = Field(description="of the triangle, Hz: the speed is 4 amplitude frequency")
+    ramp: Positive = Field(1.5, description=RAMP)
+    sines: SinesTable | None = Field(None, description="a multisine added to it")
+
+
+class FourierTable(_Table):
+    """A finite Fourier series for each joint."""
+
+    kind: Literal["fourier"]
+    seconds: Seconds = Field(description="duration, s")
+    centre: Each = Field(description=CENTRE)
+    fundamental_hz: Positive = Field(description="one over the period, Hz")
+    sine: Series = Field(description="amplitudes of the first, second, ... harmonic for each active joint, rad or m")
+    cosine: Series = Field(description="the same for the cosines")
+    ramp: Positive = Field(1.5, description=RAMP)
+
+
+class SweepTable(_Table):
+    """Constant-velocity strokes in both directions, joint after joint, speed after speed."""
+
+    kind: Literal["sweep"]
+    centre: Each = Field(description=CENTRE)
+    amplitude: EachPositive = Field(description="rad or m")
+    speeds: list[Positive] = Field(min_length=1, max_length=100, description="velocities, rad/s or m/s")
+    ramp: Positive = Field(0.5, description="duration of every change of velocity, s")
+
+
+class GridTable(_Table):
+    """Static poses on a grid, one after the other."""
+
+    kind: Literal["grid"]
+    centre: Each = Field(description=CENTRE)
+    amplitude: EachPositive = Field(description="rad or m")
+    points: int = Field(3, ge=1, le=20, description="positions of each joint")
+    dwell: Positive = Field(1.0, description="duration of every pose, s")
+    move: Positive = Field(1.0, description="duration of every change of pose, s")
+
+
+class ControllerTable(_Table):
+    """PD or PID controller on the motor coordinates, at the joint side."""
+
+    kp: EachNotNegative = Field(description="N m/rad or N/m; one value for all motors or one for each")
+    kd: EachNotNegative = Field(description="N m s/rad or N s/m")
+    ki: EachNotNegative = Field(0.0, description="N m/(rad s) or N/(m s)")
+    gravity: bool = Field(False, description="gravity feedforward along the planned motion")
+    rate_hz: Positive = Field(1000.0, description="control rate and sampling rate of the log, Hz")
+    velocity_cutoff_hz: Positive = Field(100.0, description="of the low-pass on the position differences, Hz")
+    tracking_limit: Positive = Field(0.3, description="maximum tracking error before the run is stopped, rad or m")
+
+
+class EncodersTable(_Table):
+    """Position encoders; without this table positions are exact."""
+
+    counts_per_turn: EachPositive = Field(description="of each motor's encoder after quadrature, or per metre")
+    gear: EachPositive = Field(1.0, description="encoder turns per turn of the motor coordinate")
+
+
+class AmplifiersTable(_Table):
+    """Amplifiers: actual torque from commanded torque."""
+
+    gain: EachPositive = Field(1.0, description="actual torque per commanded torque")
+    saturation: EachPositive | None = Field(None, description="maximum torque at the joint side, N m or N")
+    noise: EachNotNegative = Field(0.0, description="standard deviation of the actual torque, N m or N")
+    delay: NotNegative = Field(0.0, description="from reading the encoders to the torque, s")
+
+
+class PayloadTable(_Table):
+    """Point mass at the handle."""
+
+    mass: Positive = Field(description="kg")
+    com: Triple = Field([0.0, 0.0, 0.0], description="position in the handle frame, m")
+
+
+class WeightTable(_Table):
+    """Point mass added to a link in this configuration: a counterweight, a gimbal, a sensor."""
+
+    link: str = Field(description="the joint whose link carries it")
+    mass: Positive = Field(description="kg")
+    com: Triple = Field(description="position in the link frame of the device file's convention, m")
+
+
+class PushTable(_Table):
+    """Hand force at the handle."""
+
+    force: Triple = Field(description="in the base frame, N")
+    frequency_hz: NotNegative = Field(0.0, description="of a sine, Hz; 0 for a constant force")
+    start: NotNegative = Field(0.0, description="start time, s")
+    stop: Positive | None = Field(None, description="end time, s; default: the end of the motion")
+
+
+class SensorTable(_Table):
+    """Six-axis force/torque sensor at the handle, in the handle frame."""
+
+    force_noise: NotNegative = Field(0.0, description="standard deviation of a sample, N")
+    moment_noise: NotNegative = Field(0.0, description="standard deviation of a sample, N m")
+
+
+class BodyTable(_Table):
+    """True rigid body of a link, in the link frame of the device file's convention."""
+
+    link: str
+    mass: Positive = Field(description="kg")
+    com: Triple = Field(description="centre of mass, m")
+    inertia: Annotated[list[Finite], Field(min_length=6, max_length=6)] = Field(
+        description="about the centre of mass, XX YY ZZ XY XZ YZ, kg m^2"
+    )
+
+
+class PhysicsTable(_Table):
+    """Settings of the simulator."""
+
+    step: Positive = Field(1e-4, description="integration step, s")
+    tolerance: Positive = Field(1e-10, description="of the constraint solver")
+    iterations: int = Field(50, ge=1, le=10000, description="maximum iterations of the constraint solver")
+
+
+class ExperimentTable(_Table):
+    """An experiment file."""
+
+    schema_: Literal[1] = Field(alias="schema", description="version of this format: 1")
+    name: str = Field(min_length=1)
+    seed: int = Field(0, ge=0, description="of phases and noise; --seed replaces it")
+    trajectory: Annotated[
+        MultisineTable | TrianglesTable | FourierTable | SweepTable | GridTable, Field(discriminator="kind")
+    ] = Field(description="the planned motion")
+    controller: ControllerTable
+    encoders: EncodersTable | None = None
+    amplifiers: AmplifiersTable | None = None
+    payload: PayloadTable | None = None
+    gravity: Triple | None = Field(None, description="in the base frame, m/s^2; default: the device file's")
+    hand: list[PushTable] = Field([], description="hand forces; they add up")
+    sensor: SensorTable | None = None
+    physics: PhysicsTable | None = None
+    parameters: dict[str, Finite] = Field({}, description="true parameters by name, SI; default: the device's prior")
+    bodies: list[BodyTable] = Field([], description="true bodies of links; default: the device's prior")
+    weights: list[WeightTable] = Field([], description="point masses added to links")
+
+
+def experiment_schema() -> dict[str, Any]:
+    """JSON Schema of experiment files, for editors."""
+    return ExperimentTable.model_json_schema(by_alias=True)
+
+
 KINDS: Mapping[str, type] = {"multisine": Multisine, "fourier": Fourier, "sweep": Sweep, "grid": Grid}
 
 
 @dataclass(frozen=True, eq=False)
 class Experiment:
-    """An experiment file, read and checked.
+    """A checked experiment file.
 
     Attributes:
         name: of the experiment.
         seed: of phases and noise.
         kind: of motion.
-        table: the file as it was read.
+        table: the validated tables of the file.
     """
 
     name: str
@@ -49,17 +239,17 @@ class Experiment:
     table: ExperimentTable
 
     def setup(self, model: DynamicModel) -> Setup:
-        """What is on the bench.
+        """The simulated set-up of a device with these instruments and true parameters.
 
         Raises:
-            LinkNameError, ParameterNameError: a link, or a true parameter, that the device does not have.
-            NoHandleError, TimingError: a setting that cannot be met.
+            UnknownNameError: a link, or a true parameter, that the device does not have.
+            IncompleteDeviceError, ExperimentError: a setting that cannot be met.
         """
         table = self.table
         settings: dict[str, Any] = {}
         for name, kind in (("encoders", Encoders), ("amplifiers", Amplifiers), ("physics", Physics)):
             if (given := getattr(table, name)) is not None:
-                settings[name] = kind(**_figures(given.model_dump()))
+                settings[name] = kind(**_tuples(given.model_dump()))
         if table.payload is not None:
             x, y, z = table.payload.com
             settings["payload"] = Payload(table.payload.mass, (x, y, z))
@@ -67,7 +257,7 @@ class Experiment:
             settings["sensor"] = ForceSensor(**table.sensor.model_dump())
         pushes = [push.model_dump(exclude_none=True) for push in table.hand]
         settings["hand"] = tuple(Push(**{**push, "force": tuple(push["force"])}) for push in pushes)
-        controller = Controller(**_figures(table.controller.model_dump()))
+        controller = Controller(**_tuples(table.controller.model_dump()))
         if table.gravity is not None:
             model = model.with_gravity(table.gravity)
         return Setup(model, true_parameters(model, table), controller, **settings)
@@ -77,7 +267,7 @@ def read_experiment(path: str | Path) -> Experiment:
     """Read an experiment file.
 
     Raises:
-        ExperimentFileError: the file cannot be read, or a key in it is missing, unknown or wrong; says which.
+        ExperimentFileError: the file cannot be read, or a key is missing, unknown or invalid.
     """
     path = Path(path)
     table = read_checked(path, ExperimentTable, ExperimentFileError, "an experiment")
@@ -86,30 +276,29 @@ def read_experiment(path: str | Path) -> Experiment:
 
 
 def _check(path: Path, table: ExperimentTable) -> None:
-    """Raise ExperimentFileError for settings that mean nothing together."""
+    """Raise ExperimentFileError for settings that contradict each other."""
     given, rate = table.trajectory, table.controller.rate_hz
     sines = given.sines if isinstance(given, TrianglesTable) else given
     if isinstance(sines, SinesTable):
         where = "trajectory.frequencies_hz" if sines is given else "trajectory.sines.frequencies_hz"
         low, high = sines.frequencies_hz
         if low > high:
-            raise ExperimentFileError(path, where, f"the lowest, {low:g} Hz, is above the highest, {high:g} Hz")
+            raise _experiment_file(path, where, f"the lowest, {low:g} Hz, is above the highest, {high:g} Hz")
         if high * (1 + SPREAD) >= rate / 2:
-            what = f"{high:g} Hz is more than a control rate of {rate:g} Hz carries, which is below {rate / 2:g} Hz"
-            raise ExperimentFileError(path, where, what)
+            what = f"{high:g} Hz is not below the Nyquist frequency {rate / 2:g} Hz of the control rate {rate:g} Hz"
+            raise _experiment_file(path, where, what)
     for k, push in enumerate(table.hand):
         if push.stop is not None and push.stop <= push.start:
-            raise ExperimentFileError(path, f"hand.{k}.stop", f"{push.stop:g} s is not after start, {push.start:g} s")
+            raise _experiment_file(path, f"hand.{k}.stop", f"{push.stop:g} s is not after start, {push.start:g} s")
 
 
 def true_parameters(model: DynamicModel, table: ExperimentTable) -> Array:
-    """Free standard parameters, (p,), SI: the device's prior, then the experiment's bodies, parameters and weights.
+    """True free standard parameters, (p,), SI: the device's prior, then the file's bodies, parameters and weights.
 
-    Bodies and parameters take the place of what was there, weights are added to it. What none of them says is zero.
+    Bodies and parameters replace values, weights are added to them. Parameters given nowhere are zero.
 
     Raises:
-        LinkNameError: a link that the device does not have.
-        ParameterNameError: a name that the device does not have, or that its symmetries set to zero.
+        UnknownNameError: a link or parameter that the device does not have, or that its symmetries set to zero.
     """
     chi, index = np.nan_to_num(model.device.chi_prior), model.device.parameters.index
     for table_of_body in table.bodies:
@@ -118,7 +307,7 @@ def true_parameters(model: DynamicModel, table: ExperimentTable) -> Array:
             chi[index[name]] = value
     for name, value in table.parameters.items():
         if name not in index:
-            raise ParameterNameError(name, index)
+            raise _parameter_name(name, index)
         chi[index[name]] = value
     for weight in table.weights:
         point = Body(weight.mass, np.array(weight.com), np.zeros((3, 3)))
@@ -128,39 +317,44 @@ def true_parameters(model: DynamicModel, table: ExperimentTable) -> Array:
 
 
 def _body_values(model: DynamicModel, table: str, link: str, body: Body) -> dict[str, float]:
-    """The parameters of a link by name, without those that a symmetry sets to zero, as they are.
+    """Inertial parameters of a link by name, without those that a symmetry sets to zero.
 
     Raises:
-        LinkNameError: no such link.
-        ParameterNameError: the body is not as symmetric as the device file says.
+        UnknownNameError: no such link, or the body does not have the symmetry of the device file.
     """
     index = model.device.parameters.index
     if link not in model.device.joint_names:
-        raise LinkNameError(table, link, model.device.joint_names)
+        fixed = " The base is fixed: leave out what is attached to it." if link == "base" else ""
+        raise UnknownNameError(
+            f"[[{table}]]: the device has no link {link!r}.{fixed}",
+            where=link,
+            limit=model.device.joint_names,
+            advice=suggestion(link, model.device.joint_names),
+        )
     joint = model.device.joints[model.device.joint_names.index(link)]
     values = dict(zip((kind + link for kind in INERTIAL), inertial_parameters(body, joint), strict=True))
     for name, value in values.items():
         if name not in index and value != 0:
-            raise ParameterNameError(name, index)
+            raise _parameter_name(name, index)
     return {name: float(value) for name, value in values.items() if name in index}
 
 
 def _kind(table: ExperimentTable) -> Kind:
-    """The kind of motion that the file asks for."""
+    """The kind of motion of the file, with its settings."""
     given = table.trajectory
-    settings = _figures(given.model_dump(exclude={"kind", "sines"}))
+    settings = _tuples(given.model_dump(exclude={"kind", "sines"}))
     if not isinstance(given, TrianglesTable):
         made: Kind = KINDS[given.kind](**settings)
         return made
     slow = Triangles(**settings)
     if given.sines is None:
         return slow
-    fast = _figures(given.sines.model_dump())
+    fast = _tuples(given.sines.model_dump())
     return TrianglesAndSines(slow, Multisine(given.seconds, (0.0,), ramp=given.ramp, **fast))
 
 
-# Settings that are one figure, whatever the number of joints.
-SINGLE: tuple[str, ...] = (
+# Scalar settings: one number, whatever the number of joints.
+SCALARS: tuple[str, ...] = (
     "seconds",
     "ramp",
     "dwell",
@@ -169,17 +363,28 @@ SINGLE: tuple[str, ...] = (
     "velocity_cutoff_hz",
     "tracking_limit",
     "delay",
-    "fundamental_hz",
 )
-SINGLE += ("step", "tolerance")
+SCALARS += ("fundamental_hz", "step", "tolerance")
 
 
-def _figures(given: Mapping[str, Any]) -> dict[str, Any]:
-    """Settings as the values take them: lists as tuples, and one figure for all as a tuple of one."""
+def _tuples(given: Mapping[str, Any]) -> dict[str, Any]:
+    """Settings with tuples in place of lists, and a tuple of one where one value stands for all joints."""
 
-    def figures(name: str, value: Any) -> Any:
+    def converted(name: str, value: Any) -> Any:
         if isinstance(value, list):
             return tuple(tuple(v) if isinstance(v, list) else v for v in value)
-        return (value,) if isinstance(value, float) and name not in SINGLE else value
+        return (value,) if isinstance(value, float) and name not in SCALARS else value
 
-    return {name: figures(name, value) for name, value in given.items()}
+    return {name: converted(name, value) for name, value in given.items()}
+
+
+def _experiment_file(path: object, where: str, what: str) -> ExperimentFileError:
+    return ExperimentFileError(
+        f"{path}, key `{where}`: {what}.", where=where, advice="`haptid schema experiment` prints every key."
+    )
+
+
+def _parameter_name(name: str, known: Iterable[str]) -> UnknownNameError:
+    return UnknownNameError(
+        f"the device has no free parameter {name!r}.", where=name, limit=tuple(known), advice=suggestion(name, known)
+    )

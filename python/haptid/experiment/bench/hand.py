@@ -1,8 +1,9 @@
-"""What a hand feels of a device on the bench: the hand guides the handle to and fro along a line, and measures.
+"""Apparent mass, damping, friction and weight at the handle, measured on the bench along a line.
 
-The hand is a spring and a damper, which the bench's controller plays: its torques, taken to the handle, are the force
-that the hand exerts. Along the line that force is mass * acceleration + damping * velocity + friction * sign(velocity)
-+ weight + slope * way, whose five figures are fitted by least squares. Two sines tell mass and slope apart.
+The bench controller acts as the hand, a spring and a damper that guides the handle back and forth; its torques,
+transformed to the handle, are the hand force. Along the line that force is mass * acceleration + damping * velocity
++ friction * sign(velocity) + weight + slope * displacement, fitted by least squares. Two sine frequencies make mass and
+slope distinguishable.
 """
 
 from __future__ import annotations
@@ -20,23 +21,23 @@ from haptid.experiment.bench.setup import Setup, TorqueLaw
 from haptid.experiment.bench.simulation import simulate
 from haptid.experiment.bench.trajectories import Trajectory
 
-# Samples slower than this share of the greatest speed are left out: there friction is not its full size.
+# Samples slower than this share of the maximum speed are left out: friction is not fully developed there.
 FAST = 0.5
-# A hand feels what is faster as a vibration, Hz.
+# Frequency above which a force is felt as vibration, Hz.
 VIBRATION_HZ = 50.0
 
 
 @dataclass(frozen=True)
 class Felt:
-    """What the hand feels along a line.
+    """Mechanical impedance at the handle along a line.
 
     Attributes:
-        mass: kg.
+        mass: apparent mass (Khatib's effective mass), kg.
         damping: N s/m.
-        friction: dry, N.
-        weight: force that holds the handle in the middle of the line, N.
-        slope: by which the weight grows along the line, N/m.
-        roughness: of the law's own force, what is faster than a hand can follow, rms, N.
+        friction: dry friction, N.
+        weight: static force in the middle of the line, N.
+        slope: change of the weight along the line, N/m.
+        roughness: rms of the control law's force above VIBRATION_HZ, N.
     """
 
     mass: float
@@ -49,12 +50,12 @@ class Felt:
 
 @dataclass(frozen=True)
 class Stroke:
-    """A motion of the hand along a line: a sine, and one of thrice its frequency and a quarter of its amplitude.
+    """Motion of the hand along a line: a sine plus its third harmonic with a quarter of the amplitude.
 
     Attributes:
         amplitude: of the first sine, m.
-        frequency_hz: of it.
-        seconds: how long; the first period is left out.
+        frequency_hz: of the first sine.
+        seconds: duration; the first period is left out of the fit.
     """
 
     amplitude: float = 0.03
@@ -65,79 +66,75 @@ class Stroke:
 def feel(
     setup: Setup, pose: Array, direction: Array, law: TorqueLaw | None = None, stroke: Stroke | None = None
 ) -> Felt:
-    """Guide the handle to and fro along a line, and fit what the hand must do for it.
+    """Guide the handle back and forth along a line, and fit the hand force.
 
     Args:
-        setup: the device, and the hand as its controller.
-        pose: of the active joints, in the middle of the line, (active,), rad or m.
-        direction: of the line in the base frame, (3,), of length one.
-        law: what the motors do meanwhile.
-        stroke: how the hand moves; the default one where None.
+        setup: the device, with the hand as its controller.
+        pose: of the active joints in the middle of the line, (active,), rad or m.
+        direction: of the line in the base frame, (3,), unit vector.
+        law: control law of the motors during the motion; None for none.
+        stroke: motion of the hand; the default one where None.
 
     Raises:
         ExperimentError, SimulationError: one class for each cause.
     """
     stroke = stroke or Stroke()
-    given = _Told(law) if law is not None else None
+    given = _Recorded(law) if law is not None else None
     trajectory = _line(setup, pose, direction, stroke)
     made = simulate(replace(setup, law=given), trajectory, np.random.default_rng(0))
     begin = round(1 / (stroke.frequency_hz * setup.dt))
-    own = np.array(given.told) if given is not None else np.zeros_like(made.torque)
+    own = np.array(given.torques) if given is not None else np.zeros_like(made.torque)
     model, active = setup.model, list(setup.model.device.active)
     qa, qda, qdda = (x[begin:, active].T for x in (made.q, made.qd, made.qdd))
     moved, middle = handle_motion(model, qa), handle_motion(model, np.asarray(pose, dtype=float)[:, None])
     J = moved.jacobian[:, :3]
     v = np.einsum("nij,jn->ni", J, qda) @ direction
     a = (np.einsum("nij,jn->ni", J, qdda) + drift(model, qa, qda)[:, :3]) @ direction
-    way = (moved.position - middle.position) @ direction
+    displacement = (moved.position - middle.position) @ direction
     fast = np.abs(v) > FAST * np.abs(v).max()
-    columns = np.column_stack([a, v, np.sign(v), np.ones(len(v)), way])[fast]
+    columns = np.column_stack([a, v, np.sign(v), np.ones(len(v)), displacement])[fast]
     force = _along(setup, J, (made.torque - own)[begin:], direction)
     fitted = np.linalg.lstsq(columns, force[fast], rcond=None)[0]
-    rough = signal.sosfiltfilt(_high(setup.dt), _along(setup, J, own[begin:], direction))
-    return Felt(*map(float, (*fitted, np.sqrt(np.mean(rough**2)))))
+    high_pass = signal.butter(2, VIBRATION_HZ, "high", fs=1 / setup.dt, output="sos")
+    vibration = signal.sosfiltfilt(high_pass, _along(setup, J, own[begin:], direction))
+    return Felt(*map(float, (*fitted, np.sqrt(np.mean(vibration**2)))))
 
 
 def _along(setup: Setup, J: Array, torque: Array, direction: Array) -> Array:
-    """Force at the handle along a line that motors' torques make, (samples,), N."""
+    """Force of motor torques at the handle along a line, (samples,), N."""
     model = setup.model
     driven = [k for k, drive in enumerate(model.device.drives) if drive.motorised]
     force = np.linalg.pinv(J.mT) @ (torque @ model.device.coupling[driven])[:, :, None]
     return np.asarray(force[:, :, 0] @ direction)
 
 
-def _high(dt: float) -> Array:
-    """Second-order sections of a high-pass."""
-    return np.asarray(signal.butter(2, VIBRATION_HZ, "high", fs=1 / dt, output="sos"))
-
-
 def _line(setup: Setup, pose: Array, direction: Array, stroke: Stroke) -> Trajectory:
-    """A sine of the handle along a line, from rest; the joints by the Jacobian in its middle."""
+    """Joint trajectory of the stroke, from rest, by the Jacobian in the middle of the line."""
     t = setup.dt * np.arange(round(stroke.seconds / setup.dt))
     omega = 2 * np.pi * stroke.frequency_hz
     J = handle_motion(setup.model, np.asarray(pose, dtype=float)[:, None]).jacobian[0, :3]
     along = np.linalg.pinv(J) @ direction * stroke.amplitude
-    # Grows from nothing in the first period: no jump at the start.
+    # Faded in over the first period, so that there is no step at the start.
     rise = np.clip(omega * t / (2 * np.pi), 0.0, 1.0)
-    size = rise**3 * (10 - 15 * rise + 6 * rise**2)
-    s = size * (np.sin(omega * t) + 0.25 * np.sin(3 * omega * t))
-    se = np.gradient(s, setup.dt)
+    window = rise**3 * (10 - 15 * rise + 6 * rise**2)
+    s = window * (np.sin(omega * t) + 0.25 * np.sin(3 * omega * t))
+    ds = np.gradient(s, setup.dt)
     return Trajectory(
-        setup.dt, pose + np.outer(s, along), np.outer(se, along), np.outer(np.gradient(se, setup.dt), along)
+        setup.dt, pose + np.outer(s, along), np.outer(ds, along), np.outer(np.gradient(ds, setup.dt), along)
     )
 
 
-class _Told:
-    """A law that keeps what it gave."""
+class _Recorded:
+    """A control law that records its torques."""
 
     def __init__(self, law: TorqueLaw) -> None:
-        self.law, self.told = law, list[Array]()
+        self.law, self.torques = law, list[Array]()
 
     def begin(self, dt: float) -> Callable[[float, Array], Array]:
         step = self.law.begin(dt)
 
-        def kept(t: float, qa: Array) -> Array:
-            self.told.append(step(t, qa))
-            return self.told[-1]
+        def recorded(t: float, qa: Array) -> Array:
+            self.torques.append(step(t, qa))
+            return self.torques[-1]
 
-        return kept
+        return recorded

@@ -1,8 +1,8 @@
-"""What exported code does for a device, measured on the bench: weight, friction, tracking and the force of the hand."""
+"""Exported code in the control loop of the bench: compensation, tracking and hand-force estimation, evaluated."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -17,23 +17,23 @@ from haptid.experiment.bench.setup import Controller, Push, Recording, Setup
 from haptid.experiment.bench.simulation import simulate
 from haptid.experiment.bench.trajectories import Trajectory
 
-# Gain of the observer, rad/s, and after how long it has settled, s.
-GAIN, SETTLED = 40.0, 0.3
-# A tap on the handle: how long, and how long it is watched, s.
-TAP, WATCHED = 0.03, 2.0
+# Gain of the momentum observer, rad/s, and its settling time, s.
+GAIN, SETTLING_TIME = 40.0, 0.3
+# Duration of a tap on the handle, and of the free response after it, s.
+TAP, FREE_RESPONSE = 0.03, 2.0
 AXES = np.eye(3)
 
 
 @dataclass(frozen=True)
 class Rehearsal:
-    """What was measured; see `rehearse`.
+    """Measured performance of exported code; see `rehearse`.
 
     Attributes:
-        bare: what the hand feels along the axes of the base at every pose, the motors still.
+        bare: impedance at the handle along the base axes at every pose, without compensation.
         assisted: the same with gravity and friction compensation.
-        tracking_pd, tracking_model: of the handle on the planned motion, PD alone and with the model's torque, rms, m.
-        force_bare, force_model: error of the hand's force from motor torques alone and with the model, rms, N.
-        restless: greatest speed of an active joint in the last half second after a tap, rad/s or m/s.
+        tracking_pd, tracking_model: tracking error of the handle, PD alone and with the model's feedforward, rms, m.
+        force_bare, force_model: error of the hand force from motor torques alone and with the model, rms, N.
+        restless: maximum speed of an active joint in the last half second after a tap, rad/s or m/s.
     """
 
     bare: tuple[Felt, ...]
@@ -46,32 +46,32 @@ class Rehearsal:
 
     @property
     def weight_left(self) -> float:
-        """Share of the weight that gravity compensation leaves, over all poses and axes."""
-        return _size(felt.weight for felt in self.assisted) / _size(felt.weight for felt in self.bare)
+        """Weight that remains under gravity compensation, relative to that without, over all poses and axes."""
+        return _norm(felt.weight for felt in self.assisted) / _norm(felt.weight for felt in self.bare)
 
     @property
     def friction_taken(self) -> float:
-        """Share of the dry friction that friction compensation takes off, over all poses and axes."""
-        return 1 - _size(felt.friction for felt in self.assisted) / _size(felt.friction for felt in self.bare)
+        """Share of the dry friction that is compensated, over all poses and axes."""
+        return 1 - _norm(felt.friction for felt in self.assisted) / _norm(felt.friction for felt in self.bare)
 
     @property
     def roughness(self) -> float:
-        """Vibration that friction compensation makes, beside the dry friction, over all poses and axes."""
-        return _size(felt.roughness for felt in self.assisted) / _size(felt.friction for felt in self.bare)
+        """Vibration caused by friction compensation, relative to the dry friction, over all poses and axes."""
+        return _norm(felt.roughness for felt in self.assisted) / _norm(felt.friction for felt in self.bare)
 
     @property
     def better_tracking(self) -> float:
-        """Times that the model makes the error of tracking smaller."""
+        """Factor by which the model reduces the tracking error."""
         return self.tracking_pd / self.tracking_model
 
     @property
     def better_force(self) -> float:
-        """Times that the model makes the error of the hand's force smaller."""
+        """Factor by which the model reduces the error of the hand force."""
         return self.force_bare / self.force_model
 
 
-def _size(values: object) -> float:
-    return float(np.linalg.norm(list(values)))  # type: ignore[call-overload]
+def _norm(values: Iterable[float]) -> float:
+    return float(np.linalg.norm(list(values)))
 
 
 def rehearse(
@@ -84,17 +84,17 @@ def rehearse(
     tap: float = 0.05,
     stroke: Stroke | None = None,
 ) -> Rehearsal:
-    """Let exported code control a device on the bench, once every control period, and measure what it does.
+    """Run exported code as the controller of a device on the bench, and measure its performance.
 
     Args:
-        setup: the device; its controller is the hand that feels, and the PD that tracks.
+        setup: the device; its controller is the hand that measures, and the PD that tracks.
         code: of a model of the device.
         trajectory: to be tracked, at the control rate.
-        poses: where the hand feels, each (active,), rad or m.
-        push: amplitude of the hand's force while its estimate is watched, in the base frame, N.
+        poses: where the impedance at the handle is measured, each (active,), rad or m.
+        push: amplitude of the hand force while it is estimated, in the base frame, N.
         friction: share of friction that is compensated.
-        tap: on the released handle, along all axes, N.
-        stroke: how the hand moves to feel; the default one where None.
+        tap: force on the released handle, along all axes, N.
+        stroke: motion of the hand that measures; the default one where None.
 
     Raises:
         ExperimentError, SimulationError: one class for each cause.
@@ -114,7 +114,7 @@ def rehearse(
 
 
 def _released(setup: Setup, tracking_limit: float) -> Controller:
-    """No controller but the law."""
+    """The controller with zero gains: only the control law acts."""
     return replace(setup.controller, kp=(0.0,), kd=(0.0,), ki=(0.0,), gravity=False, tracking_limit=tracking_limit)
 
 
@@ -128,41 +128,41 @@ def _law(setup: Setup, code: Compiled, trajectory: Trajectory, share: float) -> 
 
 
 def _tracking_error(setup: Setup, code: Compiled, trajectory: Trajectory, share: float) -> float:
-    """Of the handle, rms, m."""
+    """Tracking error of the handle, rms, m."""
     made = _tracked(setup, trajectory, _law(setup, code, trajectory, share))
     active = list(setup.model.device.active)
-    was, wanted = (handle_motion(setup.model, q.T).position for q in (made.q[:, active], trajectory.q))
-    return float(np.sqrt(((was - wanted) ** 2).sum(axis=1).mean()))
+    actual, planned = (handle_motion(setup.model, q.T).position for q in (made.q[:, active], trajectory.q))
+    return float(np.sqrt(((actual - planned) ** 2).sum(axis=1).mean()))
 
 
 def _force_errors(
     setup: Setup, code: Compiled, trajectory: Trajectory, push: tuple[float, float, float]
 ) -> tuple[float, float]:
-    """Of the hand's force without and with the model, rms, N: both, and the force, through the observer's low-pass."""
+    """Errors of the hand force without and with the model, rms, N; the truth passes the observer's low-pass too."""
     seconds = len(trajectory) * setup.dt
     hand = (Push(push, frequency_hz=1.3, start=0.25 * seconds, stop=0.85 * seconds),)
-    seen: list[Array] = []
-    law = replace(_law(setup, code, trajectory, 1.0), tell=seen.append)
+    observed: list[Array] = []
+    law = replace(_law(setup, code, trajectory, 1.0), report=observed.append)
     made = _tracked(setup, trajectory, law, hand)
     keep = np.exp(-GAIN * setup.dt)
     model = setup.model
     motors = made.command * np.array([drive.gear * drive.gain for drive in model.device.motors])
     driven = [k for k, drive in enumerate(model.device.drives) if drive.motorised]
     bare = signal.lfilter([1 - keep], [1, -keep], -motors @ model.device.drive_rates[driven], axis=0)
-    wanted = signal.lfilter([1 - keep], [1, -keep], made.hand, axis=0)
-    during = (made.t > hand[0].start + SETTLED) & (made.t < hand[0].stop)
+    true = signal.lfilter([1 - keep], [1, -keep], made.hand, axis=0)
+    during = (made.t > hand[0].start + SETTLING_TIME) & (made.t < hand[0].stop)
     q = made.position @ model.device.row_map.T
 
     def error(torque: Array) -> float:
         force = np.array([code("handle_force", *each)["force"] for each in zip(q[during], torque[during], strict=True)])
-        return float(np.sqrt(((force - wanted[during]) ** 2).sum(axis=1).mean()))
+        return float(np.sqrt(((force - true[during]) ** 2).sum(axis=1).mean()))
 
-    return error(bare), error(np.array(seen))
+    return error(bare), error(np.array(observed))
 
 
 def _restless(setup: Setup, assistance: Assistance, pose: Array, tap: float) -> float:
-    """Greatest speed long after a tap on the handle, which nothing but the assistance holds, rad/s or m/s."""
-    q = np.tile(np.asarray(pose, dtype=float), (round(WATCHED / setup.dt), 1))
+    """Maximum speed at the end of the free response to a tap on the handle, rad/s or m/s."""
+    q = np.tile(np.asarray(pose, dtype=float), (round(FREE_RESPONSE / setup.dt), 1))
     still = Trajectory(setup.dt, q, np.zeros_like(q), np.zeros_like(q))
     hand = (Push((tap, tap, tap), stop=TAP),)
     released = replace(setup, controller=_released(setup, float("inf")), law=assistance, hand=hand)

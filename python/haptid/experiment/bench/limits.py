@@ -1,20 +1,20 @@
-"""What a planned motion must respect, checked before anything moves."""
+"""Limits of a planned motion, checked before the simulation: joints, motors, and distance from loop singularities."""
 
 from __future__ import annotations
 
 import numpy as np
 
 from haptid._internal.arrays import Array
-from haptid.device import NewtonClosure, poses
+from haptid.device import Frame, NewtonClosure, poses
 from haptid.device.loops.newton import openness
 from haptid.dynamics.inverse import inverse_dynamics
 from haptid.dynamics.model import DynamicModel
-from haptid.errors import FlatLoopError, TrajectoryLimitError
+from haptid.errors import TrajectoryError
 from haptid.experiment.bench.trajectories import Trajectory
 
-# Least distance of a loop from flat: about four degrees of a parallelogram's angle.
+# Minimum distance of a loop from its singular (flat) configuration: about four degrees of a parallelogram's angle.
 FLAT = 0.05
-# Loops and torques are looked at this often, s.
+# Step at which loops and torques are checked, s.
 LOOK = 5e-3
 
 
@@ -22,14 +22,14 @@ def check_trajectory(model: DynamicModel, trajectory: Trajectory, chi: Array, sa
     """Check a planned motion against the limits of joints, loops and motors.
 
     Args:
-        model: what moves.
-        trajectory: how.
-        chi: its free standard parameters, (p,), SI.
-        saturation: greatest torque of each drive's coordinate, (active,), N m or N; None for none.
+        model: the dynamic model.
+        trajectory: the planned motion.
+        chi: free standard parameters, (p,), SI.
+        saturation: maximum torque of each drive coordinate, (active,), N m or N; None for no limit.
 
     Raises:
-        TrajectoryLimitError: a joint (passive ones too) leaves its range, is too fast, or a motor too weak.
-        FlatLoopError: a loop comes close to flat.
+        TrajectoryError: a joint, active or passive, exceeds its range or speed, a motor its torque, or a loop comes
+            close to a singular configuration.
     """
     q, qd, _ = model.tree(trajectory.q.T, trajectory.qd.T, trajectory.qdd.T)
     for joint, position, velocity in zip(model.device.joints, q, qd, strict=True):
@@ -54,7 +54,15 @@ def _within(
     worst = int(np.argmax(values))
     if values[worst] > limit:
         step = trajectory.dt * len(trajectory) / len(values)
-        raise TrajectoryLimitError(what, name, worst * step, side * float(values[worst]), side * limit, unit, instead)
+        found = side * float(values[worst])
+        raise TrajectoryError(
+            f"{what} of {name} reaches {found:.4g} {unit} at {worst * step:.3f} s of the planned motion; the limit is "
+            f"{side * limit:.4g} {unit}.",
+            where=(name, worst * step),
+            found=found,
+            limit=side * limit,
+            advice=instead,
+        )
 
 
 def _check_loops(model: DynamicModel, trajectory: Trajectory, q: Array) -> None:
@@ -63,14 +71,22 @@ def _check_loops(model: DynamicModel, trajectory: Trajectory, q: Array) -> None:
     worst = int(np.argmin(open_by))
     if open_by[worst] < FLAT:
         passive = [joint.name for j, joint in enumerate(model.device.joints) if j not in model.device.active]
-        raise FlatLoopError(worst * every * trajectory.dt, float(open_by[worst]), FLAT, passive)
+        time, found = worst * every * trajectory.dt, float(open_by[worst])
+        raise TrajectoryError(
+            f"the loop of {', '.join(passive)} is close to its singular (flat) configuration at {time:.3f} s of the "
+            f"planned motion: {found:.3f} on a scale from 0, singular, to 1; the limit is {FLAT:g}.",
+            where=time,
+            found=found,
+            limit=FLAT,
+            advice="Move the centre, or lower the amplitudes.",
+        )
 
 
 def loop_openness(model: DynamicModel, q: Array) -> Array:
-    """How far the loops are from flat, (samples,): 0 where passive joints are not determined, 1 at best.
+    """Distance of the loops from singularity, (samples,): 0 where passive joints are not determined, 1 at best.
 
-    The least singular value of the Jacobian of the pins (where loops are not linear, of the cuts) with respect to the
-    passive joints, its columns of unit length.
+    The smallest singular value of the constraint Jacobian of the pins (of the cut joints where loops are not linear)
+    with respect to the passive joints, its columns scaled to unit length.
 
     Args:
         model: the dynamic model.
@@ -86,10 +102,7 @@ def loop_openness(model: DynamicModel, q: Array) -> Array:
     J = np.zeros((len(q), 3 * len(cuts), len(passive)))
     for k, cut in enumerate(cuts):
         for frame, sign in ((cut.frame, 1.0), (cut.twin, -1.0)):
-            point = np.broadcast_to(frame.translation, (len(q), 3))
-            if frame.link >= 0:
-                point = at[:, frame.link, :3, :3] @ frame.translation + at[:, frame.link, :3, 3]
-            link = frame.link
+            point, link = frame_origin(at, frame), frame.link
             while link >= 0:
                 if link in passive:
                     axis = at[:, link, :3, 2]
@@ -102,15 +115,22 @@ def loop_openness(model: DynamicModel, q: Array) -> Array:
     return np.asarray(np.linalg.svd(J / np.maximum(lengths, 1e-12), compute_uv=False)[:, -1])
 
 
-def settled_by_pins(closure: NewtonClosure) -> bool:
-    """Whether the passive joints are held where only the origins of the cut frames meet: so in a plane."""
+def frame_origin(at: Array, frame: Frame) -> Array:
+    """Origin of a frame in the base frame, (samples, 3), from the poses of all links."""
+    if frame.link < 0:
+        return np.broadcast_to(frame.translation, (len(at), 3))
+    return np.asarray(at[:, frame.link, :3, :3] @ frame.translation + at[:, frame.link, :3, 3])
+
+
+def determined_by_pins(closure: NewtonClosure) -> bool:
+    """Whether coincident origins of the cut frames alone determine the passive joints, as in a planar mechanism."""
     rows = 6 * np.arange(len(closure.cuts))[:, None] + np.arange(3)
     A = closure.chain.residual(closure.start[None])[1][:, rows.ravel()][:, :, list(closure.unknown)]
     return bool(A.shape[1] >= A.shape[2] and openness(A)[0] > FLAT)
 
 
 def _check_torques(model: DynamicModel, trajectory: Trajectory, chi: Array, saturation: Array | None) -> None:
-    """Torques of the drives that the motion takes, against the amplifiers' and the joints' limits."""
+    """Check the torques of the motion against the limits of joints and amplifiers."""
     every = max(1, round(LOOK / trajectory.dt))
     q, qd, qdd = (np.ascontiguousarray(x[::every].T) for x in (trajectory.q, trajectory.qd, trajectory.qdd))
     tau = inverse_dynamics(model, model.base.of(chi), q, qd, qdd)

@@ -1,7 +1,7 @@
-"""A device and its true parameters as MJCF, the format of MuJoCo: a text that its viewer opens, and moves as the bench.
+"""MJCF (MuJoCo XML) of a device with its true parameters, as the bench simulates it.
 
-Settings: stiff pins (`solref` by the step), RK4, and Coulomb friction as near to a step as the solver can have it, see
-docs/bench.md. Source: MuJoCo documentation, "Computation", sections "Constraint model" and "Numerical integration".
+Settings: stiff pins (`solref` from the step), RK4, and Coulomb friction as close to discontinuous as the solver allows,
+see docs/bench.md. Source: MuJoCo documentation, "Computation", sections "Constraint model" and "Numerical integration".
 """
 
 from __future__ import annotations
@@ -15,28 +15,28 @@ import numpy as np
 from haptid._internal.arrays import Array, expect
 from haptid.device import Closure, Cut, Frame, NewtonClosure
 from haptid.dynamics.model import DynamicModel
-from haptid.errors import NoHandleError, UnsimulatedLoopError
+from haptid.errors import ExportError, IncompleteDeviceError
 from haptid.experiment.bench.bodies import Body, Effect, bodies, effects
-from haptid.experiment.bench.limits import settled_by_pins
+from haptid.experiment.bench.limits import determined_by_pins
 
-# MuJoCo refuses moving bodies lighter than 1e-15 (kg, kg m^2): what a massless link gets.
+# Mass and inertia of a massless link: MuJoCo rejects moving bodies below 1e-15 (kg, kg m^2).
 LEAST = 2e-15
 # Stiffest constraint that MuJoCo accepts.
 STIFF = "0.9999 0.9999 0.001 0.5 2"
-# Distance of the two pins of a hinge as a share of the mechanism's size.
+# Distance of the two pins of a hinge, relative to the mechanism's size.
 HINGE = 0.1
-# Radius of a link's capsule as a share of the mechanism's size.
+# Radius of a link's capsule, relative to the mechanism's size.
 THIN = 0.02
 HANDLE, PAYLOAD = "handle", "payload"
 
 
 @dataclass(frozen=True)
 class Physics:
-    """How the simulator steps.
+    """Settings of the simulator.
 
     Attributes:
-        step: s.
-        tolerance, iterations: of its Newton solver.
+        step: integration step, s.
+        tolerance, iterations: of its Newton constraint solver.
     """
 
     step: float = 1e-4
@@ -46,11 +46,11 @@ class Physics:
 
 @dataclass(frozen=True)
 class Payload:
-    """A point mass fixed to the handle.
+    """Point mass fixed to the handle.
 
     Attributes:
         mass: kg.
-        com: where, in the handle's frame, (3,), m.
+        com: position in the handle frame, (3,), m.
     """
 
     mass: float
@@ -60,24 +60,28 @@ class Payload:
 def mjcf(model: DynamicModel, chi: Array, physics: Physics | None = None, payload: Payload | None = None) -> str:
     """The device as MJCF.
 
-    Joints, bodies and sites have the device's names; the actuator `motor <name>` takes the torque on that motor's
-    coordinate, at the joint side, N m or N; the actuators `offset <joint>` are constant forces and take nothing.
+    Joints, bodies and sites have the device's names; the input of the actuator `motor <name>` is the torque on that
+    motor coordinate, at the joint side, N m or N; the actuators `offset <joint>` are constant forces without input.
 
     Args:
         model: the dynamic model.
         chi: its true free standard parameters, (p,), SI.
-        physics: how the simulator steps; the default where None.
-        payload: a mass at the handle, if any.
+        physics: settings of the simulator; the default where None.
+        payload: point mass at the handle, if any.
 
     Raises:
-        UnphysicalBodyError, WeightlessLinkError, UnsimulatedTermError: what cannot be simulated.
-        NoHandleError: a payload on a device without handle.
+        PhysicalConsistencyError, ExportError: the device cannot be simulated.
+        IncompleteDeviceError: a payload on a device without handle.
     """
     physics = physics or Physics()
     chi = np.asarray(chi, dtype=float)
     expect("chi", chi.shape, (len(model.device.parameters),))
     if payload is not None and model.device.handle is None:
-        raise NoHandleError("payload", model.device.name)
+        raise IncompleteDeviceError(
+            f"the experiment has a payload, but {model.device.name} has no handle.",
+            where="payload",
+            advice="Add [handle] to the device file.",
+        )
     made = bodies(model, chi)
     acts = effects(model, chi, made)
     root = Element("mujoco", model=model.device.name)
@@ -93,26 +97,31 @@ def mjcf(model: DynamicModel, chi: Array, physics: Physics | None = None, payloa
 
 
 def numbers(values: Iterable[float]) -> str:
-    """Numbers with all their digits."""
+    """Numbers with all digits (round-trip), separated by spaces."""
     return " ".join(repr(float(value)) for value in values)
 
 
 def cut_sites(model: DynamicModel) -> tuple[tuple[str, str], ...]:
-    """Names of the two sites of every pin that closes a loop; none where loops are kept by their relations.
+    """Names of the two sites of every pin that closes a loop; none where loops are imposed by linear relations.
 
-    A loop of a plane needs one pin at each cut, a loop in space two along the cut's axis: a hinge.
+    A planar loop needs one pin at each cut joint, a spatial loop two along the cut axis: a hinge.
     """
     return tuple((name, twin) for name, twin, _ in _pins(model))
 
 
 def _pins(model: DynamicModel) -> list[tuple[str, str, Cut]]:
-    """Names of both sites of every pin, and its cut, moved along its axis for the second pin of a hinge."""
+    """Names of both sites of every pin, and its cut joint, shifted along its axis for the second pin of a hinge."""
     cuts = model.device.closure.cuts
     if any(cut.prismatic for cut in cuts):
         if isinstance(model.device.closure, NewtonClosure):
-            raise UnsimulatedLoopError(model.device.name)
+            raise ExportError(
+                f"{model.device.name}: a nonlinear loop is cut at a prismatic joint, which the simulator cannot model "
+                "by pins; only revolute cuts are supported.",
+                where=model.device.name,
+                advice="Cut the loop at a revolute joint, and list the prismatic one in [[joints]].",
+            )
         return []
-    hinges = isinstance(model.device.closure, NewtonClosure) and not settled_by_pins(model.device.closure)
+    hinges = isinstance(model.device.closure, NewtonClosure) and not determined_by_pins(model.device.closure)
     found = [(f"cut {k + 1}", f"twin {k + 1}", cut) for k, cut in enumerate(cuts)]
     arm = HINGE * size(model)
     found += [(f"{name} b", f"{twin} b", _along_axis(cut, arm)) for name, twin, cut in found if hinges]
@@ -120,7 +129,7 @@ def _pins(model: DynamicModel) -> list[tuple[str, str, Cut]]:
 
 
 def _along_axis(cut: Cut, arm: float) -> Cut:
-    """The same joint, its frames moved along their z axes."""
+    """The cut joint with its frames shifted along their z axes."""
     one, other = (Frame(f.link, f.rotation, f.translation + arm * f.rotation[:, 2]) for f in (cut.frame, cut.twin))
     return Cut(cut.prismatic, one, other)
 
@@ -158,28 +167,28 @@ def _tree(
         kind = {"name": joint.name, "type": "slide" if joint.prismatic else "hinge", "axis": "0 0 1"}
         SubElement(element, "joint", kind | _effect(acts[j], physics))
         SubElement(element, "inertial", _inertial(body))
-        for name, frame in _frames(model):
-            if frame.link == j:
-                SubElement(
-                    element, "site", {"name": name, "size": repr(radius), **_placed(frame.rotation, frame.translation)}
-                )
+        _sites(element, model, j, radius)
         _capsules(element, model, j, radius)
-    for name, frame in _frames(model):
-        if frame.link < 0:
-            SubElement(
-                world, "site", {"name": name, "size": repr(radius), **_placed(frame.rotation, frame.translation)}
-            )
+    _sites(world, model, -1, radius)
     if payload is not None and model.device.handle is not None:
         at = model.device.handle
-        held = world if at.link < 0 else elements[at.link]
-        element = SubElement(held, "body", {"name": PAYLOAD, **_placed(at.rotation, at.translation)})
+        carrier = world if at.link < 0 else elements[at.link]
+        element = SubElement(carrier, "body", {"name": PAYLOAD, **_placed(at.rotation, at.translation)})
         mass = {"mass": repr(payload.mass), "pos": numbers(payload.com), "diaginertia": "0 0 0"}
         SubElement(element, "inertial", mass)
         SubElement(element, "geom", type="sphere", size=repr(2 * radius), pos=numbers(payload.com), mass="0")
 
 
+def _sites(element: Element, model: DynamicModel, link: int, radius: float) -> None:
+    """Sites of a link, -1 for the base."""
+    for name, frame in _frames(model):
+        if frame.link == link:
+            placed = _placed(frame.rotation, frame.translation)
+            SubElement(element, "site", {"name": name, "size": repr(radius), **placed})
+
+
 def _frames(model: DynamicModel) -> list[tuple[str, Frame]]:
-    """Named frames that become sites: the cuts' and the handle's."""
+    """Named frames that become sites: those of the cut joints and the handle."""
     found: list[tuple[str, Frame]] = []
     for name, twin, cut in _pins(model):
         found += [(name, cut.frame), (twin, cut.twin)]
@@ -201,7 +210,7 @@ def _inertial(body: Body) -> dict[str, str]:
 
 
 def _effect(effect: Effect, physics: Physics, rest: str = "springref") -> dict[str, str]:
-    """Attributes of a joint, or of a tendon, for what terms do there."""
+    """Attributes of a joint or tendon for rotor inertia, friction and spring."""
     given: dict[str, str] = {}
     if effect.armature:
         given["armature"] = repr(effect.armature)
@@ -216,7 +225,7 @@ def _effect(effect: Effect, physics: Physics, rest: str = "springref") -> dict[s
 
 
 def _capsules(element: Element, model: DynamicModel, j: int, radius: float) -> None:
-    """Bars from a link's origin to what it carries: only to be seen."""
+    """Bars from a link's origin to its children and sites, for display only."""
     ends = [joint.translation for joint in model.device.joints if joint.parent == j]
     ends += [np.asarray(frame.translation) for _, frame in _frames(model) if frame.link == j]
     drawn = [end for end in ends if np.linalg.norm(end) > 2 * radius]
@@ -228,7 +237,7 @@ def _capsules(element: Element, model: DynamicModel, j: int, radius: float) -> N
 
 
 def size(model: DynamicModel) -> float:
-    """Rough extent of the mechanism, m: the longest way along the tree; 0.1 where nothing has a length."""
+    """Rough extent of the mechanism, m: the longest path along the tree; 0.1 where all lengths are zero."""
     reach = np.zeros(len(model.device.joints))
     for j, joint in enumerate(model.device.joints):
         reach[j] = np.linalg.norm(joint.translation) + (reach[joint.parent] if joint.parent >= 0 else 0.0)
@@ -237,7 +246,7 @@ def size(model: DynamicModel) -> float:
 
 
 def _coordinates(root: Element, model: DynamicModel, acts: Sequence[Effect], physics: Physics) -> None:
-    """Tendons: motors and cut joints that several joints move, and passive joints that only a relation ties."""
+    """Tendons: coordinates of motors and cut joints that combine several joints, and relations of passive joints."""
     tendons = SubElement(root, "tendon")
     for name, shares in _combined(model):
         act = next((a for a in acts if a.name == name), Effect(name, shares))
@@ -259,7 +268,7 @@ def _fixed(tendons: Element, model: DynamicModel, name: str, shares: Array, sett
 
 
 def _combined(model: DynamicModel) -> list[tuple[str, Array]]:
-    """Motors that move several joints: name, and share of every joint."""
+    """Motors that move several joints: name, and weight of every joint."""
     found = []
     for drive in model.device.drives:
         if np.count_nonzero(drive.row) > 1:
@@ -274,7 +283,7 @@ def _passive(model: DynamicModel) -> list[int]:
 
 
 def _loops(root: Element, model: DynamicModel, physics: Physics) -> None:
-    """A pin for each cut joint; where there are none, or one slides, the relations of the passive joints."""
+    """Pins of the cut joints; the relations of the passive joints where there are no cuts or one is prismatic."""
     equality = SubElement(root, "equality")
     h = physics.step
     stiff = {"solref": f"{-1 / h**2!r} {-2 / h!r}", "solimp": STIFF}
@@ -288,7 +297,7 @@ def _loops(root: Element, model: DynamicModel, physics: Physics) -> None:
 
 
 def _actuators(root: Element, model: DynamicModel, acts: Sequence[Effect]) -> None:
-    """The motors, in the device's order, then constant forces."""
+    """The motors in the device's order, then the constant forces."""
     actuators = SubElement(root, "actuator")
     for drive in model.device.motors:
         name = f"motor {drive.name}"
@@ -306,12 +315,12 @@ def _actuators(root: Element, model: DynamicModel, acts: Sequence[Effect]) -> No
 
 
 def closed(model: DynamicModel, qa: Array) -> Array:
-    """Positions of all joints in MuJoCo's order, which is the tree's depth first, (joints,)."""
+    """Positions of all joints on the closed loops, in MuJoCo's (depth-first) order, (joints,)."""
     return model.device.closure.positions(qa[:, None])[list(depth_first(model)), 0]
 
 
 def depth_first(model: DynamicModel) -> tuple[int, ...]:
-    """The device's joints in the order in which MuJoCo numbers them."""
+    """Indices of the device's joints in MuJoCo's order."""
     children: dict[int, list[int]] = {}
     for j, joint in enumerate(model.device.joints):
         children.setdefault(joint.parent, []).append(j)

@@ -1,4 +1,4 @@
-"""Pictures of a device in motion: stick figures from its poses, or MuJoCo's own rendering where that works."""
+"""Pictures of a device in motion: stick figures from its poses, or MuJoCo's off-screen rendering."""
 
 from __future__ import annotations
 
@@ -10,13 +10,14 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
 from haptid._internal.arrays import Array, expect
-from haptid.device import Frame, poses
+from haptid.device import poses
 from haptid.dynamics.model import DynamicModel
-from haptid.errors import PictureError
-from haptid.experiment.bench.mjcf import mjcf, size
+from haptid.errors import ExperimentError
+from haptid.experiment.bench.limits import frame_origin
+from haptid.experiment.bench.mjcf import closed, mjcf, size
 from haptid.experiment.bench.simulation import load_mujoco
 
-# Colours that colour-blind readers tell apart (Okabe and Ito 2008).
+# Colour-blind safe palette (Okabe and Ito 2008).
 BAR, HANDLE_MARK, TRAIL = "#0072B2", "#D55E00", "0.6"
 # Height of one picture, inches, and pixels.
 INCHES, PIXELS = 3.0, 360
@@ -25,21 +26,21 @@ INCHES, PIXELS = 3.0, 360
 def draw_strip(
     model: DynamicModel, qa: Array, times: Sequence[float] | Array, path: str | Path, pictures: int = 5
 ) -> None:
-    """Stick figures side by side, seen along the axis that the device extends least along, and the way of its handle.
+    """Draw stick figures side by side with the path of the handle, seen along the axis of least extent.
 
     Args:
         model: the dynamic model.
-        qa: positions of the active joints all along the motion, (samples, active), rad or m.
+        qa: positions of the active joints along the motion, (samples, active), rad or m.
         times: of the samples, (samples,), s.
         path: of the picture, PNG, PDF or SVG.
-        pictures: how many instants are drawn, evenly spread over the motion.
+        pictures: number of instants, evenly spaced over the motion.
 
     Raises:
-        PictureError: there is no sample, or no picture was asked for, or it cannot be written.
+        ExperimentError: there is no sample or no picture to draw, or it cannot be written.
     """
     expect("qa", qa.shape, (len(times), len(model.device.active)))
     if len(times) == 0 or pictures < 1:
-        raise PictureError(path, "no instant was given; give one at least")
+        raise ExperimentError(f"cannot draw {path}: no instant was given.", where=path, advice="Give at least one.")
     drawn = np.unique(np.linspace(0, len(times) - 1, pictures).round().astype(int))
     lines, handle = stick_figure(model, qa)
     across = _view(lines)
@@ -59,42 +60,36 @@ def draw_strip(
     try:
         figure.savefig(path, dpi=120, bbox_inches="tight")
     except (OSError, ValueError) as error:
-        raise PictureError(path, f"{error}. Choose a folder that can be written to, and .png, .pdf or .svg") from error
+        advice = "Choose a writable folder, and the suffix .png, .pdf or .svg."
+        raise ExperimentError(f"cannot draw {path}: {error}.", where=path, advice=advice) from error
 
 
 def stick_figure(model: DynamicModel, qa: Array) -> tuple[Array, Array | None]:
     """Bars of the mechanism, (samples, bars, 2, 3), and the handle, (samples, 3) or None, in the base frame, m.
 
-    A bar leads from each link's origin to its children's, to its pins and to the handle.
+    Bars connect each link's origin to its children's origins, to its pins and to the handle.
     """
     q = model.device.closure.positions(qa.T).T
     at = poses(model.device, q)
     frames = [frame for cut in model.device.closure.cuts for frame in (cut.frame, cut.twin)]
     frames += [] if model.device.handle is None else [model.device.handle]
     ends = [(joint.parent, at[:, j, :3, 3]) for j, joint in enumerate(model.device.joints)]
-    ends += [(frame.link, _point(at, frame)) for frame in frames]
+    ends += [(frame.link, frame_origin(at, frame)) for frame in frames]
     ground = np.zeros((len(q), 3))
     bars = [np.stack([ground if link < 0 else at[:, link, :3, 3], end], axis=1) for link, end in ends]
-    handle = None if model.device.handle is None else _point(at, model.device.handle)
+    handle = None if model.device.handle is None else frame_origin(at, model.device.handle)
     return np.stack(bars, axis=1), handle
 
 
-def _point(at: Array, frame: Frame) -> Array:
-    """A frame's origin in the base frame, (samples, 3)."""
-    if frame.link < 0:
-        return np.broadcast_to(frame.translation, (len(at), 3))
-    return np.asarray(at[:, frame.link, :3, :3] @ frame.translation + at[:, frame.link, :3, 3])
-
-
 def _view(lines: Array) -> list[int]:
-    """The two axes along which the device extends most, the horizontal one first."""
+    """The two axes of largest extent, the horizontal one first."""
     extent = np.ptp(lines.reshape(-1, 3), axis=0)
     least = int(np.argmin(extent))
     return sorted({0, 1, 2} - {least}, reverse=least == 0)
 
 
 def render_strip(model: DynamicModel, chi: Array, qa: Array, path: Path) -> None:
-    """The same by MuJoCo's off-screen renderer, for machines that have OpenGL (or EGL: MUJOCO_GL=egl).
+    """The same by MuJoCo's off-screen renderer; needs OpenGL (or EGL: MUJOCO_GL=egl).
 
     Args:
         model: the dynamic model.
@@ -103,11 +98,9 @@ def render_strip(model: DynamicModel, chi: Array, qa: Array, path: Path) -> None
         path: of the PNG picture.
 
     Raises:
-        PictureError: there is no off-screen rendering on this machine.
+        ExperimentError: off-screen rendering does not work on this machine.
     """
     from matplotlib.image import imsave
-
-    from haptid.experiment.bench.mjcf import closed
 
     expect("qa", qa.shape, (None, len(model.device.active)))
     mujoco = load_mujoco()
@@ -122,6 +115,8 @@ def render_strip(model: DynamicModel, chi: Array, qa: Array, path: Path) -> None
                 mujoco.mj_forward(mj_model, data)
                 renderer.update_scene(data, camera)
                 shots.append(renderer.render())
-    except Exception as error:  # whatever the graphics stack raises where it does not work
-        raise PictureError(path, f"{error or type(error).__name__}. Draw stick figures: `draw_strip`") from error
+    except Exception as error:  # the graphics stack has no common exception class
+        what = str(error) or type(error).__name__
+        advice = "Draw stick figures with `draw_strip`."
+        raise ExperimentError(f"cannot draw {path}: {what}.", where=path, advice=advice) from error
     imsave(path, np.concatenate(shots, axis=1))

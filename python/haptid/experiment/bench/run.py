@@ -1,37 +1,120 @@
-"""Running experiments: one, or many at a time in processes of their own."""
+"""Running bench experiments, one or many in parallel processes, and writing their logs and ground truth."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+import json
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
+import pyarrow as pa
+from pyarrow import parquet
 
+from haptid._internal.arrays import Array
 from haptid._internal.atomic_folder import publishing
 from haptid._internal.workers import Executor, ProcessExecutor
 from haptid.device import read_device
 from haptid.dynamics.model import DynamicModel
-from haptid.errors import OutputError
+from haptid.errors import OutputFolderError
 from haptid.experiment.bench.experiment import Experiment, read_experiment
-from haptid.experiment.bench.logs import write_log, write_truth
 from haptid.experiment.bench.picture import draw_strip
 from haptid.experiment.bench.setup import Recording, Setup
-from haptid.experiment.bench.simulation import Tell, simulate
+from haptid.experiment.bench.simulation import Progress, load_mujoco, simulate
 from haptid.experiment.bench.trajectories import plan
+
+# Columns of a log: name -> (values, unit).
+Columns = dict[str, tuple[Array, str]]
+
+
+def truth_paths(log: Path) -> tuple[Path, Path]:
+    """Paths of the ground truth of a log: parameters (JSON) and exact states (Parquet)."""
+    return log.with_suffix(".truth.json"), log.with_suffix(".truth.parquet")
+
+
+def write_log(path: Path, experiment: Experiment, setup: Setup, made: Recording, seed: int) -> None:
+    """Write the log as Parquet, with the unit of every channel and the experiment in the file's metadata.
+
+    The same experiment, device and seed give the same bytes.
+    """
+    model, columns = setup.model, {"t": (made.t, "s")}
+    units = [joint_unit(model, j) for j in model.device.active]
+    commands = [drive.unit for drive in model.device.motors]
+    for k, unit in enumerate(units):
+        columns[f"q{k + 1}"] = (made.position[:, k], unit)
+    for k, unit in enumerate(commands):
+        columns[f"command{k + 1}"] = (made.command[:, k], unit)
+    for k, unit in enumerate(units):
+        columns[f"velocity{k + 1}"] = (made.velocity[:, k], f"{unit}/s")
+    for k, unit in enumerate(units):
+        columns[f"target{k + 1}"] = (made.target[:, k], unit)
+    if made.wrench is not None:
+        for k, axis in enumerate("xyz"):
+            columns[f"force_{axis}"] = (made.wrench[:, k], "N")
+            columns[f"moment_{axis}"] = (made.wrench[:, 3 + k], "N m")
+    _write(path, columns, description(experiment, model, seed))
+
+
+def write_truth(path: Path, experiment: Experiment, setup: Setup, made: Recording, seed: int) -> None:
+    """Write the ground truth of a log: parameters as JSON, exact states and torques as Parquet."""
+    model, (parameters, states) = setup.model, truth_paths(path)
+    beta = model.base.of(setup.chi)
+    values = {
+        **description(experiment, model, seed),
+        "base": dict(zip(model.base.names, beta.tolist(), strict=True)),
+        "standard": dict(zip(model.device.parameters.names, setup.chi.tolist(), strict=True)),
+        "widest_gap": made.gap,
+    }
+    parameters.write_text(json.dumps(values, indent=1) + "\n", encoding="utf-8")
+    columns: Columns = {"t": (made.t, "s")}
+    for letter, block, per in (("q", made.q, ""), ("qd", made.qd, "/s"), ("qdd", made.qdd, "/s^2")):
+        for j, joint in enumerate(model.device.joints):
+            columns[f"{letter}_{joint.name}"] = (block[:, j], joint_unit(model, j) + per)
+    for k, drive in enumerate(model.device.motors):
+        unit = "N" if joint_unit(model, model.device.active[int(np.argmax(drive.row != 0))]) == "m" else "N m"
+        columns[f"torque_{drive.name}"] = (made.torque[:, k], unit)
+    for k, axis in enumerate("xyz"):
+        columns[f"hand_{axis}"] = (made.hand[:, k], "N")
+    _write(states, columns, description(experiment, model, seed))
+
+
+def description(experiment: Experiment, model: DynamicModel, seed: int) -> dict[str, Any]:
+    """Provenance of a log: versions, device, experiment and seed, enough to reproduce it."""
+    import haptid
+
+    return {
+        "haptid": haptid.__version__,
+        "mujoco": str(load_mujoco().__version__),
+        "device": model.device.name,
+        "experiment": experiment.table.model_dump(mode="json", by_alias=True, exclude_none=True),
+        "seed": seed,
+    }
+
+
+def joint_unit(model: DynamicModel, j: int) -> str:
+    """Unit of a joint's position: rad or m."""
+    return "m" if model.device.joints[j].prismatic else "rad"
+
+
+def _write(path: Path, columns: Mapping[str, tuple[Array, str]], about: Mapping[str, Any]) -> None:
+    fields = [pa.field(name, pa.float64(), metadata={"unit": unit}) for name, (_, unit) in columns.items()]
+    schema = pa.schema(fields, metadata={"haptid": json.dumps(about)})
+    arrays = [pa.array(np.ascontiguousarray(values)) for values, _ in columns.values()]
+    parquet.write_table(pa.Table.from_arrays(arrays, schema=schema), path)
 
 
 @dataclass(frozen=True)
 class Job:
-    """One log to be made.
+    """One log to simulate.
 
     Attributes:
         device: name of a shipped device, or path of a device file.
         experiment: path of an experiment file.
         out: path of the log, a Parquet file.
-        truth: whether parameters and exact states go beside it.
+        truth: whether to write the true parameters and exact states next to it.
         seed: in place of the experiment's; None for that.
-        picture: whether a strip of pictures of the moving device goes beside it.
+        picture: whether to write a strip of pictures of the moving device next to it.
     """
 
     device: str | Path
@@ -43,12 +126,12 @@ class Job:
 
     @property
     def strip(self) -> Path:
-        """Where that strip goes."""
+        """Path of that strip."""
         return self.out.with_suffix(".png")
 
 
 def repeated(job: Job, count: int) -> tuple[Job, ...]:
-    """Jobs for so many logs of one experiment: LOG itself, or LOG-1, LOG-2, .. with one seed after the other."""
+    """Jobs for several logs of one experiment with consecutive seeds: LOG itself, or LOG-1, LOG-2, ..."""
     if count == 1:
         return (job,)
     first = read_experiment(job.experiment).seed if job.seed is None else job.seed
@@ -56,25 +139,29 @@ def repeated(job: Job, count: int) -> tuple[Job, ...]:
     return tuple(replace(job, out=name, seed=first + k) for k, name in enumerate(names))
 
 
-def perform(experiment: Experiment, setup: Setup, seed: int, tell: Tell | None = None) -> Recording:
-    """Plan the motion and simulate it. Phases and noise have streams of their own, both from the seed."""
+def perform(experiment: Experiment, setup: Setup, seed: int, progress: Progress | None = None) -> Recording:
+    """Plan the motion and simulate it. Phases and noise have independent random streams, both from the seed."""
     phases, noise = (np.random.default_rng(stream) for stream in np.random.SeedSequence(seed).spawn(2))
-    return simulate(setup, plan(experiment.kind, setup.model, setup.dt, phases), noise, tell)
+    return simulate(setup, plan(experiment.kind, setup.model, setup.dt, phases), noise, progress)
 
 
-def make_log(job: Job, tell: Tell | None = None) -> Path:
-    """Make one log; nothing is left where something goes wrong. Returns its path.
+def make_log(job: Job, progress: Progress | None = None) -> Path:
+    """Simulate and write one log, atomically: on an error no file is left. Returns its path.
 
     Raises:
         HaptidError: one class for each cause.
     """
     if job.out.suffix != ".parquet":
-        raise OutputError(job.out, "a log of the bench is a file that ends in .parquet")
+        raise OutputFolderError(
+            f"cannot write {job.out}: a log of the bench is a Parquet file.",
+            where=job.out,
+            advice="Choose a name that ends in .parquet.",
+        )
     experiment, model = read_experiment(job.experiment), DynamicModel(read_device(job.device))
     setup = experiment.setup(model)
     seed = experiment.seed if job.seed is None else job.seed
     with publishing(job.out.parent) as folder:
-        made = perform(experiment, setup, seed, tell)
+        made = perform(experiment, setup, seed, progress)
         write_log(folder / job.out.name, experiment, setup, made, seed)
         if job.truth:
             write_truth(folder / job.out.name, experiment, setup, made, seed)
@@ -84,19 +171,19 @@ def make_log(job: Job, tell: Tell | None = None) -> Path:
 
 
 def make_logs(
-    jobs: Sequence[Job], workers: Executor | None = None, tell: Callable[[Path, float], None] | None = None
+    jobs: Sequence[Job], workers: Executor | None = None, progress: Callable[[Path, float], None] | None = None
 ) -> tuple[Path, ...]:
-    """Make many logs, several at a time.
+    """Simulate and write many logs in parallel.
 
     Args:
-        jobs: what to make.
-        workers: who makes them; as many processes as there are processors where None.
-        tell: called after each log with its path and the share of logs that is done.
+        jobs: the logs.
+        workers: the executor; one process per processor where None.
+        progress: called after each log with its path and the share of logs that is done.
 
     Raises:
         HaptidError: the first that a job raised; logs that were made before stay.
     """
     for count, (_, path) in enumerate((workers or ProcessExecutor()).map(make_log, jobs), 1):
-        if tell is not None:
-            tell(path, count / len(jobs))
+        if progress is not None:
+            progress(path, count / len(jobs))
     return tuple(job.out for job in jobs)

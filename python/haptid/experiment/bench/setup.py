@@ -1,4 +1,4 @@
-"""What is on the bench, and what it gives: values around the simulation."""
+"""The set-up of a bench simulation (controller, encoders, amplifiers, hand, sensor) and the recording it gives."""
 
 from __future__ import annotations
 
@@ -10,21 +10,21 @@ import numpy as np
 
 from haptid._internal.arrays import Array, freeze
 from haptid.dynamics.model import DynamicModel
-from haptid.errors import NoHandleError, TimingError
+from haptid.errors import ExperimentError, IncompleteDeviceError
 from haptid.experiment.bench.mjcf import Payload, Physics
 from haptid.experiment.bench.trajectories import Figures, spread
 
 
 @dataclass(frozen=True)
 class Controller:
-    """PD or PID on the motors' coordinates, at the joint side.
+    """PD or PID controller on the motor coordinates, at the joint side.
 
     Attributes:
         kp, kd, ki: gains, N m/rad, N m s/rad, N m/(rad s); one for all motors or one for each.
-        gravity: whether the torque of the planned poses is fed forward.
-        rate_hz: control rate, and that of the log.
-        velocity_cutoff_hz: of the first-order filter on the differences of the measured position.
-        tracking_limit: greatest distance from the planned position, rad or m.
+        gravity: whether the gravity torque along the planned motion is fed forward.
+        rate_hz: control rate and sampling rate of the log.
+        velocity_cutoff_hz: of the first-order low-pass on the differences of the measured position.
+        tracking_limit: maximum tracking error, rad or m.
     """
 
     kp: Figures
@@ -37,51 +37,47 @@ class Controller:
 
 
 class TorqueLaw(Protocol):
-    """A law of control beside the PD's, such as `haptid.end_effector.compensation.Compensation`."""
+    """A control law that adds to the PD's torque, such as `haptid.end_effector.compensation.Compensation`."""
 
     def begin(self, dt: float) -> Callable[[float, Array], Array]:
-        """The law from rest, for a control period of dt, s.
+        """The control step, from rest, for a control period of dt, s.
 
-        What it returns is called once every period, with the time, s, and the measured positions of the active joints,
-        (active,), rad or m, and gives torques of the motors' coordinates, (motors,), N m or N.
+        It is called once every period with the time, s, and the measured positions of the active joints, (active,),
+        rad or m, and returns torques of the motor coordinates, (motors,), N m or N.
         """
 
 
 @dataclass(frozen=True)
 class Encoders:
-    """What positions are read with.
+    """Position encoders: quantisation of the motor coordinates.
 
     Attributes:
         counts_per_turn: of each motor's encoder after quadrature, or per metre; None where positions are exact.
-        gear: turns of the encoder for one of the motor's coordinate.
+        gear: encoder turns per turn of the motor coordinate.
     """
 
     counts_per_turn: Figures | None = None
     gear: Figures = (1.0,)
 
     def step(self, model: DynamicModel) -> Array | None:
-        """One count of each drive's coordinate, (active,), rad or m; None where positions are exact."""
+        """Resolution of each drive coordinate, (active,), rad or m; None where positions are exact."""
         if self.counts_per_turn is None:
             return None
         names = [drive.name for drive in model.device.drives]
         counts = spread("counts_per_turn", self.counts_per_turn, names) * np.abs(spread("gear", self.gear, names))
-        whole = [1.0 if _slides(model, drive.row) else 2 * np.pi for drive in model.device.drives]
-        return np.asarray(whole / counts)
-
-
-def _slides(model: DynamicModel, row: Array) -> bool:
-    return model.device.joints[model.device.active[int(np.argmax(row != 0))]].prismatic
+        first = [model.device.active[int(np.argmax(drive.row != 0))] for drive in model.device.drives]
+        return np.asarray([1.0 if model.device.joints[j].prismatic else 2 * np.pi for j in first] / counts)
 
 
 @dataclass(frozen=True)
 class Amplifiers:
-    """From the torque that is asked for to the one that acts.
+    """Amplifiers: actual torque from commanded torque.
 
     Attributes:
-        gain: torque that acts for one that is asked for.
-        saturation: greatest torque of a motor's coordinate, N m or N; None for none.
-        noise: standard deviation of the torque from one control period to the next, N m or N.
-        delay: from reading the encoders to the torque, s; a whole number of the simulator's steps.
+        gain: actual torque per commanded torque.
+        saturation: maximum torque of a motor coordinate, N m or N; None for no limit.
+        noise: standard deviation of the torque, white from one control period to the next, N m or N.
+        delay: from reading the encoders to the torque, s; a whole number of simulator steps.
     """
 
     gain: Figures = (1.0,)
@@ -92,12 +88,12 @@ class Amplifiers:
 
 @dataclass(frozen=True)
 class Push:
-    """A force of the hand at the handle, in the base frame.
+    """Hand force at the handle, in the base frame.
 
     Attributes:
         force: N, (3,).
         frequency_hz: of a sine; 0 for a constant force.
-        start, stop: when, s.
+        start, stop: time interval in which it acts, s.
     """
 
     force: tuple[float, float, float]
@@ -108,7 +104,7 @@ class Push:
 
 @dataclass(frozen=True)
 class ForceSensor:
-    """Six axes at the handle, in its frame: what the hand applies, without the payload.
+    """Six-axis force/torque sensor at the handle, in the handle frame: the hand's wrench, without the payload.
 
     Attributes:
         force_noise, moment_noise: standard deviation of a sample, N and N m.
@@ -120,16 +116,17 @@ class ForceSensor:
 
 @dataclass(frozen=True, eq=False)
 class Setup:
-    """Everything on the bench.
+    """A simulated set-up: device, true parameters, controller and instruments.
 
     Attributes:
         model: the dynamic model.
         chi: its true free standard parameters, (p,), SI.
-        controller, encoders, amplifiers, physics: around it.
-        payload: a mass at the handle.
-        hand: forces at the handle.
-        sensor: a force sensor there.
-        law: torque beside the controller's, None for none; amplifiers limit the sum.
+        controller, encoders, amplifiers: the control loop.
+        physics: settings of the simulator.
+        payload: point mass at the handle.
+        hand: hand forces at the handle.
+        sensor: force/torque sensor at the handle.
+        law: control law that adds to the controller's torque, None for none; amplifiers saturate the sum.
     """
 
     model: DynamicModel
@@ -146,11 +143,21 @@ class Setup:
     def __post_init__(self) -> None:
         for what, there in (("hand", bool(self.hand)), ("force sensor", self.sensor is not None)):
             if there and self.model.device.handle is None:
-                raise NoHandleError(what, self.model.device.name)
+                raise IncompleteDeviceError(
+                    f"the experiment has a {what}, but {self.model.device.name} has no handle.",
+                    where=what,
+                    advice="Add [handle] to the device file.",
+                )
         for what, seconds in (("the control period", self.dt), ("the delay", self.amplifiers.delay)):
             steps = seconds / self.physics.step
             if abs(steps - round(steps)) > 1e-6 or (what != "the delay" and round(steps) < 1):
-                raise TimingError(what, seconds, self.physics.step)
+                raise ExperimentError(
+                    f"{what} is {seconds:g} s, not a whole number of simulator steps of {self.physics.step:g} s.",
+                    where=what,
+                    found=seconds,
+                    limit=self.physics.step,
+                    advice="Change one of them, for example to 1 kHz and 1e-4 s.",
+                )
 
     @property
     def dt(self) -> float:
@@ -160,19 +167,19 @@ class Setup:
 
 @dataclass(frozen=True, eq=False)
 class Recording:
-    """What the instruments gave, and what was true, at the beginning of every control period.
+    """Measured and true signals of a bench run, sampled at the beginning of every control period.
 
     Attributes:
         dt: control period, s.
         target: planned position of the active joints, (n, active), rad or m.
-        position: as the encoders give it, of the active joints, (n, active), rad or m.
+        position: measured by the encoders, of the active joints, (n, active), rad or m.
         velocity: as the controller computes it, of the active joints, (n, active), rad/s or m/s.
         command: in each motor's own unit, (n, motors).
-        wrench: force and moment at the handle as the sensor gives them, (n, 6), N and N m; None without one.
-        q, qd, qdd: exact, of all joints, each (n, joints), SI.
-        torque: exact, on each motor's coordinate, that acts from this instant, (n, motors), N m or N.
-        hand: exact force of the hand, in the base frame, (n, 3), N.
-        gap: greatest opening of a loop, m.
+        wrench: force and moment measured at the handle, (n, 6), N and N m; None without a sensor.
+        q, qd, qdd: true, of all joints, each (n, joints), SI.
+        torque: true, on each motor coordinate, applied from this instant on, (n, motors), N m or N.
+        hand: true hand force, in the base frame, (n, 3), N.
+        gap: largest loop-closure error, m.
     """
 
     dt: float

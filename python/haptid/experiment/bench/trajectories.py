@@ -1,7 +1,7 @@
-"""Motions for the bench, from formulas with exact rates: smooth from rest at the start to rest at the end.
+"""Planned motions for the bench with analytical derivatives, smooth from rest to rest.
 
-Every kind is a small frozen type; `plan` makes a `Trajectory` of it. Figures are one for all active joints, or one for
-each.
+Every kind of motion is a small frozen type; `plan` makes a `Trajectory` of it. Settings have one value for all active
+joints, or one for each.
 """
 
 from __future__ import annotations
@@ -15,13 +15,13 @@ import numpy as np
 
 from haptid._internal.arrays import Array, expect, freeze, read_only
 from haptid.dynamics.model import DynamicModel
-from haptid.errors import FigureCountError, TrajectoryTooShortError
+from haptid.errors import ExperimentError, TrajectoryError
 
 Figures = tuple[float, ...]
 Rates = tuple[Array, Array, Array]
-# How sharp the corners of a triangle are: 1 is a true corner, without bound on the acceleration.
+# Sharpness of a triangle's corners: 1 is a true corner, with unbounded acceleration.
 SHARPNESS = 0.98
-# Frequencies of a multisine are drawn this share around a geometric series, so that no two motions repeat each other.
+# Relative spread of a multisine's frequencies around a geometric series, so that two motions do not share frequencies.
 SPREAD = 0.08
 
 
@@ -54,38 +54,38 @@ class Trajectory:
 
 
 class Kind(Protocol):
-    """What every kind of motion can do."""
+    """Protocol of a kind of motion."""
 
     def motion(self, names: list[str], dt: float, rng: np.random.Generator) -> Rates:
         """Position, velocity and acceleration of the joints of these names, each (n, joints)."""
 
 
 def plan(kind: Kind, model: DynamicModel, dt: float, rng: np.random.Generator) -> Trajectory:
-    """The motion of a device's active joints.
+    """Plan the motion of the active joints.
 
     Args:
         kind: of motion.
-        model: what moves.
+        model: the dynamic model.
         dt: step, s.
         rng: for phases and frequencies.
 
     Raises:
-        FigureCountError: a setting has not one figure for each active joint.
-        TrajectoryTooShortError: no time is left between start and stop.
+        ExperimentError: a setting has neither one value nor one for each active joint.
+        TrajectoryError: the duration is shorter than the two ramps.
     """
     return Trajectory(dt, *kind.motion([model.device.joints[j].name for j in model.device.active], dt, rng))
 
 
 @dataclass(frozen=True)
 class Multisine:
-    """A sum of sines for each joint, slower ones larger: excites inertia, gravity and friction together.
+    """Multisine for each joint, amplitudes inverse to frequency: excites inertia, gravity and friction together.
 
     Attributes:
         seconds: duration, s.
-        centre, amplitude: greatest distance from the centre, rad or m.
+        centre, amplitude: centre, and maximum distance from it, rad or m.
         frequencies_hz: lowest and highest.
-        count: sines a joint.
-        speed: greatest velocity, which lowers the amplitude where needed, rad/s or m/s; None for no limit.
+        count: number of sines per joint.
+        speed: maximum velocity, lowers the amplitude where needed, rad/s or m/s; None for no limit.
         ramp: duration of the start, and of the stop, s.
     """
 
@@ -115,7 +115,7 @@ class Multisine:
 
 @dataclass(frozen=True)
 class Triangles:
-    """Nearly constant velocity to and fro, corners rounded: gravity and friction.
+    """Triangular motion with rounded corners (nearly constant velocity): excites gravity and friction.
 
     Attributes:
         seconds: duration, s.
@@ -135,25 +135,25 @@ class Triangles:
         t = _times(self.seconds, dt)
         phase = rng.uniform(0, 2 * np.pi, len(names))
         waves = triangle(t, spread("frequency_hz", self.frequency_hz, names), phase)
-        size = spread("amplitude", self.amplitude, names)
-        x, xd, xdd = (size * wave for wave in waves)
+        amplitude = spread("amplitude", self.amplitude, names)
+        x, xd, xdd = (amplitude * wave for wave in waves)
         return _windowed(t, self.ramp, spread("centre", self.centre, names), (x, xd, xdd))
 
 
 @dataclass(frozen=True)
 class TrianglesAndSines:
-    """Triangles with a smaller multisine on them: all parameters in one motion (Janot et al. 2007).
+    """Triangles plus a smaller multisine: excites all parameters in one motion (Janot et al. 2007).
 
     Attributes:
         triangles: the slow part.
-        sines: the fast part, about a centre of zero, for as long.
+        sines: the fast part, centred on zero, of the same duration.
     """
 
     triangles: Triangles
     sines: Multisine
 
     def motion(self, names: list[str], dt: float, rng: np.random.Generator) -> Rates:
-        """The sum of the two."""
+        """Sum of the two."""
         q, qd, qdd = (
             slow + fast
             for slow, fast in zip(self.triangles.motion(names, dt, rng), self.sines.motion(names, dt, rng), strict=True)
@@ -163,7 +163,7 @@ class TrianglesAndSines:
 
 @dataclass(frozen=True)
 class Fourier:
-    """A finite Fourier series for each joint, all of one period, faded in and out.
+    """Finite Fourier series for each joint, of one common period, faded in and out.
 
     Source: Swevers et al. (1997), IEEE Trans. Robotics and Automation 13(5), with amplitudes of position.
 
@@ -183,15 +183,15 @@ class Fourier:
     ramp: float = 1.5
 
     def motion(self, names: list[str], dt: float, rng: np.random.Generator) -> Rates:
-        """Nothing is drawn.
+        """Deterministic.
 
         Raises:
-            FigureCountError: not one series for each joint, or sines and cosines of different length.
+            ExperimentError: not one series for each joint, or sines and cosines of different length.
         """
         del rng
         sine, cosine = (series(name, getattr(self, name), names) for name in ("sine", "cosine"))
         if sine.shape != cosine.shape:
-            raise FigureCountError("cosine", cosine.shape[1], [f"harmonic {k + 1}" for k in range(sine.shape[1])])
+            raise _value_count("cosine", cosine.shape[1], [f"harmonic {k + 1}" for k in range(sine.shape[1])])
         t = _times(self.seconds, dt)
         omega = 2 * np.pi * self.fundamental_hz * np.arange(1, sine.shape[1] + 1)
         s, c = np.sin(omega * t[:, None]), np.cos(omega * t[:, None])
@@ -203,7 +203,7 @@ class Fourier:
 
 @dataclass(frozen=True)
 class Sweep:
-    """Each joint in turn, to and fro at one constant velocity after the other: friction against velocity.
+    """Constant-velocity strokes in both directions, joint after joint, speed after speed: friction against velocity.
 
     Attributes:
         centre, amplitude: rad or m.
@@ -217,37 +217,37 @@ class Sweep:
     ramp: float = 0.5
 
     def motion(self, names: list[str], dt: float, rng: np.random.Generator) -> Rates:
-        """Nothing is drawn."""
+        """Deterministic."""
         del rng
-        size = spread("amplitude", self.amplitude, names)
-        pieces: list[tuple[int, float, float, float]] = []  # joint, start, distance, speed; speed 0 for a smooth move
+        # (joint, start, distance, speed) of every stroke; speed 0 for a quintic move between strokes.
+        strokes: list[tuple[int, float, float, float]] = []
         at = 0.0
-        for j, reach in enumerate(size):
-            pieces.append((j, at, -reach, 0.0))
+        for j, reach in enumerate(spread("amplitude", self.amplitude, names)):
+            strokes.append((j, at, -reach, 0.0))
             at += 2 * self.ramp
             for speed in self.speeds:
-                for way in (2 * reach, -2 * reach):
-                    pieces.append((j, at, way, speed))
-                    at += abs(way) / speed + self.ramp
-            pieces.append((j, at, reach, 0.0))
+                for distance in (2 * reach, -2 * reach):
+                    strokes.append((j, at, distance, speed))
+                    at += abs(distance) / speed + self.ramp
+            strokes.append((j, at, reach, 0.0))
             at += 2 * self.ramp
         t = _times(at, dt)
         made = np.zeros((3, len(t), len(names)))
         made[0] = spread("centre", self.centre, names)
-        for j, start, way, speed in pieces:
-            moved = run(t - start, way, speed, self.ramp) if speed else move(t - start, way, 2 * self.ramp)
+        for j, start, distance, speed in strokes:
+            moved = run(t - start, distance, speed, self.ramp) if speed else move(t - start, distance, 2 * self.ramp)
             made[:, :, j] += moved
         return made[0], made[1], made[2]
 
 
 @dataclass(frozen=True)
 class Grid:
-    """Poses of a grid, held still one after the other: gravity, and stiction.
+    """Static poses on a grid, one after the other: gravity and stiction.
 
     Attributes:
         centre, amplitude: rad or m.
         points: positions of each joint.
-        dwell, move: duration of every pose, and of every change, s.
+        dwell, move: duration of every pose, and of every move between poses, s.
     """
 
     centre: Figures
@@ -257,57 +257,57 @@ class Grid:
     move: float = 1.0
 
     def motion(self, names: list[str], dt: float, rng: np.random.Generator) -> Rates:
-        """Nothing is drawn; neighbours in time are neighbours on the grid."""
+        """Deterministic; consecutive poses are neighbours on the grid."""
         del rng
-        centre, size = spread("centre", self.centre, names), spread("amplitude", self.amplitude, names)
+        centre, amplitude = spread("centre", self.centre, names), spread("amplitude", self.amplitude, names)
         steps = np.linspace(-1, 1, self.points) if self.points > 1 else np.zeros(1)
         poses = [np.zeros(len(names)), *_snake(steps, len(names)), np.zeros(len(names))]
         t = _times((len(poses) - 1) * (self.move + self.dwell), dt)
         made = np.zeros((3, len(t), len(names)))
-        made[0] = centre + size * poses[0]
+        made[0] = centre + amplitude * poses[0]
         for k, (here, there) in enumerate(pairwise(poses)):
             s = np.array(move(t - k * (self.move + self.dwell), 1.0, self.move))
-            made += s[:, :, None] * (size * (there - here))
+            made += s[:, :, None] * (amplitude * (there - here))
         return made[0], made[1], made[2]
 
 
 def spread(name: str, figures: Sequence[float], names: list[str]) -> Array:
-    """One figure for each name, (names,)."""
+    """Broadcast one value to all names, or check that there is one for each, (names,)."""
     values = np.asarray(figures, dtype=float)
     if values.size not in (1, len(names)):
-        raise FigureCountError(name, values.size, names)
+        raise _value_count(name, values.size, names)
     return np.ascontiguousarray(np.broadcast_to(values, len(names)))
 
 
 def series(name: str, figures: Sequence[Figures], names: list[str]) -> Array:
-    """One series of as many terms for each name, (names, terms)."""
+    """Fourier amplitudes as an array, (names, terms); every name has a series of the same length."""
     if len(figures) != len(names):
-        raise FigureCountError(name, len(figures), names)
+        raise _value_count(name, len(figures), names)
     for of, one in zip(names, figures, strict=True):
         if len(one) != len(figures[0]):
-            raise FigureCountError(f"{name} of {of}", len(one), [f"harmonic {k + 1}" for k in range(len(figures[0]))])
+            raise _value_count(f"{name} of {of}", len(one), [f"harmonic {k + 1}" for k in range(len(figures[0]))])
     return np.array(figures, dtype=float).reshape(len(names), -1)
 
 
 def triangle(t: Array, frequency_hz: Array, phase: Array) -> Rates:
-    """A triangle of unit amplitude with rounded corners, asin(k sin) / asin(k), and its rates, each (n, joints)."""
+    """Unit triangle wave with rounded corners, asin(k sin) / asin(k), and its two derivatives, each (n, joints)."""
     omega = 2 * np.pi * frequency_hz
     angle = t[:, None] * omega + phase
-    s, se, sdd = np.sin(angle), omega * np.cos(angle), -(omega**2) * np.sin(angle)
-    s, se, sdd = SHARPNESS * s, SHARPNESS * se, SHARPNESS * sdd
+    s, ds, dds = np.sin(angle), omega * np.cos(angle), -(omega**2) * np.sin(angle)
+    s, ds, dds = SHARPNESS * s, SHARPNESS * ds, SHARPNESS * dds
     root, peak = np.sqrt(1 - s**2), np.arcsin(SHARPNESS)
-    return np.arcsin(s) / peak, se / root / peak, (sdd / root + s * se**2 / root**3) / peak
+    return np.arcsin(s) / peak, ds / root / peak, (dds / root + s * ds**2 / root**3) / peak
 
 
 def move(t: Array, distance: float, seconds: float) -> Rates:
-    """From rest to rest by a quintic, beginning at t = 0, each (n,)."""
+    """Quintic move from rest to rest, starting at t = 0, each (n,)."""
     u = np.clip(t / seconds, 0, 1)
-    s, se, sdd = u**3 * (10 - 15 * u + 6 * u**2), 30 * u**2 * (1 - u) ** 2, 60 * u * (1 - u) * (1 - 2 * u)
-    return distance * s, distance / seconds * se, distance / seconds**2 * sdd
+    s, ds, dds = u**3 * (10 - 15 * u + 6 * u**2), 30 * u**2 * (1 - u) ** 2, 60 * u * (1 - u) * (1 - 2 * u)
+    return distance * s, distance / seconds * ds, distance / seconds**2 * dds
 
 
 def run(t: Array, distance: float, speed: float, ramp: float) -> Rates:
-    """From rest to rest at a constant velocity, reached and left by a smooth step, beginning at t = 0, each (n,)."""
+    """Constant-velocity stroke from rest to rest with smooth steps at both ends, starting at t = 0, each (n,)."""
     velocity, lasts = np.sign(distance) * speed, abs(distance) / speed
     up, down = (_step(t, ramp), _step(t - lasts, ramp))
     x, xd, xdd = (a - b for a, b in zip(up, down, strict=True))
@@ -315,14 +315,14 @@ def run(t: Array, distance: float, speed: float, ramp: float) -> Rates:
 
 
 def _step(t: Array, seconds: float) -> Rates:
-    """Integral, value and rate of a smooth step from 0 to 1 that begins at t = 0, each (n,)."""
+    """Integral, value and derivative of a smooth step from 0 to 1 that starts at t = 0, each (n,)."""
     u = np.clip(t / seconds, 0, 1)
     integral = seconds * u**4 * (2.5 - 3 * u + u**2) + np.maximum(t - seconds, 0)
     return np.asarray(integral), u**3 * (10 - 15 * u + 6 * u**2), 30 * u**2 * (1 - u) ** 2 / seconds
 
 
 def _snake(steps: Array, joints: int) -> list[Array]:
-    """Points of a grid, each but one coordinate away from the one before."""
+    """Points of a grid in boustrophedon order: consecutive points differ in one coordinate."""
     found: list[Array] = []
     for index in product(range(len(steps)), repeat=joints):
         turned = [i if sum(index[:k]) % 2 == 0 else len(steps) - 1 - i for k, i in enumerate(index)]
@@ -337,11 +337,26 @@ def _times(seconds: float, dt: float) -> Array:
 def _windowed(t: Array, ramp: float, centre: Array, motion: Rates) -> Rates:
     """Motion about the centre, faded in and out over `ramp` by a window with three continuous derivatives."""
     if t[-1] < 2 * ramp or ramp <= 0:
-        raise TrajectoryTooShortError(float(t[-1]), 2 * ramp)
+        raise TrajectoryError(
+            f"the motion lasts {float(t[-1]):g} s, but its smooth start and stop take {2 * ramp:g} s.",
+            where="seconds",
+            found=float(t[-1]),
+            limit=2 * ramp,
+            advice="Make it longer, or shorten `ramp`.",
+        )
     first, last = np.clip(t / ramp, 0, 1), np.clip((t[-1] - t) / ramp, 0, 1)
-    u, way = np.where(first < 1, first, last), np.where(first < 1, 1.0, -1.0)
+    u, sign = np.where(first < 1, first, last), np.where(first < 1, 1.0, -1.0)
     w = (u**4 * (35 - 84 * u + 70 * u**2 - 20 * u**3))[:, None]
-    wd = (way * 140 * u**3 * (1 - u) ** 3 / ramp)[:, None]
+    wd = (sign * 140 * u**3 * (1 - u) ** 3 / ramp)[:, None]
     wdd = (420 * u**2 * (1 - u) ** 2 * (1 - 2 * u) / ramp**2)[:, None]
     x, xd, xdd = motion
     return centre + w * x, w * xd + wd * x, w * xdd + 2 * wd * xd + wdd * x
+
+
+def _value_count(what: str, got: int, names: list[str]) -> ExperimentError:
+    return ExperimentError(
+        f"{what} has {got} values; write one for all, or {len(names)}, for {', '.join(names)}.",
+        where=what,
+        found=got,
+        limit=len(names),
+    )

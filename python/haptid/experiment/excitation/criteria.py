@@ -1,30 +1,138 @@
-"""What a search lowers: criteria of a motion's quality, and smooth stand-ins for them with their derivatives.
+"""Optimality criteria of an exciting motion (condition number, D-optimality, standard errors), and their gradients.
 
-A stand-in is a function of C = V'V, V being the rows of all motors, each entry scaled, and some columns then brought to
-unit length. Its derivative is B, symmetric, with change of cost = sum of B * change of C.
+For descents every criterion has a smooth approximation, a function of C = V'V, where V is W of all motors with every
+entry scaled and some columns then scaled to unit length. Its derivative is the symmetric B with dcost = sum(B * dC).
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Protocol
 
 import numpy as np
+from scipy import linalg
 
-from haptid._internal.arrays import Array
-from haptid.experiment.excitation.quality import Quality
+from haptid._internal.arrays import Array, expect, freeze, read_only
+from haptid.dynamics.model import DynamicModel
+from haptid.experiment.bench.trajectories import Trajectory
+from haptid.motion.treatment import Motion, Treatment
+from haptid.observation.observation import Observation, Plan, assemble
+from haptid.observation.r_factor import condition, scaled_condition
 
-# Least eigenvalue of C beside the largest: below, it is rounding.
+
+@dataclass(frozen=True, eq=False)
+class Quality:
+    """Information of a motion on some base parameters: condition numbers, log det, standard errors (computed lazily).
+
+    Attributes:
+        observation: the rows of the motion.
+        columns: indices of the parameters, (k,).
+        values: of the parameters, (k,), SI.
+        noise: standard deviation of a row of each motor, (motors,), N m or N.
+    """
+
+    observation: Observation
+    columns: tuple[int, ...]
+    values: Array
+    noise: Array
+
+    def __post_init__(self) -> None:
+        for name, length in (("values", len(self.columns)), ("noise", len(self.observation.motors))):
+            object.__setattr__(self, name, read_only(getattr(self, name)))
+            expect(name, getattr(self, name).shape, (length,))
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of the parameters, (k,)."""
+        return tuple(self.observation.base.names[k] for k in self.columns)
+
+    @property
+    def rows(self) -> int:
+        """Number of rows of all motors."""
+        return self.observation.rows
+
+    @cached_property
+    def _plain(self) -> Array:
+        """R factor of the rows, (p, k), SI."""
+        return freeze(self.observation.stack()[:-1, list(self.columns)])
+
+    @cached_property
+    def raw(self) -> float:
+        """Condition number of the parameters' columns of W, in SI units."""
+        return condition(self._plain)
+
+    @cached_property
+    def scaled(self) -> float:
+        """Condition number of the columns scaled to unit length."""
+        return scaled_condition(self._plain)
+
+    @cached_property
+    def information(self) -> float:
+        """log det of the information matrix W' W / noise^2 per row, parameters in units of their values."""
+        singular = np.maximum(linalg.svdvals(self._sized), np.finfo(float).tiny)
+        return 2 * float(np.log(singular).sum()) - len(self.names) * float(np.log(self.rows))
+
+    @cached_property
+    def relative_se(self) -> Array:
+        """Relative standard error of each parameter under white noise, per cent of its value, (k,).
+
+        Infinite for a value of zero.
+        """
+        return freeze(np.where(self.values != 0, 100 * standard_errors(self._sized), np.inf))
+
+    @cached_property
+    def _sized(self) -> Array:
+        """R factor of the rows in units of their noise, (p, k), parameters in units of their values.
+
+        Columns of zero parameters have unit length.
+        """
+        weighted = self.observation.stack(1.0 / self.noise)[:-1, list(self.columns)]
+        lengths = np.maximum(np.linalg.norm(weighted, axis=0), np.finfo(float).tiny)
+        return weighted * np.where(self.values != 0, np.abs(self.values), 1.0 / lengths)
+
+
+def observed(model: DynamicModel, trajectory: Trajectory) -> Observation:
+    """The rows of W of a planned motion, as one R factor for each motor."""
+    still = np.zeros((len(trajectory), sum(model.device.measured)))
+    rates = (trajectory.qd, trajectory.qdd)
+    motion = Motion(trajectory.dt, trajectory.q, still, Treatment(cutoff_hz=None), rates=rates)
+    plan = Plan.of(model, motion)
+    whole = replace(plan, block=plan.rows)
+    return assemble(whole, [whole.reduce(0, whole.rows)])
+
+
+def quality(observation: Observation, columns: tuple[int, ...], beta: Array, noise: Array) -> Quality:
+    """Quality of a motion for some base parameters, the others left out.
+
+    Args:
+        observation: the rows.
+        columns: indices of the parameters.
+        beta: base parameters, (p,), SI.
+        noise: standard deviation of a row of each motor, (motors,), N m or N.
+    """
+    return Quality(observation, tuple(columns), beta[list(columns)], noise)
+
+
+def standard_errors(W: Array) -> Array:
+    """Standard errors of the least-squares solution of rows with unit noise, (k,); infinite where W is singular."""
+    R = np.linalg.qr(W, mode="r")
+    if np.abs(np.diag(R)).min() <= np.finfo(float).eps * np.abs(R).max():
+        return np.full(W.shape[1], np.inf)
+    return np.asarray(np.linalg.norm(linalg.solve_triangular(R, np.eye(len(R))), axis=1))
+
+
+# Lower bound of the eigenvalues of C relative to the largest: rounding level.
 SINGULAR = 1e-13
 
 
 @dataclass(frozen=True, eq=False)
 class Scaling:
-    """How rows of W become those that a criterion is made of.
+    """Row and column scaling of W for a criterion.
 
     Attributes:
         factors: of every entry, by motor and parameter, (motors, k).
-        unit: which columns are then brought to unit length, (k,).
+        unit: which columns are then scaled to unit length, (k,).
     """
 
     factors: Array
@@ -32,21 +140,21 @@ class Scaling:
 
 
 class Criterion(Protocol):
-    """What a search lowers."""
+    """Protocol of an optimality criterion, to be minimised."""
 
     def cost(self, found: Quality) -> float:
-        """Lower is better; about one for a factor of e."""
+        """Logarithmic cost of a motion: lower is better."""
 
     def scaling(self, values: Array, noise: Array) -> Scaling:
-        """How the rows are scaled, from sizes of parameters, (k,), 0 where not known, and noise, (motors,)."""
+        """Scaling of the rows from magnitudes of parameters, (k,), 0 where not known, and noise, (motors,)."""
 
     def smooth(self, C: Array, power: float) -> tuple[float, Array]:
-        """A smooth stand-in for the cost, sharper with a larger power, and its derivative B, both by C, (k, k)."""
+        """Smooth approximation of the cost, sharper with a larger power, and its derivative B by C, (k, k)."""
 
 
 @dataclass(frozen=True)
 class ScaledCondition:
-    """The condition number of W with its columns scaled to unit length: it does not depend on units."""
+    """Condition number of W with its columns scaled to unit length: independent of units."""
 
     def cost(self, found: Quality) -> float:
         """Its logarithm."""
@@ -57,13 +165,18 @@ class ScaledCondition:
         return Scaling(np.ones((len(noise), len(values))), np.ones(len(values), dtype=bool))
 
     def smooth(self, C: Array, power: float) -> tuple[float, Array]:
-        """See Criterion."""
-        return _condition(C, power)
+        """Norms of high power in place of the extreme eigenvalues."""
+        eigenvalues, vectors = _eigen(C)
+        up, down = eigenvalues / eigenvalues[-1], eigenvalues[0] / eigenvalues
+        large, small = (up**power).sum(), (down**power).sum()
+        weights = (up**power / large - down**power / small) / (2 * eigenvalues)
+        log_condition = np.log(eigenvalues[-1] / eigenvalues[0]) / 2
+        return float(log_condition + np.log(large * small) / (2 * power)), (vectors * weights) @ vectors.T
 
 
 @dataclass(frozen=True)
-class RawCondition:
-    """The condition number of W as it is (Gautier and Khalil 1992, IJRR 11(4)); it depends on units."""
+class RawCondition(ScaledCondition):
+    """Condition number of W in SI units (Gautier and Khalil 1992, IJRR 11(4)); it depends on units."""
 
     def cost(self, found: Quality) -> float:
         """Its logarithm."""
@@ -73,17 +186,13 @@ class RawCondition:
         """See Criterion."""
         return Scaling(np.ones((len(noise), len(values))), np.zeros(len(values), dtype=bool))
 
-    def smooth(self, C: Array, power: float) -> tuple[float, Array]:
-        """See Criterion."""
-        return _condition(C, power)
-
 
 @dataclass(frozen=True)
 class Information:
-    """The volume of the parameters' common interval: D-optimality (Swevers et al. 1997)."""
+    """D-optimality: volume of the parameters' joint confidence ellipsoid (Swevers et al. 1997)."""
 
     def cost(self, found: Quality) -> float:
-        """Logarithm of the mean deviation."""
+        """Logarithm of the geometric mean standard error."""
         return -0.5 * found.information / len(found.names)
 
     def scaling(self, values: Array, noise: Array) -> Scaling:
@@ -91,7 +200,7 @@ class Information:
         return _in_units_of(values, noise)
 
     def smooth(self, C: Array, power: float) -> tuple[float, Array]:
-        """The cost itself but for a constant, whatever the power: it is smooth."""
+        """The cost itself up to a constant, for any power: it is smooth."""
         del power
         eigenvalues, vectors = _eigen(C)
         share = -0.5 / len(C)
@@ -100,7 +209,7 @@ class Information:
 
 @dataclass(frozen=True)
 class LargestDeviation:
-    """The largest relative deviation of all parameters that are not zero."""
+    """Largest relative standard error of all nonzero parameters."""
 
     def cost(self, found: Quality) -> float:
         """Its logarithm."""
@@ -112,7 +221,7 @@ class LargestDeviation:
         return _in_units_of(values, noise)
 
     def smooth(self, C: Array, power: float) -> tuple[float, Array]:
-        """A norm of the variances, of high power, in place of the largest; zero-valued parameters take part."""
+        """A norm of high power of the variances in place of the largest; zero-valued parameters are included."""
         eigenvalues, vectors = _eigen(C)
         covariance = (vectors / eigenvalues) @ vectors.T
         variances = np.diag(covariance)
@@ -129,13 +238,3 @@ def _in_units_of(values: Array, noise: Array) -> Scaling:
 def _eigen(C: Array) -> tuple[Array, Array]:
     eigenvalues, vectors = np.linalg.eigh(C)
     return np.maximum(eigenvalues, SINGULAR * eigenvalues[-1]), vectors
-
-
-def _condition(C: Array, power: float) -> tuple[float, Array]:
-    """Logarithm of the condition number of V, norms of high power in place of the extreme eigenvalues."""
-    eigenvalues, vectors = _eigen(C)
-    up, down = eigenvalues / eigenvalues[-1], eigenvalues[0] / eigenvalues
-    large, small = (up**power).sum(), (down**power).sum()
-    bend = (up**power / large - down**power / small) / (2 * eigenvalues)
-    spread = np.log(eigenvalues[-1] / eigenvalues[0]) / 2
-    return float(spread + np.log(large * small) / (2 * power)), (vectors * bend) @ vectors.T

@@ -1,4 +1,4 @@
-"""Families of motions that a search can walk through: a point of the unit cube is a motion."""
+"""Parametrised families of exciting motions: every point of the unit cube is a motion."""
 
 from __future__ import annotations
 
@@ -11,43 +11,43 @@ from haptid._internal.arrays import Array
 from haptid.experiment.bench.trajectories import Fourier, Kind, Multisine, Triangles, TrianglesAndSines
 from haptid.experiment.excitation.limits import Bounds
 
-# Centres are sought in this share of the range, about its middle; further out the strokes would be small.
+# Centres lie in this share of the range, about its middle; further out the strokes would be small.
 MIDDLE = 0.5
-# Least stroke, as a share of what the centre leaves.
+# Minimum stroke, relative to the room that the centre leaves.
 LEAST = 0.3
-# A triangle's rounded corners make it this much steeper than four times amplitude times frequency.
+# Slope of a triangle with rounded corners, relative to four times amplitude times frequency.
 STEEPER = 1.13
-# Share of the greatest speed that a motion is drawn with.
+# Share of the maximum speed that initial motions use.
 FILLED = 0.9
-# A waveform is looked at in so many points of its shortest period.
+# Points per shortest period at which a waveform is evaluated.
 POINTS = 16
 
 
 class Family(Protocol):
-    """Motions of one sort."""
+    """Protocol of a parametrised family of motions."""
 
     @property
     def affine(self) -> bool:
         """Whether positions, velocities and accelerations are affine in the point of the unit cube."""
 
     def size(self, joints: int) -> int:
-        """Numbers that make one motion of so many joints."""
+        """Number of parameters of a motion."""
 
     def start(self, bounds: Bounds, rng: np.random.Generator) -> Array:
-        """A point drawn at random, (size,)."""
+        """A random point, (size,)."""
 
     def kind(self, x: Array, bounds: Bounds) -> Kind:
-        """The motion at a point of the unit cube, (size,), with strokes and speeds about within the bounds."""
+        """The motion at a point of the unit cube, (size,), with strokes and speeds roughly within the bounds."""
 
 
 @dataclass(frozen=True)
 class FourierSeries:
-    """Finite Fourier series of one period, all amplitudes free.
+    """Finite Fourier series of one common period, all amplitudes free.
 
     Source: Swevers et al. (1997), IEEE Trans. Robotics and Automation 13(5).
 
     Attributes:
-        seconds: duration, s: a period and two ramps tell all there is to tell.
+        seconds: duration, s: one period plus two ramps has all the information of a longer motion.
         fundamental_hz: one over the period.
         count: harmonics.
         ramp: duration of the start, and of the stop, s.
@@ -64,11 +64,11 @@ class FourierSeries:
         return True
 
     def size(self, joints: int) -> int:
-        """A centre, and two amplitudes a harmonic, for each joint."""
+        """A centre, and two amplitudes per harmonic, for each joint."""
         return joints * (1 + 2 * self.count)
 
     def start(self, bounds: Bounds, rng: np.random.Generator) -> Array:
-        """A centre about the middle, and amplitudes that fill the stroke there, or the speed where that is less."""
+        """A centre near the middle, and amplitudes that use the available stroke or the maximum speed."""
         joints = len(bounds.names)
         place, reach = rng.random((2, joints))
         centre, stroke = placed(place, reach, bounds)
@@ -83,7 +83,7 @@ class FourierSeries:
         return np.concatenate([(centre - low) / (high - low), (0.5 + 0.5 * shape / most).ravel()])
 
     def kind(self, x: Array, bounds: Bounds) -> Fourier:
-        """The centre anywhere in the range; amplitudes as large as the range and the speed leave one harmonic."""
+        """The centre anywhere in the range; amplitudes up to what range and speed allow a single harmonic."""
         joints = len(bounds.names)
         low, high = bounds.position.T
         centre = low + x[:joints] * (high - low)
@@ -93,24 +93,24 @@ class FourierSeries:
 
     @property
     def _omega(self) -> Array:
-        """Of every harmonic, rad/s."""
+        """Angular frequency of every harmonic, rad/s."""
         return np.asarray(2 * np.pi * self.fundamental_hz * np.arange(1, self.count + 1))
 
     def _most(self, bounds: Bounds) -> Array:
-        """Largest amplitude of every harmonic on its own, (joints, 1, count)."""
+        """Maximum amplitude of every harmonic on its own, (joints, 1, count)."""
         half = np.ptp(bounds.position, axis=1)[:, None, None] / 2
         return np.asarray(np.minimum(half, bounds.speed[:, None, None] / self._omega))
 
 
 @dataclass(frozen=True)
 class TrianglesWithSines:
-    """Triangles with multisines on them, as in Janot et al. (2007): centres, strokes and frequencies free.
+    """Triangles plus multisines, as in Janot et al. (2007): centres, strokes and frequencies free.
 
     Attributes:
         seconds: duration, s.
         slow_hz: lowest and highest frequency of the triangles.
         fast_hz: lowest and highest frequency of the sines.
-        count: sines a joint.
+        count: number of sines per joint.
         ramp: duration of the start, and of the stop, s.
     """
 
@@ -126,15 +126,15 @@ class TrianglesWithSines:
         return False
 
     def start(self, bounds: Bounds, rng: np.random.Generator) -> Array:
-        """Anywhere."""
+        """Uniform in the unit cube."""
         return rng.random(self.size(len(bounds.names)))
 
     def size(self, joints: int) -> int:
-        """A centre, a stroke, the sines' share of it and the triangle's frequency for each joint; two frequencies."""
+        """Centre, stroke, the sines' share of it and the triangle's frequency for each joint; two frequencies."""
         return 4 * joints + 2
 
     def kind(self, x: Array, bounds: Bounds) -> TrianglesAndSines:
-        """Sines get the speed that the triangles leave, and at least a tenth."""
+        """The sines get the speed that the triangles leave, and at least a tenth of the stroke."""
         joints = len(bounds.names)
         place, reach, share, pace = x[: 4 * joints].reshape(4, joints)
         centre, stroke = placed(place, reach, bounds)
@@ -145,10 +145,13 @@ class TrianglesWithSines:
         left = bounds.speed - 4 * STEEPER * large * frequency
         lowest, highest = self.fast_hz
         low, high = np.sort(lowest * (highest / lowest) ** x[-2:])
-        triangles = Triangles(self.seconds, _figures(centre), _figures(large), _figures(frequency), self.ramp)
+        centres, amplitudes, frequencies = (tuple(x.tolist()) for x in (centre, large, frequency))
         band = (float(low), float(max(high, 1.5 * low)))
-        sines = Multisine(self.seconds, (0.0,), _figures(stroke - large), band, self.count, _figures(left), self.ramp)
-        return TrianglesAndSines(triangles, sines)
+        strokes, speeds = (tuple(x.tolist()) for x in (stroke - large, left))
+        return TrianglesAndSines(
+            Triangles(self.seconds, centres, amplitudes, frequencies, self.ramp),
+            Multisine(self.seconds, (0.0,), strokes, band, self.count, speeds, self.ramp),
+        )
 
 
 def placed(centre: Array, stroke: Array, bounds: Bounds) -> tuple[Array, Array]:
@@ -157,7 +160,3 @@ def placed(centre: Array, stroke: Array, bounds: Bounds) -> tuple[Array, Array]:
     middle = 0.5 * (low + high) + MIDDLE * (high - low) * (centre - 0.5)
     room = np.minimum(high - middle, middle - low)
     return middle, room * (LEAST + (1 - LEAST) * stroke)
-
-
-def _figures(values: Array) -> tuple[float, ...]:
-    return tuple(float(v) for v in values)

@@ -1,7 +1,7 @@
-"""Slopes of what a search lowers: by the state at every sample, and from those by the numbers that make the motion.
+"""Gradient of criterion and limit penalties with respect to the state at every sample.
 
-A motion's rows depend on the state of their own sample only. So one sweep of the core gives the derivatives by all
-positions, velocities and accelerations, whatever the number of harmonics.
+Rows depend on the state of their own sample only, so one adjoint sweep of the core gives the derivatives with respect
+to all positions, velocities and accelerations, whatever the number of harmonics.
 """
 
 from __future__ import annotations
@@ -16,20 +16,20 @@ from haptid.dynamics.regressor import STEPS, CoreChannels, moved
 from haptid.experiment.excitation.criteria import Criterion, Scaling
 from haptid.experiment.excitation.limits import Bounds
 
-# How sharp the criterion's stand-in is where starts are compared.
+# Power of the smooth criterion when starting points are compared.
 STARTING = 4.0
-# A search aims for so much within every limit, of its size, to end on the right side.
+# Safety margin to every limit, relative to its size, so that the search ends on the feasible side.
 WITHIN = 0.01
 
 
 @dataclass(frozen=True, eq=False)
 class Slopes:
-    """A criterion and limits as functions of the states of a motion.
+    """Criterion and limit penalties as differentiable functions of the states of a motion.
 
     Attributes:
         bounds: the limits.
-        criterion: what to lower.
-        columns: indices of the base parameters that count, (k,).
+        criterion: to be minimised.
+        columns: indices of the base parameters in the criterion, (k,).
         scaling: of their rows.
     """
 
@@ -40,17 +40,17 @@ class Slopes:
 
     @staticmethod
     def of(bounds: Bounds, criterion: Criterion, columns: tuple[int, ...], noise: Array) -> Slopes:
-        """For parameters of the sizes that the bounds know, and noise of (motors,)."""
+        """For base parameters `bounds.beta` and noise, (motors,)."""
         values = np.abs(bounds.beta[list(columns)])
         return Slopes(bounds, criterion, columns, criterion.scaling(values, noise))
 
     def __call__(self, states: Array, power: float, weight: float) -> tuple[float, Array]:
-        """Cost and what exceeding the limits costs, and the derivative by states.
+        """Cost plus limit penalties, and the gradient by states, (3, active, n).
 
         Args:
             states: positions, velocities and accelerations of the active joints, (3, active, n).
-            power: how sharp the criterion's stand-in is.
-            weight: of the limits.
+            power: of the smooth criterion.
+            weight: of the penalties.
         """
         cost, by_state = self._criterion(states, power)
         penalty, more = self._limits(states, weight)
@@ -58,7 +58,7 @@ class Slopes:
 
     @cached_property
     def selection(self) -> tuple[list[int], Array]:
-        """The core's columns that the parameters need, and the combinations (columns, k) that make them of these."""
+        """Core columns that the parameters need, and the map (columns, k) from parameters to them."""
         model = self.bounds.model
         kept = model.device.parameters.S[:, [model.base.independent_columns[k] for k in self.columns]]
         needed = np.flatnonzero(kept.any(axis=1))
@@ -66,20 +66,20 @@ class Slopes:
 
     @cached_property
     def _factors(self) -> Array:
-        """What scales products of the core's columns, by measured torque, (motors, columns, columns).
+        """Scale factors of products of core columns, by measured torque, (motors, columns, columns).
 
-        A column of the core is part of one parameter at most.
+        Every core column belongs to at most one parameter.
         """
         factors = self.scaling.factors @ self.selection[1].T
         return freeze(factors[:, :, None] * factors[:, None])
 
     def cost(self, states: Array, power: float = STARTING) -> float:
-        """The criterion's stand-in alone."""
+        """The smooth criterion without penalties."""
         _, C = self._unit(self.bounds.channels(states))
         return self.criterion.smooth(C, power)[0]
 
     def _unit(self, channels: CoreChannels) -> tuple[Array, Array]:
-        """Lengths that columns are divided by, (k,), and C of what they are then, (k, k)."""
+        """Column lengths that are divided out, (k,), and C of the scaled columns, (k, k)."""
         model, (columns, S) = self.bounds.model, self.selection
         made = model.mechanism.inner_products(*channels.motion, channels.own, columns, channels.loops)
         C = S.T @ (made[list(model.device.measured)] * self._factors).sum(axis=0) @ S
@@ -92,7 +92,7 @@ class Slopes:
         channels = self.bounds.channels(states)
         lengths, C = self._unit(channels)
         cost, B = self.criterion.smooth(C, power)
-        # A column of unit length does not grow: what would change its length is taken off.
+        # The length of a unit column is constant: the derivative along it is projected out.
         B = (B - np.diag(np.where(self.scaling.unit, (B * C).sum(axis=1), 0.0))) / lengths / lengths[:, None]
         forms = np.zeros((model.mechanism.coordinates, len(columns), len(columns)))
         forms[list(model.device.measured)] = self._factors * (S @ B @ S.T)
@@ -100,29 +100,26 @@ class Slopes:
         return cost, np.asarray(model.device.row_map.T @ channels.by_motion(by_channel))
 
     def _limits(self, states: Array, weight: float) -> tuple[float, Array]:
-        """Mean squares of what exceeds the limits, and their slopes."""
-        over, n, by_state = self._over(states), states.shape[2], np.zeros_like(states)
-        hot = over.any(axis=0)
-        if hot.any():
-            there = np.ascontiguousarray(states[:, :, hot])
-            by_state[:, :, hot] = self.bounds.slopes(there, 2 / n * over[:, hot])
+        """Mean squared violations of the limits, and their gradient."""
+        violations = np.array([excess for excess, _ in self.bounds.by_sample(states)])
+        over, n, by_state = np.maximum(violations + WITHIN, 0.0), states.shape[2], np.zeros_like(states)
+        violated = over.any(axis=0)
+        if violated.any():
+            there = np.ascontiguousarray(states[:, :, violated])
+            by_state[:, :, violated] = self.bounds.slopes(there, 2 / n * over[:, violated])
         flat, by_position = self._flatness(states)
         by_state[0] += by_position
         return weight * (float((over**2).sum()) / n + flat), weight * by_state
 
     def _flatness(self, states: Array) -> tuple[float, Array]:
-        """The same of flat loops alone, by positions, (active, n): differences where it is not zero."""
+        """The same for flat loops, by positions, (active, n): finite differences where it is not zero."""
         flat, n, by_position = self._flat(states), states.shape[2], np.zeros_like(states[0])
-        hot = flat > 0
-        there, here = states[:, :, hot], flat[hot]
-        for j in range(len(by_position) if hot.any() else 0):
-            by_position[j, hot] = 2 / n * here * (self._flat(moved(there, 0, j, STEPS[0])) - here) / STEPS[0]
+        violated = flat > 0
+        there, here = states[:, :, violated], flat[violated]
+        for j in range(len(by_position) if violated.any() else 0):
+            by_position[j, violated] = 2 / n * here * (self._flat(moved(there, 0, j, STEPS[0])) - here) / STEPS[0]
         return float((flat**2).sum()) / n, by_position
 
-    def _over(self, states: Array) -> Array:
-        """What exceeds each limit less a margin, (limits, n)."""
-        return np.maximum(np.array([excess for excess, _ in self.bounds.by_sample(states)]) + WITHIN, 0.0)
-
     def _flat(self, states: Array) -> Array:
-        """The same of flat loops, (n,)."""
+        """Violation of the least distance from flat loops, with the margin, (n,)."""
         return np.maximum(self.bounds.flatness(states[0]) + WITHIN, 0.0)

@@ -1,4 +1,4 @@
-"""What an exciting motion must respect, as figures that a search can lower: how far each limit is exceeded."""
+"""Constraints of an exciting motion: relative violation of every limit, and its gradient."""
 
 from __future__ import annotations
 
@@ -14,18 +14,18 @@ from haptid.device import Joint
 from haptid.dynamics.inverse import inverse_dynamics, raw_parameters
 from haptid.dynamics.model import DynamicModel
 from haptid.dynamics.regressor import CoreChannels
-from haptid.errors import NoRangeError
+from haptid.errors import IncompleteDeviceError
 from haptid.experiment.bench.limits import FLAT, loop_openness
 from haptid.experiment.bench.trajectories import Figures, Trajectory, spread
 
 T = TypeVar("T")
-# A motion is planned to stay this much further from flat loops than the bench insists on.
+# Planned distance from flat loops, relative to the minimum of the bench.
 MARGIN = 1.2
 
 
 @dataclass(frozen=True)
 class Coupling:
-    """A range of a combination of active joints, such as the angle between two bars.
+    """Limits of a linear combination of active joints, such as the angle between two bars.
 
     Attributes:
         weights: of each active joint.
@@ -39,15 +39,15 @@ class Coupling:
 
 @dataclass(frozen=True)
 class Limits:
-    """What a motion must stay within; what is left out is taken from the device file.
+    """Limits of a motion; position and speed default to those of the device file.
 
     Attributes:
         position: lowest and highest of each active joint, rad or m.
-        speed: greatest of each active joint, rad/s or m/s; one for all or one for each.
-        acceleration: greatest of each active joint, rad/s^2 or m/s^2; none where left out.
-        torque: greatest of each torque row, N m or N; needs base parameters to be checked with.
-        couplings: ranges of combinations of active joints.
-        openness: least distance of a loop from flat: see `bench.loop_openness`.
+        speed: maximum of each active joint, rad/s or m/s; one for all or one for each.
+        acceleration: maximum of each active joint, rad/s^2 or m/s^2; unlimited by default.
+        torque: maximum of each torque row, N m or N, computed from base parameters; unlimited by default.
+        couplings: limits of combinations of active joints.
+        openness: minimum distance of a loop from its singular configuration: see `bench.loop_openness`.
     """
 
     position: tuple[tuple[float, float], ...] | None = None
@@ -65,11 +65,11 @@ class Bounds:
     Attributes:
         model: the dynamic model.
         position: lowest and highest of each active joint, (active, 2), rad or m.
-        speed: greatest, (active,).
-        acceleration: greatest, (active,); infinite where there is no limit.
-        torque: greatest of each row, (rows,); infinite where there is no limit.
-        limits: the others.
-        beta: base parameters that torques are made of, (p,), SI.
+        speed: maximum, (active,).
+        acceleration: maximum, (active,); infinite where there is no limit.
+        torque: maximum of each row, (rows,); infinite where there is no limit.
+        limits: the limits they come from, with couplings and openness.
+        beta: base parameters for the torques, (p,), SI.
     """
 
     model: DynamicModel
@@ -88,16 +88,16 @@ class Bounds:
 
     @property
     def names(self) -> list[str]:
-        """Of the active joints."""
+        """Names of the active joints."""
         return [self.model.device.joints[j].name for j in self.model.device.active]
 
     @staticmethod
     def of(model: DynamicModel, limits: Limits, beta: Array) -> Bounds:
-        """Limits as given, and the device's where they are not.
+        """Limits as given, else those of the device.
 
         Raises:
-            NoRangeError: a joint has no range of positions or no greatest speed in either.
-            FigureCountError: not one figure for all joints or one for each.
+            IncompleteDeviceError: a joint has no range of positions or no maximum speed in either.
+            ExperimentError: not one value for all joints or one for each.
         """
         joints = [model.device.joints[j] for j in model.device.active]
         names = [joint.name for joint in joints]
@@ -105,26 +105,25 @@ class Bounds:
         if position is None:
             position = tuple(_given("range of positions", j.name, j.position_limits) for j in joints)
         if speed is None:
-            speed = tuple(_given("greatest speed", j.name, j.velocity_limit) for j in joints)
-        torque = limits.torque or (np.inf,)
+            speed = tuple(_given("maximum speed", j.name, j.velocity_limit) for j in joints)
         return Bounds(
             model,
             np.array(position, dtype=float),
             spread("speed", speed, names),
             spread("acceleration", limits.acceleration or (np.inf,), names),
-            spread("torque", torque, list(model.device.row_names)),
+            spread("torque", limits.torque or (np.inf,), list(model.device.row_names)),
             limits,
             beta,
         )
 
     def excesses(self, trajectory: Trajectory) -> list[tuple[float, str]]:
-        """By how much of its size a motion exceeds each limit, at most 0 where it does not, and of what it is."""
+        """Largest relative violation of each limit, at most 0 where it is met, and the name of the limit."""
         states = np.array([trajectory.q.T, trajectory.qd.T, trajectory.qdd.T])
         every = [*self.by_sample(states), (self.flatness(states[0]), "the distance of a loop from flat")]
         return [(float(excess.max()), what) for excess, what in every]
 
     def by_sample(self, states: Array) -> Iterator[tuple[Array, str]]:
-        """The same at every sample, (n,) each, but for flat loops.
+        """Relative violations at every sample, (n,) each, without flat loops.
 
         Args:
             states: positions, velocities and accelerations of the active joints, (3, active, n).
@@ -144,7 +143,7 @@ class Bounds:
                 yield np.abs(x) / most - 1, f"the torque of {label}"
 
     def slopes(self, states: Array, weights: Array) -> Array:
-        """Slopes by states, (3, active, n), of the sum of `by_sample`, every excess at every sample with its weight.
+        """Gradient by states, (3, active, n), of the weighted sum of all violations of `by_sample`.
 
         Args:
             states: as for `by_sample`.
@@ -164,23 +163,23 @@ class Bounds:
         return made
 
     def _passive_slopes(self, states: Array, rest: Iterator[Array], made: Array) -> None:
-        """The same of joints that only follow, added; a rate changes by a coordinate as it does along the motion."""
-        if not self._followers:
+        """Add the gradient of passive joints' violations; a rate changes with a coordinate as along the motion."""
+        if not self._limited_passive:
             return
         followed = self.model.device.closure.follow(states[0], states[1])
         qd = followed.velocity(states[1])
         shape = (states.shape[2], *followed.G.shape[-2:])
         G, Gd = (np.broadcast_to(x, shape).transpose(1, 2, 0) for x in (followed.G, followed.Gd))
-        for k, joint in self._followers:
+        for k, joint in self._limited_passive:
             if joint.position_limits is not None:
                 made[0] += G[k] * (next(rest) * _outwards(followed.q[k], *joint.position_limits))
             if joint.velocity_limit is not None:
-                outwards = next(rest) * np.sign(qd[k]) / joint.velocity_limit
-                made[0] += Gd[k] * outwards
-                made[1] += G[k] * outwards
+                by_rate = next(rest) * np.sign(qd[k]) / joint.velocity_limit
+                made[0] += Gd[k] * by_rate
+                made[1] += G[k] * by_rate
 
     def _torque_slopes(self, states: Array, weights: Array) -> Array:
-        """The same of torques."""
+        """The same for torques."""
         model = self.model
         by = self.channels(states).torque_slopes(raw_parameters(model, self.beta))
         tau = inverse_dynamics(model, self.beta, *(np.ascontiguousarray(x) for x in states))
@@ -188,29 +187,29 @@ class Bounds:
         return np.asarray(model.device.row_map.T @ by_motion)
 
     def channels(self, states: Array) -> CoreChannels:
-        """What the core makes rows of, from states of the active joints, (3, active, n)."""
+        """Input channels of the core for states of the active joints, (3, active, n)."""
         return CoreChannels.of(self.model, self.model.device.row_map @ states)
 
     @cached_property
-    def _followers(self) -> list[tuple[int, Joint]]:
-        """The joints that only follow and have limits, with their numbers."""
+    def _limited_passive(self) -> list[tuple[int, Joint]]:
+        """Indices and data of the passive joints that have limits."""
         passive = [(k, joint) for k, joint in enumerate(self.model.device.joints) if k not in self.model.device.active]
         return [(k, j) for k, j in passive if j.position_limits is not None or j.velocity_limit is not None]
 
     def _passive(self, states: Array) -> Iterator[tuple[Array, str]]:
-        """Limits of the joints that only follow."""
-        if not self._followers:
+        """Violations of the passive joints' limits."""
+        if not self._limited_passive:
             return
         followed = self.model.device.closure.follow(states[0], states[1])
         q, qd = followed.q, followed.velocity(states[1])
-        for k, joint in self._followers:
+        for k, joint in self._limited_passive:
             if joint.position_limits is not None:
                 yield _beyond(q[k], *joint.position_limits), f"the position of joint {joint.name}"
             if joint.velocity_limit is not None:
                 yield np.abs(qd[k]) / joint.velocity_limit - 1, f"the speed of joint {joint.name}"
 
     def flatness(self, q: Array) -> Array:
-        """By how much loops are too flat at every sample, (n,), from positions of the active joints, (active, n)."""
+        """Relative violation of the openness limit at every sample, (n,), from active joint positions, (active, n)."""
         return np.asarray(
             1 - loop_openness(self.model, self.model.device.closure.positions(q).T) / self.limits.openness
         )
@@ -218,15 +217,19 @@ class Bounds:
 
 def _given(what: str, joint: str, value: T | None) -> T:
     if value is None:
-        raise NoRangeError(what, joint)
+        raise IncompleteDeviceError(
+            f"joint {joint} has no {what} in the device file, so the motion is not bounded.",
+            where=joint,
+            advice="Add it to the limits or to the device file.",
+        )
     return value
 
 
 def _beyond(x: Array, low: float, high: float) -> Array:
-    """How far values leave a range, of its width."""
+    """Violation of a range, relative to its width."""
     return np.asarray(np.maximum(low - x, x - high) / (high - low))
 
 
 def _outwards(x: Array, low: float, high: float) -> Array:
-    """Slope of `_beyond` by x."""
+    """Derivative of `_beyond` by x."""
     return np.asarray(np.where(x - high > low - x, 1.0, -1.0) / (high - low))

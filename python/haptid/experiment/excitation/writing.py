@@ -1,28 +1,33 @@
-"""An exciting motion as an experiment file of the bench."""
+"""An exciting motion written out: as an experiment file of the bench, and as samples for a real controller."""
 
 from __future__ import annotations
 
+import csv
 from collections.abc import Iterator, Mapping
 from dataclasses import fields, is_dataclass
 from pathlib import Path
 from typing import Any
 
-from haptid.errors import OutputError
-from haptid.experiment.bench.experiment import Experiment
+import numpy as np
+
+from haptid._internal.arrays import Array
+from haptid.dynamics.inverse import mass_matrix
+from haptid.errors import OutputFolderError
+from haptid.experiment.bench.experiment import Experiment, ExperimentTable
 from haptid.experiment.bench.trajectories import Fourier, Kind, TrianglesAndSines
 from haptid.experiment.excitation.search import Excitation
 
 
 def write_experiment(path: str | Path, excitation: Excitation, like: Experiment) -> Path:
-    """Write an experiment with this motion, and all the rest as in another one: controller, instruments, what is true.
+    """Write an experiment file with this motion and the controller, instruments and true parameters of another one.
 
     Args:
         path: of the file, TOML.
-        excitation: its motion and the seed that draws its phases.
-        like: the experiment that it is otherwise like.
+        excitation: the motion and the seed of its phases.
+        like: the experiment that the rest is copied from.
 
     Raises:
-        OutputError: the file cannot be written.
+        OutputFolderError: the file cannot be written.
     """
     rest = like.table.model_dump(by_alias=True, exclude_unset=True)
     made = {**rest, "seed": excitation.seed, "trajectory": trajectory_table(excitation.kind)}
@@ -30,12 +35,16 @@ def write_experiment(path: str | Path, excitation: Excitation, like: Experiment)
     try:
         target.write_text(toml(made), encoding="utf-8")
     except OSError as error:
-        raise OutputError(target, str(error.strerror)) from error
+        raise OutputFolderError(
+            f"cannot write {target}: {error.strerror}.",
+            where=target,
+            advice="Choose a writable folder.",
+        ) from error
     return target
 
 
 def trajectory_table(kind: Kind) -> dict[str, Any]:
-    """The table [trajectory] that the bench reads back as this motion."""
+    """The table [trajectory] of this motion."""
     if isinstance(kind, TrianglesAndSines):
         sines = _settings(kind.sines)
         own = {name: sines[name] for name in ("amplitude", "frequencies_hz", "count", "speed") if sines[name]}
@@ -49,7 +58,7 @@ def _settings(kind: object) -> dict[str, Any]:
 
 
 def toml(table: Mapping[str, Any]) -> str:
-    """A table as TOML, one setting to a line; tables within tables of the top level in one line."""
+    """A table as TOML, one key per line; nested tables below the second level inline."""
     return "\n".join(_lines(table)) + "\n"
 
 
@@ -77,3 +86,55 @@ def value_text(value: Any) -> str:
     if isinstance(value, str):
         return '"' + value.replace("\\", "\\\\").replace('"', '\\"') + '"'
     return repr(value)
+
+
+# Bandwidth, rad/s, and damping ratio of the default controller, at the largest inertia of a motor along the motion.
+OMEGA, DAMPING = 2 * np.pi * 6.0, 0.8
+# Step at which inertias are evaluated, s.
+LOOK = 0.05
+
+
+def plain_experiment(found: Excitation) -> Experiment:
+    """Default experiment for a motion: true parameters from the device's prior, PD controller of about 6 Hz bandwidth.
+
+    Gains are zero for coordinates whose inertia the prior does not give: the experiment then needs a controller.
+    """
+    inertia = largest_inertia(found)
+    gains = {"kp": (OMEGA**2 * inertia).tolist(), "kd": (2 * DAMPING * OMEGA * inertia).tolist()}
+    table: dict[str, Any] = {
+        "schema": 1,
+        "name": f"{found.model.device.name}, exciting motion",
+        "seed": found.seed,
+        "trajectory": _lists(trajectory_table(found.kind)),
+        "controller": gains,
+    }
+    made = ExperimentTable.model_validate(table)
+    return Experiment(made.name, made.seed, found.kind, made)
+
+
+def largest_inertia(found: Excitation) -> Array:
+    """Largest inertia of every motor coordinate along the motion, from the parameters of the search, (motors,)."""
+    model = found.model
+    M = mass_matrix(model, found.bounds.beta, found.trajectory(LOOK).q.T)
+    to_rows = model.device.row_map @ np.linalg.inv(model.device.coupling)
+    on_drives = np.einsum("ik,nij,jk->nk", to_rows, M, to_rows)
+    motors = [k for k, drive in enumerate(model.device.drives) if drive.motorised]
+    return np.asarray(np.maximum(on_drives.max(axis=0)[motors], 0.0))
+
+
+def write_samples(found: Excitation, path: Path, rate_hz: float) -> None:
+    """Write the motion as CSV samples: t in s, then position, velocity and acceleration of the active joints, SI."""
+    made = found.trajectory(1.0 / rate_hz)
+    names = [found.model.device.joint_names[j] for j in found.model.device.active]
+    heads = ["t", *(f"{prefix}{name}" for prefix in ("q", "qd", "qdd") for name in names)]
+    with path.open("w", newline="", encoding="utf-8") as file:
+        table = csv.writer(file)
+        table.writerow(heads)
+        table.writerows(np.column_stack([made.t, made.q, made.qd, made.qdd]).tolist())
+
+
+def _lists(value: Any) -> Any:
+    """The same with lists in place of tuples and without None, as in a parsed file."""
+    if isinstance(value, dict):
+        return {key: _lists(one) for key, one in value.items() if one is not None}
+    return [_lists(one) for one in value] if isinstance(value, (list, tuple)) else value

@@ -1,1 +1,1 @@
-"""Friction tests at constant velocities."""
+"""Friction identification at constant velocities: the friction curve of each joint, and the choice of its model."""

@@ -1,8 +1,8 @@
-"""Which friction model a friction test asks for: Coulomb, viscous, Stribeck, different by direction.
+"""Selection of a friction model from a friction curve: Coulomb, viscous, direction-dependent, Stribeck.
 
-Models are compared by AIC with the correction for small samples (Hurvich and Tsai 1989; Burnham and Anderson 2002,
-section 2.4): n ln(S / n) + 2 K + 2 K (K + 1) / (n - K - 1), with S the sum of squares of the n residuals in their
-own deviations, and K parameters, the residual's variance among them. A larger model must be lower by 2 to be chosen.
+Models are compared by AICc, the AIC corrected for small samples (Hurvich and Tsai 1989; Burnham and Anderson 2002,
+section 2.4): n ln(S / n) + 2 K + 2 K (K + 1) / (n - K - 1), with S the sum of squares of the n standardised residuals
+and K parameters including the residual variance. A larger model must be lower by 2 to be chosen.
 """
 
 from __future__ import annotations
@@ -11,22 +11,25 @@ from dataclasses import dataclass
 from typing import Protocol
 
 import numpy as np
-from scipy import optimize, stats
+from scipy import optimize
 
 from haptid._internal.arrays import Array
 from haptid.experiment.friction_test.curve import FrictionCurve, JointFriction
+from haptid.uncertainty.quantities import Quantities
 
-# A model with more parameters must lower AICc by this much.
+# Decrease of AICc that a model with more parameters requires.
 GAIN = 2.0
-# No point is trusted much more than the median one, nor better than this share of the largest torque.
+# Lower bounds of a point's standard error: relative to the median one, and relative to the largest torque.
 TRUSTED = 0.3
 EXACT = 1e-6
-# Stribeck velocities are sought on so many points from half the slowest to half the fastest speed.
+# Grid points of the Stribeck velocity, from half the slowest to half the fastest speed.
 POINTS = 60
+# Unit of the parameters per unit of velocity: of FV in N m s/rad, with the unit of torque before it.
+PER_VELOCITY = {"N m": " s/rad", "N": " s/m"}
 
 
 class FrictionModel(Protocol):
-    """A friction model, linear in its parameters but for one scale of velocity at most."""
+    """Protocol of a friction model, linear in its parameters except for the Stribeck velocity VS, if it has one."""
 
     @property
     def name(self) -> str:
@@ -38,10 +41,10 @@ class FrictionModel(Protocol):
 
     @property
     def scaled(self) -> bool:
-        """Whether it has a scale of velocity, VS."""
+        """Whether it has a Stribeck velocity VS."""
 
     def columns(self, v: Array, scale: float) -> Array:
-        """Torque of unit parameters at velocities (n,), (n, k)."""
+        """Regressor at velocities (n,) and Stribeck velocity `scale`, (n, k)."""
 
 
 @dataclass(frozen=True)
@@ -74,7 +77,7 @@ class CoulombViscous:
 
 @dataclass(frozen=True)
 class ByDirection:
-    """FC sgn v + FV+ v or FV- v + OFF: Coulomb friction that differs by direction is an offset."""
+    """FC sgn v + FV+ v or FV- v + OFF: direction-dependent Coulomb friction is equivalent to an offset."""
 
     name: str = "different by direction"
     parameters: tuple[str, ...] = ("FC", "FV+", "FV-", "OFF")
@@ -106,32 +109,43 @@ ENOUGH = "Coulomb and viscous"
 
 @dataclass(frozen=True)
 class FrictionFit:
-    """A model fitted to a curve.
+    """A friction model fitted to a curve.
 
     Attributes:
         friction_model: its name.
-        values: of its parameters by name, SI; VS too.
-        intervals: 95 % of each linear parameter by name, from the points' deviations or their scatter about the
+        parameters: its linear parameters; standard errors from those of the points or from their scatter about the
             fit, whichever is larger.
-        aicc: infinite where there are too few points to tell.
+        VS: its Stribeck velocity, rad/s or m/s; None where it has none.
+        aicc: infinite where there are too few points.
         error: 100 norm(f - f_hat) / norm(f), per cent.
     """
 
     friction_model: str
-    values: dict[str, float]
-    intervals: dict[str, tuple[float, float]]
+    parameters: Quantities
+    VS: float | None
     aicc: float
     error: float
+
+    @property
+    def values(self) -> dict[str, float]:
+        """Its parameters by name, VS included, SI."""
+        linear = dict(zip(self.parameters.names, self.parameters.values.tolist(), strict=True))
+        return linear if self.VS is None else linear | {"VS": self.VS}
+
+    def conf_int(self, level: float = 0.95) -> dict[str, tuple[float, float]]:
+        """Confidence intervals of the linear parameters by name."""
+        ends = self.parameters.conf_int(level).tolist()
+        return {name: (low, high) for name, (low, high) in zip(self.parameters.names, ends, strict=True)}
 
 
 @dataclass(frozen=True)
 class JointChoice:
-    """Models of one joint's friction, and the one to use.
+    """The friction models of one joint, and the one chosen.
 
     Attributes:
         label: "motor 1".
-        fits: of all models, from few parameters to many.
-        chosen: the one to use.
+        fits: of all models, in order of the number of parameters.
+        chosen: the model to use.
     """
 
     label: str
@@ -140,35 +154,35 @@ class JointChoice:
 
     @property
     def enough(self) -> bool:
-        """Whether viscous and Coulomb friction are enough."""
+        """Whether viscous and Coulomb friction are sufficient."""
         return self.chosen.friction_model in (MODELS[0].name, ENOUGH)
 
     @property
     def sentence(self) -> str:
-        """The verdict, and what it rests on."""
-        plain = next(fit for fit in self.fits if fit.friction_model == ENOUGH)
+        """The choice, with differences of AICc and the values."""
+        standard = next(fit for fit in self.fits if fit.friction_model == ENOUGH)
         larger = [fit for fit in self.fits if fit.friction_model not in (MODELS[0].name, ENOUGH)]
-        figures = ", ".join(f"{fit.friction_model} {fit.aicc - plain.aicc:+.1f}" for fit in larger)
+        differences = ", ".join(f"{fit.friction_model} {fit.aicc - standard.aicc:+.1f}" for fit in larger)
         values = ", ".join(f"{name} = {value:.4g}" for name, value in self.chosen.values.items())
         if not self.enough:
-            return f"{self.label}: viscous and Coulomb friction are not enough (AICc: {figures}). {values}."
-        if all(np.isinf(fit.aicc) for fit in larger):
-            return (
-                f"{self.label}: too few velocities to tell more than {self.chosen.friction_model} friction. {values}."
-            )
-        alone = " Coulomb friction alone is." if self.chosen.friction_model == MODELS[0].name else ""
-        return f"{self.label}: viscous and Coulomb friction are enough (AICc of more: {figures}).{alone} {values}."
+            verdict = f"viscous and Coulomb friction are not sufficient (AICc: {differences})."
+        elif all(np.isinf(fit.aicc) for fit in larger):
+            verdict = f"too few velocities for a model larger than {self.chosen.friction_model} friction."
+        else:
+            alone = " Coulomb friction alone is." if self.chosen.friction_model == MODELS[0].name else ""
+            verdict = f"viscous and Coulomb friction are sufficient (AICc of larger models: {differences}).{alone}"
+        return f"{self.label}: {verdict} {values}."
 
 
 @dataclass(frozen=True)
 class FrictionChoice:
-    """The friction model that each joint of a test asks for."""
+    """The friction model chosen for each joint of a test."""
 
     joints: tuple[JointChoice, ...]
 
     @property
     def enough(self) -> bool:
-        """Whether viscous and Coulomb friction are enough for all joints."""
+        """Whether viscous and Coulomb friction are sufficient for all joints."""
         return all(joint.enough for joint in self.joints)
 
     def summary(self) -> str:
@@ -177,7 +191,7 @@ class FrictionChoice:
 
 
 def choose_friction(curve: FrictionCurve) -> FrictionChoice:
-    """Fit every model to each joint's curve, and say which is enough."""
+    """Fit every friction model to each joint's curve, and choose the smallest sufficient one."""
     return FrictionChoice(tuple(_choice(joint) for joint in curve.joints))
 
 
@@ -189,42 +203,38 @@ def _choice(joint: JointFriction) -> JointChoice:
 
 
 def fit(friction_model: FrictionModel, joint: JointFriction) -> FrictionFit:
-    """Weighted least squares of one model."""
+    """Weighted least squares of one friction model."""
     v, f = joint.velocity, joint.torque
-    deviation = np.maximum(joint.se, max(TRUSTED * float(np.median(joint.se)), EXACT * float(np.abs(f).max())))
-    scale = _scale(friction_model, v, f, deviation) if friction_model.scaled else 1.0
-    A = friction_model.columns(v, scale) / deviation[:, None]
-    beta = np.linalg.lstsq(A, f / deviation, rcond=None)[0]
-    rest, (n, k) = float(np.sum((f / deviation - A @ beta) ** 2)), A.shape
+    se = np.maximum(joint.se, max(TRUSTED * float(np.median(joint.se)), EXACT * float(np.abs(f).max())))
+    scale = _stribeck_velocity(friction_model, v, f, se) if friction_model.scaled else 1.0
+    A = friction_model.columns(v, scale) / se[:, None]
+    beta = np.asarray(np.linalg.lstsq(A, f / se, rcond=None)[0], dtype=np.float64)
+    squares, (n, k) = float(np.sum((f / se - A @ beta) ** 2)), A.shape
     K = k + friction_model.scaled + 1
-    enough = n - K - 1 > 0
-    # Points of one joint err together, so that their scatter may be less than their own deviations.
-    spread = np.sqrt(np.diag(np.linalg.pinv(A.T @ A)) * max(rest / max(n - K + 1, 1), 1.0))
-    half = stats.t.ppf(0.975, max(n - K + 1, 1)) * spread
-    values = dict(zip(friction_model.parameters, beta.tolist(), strict=True)) | (
-        {"VS": scale} if friction_model.scaled else {}
-    )
-    ends = zip(friction_model.parameters, (beta - half).tolist(), (beta + half).tolist(), strict=True)
-    missed = np.linalg.norm(f - friction_model.columns(v, scale) @ beta)
+    dof = max(n - K + 1, 1)
+    # Errors of one joint's points are correlated, so that their scatter may be below their standard errors.
+    covariance = np.asarray(np.linalg.pinv(A.T @ A) * max(squares / dof, 1.0), dtype=np.float64)
+    units = [joint.unit + PER_VELOCITY[joint.unit] * name.startswith("FV") for name in friction_model.parameters]
+    correction = 2 * K * (K + 1) / (n - K - 1) if n - K - 1 > 0 else np.inf
     return FrictionFit(
         friction_model=friction_model.name,
-        values=values,
-        intervals={name: (low, high) for name, low, high in ends},
-        aicc=n * float(np.log(max(rest / n, EXACT**2))) + 2 * K + 2 * K * (K + 1) / (n - K - 1) if enough else np.inf,
-        error=100 * float(missed / np.linalg.norm(f)),
+        parameters=Quantities(friction_model.parameters, tuple(units), beta, covariance, np.full(k, float(dof))),
+        VS=scale if friction_model.scaled else None,
+        aicc=n * float(np.log(max(squares / n, EXACT**2))) + 2 * K + correction,
+        error=100 * float(np.linalg.norm(f - friction_model.columns(v, scale) @ beta) / np.linalg.norm(f)),
     )
 
 
-def _scale(friction_model: FrictionModel, v: Array, f: Array, deviation: Array) -> float:
-    """The scale of velocity that fits best, rad/s or m/s."""
+def _stribeck_velocity(friction_model: FrictionModel, v: Array, f: Array, se: Array) -> float:
+    """The Stribeck velocity of least squared residuals, rad/s or m/s: a grid search, then a bounded line search."""
 
-    def rest(log_scale: float) -> float:
-        A = friction_model.columns(v, float(np.exp(log_scale))) / deviation[:, None]
-        missed = f / deviation - A @ np.linalg.lstsq(A, f / deviation, rcond=None)[0]
-        return float(missed @ missed)
+    def squares(log_scale: float) -> float:
+        A = friction_model.columns(v, float(np.exp(log_scale))) / se[:, None]
+        residual = f / se - A @ np.linalg.lstsq(A, f / se, rcond=None)[0]
+        return float(residual @ residual)
 
     speeds = np.abs(v)
     grid = np.linspace(np.log(0.5 * speeds.min()), np.log(0.5 * speeds.max()), POINTS)
-    best = int(np.argmin([rest(x) for x in grid]))
+    best = int(np.argmin([squares(x) for x in grid]))
     ends = (grid[max(best - 1, 0)], grid[min(best + 1, POINTS - 1)])
-    return float(np.exp(optimize.minimize_scalar(rest, bounds=ends, method="bounded").x))
+    return float(np.exp(optimize.minimize_scalar(squares, bounds=ends, method="bounded").x))

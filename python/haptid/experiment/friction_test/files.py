@@ -1,4 +1,4 @@
-"""A friction test written down: its points, the models that were compared, and a picture of both."""
+"""Files of a friction test: points of the curves (CSV), model comparison (JSON values) and a plot."""
 
 from __future__ import annotations
 
@@ -16,31 +16,30 @@ from haptid._internal.arrays import Array
 from haptid.experiment.friction_test.choice import MODELS, FrictionChoice, FrictionFit, JointChoice
 from haptid.experiment.friction_test.curve import FrictionCurve, JointFriction
 
-# Colours that colour-blind readers tell apart (Okabe and Ito 2008): points, the model that is used, others.
+# Colour-blind safe palette (Okabe and Ito 2008): points, the chosen model, others.
 POINTS, CHOSEN, OTHERS = "#000000", "#0072B2", ("#E69F00", "#009E73", "#CC79A7")
-# Points of a drawn curve in each direction.
+# Points per direction of a drawn curve.
 DRAWN = 200
 
 
 def model_torque(fit: FrictionFit, v: Array) -> Array:
     """Torque of a fitted model at velocities, (n,), N m or N."""
     friction_model = next(one for one in MODELS if one.name == fit.friction_model)
-    beta = np.array([fit.values[name] for name in friction_model.parameters])
-    return np.asarray(friction_model.columns(v, fit.values.get("VS", 1.0)) @ beta)
+    return np.asarray(friction_model.columns(v, fit.values.get("VS", 1.0)) @ fit.parameters.values)
 
 
 def write_points(curve: FrictionCurve, path: Path) -> None:
-    """Write the curves' points as CSV."""
+    """Write the points of the curves as CSV."""
     with path.open("w", newline="", encoding="utf-8") as file:
         table = csv.writer(file)
         table.writerow(["joint", "velocity", "torque", "sd", "low95", "high95", "unit"])
         for joint in curve.joints:
-            for v, tau, se, (low, high) in zip(joint.velocity, joint.torque, joint.se, joint.interval95, strict=True):
+            for v, tau, se, (low, high) in zip(joint.velocity, joint.torque, joint.se, joint.conf_int(), strict=True):
                 table.writerow([joint.label, *(float(x) for x in (v, tau, se, low, high)), joint.unit])
 
 
 def choice_values(choice: FrictionChoice) -> dict[str, Any]:
-    """The comparison as plain values: `friction.json`."""
+    """The model comparison as plain values, for `friction.json`."""
     return {
         "criterion": "AICc: n ln(S / n) + 2 K + 2 K (K + 1) / (n - K - 1); a larger model must be lower by 2",
         "viscous_and_coulomb_are_enough": choice.enough,
@@ -59,14 +58,14 @@ def _fit_values(fit: FrictionFit) -> dict[str, Any]:
     return {
         "model": fit.friction_model,
         "values": fit.values,
-        "interval95": {name: list(ends) for name, ends in fit.intervals.items()},
+        "interval95": {name: list(ends) for name, ends in fit.conf_int().items()},
         "aicc": fit.aicc if math.isfinite(fit.aicc) else None,
         "relative_error_percent": fit.error,
     }
 
 
 def plot_friction(curve: FrictionCurve, choice: FrictionChoice, title: str, path: Path) -> None:
-    """One panel for each joint: points with their intervals, the model that is used, and the others thin."""
+    """Plot one panel per joint: points with 95 % intervals, the chosen model, and the others in thin lines."""
     figure = Figure(figsize=(1.0 + 4.0 * len(curve.joints), 4.2), layout="constrained")
     FigureCanvasAgg(figure)
     figure.suptitle(title, parse_math=False)
@@ -78,7 +77,7 @@ def plot_friction(curve: FrictionCurve, choice: FrictionChoice, title: str, path
 
 
 def _draw(panel: Axes, joint: JointFriction, made: JointChoice) -> None:
-    low, high = joint.interval95.T
+    low, high = joint.conf_int().T
     errors = [joint.torque - low, high - joint.torque]
     panel.errorbar(joint.velocity, joint.torque, errors, fmt=".", color=POINTS, capsize=2, label="measured", zorder=3)
     fastest = float(np.abs(joint.velocity).max())

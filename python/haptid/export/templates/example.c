@@ -1,6 +1,6 @@
 /*
- * A haptic callback, as a rendering loop calls it at a fixed rate: the device is made to feel lighter by gravity and
- * friction compensation, and the hand's torque is observed. Replace read_encoders and write_torques by your device's.
+ * A haptic callback at a fixed rate with gravity and friction compensation and the observer of the hand's torque.
+ * Replace read_encoders and write_torques by those of your device.
  */
 #include "@{name}.h"
 
@@ -14,7 +14,7 @@ typedef struct {
     @{name}_model model;
     @{name}_observer observer;
     @{name}_differentiator differentiator;
-    @{name}_real tau[N]; /* given to the motors at the last tick */
+    @{name}_real tau[N]; /* motor torque of the last tick */
 } haptic_state;
 
 static void read_encoders(int tick, @{name}_real q[N])

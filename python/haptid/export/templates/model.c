@@ -63,7 +63,7 @@ void @{name}_observer_update(const @{name}_model *model, @{name}_observer *obser
     for (i = 0; i < @{n}; i++) {
         const @{real} pushed = tau[i] - rest[i] - terms[i];
         if (observer->started != 0) {
-            /* Over a step the momentum changes by the mean torque: what is left unexplained is the hand's. */
+            /* Over a step the momentum changes by the mean torque: the unexplained part is that of the hand. */
             const @{real} explained = @{half} * (pushed + observer->pushed[i]);
             const @{real} mean = ((p[i] - observer->p[i]) / observer->dt) - explained;
             observer->torque[i] = (observer->keep * observer->torque[i]) + ((@{one} - observer->keep) * mean);

@@ -1,4 +1,4 @@
-/* Compares the code with values of the Python model. Returns 0 where all agree. */
+/* Compares the code with reference values of the Python model. Returns 0 where all agree. */
 #include "@{name}.h"
 
 #include <math.h>
@@ -6,7 +6,7 @@
 
 #define N @{NAME}_COORDINATES
 #define SAMPLES @{samples}
-/* Largest difference of an output, relative to its largest entry. */
+/* Maximum difference of an output, relative to its largest entry. */
 #define TOLERANCE @{tolerance}
 
 static int failures = 0;

@@ -9,14 +9,14 @@ import numpy as np
 from scipy import stats
 
 from haptid._internal.arrays import Array, read_only
-from haptid.demos.branches.plan import Stretch
 from haptid.dynamics.inverse import raw_parameters
 from haptid.estimation import Estimate
 from haptid.inference.diagnosis.added_variable import device_rows
 from haptid.inference.diagnosis.finding import SIGNIFICANCE, Finding, Status, listed
 from haptid.inference.diagnosis.subsample import block_numbers, row_ranges
 from haptid.motion.treatment import Motion
-from haptid.observation.observation import Plan
+from haptid.observation.plan import Plan
+from haptid.observation.rows import Chunk
 from haptid.uncertainty.multiple_testing import together
 
 # Missing rows between two ranges: more than any lag that is used.
@@ -105,13 +105,13 @@ def _of(estimate: Estimate, motion: Motion) -> Iterator[Part]:
     own = [measured_rows.index(row) for row in device_rows(estimate)]
     end = 0
     for start, stop in row_ranges(plan, wanted):
-        stretch = Stretch.of(plan, start, stop)
+        chunk = Chunk.of(plan, start, stop)
         if start > end:
-            yield _gap(len(own), len(stretch.c))
-        measured, predicted = stretch.measured()[own], stretch.torque(chi)[own]
-        e = np.where(stretch.used[own], measured - predicted, np.nan)
+            yield _gap(len(own), len(chunk.c))
+        measured, predicted = chunk.measured()[own], chunk.torque(chi)[own]
+        e = np.where(chunk.used[own], measured - predicted, np.nan)
         block = np.array([index[row // plan.block] for row in range(start, stop)], dtype=float)
-        yield stretch.t, e, predicted, stretch.centres(stretch.c), stretch.centres(stretch.cd), block
+        yield chunk.t, e, predicted, chunk.centres(chunk.c), chunk.centres(chunk.cd), block
         end = stop
     yield _gap(len(own), len(model.device.row_names))
 

@@ -9,8 +9,7 @@ from typing import Any, ClassVar
 import numpy as np
 
 from haptid._internal.arrays import Array
-from haptid.errors import ModelMismatchError
-from haptid.inference.comparison import SAME_MEANING, Comparison
+from haptid.inference.comparison import Comparison, compare
 from haptid.inference.diagnosis.finding import listed
 from haptid.report.chart import COLOURS, Chart, figure, packed
 from haptid.report.section import Shown
@@ -47,7 +46,7 @@ class ComparisonSection(Shown):
         Raises:
             ModelMismatchError: a result has no parameter in common with the first.
         """
-        made = [compared(found[0], other) for other in found[1:]]
+        made = [compare(found[0], other, confidence=CONFIDENCE, independent=False) for other in found[1:]]
         pairs = [_pair(names[0], name, c) for name, c in zip(names[1:], made, strict=True)]
         results = [_result(name, r) for name, r in zip(names, found, strict=True)]
         return cls(
@@ -59,60 +58,6 @@ class ComparisonSection(Shown):
         )
 
 
-def compared(first: Result, second: Result) -> Comparison:
-    """Parameters of two results that differ, by Welch's test with Holm's correction; see `Comparison`.
-
-    Raises:
-        ModelMismatchError: they have no parameter in common.
-    """
-    names = [name for name in first.names if _same(name, first, second)]
-    if not names:
-        raise ModelMismatchError(
-            "the results have no parameter of the same name, unit and meaning in common.",
-            found=(first.names, second.names),
-            advice="Compare results of one device.",
-        )
-    at_a, at_b = ([r.names.index(name) for name in names] for r in (first, second))
-    return Comparison(
-        names=tuple(names),
-        units=tuple(first.base.units[k] for k in at_a),
-        first=first.free[at_a],
-        second=second.free[at_b],
-        first_sd=first.se[at_a],
-        second_sd=second.se[at_b],
-        first_freedom=first.dof[at_a],
-        second_freedom=second.dof[at_b],
-        covariance=first.covariance[np.ix_(at_a, at_a)] + second.covariance[np.ix_(at_b, at_b)],
-        confidence=CONFIDENCE,
-        notes=tuple(_notes(first, second, names)),
-    )
-
-
-def _same(name: str, first: Result, second: Result) -> bool:
-    """Whether a parameter is in both with one unit and one meaning."""
-    if name not in second.names:
-        return False
-    units = {r.base.units[r.names.index(name)] for r in (first, second)}
-    mine, theirs = _regrouped(first, name), _regrouped(second, name)
-    same = mine.keys() == theirs.keys() and all(np.isclose(mine[n], theirs[n], rtol=SAME_MEANING) for n in mine)
-    return len(units) == 1 and same
-
-
-def _regrouped(found: Result, name: str) -> Mapping[str, float]:
-    row = found.base.regrouping[found.names.index(name)]
-    return {found.base.standard[k]: float(row[k]) for k in np.flatnonzero(row)}
-
-
-def _notes(first: Result, second: Result, names: Sequence[str]) -> list[str]:
-    """Parameters that could not be compared, and why the test may not be valid."""
-    alone = dict.fromkeys(name for r in (first, second) for name in r.names if name not in names)
-    notes = [f"Not compared, not in both with one unit and meaning: {', '.join(alone)}."] if alone else []
-    fitted = [{log.sha256 for log in r.logs if log.role == "identify"} for r in (first, second)]
-    if fitted[0] & fitted[1]:
-        notes.append("Both were fitted to the same log: their errors are not independent, so the test is not valid.")
-    return notes
-
-
 def _pair(first: str, second: str, made: Comparison) -> dict[str, Any]:
     rows = [
         {
@@ -121,12 +66,12 @@ def _pair(first: str, second: str, made: Comparison) -> dict[str, Any]:
             "first": float(made.first[k]),
             "second": float(made.second[k]),
             "difference": float(made.difference[k]),
-            "low": float(made.conf_int()[k, 0]),
-            "high": float(made.conf_int()[k, 1]),
+            "low": float(low),
+            "high": float(high),
             "p": float(made.holm[k]),
             "differs": name in made.differs,
         }
-        for k, name in enumerate(made.names)
+        for k, (name, (low, high)) in enumerate(zip(made.names, made.conf_int(), strict=True))
     ]
     return {"first": first, "second": second, "sentences": list(made.sentences), "rows": rows}
 

@@ -90,7 +90,7 @@ def _chart(
 def _points(found: list[JointFriction]) -> dict[str, object]:
     """Friction at constant velocities with 95 % intervals."""
     x, y = (np.concatenate([getattr(joint, name) for joint in found]) for name in ("velocity", "torque"))
-    ends = np.concatenate([joint.interval95 for joint in found])
+    ends = np.concatenate([joint.conf_int() for joint in found])
     return series(
         "constant velocity",
         "interval",

@@ -11,7 +11,7 @@ from haptid.dynamics.symbolic import Regroupings
 from haptid.errors import HaptidError, RegroupingError
 from haptid.estimation import Estimate, Parameter
 from haptid.estimation.nonlinear import VariableProjection
-from haptid.inference.elimination import essential as search
+from haptid.inference.elimination import eliminate as search
 from haptid.inference.targets import targets
 from haptid.report.chart import Chart, packed
 from haptid.report.mathml import groupings, parameter

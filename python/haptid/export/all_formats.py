@@ -1,0 +1,89 @@
+"""Export of a model in several formats at once, by their names."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import Protocol
+
+from haptid._internal.atomic_folder import publishing
+from haptid.errors import UnknownNameError, suggestion
+from haptid.export.formats.c import export_c
+from haptid.export.formats.json import export_json
+from haptid.export.formats.latex import export_latex
+from haptid.export.formats.matlab import export_matlab
+from haptid.export.formats.mjcf import export_mjcf
+from haptid.export.formats.rust import export_rust
+from haptid.export.formats.urdf import export_urdf
+from haptid.export.output import CCode, Export
+from haptid.export.provenance import IdentifiedModel
+
+
+class Exporter(Protocol):
+    """Protocol of an exporter to a folder."""
+
+    def __call__(self, identified: IdentifiedModel, folder: Path, *, anyway: bool = False) -> Export: ...
+
+
+class Coder(Protocol):
+    """Protocol of an exporter of code to a folder."""
+
+    def __call__(self, identified: IdentifiedModel, folder: Path, code: CCode, *, anyway: bool = False) -> Export: ...
+
+
+def _double(identified: IdentifiedModel, folder: Path, code: CCode, *, anyway: bool = False) -> Export:
+    return export_c(identified, folder, replace(code, precision="double"), anyway=anyway)
+
+
+def _single(identified: IdentifiedModel, folder: Path, code: CCode, *, anyway: bool = False) -> Export:
+    return export_c(identified, folder, replace(code, precision="single"), anyway=anyway)
+
+
+CODE: Mapping[str, Coder] = {"c": _double, "c-single": _single, "matlab": export_matlab, "rust": export_rust}
+OTHERS: Mapping[str, Exporter] = {
+    "mjcf": export_mjcf,
+    "urdf": export_urdf,
+    "json": export_json,
+    "latex": export_latex,
+}
+FORMATS = (*CODE, *OTHERS)
+
+
+def export(
+    identified: IdentifiedModel,
+    folder: str | Path,
+    formats: Sequence[str],
+    code: CCode | None = None,
+    *,
+    anyway: bool = False,
+) -> dict[str, Export]:
+    """Write a model in several formats, each in a subfolder of its name; all of them or none.
+
+    Args:
+        identified: as in `export_c`.
+        folder: parent of these folders.
+        formats: some of `FORMATS`.
+        code: names and smoothing of code formats; the precision is that of the format.
+        anyway: export a model that fails its criterion or was not validated, with a note in the files.
+
+    Raises:
+        UnknownNameError: an unknown format.
+        ExportError: the model cannot be written in one of the formats; see the exporters.
+        OutputError: the folder cannot be written.
+    """
+    for name in formats:
+        if name not in FORMATS:
+            raise UnknownNameError(
+                f"there is no export format {name!r}.", where=name, limit=FORMATS, advice=suggestion(name, FORMATS)
+            )
+    folder, code = Path(folder), code or CCode()
+    made: dict[str, Export] = {}
+    with publishing(folder) as scratch:
+        for name in formats:
+            if name in CODE:
+                written = CODE[name](identified, scratch / name, code, anyway=anyway)
+            else:
+                written = OTHERS[name](identified, scratch / name, anyway=anyway)
+            made[name] = Export(folder / name, written.files, written.verdict)
+    return made

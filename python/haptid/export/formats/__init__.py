@@ -1,0 +1,1 @@
+"""The file formats: C, Rust, MATLAB, MJCF, URDF, LaTeX and JSON."""

@@ -1,0 +1,174 @@
+"""Text of the C files: templates filled with generated code, parameters and documentation."""
+
+from __future__ import annotations
+
+import re
+import string
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from importlib import resources
+
+import numpy as np
+
+from haptid.dynamics.model import DynamicModel
+from haptid.export.expressions.dialects import C
+from haptid.export.expressions.emit import Emitted, Function, emitted
+from haptid.export.model.functions import Code
+from haptid.export.provenance import Provenance, about, coordinate_lines, one_line
+
+# Maximum line length of a comment or a declaration, characters.
+WIDTH = 116
+# Declarations and heads of definitions in C.
+DECLARATION = re.compile(r"^((?:\w+ )+\w+\()([^;(){}]*)\)(?=;|\n\{)", re.MULTILINE)
+# Settings of the examples: sampling period, s; observer gain, rad/s; differentiator cutoff, Hz; motion per tick, rad.
+STEP, GAIN, CUTOFF_HZ, CREEP = 0.001, 40.0, 50.0, 1e-4
+
+
+class _Template(string.Template):
+    """Template with the delimiter @: $ and {} are common in the written files."""
+
+    delimiter = "@"
+
+
+@dataclass(frozen=True, eq=False)
+class Files:
+    """The files of one model.
+
+    Attributes:
+        source: the model.
+        code: its functions.
+        dialect: double or single precision.
+        name: prefix of all names in C.
+    """
+
+    source: Provenance
+    code: Code
+    dialect: C
+    name: str
+
+    @property
+    def model(self) -> DynamicModel:
+        return self.source.model
+
+    @cached_property
+    def generated(self) -> Emitted:
+        return emitted(self.code.graph, self.code.functions, self.dialect)
+
+    @cached_property
+    def common(self) -> Mapping[str, object]:
+        """Values that are common to the templates."""
+        numbers = {"zero": 0.0, "half": 0.5, "one": 1.0, "two": 2.0, "tau": 2 * np.pi}
+        example = {"step": STEP, "gain": GAIN, "cutoff": CUTOFF_HZ, "creep": CREEP}
+        literals = {key: self.dialect.literal(float(value)) for key, value in (numbers | example).items()}
+        return {
+            "name": self.name,
+            "NAME": self.name.upper(),
+            "title": comment(self.model.device.name),
+            "real": self.dialect.real,
+            "f": self.dialect.suffix,
+            "n": len(self.model.device.drives),
+            "p": max(len(self.source.beta), 1),
+            "k": self.generated.constants,
+            "speed": f"{self.code.speed:g}",
+            "verdict": self.source.verdict,
+            **literals,
+        }
+
+    def filled(self, template: str, **values: object) -> str:
+        """A template with its values; declarations that exceed WIDTH are wrapped."""
+        text = resources.files("haptid.export").joinpath("templates", template).read_text(encoding="utf-8")
+        filled = _Template(text).substitute(self.common, **values)
+        return DECLARATION.sub(lambda found: wrapped([a.strip() for a in found[2].split(",")], found[1]), filled)
+
+    def header(self) -> str:
+        """Declarations, with units, limits, the verdict and the hashes of the data."""
+        handle = self.filled("handle.h") if "handle_mobility" in self.code else ""
+        prototypes = "".join(f"{_about(function)}{self.signature(function)};\n\n" for function in self.code.functions)
+        return self.filled(
+            "model.h",
+            about="\n".join(f" * {comment(line)}".rstrip() for line in about(self.source)),
+            coordinates="\n".join(f" *   {line}" for line in coordinate_lines(self.model)),
+            parameters="\n".join(f" *   {line}" for line in self._parameter_lines()),
+            prototypes=prototypes,
+            handle=handle,
+        )
+
+    def body(self) -> str:
+        """Definitions."""
+        beta = ",\n".join(f"    {float(value)!r}" for value in self.source.beta) or "    0.0"
+        inverse = self.code.operations["inverse_dynamics"]
+        return self.filled(
+            "model.c",
+            counts=f"inverse dynamics: {inverse.multiplications} multiplications, {inverse.additions} additions, "
+            f"{inverse.trigonometric} sines and cosines",
+            beta=beta,
+            init=_indented(["(void)p;", *self.generated.init]),
+            bodies="".join(self._definition(function) for function in self.code.functions),
+            handle=self.filled("handle.c") if "handle_mobility" in self.code else "",
+        )
+
+    def signature(self, function: Function) -> str:
+        """The function's declaration without the semicolon."""
+        real = f"{self.name}_real"
+        arguments = [f"const {self.name}_model *model"] if function.parameters else []
+        arguments += [f"const {real} {name}[{size}]" for name, size in function.inputs]
+        arguments += [f"{real} {name}[{len(values)}]" for name, values in function.outputs]
+        start = f"{'int' if function.checks else 'void'} {self.name}_{function.name}("
+        return wrapped(arguments, start)
+
+    def _definition(self, function: Function) -> str:
+        lines = list(self.generated.bodies[function.name])
+        read = "\n".join(lines)
+        idle = [name for name, _ in function.inputs if f"{name}[" not in read]
+        idle += ["model"] if function.parameters and "model" not in read else []
+        declared = [line for line in lines if line.startswith("const ")]
+        rest = [line for line in lines if not line.startswith("const ")]
+        body = [*declared, *(f"(void){name};" for name in idle), *rest]
+        return f"\n{self.signature(function)}\n{{\n{_indented(body)}\n}}\n"
+
+    def _parameter_lines(self) -> list[str]:
+        base, lines = self.model.base, []
+        for k, (name, unit, value) in enumerate(zip(base.names, base.units, self.source.beta, strict=True)):
+            known = self.source.intervals
+            interval = "" if known is None else f", 95 % interval {known[k, 0]:.6g} .. {known[k, 1]:.6g}"
+            text = (
+                "zero: eliminated, not read by the code" if k in self.source.zero else f"{value:.6g} {unit}{interval}"
+            )
+            lines.append(comment(f"p[{k}] {name}: {text}"))
+        return lines
+
+
+def comment(text: str) -> str:
+    """Text on one line that cannot end a C comment, cut to WIDTH."""
+    plain = one_line(text)
+    return plain if len(plain) <= WIDTH else plain[: WIDTH - 3] + "..."
+
+
+def wrapped(arguments: Sequence[str], start: str) -> str:
+    """start, arguments and a closing bracket, wrapped to WIDTH."""
+    lines = _flowed(arguments, start)
+    return "\n".join(lines if max(map(len, lines)) <= WIDTH else [start, *_flowed(arguments, "    ")])
+
+
+def _flowed(arguments: Sequence[str], start: str) -> list[str]:
+    """Lines that are aligned to the end of start."""
+    lines, line = [], start
+    for k, argument in enumerate(arguments):
+        piece = argument + (")" if k == len(arguments) - 1 else ",")
+        gap = "" if line.endswith(("(", " ")) else " "
+        if len(line) + len(gap) + len(piece) > WIDTH and line.strip():
+            lines.append(line)
+            line, gap = " " * len(start), ""
+        line += gap + piece
+    return [*lines, line]
+
+
+def _about(function: Function) -> str:
+    if len(function.about) == 1:
+        return f"/* {function.about[0]} */\n"
+    return "/*\n" + "".join(f" * {line}\n" for line in function.about) + " */\n"
+
+
+def _indented(lines: Sequence[str]) -> str:
+    return "\n".join(f"    {line}" for line in lines)

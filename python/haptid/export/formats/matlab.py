@@ -1,0 +1,74 @@
+"""MATLAB export, `export_matlab(model, folder)`: the functions of the C code for MATLAB and Octave, one file each."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+from haptid.export.expressions.dialects import Matlab
+from haptid.export.expressions.emit import Function, straight
+from haptid.export.model.functions import Code, code_of
+from haptid.export.output import CCode, Export, default_name, write
+from haptid.export.provenance import IdentifiedModel, Provenance, about, coordinate_lines, provenance
+from haptid.validation.validation import Validation
+
+
+def export_matlab(
+    identified: IdentifiedModel,
+    folder: str | Path,
+    code: CCode | None = None,
+    *,
+    validation: Validation | None = None,
+    largest_error: float | None = None,
+    anyway: bool = False,
+) -> Export:
+    """Write a model as MATLAB functions, which Octave reads too: the same operations as in `export_c`.
+
+    Vectors are columns. The last argument of each function is the vector of base parameters, by default the identified
+    ones. The sign of a velocity is smoothed as in the C code.
+
+    Args:
+        identified, validation, largest_error, anyway: as in `export_c`.
+        code: names and smoothing of friction; MATLAB code is in double precision.
+        folder: output folder of NAME_parameters.m, NAME_inverse_dynamics.m and so on.
+
+    Raises:
+        UnvalidatedModelError: the model does not meet its validation criterion.
+        ExportError: a term that code cannot compute, or loops that are not linear.
+        OutputError: the folder cannot be written.
+    """
+    source = provenance(identified, validation, largest_error, anyway)
+    code = code or CCode()
+    made = code_of(source.model, code.reversal_speed, source.zero)
+    name = code.name or default_name(source.model.device.name)
+    texts = {f"{name}_parameters.m": _parameters(source, name)}
+    texts |= {f"{name}_{function.name}.m": _function(made, function, name) for function in made.functions}
+    return write(folder, texts, source.verdict)
+
+
+def _parameters(source: Provenance, name: str) -> str:
+    """The function of the base parameters, with the heading."""
+    model, base = source.model, source.model.base
+    lines = [f"function beta = {name}_parameters()", *(f"% {line}".rstrip() for line in about(source)), "%"]
+    lines += ["% Coordinates:", *(f"% {_one_based(line)}" for line in coordinate_lines(model)), "beta = ["]
+    rows = zip(base.names, base.units, source.beta, strict=True)
+    lines += [f"    {float(value)!r}  % {parameter}, {unit}" for parameter, unit, value in rows]
+    return "\n".join([*lines, "];", "end", ""])
+
+
+def _function(code: Code, function: Function, name: str) -> str:
+    inputs = [text for text, _ in function.inputs]
+    outputs = [text for text, _ in function.outputs]
+    made = outputs[0] if len(outputs) == 1 else f"[{', '.join(outputs)}]"
+    arguments = [*inputs, "beta"] if function.parameters else inputs
+    lines = [f"function {made} = {name}_{function.name}({', '.join(arguments)})"]
+    lines += [f"% {line}" for line in function.about]
+    if function.parameters:
+        lines.append(f"if nargin < {len(arguments)}, beta = {name}_parameters(); end")
+    body = straight(code.graph, function, Matlab(len(code.model.device.drives)))
+    return "\n".join([*lines, *body, "end", ""])
+
+
+def _one_based(line: str) -> str:
+    """A line that begins with q[0] with MATLAB's one-based index."""
+    return re.sub(r"^q\[(\d+)\]", lambda found: f"q({int(found[1]) + 1})", line)

@@ -1,0 +1,120 @@
+"""Rust export, `export_rust(model, folder)`: the functions of the C code as a `no_std` crate."""
+
+from __future__ import annotations
+
+import textwrap
+from pathlib import Path
+
+from haptid.export.expressions.dialects import Rust
+from haptid.export.expressions.emit import Emitted, Function, emitted
+from haptid.export.model.functions import Code, code_of
+from haptid.export.output import CCode, Export, default_name, write
+from haptid.export.provenance import IdentifiedModel, Provenance, about, coordinate_lines, provenance
+from haptid.validation.validation import Validation
+
+CARGO = """[package]
+name = "{name}"
+version = "0.1.0"
+edition = "2021"
+
+[dependencies]
+libm = "0.2"
+"""
+MODEL = """
+/// Number of coordinates.
+pub const COORDINATES: usize = {n};
+/// Number of base parameters.
+pub const PARAMETERS: usize = {p};
+
+/// The base parameters as identified.
+pub const BETA: [f64; PARAMETERS] = [
+{beta}
+];
+
+/// Values precomputed from the base parameters.
+#[derive(Clone, Copy, Debug)]
+pub struct Model {{
+    k: [f64; {k}],
+}}
+
+impl Model {{
+    /// A model with base parameters `BETA`, or others.
+    #[must_use]
+    pub fn new(p: &[f64; PARAMETERS]) -> Self {{
+        let mut k = [0.0; {k}];
+{init}
+        let _ = p;
+        Self {{ k }}
+    }}
+}}
+"""
+
+
+def export_rust(
+    identified: IdentifiedModel,
+    folder: str | Path,
+    code: CCode | None = None,
+    *,
+    validation: Validation | None = None,
+    largest_error: float | None = None,
+    anyway: bool = False,
+) -> Export:
+    """Write a model as a Rust crate for `no_std`: the same operations as in `export_c`; its only dependency is libm.
+
+    Functions that solve linear systems return `None` where the matrix is singular or nearly so. The observer and the
+    differentiator exist in C only.
+
+    Args:
+        identified, validation, largest_error, anyway: as in `export_c`.
+        code: names and smoothing of friction; the crate is in double precision.
+        folder: output folder of Cargo.toml and src/lib.rs.
+
+    Raises:
+        UnvalidatedModelError: the model does not meet its validation criterion.
+        ExportError: a term that code cannot compute, or loops that are not linear.
+        OutputError: the folder cannot be written.
+    """
+    source = provenance(identified, validation, largest_error, anyway)
+    code = code or CCode()
+    made = code_of(source.model, code.reversal_speed, source.zero)
+    texts = {
+        "Cargo.toml": CARGO.format(name=code.name or default_name(source.model.device.name)),
+        "src/lib.rs": _library(source, made, emitted(made.graph, made.functions, Rust(), Rust())),
+    }
+    return write(folder, texts, source.verdict)
+
+
+def _library(source: Provenance, code: Code, generated: Emitted) -> str:
+    heading = [
+        *about(source),
+        "",
+        "All values are SI. Matrices are row-major. Coordinates:",
+        "",
+        *coordinate_lines(source.model),
+    ]
+    documentation = "\n".join(f"//! {line}".rstrip() for line in heading)
+    written = MODEL.format(
+        n=len(source.model.device.drives),
+        p=len(source.beta),
+        beta="\n".join(f"    {float(value)!r}," for value in source.beta),
+        k=generated.constants,
+        init=textwrap.indent("\n".join(generated.init), " " * 8),
+    )
+    functions = "".join(_function(function, generated.bodies[function.name]) for function in code.functions)
+    return f"{documentation}\n#![no_std]\n#![allow(clippy::all)]\n{written}{functions}"
+
+
+def _function(function: Function, lines: tuple[str, ...]) -> str:
+    arguments = ["model: &Model"] if function.parameters else []
+    arguments += [f"{name}: &[f64; {size}]" for name, size in function.inputs]
+    arrays = [f"[f64; {len(values)}]" for _, values in function.outputs]
+    made = arrays[0] if len(arrays) == 1 else f"({', '.join(arrays)})"
+    result = f"Option<{made}>" if function.checks else made
+    text = "\n".join(lines)
+    idle = [name for name, _ in function.inputs if f"{name}[" not in text]
+    idle += ["model"] if function.parameters and "model" not in text else []
+    body = textwrap.indent("\n".join([*(f"let _ = {name};" for name in idle), text]), " " * 4)
+    comments = "\n".join(f"/// {line}" for line in function.about)
+    named = f"/// Returns {', '.join(f'`{name}`' for name, _ in function.outputs)}."
+    head = f"pub fn {function.name}({', '.join(arguments)}) -> {result} {{"
+    return f"\n{comments}\n{named}\n#[must_use]\n{head}\n{body}\n}}\n"

@@ -1,0 +1,142 @@
+"""Torque of friction, springs and the other terms of a device as expressions."""
+
+from __future__ import annotations
+
+import ast
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+
+from haptid.device.expressions import Column
+from haptid.device.terms.term import DRY, Counterbalance, LoadDependentFriction, TermColumn
+from haptid.dynamics.model import DynamicModel
+from haptid.errors import ExportError
+from haptid.export.expressions.graph import Expr, Graph
+from haptid.export.expressions.vectors import combined
+
+
+def term_torque(
+    model: DynamicModel, parameters: Sequence[Expr], q: list[Expr], qd: list[Expr], speed: float, friction_only: bool
+) -> list[Expr]:
+    """Torque of the terms on the coordinates, (active), without rotors.
+
+    Args:
+        model: the dynamic model.
+        parameters: the device's base parameters.
+        q, qd: the coordinates and their rates.
+        speed: below it the sign of a velocity is smoothed, rad/s or m/s.
+        friction_only: only the terms that resist motion.
+    """
+    S = model.device.parameters.S[10 * len(model.device.joints) :, list(model.base.independent_columns)]
+    graph = q[0].graph
+    tau = [graph.number(0.0)] * len(q)
+    for term, row in zip(model.terms, S, strict=True):
+        wanted = term.resists if friction_only else term.kind != "rotor"
+        if not wanted or not row.any():
+            continue
+        parameter = combined(row, parameters)
+        torque = parameter * _column(model, term, graph, q, qd, speed)
+        tau = [t + float(w) * torque for t, w in zip(tau, term.weights, strict=True)]
+    return tau
+
+
+def _column(model: DynamicModel, term: TermColumn, graph: Graph, q: list[Expr], qd: list[Expr], speed: float) -> Expr:
+    """Regressor column of a term, with the sign of a velocity smoothed."""
+    x, v = combined(term.weights, q) + term.offset, combined(term.weights, qd)
+    if term.kind == "viscous":
+        return v
+    if term.kind == "offset":
+        return graph.number(1.0)
+    if term.kind == "spring":
+        return x - term.settings[0]
+    if term.kind in DRY:
+        return _dry(term, graph, v, speed)
+    joints = [
+        combined(row, q) + float(offset)
+        for row, offset in zip(model.device.rates, model.device.closure.offset, strict=True)
+    ]
+    if isinstance(term.shape, Counterbalance):
+        return _strut(term.shape, graph, joints[term.shape.joint])
+    if isinstance(term.shape, LoadDependentFriction):
+        raise _unexportable_term(term.name, "load-dependent friction depends on accelerations")
+    assert isinstance(term.shape, Column)  # the last kind
+    return _written(model, term, term.shape, graph, joints, qd)
+
+
+def _dry(term: TermColumn, graph: Graph, v: Expr, speed: float) -> Expr:
+    """Dry friction tanh(v / width), of one sign of the velocity or of both, times the Stribeck factor if it has one."""
+    width = max(term.constant("width"), speed)
+    side = {"coulomb+": "above", "coulomb-": "below"}.get(term.kind)
+    moving = graph.apply(side, v) if side else v
+    sign = graph.apply("tanh", moving * (1.0 / width))
+    if term.kind != "stribeck":
+        return sign
+    velocity, exponent, _ = term.settings
+    slow = graph.power(graph.apply("fabs", v) * (1.0 / velocity), graph.number(exponent))
+    return sign * graph.apply("exp", -slow)
+
+
+def _strut(strut: Counterbalance, graph: Graph, q: Expr) -> Expr:
+    """Torque of a counterbalance per unit of its parameter."""
+    delta = q + strut.angle
+    product = strut.base * strut.crank
+    squared = strut.base**2 + strut.crank**2 - 2 * product * graph.apply("cos", delta)
+    length = graph.apply("sqrt", squared)
+    longer = length - abs(strut.base - strut.crank)
+    lever = (strut.sign * product) * graph.apply("sin", delta) / length
+    if strut.force == "linear":
+        return lever * longer
+    return lever / (1.0 - longer * (1.0 / strut.stroke)) if strut.force == "gas" else lever
+
+
+def _written(
+    model: DynamicModel, term: TermColumn, column: Column, graph: Graph, joints: list[Expr], qd: list[Expr]
+) -> Expr:
+    """A custom column of the device file."""
+    if column.reads({f"a_{name}" for name in model.device.joint_names}):
+        raise _unexportable_term(term.name, f"its expression {column.text} depends on accelerations")
+    values: dict[str, Expr] = {name: graph.number(value) for name, value in column.constants.items()}
+    values["pi"] = graph.number(np.pi)
+    rates = [combined(row, qd) for row in model.device.rates]
+    for name, position, rate in zip(model.device.joint_names, joints, rates, strict=True):
+        values[f"q_{name}"], values[f"v_{name}"] = position, rate
+    return _expression(graph, column.tree, values)
+
+
+def _expression(graph: Graph, node: ast.expr, values: Mapping[str, Expr]) -> Expr:
+    """A checked Python expression as a graph expression, node by node."""
+    match node:
+        case ast.Constant(value=value):
+            return graph.number(float(value))  # type: ignore[arg-type]
+        case ast.Name(id=name):
+            return values[name]
+        case ast.UnaryOp(op=ast.USub(), operand=operand):
+            return -_expression(graph, operand, values)
+        case ast.UnaryOp(operand=operand):
+            return _expression(graph, operand, values)
+        case ast.Call(func=ast.Name(id=name), args=[argument]):
+            return graph.apply("fabs" if name == "abs" else name, _expression(graph, argument, values))
+        case ast.BinOp(left=left, op=op, right=right):
+            a, b = _expression(graph, left, values), _expression(graph, right, values)
+            match op:
+                case ast.Add():
+                    return a + b
+                case ast.Sub():
+                    return a - b
+                case ast.Mult():
+                    return a * b
+                case ast.Div():
+                    return a / b
+            return graph.power(a, b)
+    raise TypeError(f"{ast.dump(node)} was not checked")
+
+
+def _unexportable_term(name: str, why: str) -> ExportError:
+    return ExportError(
+        f"term {name} cannot be written as code: {why}.",
+        where=name,
+        advice=(
+            "Write it with positions and velocities only, or leave it out of the device file and add its torque in "
+            "the control loop."
+        ),
+    )

@@ -1,0 +1,102 @@
+"""Names, settings of generated code, and the output folder of an export."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Literal, get_args
+
+from haptid._internal.arrays import positive
+from haptid._internal.atomic_folder import publishing
+from haptid.end_effector.force import REVERSAL_SPEED
+from haptid.errors import SettingError
+
+# C99 guarantees 31 significant characters of external names (5.2.4.1), which leaves this many for the prefix.
+LONGEST_NAME = 24
+
+
+def check_name(name: str) -> None:
+    """Raise SettingError unless the name is a valid prefix in C."""
+    if not re.fullmatch(rf"[a-z][a-z0-9_]{{0,{LONGEST_NAME - 1}}}", name):
+        raise SettingError(
+            f"{name!r} is not a valid prefix of C names.",
+            where="name",
+            found=name,
+            limit=LONGEST_NAME,
+            advice="Write a lower-case letter, then lower-case letters, digits and underscores, at most "
+            f"{LONGEST_NAME} characters.",
+        )
+
+
+def default_name(model: str) -> str:
+    """The device's name as a valid prefix in C."""
+    plain = re.sub(r"[^a-z0-9]+", "_", model.lower()).strip("_")
+    plain = plain if plain[:1].isalpha() else f"device_{plain}"
+    return plain[:LONGEST_NAME].rstrip("_")
+
+
+Precision = Literal["double", "single"]
+
+
+@dataclass(frozen=True)
+class CCode:
+    """Settings of generated code.
+
+    Attributes:
+        name: prefix of all names; derived from the device's name where None.
+        precision: "double" or "single", in C.
+        reversal_speed: below it the sign of a velocity is smoothed, tanh(v / speed), rad/s or m/s.
+    """
+
+    name: str | None = None
+    precision: Precision = "double"
+    reversal_speed: float = REVERSAL_SPEED
+
+    def __post_init__(self) -> None:
+        if self.name is not None:
+            check_name(self.name)
+        if self.precision not in get_args(Precision):
+            raise _code_setting("precision", self.precision, " or ".join(map(repr, get_args(Precision))))
+        if not positive(self.reversal_speed):
+            raise _code_setting("reversal_speed", self.reversal_speed, "a finite speed above zero, rad/s or m/s")
+
+
+@dataclass(frozen=True)
+class Export:
+    """A written export.
+
+    Attributes:
+        folder: output folder.
+        files: names of the files in it.
+        verdict: on unseen motion, as in the files.
+    """
+
+    folder: Path
+    files: tuple[str, ...]
+    verdict: str
+
+
+def write(folder: str | Path, texts: Mapping[str, str], verdict: str) -> Export:
+    """Write texts by file name, atomically: existing files are replaced only if all are written.
+
+    Raises:
+        OutputError: the folder cannot be written.
+    """
+    folder = Path(folder)
+    with publishing(folder) as scratch:
+        for file, text in texts.items():
+            path = scratch / file
+            path.parent.mkdir(parents=True, exist_ok=True)
+            path.write_text(text, encoding="utf-8")
+    return Export(folder, tuple(texts), verdict)
+
+
+def _code_setting(name: str, value: object, wanted: str) -> SettingError:
+    return SettingError(
+        f"{name} is {value!r}; write {wanted}.",
+        where=name,
+        found=value,
+        limit=wanted,
+    )
