@@ -3,12 +3,12 @@ PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/$(if $(filter Windows_NT,$(OS)),Scripts,bin)
 PIP := $(BIN)/python -m pip --disable-pip-version-check --quiet
-RUST := $(wildcard crates/*/src/*.rs crates/*/Cargo.toml) Cargo.toml Cargo.lock
+RUST := $(shell find crates -name "*.rs" -o -name Cargo.toml) Cargo.toml Cargo.lock
 # One BLAS thread: the matrices are small, and the core has threads of its own.
 export OMP_NUM_THREADS ?= 1
 export OPENBLAS_NUM_THREADS ?= 1
 
-.PHONY: demo test check bench docs wheel clean
+.PHONY: demo test test-fast check bench docs wheel clean
 
 demo: $(VENV)/.run
 	$(BIN)/python examples/demo.py --out demo
@@ -16,10 +16,17 @@ demo: $(VENV)/.run
 test: $(VENV)/.test
 	$(BIN)/python -m pytest -n auto --dist loadfile
 
+# The quick part of the suite, for the daily edit.
+test-fast: $(VENV)/.test
+	$(BIN)/python -m pytest -n auto --dist loadfile -q tests/unit tests/identity -m "not slow"
+
 check: $(VENV)/.test
 	cargo fmt --all --check
 	cargo clippy --locked --all-targets --quiet -- -D warnings
 	cargo test --locked --release
+	$(BIN)/python tools/check_rust_layers.py
+	$(BIN)/python tools/check_public_names.py
+	$(BIN)/lint-imports --no-logo
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
 	$(BIN)/mypy

@@ -116,7 +116,7 @@ class Bed:
 
 def holds(found: haptid.Estimate, beta: np.ndarray) -> np.ndarray:
     """Whether each interval holds the truth."""
-    low, high = found.interval95.T
+    low, high = found.conf_int().T
     return np.asarray((low <= beta) & (beta <= high))
 
 
@@ -175,7 +175,7 @@ def sandwiched() -> Iterator[tuple[str, float]]:
             inside += holds(found, beta)
             wide = ClusterRobust().spread(found.fit)
             half = stats.t.ppf(0.975, wide.dof) * np.sqrt(np.diag(wide.covariance))
-            width.append(np.median((found.interval95[:, 1] - found.beta) / half))
+            width.append(np.median((found.conf_int()[:, 1] - found.beta) / half))
         yield f"{sort}, as it is: AR(bic) sandwich, mean", 100 * float(inside.mean()) / SANDWICHES
         yield f"{sort}, as it is: AR(bic) sandwich, width beside the default's", float(np.median(width))
 

@@ -16,7 +16,7 @@ import numpy as np
 
 import haptid
 from haptid.estimation import GLS, IRLS, SUR, Huber, StudentT, Tukey
-from haptid.estimation.intervals.autoregression import Autoregression
+from haptid.estimation.intervals.model_based import Autoregression
 from haptid.estimation.least_squares import solve
 from haptid.estimation.methods.gls import Whitening
 from haptid.observation.rows import Rows

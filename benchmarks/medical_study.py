@@ -83,7 +83,7 @@ def study(key: str, seed: int) -> Found:
 def found_of(one: Identified) -> Found:
     """Figures of one identification."""
     names, full = one.table.rows, one.full
-    held = {name: full[name].interval[0] <= one.true(name) <= full[name].interval[1] for name in names}
+    held = {name: full[name].conf_int()[0] <= one.true(name) <= full[name].conf_int()[1] for name in names}
     return Found(
         inside={name: one.inside(name) for name in names},
         inside_full=held,

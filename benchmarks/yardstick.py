@@ -121,7 +121,7 @@ def study(seed: int, names: tuple[str, ...]) -> dict[str, dict[str, float]]:
     for name in names:
         begin = time.perf_counter()
         found = haptid.estimate(observation, METHODS[name](law))
-        low, high = found.interval95.T
+        low, high = found.conf_int().T
         figures[name] = {
             "parameters, median, %": 100 * float(np.median(np.abs(found.beta - beta)[known] / np.abs(beta)[known])),
             "unseen torque, %": torque_error(found.beta, unseen),

@@ -68,7 +68,7 @@ from haptid.estimation import (
     project_to_feasible,
     pseudo_inertia,
 )
-from haptid.estimation.methods.entropic import Entropic
+from haptid.estimation.methods.regularised import Entropic
 from haptid.estimation.nonlinear import VariableProjection, variable_projection
 from haptid.estimation.nonlinear.load_friction import fit_load_friction
 from haptid.experiment.friction_test.choice import FrictionChoice, choose_friction

@@ -16,7 +16,7 @@ def backends() -> list[str]:
 def triangles(rows: Array) -> Array:
     """The upper triangles R with R'R = rows'rows, (stacks, columns, columns), of rows (stacks, many, columns)."""
 
-def handle_dynamics(
+def end_effector_dynamics(
     mechanism: Mechanism,
     position: Array,
     rates: Array,

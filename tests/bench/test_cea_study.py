@@ -17,7 +17,7 @@ def test_its_channels_and_logs_are_those_of_the_bench(request, tmp_path):
     assert (
         bench.read_experiment(examples / "excite.toml")
         .setup(haptid.DynamicModel(haptid.read_device(study.device)))
-        .model.handle
+        .model.device.handle
     )
     text = (examples / "experiment.toml").read_text(encoding="utf-8").replace("seconds = 30.0", "seconds = 3.0")
     (tmp_path / "short.toml").write_text(text, encoding="utf-8")

@@ -262,7 +262,7 @@ def test_weights_and_mounting_are_part_of_the_truth(tmp_path):
     wanted = {"Ma": 0.03, "MXa": 0.03 * 0.17, "YYa": 0.03 * 0.17**2, "ZZa": 0.03 * 0.17**2}
     for name, value in added.items():
         assert value == pytest.approx(wanted.get(name, 0.0), abs=1e-15), name
-    np.testing.assert_array_equal(other.model.gravity, [0.0, 9.81, 0.0])
+    np.testing.assert_array_equal(other.model.device.gravity, [0.0, 9.81, 0.0])
     (tmp_path / "off.toml").write_text(mounted.replace("[0.17, 0.0, 0.0]", "[0.17, 0.01, 0.0]"))
     with pytest.raises(errors.UnknownNameError) as raised:
         bench.read_experiment(tmp_path / "off.toml").setup(model)

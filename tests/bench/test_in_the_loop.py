@@ -83,7 +83,7 @@ def test_functions_are_read_from_the_header():
     assert set(found) == {"f"}  # g takes a number: it has a method of its own
     assert found["f"].inputs == {"q": 2}
     assert found["f"].outputs == {"M": 4}
-    assert found["f"].model
+    assert found["f"].takes_model
 
 
 def test_folders_without_code_and_code_that_does_not_compile(tmp_path, monkeypatch):

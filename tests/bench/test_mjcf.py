@@ -157,5 +157,5 @@ def test_terms_without_counterpart_and_payload_without_handle_are_refused(tmp_pa
     path.write_text(RELATED.partition("[handle]")[0])
     bare = haptid.DynamicModel(haptid.read_device(path))
     with pytest.raises(errors.IncompleteDeviceError) as raised:
-        mjcf(bare, np.ones(len(bare.parameters)), payload=Payload(0.1))
+        mjcf(bare, np.ones(len(bare.device.parameters)), payload=Payload(0.1))
     assert raised.value.where == "payload"

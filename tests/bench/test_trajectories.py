@@ -79,7 +79,7 @@ def test_what_passes_the_check_stays_inside_every_limit(kind, centre, size, seed
     except errors.TrajectoryError:
         return
     q = PHANTOM.tree(made.q.T, made.qd.T, made.qdd.T)[0]
-    for joint, position in zip(PHANTOM.joints, q, strict=True):
+    for joint, position in zip(PHANTOM.device.joints, q, strict=True):
         if joint.position_limits:
             assert joint.position_limits[0] <= position.min() <= position.max() <= joint.position_limits[1]
     assert bench.loop_openness(PHANTOM, q.T).min() > 0

@@ -44,7 +44,7 @@ def found():
 def explicit(trajectory):
     """W, all motors' rows one above the other."""
     W = rows(PHANTOM, *(np.ascontiguousarray(x.T) for x in (trajectory.q, trajectory.qd, trajectory.qdd)))
-    S = PHANTOM.parameters.S[:, list(PHANTOM.base.independent_columns)]
+    S = PHANTOM.device.parameters.S[:, list(PHANTOM.base.independent_columns)]
     return np.einsum("apk,pb->akb", W, S)
 
 

@@ -14,8 +14,8 @@ from compiled import NAME, STRICT, Library, compiler, relative, run
 from haptid.advice.eliminate import with_reduced
 from haptid.cli import app
 from haptid.export import CCode, export_c
-from haptid.export.functions import code_of
-from haptid.export.golden import Golden
+from haptid.export.model.functions import code_of
+from haptid.export.selftest import Golden
 from haptid.inference.elimination import BackwardElimination, MaxRelativeStd, eliminate, refit_without
 from motions import motion, multisine, truth
 from small_study import two_links, write_study

@@ -14,8 +14,8 @@ from haptid.experiment.bench.mjcf import depth_first
 from haptid.export import export_mjcf, export_urdf
 from haptid.export.formats.bodies import departure, standard_parameters
 from haptid.export.formats.urdf import angles, upright
-from haptid.observation.observation import Plan
 from haptid.observation.filtering import decimate
+from haptid.observation.plan import Plan
 from mechanisms import mechanisms
 from random_devices import as_device, parameters
 from true_parameters import true_parameters

@@ -59,7 +59,7 @@ def test_34_parameters_become_the_15_of_the_paper(seed):
     assert len(found.full.kept) == 34
     assert set(found.essential) == set(PUBLISHED)
     assert np.nanmax(np.abs(found.shift)) < 4
-    low, high = found.reduced.interval95.T
+    low, high = found.reduced.conf_int().T
     inside = [low[k] <= BETA[k] <= high[k] for k in found.reduced.kept]
     assert np.mean(inside) > 0.8
     assert found.seen[1].relative < 1.03 * found.seen[0].relative

@@ -40,7 +40,7 @@ def test_the_kernel_takes_the_road_of_python(case):
     n = len(model.device.active)
     for count in (1, 7, 8, 11):
         part = np.ascontiguousarray(qa[:, :count])
-        got = _core.handle_dynamics(*core_arguments(identified, part), list(range(6)))
+        got = _core.end_effector_dynamics(*core_arguments(identified, part), list(range(6)))
         J, A = np.split(got, [6 * n], axis=1)
         wanted = handle_motion(model, part).row_jacobian
         np.testing.assert_allclose(J.reshape(-1, 6, n), wanted, atol=1e-12 * (1 + np.abs(wanted).max()))

@@ -11,8 +11,9 @@ from hypothesis import strategies as st
 import haptid
 from closed_devices import NAMES, bodies, path, poses
 from haptid import _core
-from haptid.device.loops.assembly import Chain
-from haptid.device.loops.assembly_mode import newton_closure
+from haptid.device.loops.chain import Chain
+from haptid.device.loops.newton import newton_closure
+from haptid.device.toml.errors_at import Place
 from haptid.dynamics.inverse import (
     bias_torque,
     core_momentum,
@@ -231,14 +232,15 @@ def test_linear_loops_by_the_general_road_are_the_same(tmp_path_factory, arm, le
     rng, at = np.random.default_rng(seed), np.array([0.0, 0.2, 1.5])
     chain = Chain.of(linear.device.joints, linear.device.closure.cuts, linear.device.active)
     guess = dict(zip((3, 4), (linear.device.closure.G @ at + linear.device.closure.offset)[3:], strict=True))
-    made = newton_closure(chain, linear.device.closure.G, linear.device.closure.offset, [3, 4], {}, (guess, at), "here")
-    general = replace(linear, closure=made)
-    np.testing.assert_array_equal(general.varying, [[0, 0, 0]] * 3 + [[0, 1, 1]] * 2)
+    G, offset = linear.device.closure.G, linear.device.closure.offset
+    made = newton_closure(chain, G, offset, [3, 4], {}, (guess, at), Place("here"))
+    general = haptid.DynamicModel(replace(linear.device, closure=made))
+    np.testing.assert_array_equal(general.device.varying, [[0, 0, 0]] * 3 + [[0, 1, 1]] * 2)
     qa = np.array([rng.uniform(-3, 3, 20), rng.uniform(-0.4, 0.4, 20), rng.uniform(1.0, 2.0, 20)])
     qda, qdda = rng.uniform(-2, 2, (2, 3, 20))
     found = made.follow(qa, qda)
-    np.testing.assert_allclose(found.q, linear.closure.positions(qa), atol=1e-12)
-    np.testing.assert_allclose(found.G, np.broadcast_to(linear.closure.G, found.G.shape), atol=1e-12)
+    np.testing.assert_allclose(found.q, linear.device.closure.positions(qa), atol=1e-12)
+    np.testing.assert_allclose(found.G, np.broadcast_to(linear.device.closure.G, found.G.shape), atol=1e-12)
     np.testing.assert_allclose(found.Gd, 0, atol=1e-12 * np.abs(qda).max())
     columns, none = list(range(50)), np.zeros((0, 20))
     Y = [d.mechanism.regressor(qa, qda, qdda, none, columns, d.loops(qa, qda)) for d in (linear, general)]

@@ -9,10 +9,11 @@ import pytest
 
 from haptid import errors
 from haptid.device.geometry import Reader
-from haptid.device.loops import assembly
+from haptid.device.loops.chain import Chain, solve
 from haptid.device.loops.from_toml import read_loops
-from haptid.device.toml.place import Place
-from haptid.device.toml.tables import read_tables
+from haptid.device.toml.errors_at import Place
+from haptid.device.toml.reader import read_tables
+from haptid.dynamics.model import DynamicModel
 from haptid.dynamics.regressor import rows
 from haptid.dynamics.symbolic import loop_regroupings
 from haptid.dynamics.symbolic.loops import opened
@@ -128,9 +129,9 @@ def numeric_rows(path: Path, states: int = 60) -> np.ndarray:
     loops = read_loops(tables.loops, tree.joints, np.eye(4), Reader(tree.lengths), Place(file))
     unknown = [tree.joint_names.index(name) for name in passive]
     active = [j for j in range(len(tree.joints)) if j not in unknown]
-    chain = assembly.Chain.of(tree.joints, loops.cuts, tuple(active))
+    chain = Chain.of(tree.joints, loops.cuts, tuple(active))
     rng = np.random.default_rng(0)
-    q = assembly.solve(chain, rng.uniform(-np.pi, np.pi, (states * 20, len(tree.joints))), unknown, steps=200)
+    q = solve(chain, rng.uniform(-np.pi, np.pi, (states * 20, len(tree.joints))), unknown, steps=200)
     J = chain.residual(q)[1]
     good = np.abs(chain.residual(q)[0]).max(axis=1) < 1e-13
     good &= np.linalg.svd(J[:, :, unknown], compute_uv=False)[:, -1] > 0.02
@@ -146,7 +147,7 @@ def numeric_rows(path: Path, states: int = 60) -> np.ndarray:
     ahead, behind = (chain.residual(q + sign * step * qd[..., 0])[1] for sign in (1, -1))
     qdd[:, active] = qdda
     qdd[:, unknown] = -back @ (J[:, :, active] @ qdda + (ahead - behind) / (2 * step) @ qd)
-    Y = rows(tree, *(np.ascontiguousarray(x) for x in (q.T, qd[..., 0].T, qdd[..., 0].T)))
+    Y = rows(DynamicModel(tree), *(np.ascontiguousarray(x) for x in (q.T, qd[..., 0].T, qdd[..., 0].T)))
     return np.einsum("njm,jpn->nmp", G, Y).reshape(-1, Y.shape[1]) @ tree.parameters.S
 
 

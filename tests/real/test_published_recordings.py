@@ -56,7 +56,7 @@ def test_emps_with_friction_by_direction_predicts_better(examples, shared_data):
     identification, pulses = found.runs
     assert identification.direct.relative < 2.9
     assert pulses.unseen[0].relative < 5.35
-    low, high = found.projection["FS1.velocity"].interval
+    low, high = found.projection["FS1.velocity"].conf_int()
     assert low < found.projection["FS1.velocity"].value < high < 0.04
 
 

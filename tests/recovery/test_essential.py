@@ -9,7 +9,7 @@ from scipy import stats
 import haptid
 from haptid import errors
 from haptid.dynamics.regressor import rows
-from haptid.estimation.methods.zeroed import FixedAtZero
+from haptid.estimation.methods.constrained import FixedAtZero
 from haptid.inference.elimination import (
     BackwardElimination,
     GautierRatio,

@@ -11,7 +11,7 @@ from typer.testing import CliRunner
 import haptid
 from haptid import errors
 from haptid.cli import app
-from haptid.device.terms.term import LoadDependentFriction
+from haptid.device.terms.friction import LoadDependentFriction
 from haptid.estimation.nonlinear.load_friction import fit_load_friction
 from haptid.results.result import Result
 from motions import motion
@@ -64,7 +64,7 @@ def test_known_coefficients_come_back_in_their_intervals(model):
     for seed in range(10):
         made = moved(model, seed)
         found = haptid.estimate(haptid.observe(fit_load_friction(model, [made]), made), haptid.WLS())
-        low, high = found.interval95.T
+        low, high = found.conf_int().T
         inside.append((low <= beta) & (beta <= high))
         # Of thirty draws no error is above 2 %, and their deviation is below 1 %.
         assert [found[name].value for name in NAMES] == pytest.approx([SIZE, SIZE], rel=0.025)
@@ -90,7 +90,7 @@ def test_rows_without_accelerations_and_exports_are_refused(model, tmp_path):
     with pytest.raises(errors.MissingAccelerationError):
         haptid.observe(model, still)
     found = haptid.estimate(haptid.observe(fit_load_friction(model, [made]), made), haptid.WLS())
-    with pytest.raises(errors.UnexportableTermError, match="load"):
+    with pytest.raises(errors.ExportError, match="load"):
         haptid.export_c(found, tmp_path / "c")
     assert "friction by load" in haptid.decompose_torque(found, made).parts
 
@@ -98,7 +98,7 @@ def test_rows_without_accelerations_and_exports_are_refused(model, tmp_path):
 def test_a_load_is_of_one_coordinate(tmp_path):
     coupled = '[[motors]]\nname = "1"\n[[motors]]\nname = "2"\ndrives = { 1 = 1, 2 = 1 }\n'
     text = DEVICE + coupled + LOAD.replace('motors = "all"', 'joints = ["2"]')
-    with pytest.raises(errors.DeviceValueError, match="coordinates"):
+    with pytest.raises(errors.DeviceFileError, match="coordinates"):
         read(tmp_path, text)
 
 

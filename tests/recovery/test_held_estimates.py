@@ -44,7 +44,7 @@ def test_intervals_hold_the_truth_on_the_border_too():
         noise = np.random.default_rng(run).standard_normal(clean.tau.shape) * 0.1 * clean.tau.std(axis=0)
         made = replace(clean, tau=clean.tau + noise)
         found = haptid.estimate(haptid.observe(model, made), PhysicallyConsistent())
-        low, high = found.interval95.T
+        low, high = found.conf_int().T
         inside += (low <= beta) & (beta <= high)
         held += bool(found.held.active)
         assert (low[[names.index(f"FV{k}") for k in (1, 2, 3)]] >= 0).all()

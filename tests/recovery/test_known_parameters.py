@@ -41,7 +41,7 @@ def test_intervals_hold_the_truth_about_95_times_in_100(phi, decimation):
     runs, inside = 40, 0
     for run in range(runs):
         made = _noisy(model, beta, run, phi, treatment)
-        low, high = haptid.estimate(haptid.observe(model, made), haptid.WLS()).interval95.T
+        low, high = haptid.estimate(haptid.observe(model, made), haptid.WLS()).conf_int().T
         inside += int(((low <= beta) & (beta <= high)).sum())
     share = inside / (runs * len(beta))
     assert 0.90 < share < 0.99

@@ -72,7 +72,7 @@ def test_logs_with_and_without_a_load_tell_one_model(model):
     bare, loaded = recorded(model), recorded(model, LOAD, seed=2)
     both = haptid.observe(model, bare) + haptid.observe(model, haptid.without_payload(model, loaded, "3", LOAD))
     estimate = haptid.estimate(both, haptid.WLS())
-    low, high = estimate.interval95.T
+    low, high = estimate.conf_int().T
     inside = (low < true_beta(model)) & (true_beta(model) < high)
     assert inside.mean() >= 0.85
     exact = haptid.observe(model, haptid.without_payload(model, recorded(model, LOAD, noise=0.0), "3", LOAD))

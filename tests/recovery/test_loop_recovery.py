@@ -27,7 +27,7 @@ def test_they_are_inside_their_intervals_and_predict_another_motion(name, accele
         exact = {"rates": (qd.T, qdd.T)} if accelerations == "differences" else {}
         made.append(haptid.Motion(dt, q.T, tau.T, TREATMENTS[accelerations], **exact))
     found = haptid.estimate(haptid.observe(model, made[0]), haptid.WLS())
-    low, high = found.interval95.T
+    low, high = found.conf_int().T
     assert ((low <= beta) & (beta <= high)).mean() > 0.8
     assert haptid.validate(found, made[1]).relative < 3
     parts = decompose_torque(found, made[1])

@@ -31,7 +31,7 @@ def test_they_are_inside_their_intervals_about_95_times_in_100(model):
     beta, inside, runs = truth(model), 0, 8
     for seed in range(runs):
         found = haptid.estimate(haptid.observe(model, recorded(model, beta, WITHOUT_DELAY, seed, 0.1)), haptid.WLS())
-        low, high = found.interval95.T
+        low, high = found.conf_int().T
         inside += int(((low <= beta) & (beta <= high)).sum())
     assert 0.90 < inside / (runs * len(beta)) <= 1.0
 

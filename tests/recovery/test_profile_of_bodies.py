@@ -30,7 +30,7 @@ def test_with_room_all_around_it_is_the_ordinary_interval():
     free = haptid.estimate(rows, haptid.WLS())
     found = haptid.estimate(rows, haptid.PhysicallyConsistent(), Profile())
     assert not found.held.active
-    np.testing.assert_allclose(found.interval95, free.interval95, rtol=1e-6, atol=1e-9)
+    np.testing.assert_allclose(found.conf_int(), free.conf_int(), rtol=1e-6, atol=1e-9)
 
 
 def at_the_border():
@@ -46,13 +46,13 @@ def at_the_border():
 def test_at_the_border_the_interval_has_one_side_and_stays_inside():
     found = at_the_border()
     k = found.base.names.index("FV2")
-    low, high = found.interval95.T
+    low, high = found.conf_int().T
     assert low[k] == pytest.approx(0.0, abs=1e-9)
     assert high[k] > 0
     assert (low <= found.beta + 1e-9).all()
     assert (found.beta <= high + 1e-9).all()
     assert (
-        high - low <= np.diff(haptid.estimate(found.observation, haptid.WLS()).interval95, axis=1)[:, 0] * 1.5
+        high - low <= np.diff(haptid.estimate(found.observation, haptid.WLS()).conf_int(), axis=1)[:, 0] * 1.5
     ).all()
     # A combination is a parameter like any other.
     both = np.eye(len(low))[[k]] + np.eye(len(low))[[found.base.names.index("FC2")]]
@@ -63,7 +63,8 @@ def test_at_the_border_the_interval_has_one_side_and_stays_inside():
     assert ends[1, 0] >= -1e-9
 
 
-def test_ends_are_the_furthest_that_bodies_can_have():
+@pytest.mark.parametrize("level", [0.8, 0.95])
+def test_ends_are_the_furthest_that_bodies_can_have(level):
     """Oracle: the cost of the best fit with the parameter fixed just inside an end, and just outside."""
     found = at_the_border()
     k, R = found.base.names.index("FC2"), found.fit.solution.R
@@ -71,7 +72,7 @@ def test_ends_are_the_furthest_that_bodies_can_have():
     raw = found.model.device.parameters.S @ inside
     assert np.linalg.eigvalsh(pseudo_inertia(raw[10:20]))[0] > -1e-9
     size = np.linalg.norm(found.fit.solution.root[k])
-    half = float(np.diff(haptid.estimate(found.observation, haptid.WLS()).interval95[k])[0] / 2)
+    half = float(np.diff(haptid.estimate(found.observation, haptid.WLS()).conf_int(level)[k])[0] / 2)
     most = np.sum((R @ (found.beta - found.held.free)) ** 2) + (half / size) ** 2
 
     def cost(value):
@@ -82,7 +83,7 @@ def test_ends_are_the_furthest_that_bodies_can_have():
         near = haptid.project_to_feasible(found.model, target, np.linalg.qr(metric, mode="r"))
         return np.sum((R @ (near.beta - found.held.free)) ** 2)
 
-    low, high = found.interval95[k]
+    low, high = found.conf_int(level)[k]
     step = 0.02 * (high - low)
     assert cost(low + step) < most < cost(low - step)
     assert cost(high - step) < most < cost(high + step)
@@ -94,9 +95,9 @@ def test_it_holds_the_truth_as_often_as_it_says():
     inside, widths = [], []
     for seed in range(RUNS):
         found = haptid.estimate(observed(model, beta, seed), haptid.PhysicallyConsistent(), Profile())
-        low, high = found.interval95.T
+        low, high = found.conf_int().T
         inside.append((low - 1e-9 <= beta) & (beta <= high + 1e-9))
-        free = haptid.estimate(found.observation, haptid.PhysicallyConsistent()).interval95
+        free = haptid.estimate(found.observation, haptid.PhysicallyConsistent()).conf_int()
         widths.append((high - low) / (free[:, 1] - free[:, 0]))
     assert np.mean(inside) > 0.93
     assert np.mean(inside, axis=0).min() > 0.86
@@ -109,7 +110,7 @@ def test_an_end_of_an_arm_of_seven_joints_is_one_programme(monkeypatch):
     monkeypatch.setattr(profile, "furthest", lambda *given: (asked.append(given), furthest(*given))[1])
     beta = model.base.of(true_parameters(model))
     found = haptid.estimate(observed(model, beta, seconds=10.0), haptid.PhysicallyConsistent(), Profile())
-    ends = found.interval95
+    ends = found.conf_int()
     assert 0 < len(asked) <= 2 * len(beta)
     assert (ends[:, 0] <= found.beta).all()
     assert (found.beta <= ends[:, 1]).all()

@@ -11,8 +11,7 @@ import haptid
 from haptid import errors
 from haptid import estimation as e
 from haptid.advice.eliminate import with_reduced
-from haptid.estimation.nonlinear.linearise import settled
-from haptid.estimation.nonlinear.load_friction import fit_load_friction
+from haptid.estimation.nonlinear.load_friction import fit_load_friction, settled
 from haptid.inference.elimination import refit_without
 from haptid.results.result import Result
 from haptid.validation.cross_validation import alternate, each_log
@@ -62,7 +61,7 @@ def truth(model):
 
 def moved(model, seed=1, noise=0.03):
     beta = truth(model)
-    return motion(model.with_constants((VELOCITY,)).loaded(beta), beta, seconds=8.0, dt=4e-3, seed=seed, noise=noise)
+    return motion(model.at_constants((VELOCITY,)).loaded(beta), beta, seconds=8.0, dt=4e-3, seed=seed, noise=noise)
 
 
 @pytest.fixture(scope="module")
@@ -92,7 +91,7 @@ def test_loads_are_settled_with_the_constants_that_were_found(found, model):
     motions = [run.motion for run in found.runs]
     velocity = found.projection["FS2.velocity"].value
     assert velocity == pytest.approx(VELOCITY, rel=0.3)
-    wanted, early = (fit_load_friction(d, motions).load for d in (model.with_constants((velocity,)), model))
+    wanted, early = (fit_load_friction(d, motions).load for d in (model.at_constants((velocity,)), model))
     left = np.abs(found.model.load - wanted).max()
     assert left < 1e-6
     assert np.abs(early - wanted).max() > 100 * left

@@ -34,7 +34,7 @@ def inside(method, intervals=None, phi=0.9):
         noise = np.roll(noisy.tau - clean.tau, rng.integers(500, 4500, 1), axis=0) * rng.choice([-1.0, 1.0], 3)
         made = haptid.observe(DEVICE, replace(clean, tau=clean.tau + noise))
         found = haptid.estimate(made, method, intervals)
-        low, high = found.interval95.T
+        low, high = found.conf_int().T
         held.append(((low <= BETA) & (high >= BETA))[found.se > 1e-12])
     return np.mean(np.concatenate(held))
 

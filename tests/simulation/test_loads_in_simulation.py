@@ -121,7 +121,7 @@ def test_estimators_that_simulate_find_it_again(tmp_path, kind):
     moved = haptid.Motion(dt, course.c.T, noisy, haptid.Treatment(cutoff_hz=60))
     here = fit_load_friction(model, [moved], kind(law))
     found = haptid.estimate(haptid.observe(here, moved), kind(law))
-    low, high = found.interval95.T
+    low, high = found.conf_int().T
     assert ((low <= beta) & (beta <= high)).mean() >= 0.7
     for name in ("FLM1", "FLM2"):
         assert found[name].value == pytest.approx(0.15, rel=0.2)

@@ -7,13 +7,7 @@ from hypothesis import strategies as st
 from scipy import signal
 
 import haptid
-from haptid.errors import (
-    CutoffError,
-    MissingAccelerationError,
-    MotionTooShortError,
-    NoAccelerationError,
-    TreatmentValueError,
-)
+from haptid.errors import MissingAccelerationError, MotionTooShortError, TreatmentError
 from haptid.motion.filters import Causal, HighPass, KaiserSmoother, WindowedSinc
 
 MOMENTUM = {"accelerations": "momentum"}
@@ -134,11 +128,12 @@ def test_velocity_of_a_stretch_is_that_of_the_whole(bounds):
 
 
 def test_no_acceleration_is_made_of_a_lagging_velocity():
-    with pytest.raises(NoAccelerationError, match=r"accelerations = 'differences' needs .*'momentum'"):
+    with pytest.raises(MissingAccelerationError) as raised:
         haptid.Treatment(cutoff_hz=None, velocity=HighPass(30.0))
+    assert "'momentum'" in raised.value.advice
     q = np.zeros((500, 1))
     motion = haptid.Motion(1e-3, q, q, haptid.Treatment(**RAW))
-    with pytest.raises(NoAccelerationError):
+    with pytest.raises(MissingAccelerationError):
         motion.qdd  # noqa: B018
 
 
@@ -152,20 +147,23 @@ def test_no_acceleration_is_made_of_a_lagging_velocity():
     ],
 )
 def test_settings_that_mean_nothing_together_are_refused(settings_, name):
-    with pytest.raises(TreatmentValueError, match=f"treatment {name} is"):
+    with pytest.raises(TreatmentError) as raised:
         haptid.Treatment(**settings_)
+    assert raised.value.where == name
 
 
 @pytest.mark.parametrize("cutoff", [0.0, -1.0, float("nan"), float("inf"), "10"])
 def test_cutoffs_that_mean_nothing_are_refused(cutoff):
-    with pytest.raises(TreatmentValueError, match=r"velocity\.cutoff_hz"):
+    with pytest.raises(TreatmentError) as raised:
         HighPass(cutoff)
+    assert raised.value.where == "velocity.cutoff_hz"
 
 
 @pytest.mark.parametrize("order", [0, 13, 1.5, True])
 def test_orders_that_mean_nothing_are_refused(order):
-    with pytest.raises(TreatmentValueError, match=r"parallel_shape\.order"):
+    with pytest.raises(TreatmentError) as raised:
         Causal(order)
+    assert raised.value.where == "parallel_shape.order"
 
 
 def test_cutoffs_the_rate_cannot_carry_are_refused():
@@ -173,14 +171,20 @@ def test_cutoffs_the_rate_cannot_carry_are_refused():
         haptid.Treatment(parallel_cutoff_hz=60.0, parallel_shape=Causal(), decimation=10),
         haptid.Treatment(parallel_cutoff_hz=600.0, parallel_shape=Causal()),
     ):
-        with pytest.raises(CutoffError, match=r"parallel_cutoff_hz is 60+ Hz.*below 50+ Hz"):
+        with pytest.raises(TreatmentError) as raised:
             treatment.parallel_filter(1e-3)
-    with pytest.raises(CutoffError, match=r"velocity\.cutoff_hz is 600 Hz"):
+        assert raised.value.where == "parallel_cutoff_hz"
+        assert raised.value.found > raised.value.limit
+    with pytest.raises(TreatmentError) as raised:
         HighPass(600.0).coefficients(1e-3)
-    with pytest.raises(TreatmentValueError, match=r"parallel_cutoff_hz is 1e-06; write at least 0\.005 Hz"):
+    assert raised.value.where == "velocity.cutoff_hz"
+    assert raised.value.limit == 500
+    with pytest.raises(TreatmentError) as raised:
         haptid.Treatment(parallel_cutoff_hz=1e-6, parallel_shape=Causal()).parallel_filter(1e-3)
-    with pytest.raises(TreatmentValueError, match=r"velocity\.cutoff_hz is 1e-06; write at least 0\.005 Hz"):
+    assert raised.value.where == "parallel_cutoff_hz"
+    with pytest.raises(TreatmentError) as raised:
         HighPass(1e-6).coefficients(1e-3)
+    assert raised.value.where == "velocity.cutoff_hz"
 
 
 def test_a_cutoff_at_which_nothing_is_remembered_is_no_trouble():

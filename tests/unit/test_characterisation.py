@@ -82,7 +82,7 @@ def test_intervals_of_an_estimate_hold_the_truth(estimate, phantom):
 
 
 def test_an_estimate_that_leans_on_one_stretch_has_infinite_deviations(estimate):
-    single_block = replace(estimate, single_block=(0,))
+    single_block = replace(estimate, quantities=replace(estimate.quantities, unbounded=(0,)))
     found = characterise(single_block, POSES)
     assert np.isinf(found.apparent_mass.se).all()
     assert "infinite" in found.summary()

@@ -7,7 +7,7 @@ import pytest
 
 import haptid
 from haptid import _core
-from haptid.device.loops.assembly import compiled
+from haptid.device.loops.chain import compiled
 
 # Many pieces of samples that threads share, and no whole lanes.
 SAMPLES = 3001

@@ -10,7 +10,7 @@ from scipy import stats
 
 import haptid
 from haptid import errors
-from haptid.estimation.methods.consistent import PhysicallyConsistent
+from haptid.estimation.methods.constrained import PhysicallyConsistent
 from haptid.inference.comparison import Comparison, compare
 from haptid.inference.targets import targets
 from motions import motion, truth

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 import haptid
 from changed_devices import SET_B, changed
 from haptid.device import Frame, poses, read_device
-from haptid.errors import DuplicateNameError, RegroupingError, UnknownDeviceNameError
+from haptid.errors import DeviceFileError, RegroupingError
 from haptid.experiment.bench import mjcf
 from haptid.experiment.bench.bodies import bodies, effects
 from haptid.experiment.bench.mjcf import closed, depth_first
@@ -72,7 +72,7 @@ def written(folder: Path, text: str) -> Path:
 
 def turned(model: haptid.DynamicModel, qa: np.ndarray) -> np.ndarray:
     """Angle from a frame to its twin by the poses of their links, (cuts, samples)."""
-    links = poses(model, model.device.closure.positions(qa).T)
+    links = poses(model.device, model.device.closure.positions(qa).T)
 
     def rotation(frame: Frame) -> np.ndarray:
         return (links[:, frame.link, :3, :3] if frame.link >= 0 else np.eye(3)) @ frame.rotation

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 from haptid.device import poses, read_device
 from haptid.device.geometry import joint_poses
-from haptid.errors import LoopBranchError, LoopOpenError, RelationError, UndeterminedLoopError
+from haptid.errors import DeviceFileError, LoopClosureError
 
 LENGTH = st.floats(0.05, 1.0)
 
@@ -83,8 +83,9 @@ parent = "1"
 passive = ["2", "3"]
 cut = { type = "revolute", on = "2", frame = { xyz = [0, 0, 0.5] }, with = "1", twin = { xyz = [0, 0, 0.2] } }
 """
-    with pytest.raises(UndeterminedLoopError, match="settle only 1 of 2"):
+    with pytest.raises(DeviceFileError) as caught:
         device_of(tmp_path, text)
+    assert (caught.value.found, caught.value.limit) == (1, 2)
     device = device_of(
         tmp_path, text.replace('["2", "3"]', '["2"]').replace('[[joints]]\nname = "3"\nparent = "1"\n', "")
     )
@@ -111,12 +112,12 @@ def test_relations_are_verified_against_the_cut(tmp_path: Path) -> None:
     cut = 'cut = { on = "coupler", frame = { d = 0.3 }, with = "forearm", twin = { d = 0.1 } }\n'
     good = 'relations = ["qforearm = qlever - qarm", "qcoupler = qarm - qlever"]'
     assert device_of(tmp_path, four_bar(0.3, 0.1, 0.3, 0.1, loop=cut + good)).closure.error < 1e-13
-    with pytest.raises(LoopOpenError, match="with the relations given") as caught:
+    with pytest.raises(LoopClosureError) as caught:
         device_of(
             tmp_path,
             four_bar(0.3, 0.1, 0.3, 0.1, loop=cut + good.replace("qlever - qarm", "qlever - 2*qarm")),
         )
-    assert caught.value.gap > 0.05
+    assert caught.value.found > 0.05
 
 
 def test_one_relation_given_and_the_other_derived(tmp_path: Path) -> None:
@@ -126,16 +127,16 @@ def test_one_relation_given_and_the_other_derived(tmp_path: Path) -> None:
 
 
 def test_a_loop_that_cannot_close_says_by_how_much(tmp_path: Path) -> None:
-    with pytest.raises(LoopOpenError, match="does not close") as caught:
+    with pytest.raises(LoopClosureError) as caught:
         device_of(tmp_path, four_bar(0.1, 0.1, 1.0, 0.1))
     # Arm, lever and forearm reach 0.3 of the coupler's 1.0; least squares spread what is missing.
-    assert 0.2 < caught.value.gap < 0.71
+    assert 0.2 < caught.value.found < 0.71
 
 
 def test_a_loop_that_is_not_linear_asks_for_a_guess_where_it_closes_in_several_ways(tmp_path: Path) -> None:
-    with pytest.raises(LoopBranchError, match=r"at arm = 0, lever = 0 the loops close in 2 ways") as caught:
+    with pytest.raises(LoopClosureError) as caught:
         device_of(tmp_path, four_bar(0.30, 0.10, 0.31, 0.12))
-    assert len(caught.value.ways) == 2
+    assert (caught.value.found, caught.value.limit) == (2, 1)
 
 
 def test_guess_chooses_the_turn(tmp_path: Path) -> None:
@@ -149,7 +150,7 @@ def test_guess_chooses_the_turn(tmp_path: Path) -> None:
 def test_a_rhombus_closes_in_more_ways_and_says_so(tmp_path: Path) -> None:
     device = device_of(tmp_path, four_bar(0.2, 0.2, 0.2, 0.2))
     assert device.closure.error < 1e-13
-    assert any("linear ways" in note for note in device.notes)
+    assert any("linear assembly modes" in note for note in device.notes)
 
 
 @pytest.mark.parametrize(
@@ -157,13 +158,13 @@ def test_a_rhombus_closes_in_more_ways_and_says_so(tmp_path: Path) -> None:
     [
         ("guess = {}", "neither relations nor a cut"),
         ('relations = ["qforearm = qlever"]', "nothing says how coupler"),
-        ('relations = ["qforearm = qcoupler", "qcoupler = qforearm"]', "round in a circle"),
+        ('relations = ["qforearm = qcoupler", "qcoupler = qforearm"]', "circular"),
         ('relations = ["qforearm = qlever", "qforearm = qarm", "qcoupler = 0"]', "already has a relation"),
         ('relations = ["qforearm = qlever", "qcoupler = 0"]\nguess = { arm = 1 }', "which no loop moves"),
     ],
 )
 def test_relations_must_settle_every_passive_joint(tmp_path: Path, loop: str, match: str) -> None:
-    with pytest.raises(RelationError, match=match):
+    with pytest.raises(DeviceFileError, match=match):
         device_of(tmp_path, four_bar(0.3, 0.1, 0.3, 0.1, loop=loop))
 
 
@@ -171,7 +172,7 @@ def test_relations_across_loops_must_end_at_active_joints(tmp_path: Path) -> Non
     text = four_bar(0.3, 0.1, 0.3, 0.1, loop='relations = ["qforearm = qlever", "qcoupler = qtool"]')
     text = text.replace("[[loops]]", '[[joints]]\nname = "tool"\nparent = "forearm"\n[[loops]]', 1)
     text += '[[loops]]\npassive = ["tool"]\ncut = { on = "tool", with = "base" }\n'
-    with pytest.raises(RelationError, match="qtool, which is itself passive"):
+    with pytest.raises(DeviceFileError, match="qtool, which is itself passive"):
         device_of(tmp_path, text)
 
 
@@ -200,7 +201,7 @@ cut = { on = "rocker", frame = { d = 0.2 }, with = "base", twin = { xyz = [0.5, 
 
 def test_jacobian_of_the_gap_is_its_derivative() -> None:
     from haptid.device.device import Cut, Frame
-    from haptid.device.loops.assembly import Chain
+    from haptid.device.loops.chain import Chain
 
     device = read_device("sr400")
     rng = np.random.default_rng(5)

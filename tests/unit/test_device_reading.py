@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import inspect
 import re
 from pathlib import Path
 
@@ -13,7 +12,7 @@ from hypothesis import strategies as st
 import haptid.device
 from haptid import errors
 from haptid.device import device_schema, read_device, shipped_devices
-from haptid.device.toml.tables import LARGEST_FILE
+from haptid.device.toml.reader import LARGEST_FILE
 
 ARM = """
 schema = 1
@@ -53,200 +52,200 @@ def swap(old: str, new: str) -> str:
 
 # One or more broken files per class: (class, file, what the sentence must hold).
 BROKEN = [
-    ("DeviceSyntaxError", swap("d3 = 0.45", "d3 = "), ["line 6, column 6", "d3 ="]),
-    ("DeviceSyntaxError", add("[[joints"), ["line ", "[[joints"]),
-    ("DeviceSyntaxError", add('name = "again"\nname = "again"'), ["line ", "verwrite"]),
-    ("DeviceKeyError", swap("alpha", "aplha"), ["joints[1].aplha", 'Did you mean "alpha"']),
-    ("DeviceKeyError", swap("width", "wdith"), ["terms[1].wdith", 'Did you mean "width"']),
-    ("DeviceKeyError", swap("gravity = [0.0, 0.0, -9.81]", ""), ["gravity", "missing", "top of the file"]),
-    ("DeviceKeyError", swap('name = "2"', ""), ["joints[1].name", "missing", "[[joints]]"]),
+    ("DeviceFileError", swap("d3 = 0.45", "d3 = "), ["line 6, column 6", "d3 ="]),
+    ("DeviceFileError", add("[[joints"), ["line ", "[[joints"]),
+    ("DeviceFileError", add('name = "again"\nname = "again"'), ["line ", "verwrite"]),
+    ("DeviceFileError", swap("alpha", "aplha"), ["joints[1].aplha", 'Did you mean "alpha"']),
+    ("DeviceFileError", swap("width", "wdith"), ["terms[1].wdith", 'Did you mean "width"']),
+    ("DeviceFileError", swap("gravity = [0.0, 0.0, -9.81]", ""), ["gravity", "missing", "top of the file"]),
+    ("DeviceFileError", swap('name = "2"', ""), ["joints[1].name", "missing", "[[joints]]"]),
     (
-        "DeviceKeyError",
+        "DeviceFileError",
         swap("limits = { position", "limits = { positon"),
         ["joints[2].limits.positon", '"position"'],
     ),
-    ("DeviceKeyError", add('[[terms]]\njoints = "all"'), ["terms[2].kind", "missing", "viscous"]),
-    ("DeviceKeyError", add('[[terms]]\nkind = "offset"'), ["terms[2]", "acts on nothing"]),
-    ("DeviceKeyError", add('[[terms]]\nkind = "stribeck"\njoints = ["1"]'), ["terms[2].velocity", "missing"]),
-    ("DeviceKeyError", add("[handel]"), ["handel", 'Did you mean "handle"']),
-    ("DeviceKeyError", add(BALANCE.replace("stroke = 0.3\n", "")), ["terms[2].stroke", "missing"]),
-    ("DeviceKeyError", add(BALANCE.replace("gas", "spring")), ["terms[2].stroke", "no meaning"]),
+    ("DeviceFileError", add('[[terms]]\njoints = "all"'), ["terms[2].kind", "missing", "viscous"]),
+    ("DeviceFileError", add('[[terms]]\nkind = "offset"'), ["terms[2]", "acts on nothing"]),
+    ("DeviceFileError", add('[[terms]]\nkind = "stribeck"\njoints = ["1"]'), ["terms[2].velocity", "missing"]),
+    ("DeviceFileError", add("[handel]"), ["handel", 'Did you mean "handle"']),
+    ("DeviceFileError", add(BALANCE.replace("stroke = 0.3\n", "")), ["terms[2].stroke", "missing"]),
+    ("DeviceFileError", add(BALANCE.replace("gas", "spring")), ["terms[2].stroke", "no meaning"]),
     (
-        "DeviceKeyError",
+        "DeviceFileError",
         add('[[loops]]\npassive = ["3"]\ncut = { on = "3", with = "1", frame = { d = 1, xyz = [0, 0, 0] } }'),
-        ["loops[0].cut.frame", "xyz or rpy stands beside d"],
+        ["loops[0].cut.frame", "xyz or rpy is given together with d"],
     ),
     (
-        "DeviceValueError",
+        "DeviceFileError",
         swap("[0.0, 0.0, -9.81]", "[0.0, -9.81]"),
         ["gravity", "found [0.0, -9.81]", "at least 3"],
     ),
-    ("DeviceValueError", swap("[0.0, 0.0, -9.81]", "9.81"), ["gravity", "found 9.81", "list"]),
-    ("DeviceValueError", swap("0.45", "nan"), ["lengths.d3", "found nan", "finite"]),
-    ("DeviceValueError", swap("-9.81", "-inf"), ["gravity[2]", "found -inf", "finite"]),
-    ("DeviceValueError", swap("0.45", "true"), ["lengths.d3", "found True", "number"]),
-    ("DeviceValueError", swap("0.45", "1" + "0" * 400), ["lengths.d3", "finite"]),
+    ("DeviceFileError", swap("[0.0, 0.0, -9.81]", "9.81"), ["gravity", "found 9.81", "list"]),
+    ("DeviceFileError", swap("0.45", "nan"), ["lengths.d3", "found nan", "finite"]),
+    ("DeviceFileError", swap("-9.81", "-inf"), ["gravity[2]", "found -inf", "finite"]),
+    ("DeviceFileError", swap("0.45", "true"), ["lengths.d3", "found True", "number"]),
+    ("DeviceFileError", swap("0.45", "1" + "0" * 400), ["lengths.d3", "finite"]),
     (
-        "DeviceValueError",
+        "DeviceFileError",
         swap("[-1.0, 2.0]", "[2.0, -1.0]"),
         ["joints[2].limits.position", "[2, -1]", "lower"],
     ),
     (
-        "DeviceValueError",
+        "DeviceFileError",
         swap("position = [-1.0, 2.0]", "velocity = 0"),
         ["joints[2].limits.velocity", "above zero"],
     ),
-    ("DeviceValueError", swap('name = "2"', 'name = "2 b"'), ["joints[1].name", "'2 b'", "underscores"]),
+    ("DeviceFileError", swap('name = "2"', 'name = "2 b"'), ["joints[1].name", "'2 b'", "underscores"]),
     (
-        "DeviceValueError",
+        "DeviceFileError",
         swap('name = "2"', 'name = "2"\ntype = "spherical"'),
         ["joints[1].type", "'spherical'"],
     ),
-    ("DeviceValueError", swap("schema = 1", "schema = 2"), ["schema", "found 2"]),
-    ("DeviceValueError", swap("schema = 1", 'convention = "mdh"'), ["convention", "'mdh'", "modified-dh"]),
-    ("DeviceValueError", swap("width = 0.1", "width = -0.1"), ["terms[1].width", "-0.1", "zero"]),
-    ("DeviceValueError", add('[[motors]]\nname = "1"\ngear = 0'), ["motors[0].gear", "not zero"]),
-    ("DeviceValueError", add('[[symmetry]]\nreason = "x"'), ["symmetry[0]", "says nothing"]),
+    ("DeviceFileError", swap("schema = 1", "schema = 2"), ["schema", "found 2"]),
+    ("DeviceFileError", swap("schema = 1", 'convention = "mdh"'), ["convention", "'mdh'", "modified-dh"]),
+    ("DeviceFileError", swap("width = 0.1", "width = -0.1"), ["terms[1].width", "-0.1", "zero"]),
+    ("DeviceFileError", add('[[motors]]\nname = "1"\ngear = 0'), ["motors[0].gear", "not zero"]),
+    ("DeviceFileError", add('[[symmetry]]\nreason = "x"'), ["symmetry[0]", "says nothing"]),
     (
-        "DeviceValueError",
+        "DeviceFileError",
         add('[[symmetry]]\nreason = "x"\nequal = [["XX1", "M1"]]'),
         ["symmetry[0].equal[0]", "kg m^2"],
     ),
     (
-        "DeviceValueError",
+        "DeviceFileError",
         add('[[prior_bodies]]\nlink = "1"\nmass = -1\ncom = [0, 0, 0]'),
         ["prior_bodies[0].mass"],
     ),
     (
-        "DeviceValueError",
+        "DeviceFileError",
         add('[[prior_bodies]]\nlink = "1"\nmass = 1\ncom = [0, 0, 0]\ninertia = [1, 1, -3, 0, 0, 0]'),
         ["prior_bodies[0].inertia", "-3"],
     ),
-    ("DeviceValueError", add("[prior]\nM1 = { value = 1, sd = 0 }"), ["prior.M1.sd", "above zero"]),
-    ("DeviceValueError", add("[base_parameters]\ntolerance = 2"), ["base_parameters.tolerance", "found 2"]),
-    ("DeviceValueError", add(BALANCE.replace("0.3", "0.2")), ["terms[2].stroke", "up to 0.2 m"]),
-    ("DeviceValueError", add(BALANCE.replace("0.5", "0.1")), ["terms[2].crank", "differ"]),
-    ("DeviceValueError", add(BALANCE.replace('["2"]', '["1", "2"]')), ["terms[2]", "more than one"]),
-    ("DeviceValueError", add(BALANCE.replace('joints = ["2"]', 'motors = ["2"]')), ["terms[2]", "motor 2"]),
+    ("DeviceFileError", add("[prior]\nM1 = { value = 1, std = 0 }"), ["prior.M1.std", "above zero"]),
+    ("DeviceFileError", add("[base_parameters]\ntolerance = 2"), ["base_parameters.tolerance", "found 2"]),
+    ("DeviceFileError", add(BALANCE.replace("0.3", "0.2")), ["terms[2].stroke", "up to 0.2 m"]),
+    ("DeviceFileError", add(BALANCE.replace("0.5", "0.1")), ["terms[2].crank", "differ"]),
+    ("DeviceFileError", add(BALANCE.replace('["2"]', '["1", "2"]')), ["terms[2]", "more than one"]),
+    ("DeviceFileError", add(BALANCE.replace('joints = ["2"]', 'motors = ["2"]')), ["terms[2]", "motor 2"]),
     (
-        "DeviceValueError",
+        "DeviceFileError",
         'name = "p"\ngravity = [0, 0, 0]\nconvention = "placement"\n[[joints]]\nname = "1"\naxis = [0, 0, 0]',
         ["joints[0].axis", "direction"],
     ),
     (
-        "DeviceValueError",
+        "DeviceFileError",
         swap('joints = ["1", "2"]', "joints = [1, 2]"),
         ["terms[1].joints[0]", "double quotes"],
     ),
-    ("DeviceValueError", swap('joints = "all"', 'joints = "every"'), ["terms[0].joints", "'motorised'"]),
-    ("DeviceValueError", swap('name = "2"', "name = 2"), ["joints[1].name", "found 2", "double quotes"]),
-    ("DeviceValueError", add("[prior]\nM1 = true"), ["prior.M1", "found True", "number"]),
-    ("DeviceKeyError", add("[prior]\nM1 = { valeu = 1 }"), ["prior.M1.valeu", 'Did you mean "value"']),
-    ("UnknownDeviceNameError", swap('["1", "2"]', '["1", "4"]'), ["terms[1].joints[1]", '"4"', "Known: 1, 2, 3"]),
-    ("UnknownDeviceNameError", swap('"viscous"', '"viscouse"'), ["terms[0].kind", 'Did you mean "viscous"']),
-    ("UnknownDeviceNameError", swap('"d3"', '"d4"'), ["joints[2].d", '"d4"', "Known: d3, pi"]),
+    ("DeviceFileError", swap('joints = "all"', 'joints = "every"'), ["terms[0].joints", "'motorised'"]),
+    ("DeviceFileError", swap('name = "2"', "name = 2"), ["joints[1].name", "found 2", "double quotes"]),
+    ("DeviceFileError", add("[prior]\nM1 = true"), ["prior.M1", "found True", "number"]),
+    ("DeviceFileError", add("[prior]\nM1 = { valeu = 1 }"), ["prior.M1.valeu", 'Did you mean "value"']),
+    ("DeviceFileError", swap('["1", "2"]', '["1", "4"]'), ["terms[1].joints[1]", '"4"', "Known: 1, 2, 3"]),
+    ("DeviceFileError", swap('"viscous"', '"viscouse"'), ["terms[0].kind", 'Did you mean "viscous"']),
+    ("DeviceFileError", swap('"d3"', '"d4"'), ["joints[2].d", '"d4"', "Known: d3, pi"]),
     (
-        "UnknownDeviceNameError",
+        "DeviceFileError",
         add('[[terms]]\nkind = "offset"\nmotors = ["m6"]'),
         ["terms[2].motors[0]", "no motor"],
     ),
     (
-        "UnknownDeviceNameError",
+        "DeviceFileError",
         add('[[symmetry]]\nreason = "x"\nzero = ["MXX1"]'),
         ["symmetry[0].zero[0]", 'Did you mean "'],
     ),
     (
-        "UnknownDeviceNameError",
+        "DeviceFileError",
         add('[[symmetry]]\nreason = "x"\nequal = [["M1", "M9"]]'),
         ["symmetry[0].equal[0][1]", "M9"],
     ),
     (
-        "UnknownDeviceNameError",
+        "DeviceFileError",
         add('[[symmetry]]\nreason = "x"\nidentical = ["1", "9"]'),
         ["symmetry[0].identical[1]"],
     ),
     (
-        "UnknownDeviceNameError",
+        "DeviceFileError",
         add('[[symmetry]]\nreason = "x"\nabout = { link = "9", axis = "x" }'),
         ["symmetry[0].about.link", '"9"'],
     ),
-    ("UnknownDeviceNameError", add("[prior]\nFV9 = 1"), ["prior.FV9", 'Did you mean "FV']),
+    ("DeviceFileError", add("[prior]\nFV9 = 1"), ["prior.FV9", 'Did you mean "FV']),
     (
-        "UnknownDeviceNameError",
+        "DeviceFileError",
         add('[[prior_bodies]]\nlink = "9"\nmass = 1\ncom = [0, 0, 0]'),
         ["prior_bodies[0].link"],
     ),
-    ("UnknownDeviceNameError", add('[handle]\nlink = "hand"'), ["handle.link", '"hand"']),
-    ("UnknownDeviceNameError", add('[base_parameters]\nkeep = ["ZZ9"]'), ["base_parameters.keep[0]", "ZZ9"]),
-    ("UnknownDeviceNameError", add('[[loops]]\nrelations = ["q3 = -q9"]'), ["loops[0].relations[0]", '"q9"']),
-    ("UnknownDeviceNameError", add('[[loops]]\nrelations = ["q9 = -q1"]'), ["loops[0].relations[0]", '"q9"']),
+    ("DeviceFileError", add('[handle]\nlink = "hand"'), ["handle.link", '"hand"']),
+    ("DeviceFileError", add('[base_parameters]\nkeep = ["ZZ9"]'), ["base_parameters.keep[0]", "ZZ9"]),
+    ("DeviceFileError", add('[[loops]]\nrelations = ["q3 = -q9"]'), ["loops[0].relations[0]", '"q9"']),
+    ("DeviceFileError", add('[[loops]]\nrelations = ["q9 = -q1"]'), ["loops[0].relations[0]", '"q9"']),
     (
-        "UnknownDeviceNameError",
+        "DeviceFileError",
         add('[[loops]]\npassive = ["9"]\ncut = { on = "3", with = "1" }'),
         ["loops[0].passive[0]"],
     ),
     (
-        "UnknownDeviceNameError",
+        "DeviceFileError",
         add('[[loops]]\npassive = ["3"]\ncut = { on = "9", with = "1" }'),
         ["loops[0].cut.on"],
     ),
     (
-        "UnknownDeviceNameError",
+        "DeviceFileError",
         add('[[terms]]\nkind = "column"\njoints = ["1"]\nname = "C1"\nunit = "N m"\nexpression = "sin(q_9)"'),
         ["terms[2].expression", '"q_9"'],
     ),
-    ("DuplicateNameError", swap('name = "2"', 'name = "1"'), ["joints[1].name", "joints[0]"]),
-    ("DuplicateNameError", swap('name = "1"', 'name = "base"'), ["joints[0].name", "the base"]),
+    ("DeviceFileError", swap('name = "2"', 'name = "1"'), ["joints[1].name", "joints[0]"]),
+    ("DeviceFileError", swap('name = "1"', 'name = "base"'), ["joints[0].name", "the base"]),
     (
-        "DuplicateNameError",
+        "DeviceFileError",
         add('[[motors]]\nname = "1"\n[[motors]]\nname = "1"'),
         ["motors[1].name", "motors[0]"],
     ),
-    ("DuplicateNameError", add('[[motors]]\nname = "3"\ndrives = { 1 = 1 }'), ["motors", "joint 3"]),
-    ("DuplicateNameError", add('[[terms]]\nkind = "viscous"\njoints = ["2"]'), ["FV2"]),
-    ("DuplicateNameError", swap("d3 = 0.45", "d3 = 0.45\npi = 3"), ["lengths.pi"]),
-    ("DuplicateNameError", swap("d3 = 0.45", "d3 = 0.45\nq_2 = 3"), ["lengths.q_2", "joint 2"]),
+    ("DeviceFileError", add('[[motors]]\nname = "3"\ndrives = { 1 = 1 }'), ["motors", "joint 3"]),
+    ("DeviceFileError", add('[[terms]]\nkind = "viscous"\njoints = ["2"]'), ["FV2"]),
+    ("DeviceFileError", swap("d3 = 0.45", "d3 = 0.45\npi = 3"), ["lengths.pi"]),
+    ("DeviceFileError", swap("d3 = 0.45", "d3 = 0.45\nq_2 = 3"), ["lengths.q_2", "joint 2"]),
     (
-        "DuplicateNameError",
+        "DeviceFileError",
         add('[[prior_bodies]]\nlink = "1"\nmass = 1\ncom = [0, 0, 0]\n' * 2),
         ["prior_bodies[1].link"],
     ),
-    ("MissingParentError", swap('name = "2"', 'name = "2"\nparent = "4"'), ["joints[1].parent", '"4"']),
+    ("DeviceFileError", swap('name = "2"', 'name = "2"\nparent = "4"'), ["joints[1].parent", '"4"']),
     (
-        "MissingParentError",
+        "DeviceFileError",
         swap('name = "2"', 'name = "2"\nparent = "3"').replace('d = "d3"', 'parent = "1"'),
         ["joints[1].parent", "further down"],
     ),
-    ("CycleError", swap('name = "2"', 'name = "2"\nparent = "3"'), ["2 -> 3 -> 2", "[[loops]]"]),
-    ("CycleError", swap('name = "1"', 'name = "1"\nparent = "1"'), ["1 -> 1"]),
-    ("ExpressionError", swap('"-pi/2"', '"-pi/2)"'), ["joints[1].alpha", '"-pi/2)"', "not arithmetic"]),
-    ("ExpressionError", swap('"-pi/2"', '"sin(1)"'), ["joints[1].alpha", "sin(1)", "not allowed"]),
-    ("ExpressionError", swap('"-pi/2"', '"1/0"'), ["joints[1].alpha", "inf"]),
-    ("DegreesError", swap('"-pi/2"', "-90"), ["joints[1].alpha", "-90", "-1.5708", "degrees"]),
-    ("DegreesError", add("[base]\nrpy = [180, 0, 0]"), ["base.rpy[0]", "180*pi/180"]),
-    ("RelationError", add('[[loops]]\nrelations = ["q3 = q2*q1"]'), ["loops[0].relations[0]", "not linear"]),
-    ("RelationError", add('[[loops]]\nrelations = ["q3 + q2 = 0"]'), ["loops[0].relations[0]"]),
+    ("DeviceFileError", swap('name = "2"', 'name = "2"\nparent = "3"'), ["2 -> 3 -> 2", "[[loops]]"]),
+    ("DeviceFileError", swap('name = "1"', 'name = "1"\nparent = "1"'), ["1 -> 1"]),
+    ("DeviceFileError", swap('"-pi/2"', '"-pi/2)"'), ["joints[1].alpha", '"-pi/2)"', "not arithmetic"]),
+    ("DeviceFileError", swap('"-pi/2"', '"sin(1)"'), ["joints[1].alpha", "sin(1)", "not allowed"]),
+    ("DeviceFileError", swap('"-pi/2"', '"1/0"'), ["joints[1].alpha", "inf"]),
+    ("DeviceFileError", swap('"-pi/2"', "-90"), ["joints[1].alpha", "-90", "-1.5708", "degrees"]),
+    ("DeviceFileError", add("[base]\nrpy = [180, 0, 0]"), ["base.rpy[0]", "180*pi/180"]),
+    ("DeviceFileError", add('[[loops]]\nrelations = ["q3 = q2*q1"]'), ["loops[0].relations[0]", "not linear"]),
+    ("DeviceFileError", add('[[loops]]\nrelations = ["q3 + q2 = 0"]'), ["loops[0].relations[0]"]),
     (
-        "ActiveJointError",
+        "DeviceFileError",
         add(PASSIVE).replace('d = "d3"', "active = true"),
         ["joints[2].active", '"3"', "passive"],
     ),
-    ("ActiveJointError", swap('d = "d3"', "active = false"), ["joints[2].active", "no loop"]),
+    ("DeviceFileError", swap('d = "d3"', "active = false"), ["joints[2].active", "no loop"]),
     (
-        "LoopOpenError",
+        "LoopClosureError",
         add('[[loops]]\npassive = ["3"]\ncut = { on = "3", frame = { d = 0.1 }, with = "1" }'),
         ["loops: ", "does not close", " m "],
     ),
     (
-        "LoopBranchError",
+        "LoopClosureError",
         'name = "b"\ngravity = [0, 0, 0]\n[[joints]]\nname = "1"\n[[joints]]\nname = "2"\nd = 0.2\n'
         '[[joints]]\nname = "3"\n'
         'd = 0.5\n[[loops]]\npassive = ["2", "3"]\n'
         'cut = { on = "3", frame = { d = 0.25 }, with = "base", twin = { d = 0.5 } }',
-        ["loops: ", "in 2 ways", "guess"],
+        ["loops: ", "in 2 assembly modes", "guess"],
     ),
     (
-        "SingularLoopError",
+        "SingularityError",
         'name = "b"\ngravity = [0, 0, 0]\n[[joints]]\nname = "1"\n[[joints]]\nname = "2"\nd = 0.2\n'
         '[[joints]]\nname = "3"\nparent = "base"\ntype = "prismatic"\ngamma = "pi/2"\nalpha = "pi/2"\n'
         '[[loops]]\npassive = ["1", "2"]\nat = { 3 = 0.7 }\ncut = { on = "2", frame = { d = 0.5 }, '
@@ -254,7 +253,7 @@ BROKEN = [
         ["loops: at the start pose", "3 = 0.7", "limit 0.001"],
     ),
     (
-        "CutRateError",
+        "DeviceFileError",
         'name = "b"\ngravity = [0, 0, 0]\n[[joints]]\nname = "1"\n[[joints]]\nname = "2"\nd = 0.2\n'
         '[[joints]]\nname = "3"\nparent = "base"\nd = 0.5\n'
         '[[loops]]\npassive = ["2", "3"]\nat = { 1 = 1.5 }\nguess = { 2 = -1.3, 3 = 1.2 }\n'
@@ -262,54 +261,54 @@ BROKEN = [
         ["loops: the cut joint 4 has a name", "(limit 1e-06)", "Remove its name"],
     ),
     (
-        "UndeterminedLoopError",
+        "DeviceFileError",
         add('[[loops]]\npassive = ["2", "3"]\ncut = { on = "1", with = "1" }'),
-        ["loops: ", "settle only 0 of 2"],
+        ["loops: ", "determine only 0 of 2"],
     ),
     (
-        "IdleMotorError",
+        "DeviceFileError",
         add('[[motors]]\nname = "m"\ndrives = { 1 = 0 }'),
         ["motors[0]", "drives no active joint"],
     ),
-    ("IdleMotorError", add('[[motors]]\nname = "m"'), ["motors[0].name", "no joint", "1, 2, 3"]),
+    ("DeviceFileError", add('[[motors]]\nname = "m"'), ["motors[0].name", "no joint", "1, 2, 3"]),
     (
-        "IdleMotorError",
+        "DeviceFileError",
         add(PASSIVE + '[[motors]]\nname = "3"'),
         ["motors[0].name", "a passive joint", "1, 2."],
     ),
     (
-        "TransmissionError",
+        "DeviceFileError",
         add('[[motors]]\nname = "a"\ndrives = { 1 = 1, 2 = 1 }\n[[motors]]\nname = "b"\ndrives = { 1 = 2, 2 = 2 }'),
-        ["motors: ", "rank 2, wanted 3"],
+        ["motors: ", "rank 2, 3 rows of rank 3"],
     ),
     (
-        "TransmissionError",
+        "DeviceFileError",
         add('[[motors]]\nname = "a"\ndrives = { 1 = 1, 2 = 1 }'),
         ["motors: ", "1 motor coordinates"],
     ),
     (
-        "NonlinearTargetError",
+        "DeviceFileError",
         add('[targets]\na = "M1*M2"'),
         ["targets.a", '"M1*M2" is not a linear combination', "two unknowns"],
     ),
-    ("NonlinearTargetError", add('[targets]\na = "1/M1"'), ["targets.a", "divides by one"]),
-    ("NonlinearTargetError", add('[targets]\na = "M1 / 0"'), ["targets.a", "division by zero"]),
-    ("NonlinearTargetError", add('[targets]\na = "1e30*1e30*M1"'), ["targets.a", "a factor beyond 1e+30"]),
-    ("NonlinearTargetError", add('[targets]\na = "M1 + d3"'), ["targets.a", "0.45 has no parameter in it"]),
-    ("ExpressionError", add('[targets]\na = "sin(M1)"'), ["targets.a", "`sin(M1)` is not allowed here"]),
-    ("UnknownDeviceNameError", add('[targets]\na = "ZZ1 + ZZ11"'), ["targets.a", 'Did you mean "ZZ1"']),
-    ("DeviceValueError", add('[targets]\na = "M1 - M1"'), ["targets.a", "zero in this device"]),
-    ("DeviceValueError", add('[targets]\na = "M1 + ZZ1"'), ["targets.a", "not one unit (kg, kg m^2)"]),
-    ("DeviceKeyError", add('[targets]\na = { unit = "kg" }'), ["targets.a", "expression"]),
+    ("DeviceFileError", add('[targets]\na = "1/M1"'), ["targets.a", "divides by one"]),
+    ("DeviceFileError", add('[targets]\na = "M1 / 0"'), ["targets.a", "division by zero"]),
+    ("DeviceFileError", add('[targets]\na = "1e30*1e30*M1"'), ["targets.a", "a factor beyond 1e+30"]),
+    ("DeviceFileError", add('[targets]\na = "M1 + d3"'), ["targets.a", "0.45 has no parameter in it"]),
+    ("DeviceFileError", add('[targets]\na = "sin(M1)"'), ["targets.a", "`sin(M1)` is not allowed here"]),
+    ("DeviceFileError", add('[targets]\na = "ZZ1 + ZZ11"'), ["targets.a", 'Did you mean "ZZ1"']),
+    ("DeviceFileError", add('[targets]\na = "M1 - M1"'), ["targets.a", "zero in this device"]),
+    ("DeviceFileError", add('[targets]\na = "M1 + ZZ1"'), ["targets.a", "do not have a common unit (kg, kg m^2)"]),
+    ("DeviceFileError", add('[targets]\na = { unit = "kg" }'), ["targets.a", "expression"]),
     (
-        "DuplicateNameError",
+        "DeviceFileError",
         swap("d3 = 0.45", "d3 = 0.45\nM1 = 2") + '\n[targets]\na = "M1"',
         ["lengths.M1", "a standard parameter"],
     ),
     (
-        "DuplicateNameError",
+        "DeviceFileError",
         swap("d3 = 0.45", "d3 = 0.45\ng = 2") + '\n[targets]\na = "M1"',
-        ["lengths.g", "the size of gravity"],
+        ["lengths.g", "the magnitude of gravity"],
     ),
 ]
 
@@ -326,21 +325,6 @@ def test_each_cause_has_its_error_and_says_what_to_do(tmp_path: Path, kind: str,
     for part in parts:
         assert part in sentence
     assert sentence.rstrip().endswith((".", "`")), sentence
-
-
-def test_every_device_error_is_tested() -> None:
-    classes = {
-        name
-        for name, kind in inspect.getmembers(errors, inspect.isclass)
-        if issubclass(kind, errors.DeviceError) and kind is not errors.DeviceError
-    }
-    elsewhere = {
-        "DeviceFileError",
-        "ColumnValueError",
-        "LoopUnreachableError",
-        "LoopFarError",
-    }  # below, with terms, with loops
-    assert classes == {kind for kind, _, _ in BROKEN} | elsewhere
 
 
 def test_the_unbroken_file_reads(tmp_path: Path) -> None:

@@ -85,11 +85,11 @@ def test_loops_close(model: DynamicModel) -> None:
     qa = model.device.closure.draw(np.random.default_rng(0), 5).T
     q = model.device.closure.positions(qa.T).T
     np.testing.assert_array_equal(q[:, model.device.active], qa)
-    assert poses(model, q).shape == (5, len(model.device.joints), 4, 4)
+    assert poses(model.device, q).shape == (5, len(model.device.joints), 4, 4)
 
 
 def test_summary_names_everything(model: DynamicModel) -> None:
-    text = "\n".join(summary_lines(model))
+    text = "\n".join(summary_lines(model.device))
     for name in (
         *model.device.joint_names,
         *(drive.name for drive in model.device.drives),
@@ -137,7 +137,7 @@ def test_phantom_priors_give_the_torque_of_the_published_constants() -> None:
 def test_phantom_end_point_is_the_papers() -> None:
     model = DynamicModel(read_device("phantom_premium_15"))
     t1, t2, t3 = 0.3, 0.4, 0.5
-    pose = poses(model, np.array([[t1, t2, t3]]) @ model.device.closure.G.T + model.device.closure.offset)[0]
+    pose = poses(model.device, np.array([[t1, t2, t3]]) @ model.device.closure.G.T + model.device.closure.offset)[0]
     handle = model.device.handle
     assert handle is not None
     reach = 0.215 * np.cos(t2) + 0.17 * np.sin(t3)

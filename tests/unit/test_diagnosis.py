@@ -8,7 +8,7 @@ import pytest
 
 import haptid
 from diagnosed import estimated, log, phantom
-from haptid.estimation.methods.zeroed import FixedAtZero
+from haptid.estimation.methods.constrained import FixedAtZero
 from haptid.inference.diagnosis import diagnose
 from haptid.inference.diagnosis.added_variable import CandidateColumns, augment
 from haptid.inference.diagnosis.delay_test import torque_rates

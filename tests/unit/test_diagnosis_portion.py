@@ -13,7 +13,7 @@ from haptid.inference.diagnosis import diagnose, subsample
 from haptid.inference.diagnosis.influence import FEWEST_BLOCKS
 from haptid.inference.diagnosis.residuals import residuals
 from haptid.inference.diagnosis.subsample import MOST_SAMPLES, block_numbers, evenly_spaced, log_name, row_ranges
-from haptid.observation.observation import Plan
+from haptid.observation.plan import Plan
 
 TREATMENT = haptid.Treatment(cutoff_hz=40, decimation=5, block=0.5)
 

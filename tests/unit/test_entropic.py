@@ -1,4 +1,4 @@
-"""The entropic pull: zero at the prior, the same in every frame, `PhysicallyConsistent()` in the limit, better in poor logs."""
+"""The entropic penalty: zero at the prior, frame-invariant, consistent in the limit, better in poor logs."""
 
 import numpy as np
 import pytest
@@ -7,7 +7,7 @@ import haptid
 from haptid import errors
 from haptid.estimation import PhysicallyConsistent, Profile
 from haptid.estimation.feasibility.feasible import roomy
-from haptid.estimation.methods.entropic import Entropic, Pull, prior_links
+from haptid.estimation.methods.regularised import Entropic, EntropicPenalty, prior_links
 from motions import motion
 
 BODY = """
@@ -64,9 +64,9 @@ def observed(model, noise=0.05, seed=1, seconds=8.0):
 
 def test_a_prior_that_is_the_truth_stays(model):
     conditions = roomy(model, model.base.of(np.nan_to_num(model.device.chi_prior) + 0.1))
-    pull = Pull(conditions, tuple(block.is_link for block in conditions.blocks))
+    pull = EntropicPenalty(conditions, tuple(block.is_link for block in conditions.blocks))
     R = np.zeros((len(model.base),) * 2)  # no data
-    x = pull.least(R, np.zeros(len(model.base)), 1.0)
+    x = pull.minimiser(R, np.zeros(len(model.base)), 1.0)
     raw = [k for k, kind in enumerate(model.device.parameters.kinds) if kind not in ("FV", "FC")]
     np.testing.assert_allclose((conditions.scale * x)[raw], model.device.chi_prior[raw], rtol=1e-6, atol=1e-9)
 
@@ -121,7 +121,7 @@ def test_poor_logs_gain_most(model):
 def test_truth_is_inside_its_intervals(model):
     beta, inside = true_beta(model), []
     for seed in range(8):
-        low, high = haptid.estimate(observed(model, seed=seed), Entropic()).interval95.T
+        low, high = haptid.estimate(observed(model, seed=seed), Entropic()).conf_int().T
         inside += ((low <= beta) & (beta <= high)).tolist()
     assert np.mean(inside) >= 0.9
 
@@ -130,15 +130,17 @@ def test_there_is_no_profile_of_what_is_pulled(model):
     observation = observed(model, seconds=2.0)
     found = haptid.estimate(observation, Entropic(1.0), Profile())
     assert found.held.pulled
-    with pytest.raises(errors.PulledProfileError, match="Clustered"):
-        _ = found.interval95
+    with pytest.raises(errors.SettingError) as raised:
+        _ = found.conf_int()
+    assert raised.value.where == "intervals"
+    assert "ClusterRobust" in raised.value.advice
     assert not haptid.estimate(observation, PhysicallyConsistent()).held.pulled
 
 
 def test_what_cannot_be_pulled_is_refused(model, tmp_path):
     assert prior_links(model) == ["1", "2", "3"]
-    with pytest.raises(errors.MethodSettingError):
+    with pytest.raises(errors.SettingError):
         Entropic(-1.0)
     bare = device_of(tmp_path, DEVICE.split("[[prior_bodies]]")[0])
-    with pytest.raises(errors.NoPriorError):
+    with pytest.raises(errors.IncompleteDeviceError):
         haptid.estimate(observed(model).__class__(bare, observed(model).motors, observed(model).blocks, ()), Entropic())

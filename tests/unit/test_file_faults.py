@@ -47,7 +47,7 @@ WRONG_STUDIES = [
 WRONG_EXPERIMENTS = [
     ("kp = 40.0", "kq = 40.0", "key `controller.kq`", "Keys here: kp, kd, ki"),
     ("centre = 0.1", "center = 0.1", "key `trajectory.center`", 'Did you mean "centre"? Keys here: amplitude'),
-    ("centre = 0.1", "centre = 0.1\ncount = 'a'", "key `trajectory.count`", "count is sines a joint"),
+    ("centre = 0.1", "centre = 0.1\ncount = 'a'", "key `trajectory.count`", "count is number of sines per joint"),
     ('"multisine"', '"sine"', "key `trajectory.kind`", """no kind 'sine'; write one of "multisine", "triangles","""),
     ("force = [0.0, 0.0, 1.0]", "force = [0.0]", "key `hand.0.force`", "force is in the base frame, N"),
     ("schema = 1", "schema = ", "line 2, column 10", "`haptid schema experiment` prints every key"),
@@ -111,7 +111,7 @@ JUNK = st.one_of(
 )
 @settings(deadline=None, max_examples=150)
 @given(data=st.data())
-def test_whatever_stands_there_is_told_where_it_stands(table, text, data):
+def test_whatever_stands_there_is_told_where_it_stands(model, text, data):
     """A fault's steps lead to something in the data, or to one key that it lacks."""
     tables = copy.deepcopy(tomllib.loads(text))
     here = tables
@@ -122,9 +122,9 @@ def test_whatever_stands_there_is_told_where_it_stands(table, text, data):
             break
         here = here[key]
     try:
-        table.model_validate(tables)
+        model.model_validate(tables)
     except ValidationError as error:
-        fault = Fault.of(error, table, tables)
+        fault = Fault.of(error, model, tables)
         lacks = fault.kind == "missing" or bool(fault.kinds)
         found = tables
         for step in fault.steps[:-1] if lacks else fault.steps:

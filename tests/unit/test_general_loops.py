@@ -49,9 +49,9 @@ def test_the_guess_chooses_the_way_to_close(tmp_path: Path) -> None:
     qa = np.linspace(-3, 3, 20)[None]
     one, other = (model.device.closure.positions(qa) for model in (above, below))
     assert (np.abs(one - other)[1:].min(axis=1) > 0.3).all()
-    with pytest.raises(errors.LoopBranchError, match=r"crank = 1\.57 the loops close in 2 ways") as caught:
+    with pytest.raises(errors.LoopClosureError) as caught:
         edited(tmp_path, "four_bar", ("guess = { coupler = -1.3, rocker = 1.2 }", "guess = {}"))
-    assert len(caught.value.ways) == 2
+    assert (caught.value.found, caught.value.limit) == (2, 1)
 
 
 def test_a_crank_may_turn_round_and_round() -> None:
@@ -64,21 +64,21 @@ def test_a_crank_may_turn_round_and_round() -> None:
 
 
 def test_a_start_pose_that_cannot_close_is_an_error(tmp_path: Path) -> None:
-    with pytest.raises(errors.LoopOpenError, match=r"at the start pose \(1 = 3.1, 2 = 0\)") as caught:
+    with pytest.raises(errors.LoopClosureError) as caught:
         edited(tmp_path, "five_bar", ("at = { 1 = 2.356, 2 = 0.785 }", "at = { 1 = 3.1, 2 = 0.0 }"))
-    assert 1e-4 < caught.value.gap < 0.1
+    assert 1e-4 < caught.value.found < 0.1
 
 
 def test_poses_out_of_reach_say_which_and_how_far() -> None:
     model = haptid.DynamicModel(haptid.read_device("five_bar"))
     qa = np.linspace([2.356, 0.785], [3.14, 0.0], 50).T
-    said = r"at sample 4\d the loops do not close: with 1 = 3\."
-    with pytest.raises(errors.LoopUnreachableError, match=said) as caught:
+    with pytest.raises(errors.LoopClosureError) as caught:
         model.device.closure.positions(qa)
-    assert 0 < caught.value.gap < 0.1
+    assert 0 < caught.value.found < 0.1
+    assert 40 <= caught.value.where < 50
     closes = model.device.closure.closes(qa)
-    assert closes[: caught.value.sample].all()
-    assert not closes[caught.value.sample :].any()
+    assert closes[: caught.value.where].all()
+    assert not closes[caught.value.where :].any()
 
 
 KITE = """
@@ -107,15 +107,15 @@ def test_a_singularity_is_not_crossed_however_coarse_the_motion(tmp_path: Path, 
     (tmp_path / "kite.toml").write_text(KITE)
     model = haptid.DynamicModel(haptid.read_device(tmp_path / "kite.toml"))
     model.device.closure.positions(np.linspace(1.0, 0.05, 20)[None])
-    with pytest.raises(errors.SingularLoopError, match="singular pose: with crank = ") as caught:
+    with pytest.raises(errors.SingularityError) as caught:
         model.device.closure.positions(np.linspace(1.0, -1.013, samples)[None])
-    assert caught.value.openness < 0.05
+    assert caught.value.found < 0.05
     assert not model.device.closure.closes(np.array([[-1.0]]))[0]
 
 
 def test_a_singular_start_pose_is_an_error(tmp_path: Path) -> None:
     (tmp_path / "kite.toml").write_text(KITE.replace("crank = 1.0", "crank = 0.0"))
-    with pytest.raises((errors.SingularLoopError, errors.LoopBranchError), match="at"):
+    with pytest.raises(errors.LoopClosureError):
         haptid.DynamicModel(haptid.read_device(tmp_path / "kite.toml"))
 
 
@@ -202,9 +202,9 @@ def test_linear_loops_stay_linear_beside_others(tmp_path: Path) -> None:
 
 
 def test_at_names_active_joints_only(tmp_path: Path) -> None:
-    with pytest.raises(errors.RelationError, match="at names joint rocker, which a loop moves"):
+    with pytest.raises(errors.DeviceFileError, match="at names joint rocker, which a loop moves"):
         edited(tmp_path, "four_bar", ("at = { crank = 1.57 }", "at = { rocker = 1.57 }"))
-    with pytest.raises(errors.UnknownDeviceNameError, match=r"loops\[0\]\.at\.crink"):
+    with pytest.raises(errors.DeviceFileError, match=r"loops\[0\]\.at\.crink"):
         edited(tmp_path, "four_bar", ("at = { crank = 1.57 }", "at = { crink = 1.57 }"))
 
 

@@ -63,7 +63,7 @@ def study(tmp_path_factory: pytest.TempPathFactory) -> Path:
 @pytest.fixture(scope="module")
 def wanted(study: Path) -> np.ndarray:
     """Values and deviations of a run in memory, in this process."""
-    return np.array([[p.value, p.se, *p.interval] for p in identify(read_study(study)).estimate.parameters])
+    return np.array([[p.value, p.se, *p.conf_int()] for p in identify(read_study(study)).estimate.parameters])
 
 
 def start(study: Path, out: Path, *more: str, err: int = subprocess.PIPE) -> subprocess.Popen[str]:

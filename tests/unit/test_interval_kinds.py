@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from scipy import linalg
+from scipy import linalg, optimize, stats
 
 import haptid
 from haptid import errors
@@ -22,7 +22,7 @@ from haptid.estimation import (
     Ridge,
     Sandwich,
 )
-from haptid.estimation.intervals.autoregression import burg
+from haptid.estimation.intervals.model_based import burg
 from haptid.estimation.least_squares import solve
 from haptid.observation.rows import Rows
 from motions import motion, truth
@@ -109,7 +109,7 @@ def test_fixed_b_with_all_cosines_is_the_variance_of_independent_blocks(observat
     found = haptid.estimate(observation, haptid.WLS(), FixedB(share=1.0))
     moments = found.fit.moments
     series = np.zeros((len(observation.blocks), len(found.beta)))
-    np.add.at(series, moments.block, moments.moved @ found.fit.solution.root.T)
+    np.add.at(series, moments.block, moments.leave_out_shifts @ found.fit.solution.root.T)
     n = len(series)
     np.testing.assert_allclose(found.covariance, n * np.cov(series, rowvar=False), rtol=1e-6)
 
@@ -133,7 +133,7 @@ def test_a_profile_is_the_honest_interval_where_no_limit_is_near(observation):
     plain = haptid.estimate(observation, haptid.WLS())
     far = {name: (float(b) - 1e3, None) for name, b in zip(plain.base.names, plain.beta, strict=True)}
     found = haptid.estimate(observation, Bounds(far), Profile())
-    np.testing.assert_allclose(found.interval95, plain.interval95, rtol=1e-5)
+    np.testing.assert_allclose(found.conf_int(), plain.conf_int(), rtol=1e-5)
 
 
 def test_a_profile_beside_a_limit_is_narrower_and_stays_within(observation):
@@ -142,22 +142,61 @@ def test_a_profile_beside_a_limit_is_narrower_and_stays_within(observation):
     low = float(plain.beta[k] + plain.se[k])
     cut = haptid.estimate(observation, Bounds({"FC2": (low, None)}))
     found = haptid.estimate(observation, Bounds({"FC2": (low, None)}), Profile())
-    ends = found.interval95
+    ends = found.conf_int()
     assert ends[k, 0] == pytest.approx(low, rel=1e-6)
-    width = np.diff(ends, axis=1) / np.diff(cut.interval95, axis=1)
+    width = np.diff(ends, axis=1) / np.diff(cut.conf_int(), axis=1)
     assert width.max() < 1.5
     assert width.min() < 0.9
     assert (ends[:, 0] <= found.beta).all()
     assert (found.beta <= ends[:, 1]).all()
 
 
+@pytest.mark.parametrize("level", [0.8, 0.95, 0.99])
+def test_ends_of_a_profile_are_where_the_best_fit_is_too_bad(observation, level):
+    """By definition, with a solver of its own: the best fit with the parameter at an end, the others within limits."""
+    plain = haptid.estimate(observation, haptid.WLS())
+    j = plain.base.names.index("FC2")
+    limit = float(plain.beta[j] + plain.se[j])
+    found = haptid.estimate(observation, Bounds({"FC2": (limit, None)}), Profile())
+    R, free = found.fit.solution.R, plain.beta
+    others = np.arange(len(free)) != np.arange(len(free))[:, None]
+
+    def best(k, value):
+        low = np.where(np.arange(len(free)) == j, limit, -np.inf)[others[k]]
+        y = R @ free - R[:, k] * value
+        return 2 * optimize.lsq_linear(R[:, others[k]], y, (low, np.inf), tol=1e-14, lsmr_tol="auto").cost
+
+    half = stats.t.ppf((1 + level) / 2, plain.dof) * plain.se
+    limits = np.sum((R @ (found.beta - free)) ** 2) + (half / np.linalg.norm(found.fit.solution.root, axis=1)) ** 2
+    for k, (low, high) in enumerate(found.conf_int(level)):
+        assert best(k, high) == pytest.approx(limits[k], rel=1e-4)
+        if k == j:
+            assert low == pytest.approx(limit, rel=1e-6)
+        else:
+            assert best(k, low) == pytest.approx(limits[k], rel=1e-4)
+
+
+@pytest.mark.parametrize("level", [0.5, 0.8, 0.99])
+def test_an_interval_within_bounds_is_the_free_one_cut_and_widened(observation, level):
+    plain = haptid.estimate(observation, haptid.WLS())
+    j = plain.base.names.index("FC2")
+    limit = float(plain.beta[j] + plain.se[j])
+    found = haptid.estimate(observation, Bounds({"FC2": (limit, None)}))
+    low, high = plain.conf_int(level).T
+    low = np.where(np.arange(len(low)) == j, np.maximum(low, limit), low)
+    high = np.where(np.arange(len(low)) == j, np.maximum(high, limit), high)
+    expected = np.column_stack([np.minimum(low, found.beta), np.maximum(high, found.beta)])
+    np.testing.assert_allclose(found.conf_int(level), expected, rtol=1e-12)
+
+
 def test_a_profile_of_what_is_not_held_is_refused(observation):
     found = haptid.estimate(observation, haptid.WLS())
-    with pytest.raises(errors.MethodSettingError, match="Bounded"):
+    with pytest.raises(errors.SettingError) as raised:
         Profile().limits(found.fit, found.held, found.se)
+    assert raised.value.where == "method"
 
 
 @pytest.mark.parametrize("make", [lambda: FixedB(0.0), lambda: FixedB(1.5), lambda: Bootstrap(1), lambda: Sandwich(-1)])
 def test_settings_of_intervals_that_mean_nothing_are_refused(make):
-    with pytest.raises(errors.MethodSettingError):
+    with pytest.raises(errors.SettingError):
         make()

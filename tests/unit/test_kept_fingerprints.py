@@ -55,7 +55,7 @@ def test_another_load_of_the_bodies_has_another_name(model, motion):
 
 
 def test_another_value_of_a_searched_constant_has_another_name(model, motion):
-    assert len({named(model.with_constants(values), motion) for values in ((0.5, 0.2), (0.4, 0.2), (0.5, 0.3))}) == 3
+    assert len({named(model.at_constants(values), motion) for values in ((0.5, 0.2), (0.4, 0.2), (0.5, 0.3))}) == 3
 
 
 @pytest.mark.parametrize("what", ["tau", "q"])

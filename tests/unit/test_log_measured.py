@@ -75,7 +75,7 @@ def test_heavy_arm_with_structs(shared_data: Path, run: str) -> None:
 def test_encoders_that_are_not_fitted_are_named(shared_data: Path) -> None:
     """The secondary encoders 4 to 6 of this arm are zero throughout."""
     position = Signal(numbered("rec.act_pos_se_deg[{}]"), "deg")
-    with pytest.raises(errors.DeadChannelError, match=r"rec\.act_pos_se_deg\[4\]"):
+    with pytest.raises(errors.LogDataError, match=r"rec\.act_pos_se_deg\[4\]"):
         read_log(shared_data / "kuka_kr300" / "recorded_FF_A.mat", Channels(position, ARM.torque, ARM.time))
 
 

@@ -9,8 +9,7 @@ import pydantic
 import pytest
 
 import haptid
-from haptid.device.toml.reader import device_of
-from haptid.device.toml.tables import checked
+from haptid.device.toml.reader import checked, device_of
 from haptid.end_effector.characterisation.model import dof, trusted
 from haptid.errors import ResultFileError
 from haptid.results.result import Result, device_file, result_schema
@@ -43,7 +42,7 @@ def test_the_figures_come_back_to_the_last_bit(made):
     np.testing.assert_array_equal(read.beta, estimate.beta)
     for name in ("values", "covariance", "dof", "se"):
         np.testing.assert_array_equal(getattr(read.quantities, name), getattr(estimate.quantities, name))
-    np.testing.assert_array_equal(read.conf_int(), estimate.interval95)
+    np.testing.assert_array_equal(read.conf_int(), estimate.conf_int())
     assert (read.estimate.method, read.estimate.constraints, read.estimate.status) == ("WLS", None, "ok")
     assert tuple(read.notes[:-1]) == estimate.notes
     assert read.quantities.unbounded == estimate.single_block == ()

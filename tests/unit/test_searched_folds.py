@@ -44,7 +44,7 @@ def model(tmp_path_factory):
 def moved(model, seed, velocity=0.3):
     sizes = {"FV": 0.4, "FC": 0.5, "FS": 0.8}
     beta = np.array([sizes.get(name[:2], 0.3) for name in model.base.names])
-    return motion(model.with_constants((velocity,)), beta, seconds=8.0, dt=4e-3, seed=seed, noise=0.03)
+    return motion(model.at_constants((velocity,)), beta, seconds=8.0, dt=4e-3, seed=seed, noise=0.03)
 
 
 def test_half_the_blocks_tell_a_constant_of_their_own(model):

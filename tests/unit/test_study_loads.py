@@ -15,7 +15,7 @@ from haptid.device.priors import Body
 from haptid.errors import StudyFileError, UnknownNameError
 from haptid.observation.cache import RFactorCache, fingerprint
 from haptid.observation.known_payload import Payload, log_without_payload
-from haptid.observation.observation import Plan
+from haptid.observation.plan import Plan
 from haptid.results.result import Result
 from haptid.uncertainty.quantities import correlations
 from motions import multisine, truth
@@ -58,7 +58,7 @@ def test_a_log_with_a_known_load_tells_the_device_without(study):
     made = haptid.identify(study(LOAD))
     alone = haptid.identify(replace(made.study, logs=made.study.logs[:2]))
     wanted = truth(made.model) + 0.1
-    low, high = made.estimate.interval95.T
+    low, high = made.estimate.conf_int().T
     assert ((low < wanted) & (wanted < high)).mean() >= 0.8
     assert made.estimate.se.mean() < alone.estimate.se.mean()
     assert made.runs[2].direct.relative < 1.3 * made.runs[0].direct.relative

@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 from scipy import signal
 
 import haptid
-from haptid.errors import CutoffError, MotionTooShortError, TreatmentValueError
+from haptid.errors import MotionTooShortError, TreatmentError
 from haptid.motion.streaming import delayed, lost
 
 
@@ -142,26 +142,33 @@ def test_a_motion_keeps_what_it_was_given_and_nobody_can_write_to_it():
     ],
 )
 def test_settings_that_mean_nothing_are_refused(settings_):
-    with pytest.raises(TreatmentValueError, match=next(iter(settings_))):
+    with pytest.raises(TreatmentError) as raised:
         haptid.Treatment(**settings_)
+    assert raised.value.where == next(iter(settings_))
 
 
 def test_a_cutoff_the_rate_cannot_carry_is_refused():
-    with pytest.raises(CutoffError, match=r"cutoff_hz is 600 Hz.*below 500 Hz"):
+    with pytest.raises(TreatmentError) as raised:
         haptid.Treatment(cutoff_hz=600.0).position_filter(1e-3)
-    with pytest.raises(CutoffError, match=r"parallel_cutoff_hz is 60 Hz.*below 50 Hz"):
+    assert (raised.value.where, raised.value.found, raised.value.limit) == ("cutoff_hz", 600, 500)
+    with pytest.raises(TreatmentError) as raised:
         haptid.Treatment(decimation=10, parallel_cutoff_hz=60.0).taps(1e-3)
+    assert (raised.value.where, raised.value.limit) == ("parallel_cutoff_hz", 50)
 
 
 def test_a_motion_shorter_than_its_filter_is_refused():
     motion = haptid.Motion(1e-3, np.zeros((100, 1)), np.zeros((100, 1)), haptid.Treatment(cutoff_hz=1.0))
-    with pytest.raises(MotionTooShortError, match=r"lasts 0\.1 s"):
+    with pytest.raises(MotionTooShortError) as raised:
         motion.usable  # noqa: B018
+    assert raised.value.found == pytest.approx(0.1)
+    assert raised.value.found < raised.value.limit
 
 
 def test_a_cutoff_that_drowns_in_rounding_is_refused():
-    with pytest.raises(TreatmentValueError, match=r"at least 0\.005 Hz"):
+    with pytest.raises(TreatmentError) as raised:
         haptid.Treatment(cutoff_hz=1e-6, order=12).position_filter(1e-3)
+    assert raised.value.where == "cutoff_hz"
+    assert raised.value.found == 1e-6
 
 
 def test_whole_numbers_of_numpy_are_whole_numbers():
@@ -171,5 +178,6 @@ def test_whole_numbers_of_numpy_are_whole_numbers():
 def test_a_motion_of_formulas_must_be_finite():
     q = np.zeros((100, 2))
     q[7, 1] = np.nan
-    with pytest.raises(TreatmentValueError, match="q at sample 7"):
+    with pytest.raises(TreatmentError) as raised:
         haptid.Motion(0.01, q, np.zeros((100, 2)), haptid.Treatment())
+    assert raised.value.where == ("q", 7)

@@ -71,7 +71,7 @@ def test_different_parameters_come_back(tmp_path):
         found = haptid.estimate(
             haptid.observe(model, motion(model, beta, noise=0.05, dt=4e-3, seed=seed)), haptid.WLS()
         )
-        low, high = found.interval95.T
+        low, high = found.conf_int().T
         inside.append((low <= beta) & (beta <= high))
     assert np.mean(inside) > 0.85
 

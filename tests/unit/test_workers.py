@@ -46,7 +46,7 @@ def always_killed(item: int) -> int:
 
 
 def refused(item: int) -> int:
-    raise errors.ChannelCountError("position", item, ["a", "b"])
+    raise errors.LogMismatchError("the channels do not fit.", where="position", found=item, limit=2, notes=["a note"])
 
 
 def test_the_same_is_made_by_whoever_works() -> None:
@@ -66,15 +66,19 @@ def test_a_lost_process_costs_only_its_item(tmp_path: Path) -> None:
 
 @pytest.mark.skipif(sys.platform == "win32", reason="no SIGKILL")
 def test_an_item_that_loses_every_process_is_an_error() -> None:
-    with pytest.raises(errors.WorkerLostError, match="part 2 of the work was lost 3 times"):
+    with pytest.raises(errors.ExecutorError) as raised:
         list(ProcessExecutor(2).map(always_killed, range(3)))
+    assert (raised.value.where, raised.value.found) == (1, 3)
 
 
 def test_an_error_comes_back_as_it_is() -> None:
-    with pytest.raises(errors.ChannelCountError, match="a, b"):
+    with pytest.raises(errors.LogMismatchError) as raised:
         list(ProcessExecutor(1).map(refused, [3]))
-    with pytest.raises(errors.WorkerCountError, match="0 workers"):
+    assert (raised.value.where, raised.value.found, raised.value.limit) == ("position", 3, 2)
+    assert raised.value.__notes__ == ["a note"]
+    with pytest.raises(errors.SettingError) as raised:
         ProcessExecutor(0)
+    assert (raised.value.where, raised.value.found) == ("count", 0)
 
 
 def test_every_device_crosses_to_another_process() -> None:
@@ -174,5 +178,5 @@ def test_a_torn_file_is_made_again(tmp_path: Path, model: haptid.Device, from_lo
 
 def test_a_cluster_that_is_not_there_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "distributed", None)
-    with pytest.raises(errors.DistributedMissingError, match=r"haptid\[cluster\]"):
+    with pytest.raises(errors.MissingDependencyError, match=r"haptid\[cluster\]"):
         list(DaskExecutor("tcp://127.0.0.1:1").map(doubled, [1]))

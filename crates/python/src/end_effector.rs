@@ -11,7 +11,7 @@ use pyo3::prelude::*;
 
 #[pyfunction]
 #[allow(clippy::too_many_arguments)]
-pub fn handle_dynamics<'py>(
+pub fn end_effector_dynamics<'py>(
     py: Python<'py>,
     mechanism: &PyMechanism,
     position: Matrix<'py>,
@@ -35,7 +35,7 @@ pub fn handle_dynamics<'py>(
 
 #[pyfunction]
 #[allow(clippy::too_many_arguments)]
-pub fn felt_mass<'py>(
+pub fn apparent_mass<'py>(
     py: Python<'py>,
     mechanism: &PyMechanism,
     position: Matrix<'py>,

@@ -54,7 +54,7 @@ fn _core(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add_class::<PyBranch>()?;
     module.add_function(wrap_pyfunction!(backends, module)?)?;
     module.add_function(wrap_pyfunction!(triangles, module)?)?;
-    module.add_function(wrap_pyfunction!(end_effector::handle_dynamics, module)?)?;
-    module.add_function(wrap_pyfunction!(end_effector::felt_mass, module)?)?;
+    module.add_function(wrap_pyfunction!(end_effector::end_effector_dynamics, module)?)?;
+    module.add_function(wrap_pyfunction!(end_effector::apparent_mass, module)?)?;
     module.add("__version__", env!("CARGO_PKG_VERSION"))
 }

@@ -1,4 +1,4 @@
-"""What every value does at its door: check shapes, and make its arrays read-only."""
+"""Validation helpers for frozen dataclasses: shapes, read-only arrays, numbers."""
 
 from __future__ import annotations
 
@@ -13,19 +13,19 @@ Array = NDArray[np.float64]
 
 
 def freeze(array: Array) -> Array:
-    """The same array made read-only, for an array that haptid itself has just made and nobody else holds."""
+    """The same array made read-only; only for arrays that no caller holds."""
     array.flags.writeable = False
     return array
 
 
 def read_only(array: ArrayLike) -> Array:
-    """The array as float64 that cannot be written to; copied where the caller could still write to it."""
+    """The array as read-only float64; copied if the caller could still write to it."""
     view = np.asarray(array, dtype=np.float64)
     return freeze(view.copy(order="K")) if view.flags.writeable else view
 
 
 def expect(name: str, got: tuple[int, ...], wanted: tuple[int | None, ...]) -> None:
-    """Raise ShapeError unless `got` fits `wanted`, in which None stands for any length."""
+    """Raise ShapeError unless `got` fits `wanted`, in which None is any length."""
     if got == wanted:
         return
     if len(got) != len(wanted) or any(w is not None and g != w for g, w in zip(got, wanted, strict=True)):
@@ -34,10 +34,10 @@ def expect(name: str, got: tuple[int, ...], wanted: tuple[int | None, ...]) -> N
 
 
 def whole(value: object) -> bool:
-    """A whole number; True and False are none."""
+    """Whether a value is an integer (booleans are not)."""
     return isinstance(value, (int, np.integer)) and not isinstance(value, bool)
 
 
 def positive(value: Any) -> bool:
-    """A finite number above zero."""
+    """Whether a value is a finite number above zero."""
     return (whole(value) or isinstance(value, float)) and 0 < value < np.inf

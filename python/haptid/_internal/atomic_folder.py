@@ -1,4 +1,4 @@
-"""Writing a folder of results so that a run that fails leaves nothing behind and damages nothing."""
+"""Atomic writing of a folder of results: a run that fails leaves nothing behind and damages nothing."""
 
 from __future__ import annotations
 
@@ -9,32 +9,32 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-from haptid.errors import OutputError
+from haptid.errors import OutputFolderError
 
 
 @contextmanager
 def publishing(out: Path) -> Iterator[Path]:
-    """A scratch folder whose files appear in `out` when, and only when, the block ends without an error.
+    """A scratch folder whose files are moved to `out` if the block ends without an error.
 
-    A new folder appears whole, in one step. In one that is there, files of an earlier result are replaced one by one,
-    each in a single step, and other files are left alone.
+    A new folder appears in one step. In an existing one, files of an earlier result are replaced one by one, each
+    atomically, and other files are left alone.
 
     Raises:
-        OutputError: nothing can be written there, or a folder stands where a file must go.
+        OutputFolderError: nothing can be written there, or a folder has the name of a file to write.
     """
     check_writable(out)
     target = out.resolve()
     try:
-        # In the folder itself, or beside it while it is not there: files then move by renaming.
+        # In the folder itself, or next to it if it does not exist yet: files then move by renaming.
         where = target if target.exists() else target.parent
         scratch = Path(tempfile.mkdtemp(prefix=f".{target.name}-", dir=where))
     except OSError as error:
-        raise OutputError(out, str(error)) from error
+        raise unwritable(out, str(error)) from error
     try:
         yield scratch
         publish(scratch, target)
     except OSError as error:
-        raise OutputError(out, str(error)) from error
+        raise unwritable(out, str(error)) from error
     finally:
         shutil.rmtree(scratch, ignore_errors=True)
 
@@ -46,28 +46,38 @@ def publish(scratch: Path, target: Path) -> None:
         os.replace(scratch, target)
         return
     moves = [(path, target / path.relative_to(scratch)) for path in sorted(scratch.rglob("*")) if path.is_file()]
-    for _, place in moves:  # before the first is replaced
+    for _, place in moves:  # before any is replaced
         if place.is_dir():
-            raise OSError(f"{place} is a folder, and a file must go there")
+            raise OSError(f"{place} is a folder, a file of that name is to be written")
     for path, place in moves:
         place.parent.mkdir(parents=True, exist_ok=True)
         os.replace(path, place)
 
 
 def _mask() -> int:
-    """The permissions that new files do not get."""
+    """The umask of this process."""
     mask = os.umask(0)
     os.umask(mask)
     return mask
 
 
 def check_writable(out: Path) -> None:
-    """Raise OutputError where results could not be written, before any work is done."""
+    """Raise OutputFolderError if results could not be written, before any work is done."""
     target = out.resolve()
     if target.exists() and not target.is_dir():
-        raise OutputError(out, "it is a file")
+        raise unwritable(out, "it is a file")
     where = target if target.exists() else target.parent
     if not where.is_dir():
-        raise OutputError(out, f"its parent folder {where} does not exist")
+        raise unwritable(out, f"its parent folder {where} does not exist")
     if not os.access(where, os.W_OK | os.X_OK):
-        raise OutputError(out, f"the folder {where} is not writable")
+        raise unwritable(out, f"the folder {where} is not writable")
+
+
+def unwritable(path: object, why: str) -> OutputFolderError:
+    """The error for a folder or file that cannot be written."""
+    return OutputFolderError(
+        f"cannot write results to {path}: {why}.",
+        where=str(path),
+        found=why,
+        advice="Choose another folder with --out.",
+    )

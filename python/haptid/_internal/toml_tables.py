@@ -1,10 +1,10 @@
-"""TOML files as checked tables, and what is wrong with one: where, what was found, what may stand there."""
+"""TOML files as checked tables; a fault says where it is, what was found and what is allowed there."""
 
 from __future__ import annotations
 
 import re
 import tomllib
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, TypeVar, get_args, get_origin
@@ -12,18 +12,16 @@ from typing import Any, TypeVar, get_args, get_origin
 from pydantic import BaseModel, ValidationError
 from pydantic.fields import FieldInfo
 
-from haptid.errors import HaptidError
+from haptid.errors import HaptidError, keys_here
 
 Model = TypeVar("Model", bound=BaseModel)
-# The error of a kind of file, from its path, the place in it, what is wrong, and the keys that there are.
-Wrong = Callable[[object, str, str, Sequence[str]], HaptidError]
 
-# Such a file is a page of text; anything much larger is something else.
+# Largest file, bytes: such a file is a page of text.
 LARGEST_FILE = 1 << 20
-# Errors of these types are shown before the others: a misspelt key is the cause of the missing one, and where
-# a key takes one kind of value or another, these say more than that it is not the other.
+# Types of pydantic errors that are shown first: a misspelt key is the cause of a missing one, and for a union of
+# types these say more than a mismatch with one of them.
 FIRST = ("extra_forbidden", "missing", "value_error")
-# What to write instead, where pydantic's own words are not a user's.
+# Advice for types of pydantic errors whose own message is not for users.
 INSTEAD = {
     "string_type": 'Write a text in double quotes, such as "1"',
     "string_pattern_mismatch": "Write a name of letters, digits and underscores",
@@ -36,7 +34,7 @@ INSTEAD = {
 
 @dataclass(frozen=True)
 class Syntax:
-    """Where a text stops to be TOML.
+    """Place of a syntax error in TOML.
 
     Attributes:
         line, column: from 1.
@@ -51,7 +49,7 @@ class Syntax:
 
     @staticmethod
     def of(error: Exception, text: str) -> Syntax:
-        """From what the parser says."""
+        """From the parser's exception."""
         position = re.search(r"line (\d+), column (\d+)", str(error))
         lines = text.splitlines() or [""]
         line, column = (int(position[1]), int(position[2])) if position else (len(lines), len(lines[-1]) + 1)
@@ -61,16 +59,16 @@ class Syntax:
 
 @dataclass(frozen=True)
 class Fault:
-    """What a user should read first of all that is wrong with a file's tables.
+    """The first fault of a file's tables that a user should read.
 
     Attributes:
-        kind: pydantic's word for it, such as "missing" or "extra_forbidden".
-        steps: where: names and list indices, without the branches of unions.
-        found: what stands there.
-        wanted: what to write, a sentence without its end.
-        keys: that may stand in the table around; none where it is no table of known keys.
-        kinds: that may be written, where the kind of a table is missing or unknown.
-        meaning: what the key is for, or the one that it stands in; empty where its table does not say.
+        kind: pydantic's type of error, such as "missing" or "extra_forbidden".
+        steps: path: names and list indices, without the branches of unions.
+        found: the value there.
+        wanted: what to write, without a full stop.
+        keys: allowed in the enclosing table; empty if its keys are not fixed.
+        kinds: allowed, if the kind of a table is missing or unknown.
+        meaning: description of the key or of the enclosing one; empty if there is none.
     """
 
     kind: str
@@ -83,7 +81,7 @@ class Fault:
 
     @staticmethod
     def of(error: ValidationError, model: type[BaseModel], data: Any) -> Fault:
-        """From what pydantic says of the data of a file."""
+        """From pydantic's errors for the data of a file."""
         detail: Any = min(error.errors(include_url=False), key=_rank)
         kind, steps = detail["type"], _steps(detail, data)
         around = next(iter(_models_at(model, steps[:-1], data)), None)
@@ -102,13 +100,13 @@ class Fault:
 
     @property
     def shown(self) -> str:
-        """What was found, in short."""
+        """The value found, shortened."""
         text = repr(self.found)
         return text if len(text) <= 60 else text[:57] + "..."
 
     @property
     def sentence(self) -> str:
-        """What is wrong, and what the key is for, without an end."""
+        """What is wrong and what the key is for, without a full stop."""
         if self.kinds:
             missing = self.kind == "union_tag_not_found"
             what = "this key is missing" if missing else f"there is no kind {self.shown}"
@@ -121,47 +119,60 @@ class Fault:
         return f"{what}{meaning}"
 
 
-def read_checked(path: Path, model: type[Model], wrong: Wrong, noun: str) -> Model:
+def read_checked(path: Path, model: type[Model], wrong: type[HaptidError], noun: str, advice: str = "") -> Model:
     """The checked tables of a file.
 
     Args:
         path: of the file.
         model: of its tables.
-        noun: what the file is of: "a study".
-        wrong: the error to raise where the file cannot be read, or a key in it is missing, unknown or wrong.
+        wrong: class of the error if the file cannot be read, or a key in it is missing, unknown or wrong.
+        noun: kind of file: "a study".
+        advice: appended to every error.
     """
-    data = _parsed(path, wrong, noun)
+    try:
+        data = _parsed(path, noun)
+    except _NotReadError as error:
+        raise wrong(f"{path}: {error}.", where=str(path), advice=advice) from None
     try:
         return model.model_validate(data)
     except ValidationError as error:
         fault = Fault.of(error, model, data)
+        where = ".".join(map(str, fault.steps))
         known = fault.keys if fault.kind == "extra_forbidden" else ()
-        raise wrong(path, ".".join(map(str, fault.steps)), fault.sentence, known) from None
+        raise wrong(
+            f"{path}, key `{where}`: {fault.sentence}.",
+            where=where,
+            found=fault.found,
+            limit=known or None,
+            advice=" ".join(filter(None, (keys_here(where, known), advice))),
+        ) from None
 
 
-def _parsed(path: Path, wrong: Wrong, noun: str) -> dict[str, Any]:
+class _NotReadError(Exception):
+    """A file that is not TOML, with the reason."""
+
+
+def _parsed(path: Path, noun: str) -> dict[str, Any]:
     try:
         if path.stat().st_size > LARGEST_FILE:
-            raise wrong(path, "", f"the file is larger than {LARGEST_FILE >> 20} MiB: is this a log?", ())
+            raise _NotReadError(f"the file is larger than {LARGEST_FILE >> 20} MiB: is this a log?")
         text = path.read_text(encoding="utf-8")
     except FileNotFoundError:
-        raise wrong(path, "", f"there is no such file; give the path of the TOML file of {noun}", ()) from None
+        raise _NotReadError(f"there is no such file; give the path of the TOML file of {noun}") from None
     except UnicodeDecodeError as error:
-        what = f"byte {error.start} is not UTF-8 text; save the file as UTF-8 in your editor"
-        raise wrong(path, "", what, ()) from None
+        raise _NotReadError(f"byte {error.start} is not UTF-8 text; save the file as UTF-8 in your editor") from None
     except (OSError, ValueError) as error:  # no file, not allowed; a path that can be none
         reason = getattr(error, "strerror", None) or str(error)
-        raise wrong(path, "", f"cannot be opened ({reason})", ()) from None
+        raise _NotReadError(f"cannot be opened ({reason})") from None
     try:
         return tomllib.loads(text)
     except (tomllib.TOMLDecodeError, RecursionError) as error:
         at = Syntax.of(error, text)
-        what = f"line {at.line}, column {at.column}: not TOML: {at.found}, in `{at.text}`"
-        raise wrong(path, "", what, ()) from None
+        raise _NotReadError(f"line {at.line}, column {at.column}: not TOML: {at.found}, in `{at.text}`") from None
 
 
 def _rank(detail: Any) -> int:
-    """Place in the queue of one of several errors; a wrong word is told by the words that there are."""
+    """Sort key of one of several errors; a wrong literal says which are allowed."""
     kind = detail["type"]
     if kind == "literal_error" and isinstance(detail["input"], str):
         return len(FIRST)
@@ -169,7 +180,7 @@ def _rank(detail: Any) -> int:
 
 
 def _steps(detail: Any, data: Any) -> list[str | int]:
-    """Where an error is: the steps that the data has; the last one too that it lacks, where a key is missing."""
+    """Path of an error: the steps that the data has, and the missing key."""
     steps: list[str | int] = []
     here = data
     for k, step in enumerate(detail["loc"]):
@@ -184,10 +195,10 @@ def _steps(detail: Any, data: Any) -> list[str | int]:
 
 
 def _models_at(model: type[BaseModel], steps: Sequence[str | int], data: Any) -> list[type[BaseModel]]:
-    """The tables that may stand at `steps`: of several kinds the one that the data says, if it says one."""
+    """The tables allowed at `steps`: of several kinds the one that the data names, if any."""
     here, value = [model], data
     annotation: Any = None
-    by_name = False  # whether the next step is a name that the user chooses
+    by_name = False  # whether the next step is a name chosen by the user
     for step in steps:
         value = value[step]
         if by_name or isinstance(step, int):
@@ -201,7 +212,7 @@ def _models_at(model: type[BaseModel], steps: Sequence[str | int], data: Any) ->
 
 
 def _meaning(model: type[BaseModel], steps: Sequence[str | int], data: Any) -> str:
-    """What the last step is that its table knows, if the table says so."""
+    """Description of the last step that is a field, if it has one."""
     for k in reversed(range(len(steps))):
         around = _models_at(model, steps[:k], data)
         field = _fields(around[0]).get(str(steps[k])) if around else None
@@ -211,7 +222,7 @@ def _meaning(model: type[BaseModel], steps: Sequence[str | int], data: Any) -> s
 
 
 def _models(annotation: Any) -> Iterator[type[BaseModel]]:
-    """The tables anywhere in a type."""
+    """All tables within a type."""
     if isinstance(annotation, type) and issubclass(annotation, BaseModel):
         yield annotation
     for part in get_args(annotation):
@@ -219,17 +230,17 @@ def _models(annotation: Any) -> Iterator[type[BaseModel]]:
 
 
 def _of_kind(models: list[type[BaseModel]], value: Any) -> list[type[BaseModel]]:
-    """Those of the kind that a value says; all where it says none of theirs."""
+    """The tables of the kind that a value names; all if it names none of them."""
     said = value.get("kind") if isinstance(value, dict) else None
     return [model for model in models if said in _kinds(model)] or models
 
 
 def _kinds(model: type[BaseModel]) -> tuple[Any, ...]:
-    """The kinds that a table may be of."""
+    """The kinds that a table may have."""
     field = model.model_fields.get("kind")
     return get_args(field.annotation) if field else ()
 
 
 def _fields(model: type[BaseModel]) -> dict[str, FieldInfo]:
-    """Fields of a table by the names they have in the file."""
+    """Fields of a table by their names in the file."""
     return {field.alias or name: field for name, field in model.model_fields.items()}

@@ -1,6 +1,6 @@
-"""Where work is done: here, in processes of this machine, or on a Dask cluster. Each maps a function over items.
+"""Executors: a function mapped over items in this process, in processes of this machine, or on a Dask cluster.
 
-A worker that is lost costs the items that it had, which another one does again.
+Items of a worker that is lost are given to another one.
 """
 
 from __future__ import annotations
@@ -18,29 +18,29 @@ from multiprocessing.connection import Connection, wait
 from multiprocessing.process import BaseProcess
 from typing import Any, Protocol, TypeVar, cast
 
-from haptid.errors import ClusterError, DistributedMissingError, WorkerCountError, WorkerLostError
+from haptid.errors import ExecutorError, MissingDependencyError, SettingError
 
 Item = TypeVar("Item")
 Made = TypeVar("Made")
 
-# Workers that may be lost over one item before it is taken to be what loses them.
+# Workers that may be lost with one item before it counts as the cause.
 LOSSES = 3
-# A cluster that does not answer for so long is not there, s.
+# Timeout of the connection to a cluster, s.
 PATIENCE = 30.0
 
 
 class Executor(Protocol):
-    """Whoever maps a function over items."""
+    """Executor protocol: maps a function over items."""
 
     def map(self, function: Callable[[Item], Made], items: Iterable[Item]) -> Iterator[tuple[int, Made]]:
-        """Index of an item and what was made of it, each as soon as it is there, in any order.
+        """Index and result of every item, as soon as each is ready, in any order.
 
         Args:
-            function: of a module, or an object of one that can be called; it goes to each worker once.
-            items: what it is called with.
+            function: picklable; it is sent to each worker once.
+            items: its arguments.
 
         Raises:
-            WorkerLostError: an item was lost with one worker after the other.
+            ExecutorError: an item was lost with several workers in a row.
             Exception: the first that the function raises.
         """
         ...
@@ -59,17 +59,19 @@ class SerialExecutor:
 class ProcessExecutor:
     """Processes of this machine, each with one thread for linear algebra.
 
-    A program that uses them starts its own work under `if __name__ == "__main__":`, as each process imports it.
+    The calling program must guard its own work by `if __name__ == "__main__":`, as each process imports it.
 
     Attributes:
-        count: how many; as many as there are processors where None.
+        count: number of processes; None: one for each processor.
     """
 
     count: int | None = None
 
     def __post_init__(self) -> None:
         if self.count is not None and self.count < 1:
-            raise WorkerCountError(self.count)
+            raise SettingError(
+                f"count is {self.count}.", where="count", found=self.count, limit=1, advice="Write 1 worker or more."
+            )
 
     def map(self, function: Callable[[Item], Made], items: Iterable[Item]) -> Iterator[tuple[int, Made]]:
         waiting = deque(enumerate(items))
@@ -81,10 +83,10 @@ class ProcessExecutor:
                 for k, item, made, error in crew.gather():
                     if error is not None:
                         raise error
-                    if made is None:  # its worker is gone
+                    if made is None:  # its worker was lost
                         losses[k] += 1
                         if losses[k] == LOSSES:
-                            raise WorkerLostError(k, LOSSES)
+                            raise _lost(k, LOSSES)
                         waiting.appendleft((k, item))
                     else:
                         yield k, made[0]
@@ -93,7 +95,7 @@ class ProcessExecutor:
 
 
 class _Crew:
-    """Processes, and which item each of them has."""
+    """Processes, and the item that each of them has."""
 
     def __init__(self, function: Callable[[Any], Any], count: int) -> None:
         self.context = multiprocessing.get_context("spawn")
@@ -102,18 +104,18 @@ class _Crew:
         self.busy: dict[Connection, tuple[BaseProcess, int, Any]] = {}
 
     def hand_out(self, waiting: deque[tuple[int, Any]]) -> None:
-        """An item to every process that has none; one that is lost is replaced."""
+        """Send an item to every idle process; lost ones are replaced."""
         while waiting and len(self.busy) < self.count:
             connection, process = self.idle.popitem() if self.idle else self._start()
             k, item = waiting.popleft()
             self.busy[connection] = process, k, item
             try:
                 connection.send(item)
-            except OSError:  # it is gone, which `gather` finds
+            except OSError:  # the process was lost, which `gather` finds
                 continue
 
     def gather(self) -> Iterator[tuple[int, Any, tuple[Any] | None, BaseException | None]]:
-        """Of every process that has something to say: index, item, what was made, and what was raised."""
+        """Index, item, result and exception of every process that has finished its item."""
         for connection in wait(list(self.busy)):
             process, k, item = self.busy.pop(cast(Connection, connection))
             try:
@@ -126,7 +128,7 @@ class _Crew:
                 yield k, item, made, error
 
     def dismiss(self) -> None:
-        """End every process: one with nothing to do by itself, one at work at once."""
+        """End every process: idle ones by closing their pipe, busy ones by terminating them."""
         for connection, (process, _, _) in self.busy.items():
             process.terminate()
             connection.close()
@@ -144,9 +146,9 @@ class _Crew:
 
 
 def _serve(connection: Connection, function: bytes) -> None:
-    """What a process does: items come, answers go, until nobody asks any more.
+    """Loop of a worker process: receive an item, send the result, until the pipe is closed.
 
-    An interruption from the keyboard goes to every process of a terminal: what it means is for the first one to say.
+    It ignores SIGINT, which a terminal sends to every process: the parent decides what an interruption means.
     """
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "RAYON_NUM_THREADS"):
@@ -167,7 +169,7 @@ def _serve(connection: Connection, function: bytes) -> None:
 
 @dataclass(frozen=True)
 class DaskExecutor:
-    """The workers of a Dask scheduler, in processes anywhere that see the same files; `pip install "haptid[cluster]"`.
+    """The workers of a Dask scheduler, on machines that have the same files; `pip install "haptid[cluster]"`.
 
     Attributes:
         address: of the scheduler, as "tcp://host:8786".
@@ -179,14 +181,21 @@ class DaskExecutor:
         try:
             distributed: Any = import_module("distributed")
         except ImportError as error:
-            raise DistributedMissingError from error
+            raise MissingDependencyError(
+                "a cluster needs Dask distributed.", where="distributed", advice='pip install "haptid[cluster]".'
+            ) from error
         try:
             client = distributed.Client(self.address, timeout=PATIENCE, set_as_default=False)
         except (OSError, ValueError) as error:
-            raise ClusterError(self.address, str(error)) from error
+            raise ExecutorError(
+                f"no Dask scheduler answers at {self.address}: {error}.",
+                where=self.address,
+                advice="Start one with `dask scheduler`, workers with `dask worker ADDRESS`, and give the "
+                "address that the scheduler prints.",
+            ) from error
         with client:
-            # Made on the workers from its bytes, not scattered: it is made again where the worker that had it is lost.
-            with warnings.catch_warnings():  # it may be large, and goes once all the same
+            # Unpickled on the workers, not scattered: it is unpickled again if the worker that had it is lost.
+            with warnings.catch_warnings():  # it may be large, but is sent once
                 warnings.filterwarnings("ignore", "Sending large graph")
                 held = client.submit(pickle.loads, pickle.dumps(function), pure=False)
             running = {client.submit(_call, held, item, pure=False): k for k, item in enumerate(items)}
@@ -194,9 +203,18 @@ class DaskExecutor:
                 try:
                     made = future.result()
                 except distributed.KilledWorker as error:
-                    raise WorkerLostError(running[future], error.allowed_failures + 1) from error
+                    raise _lost(running[future], error.allowed_failures + 1) from error
                 yield running[future], made
 
 
 def _call(function: Callable[[Item], Made], item: Item) -> Made:
     return function(item)
+
+
+def _lost(item: int, losses: int) -> ExecutorError:
+    return ExecutorError(
+        f"item {item + 1} of the work was lost {losses} times, each time because its process ended.",
+        where=item,
+        found=losses,
+        advice="The usual cause is too little memory: use fewer workers, or machines with more memory.",
+    )

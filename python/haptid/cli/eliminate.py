@@ -117,7 +117,7 @@ def elimination_values(found: Elimination) -> dict[str, Any]:
                 "name": p.name,
                 "value": p.value,
                 "sd": p.se,
-                "interval95": list(p.interval),
+                "interval95": list(p.conf_int()),
                 "unit": p.unit,
                 "moved_sd": m,
             }

@@ -1,16 +1,19 @@
-"""Devices: what is known of a mechanism before any data, read from a TOML file."""
+"""The mechanism as data, read from a TOML file: joints, loops, motors, terms, priors, targets.
 
-from haptid.device.device import Combination, Cut, Device, Frame, Handle, Joint, Motor, Prior
+No regressor and no estimate: the equations of motion are in `haptid.dynamics`.
+"""
+
+from haptid.device.device import Cut, Device, Frame, Handle, Joint, Motor, Prior
 from haptid.device.geometry import poses
 from haptid.device.loops.cut_joint import CutJoint
 from haptid.device.loops.linear import Closure, Followed
 from haptid.device.loops.newton import NewtonClosure
-from haptid.device.parameters import INERTIAL, StandardParameters, Symmetry
-from haptid.device.terms.term import Counterbalance, TermColumn
-from haptid.device.toml.reader import read_device
+from haptid.device.parameters import INERTIAL, Combination, StandardParameters, Symmetry
+from haptid.device.terms.spring import Counterbalance
+from haptid.device.terms.term import TermColumn
+from haptid.device.toml.reader import read_device, shipped_devices
 from haptid.device.toml.schema import device_schema
 from haptid.device.toml.summary import summary_lines
-from haptid.device.toml.tables import shipped_devices
 
 __all__ = [
     "INERTIAL",

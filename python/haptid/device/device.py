@@ -1,4 +1,4 @@
-"""The device as a value: what is known of a mechanism before any data."""
+"""Device: a mechanism as data, before any measurement."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from haptid._internal.arrays import Array, expect, freeze, read_only
-from haptid.device.parameters import StandardParameters, Symmetry
+from haptid.device.parameters import Combination, StandardParameters, Symmetry
 from haptid.device.terms.term import Searched, TermColumn
 
 if TYPE_CHECKING:
@@ -26,21 +26,21 @@ TorqueRows = Literal["motor", "joint"]
 
 @dataclass(frozen=True, eq=False)
 class Joint:
-    """A joint and the link it moves, in normal form: it turns about, or slides along, its own z axis.
+    """A joint and its link, in normal form: the joint axis is z of its own frame.
 
     Pose of link i = pose of its parent * (rotation, translation) * Rz(q) or Tz(q).
 
     Attributes:
         name: of the joint and of its link.
         parent: index of the parent's joint, -1 for the base.
-        prismatic: whether it slides.
-        rotation, translation: its placement in the parent's link frame where q = 0, (3, 3) and (3,), m.
+        prismatic: whether it is prismatic.
+        rotation, translation: its placement in the parent's link frame at q = 0, (3, 3) and (3,), m.
         body: whether its link has inertia.
         position_limits: rad or m, None if unknown.
         velocity_limit: rad/s or m/s, None if unknown.
         torque_limit: N m or N, None if unknown.
-        frame_rotation, frame_translation: the link frame of the file's own convention, seen in that of the
-            normal form, (3, 3) and (3,), m; the identity for modified-dh.
+        frame_rotation, frame_translation: the link frame of the file's convention in that of the normal form,
+            (3, 3) and (3,), m; the identity for modified-dh.
     """
 
     name: str
@@ -90,7 +90,7 @@ class Handle(Frame):
 
 @dataclass(frozen=True)
 class Cut:
-    """A joint of a loop that was cut to leave a tree.
+    """A joint at which a loop is cut, so that a tree is left.
 
     Attributes:
         prismatic: False: the frames' origins and z axes coincide. True: z axes one line, orientations equal.
@@ -106,10 +106,10 @@ class Cut:
 
 @dataclass(frozen=True, eq=False)
 class Motor:
-    """A motor and the joint-side coordinate it drives.
+    """A motor and the joint-side coordinate that it drives.
 
     Attributes:
-        name: of the motor; of the joint where there is none.
+        name: of the motor, or of the joint without motor.
         gear: shaft position = gear * coordinate.
         gain: shaft torque per unit of command, N m or N; torque on the coordinate = gear * gain * command.
         unit: of the command: N m, N, V, A or counts.
@@ -130,57 +130,37 @@ class Motor:
 
 @dataclass(frozen=True)
 class Prior:
-    """What is known of a standard parameter beforehand: value and deviation (None: unknown), SI."""
+    """Prior of a standard parameter: value and standard deviation (None: unknown), SI."""
 
     value: float
     std: float | None = None
 
 
 @dataclass(frozen=True, eq=False)
-class Combination:
-    """A linear combination of standard parameters that a user wants to know: a target of the device file.
-
-    Attributes:
-        name: such as pi_4.
-        text: as written.
-        unit: of its value.
-        row: factors of the free standard parameters, (p,), SI.
-    """
-
-    name: str
-    text: str
-    unit: str
-    row: Array
-
-    def __post_init__(self) -> None:
-        object.__setattr__(self, "row", read_only(self.row))
-
-
-@dataclass(frozen=True, eq=False)
 class Device:
-    """A mechanism, its transmission and its terms; see `read_device`.
+    """A mechanism, its transmission and its terms, as data; see `read_device`.
 
     Attributes:
         name, description, source: what it is, and where its geometry comes from.
         convention: how the file describes frames.
         gravity: in the base frame, (3,), m/s^2.
         joints: parents before children.
-        active: indices of the independent joints, in the file's order.
-        closure: how the other joints follow them.
-        drives: one joint-side coordinate for each active joint: the motors, then active joints without motor.
-        torque_rows: whether rows of torque are the motors' or the joints'; they differ where motors are coupled.
-        terms: columns beside link inertia, in the core's order.
+        active: indices of the independent (active) joints, in the file's order.
+        closure: positions and rates of the other joints as functions of these.
+        drives: as many joint-side coordinates as active joints: the motors, then active joints without motor.
+        torque_rows: whether torque rows are the motors' or the joints'; they differ if motors are coupled.
+        terms: regressor columns in addition to link inertia, in the core's order.
         parameters: the standard parameters.
-        symmetry: what is known of them beforehand.
+        symmetry: parameters known to be zero or equal.
         lengths: named lengths, m.
-        handle: where the hand holds the device, None if unknown.
+        handle: frame at which the hand holds the device, None if unknown.
         prior: by raw parameter name.
-        keep: parameters preferred as base parameters.
-        base_tolerance: relative length below which a column counts as a combination of others.
-        notes: sentences worth showing.
-        tables: the checked file itself, where lengths stand as they were written.
-        targets: combinations of parameters that a user wants to know.
-        cut_joints: cuts that have a name, on which terms may act.
+        keep: parameters preferred as independent columns.
+        base_tolerance: relative residual below which a column counts as a linear combination of others.
+        notes: remarks on the file, as sentences.
+        tables: the checked tables of the file, with expressions as written.
+        targets: linear combinations of parameters to report.
+        cut_joints: named cuts, on which terms may act.
     """
 
     name: str
@@ -213,12 +193,12 @@ class Device:
         object.__setattr__(self, "gravity", read_only(self.gravity))
 
     def with_gravity(self, gravity: ArrayLike) -> Device:
-        """The same mechanism, mounted so that gravity has another direction or size in its base frame.
+        """The same mechanism with another gravity in its base frame.
 
-        Targets keep their factors: g in them stays the size of gravity that the device file has.
+        Targets keep their factors: g in them stays the magnitude in the device file.
 
         Args:
-            gravity: in the base frame, (3,), m/s^2, the direction in which things fall.
+            gravity: in the base frame, (3,), m/s^2, pointing down.
 
         Raises:
             ShapeError: it is not three numbers.
@@ -227,7 +207,7 @@ class Device:
 
     @property
     def searched(self) -> tuple[tuple[int, Searched], ...]:
-        """Constants of terms that are not known, each with the index of its term."""
+        """Constants of terms that are estimated, each with the index of its term."""
         return tuple((k, constant) for k, term in enumerate(self.terms) for constant in term.searched)
 
     @cached_property
@@ -242,25 +222,25 @@ class Device:
 
     @cached_property
     def coupling(self) -> Array:
-        """N in N qa, drives' coordinates from active joints' positions, (active, active)."""
+        """N: drives' coordinates are N qa, (active, active)."""
         return freeze(np.array([drive.row for drive in self.drives], dtype=float))
 
     @cached_property
     def row_map(self) -> Array:
-        """B in c = B qa: the coordinates that torque rows belong to, from active joints' positions, (active, active).
+        """B: coordinates of the torque rows are c = B qa, (active, active).
 
-        The coupling N where rows are the motors', the identity where they are the joints'.
+        The coupling N if rows are the motors', the identity if they are the joints'.
         """
         return self.coupling if self.torque_rows == "motor" else freeze(np.eye(len(self.active)))
 
     @cached_property
     def rates(self) -> Array:
-        """G B^-1: all joints' rates from the coordinates' rates, (joints, active); zero where they vary."""
+        """G B^-1: Jacobian of all joints by the coordinates, (joints, active); zero where it varies with the pose."""
         return freeze(np.ascontiguousarray(np.linalg.solve(self.row_map.T, self.closure.constant.T).T))
 
     @cached_property
     def varying(self) -> np.ndarray:
-        """Which rates from the coordinates' vary with the pose, (joints, active)."""
+        """Which entries of the Jacobian by the coordinates vary with the pose, (joints, active)."""
         moved = np.linalg.inv(self.row_map) != 0
         made = np.asarray((self.closure.varying.astype(int) @ moved) > 0)
         made.flags.writeable = False
@@ -268,7 +248,7 @@ class Device:
 
     @cached_property
     def drive_rates(self) -> Array:
-        """N B^-1: all drives' rates from the coordinates' rates, (active, active)."""
+        """N B^-1: Jacobian of the drives by the coordinates, (active, active)."""
         return freeze(np.ascontiguousarray(np.linalg.solve(self.row_map.T, self.coupling.T).T))
 
     @cached_property
@@ -280,18 +260,18 @@ class Device:
 
     @cached_property
     def row_labels(self) -> tuple[str, ...]:
-        """What to write beside a torque row: "motor 1", "joint 5"."""
+        """Labels of the torque rows: "motor 1", "joint 5"."""
         return tuple(f"{self.torque_rows} {name}" for name in self.row_names)
 
     @cached_property
     def measured(self) -> tuple[bool, ...]:
-        """Whether the torque of each row is known: a motor's own; a joint's if all drives that load it have a motor."""
-        blind = np.array([not drive.motorised for drive in self.drives])
-        return tuple(bool(known) for known in ~(self.drive_rates[blind] != 0).any(axis=0))
+        """Whether the torque of each row is measured: all drives that act on it have a motor."""
+        unmeasured = np.array([not drive.motorised for drive in self.drives])
+        return tuple(bool(known) for known in ~(self.drive_rates[unmeasured] != 0).any(axis=0))
 
     @cached_property
     def coordinate_units(self) -> tuple[str, ...]:
-        """Unit of every coordinate: rad or m, after the first joint in it."""
+        """Unit of every coordinate, rad or m: that of its first joint."""
         first = [self.joints[self.active[int(np.argmax(row != 0))]] for row in self.row_map]
         return tuple("m" if joint.prismatic else "rad" for joint in first)
 
@@ -302,9 +282,9 @@ class Device:
 
     @cached_property
     def chi_prior(self) -> Array:
-        """Prior value of every free standard parameter, NaN where unknown, (p,), SI.
+        """Prior value of every free standard parameter, NaN if unknown, (p,), SI.
 
-        Where several raw parameters are one by symmetry, the mean of those that are known.
+        For raw parameters that are equal by symmetry, the mean of those that are known.
         """
         known = [[self.prior[n].value for n in names if n in self.prior] for names in self.parameters.members]
         return freeze(np.array([np.mean(values) if values else np.nan for values in known], dtype=float))

@@ -1,4 +1,4 @@
-"""Arithmetic written as text in device files: parsed, checked node by node, evaluated without being run."""
+"""Expressions in device files: parsed, checked node by node, and evaluated without `eval`."""
 
 from __future__ import annotations
 
@@ -12,12 +12,12 @@ from typing import Any
 import numpy as np
 
 from haptid._internal.arrays import Array
-from haptid.device.toml.place import Place
-from haptid.errors import ExpressionError, NonlinearTargetError, RelationError, UnknownDeviceNameError
+from haptid.device.toml.errors_at import Place
+from haptid.errors import DeviceFileError
 
-# Longest expression, characters: enough for any column, too short to exhaust the stack.
+# Longest expression, characters: enough for any column, and too short to exhaust the stack.
 LONGEST = 400
-# Largest number in an expression, SI: beyond any device, and far from overflow.
+# Largest number in an expression, SI: beyond any device, far from overflow.
 LARGEST = 1e30
 
 FUNCTIONS: Mapping[str, Callable[..., Any]] = {
@@ -46,7 +46,7 @@ TARGET = 'Write a sum such as "L1*MX2 + g*(M2 + M3)", each parameter with a cons
 
 @dataclass(frozen=True)
 class Linear:
-    """A constant and a factor for every symbol: constant + sum factor * symbol."""
+    """A linear expression: constant + sum of factor * symbol."""
 
     constant: float
     factors: Mapping[str, float] = field(default_factory=dict)
@@ -65,14 +65,14 @@ class Linear:
 
 @dataclass(frozen=True)
 class Column:
-    """A column expression over the joints' motion.
+    """An expression for a regressor column, over the joints' motion.
 
     Attributes:
         text: as written.
-        tree: as parsed; only names, numbers, arithmetic and FUNCTIONS are in it.
-        constants: values of named lengths that it uses, SI.
-        nature: the kind of term that it is a part of, such as "viscous"; empty for a user's own.
-        side: 1 or -1 for the part of it that acts forward, or backward; else 0.
+        tree: as parsed; it holds only names, numbers, arithmetic and FUNCTIONS.
+        constants: values of named lengths and constants, SI.
+        nature: the kind of term that it is part of, such as "viscous"; empty for a custom term.
+        side: 1 or -1 if it acts at positive, or negative, velocities only; else 0.
     """
 
     text: str
@@ -88,16 +88,15 @@ class Column:
         return np.broadcast_to(np.asarray(made, dtype=float), (samples,))
 
     def reads(self, names: set[str]) -> bool:
-        """Whether one of these names stands in it."""
+        """Whether it uses one of these names."""
         return any(isinstance(node, ast.Name) and node.id in names for node in ast.walk(self.tree))
 
 
 def number(value: float | str, lengths: Mapping[str, float], place: Place) -> float:
-    """A number from the file: as it stands, or arithmetic over pi and named lengths.
+    """The value of a number of the file, or of arithmetic over pi and named lengths.
 
     Raises:
-        ExpressionError: the text is not such arithmetic, or its value is not finite or beyond LARGEST.
-        UnknownDeviceNameError: it uses a name that is not a length.
+        DeviceFileError: the text is not such arithmetic, uses another name, or its value is beyond LARGEST.
     """
     if isinstance(value, str):
         tree = _parse(value, place, ARITHMETIC)
@@ -109,7 +108,7 @@ def number(value: float | str, lengths: Mapping[str, float], place: Place) -> fl
         made = float(value)
     if not abs(made) <= LARGEST:  # nan is not
         found = f"its value is {made:g}, limit {LARGEST:.0e}"
-        raise ExpressionError(str(place), str(value), found, "Write a finite number, in SI units.")
+        raise _unreadable(place, str(value), found, "Write a finite number, in SI units.")
     return made
 
 
@@ -117,8 +116,7 @@ def column(text: str, joints: list[str], lengths: Mapping[str, float], place: Pl
     """A column expression, checked to use only known names.
 
     Raises:
-        ExpressionError: the text is not such arithmetic.
-        UnknownDeviceNameError: it uses a name that is neither a joint's motion nor a length.
+        DeviceFileError: the text is not such arithmetic, or uses a name that is neither a joint's motion nor a length.
     """
     tree = _parse(text, place, COLUMN)
     motion = {f"{letter}_{joint}" for joint in joints for letter in "qva"}
@@ -130,33 +128,31 @@ def relation(text: str, symbols: list[str], lengths: Mapping[str, float], place:
     """The joint symbol on the left of a linear relation, and what it equals.
 
     Raises:
-        RelationError: it is not one symbol, an equals sign and a linear sum.
-        UnknownDeviceNameError: it uses a name that is neither a joint's symbol nor a length.
+        DeviceFileError: it is not one symbol, an equals sign and a linear sum of joints' symbols and lengths.
     """
     left, equals, right = text.partition("=")
     if not equals or "=" in right or not left.strip().isidentifier():
-        raise RelationError(str(place), f'"{text}" is not one joint symbol, an equals sign and a sum', LINEAR)
+        raise place.error(f'"{text}" is not one joint symbol, an equals sign and a sum', LINEAR)
     if left.strip() not in symbols:
-        raise UnknownDeviceNameError(str(place), "joint symbol", left.strip(), symbols)
+        raise place.unknown("joint symbol", left.strip(), symbols)
     tree = _parse(right.strip(), place, LINEAR)
     known = {**lengths, "pi": math.pi}
     _Rules(text, frozenset({*known, *symbols}), place, LINEAR).check(tree)
     try:
         made = _linear(tree, known)
     except (ZeroDivisionError, OverflowError, _NotLinearError) as error:
-        raise RelationError(str(place), f'"{text}" is not linear: {error}', LINEAR) from None
+        raise place.error(f'"{text}" is not linear: {error}', LINEAR) from None
     if not all(math.isfinite(x) for x in (made.constant, *made.factors.values())):
-        raise RelationError(str(place), f'"{text}" has a factor that is not finite', LINEAR)
+        raise place.error(f'"{text}" has a factor that is not finite', LINEAR)
     return left.strip(), made
 
 
 def combination(text: str, symbols: Collection[str], constants: Mapping[str, float], place: Place) -> dict[str, float]:
-    """Factors of the parameters in a linear combination of them; what cancels out is not in it.
+    """Factors of the parameters in a linear combination of them, without zeros.
 
     Raises:
-        ExpressionError: the text is not arithmetic over numbers, or too long.
-        NonlinearTargetError: it multiplies parameters, divides by one, or has a part without one.
-        UnknownDeviceNameError: it uses a name that is neither a parameter nor a constant.
+        DeviceFileError: the text is not arithmetic, uses a name that is neither a parameter nor a constant, multiplies
+            parameters, divides by one, or has a part without one.
     """
     tree = _parse(text, place, TARGET)
     known = {**constants, "pi": math.pi}
@@ -164,16 +160,16 @@ def combination(text: str, symbols: Collection[str], constants: Mapping[str, flo
     try:
         made = _linear(tree, known)
     except (ZeroDivisionError, OverflowError, _NotLinearError) as error:
-        raise NonlinearTargetError(str(place), text, str(error), TARGET) from None
+        raise _not_a_combination(place, text, str(error)) from None
     if not all(abs(x) <= LARGEST for x in (made.constant, *made.factors.values())):
-        raise NonlinearTargetError(str(place), text, f"it has a factor beyond {LARGEST:.0e}", TARGET)
+        raise _not_a_combination(place, text, f"it has a factor beyond {LARGEST:.0e}")
     if made.constant:
-        raise NonlinearTargetError(str(place), text, f"its part {made.constant:g} has no parameter in it", TARGET)
+        raise _not_a_combination(place, text, f"its part {made.constant:g} has no parameter in it")
     return {name: factor for name, factor in made.factors.items() if factor}
 
 
 def sum_of_names(text: str, names: Collection[str]) -> Linear | None:
-    """A checked number of the file as a constant and a factor for every name, None where it is no such sum."""
+    """A checked number of the file as a linear expression of these names, None if it is not linear in them."""
     try:
         made = _linear(ast.parse(text.strip(), mode="eval").body, {"pi": math.pi})
     except (ZeroDivisionError, OverflowError, _NotLinearError):
@@ -187,16 +183,24 @@ class _NotLinearError(ValueError):
 
 def _parse(text: str, place: Place, instead: str) -> ast.expr:
     if len(text) > LONGEST:
-        raise ExpressionError(str(place), text[:40] + "...", f"it has {len(text)} characters, limit {LONGEST}", instead)
+        raise _unreadable(place, text[:40] + "...", f"it has {len(text)} characters, limit {LONGEST}", instead)
     try:
         return ast.parse(text.strip(), mode="eval").body
     except (SyntaxError, ValueError, RecursionError, MemoryError):
-        raise ExpressionError(str(place), text, "it is not arithmetic", instead) from None
+        raise _unreadable(place, text, "it is not arithmetic", instead) from None
+
+
+def _unreadable(place: Place, text: str, found: str, advice: str) -> DeviceFileError:
+    return place.error(f'cannot read "{text}": {found}', advice)
+
+
+def _not_a_combination(place: Place, text: str, found: str) -> DeviceFileError:
+    return place.error(f'"{text}" is not a linear combination of parameters: {found}', TARGET)
 
 
 @dataclass(frozen=True)
 class _Rules:
-    """What one kind of expression may hold, and how its errors begin and end."""
+    """What one kind of expression may contain, and the advice of its errors."""
 
     text: str
     known: frozenset[str]
@@ -204,12 +208,12 @@ class _Rules:
     instead: str
     functions: bool = False
 
-    def refuse(self, node: ast.expr, why: str) -> ExpressionError:
+    def refuse(self, node: ast.expr, why: str) -> DeviceFileError:
         """The error about one part of the expression."""
-        return ExpressionError(str(self.place), self.text, f"`{ast.unparse(node)}` {why}", self.instead)
+        return _unreadable(self.place, self.text, f"`{ast.unparse(node)}` {why}", self.instead)
 
     def check(self, node: ast.expr) -> None:
-        """Raise unless every node is one that `_evaluate` knows, and every name is known."""
+        """Raise DeviceFileError unless `_evaluate` handles every node and every name is known."""
         match node:
             case ast.Constant(value=value) if type(value) in (int, float):
                 if abs(value) > LARGEST:  # type: ignore[arg-type]
@@ -217,7 +221,7 @@ class _Rules:
             case ast.Name(id=name):
                 if name not in self.known:
                     functions = FUNCTIONS if self.functions else ()
-                    raise UnknownDeviceNameError(str(self.place), "number", name, sorted({*self.known, *functions}))
+                    raise self.place.unknown("number", name, sorted({*self.known, *functions}))
             case ast.UnaryOp(op=ast.USub() | ast.UAdd(), operand=operand):
                 self.check(operand)
             case ast.BinOp(left=left, op=op, right=right) if self.allows(op):
@@ -225,18 +229,18 @@ class _Rules:
                 self.check(right)
             case ast.Call(func=ast.Name(id=name), args=[argument], keywords=[]) if self.functions:
                 if name not in FUNCTIONS:
-                    raise UnknownDeviceNameError(str(self.place), "function", name, FUNCTIONS)
+                    raise self.place.unknown("function", name, FUNCTIONS)
                 self.check(argument)
             case _:
                 raise self.refuse(node, "is not allowed here")
 
     def allows(self, op: ast.operator) -> bool:
-        """Whether an operator may stand in this kind of expression."""
+        """Whether this kind of expression may contain an operator."""
         return type(op) in OPERATORS and (self.functions or not isinstance(op, ast.Pow))
 
 
 def _evaluate(node: ast.expr, values: Mapping[str, Any]) -> Any:
-    """The value of a checked expression, in NumPy's arithmetic: 1/0 is infinite, not an exception."""
+    """The value of a checked expression in NumPy's arithmetic, where 1/0 is infinite."""
     match node:
         case ast.Constant(value=value):
             return np.float64(value)  # type: ignore[arg-type]

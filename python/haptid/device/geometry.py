@@ -1,4 +1,4 @@
-"""Geometry: Denavit-Hartenberg tables and placements to one normal form, and where links then are."""
+"""Geometry: Denavit-Hartenberg parameters and placements converted to one normal form; poses of links."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ import numpy as np
 from haptid._internal.arrays import Array, expect
 from haptid.device.device import Device, Frame, Joint
 from haptid.device.expressions import number
-from haptid.device.toml.place import Place
+from haptid.device.toml.errors_at import Place
 from haptid.device.toml.schema import (
     AnyJoint,
     BaseTable,
@@ -19,24 +19,23 @@ from haptid.device.toml.schema import (
     PlacementJoint,
     StandardDHJoint,
 )
-from haptid.errors import DegreesError, DeviceKeyError, DeviceValueError
 
-# Largest geometry angle, rad: a turn, and a little for rounding.
+# Largest angle of the geometry, rad: a turn, with a margin for rounding.
 FULL_TURN = 2 * math.pi * (1 + 1e-9)
 
 
 def turn_x(angle: float) -> Array:
-    """Homogeneous turn about x, (4, 4)."""
+    """Homogeneous rotation about x, (4, 4)."""
     return _turn(angle, 1, 2)
 
 
 def turn_y(angle: float) -> Array:
-    """Homogeneous turn about y, (4, 4)."""
+    """Homogeneous rotation about y, (4, 4)."""
     return _turn(angle, 2, 0)
 
 
 def turn_z(angle: float) -> Array:
-    """Homogeneous turn about z, (4, 4)."""
+    """Homogeneous rotation about z, (4, 4)."""
     return _turn(angle, 0, 1)
 
 
@@ -56,7 +55,7 @@ def _turn(angle: float, i: int, k: int) -> Array:
 
 
 def _cos_sin(angle: float) -> tuple[float, float]:
-    """Cosine and sine, exact at quarter turns, so that pi/2 in a file makes a zero and not 6e-17."""
+    """Cosine and sine, exact at multiples of pi/2: zero instead of 6e-17."""
     quarters = angle / (math.pi / 2)
     if abs(quarters - round(quarters)) < 1e-12:
         return ((1.0, 0.0), (0.0, 1.0), (-1.0, 0.0), (0.0, -1.0))[round(quarters) % 4]
@@ -74,7 +73,7 @@ def placed(xyz: Sequence[float], rpy: Sequence[float]) -> Array:
 
 
 def least_turn(axis: Array) -> Array:
-    """The least turn that takes z onto a unit axis, (4, 4); about x where the axis is -z."""
+    """The smallest rotation that takes z onto a unit axis, (4, 4); about x if the axis is -z."""
     c, across = axis[2], axis[0] ** 2 + axis[1] ** 2
     if c < 0 and across < 1e-24:
         return turn_x(math.pi)
@@ -86,7 +85,7 @@ def least_turn(axis: Array) -> Array:
 
 
 class Reader:
-    """Numbers of one file's geometry: expressions evaluated, angles checked."""
+    """Reads the numbers of one file: expressions over its named lengths, angles, placements."""
 
     def __init__(self, lengths: Mapping[str, float]) -> None:
         self.lengths = lengths
@@ -95,15 +94,32 @@ class Reader:
         """Any number."""
         return number(value, self.lengths, place)
 
+    def positive(self, value: float | str, place: Place) -> float:
+        """A number above zero."""
+        made = self.number(value, place)
+        if made <= 0:
+            raise place.error(f"found {made:g}", "Write a number above zero.")
+        return made
+
+    def not_negative(self, value: float | str, place: Place) -> float:
+        """Zero or a number above it."""
+        made = self.number(value, place)
+        if made < 0:
+            raise place.error(f"found {made:g}", "Write zero or a number above it.")
+        return made
+
     def angle(self, value: float | str, place: Place) -> float:
         """An angle of the geometry, rad.
 
         Raises:
-            DegreesError: it is more than a turn.
+            DeviceFileError: it is more than a turn.
         """
         made = number(value, self.lengths, place)
         if abs(made) > FULL_TURN:
-            raise DegreesError(str(place), made)
+            raise place.error(
+                f"the angle {made:g} is more than a turn (limit 2 pi rad), so it looks like degrees",
+                f'Write it in radians: {math.radians(made):.6g}, or as "{made:g}*pi/180".',
+            )
         return made
 
     def triple(self, values: Sequence[float | str], place: Place) -> list[float]:
@@ -119,14 +135,13 @@ class Reader:
         """A frame on a link, (4, 4).
 
         Raises:
-            DeviceKeyError: it is given both ways.
+            DeviceFileError: it is given both ways.
         """
         given = table.model_dump(exclude_none=True)
         mixed = [key for key in given if key not in ("xyz", "rpy")]
         if len(mixed) < len(given) and mixed:
-            raise DeviceKeyError(
-                str(place),
-                f"xyz or rpy stands beside {', '.join(mixed)}",
+            raise place.error(
+                f"xyz or rpy is given together with {', '.join(mixed)}",
                 "Use either xyz and rpy, or gamma b alpha d theta r.",
             )
         if mixed:
@@ -141,10 +156,10 @@ class Reader:
         return modified_dh(**angles, **lengths)
 
     def joint(self, table: AnyJoint, place: Place) -> tuple[Array, Array]:
-        """Placement of a joint's frame in its parent's convention frame, and that convention in it.
+        """Placement of a joint's frame in its parent's frame of the file's convention, and the joint's own such frame.
 
         Returns:
-            both (4, 4); the first at q = 0 with z the joint axis.
+            both (4, 4); the first at q = 0 with z the joint axis, the second in the first.
         """
         if isinstance(table, ModifiedDHJoint):
             return self.modified(table.model_dump(), place), np.eye(4)
@@ -155,15 +170,13 @@ class Reader:
         axis = np.array(self.triple(table.axis, place.at("axis")))
         length = float(np.linalg.norm(axis))
         if length < 1e-9:
-            raise DeviceValueError(
-                str(place.at("axis")), f"found {list(axis)}", "Write a direction, such as [0, 0, 1]."
-            )
+            raise place.at("axis").error(f"found {list(axis)}", "Write a direction, such as [0, 0, 1].")
         onto = least_turn(axis / length)
         return self.placement(table, place) @ onto, onto.T
 
 
 def frame_on(joints: Sequence[Joint], link: int, local: Array, base: Array) -> Frame:
-    """A frame given in a link's convention frame, as a frame in its normal form; link -1 is the base."""
+    """A frame given in a link's frame of the file's convention, as a frame in normal form; link -1 is the base."""
     convention = base
     if link >= 0:
         convention = np.eye(4)

@@ -1,25 +1,50 @@
-"""Standard parameters: which there are, in which order, and which of them are free."""
+"""Standard parameters of a device, those that are free after symmetries, and targets: linear combinations of them."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from haptid._internal.arrays import Array, expect, read_only
+from haptid.device.expressions import combination
 from haptid.device.terms.term import TermColumn
+from haptid.device.toml.errors_at import Place
+from haptid.device.toml.schema import AnyDevice, TargetTable
+
+if TYPE_CHECKING:
+    from haptid.device.geometry import Reader
 
 # The ten inertial parameters of a link, in the order of every array of haptid: inertia tensor about the link
 # frame's origin (XY = -integral of xy dm), first moments, mass.
 INERTIAL = ("XX", "XY", "XZ", "YY", "YZ", "ZZ", "MX", "MY", "MZ", "M")
 INERTIAL_UNITS = ("kg m^2",) * 6 + ("kg m",) * 3 + ("kg",)
+# Symbol of the magnitude of the device file's gravity in targets, m/s^2.
+GRAVITY = "g"
+# Powers of kg, m, s and rad in the units of parameters.
+POWERS: Mapping[str, tuple[int, int, int, int]] = {
+    "kg m^2": (1, 2, 0, 0),
+    "kg m": (1, 1, 0, 0),
+    "kg": (1, 0, 0, 0),
+    "N m s/rad": (1, 2, -1, -1),
+    "N s/m": (1, 0, -1, 0),
+    "N s": (1, 1, -1, 0),
+    "N m": (1, 2, -2, 0),
+    "N": (1, 1, -2, 0),
+    "N m/rad": (1, 2, -2, -1),
+    "N/m": (1, 0, -2, 0),
+}
+UNITS = {powers: unit for unit, powers in POWERS.items()}
+# Largest distance of a power of length from an integer: beyond it, a length was added to a plain number.
+WHOLE = 1e-6
 
 
 @dataclass(frozen=True)
 class Symmetry:
-    """What is known beforehand about parameters, and why.
+    """Parameters known to be zero or equal, and why.
 
     Attributes:
         reason: sentence.
@@ -34,21 +59,21 @@ class Symmetry:
 
 @dataclass(frozen=True, eq=False)
 class StandardParameters:
-    """The standard parameters chi of a device and their order, of which this is the only owner.
+    """The standard parameters chi of a device, and their order everywhere in haptid.
 
-    `raw` is every column of the core: ten per link, massless or not, then one per term. What remains after
-    massless links, zeros and equalities are the free parameters: chi_raw = S chi.
+    `raw` are all columns of the core: ten per link, massless or not, then one per term. Massless links, zeros
+    and equalities leave the free parameters chi: chi_raw = S chi.
 
     Attributes:
         raw: names of the core's columns, (r,).
         raw_units: of each, (r,).
-        names: of the free parameters, (p,). One that stands for several has the first one's name.
+        names: of the free parameters, (p,); one that represents several has the name of the first.
         units: of each, (p,).
-        kinds: of each, "ZZ" or "FV": its name without what it belongs to, (p,).
-        links: index of the joint each belongs to, the number of joints for a cut joint's, -1 for a motor's, (p,).
+        kinds: of each, "ZZ" or "FV": its name without that of its joint or motor, (p,).
+        links: index of the joint of each; the number of joints for a cut joint, -1 for a motor, (p,).
         S: (r, p), zeros and ones.
-        members: the raw names that each stands for, (p,).
-        leaving: a sentence for every set of parameters that left.
+        members: the raw names that each represents, (p,).
+        leaving: a sentence for every set of parameters that was removed.
     """
 
     raw: tuple[str, ...]
@@ -70,7 +95,7 @@ class StandardParameters:
 
     @cached_property
     def index(self) -> dict[str, int]:
-        """Index of the free parameter that a raw name belongs to; the names that left are absent."""
+        """Index of the free parameter of a raw name; removed names are absent."""
         return {name: k for k, members in enumerate(self.members) for name in members}
 
 
@@ -90,7 +115,7 @@ def standard_parameters(
     Args:
         joints: names, in order.
         bodies: whether each joint's link has inertia.
-        terms: columns beside link inertia.
+        terms: columns in addition to link inertia.
         symmetries: names in them are raw names.
     """
     raw = raw_names(joints, terms)
@@ -118,7 +143,7 @@ def standard_parameters(
 
 
 def _classes(size: int, groups: list[list[int]]) -> list[int]:
-    """The first index of each index's class, once the groups have been merged."""
+    """The smallest index of each index's class after merging the groups (union-find)."""
     first = list(range(size))
 
     def find(k: int) -> int:
@@ -134,7 +159,7 @@ def _classes(size: int, groups: list[list[int]]) -> list[int]:
 
 
 def _owner(raw: int, joints: Sequence[str], terms: Sequence[TermColumn]) -> tuple[str, int]:
-    """A parameter's kind and the index of its joint, beyond the last one for a cut, -1 for a motor."""
+    """A parameter's kind and the index of its joint: the number of joints for a cut, -1 for a motor."""
     if raw < 10 * len(joints):
         return INERTIAL[raw % 10], raw // 10
     term = terms[raw - 10 * len(joints)]
@@ -151,3 +176,115 @@ def _leaving(joints: Sequence[str], bodies: Sequence[bool], symmetries: Sequence
         parts += [" = ".join(group) for group in rule.equal]
         sentences.append(f"symmetry: {', '.join(parts)} ({rule.reason})")
     return sentences
+
+
+@dataclass(frozen=True, eq=False)
+class Combination:
+    """A target of the device file: a linear combination of standard parameters to report.
+
+    Attributes:
+        name: such as pi_4.
+        text: as written.
+        unit: of its value.
+        row: factors of the free standard parameters, (p,), SI.
+    """
+
+    name: str
+    text: str
+    unit: str
+    row: Array
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "row", read_only(self.row))
+
+
+def read_combinations(
+    tables: AnyDevice, parameters: StandardParameters, reader: Reader, place: Place
+) -> tuple[Combination, ...]:
+    """The targets of a device file, in its order.
+
+    Raises:
+        DeviceFileError: a length has the name of a parameter, or of gravity; a target is zero in this device, or its
+            unit cannot be determined.
+    """
+    if not tables.targets:
+        return ()
+    gravity = float(np.linalg.norm(reader.triple(tables.gravity, place.at("gravity"))))
+    for name in reader.lengths:
+        if name == GRAVITY or name in parameters.raw:
+            first = "the magnitude of gravity" if name == GRAVITY else "a standard parameter"
+            raise place.at("lengths", name).taken("name", name, f"{first}, in [targets]")
+    constants = {**reader.lengths, GRAVITY: gravity}
+    return tuple(
+        _combination(name, table, parameters, constants, place.at("targets", name))
+        for name, table in tables.targets.items()
+    )
+
+
+def _combination(
+    name: str,
+    table: TargetTable | str,
+    parameters: StandardParameters,
+    constants: Mapping[str, float],
+    place: Place,
+) -> Combination:
+    text, unit = (table.expression, table.unit) if isinstance(table, TargetTable) else (table, None)
+    factors = combination(text, parameters.raw, constants, place)
+    row = np.zeros(len(parameters))
+    for raw, factor in factors.items():
+        if raw in parameters.index:
+            row[parameters.index[raw]] += factor
+    if not row.any():
+        found = f'"{text}" is zero in this device'
+        raise place.error(found, "Name a parameter that symmetries and massless links do not remove.")
+    return Combination(name, text, unit or _unit(text, parameters, constants, factors, place), row)
+
+
+def _unit(
+    text: str,
+    parameters: StandardParameters,
+    constants: Mapping[str, float],
+    factors: Mapping[str, float],
+    place: Place,
+) -> str:
+    """The common unit of all parts of a combination."""
+    of = dict(zip(parameters.raw, parameters.raw_units, strict=True))
+    longer = {name: value if name == GRAVITY else 2.0 * value for name, value in constants.items()}
+    heavier = {**constants, GRAVITY: 2.0 * constants[GRAVITY]}
+    lengths, gravities = (combination(text, parameters.raw, scaled, place) for scaled in (longer, heavier))
+    found = {_product(of[n], lengths.get(n, 0.0) / f, gravities.get(n, 0.0) / f) for n, f in factors.items()}
+    if len(found) > 1 or None in found:
+        shown = ", ".join(sorted(unit for unit in found if unit)) or "no unit known here"
+        what = f'the parts of "{text}" do not have a common unit ({shown}{" and others" if None in found else ""})'
+        instead = 'Correct it, or give the unit: { expression = "...", unit = "kg m^2" }.'
+        raise place.error(what, instead)
+    return str(found.pop())
+
+
+def _product(unit: str, longer: float, heavier: float) -> str | None:
+    """A parameter's unit times the powers of length and gravity in its factor, None if these are not integers.
+
+    Args:
+        unit: of the parameter.
+        longer: factor by which its coefficient grows when every length doubles.
+        heavier: the same when gravity doubles.
+    """
+    if not (longer > 0 and heavier > 0):
+        return None
+    powers = np.log2([longer, heavier])
+    metres, gravities = (round(power) for power in powers)
+    if np.abs(powers - [metres, gravities]).max() > WHOLE:
+        return None
+    if not metres and not gravities:
+        return unit
+    if unit not in POWERS:
+        return None
+    kg, m, s, rad = POWERS[unit]
+    made = (kg, m + metres + gravities, s - 2 * gravities, rad)
+    return UNITS.get(made) or _written(made)
+
+
+def _written(powers: tuple[int, int, int, int]) -> str:
+    """A unit without a name of its own, such as `kg m^3`."""
+    named = zip(("kg", "m", "s", "rad"), powers, strict=True)
+    return " ".join(f"{base}^{power}" if power != 1 else base for base, power in named if power)

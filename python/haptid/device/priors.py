@@ -1,14 +1,18 @@
-"""What is known of a device's parameters beforehand: CAD bodies and named values as standard parameters."""
+"""Priors of a device's parameters: CAD bodies and named values as standard parameters."""
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from haptid._internal.arrays import Array, expect, read_only
 from haptid.device.device import Device, Joint, Prior
+from haptid.device.geometry import Reader
 from haptid.device.parameters import INERTIAL
+from haptid.device.toml.errors_at import Place
+from haptid.device.toml.schema import AnyDevice, PriorBodyTable, PriorTable
 
 # Rows and columns of XX XY XZ YY YZ ZZ in a tensor.
 TENSOR = ((0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2))
@@ -58,12 +62,11 @@ def inertial_parameters(body: Body, joint: Joint) -> Array:
     return chi
 
 
-def body_prior(body: Body, joint: Joint, sd_percent: float | None) -> dict[str, Prior]:
+def body_prior(body: Body, joint: Joint, std_percent: float | None) -> dict[str, Prior]:
     """Priors of a link's ten parameters, without those that are unknown.
 
-    With `sd_percent`, the deviation of the mass is that share of the mass; of a first moment, that share of
-    the greatest first moment, or of mass times radius of gyration; of a tensor entry, that share of the
-    largest entry.
+    `std_percent` gives standard deviations: of the mass, that share of the mass; of a first moment, that share of the
+    greatest first moment, or of mass times radius of gyration; of a tensor entry, that share of the largest entry.
     """
     chi = inertial_parameters(body, joint)
     scale = np.empty(10)
@@ -71,18 +74,18 @@ def body_prior(body: Body, joint: Joint, sd_percent: float | None) -> dict[str, 
     gyration = 0.0 if body.inertia is None else np.sqrt(body.mass * np.trace(body.inertia) / 2)
     scale[6:9] = max(float(np.max(np.abs(chi[6:9]))), float(gyration))
     scale[9] = body.mass
-    deviations = scale * (0.0 if sd_percent is None else sd_percent / 100)
+    stds = scale * (0.0 if std_percent is None else std_percent / 100)
     return {
         kind + joint.name: Prior(float(value), float(std) if std > 0 else None)
-        for kind, value, std in zip(INERTIAL, chi, deviations, strict=True)
+        for kind, value, std in zip(INERTIAL, chi, stds, strict=True)
         if np.isfinite(value)
     }
 
 
 def combined_prior(device: Device, rows: Array) -> tuple[tuple[float, float | None] | None, ...]:
-    """Value and deviation of combinations of the free standard parameters, (k, p); None where one is not known."""
+    """Prior value and standard deviation of combinations of the free standard parameters, (k, p); None if unknown."""
     parameters = device.parameters
-    std = [_deviation(device, members) for members in parameters.members]
+    std = [_std(device, members) for members in parameters.members]
     made: list[tuple[float, float | None] | None] = []
     for row in rows:
         used = np.flatnonzero(row)
@@ -95,8 +98,56 @@ def combined_prior(device: Device, rows: Array) -> tuple[tuple[float, float | No
     return tuple(made)
 
 
-def _deviation(device: Device, members: tuple[str, ...]) -> float | None:
-    """Deviation of the mean of the members that have a prior, taken as wholly correlated."""
+def _std(device: Device, members: tuple[str, ...]) -> float | None:
+    """Standard deviation of the mean of the members that have a prior, taken as fully correlated."""
     known = [device.prior[name].std for name in members if name in device.prior]
     given = [std for std in known if std is not None]
     return float(np.mean(given)) if given and len(given) == len(known) else None
+
+
+def read_priors(
+    tables: AnyDevice, joints: Sequence[Joint], raw: tuple[str, ...], reader: Reader, place: Place
+) -> dict[str, Prior]:
+    """The priors of [[prior_bodies]] and [prior], by raw parameter name; the latter take precedence."""
+    made: dict[str, Prior] = {}
+    links = [joint.name for joint in joints]
+    for k, body in enumerate(tables.prior_bodies):
+        here = place.at("prior_bodies", k)
+        if body.link not in links:
+            raise here.at("link").unknown("link", body.link, links)
+        if f"M{body.link}" in made:
+            raise here.at("link").taken("prior body of link", body.link, "an earlier one")
+        percent = None if body.std_percent is None else reader.number(body.std_percent, here.at("std_percent"))
+        made |= body_prior(_body(body, reader, here), joints[links.index(body.link)], percent)
+    for name, value in tables.prior.items():
+        here = place.at("prior", name)
+        if name not in raw:
+            raise here.unknown("parameter", name, raw)
+        made[name] = _named_prior(value, reader, here)
+    return made
+
+
+def _named_prior(value: PriorTable | float | str, reader: Reader, place: Place) -> Prior:
+    if not isinstance(value, PriorTable):
+        return Prior(reader.number(value, place))
+    std = None if value.std is None else reader.positive(value.std, place.at("std"))
+    return Prior(reader.number(value.value, place.at("value")), std)
+
+
+def _body(table: PriorBodyTable, reader: Reader, place: Place) -> Body:
+    """A CAD body; its mass and inertia must be those of a rigid body."""
+    mass = reader.not_negative(table.mass, place.at("mass"))
+    inertia = None
+    if table.inertia is not None:
+        inertia = tensor(np.array([reader.number(v, place.at("inertia", k)) for k, v in enumerate(table.inertia)]))
+        least = float(np.linalg.eigvalsh(inertia)[0])
+        if least < -1e-9 * float(np.trace(np.abs(inertia))):
+            found = f"the least principal moment is {least:.3g} kg m^2"
+            raise place.at("inertia").error(found, "Write XX YY ZZ XY XZ YZ of the tensor about the centre of mass.")
+    return Body(mass, np.array(reader.triple(table.com, place.at("com"))), inertia)
+
+
+def unused_priors(prior: Mapping[str, Prior], index: Mapping[str, int]) -> list[str]:
+    """A note on priors of parameters that symmetries or massless links set to zero."""
+    lost = [name for name, known in prior.items() if name not in index and known.value]
+    return [f"prior of {', '.join(lost)} is not used: these parameters are zero in this device"] if lost else []

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from haptid._internal.arrays import Array, expect, freeze, read_only
-from haptid.device.terms.term import LoadDependentFriction
+from haptid.device.terms.friction import LoadDependentFriction
 from haptid.dynamics.inverse import core_mass, core_torque
 from haptid.dynamics.model import DynamicModel
 from haptid.dynamics.regressor import CoreChannels, check_columns, check_linear, columns, external

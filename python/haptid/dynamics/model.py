@@ -14,7 +14,8 @@ from numpy.typing import ArrayLike
 from haptid._internal.arrays import Array, expect, freeze, read_only
 from haptid.device import Device, Followed
 from haptid.device.priors import combined_prior
-from haptid.device.terms.term import DRY, LoadDependentFriction, TermColumn, external_columns
+from haptid.device.terms.friction import DRY, LoadDependentFriction
+from haptid.device.terms.term import TermColumn, external_columns
 from haptid.dynamics.base_parameters import BaseParameters, base_parameters
 from haptid.errors import ModelMismatchError
 

@@ -9,7 +9,7 @@ import numpy as np
 
 from haptid._internal.arrays import Array
 from haptid.device.expressions import Column
-from haptid.device.terms.term import LoadDependentFriction
+from haptid.device.terms.friction import LoadDependentFriction
 from haptid.errors import MissingAccelerationError
 
 if TYPE_CHECKING:

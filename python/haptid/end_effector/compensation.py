@@ -40,7 +40,7 @@ import numpy as np
 from scipy import linalg
 
 from haptid._internal.arrays import Array, expect, freeze, positive
-from haptid.device.terms.term import LoadDependentFriction
+from haptid.device.terms.friction import LoadDependentFriction
 from haptid.dynamics.inverse import core_momentum, core_torque, inverse_dynamics, raw_parameters, rigid
 from haptid.dynamics.kinematics import handle_of
 from haptid.dynamics.regressor import external

@@ -11,7 +11,9 @@ from functools import cached_property
 import numpy as np
 
 from haptid._internal.arrays import Array, expect, freeze, read_only
-from haptid.device.terms.term import Counterbalance, LoadDependentFriction, TermColumn
+from haptid.device.terms.friction import LoadDependentFriction
+from haptid.device.terms.spring import Counterbalance
+from haptid.device.terms.term import TermColumn
 from haptid.dynamics.inverse import core_torque, raw_parameters, rigid
 from haptid.dynamics.model import DynamicModel
 from haptid.estimation import Estimate

@@ -1,39 +1,38 @@
-"""Estimators: one per file, all through `estimate(observation, method)`."""
+"""Estimation: methods that turn rows of an observation into parameters, and covariance estimators with intervals.
+
+Everything goes through `estimate(observation, method, intervals)`. This room may use the models, motions, observations
+and simulations; it does not use validation or inference.
+"""
 
 from haptid.estimation.estimate import Estimate, Parameter, Restricted, estimate
 from haptid.estimation.feasibility.cone import pseudo_inertia
 from haptid.estimation.feasibility.feasible import FeasibleParameters, possible, project_to_feasible
-from haptid.estimation.fit import Fit
 from haptid.estimation.intervals.bootstrap import Bootstrap
-from haptid.estimation.intervals.classical import Classical
-from haptid.estimation.intervals.cluster_robust import ClusterRobust
+from haptid.estimation.intervals.cluster_robust import BlockJackknife, ClusterRobust
+from haptid.estimation.intervals.covariance import Intervals, Spread
 from haptid.estimation.intervals.fixed_b import FixedB
-from haptid.estimation.intervals.jackknife import BlockJackknife
+from haptid.estimation.intervals.model_based import Classical, Sandwich
 from haptid.estimation.intervals.profile import Profile
-from haptid.estimation.intervals.sandwich import Sandwich
-from haptid.estimation.intervals.spread import Intervals, Spread
-from haptid.estimation.knowledge import Knowledge
-from haptid.estimation.method import ByRows, Fitting, Knowing, Method, Reduced
-from haptid.estimation.methods.bounded import BoundedSolution, Bounds
-from haptid.estimation.methods.consistent import Constrained, Cost, PhysicallyConsistent
-from haptid.estimation.methods.didim import DIDIM
-from haptid.estimation.methods.ekf import EKF
-from haptid.estimation.methods.equal import EqualityConstraints
-from haptid.estimation.methods.errors_in_variables import ErrorsInVariables
-from haptid.estimation.methods.gls import GLS
-from haptid.estimation.methods.heteroscedastic import Heteroscedastic
-from haptid.estimation.methods.irls import IRLS
-from haptid.estimation.methods.iv import IV
-from haptid.estimation.methods.ols import OLS
+from haptid.estimation.least_squares import Knowledge
+from haptid.estimation.method import ByRows, Fit, Fitting, Knowing, Method, Reduced
+from haptid.estimation.methods.constrained import (
+    BoundedSolution,
+    Bounds,
+    Constrained,
+    Cost,
+    EqualityConstraints,
+    FixedAtZero,
+    PhysicallyConsistent,
+)
+from haptid.estimation.methods.errors_in_variables import TLS, ErrorsInVariables
+from haptid.estimation.methods.gls import GLS, SUR
+from haptid.estimation.methods.instrumental import IV
+from haptid.estimation.methods.kalman import EKF, UKF
 from haptid.estimation.methods.open_loop import OutputErrorMethod
-from haptid.estimation.methods.output_error import CLIE, CLOE
-from haptid.estimation.methods.ridge import Ridge
-from haptid.estimation.methods.robust import Huber, Loss, StudentT, Tukey
-from haptid.estimation.methods.sur import SUR
-from haptid.estimation.methods.tls import TLS
-from haptid.estimation.methods.ukf import UKF
-from haptid.estimation.methods.wls import WLS
-from haptid.estimation.methods.zeroed import FixedAtZero
+from haptid.estimation.methods.regularised import Entropic, Ridge
+from haptid.estimation.methods.robust import IRLS, Huber, Loss, StudentT, Tukey
+from haptid.estimation.methods.simulation_based import CLIE, CLOE, DIDIM
+from haptid.estimation.methods.wls import OLS, WLS, Heteroscedastic
 
 __all__ = [
     "CLIE",
@@ -57,6 +56,7 @@ __all__ = [
     "ClusterRobust",
     "Constrained",
     "Cost",
+    "Entropic",
     "EqualityConstraints",
     "ErrorsInVariables",
     "Estimate",

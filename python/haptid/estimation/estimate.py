@@ -1,55 +1,58 @@
-"""`estimate(observation, method)`: value and covariance together."""
+"""`estimate(observation, method)`: base parameters with covariance, confidence intervals, status and notes."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Protocol, runtime_checkable
 
 import numpy as np
-from scipy import stats
 
 from haptid._internal.arrays import Array, read_only
 from haptid.dynamics.base_parameters import BaseParameters
 from haptid.dynamics.model import DynamicModel
 from haptid.estimation.feasibility.feasible import FeasibleParameters
-from haptid.estimation.fit import Fit
 from haptid.estimation.intervals.cluster_robust import ClusterRobust
-from haptid.estimation.intervals.spread import Intervals, Limiting, Spread, correlations
+from haptid.estimation.intervals.covariance import Intervals, Limiting, Spread
 from haptid.estimation.least_squares import Solution, solve
-from haptid.estimation.method import Fitting, Knowing, Method, Reduced, rows_of
-from haptid.estimation.methods.bounded import BoundedSolution
-from haptid.estimation.methods.consistent import Constrained
+from haptid.estimation.method import Fit, Fitting, Knowing, Method, Reduced, rows_of
+from haptid.estimation.methods.constrained import BoundedSolution, Constrained
 from haptid.estimation.methods.wls import WLS
 from haptid.observation.observation import Observation
 from haptid.observation.plan import Block
-from haptid.uncertainty.quantities import Quantities
+from haptid.uncertainty.quantities import LEVEL, Quantities, half_width
 
-# Scaled condition number above which single parameters are not to be trusted one by one (Gautier's rule).
+# Condition number with unit columns above which single parameters are unreliable (Gautier's rule).
 WELL_CONDITIONED = 200.0
 
 
 @runtime_checkable
 class Restricted(Method, Protocol):
-    """A method that holds the solution to a set of parameters, such as `PhysicallyConsistent`."""
+    """A method with inequality constraints, such as `PhysicallyConsistent`."""
 
     def hold(self, observation: Observation, free: Solution) -> Constrained | BoundedSolution:
-        """The solution in the set, beside the free one."""
+        """The constrained solution, with the unconstrained one."""
+
+
+class HasIntervals(Protocol):
+    """A vector of estimates with confidence intervals."""
+
+    def conf_int(self, level: float = LEVEL) -> Array:
+        """Confidence intervals, (k, 2)."""
 
 
 @dataclass(frozen=True)
 class Parameter:
-    """One base parameter as identified.
+    """One estimated parameter.
 
     Attributes:
         name, unit, grouping: ZZ1R, kg m^2, and what regroups into it.
-        value, se: and its honest deviation, SI.
-        classical_se: its deviation if the residual were white.
-        interval: the honest 95 % interval.
-        prior: value and deviation known beforehand, or None.
-        free: value of the fit that is held to nothing, to which `sd` belongs; `value` where nothing holds it.
-        constrained_outside_ci: whether the value is held outside of the free fit's interval.
+        value, se: and its cluster-robust standard error, SI.
+        classical_se: its classical standard error, valid for white residuals.
+        prior: prior value and standard deviation, or None.
+        free: value of the unconstrained fit, to which `sd` belongs; `value` without constraints.
+        constrained_outside_ci: whether constraints move the value outside of the interval of the unconstrained fit.
+        owner, index: the estimate or targets that it is one of, and where.
     """
 
     name: str
@@ -58,16 +61,22 @@ class Parameter:
     value: float
     se: float
     classical_se: float
-    interval: tuple[float, float]
     prior: tuple[float, float | None] | None
     free: float
     constrained_outside_ci: bool
+    owner: HasIntervals = field(repr=False, compare=False)
+    index: int = field(repr=False, compare=False)
+
+    def conf_int(self, level: float = LEVEL) -> tuple[float, float]:
+        """Confidence interval, SI."""
+        low, high = self.owner.conf_int(level)[self.index]
+        return float(low), float(high)
 
     @property
     def relative_se(self) -> float:
-        """100 sd / |value|, per cent (Janot et al. 2007, eq. 17, with the absolute value it lacks).
+        """Relative standard error 100 sd / |value|, per cent (Janot et al. 2007, eq. 17, with absolute value).
 
-        NaN where `constrained_outside_ci`: the deviation then says nothing about the value.
+        NaN where `constrained_outside_ci`: the standard error then does not describe the value.
         """
         if self.constrained_outside_ci:
             return float("nan")
@@ -76,36 +85,32 @@ class Parameter:
 
 @dataclass(frozen=True, eq=False)
 class Estimate:
-    """Base parameters from an observation.
+    """Base parameters estimated from an observation.
+
+    With inequality constraints, covariance, standard errors and degrees of freedom are those of the unconstrained fit.
 
     Attributes:
         observation: the rows it was made from.
-        method: how.
-        fit: the solution that is held to nothing, and the rows as least squares saw them.
-        intervals: how deviations are made.
-        beta: (p,), SI.
-        covariance: honest, (p, p).
-        classical_covariance: if the residual were white, (p, p).
-        dof: degrees of freedom of each interval, (p,).
-        single_block: parameters that one stretch of the log alone tells: their intervals are infinite, for nothing else can
-            say how far to trust it.
-        weights: of each motor's rows, (motors,); of a method that weighs single rows one over each motor's residual.
-        status: "ok", or what is wrong with it: "weak", or "strained" where what is possible lies beyond an interval.
-        notes: sentences a user should read.
-        held: of a method that holds the estimate to what bodies can have: those bodies, the free estimate beside it,
-            and what holds it; None of the others.
-        zero: indices of the parameters that were left out: zero, without deviation.
+        method: of estimation.
+        fit: the unconstrained solution, and the rows as least squares saw them.
+        intervals: covariance estimator.
+        quantities: names, units, values, cluster-robust covariance and degrees of freedom of the base parameters;
+            unbounded where a parameter is excited in a single block, so that its standard error cannot be estimated.
+        classical_covariance: classical, valid for white residuals, (p, p).
+        weights: of each motor's rows, (motors,); of a method that weights single rows one over each motor's residual.
+        status: "ok", "weak" (ill-conditioned), or "strained" where constraints contradict an interval.
+        notes: for the user.
+        held: of a method with inequality constraints: the constrained and the unconstrained estimate, and the active
+            constraints; None of the others.
+        zero: indices of the parameters fixed at zero, without uncertainty.
     """
 
     observation: Observation
     method: Method
     fit: Fit
     intervals: Intervals
-    beta: Array
-    covariance: Array
+    quantities: Quantities
     classical_covariance: Array
-    dof: Array
-    single_block: tuple[int, ...]
     weights: Array
     status: str
     notes: tuple[str, ...]
@@ -113,7 +118,7 @@ class Estimate:
     zero: tuple[int, ...] = ()
 
     def __post_init__(self) -> None:
-        for name in ("beta", "covariance", "classical_covariance", "dof", "weights"):
+        for name in ("classical_covariance", "weights"):
             object.__setattr__(self, name, read_only(getattr(self, name)))
 
     @property
@@ -125,9 +130,14 @@ class Estimate:
         return self.observation.base
 
     @property
-    def quantities(self) -> Quantities:
-        """Base parameters of the unconstrained fit, with covariance and degrees of freedom."""
-        return Quantities(self.base.names, self.base.units, self.free, self.covariance, self.dof, self.single_block)
+    def names(self) -> tuple[str, ...]:
+        """Of the base parameters, (p,)."""
+        return self.quantities.names
+
+    @property
+    def units(self) -> tuple[str, ...]:
+        """Of the base parameters, (p,)."""
+        return self.quantities.units
 
     @property
     def blocks(self) -> tuple[Block, ...]:
@@ -146,7 +156,7 @@ class Estimate:
 
     @property
     def kept(self) -> tuple[int, ...]:
-        """Indices of the parameters that were not left out."""
+        """Indices of the parameters that are not fixed at zero."""
         return tuple(k for k in range(len(self.base)) if k not in self.zero)
 
     @property
@@ -155,34 +165,62 @@ class Estimate:
         return self.held.possible if isinstance(self.held, Constrained) else None
 
     @property
+    def beta(self) -> Array:
+        """Base parameters, (p,), SI."""
+        return self.quantities.values
+
+    @property
+    def covariance(self) -> Array:
+        """Cluster-robust covariance, (p, p)."""
+        return self.quantities.covariance
+
+    @property
+    def dof(self) -> Array:
+        """Degrees of freedom of each interval, (p,)."""
+        return self.quantities.dof
+
+    @property
+    def single_block(self) -> tuple[int, ...]:
+        """Parameters excited in a single block: their standard errors cannot be estimated and are infinite."""
+        return self.quantities.unbounded
+
+    @property
     def se(self) -> Array:
-        """Honest deviations, (p,); infinite for the lonely ones. Of a held estimate, those of the free one."""
-        return deviations(self.covariance, self.single_block)
+        """Cluster-robust standard errors, (p,)."""
+        return self.quantities.se
 
-    @cached_property
+    @property
     def correlation(self) -> Array:
-        """Of the errors of the base parameters, (p, p); NaN beside what has no deviation."""
-        return correlations(self.covariance)
+        """Correlations of the errors, (p, p); NaN next to a zero variance."""
+        return self.quantities.correlation
+
+    def conf_int(self, level: float = LEVEL) -> Array:
+        """Confidence intervals, (p, 2).
+
+        With inequality constraints: by `Profile`, or those of the unconstrained fit, cut at the constraints and widened
+        to the estimate.
+        """
+        if self.held is None:
+            return self.quantities.conf_int(level)
+        if level not in self._constrained_intervals:
+            half = half_width(self.se, self.dof, level)
+            if isinstance(self.intervals, Limiting):
+                ends = self.intervals.limits(self.fit, self.held, half)
+            else:
+                ends = self.held.interval(half)
+            self._constrained_intervals[level] = read_only(ends)
+        return self._constrained_intervals[level]
 
     @cached_property
-    def interval95(self) -> Array:
-        """Honest 95 % intervals, (p, 2)."""
-        if self.held and isinstance(self.intervals, Limiting):
-            return read_only(self.intervals.limits(self.fit, self.held, self._half))
-        if self.held:
-            return read_only(self.held.interval(self._half))
-        return read_only(np.column_stack([self.beta - self._half, self.beta + self._half]))
-
-    @cached_property
-    def _half(self) -> Array:
-        """Half-widths of the 95 % intervals of the free fit, (p,)."""
-        return read_only(stats.t.ppf(0.975, self.dof) * self.se)
+    def _constrained_intervals(self) -> dict[float, Array]:
+        """Those computed so far, by level: each profile is a set of cone programmes."""
+        return {}
 
     @cached_property
     def parameters(self) -> tuple[Parameter, ...]:
         """The estimate, parameter by parameter."""
-        classical, free = np.sqrt(np.diag(self.classical_covariance)), self.held.free if self.held else self.beta
-        constrained_outside_ci = self.held.constrained_outside_ci(self._half) if self.held else ()
+        classical = np.sqrt(np.diag(self.classical_covariance))
+        constrained_outside_ci = self.held.constrained_outside_ci(half_width(self.se, self.dof)) if self.held else ()
         return tuple(
             Parameter(
                 name=name,
@@ -191,52 +229,58 @@ class Estimate:
                 value=float(self.beta[k]),
                 se=float(self.se[k]),
                 classical_se=float(classical[k]),
-                interval=(float(self.interval95[k, 0]), float(self.interval95[k, 1])),
                 prior=self.model.base_prior[k],
-                free=float(free[k]),
+                free=float(self.free[k]),
                 constrained_outside_ci=name in constrained_outside_ci,
+                owner=self,
+                index=k,
             )
-            for k, name in enumerate(self.base.names)
+            for k, name in enumerate(self.names)
         )
 
     def __getitem__(self, name: str) -> Parameter:
         return self.parameters[self.base.names.index(name)]
 
     def spread(self, combinations: Array) -> Spread:
-        """Deviations and degrees of freedom of combinations of base parameters, (q, p), of the free fit."""
+        """Covariance and degrees of freedom of combinations (q, p) of base parameters, of the unconstrained fit."""
         return self.intervals.spread(self.fit, combinations)
 
 
 def estimate(observation: Observation, method: Method, intervals: Intervals | None = None) -> Estimate:
-    """Base parameters with honest intervals.
+    """Estimate base parameters with cluster-robust confidence intervals.
 
     Args:
         observation: the rows.
         method: `OLS()`, `WLS()`, `GLS()`, `PhysicallyConsistent()`, ...
-        intervals: how deviations are made; `ClusterRobust()` where None.
+        intervals: covariance estimator; `ClusterRobust()` where None.
 
     Raises:
-        TooFewRowsError: fewer rows than parameters.
-        UnexcitedError: the log leaves a direction of the parameters in the dark.
-        NoBodyError, UnsolvedError: `PhysicallyConsistent()` finds no bodies.
+        NoRowsError: fewer rows than parameters.
+        IdentifiabilityError: the motion does not excite a direction of the parameters.
+        PhysicalConsistencyError, ConvergenceError: `PhysicallyConsistent()` finds no bodies.
     """
     intervals = intervals or ClusterRobust()
     zero = method.zero(observation) if isinstance(method, Reduced) else ()
     fit = method.fit(observation) if isinstance(method, Fitting) else fitted(observation, method, zero)
     solution, spread = fit.solution, intervals.spread(fit)
     held = method.hold(observation, solution) if isinstance(method, Restricted) else None
-    status, notes = verdict(observation, spread, held, zero)
+    quantities = Quantities(
+        names=observation.base.names,
+        units=observation.base.units,
+        values=held.beta if held else solution.beta,
+        covariance=spread.covariance,
+        dof=spread.dof,
+        unbounded=tuple(int(k) for k in spread.alone),
+    )
+    status, notes = _status_and_notes(observation, quantities, held, zero)
     own = fit.observation is observation
     return Estimate(
         observation=observation,
         method=method,
         fit=fit,
         intervals=intervals,
-        beta=held.beta if held else solution.beta,
-        covariance=spread.covariance,
+        quantities=quantities,
         classical_covariance=solution.classical_covariance(fit.unit_residual),
-        dof=spread.dof,
-        single_block=tuple(int(k) for k in spread.alone),
         weights=fit.weights if own else np.array([WLS().weight(m, solution.beta) for m in observation.motors]),
         status=status,
         notes=notes,
@@ -246,51 +290,38 @@ def estimate(observation: Observation, method: Method, intervals: Intervals | No
 
 
 def fitted(observation: Observation, method: Method, zero: tuple[int, ...]) -> Fit:
-    """Least squares on the rows as the method wants them seen, with what it knows beside them."""
+    """Least squares on the rows as the method transforms them, with its equality constraints and priors."""
     known = method.knowledge(observation) if isinstance(method, Knowing) else None
     seen = rows_of(method, observation)
     weights = method.weights(seen)
     return Fit(seen, weights, solve(seen, weights, zero, known), method.unit_residual)
 
 
-def verdict(
-    observation: Observation, spread: Spread, held: Constrained | BoundedSolution | None, zero: tuple[int, ...]
+def _status_and_notes(
+    observation: Observation, quantities: Quantities, held: Constrained | BoundedSolution | None, zero: tuple[int, ...]
 ) -> tuple[str, tuple[str, ...]]:
-    """The status of an estimate, and the sentences a user should read."""
+    """The status of an estimate, and notes for the user, each once."""
+    notes = list(observation.model.device.notes)
+    for motion in observation.motions:
+        notes += motion.log.notes if motion.log else ()
+    notes = list(dict.fromkeys([*notes, *observation.notes]))
     raw, scaled = observation.condition_without(zero)
-    notes = list(observation_notes(observation))
     status = "ok"
     if scaled > WELL_CONDITIONED:
         status = "weak"
         notes.append(
-            f"The motion tells some parameters apart only weakly (condition number {scaled:.0f} with unit columns, "
-            f"{raw:.0f} raw): trust the torque, and of single parameters only those with a small deviation."
+            f"The regressor is ill-conditioned (condition number {scaled:.0f} with unit columns, {raw:.0f} raw). "
+            f"Torque predictions are reliable; individual parameters only where the standard error is small."
         )
-    if len(spread.alone):
+    if quantities.unbounded:
         status = "weak"
-        names = ", ".join(observation.base.names[k] for k in spread.alone)
+        names = ", ".join(quantities.names[k] for k in quantities.unbounded)
         notes.append(
-            f"One stretch of the log alone tells {names}, so nothing says how far to trust it and the interval is "
-            f"infinite. Record longer, or motion that shows it again and again."
+            f"Excited in a single time block: {names}. The standard error cannot be estimated (interval: unbounded). "
+            f"Record longer, or repeat the motion."
         )
     if held:
-        half = stats.t.ppf(0.975, spread.dof) * deviations(spread.covariance, spread.alone)
+        half = half_width(quantities.se, quantities.dof)
         status = "strained" if held.constrained_outside_ci(half) else status
         notes += held.notes(half)
     return status, tuple(notes)
-
-
-def deviations(covariance: Array, single_block: Sequence[int] | np.ndarray) -> Array:
-    """Square roots of the variances, (p,); infinite for the lonely ones."""
-    se = np.sqrt(np.diag(covariance))
-    se[list(single_block)] = np.inf
-    return se
-
-
-def observation_notes(observation: Observation) -> tuple[str, ...]:
-    """What the values this observation came from have to say, each sentence once."""
-    sentences = list(observation.model.device.notes)
-    for motion in observation.motions:
-        sentences += motion.log.notes if motion.log else ()
-    sentences += observation.notes
-    return tuple(dict.fromkeys(sentences))

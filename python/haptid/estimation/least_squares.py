@@ -1,4 +1,4 @@
-"""The least-squares solution on the triangle, and what the textbooks say of its deviation."""
+"""Least squares on the R factor of the rows, with equality constraints and prior rows, and its classical covariance."""
 
 from __future__ import annotations
 
@@ -8,28 +8,65 @@ from dataclasses import dataclass
 import numpy as np
 from scipy import linalg
 
-from haptid._internal.arrays import Array
-from haptid.errors import TooFewRowsError, UnexcitedError
-from haptid.estimation.knowledge import Knowledge
+from haptid._internal.arrays import Array, expect, read_only
+from haptid.errors import IdentifiabilityError, NoRowsError
 from haptid.observation.observation import Observation
 from haptid.observation.r_factor import triangle
 
-# A direction of the scaled parameters that carries less than this share of the largest one is not in the log.
+# Least ratio of singular values of the R factor with unit columns: below it a direction is not excited.
 EXCITED = 1e-10
 
 
 @dataclass(frozen=True, eq=False)
-class Solution:
-    """Least squares with given motor weights.
+class Knowledge:
+    """Linear constraints and priors on base parameters, A beta = b, exact or with a standard deviation.
 
     Attributes:
-        beta: base parameters, (p,), SI; those held at zero are 0.
-        R: triangle of the weighted rows in the k directions that nothing fixes, (k, k): the parameters themselves,
-            without those held at zero, where nothing else is known exactly.
-        root: those directions times the inverse of R: root root' is (W'W)^-1, (p, k).
+        A: (m, p).
+        b: (m,), SI.
+        std: standard deviation of each, zero where it is exact, (m,).
+    """
+
+    A: Array
+    b: Array
+    std: Array
+
+    def __post_init__(self) -> None:
+        m = np.shape(self.b)[0]
+        expect("A", np.shape(self.A), (m, None))
+        expect("std", np.shape(self.std), (m,))
+        for name in ("A", "b", "std"):
+            object.__setattr__(self, name, read_only(getattr(self, name)))
+
+    @property
+    def exact(self) -> tuple[Array, Array]:
+        """The equality constraints, A and b."""
+        return self.A[self.std == 0], self.b[self.std == 0]
+
+    @property
+    def rows(self) -> Array:
+        """The priors as rows of unit variance, [A b] / sd, (k, p + 1)."""
+        uncertain = self.std > 0
+        return np.asarray(np.column_stack([self.A, self.b])[uncertain] / self.std[uncertain, None])
+
+    @staticmethod
+    def nothing(p: int) -> Knowledge:
+        """No constraint and no prior on p base parameters."""
+        return Knowledge(np.zeros((0, p)), np.zeros(0), np.zeros(0))
+
+
+@dataclass(frozen=True, eq=False)
+class Solution:
+    """Least-squares solution for given motor weights.
+
+    Attributes:
+        beta: base parameters, (p,), SI; those fixed at zero are 0.
+        R: R factor of the weighted rows in the k unconstrained directions, (k, k): without equality constraints these
+            are the parameters themselves, without those fixed at zero.
+        root: the directions times the inverse of R: root root' is (W'W)^-1, (p, k).
         rest: norm of the weighted residual.
-        dof: rows less free directions.
-        pull: of knowledge with deviations, its rows in the coordinates of `root`, (known, k); None where there is none.
+        dof: residual degrees of freedom: rows less unconstrained directions.
+        pull: prior rows in the coordinates of `root`, (known, k); None without a prior.
     """
 
     beta: Array
@@ -40,11 +77,11 @@ class Solution:
     pull: Array | None = None
 
     def classical_covariance(self, unit_residual: bool) -> Array:
-        """Covariance if the residual were white, (p, p).
+        """Classical (nonrobust) covariance, valid for white residuals, (p, p).
 
         Args:
-            unit_residual: the weights were one over the deviations (WLS), so the weighted residual has unit
-                variance; otherwise it is estimated from the residual (Janot et al. 2007, eqs 15 and 16).
+            unit_residual: the weights were one over the residual standard deviations (WLS), so the weighted residual
+                has unit variance; otherwise it is estimated from the residual (Janot et al. 2007, eqs 15 and 16).
         """
         variance = 1.0 if unit_residual else self.rest**2 / self.dof
         return np.asarray(variance * self.root @ self.root.T)
@@ -53,23 +90,28 @@ class Solution:
 def solve(
     observation: Observation, weights: Array, zero: Sequence[int] = (), known: Knowledge | None = None
 ) -> Solution:
-    """Minimise the norm of the rows, each motor's multiplied by its weight.
+    """Minimise the norm of the rows, each motor's multiplied by its weight, subject to constraints.
 
     Args:
         observation: the rows.
         weights: of each motor's rows, (motors,).
-        zero: indices of base parameters that are held at zero.
-        known: of other combinations; those with a deviation count as rows in its units.
+        zero: indices of base parameters fixed at zero.
+        known: equality constraints, and priors that count as rows of unit variance.
 
     Raises:
-        TooFewRowsError: fewer rows than parameters.
-        UnexcitedError: the log leaves a direction of the parameters in the dark.
+        NoRowsError: fewer rows than parameters.
+        IdentifiabilityError: the motion does not excite a direction of the parameters.
     """
     p = len(observation.base)
     kept = [k for k in range(p) if k not in zero]
     known = known or Knowledge.nothing(p)
     if observation.rows <= len(kept):
-        raise TooFewRowsError(observation.rows, len(kept))
+        raise NoRowsError(
+            f"{observation.rows} rows are not enough for {len(kept)} parameters.",
+            found=observation.rows,
+            limit=len(kept),
+            advice="Record a longer motion, or decimate less.",
+        )
     start, free = directions(known, kept)
     change = np.zeros((p + 1, free.shape[1] + 1))
     change[:p, :-1], change[:p, -1], change[p, -1] = free, -start, 1.0
@@ -84,9 +126,9 @@ def solve(
 
 
 def directions(known: Knowledge, kept: Sequence[int]) -> tuple[Array, Array]:
-    """Parameters that meet what is known exactly, (p,), and directions in which they stay free to move, (p, k).
+    """A point that satisfies the equality constraints, (p,), and a basis of their null space, (p, k).
 
-    The directions are the kept parameters themselves where no combination of them is known.
+    The basis is that of the kept parameters themselves where there is no constraint.
     """
     p = known.A.shape[1]
     free = np.eye(p)[:, kept]
@@ -99,11 +141,26 @@ def directions(known: Knowledge, kept: Sequence[int]) -> tuple[Array, Array]:
 
 
 def check_excited(names: Sequence[str], R: Array) -> None:
-    """Raise UnexcitedError, naming the parameter the log says least about, where R is as good as singular."""
-    lengths = np.linalg.norm(R, axis=0)
-    if (lengths == 0).any():
-        raise UnexcitedError(names[int(np.argmin(lengths))], 0.0, EXCITED)
-    _, singular, directions = np.linalg.svd(R / lengths)
-    ratio = float(singular[-1] / singular[0])
+    """Raise IdentifiabilityError, naming the least excited parameter, where R is numerically singular."""
+    k, ratio = weakest(R)
     if ratio < EXCITED:
-        raise UnexcitedError(names[int(np.argmax(np.abs(directions[-1])))], ratio, EXCITED)
+        raise IdentifiabilityError(
+            f"base parameter {names[k]} is not excited by this log: the ratio of singular values of the regressor is "
+            f"{ratio:.1e} (limit {EXCITED:.1e}).",
+            where=names[k],
+            found=ratio,
+            limit=EXCITED,
+            advice="Record motion that moves its link, or leave the term out of the device file.",
+        )
+
+
+def weakest(R: Array) -> tuple[int, float]:
+    """The least excited column of an R factor with columns of unit length, and its ratio of singular values.
+
+    The column with the largest part in the last singular vector; a zero column, and 0, where there is one.
+    """
+    lengths = np.linalg.norm(R, axis=0)
+    if not lengths.all():
+        return int(np.argmin(lengths)), 0.0
+    _, singular, directions = np.linalg.svd(R / lengths)
+    return int(np.argmax(np.abs(directions[-1]))), float(singular[-1] / singular[0])

@@ -1,20 +1,137 @@
-"""What every method of estimation can do, and what some can do besides."""
+"""The protocols of estimation methods, and `Fit`: what a method makes of rows, with its score block by block."""
 
 from __future__ import annotations
 
-from typing import Protocol, runtime_checkable
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import ClassVar, Protocol, runtime_checkable
 
 import numpy as np
 
-from haptid._internal.arrays import Array
-from haptid.errors import MethodSettingError
-from haptid.estimation.fit import Fit
-from haptid.estimation.knowledge import Knowledge
+from haptid._internal.arrays import Array, positive, whole
+from haptid.errors import ConvergenceError, SettingError
+from haptid.estimation.least_squares import Knowledge, Solution
 from haptid.observation.observation import Observation
+
+# Leverage above which a block alone determines a direction: without it the fit is singular.
+ALONE = 1.0 - 1e-6
+# A combination depends on such a block when this share of its variance lies in that direction.
+MOSTLY = 0.1
+# Blocks processed at a time, so that intermediate arrays stay in the caches.
+BATCH = 32
+
+
+@dataclass(frozen=True, eq=False)
+class Moments:
+    """Normal equations and scores of each block of rows, in coordinates g with beta = root g, in which the sum is 1.
+
+    sum G + pull'pull is the unit matrix; the scores s add up to zero.
+
+    Attributes:
+        G: W'W of each cell, (cells, k, k); a cell is one block of one motor, or of all motors.
+        s: W'e of each cell, its score, (cells, k).
+        block: of each cell, (cells,).
+    """
+
+    G: Array
+    s: Array
+    block: np.ndarray
+
+    @cached_property
+    def _high_leverage(self) -> tuple[np.ndarray, Array, Array]:
+        """Cells that may determine a direction alone; eigenvalues (heavy, k) and eigenvectors in columns of their G.
+
+        No eigenvalue is larger than the Frobenius norm, so most cells need no eigendecomposition.
+        """
+        cells = np.flatnonzero(np.einsum("bij,bij->b", self.G, self.G) > ALONE**2)
+        values, vectors = np.linalg.eigh(self.G[cells])
+        return cells, values, vectors
+
+    @cached_property
+    def leave_out_shifts(self) -> Array:
+        """Change of g when each cell is left out, with opposite sign, (1 - G)^-1 s, (cells, k)."""
+        heavy, values, vectors = self._high_leverage
+        light = np.setdiff1d(np.arange(len(self.s)), heavy)
+        shrink = 1.0 / (1.0 - np.minimum(values, ALONE))
+        shifts = np.empty_like(self.s)
+        shifts[heavy] = np.einsum("bij,bj->bi", vectors, np.einsum("bij,bi->bj", vectors, self.s[heavy]) * shrink)
+        eye = np.eye(self.s.shape[1])
+        for few in np.array_split(light, 1 + len(light) // BATCH):
+            shifts[few] = np.linalg.solve(eye - self.G[few], self.s[few, :, None])[..., 0]
+        return shifts
+
+    def alone(self, combinations: Array) -> np.ndarray:
+        """Combinations (q, k) of g that only a single cell excites, as indices."""
+        _, values, vectors = self._high_leverage
+        cells = np.flatnonzero((values > ALONE).any(axis=1))
+        single = np.where(values[cells, None] > ALONE, np.abs(combinations @ vectors[cells]), 0.0)
+        return np.flatnonzero(((single**2).sum(axis=2) > MOSTLY * (combinations**2).sum(axis=1)).any(axis=0))
+
+    def shares(self, combinations: Array) -> Array:
+        """Share of each cell in the information on combinations (q, k) of g, (cells, q)."""
+        return np.asarray(np.einsum("bqj,qj->bq", combinations @ self.G, combinations))
+
+
+@dataclass(frozen=True, eq=False)
+class Fit:
+    """A solution and the rows it was computed from.
+
+    Attributes:
+        observation: the rows as least squares saw them: whitened or weighted one by one where the method does that.
+        weights: of each motor's rows, (motors,).
+        solution: of these rows with these weights.
+        unit_residual: whether the weighted residual has unit variance; otherwise its variance is estimated.
+        noise: expected W'W of noise in the columns, subtracted from every motor's blocks of [W y]'[W y], each
+            (blocks, p + 1, p + 1) over all base parameters; None where columns are exact.
+    """
+
+    observation: Observation
+    weights: Array
+    solution: Solution
+    unit_residual: bool
+    noise: Sequence[Array] | None = None
+
+    @cached_property
+    def moments(self) -> Moments:
+        """Of every block of every motor that has rows."""
+        blocks, G, s = zip(*self._cells(), strict=True)
+        return Moments(np.concatenate(G), np.concatenate(s), np.concatenate(blocks))
+
+    @cached_property
+    def pooled_moments(self) -> Moments:
+        """Of every block of time, summed over motors."""
+        many, k = len(self.observation.blocks), self.solution.root.shape[1]
+        G, s, there = np.zeros((many, k, k)), np.zeros((many, k)), np.zeros(many, dtype=bool)
+        for blocks, here, score in self._cells():
+            G[blocks] += here
+            s[blocks] += score
+            there[blocks] = True
+        return Moments(G[there], s[there], np.flatnonzero(there))
+
+    def _cells(self) -> Iterator[tuple[np.ndarray, Array, Array]]:
+        """Indices of some blocks of one motor, and their G and s."""
+        solution = self.solution
+        for m, (motor, weight) in enumerate(zip(self.observation.motors, self.weights, strict=True)):
+            filled = np.flatnonzero(motor.rows > 0)
+            for blocks in np.array_split(filled, 1 + len(filled) // BATCH):
+                T = motor.triangles[blocks] * weight
+                U = T[:, :, :-1] @ solution.root[motor.columns]
+                e = T[:, :, -1] - T[:, :, :-1] @ solution.beta[motor.columns]
+                G, s = U.transpose(0, 2, 1) @ U, np.einsum("bij,bi->bj", U, e)
+                if self.noise is not None:
+                    N = self.noise[m][blocks]
+                    G = G - solution.root.T @ N[:, :-1, :-1] @ solution.root
+                    s = s - (N[:, :-1, -1] - N[:, :-1, :-1] @ solution.beta) @ solution.root
+                yield blocks, G, s
+
+    def combined(self, combinations: Array | None) -> Array:
+        """Combinations (q, p) of base parameters in the coordinates of `moments`, (q, k); of each one where None."""
+        return self.solution.root if combinations is None else combinations @ self.solution.root
 
 
 class Method(Protocol):
-    """How rows are weighted: a small frozen type, its settings its fields."""
+    """An estimation method: how rows are weighted. A small frozen dataclass whose fields are its settings."""
 
     @property
     def name(self) -> str:
@@ -22,7 +139,7 @@ class Method(Protocol):
 
     @property
     def unit_residual(self) -> bool:
-        """Whether the weighted residual has unit variance, or its variance is still to be estimated."""
+        """Whether the weighted residual has unit variance; otherwise its variance is estimated."""
 
     def weights(self, observation: Observation) -> Array:
         """Weight of each motor's rows, (motors,)."""
@@ -30,15 +147,15 @@ class Method(Protocol):
 
 @runtime_checkable
 class ByRows(Method, Protocol):
-    """A method that changes single rows before they are folded, such as `GLS` and `IRLS`."""
+    """A method that transforms single rows before they are reduced to R factors, such as `GLS` and `IRLS`."""
 
     def rows(self, observation: Observation) -> Observation:
-        """The rows as least squares is to see them; `weights` is asked of these."""
+        """The transformed rows, to which `weights` applies."""
 
 
 @runtime_checkable
 class Reduced(Method, Protocol):
-    """A method that holds some base parameters at zero, such as `FixedAtZero`."""
+    """A method that fixes some base parameters at zero, such as `FixedAtZero`."""
 
     def zero(self, observation: Observation) -> tuple[int, ...]:
         """Their indices."""
@@ -46,22 +163,22 @@ class Reduced(Method, Protocol):
 
 @runtime_checkable
 class Knowing(Method, Protocol):
-    """A method that knows combinations of parameters beside the rows, such as `EqualityConstraints` and `Ridge`."""
+    """A method with equality constraints or priors, such as `EqualityConstraints` and `Ridge`."""
 
     def knowledge(self, observation: Observation) -> Knowledge:
-        """What it knows."""
+        """The constraints and priors."""
 
 
 @runtime_checkable
 class Fitting(Method, Protocol):
-    """A method whose solution is not that of least squares on triangles, such as `TLS`."""
+    """A method whose solution is not that of least squares on R factors, such as `TLS`."""
 
     def fit(self, observation: Observation) -> Fit:
-        """Its solution, and what each block adds to it."""
+        """Its solution and the score of each block."""
 
 
 def rows_of(method: Method, observation: Observation) -> Observation:
-    """The rows as least squares is to see them."""
+    """The rows as least squares sees them."""
     return method.rows(observation) if isinstance(method, ByRows) else observation
 
 
@@ -70,47 +187,85 @@ class _Weighting(Protocol):
     def weighting(self) -> Method: ...
 
 
-class Around:
-    """What a method around another takes from it: how rows are seen and weighed. The other is its field `weighting`."""
+class Wrapper:
+    """Base of methods that add constraints or penalties to another method, their field `weighting`."""
 
     @property
     def unit_residual(self: _Weighting) -> bool:
-        """Whether the weighted residual has unit variance, or its variance is still to be estimated."""
+        """As of the wrapped method."""
         return self.weighting.unit_residual
 
     def rows(self: _Weighting, observation: Observation) -> Observation:
-        """As the other method sees them."""
+        """As the wrapped method transforms them."""
         return rows_of(self.weighting, observation)
 
     def weights(self: _Weighting, observation: Observation) -> Array:
-        """Those of the other method, (motors,)."""
+        """Those of the wrapped method, (motors,)."""
         return self.weighting.weights(observation)
 
 
-class UnitRows:
-    """What methods have in common whose rows come in units of their own deviation."""
+class UnitVarianceRows:
+    """Base of methods whose rows are scaled to unit variance already."""
 
-    @property
-    def unit_residual(self) -> bool:
-        """The weighted residual has unit variance."""
-        return True
+    unit_residual: ClassVar[bool] = True
 
     def weights(self, observation: Observation) -> Array:
-        """Rows have their unit already, (motors,)."""
+        """One for each motor, (motors,)."""
         return np.ones(len(observation.motors))
 
 
 def only_weighs(method: Method) -> bool:
-    """Whether a method does no more than weigh rows: it does not reduce, hold or know parameters."""
+    """Whether a method does no more than weight rows: no constraints, priors or fixed parameters."""
     return not (isinstance(method, Reduced | Knowing | Fitting) or hasattr(method, "hold"))
 
 
+def setting_error(owner: str, name: str, value: object, wanted: str) -> SettingError:
+    """The error for a setting of a method or of intervals that has no meaning."""
+    return SettingError(f"{owner}: {name} is {value!r}; write {wanted}.", where=name, found=value, limit=wanted)
+
+
+def not_converged(method: str, passes: int, name: str, moved: float, limit: float) -> ConvergenceError:
+    """The error for a fixed-point iteration whose last pass moved parameter `name` by `moved` standard errors."""
+    return ConvergenceError(
+        f"{method} has not converged after {passes} passes: the last one moved {name} by {moved:.2g} standard errors "
+        f"(limit {limit:g}).",
+        where=name,
+        found=moved,
+        limit=limit,
+        advice="Allow more passes with `most`, or a larger `tolerance`; or begin nearer with another `start`.",
+    )
+
+
 def expect_weighting(owner: str, method: Method) -> None:
-    """Raise MethodSettingError unless a method does no more than weigh rows.
+    """Check that a method does no more than weight rows.
 
     Raises:
-        MethodSettingError: it reduces, holds or knows parameters, which the method around it would not hear of.
+        SettingError: it constrains or fixes parameters or has a prior, which the wrapping method would ignore.
     """
     if not only_weighs(method):
-        wanted = "a method that only weighs rows: OLS, WLS, SUR, GLS, IRLS or Heteroscedastic"
-        raise MethodSettingError(owner, "weighting", method.name, wanted)
+        wanted = "a method that only weights rows: OLS, WLS, SUR, GLS, IRLS or Heteroscedastic"
+        raise setting_error(owner, "weighting", method.name, wanted)
+
+
+def expect_whole(owner: str, name: str, value: object, least: int) -> None:
+    """Check that a setting is a whole number of at least `least`.
+
+    Raises:
+        SettingError: it is not.
+    """
+    if not (whole(value) and value >= least):  # type: ignore[operator]
+        raise setting_error(owner, name, value, f"a whole number, {least} or more")
+
+
+def expect_positive(owner: str, name: str, value: object, otherwise: str = "") -> None:
+    """Check that a setting is a finite number above zero.
+
+    Args:
+        owner, name, value: of the setting.
+        otherwise: what else is allowed, for the message.
+
+    Raises:
+        SettingError: it is not.
+    """
+    if not positive(value):
+        raise setting_error(owner, name, value, f"a finite number above zero{otherwise}")

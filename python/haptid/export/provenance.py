@@ -90,7 +90,7 @@ def provenance(
         )
     if isinstance(identified, Estimate):
         hashes = dict.fromkeys(motion.log.sha256 for motion in identified.observation.motions if motion.log)
-        known = (identified.interval95, identified.covariance)
+        known = (identified.conf_int(), identified.covariance)
         return Provenance(identified.model, identified.beta, *known, tuple(hashes), verdict, identified.zero)
     model, beta = identified
     expect("beta", np.shape(beta), (len(model.base),))

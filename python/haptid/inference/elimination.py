@@ -26,7 +26,7 @@ from haptid._internal.arrays import Array, positive
 from haptid.errors import SettingError
 from haptid.estimation.estimate import Estimate, Restricted, estimate
 from haptid.estimation.least_squares import EXCITED
-from haptid.estimation.methods.zeroed import FixedAtZero
+from haptid.estimation.methods.constrained import FixedAtZero
 from haptid.motion.treatment import Motion
 from haptid.observation.observation import Observation, observe
 from haptid.validation.validation import Validation, direct, validate
@@ -173,7 +173,7 @@ class Elimination:
         for k in self.reduced.kept:
             p = self.reduced.parameters[k]
             lines.append(
-                f"  {p.name:8s} {p.value:11.4g} {p.unit:10s} {p.interval[0]:11.4g} .. {p.interval[1]:.4g}, "
+                f"  {p.name:8s} {p.value:11.4g} {p.unit:10s} {p.conf_int()[0]:11.4g} .. {p.conf_int()[1]:.4g}, "
                 f"{p.relative_se:.2g} %, changed by {self.shift[k]:+.2f} standard errors"
             )
         for kind, both in (("rows of the fit", self.seen), ("unseen rows", self.unseen)):

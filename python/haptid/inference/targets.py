@@ -110,7 +110,7 @@ class Targets:
     @cached_property
     def parameters(self) -> tuple[Parameter, ...]:
         """The targets one by one, as an estimate has its base parameters."""
-        classical, ends = np.sqrt(np.diag(self.classical_covariance)), self.conf_int()
+        classical = np.sqrt(np.diag(self.classical_covariance))
         constrained_outside_ci = np.abs(self.value - self.free) > half_width(self.se, self.dof)
         return tuple(
             Parameter(
@@ -120,10 +120,11 @@ class Targets:
                 value=float(self.value[k]),
                 se=float(self.se[k]),
                 classical_se=float(classical[k]),
-                interval=(float(ends[k, 0]), float(ends[k, 1])),
                 prior=self.prior[k],
                 free=float(self.free[k]),
                 constrained_outside_ci=bool(constrained_outside_ci[k]),
+                owner=self,
+                index=k,
             )
             for k, name in enumerate(self.names)
         )
@@ -151,7 +152,7 @@ class Targets:
                 "" if p.prior is None else f"{p.prior[0]:.4g}",
                 f"{p.value:.4g}",
                 f"{p.se:.2g}",
-                f"{p.interval[0]:.4g} .. {p.interval[1]:.4g}",
+                f"{p.conf_int()[0]:.4g} .. {p.conf_int()[1]:.4g}",
                 p.unit,
             )
             for p in self.parameters

@@ -23,7 +23,7 @@ LEAST_STRETCH = 4096
 
 @dataclass(frozen=True)
 class Signal:
-    """Which channels are the positions, or the torques: SI = scale of the unit * gain * raw + offset.
+    """Channels of the positions or of the torques, with their unit and scaling: SI = unit * gain * raw + offset.
 
     Attributes:
         channels: name in the file of each, in the order of the device's active joints or motors.

@@ -15,9 +15,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from haptid._internal.arrays import Array, freeze
-from haptid.errors import LogChannelError, LogFileError, listed
+from haptid.errors import LogChannelError, LogFileError
 from haptid.log import checks, resampling, units
-from haptid.log.formats.sniff import Column, block_of, empty, guess
+from haptid.log.formats.sniff import Column, block_of, channel_list, empty, guess
 from haptid.log.lazy import MotionProfile, SignalOnDisk, Source, as_array
 from haptid.log.log import Channels, Log, Signal
 
@@ -154,12 +154,12 @@ def _inaccessible(path: Path, why: str) -> LogFileError:
 def _missing(path: Path, name: str, names: Sequence[str]) -> LogChannelError:
     """Error of a channel that a file does not have."""
     parts = [n for n in names if name in (n.rpartition("[")[0], n.split("[")[0].rpartition(".")[2])]
-    close = listed(parts, 3) if parts else ", ".join(difflib.get_close_matches(name, names, n=3, cutoff=0.6))
+    close = channel_list(parts, 3) if parts else ", ".join(difflib.get_close_matches(name, names, n=3, cutoff=0.6))
     return LogChannelError(
         f"{path} has no channel {name!r}.",
         where=name,
         limit=tuple(names),
-        advice=(f"Closest: {close}. " if close else "") + f"Channels of this file: {listed(names)}.",
+        advice=(f"Closest: {close}. " if close else "") + f"Channels of this file: {channel_list(names)}.",
     )
 
 

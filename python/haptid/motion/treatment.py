@@ -19,7 +19,7 @@ import numpy as np
 from scipy import ndimage, signal
 
 from haptid._internal.arrays import Array, expect, freeze, positive, read_only, whole
-from haptid.errors import MissingAccelerationError, MotionTooShortError
+from haptid.errors import MissingAccelerationError, MotionTooShortError, TreatmentError
 from haptid.log import Log, OnDisk, as_array
 from haptid.motion.filters import (
     DIFFERENCES,
@@ -204,7 +204,11 @@ class Motion:
             for name, array in (("q", self.q), ("tau", self.tau)):
                 if not np.isfinite(array).all():
                     first = int(np.argmin(np.isfinite(array).all(axis=1)))
-                    raise bad_setting(f"{name} at sample {first}", array[first].tolist(), "finite numbers")
+                    raise TreatmentError(
+                        f"{name} at sample {first} is {array[first].tolist()}, not finite.",
+                        where=(name, first),
+                        found=array[first].tolist(),
+                    )
         if self.rates is not None:
             rates = tuple(read_only(rate) for rate in self.rates)
             for name, rate in zip(("qd", "qdd"), rates, strict=True):

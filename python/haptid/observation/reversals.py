@@ -8,7 +8,8 @@ from functools import lru_cache
 import numpy as np
 
 from haptid._internal.arrays import Array
-from haptid.device.terms.term import DRY, TermColumn
+from haptid.device.terms.friction import DRY
+from haptid.device.terms.term import TermColumn
 from haptid.dynamics.model import DynamicModel
 
 # Smoothed models that are cached: a stream requires one at every sample.

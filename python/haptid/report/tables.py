@@ -70,7 +70,7 @@ def show_identification(console: Console, found: Identification) -> None:
 def searched_table(projection: VariableProjection) -> Table:
     """Nonlinear constants with their 95 % intervals; grey where the log does not bound them."""
     rows = [
-        ([c.name, f"{c.value:.4g}", " .. ".join(f"{end:.3g}" for end in c.interval), c.unit], not c.bounded)
+        ([c.name, f"{c.value:.4g}", " .. ".join(f"{end:.3g}" for end in c.conf_int()), c.unit], not c.bounded)
         for c in projection.constants
     ]
     return table("Nonlinear constants", ("", "value", "95 % interval", "unit"), rows, left=("unit",))
@@ -84,7 +84,7 @@ def parameter_table(title: str, parameters: Sequence[Parameter]) -> Table:
 
 def parameter_cells(p: Parameter) -> list[str]:
     """One row of the table, to two digits of the standard error; none for a value constrained outside its interval."""
-    low, high = (with_digits(end, p.se) for end in p.interval)
+    low, high = (with_digits(end, p.se) for end in p.conf_int())
     return [
         p.name,
         f"{p.value:.4g}" if p.constrained_outside_ci else with_digits(p.value, p.se),

@@ -16,8 +16,7 @@ from pydantic import Field, PrivateAttr, ValidationError
 
 from haptid._core import __version__
 from haptid._internal.arrays import Array, freeze
-from haptid.device.toml.reader import device_of
-from haptid.device.toml.tables import checked
+from haptid.device.toml.reader import checked, device_of
 from haptid.dynamics.base_parameters import BaseParameters
 from haptid.dynamics.model import DynamicModel
 from haptid.end_effector.characterisation.model import GivenParameters
@@ -315,7 +314,7 @@ def _constants(projection: VariableProjection | None) -> Iterator[NonlinearConst
             unit=constant.unit,
             value=constant.value,
             se=constant.se,
-            conf_int=constant.interval,
+            conf_int=constant.conf_int(),
             range=(constant.low, constant.high),
         )
 

@@ -133,7 +133,7 @@ class ResultParameter(Quantity):
             value=p.value,
             se=p.se,
             dof=float(dof),
-            conf_int=p.interval,
+            conf_int=p.conf_int(),
             unconstrained=p.free,
             classical_se=p.classical_se,
             relative_se_percent=p.relative_se,

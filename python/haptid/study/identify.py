@@ -14,7 +14,7 @@ from haptid.device import read_device
 from haptid.dynamics.model import DynamicModel
 from haptid.estimation import Estimate, estimate
 from haptid.estimation.nonlinear import VariableProjection
-from haptid.estimation.nonlinear.linearise import settled, unsettled
+from haptid.estimation.nonlinear.load_friction import settled, unsettled
 from haptid.log import Log, is_long, open_log, read_log
 from haptid.motion.treatment import Motion, Treatment, treat
 from haptid.observation.batch import observe_all

@@ -40,8 +40,8 @@ from haptid.estimation import (
     StudentT,
     Tukey,
 )
-from haptid.estimation.methods.entropic import Entropic
-from haptid.estimation.methods.simulating import ClosedLoop
+from haptid.estimation.methods.regularised import Entropic
+from haptid.estimation.methods.simulation_based import ClosedLoop
 from haptid.simulation import PID
 from haptid.study.schema import EstimateTable, fault
 

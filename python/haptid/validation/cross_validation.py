@@ -7,7 +7,7 @@ from collections.abc import Iterator, Sequence
 from haptid.dynamics.model import DynamicModel
 from haptid.estimation import Method, estimate
 from haptid.estimation.nonlinear import EveryOther
-from haptid.estimation.nonlinear.linearise import settled
+from haptid.estimation.nonlinear.load_friction import settled
 from haptid.motion.treatment import Motion
 from haptid.observation.observation import observe
 from haptid.validation.validation import Validation, pooled, validate

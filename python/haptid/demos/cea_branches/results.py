@@ -103,7 +103,7 @@ class Identified:
 
     def inside(self, name: str) -> bool:
         """Whether the true value is inside the 95 % interval of an essential parameter."""
-        low, high = self.reduced[name].interval
+        low, high = self.reduced[name].conf_int()
         return low <= self.true(name) <= high
 
 

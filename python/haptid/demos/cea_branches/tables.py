@@ -24,7 +24,7 @@ def parameters(found: Identified) -> Cells:
     for name in found.table.rows:
         p = found.reduced[name]
         known = [f"{found.table.figures[name, column]:g}" for column in found.table.columns]
-        low, high = p.interval
+        low, high = p.conf_int()
         ours = ["left out", "", ""]
         if name in found.reduction.essential:
             ours = [f"{p.value:.5f}", f"{p.relative_se:.2f}", f"{low:.5f} .. {high:.5f}"]
@@ -176,9 +176,9 @@ def _branch(found: Results, key: str) -> dict[str, Any]:
 def _parameter(one: Identified, name: str) -> dict[str, Any]:
     full, reduced = one.full[name], one.reduced[name]
     made: dict[str, Any] = {"unit": full.unit, "true": one.true(name)}
-    made["full"] = {"value": full.value, "sd": full.se, "interval95": full.interval}
+    made["full"] = {"value": full.value, "sd": full.se, "interval95": full.conf_int()}
     if name in one.reduction.essential:
-        made["essential"] = {"value": reduced.value, "sd": reduced.se, "interval95": reduced.interval}
+        made["essential"] = {"value": reduced.value, "sd": reduced.se, "interval95": reduced.conf_int()}
     return made
 
 

@@ -265,7 +265,9 @@ def _comparisons(found: Results) -> DocumentSection:
 
 def torques(fit: Fit, seconds: float, beta: Array | None = None) -> tuple[Array, Array, Array]:
     """Times (rows,), measured and predicted command (motors, rows) of the first seconds of the unseen half."""
-    estimate = fit.estimate if beta is None else replace(fit.estimate, beta=beta)
+    given = fit.estimate.quantities
+    given = given if beta is None else replace(given, values=beta)
+    estimate = replace(fit.estimate, quantities=given)
     made, scale = predict(estimate, beginning(fit.unseen, seconds)), per_command(fit.estimate.model)[:, None]
     return made.t, scale * made.measured, scale * made.predicted
 

@@ -154,7 +154,7 @@ def _parameters(found: Results) -> list[list[Any]]:
         for name, fit in fits.by.items():
             for p, command in zip(fit.targets.parameters, fit.command.value.tolist(), strict=True):
                 known = found.demo.parameters.figures.get((p.name, key), "")
-                lines.append([key, name, p.name, p.unit, p.value, p.se, *p.interval, true[p.name], known, command])
+                lines.append([key, name, p.name, p.unit, p.value, p.se, *p.conf_int(), true[p.name], known, command])
     return lines
 
 
@@ -194,7 +194,7 @@ def _mounting(found: Results, fits: Fits) -> dict[str, Any]:
             "relative_error_percent": fit.relative,
             "relative_error_percent_all_rows": fit.relative_everywhere,
             "parameters": [
-                {"name": p.name, "unit": p.unit, "value": p.value, "sd": p.se, "interval95": p.interval}
+                {"name": p.name, "unit": p.unit, "value": p.value, "sd": p.se, "interval95": p.conf_int()}
                 for p in fit.targets.parameters
             ],
         }

@@ -1,1 +1,1 @@
-"""Loop closure: how passive joints follow the active ones."""
+"""Loop closure: positions and rates of the passive joints as functions of the active ones."""

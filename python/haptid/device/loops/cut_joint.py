@@ -1,4 +1,4 @@
-"""Joints that were cut, as joints that terms act on: how the twin frame turns, or slides, seen from the other frame."""
+"""Named cut joints, on which terms act: position and rates of the twin frame relative to the other frame."""
 
 from __future__ import annotations
 
@@ -14,8 +14,8 @@ from haptid.device.geometry import joint_poses
 from haptid.device.loops.from_toml import nearest, relation_text
 from haptid.device.loops.linear import Closure
 from haptid.device.loops.newton import NewtonClosure
-from haptid.device.toml.place import Place
-from haptid.errors import CutRateError
+from haptid.device.toml.errors_at import Place
+from haptid.errors import DeviceFileError
 
 # Random poses at which the rates of a cut joint are compared.
 POSES = 8
@@ -25,14 +25,14 @@ SAME = 1e-6
 
 @dataclass(frozen=True, eq=False)
 class CutJoint:
-    """A joint that was cut and has a name: its position is that of the twin frame in the other, along or about z.
+    """A cut joint that has a name: its position is that of the twin frame in the other, along or about z.
 
     Attributes:
         name: of the joint.
         prismatic: whether it slides.
         row: its position as a combination of the active joints' positions, (active,).
         offset: its position where they are zero, rad, within half a turn of zero, or m.
-        relation: readable, such as "q10 = -q2 + q5".
+        relation: as text, such as "q10 = -q2 + q5".
     """
 
     name: str
@@ -55,7 +55,7 @@ def cut_joints(
     """The cuts that have a name, in the file's order.
 
     Raises:
-        CutRateError: the rates of one by the active joints vary with the pose.
+        DeviceFileError: the rates of one by the active joints vary with the pose.
     """
     named = [cut for cut in closure.cuts if cut.name is not None]
     if not named:
@@ -69,7 +69,14 @@ def cut_joints(
         rates = _rates(joints, cut, links, G)
         spread = float(np.ptp(rates, axis=0).max())
         if spread > SAME:
-            raise CutRateError(str(place), str(cut.name), spread, SAME)
+            raise DeviceFileError(
+                f"{place}: the cut joint {cut.name} has a name, but its rates by the active joints vary with the pose, "
+                f"by {spread:.3g} (limit {SAME:.0e}), so that terms cannot act on it.",
+                where=place.key,
+                found=spread,
+                limit=SAME,
+                advice="Remove its name, or cut the loop at another joint and list this one in joints.",
+            )
         made.append(_joint(joints, active, cut, rates[0], float(_position(cut, links)[0]), qa[:, 0]))
     return tuple(made)
 
@@ -77,7 +84,7 @@ def cut_joints(
 def _joint(
     joints: Sequence[Joint], active: tuple[int, ...], cut: Cut, rates: Array, position: float, qa: Array
 ) -> CutJoint:
-    """A cut joint from its rates, and from its position at one pose of the active joints; rounding is taken off."""
+    """A cut joint from its rates, and its position at one pose of the active joints; rounded to simple fractions."""
     row = np.array([nearest(float(rate), 1 / 12) for rate in rates])
     offset = position - float(row @ qa)
     if not cut.prismatic:
@@ -89,7 +96,7 @@ def _joint(
 
 
 def _position(cut: Cut, links: Array) -> Array:
-    """Angle of the twin frame's x axis, or place of its origin, in the other frame, (n,), where links are at poses."""
+    """Angle of the twin frame's x axis, or position of its origin, in the other frame, (n,), from poses of links."""
     frame, twin = (_pose(at, links) for at in (cut.frame, cut.twin))
     if cut.prismatic:
         return np.asarray(np.einsum("ni,ni->n", frame[:, :3, 2], twin[:, :3, 3] - frame[:, :3, 3]))
@@ -98,7 +105,7 @@ def _position(cut: Cut, links: Array) -> Array:
 
 
 def _rates(joints: Sequence[Joint], cut: Cut, links: Array, G: Array) -> Array:
-    """Rates of a cut joint by active joint, (n, active): the twin's along or about the common axis, less the other's.
+    """Rates of a cut joint, (n, active): those of the twin frame along or about the common axis, less the other's.
 
     Args:
         joints: of the tree.

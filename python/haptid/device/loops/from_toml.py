@@ -1,4 +1,4 @@
-"""Loops: how passive joints follow active ones, by relations that are given or derived from joints cut."""
+"""The [[loops]] of a device file: relations that are given, or derived from cut joints."""
 
 from __future__ import annotations
 
@@ -12,24 +12,16 @@ from haptid._internal.arrays import Array
 from haptid.device.device import Cut, Joint
 from haptid.device.expressions import Linear, relation
 from haptid.device.geometry import Reader, frame_on
-from haptid.device.loops.assembly import Branch, Chain, find_branches
-from haptid.device.loops.assembly_mode import newton_closure
-from haptid.device.loops.linear import Closure
-from haptid.device.loops.newton import NewtonClosure
-from haptid.device.toml.place import Place
+from haptid.device.loops.chain import Chain
+from haptid.device.loops.linear import Closure, LinearMotion, find_linear_motions
+from haptid.device.loops.newton import NewtonClosure, newton_closure, open_loops
+from haptid.device.toml.errors_at import Place
 from haptid.device.toml.schema import CutTable, LoopTable
-from haptid.errors import (
-    ActiveJointError,
-    DuplicateNameError,
-    LoopOpenError,
-    RelationError,
-    UndeterminedLoopError,
-    UnknownDeviceNameError,
-)
+from haptid.errors import DeviceFileError
 
-# A loop closes where its gap stays below this share of the mechanism's size.
+# A loop is closed if its gap stays below this share of the mechanism's size.
 CLOSED = 1e-6
-# Constants this close to a multiple of pi / 12, rates this close to one of 1 / 12, are taken as that.
+# Constants this close to a multiple of pi / 12, and rates this close to one of 1 / 12, are rounded to it.
 NICE = 1e-9
 # Random poses at which closure is tested.
 POSES = 100
@@ -41,10 +33,10 @@ class Loops:
 
     Attributes:
         passive: indices of the joints that loops move.
-        known: what relations say of passive joints, as joint index -> linear in symbols q<name>.
+        known: relations of passive joints, joint index -> linear in symbols q<name>.
         cuts: joints cut.
-        guess: wanted positions of passive joints, roughly, where the active joints are `at`.
-        at: positions of active joints, those not named at zero.
+        guess: rough positions of passive joints where the active joints are `at`.
+        at: positions of active joints; others are at zero.
         place: of the loops in the file.
     """
 
@@ -72,10 +64,8 @@ def read_loops(
         for i, text in enumerate(table.relations):
             symbol, linear = relation(text, [f"q{name}" for name in index], reader.lengths, here.at("relations", i))
             if index[symbol[1:]] in known:
-                raise RelationError(
-                    str(here.at("relations", i)),
-                    f"{symbol} already has a relation",
-                    "Keep one for each passive joint.",
+                raise here.at("relations", i).error(
+                    f"{symbol} already has a relation", "Keep one for each passive joint."
                 )
             known[index[symbol[1:]]] = linear
             named.append((symbol[1:], here.at("relations", i)))
@@ -88,28 +78,20 @@ def read_loops(
             _refuse_taken(table.cut.name, index, cuts, here.at("cut", "name"))
             cuts.append(_cut(table.cut, joints, base, reader, here.at("cut")))
         elif not table.relations:
-            raise RelationError(
-                str(here),
-                "this loop has neither relations nor a cut",
-                'Add relations = ["q3 = ..."] or cut = {...}.',
+            raise here.error(
+                "this loop has neither relations nor a cut", 'Add relations = ["q3 = ..."] or cut = {...}.'
             )
         elif missing := [name for name in table.passive if index[name] not in known]:
-            raise RelationError(
-                str(here),
-                f"nothing says how {', '.join(missing)} move",
-                f'Add "q{missing[0]} = ..." to its relations.',
+            raise here.error(
+                f"nothing says how {', '.join(missing)} move", f'Add "q{missing[0]} = ..." to its relations.'
             )
     for j in guess:
         if j not in passive:
-            raise RelationError(
-                str(place),
-                f"guess names joint {joints[j].name}, which no loop moves",
-                "Guess passive joints only.",
-            )
+            raise place.error(f"guess names joint {joints[j].name}, which no loop moves", "Guess passive joints only.")
     for j in at:
         if j in passive:
             found = f"at names joint {joints[j].name}, which a loop moves"
-            raise RelationError(str(place), found, "Place active joints there, and passive ones under guess.")
+            raise place.error(found, "Place active joints there, and passive ones under guess.")
     return Loops(tuple(sorted(passive)), known, tuple(cuts), guess, at, place)
 
 
@@ -119,34 +101,32 @@ def active_joints(
     """Indices of the independent joints: those that no loop moves.
 
     Raises:
-        ActiveJointError: a joint is declared active but a loop moves it, or passive and no loop moves it.
+        DeviceFileError: a joint is declared active but a loop moves it, or passive and no loop moves it.
     """
     for j, (joint, active) in enumerate(zip(joints, declared, strict=True)):
-        at = str(place.at(j, "active"))
+        at = place.at(j, "active")
         if active and j in loops.passive:
             found = "is declared active, but is a passive joint of a loop"
-            raise ActiveJointError(at, joint.name, found, "Remove active = true, or the joint from the loop.")
+            raise at.error(f'joint "{joint.name}" {found}', "Remove active = true, or the joint from the loop.")
         if active is False and j not in loops.passive:
             found = "is declared passive, but no loop says how it moves"
-            raise ActiveJointError(at, joint.name, found, "Add it to a loop's passive list, or give it a relation.")
+            raise at.error(f'joint "{joint.name}" {found}', "Add it to a loop's passive list, or give it a relation.")
     return tuple(j for j in range(len(joints)) if j not in loops.passive)
 
 
 def close(
     joints: Sequence[Joint], active: tuple[int, ...], loops: Loops
 ) -> tuple[Closure | NewtonClosure, tuple[str, ...]]:
-    """How all joints follow the active ones, and what is worth noting about the choice.
+    """The loop closure, and notes on how it was chosen.
 
     Raises:
-        LoopOpenError: the cuts do not close.
-        UndeterminedLoopError: they leave a passive joint free.
-        LoopBranchError: they close in several ways that are not linear, and nothing chooses.
-        SingularLoopError: they are singular at the start pose.
-        RelationError: the relations do not settle the joints on their left.
+        LoopClosureError: the cuts do not close, or close in several assembly modes and nothing chooses.
+        SingularityError: they are singular at the start pose.
+        DeviceFileError: cuts or relations do not determine the passive joints.
     """
     names = [joint.name for joint in joints]
-    G, offset, settled = _from_relations(names, active, loops)
-    unknown = [j for j in loops.passive if j not in settled]
+    G, offset, solved = _from_relations(names, active, loops)
+    unknown = [j for j in loops.passive if j not in solved]
     notes: tuple[str, ...] = ()
     error = 0.0
     if loops.cuts:
@@ -156,12 +136,12 @@ def close(
         if unknown:
             G, offset, left, notes = _derived(chain, G, offset, unknown, loops, at)
         if left:
-            told = {j: relation_text(names, j, active, G[j], offset[j]) for j in loops.passive if j not in left}
-            return newton_closure(chain, G, offset, left, told, (loops.guess, at), str(loops.place)), notes
+            known = {j: relation_text(names, j, active, G[j], offset[j]) for j in loops.passive if j not in left}
+            return newton_closure(chain, G, offset, left, known, (loops.guess, at), loops.place), notes
         error = chain.gap(G, offset, POSES)
         if error > CLOSED * chain.size:
             how = "with the relations given," if not unknown else "at best,"
-            raise LoopOpenError(str(loops.place), error, CLOSED * chain.size, how)
+            raise open_loops(loops.place, error, CLOSED * chain.size, how)
     relations = tuple(relation_text(names, j, active, G[j], offset[j]) for j in loops.passive)
     return Closure(G, offset, error, relations, loops.cuts), notes
 
@@ -179,67 +159,70 @@ def _cut(table: CutTable, joints: Sequence[Joint], base: Array, reader: Reader, 
 
 
 def _refuse_taken(name: str | None, index: Mapping[str, int], cuts: Sequence[Cut], place: Place) -> None:
-    """A cut's name must be no other joint's."""
+    """Raise DeviceFileError if the name of a cut is another joint's."""
     if name is None:
         return
     if name in index or name == "base":
-        raise DuplicateNameError(str(place), "joint", name, "the base" if name == "base" else "one of joints")
+        raise place.taken("joint", name, "the base" if name == "base" else "one of joints")
     if name in [cut.name for cut in cuts]:
-        raise DuplicateNameError(str(place), "joint", name, "the cut of an earlier loop")
+        raise place.taken("joint", name, "the cut of an earlier loop")
 
 
 def _found(name: str, index: Mapping[str, int], place: Place) -> int:
     if name not in index:
-        raise UnknownDeviceNameError(str(place), "joint", name, index)
+        raise place.unknown("joint", name, index)
     return index[name]
 
 
 def _from_relations(names: list[str], active: tuple[int, ...], loops: Loops) -> tuple[Array, Array, list[int]]:
-    """G and offset of active joints and of those with a relation; rows of the others are zero."""
-    n, settled = len(names), sorted(loops.known)
+    """G and offset of active joints and of joints with a relation; other rows are zero."""
+    n, solved = len(names), sorted(loops.known)
     G, offset = np.zeros((n, len(active))), np.zeros(n)
     G[list(active), np.arange(len(active))] = 1.0
-    if not settled:
-        return G, offset, settled
+    if not solved:
+        return G, offset, solved
     index = {f"q{name}": k for k, name in enumerate(names)}
-    factors = np.zeros((len(settled), n))
-    for row, j in enumerate(settled):
+    factors = np.zeros((len(solved), n))
+    for row, j in enumerate(solved):
         for symbol, factor in loops.known[j].factors.items():
             factors[row, index[symbol]] += factor
-    open_ended = [k for k in np.flatnonzero(factors.any(axis=0)) if k not in settled and k not in active]
+    open_ended = [k for k in np.flatnonzero(factors.any(axis=0)) if k not in solved and k not in active]
     if open_ended:
         found = f"the relations use q{names[open_ended[0]]}, which is itself passive and has no relation"
-        raise RelationError(str(loops.place), found, "Write them in active joints, or add its relation.")
-    among = np.eye(len(settled)) - factors[:, settled]
-    if np.linalg.matrix_rank(among) < len(settled):
-        raise RelationError(
-            str(loops.place),
-            "the relations go round in a circle",
-            "Write passive joints in terms of active ones.",
-        )
-    G[settled] = np.linalg.solve(among, factors[:, list(active)])
-    offset[settled] = np.linalg.solve(among, [loops.known[j].constant for j in settled])
-    return G, offset, settled
+        raise loops.place.error(found, "Write them in active joints, or add its relation.")
+    among = np.eye(len(solved)) - factors[:, solved]
+    if np.linalg.matrix_rank(among) < len(solved):
+        raise loops.place.error("the relations are circular", "Write passive joints in terms of active ones.")
+    G[solved] = np.linalg.solve(among, factors[:, list(active)])
+    offset[solved] = np.linalg.solve(among, [loops.known[j].constant for j in solved])
+    return G, offset, solved
 
 
 def _derived(
     chain: Chain, G: Array, offset: Array, unknown: list[int], loops: Loops, at: Array
 ) -> tuple[Array, Array, list[int], tuple[str, ...]]:
-    """G and offset completed with the linear motions that close the cuts, and the joints that no such motion moves."""
-    search = find_branches(chain, G, offset, unknown, loops.guess, at, CLOSED)
-    where, limit = str(loops.place), CLOSED * chain.size
+    """G and offset with the linear motions that close the cuts, and the joints left, whose rates vary."""
+    search = find_linear_motions(chain, G, offset, unknown, loops.guess, at, CLOSED)
     if not search.closed:
-        raise LoopOpenError(where, search.best, limit, f"from {search.starts} starts, at the best one")
+        raise open_loops(loops.place, search.best, CLOSED * chain.size, f"from {search.starts} starts, at best,")
     if search.free:
-        raise UndeterminedLoopError(where, search.free, len(unknown))
+        count = len(unknown)
+        raise DeviceFileError(
+            f"{loops.place}: the loop constraints determine only {count - search.free} of {count} passive joints; "
+            f"{search.free} can still move with the active ones at rest.",
+            where=loops.place.key,
+            found=count - search.free,
+            limit=count,
+            advice=f"Make {search.free} more of them active, or add a cut.",
+        )
     if not search.linear:
         return _apart(chain, G, offset, unknown, loops, at)
-    rounded = [_nice(chain, branch, unknown, loops.guess, at) for branch in search.linear]
-    best = min(rounded, key=lambda branch: _preference(branch, unknown, loops.guess, at))
+    rounded = [_rounded(chain, motion, unknown, loops.guess, at) for motion in search.linear]
+    best = min(rounded, key=lambda motion: _preference(motion, unknown, loops.guess, at))
     notes: tuple[str, ...] = ()
     if len(rounded) > 1 and not loops.guess:
         notes = (
-            f"the loops close in {len(rounded)} linear ways; the one with the smallest constants was taken. "
+            f"the loops close in {len(rounded)} linear assembly modes; the one with the smallest constants was taken. "
             f"Add guess = {{...}} to a loop to choose another.",
         )
     return best.G, best.offset, [], notes
@@ -248,7 +231,7 @@ def _derived(
 def _apart(
     chain: Chain, G: Array, offset: Array, unknown: list[int], loops: Loops, at: Array
 ) -> tuple[Array, Array, list[int], tuple[str, ...]]:
-    """The same where not all loops are linear: those that share no passive joint are looked at one by one."""
+    """The same if not all loops are linear: groups that share no passive joint are searched one by one."""
     groups = chain.independent(unknown)
     left: list[int] = []
     notes: tuple[str, ...] = ()
@@ -256,14 +239,16 @@ def _apart(
         return G, offset, unknown, ()
     for cuts, joints in groups:
         part = Chain.of(chain.joints, cuts, chain.active)
-        G, offset, more, told = _derived(part, G, offset, joints, loops, at)
-        left, notes = left + more, notes + told
+        G, offset, more, added = _derived(part, G, offset, joints, loops, at)
+        left, notes = left + more, notes + added
     return G, offset, sorted(left), notes
 
 
-def _nice(chain: Chain, branch: Branch, unknown: list[int], guess: Mapping[int, float], at: Array) -> Branch:
-    """The branch with its constants within a turn, and rounding taken off constants and rates."""
-    G, offset = branch.G.copy(), branch.offset.copy()
+def _rounded(
+    chain: Chain, motion: LinearMotion, unknown: list[int], guess: Mapping[int, float], at: Array
+) -> LinearMotion:
+    """The motion with constants within a turn, and constants and rates rounded to simple fractions."""
+    G, offset = motion.G.copy(), motion.offset.copy()
     for j in unknown:
         G[j] = [nearest(g, 1 / 12) for g in G[j]]
         if not chain.joints[j].prismatic:
@@ -272,24 +257,24 @@ def _nice(chain: Chain, branch: Branch, unknown: list[int], guess: Mapping[int, 
             offset[j] = nearest(offset[j] - 2 * math.pi * turns, math.pi / 12)
         elif abs(offset[j]) < NICE:
             offset[j] = 0.0
-    return Branch(G, offset, branch.at)
+    return LinearMotion(G, offset, motion.at)
 
 
 def nearest(value: float, step: float) -> float:
-    """The nearest multiple of a step where it is within NICE, else the value itself."""
+    """The nearest multiple of a step if it is within NICE, else the value itself."""
     multiple = round(value / step) * step
     return multiple + 0.0 if abs(value - multiple) < NICE else value
 
 
-def _preference(branch: Branch, unknown: list[int], guess: Mapping[int, float], at: Array) -> tuple[float, float]:
-    """Distance from the guess, then size of the constants."""
-    there = branch.G @ at + branch.offset
+def _preference(motion: LinearMotion, unknown: list[int], guess: Mapping[int, float], at: Array) -> tuple[float, float]:
+    """Sort key: distance from the guess, then size of the constants."""
+    there = motion.G @ at + motion.offset
     away = sum(abs(there[j] - value) for j, value in guess.items() if j in unknown)
-    return round(float(away), 6), round(float(np.abs(branch.offset[unknown]).sum()), 6)
+    return round(float(away), 6), round(float(np.abs(motion.offset[unknown]).sum()), 6)
 
 
 def relation_text(names: Sequence[str], joint: int, active: tuple[int, ...], row: Array, constant: float) -> str:
-    """A relation as the file would have it, such as `q3 = pi/2 - q2 + q7`."""
+    """A relation as in a device file, such as `q3 = pi/2 - q2 + q7`."""
     parts = [("-" if constant < 0 else "+", _angle(abs(constant)))] if constant else []
     for k, factor in zip(active, row, strict=True):
         if factor:

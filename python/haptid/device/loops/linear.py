@@ -1,18 +1,28 @@
-"""How all joints follow the active ones: positions and rates, and the closure whose rates are constant."""
+"""Loop closure with constant rates, as of parallelograms: q_tree = G qa + offset, and the search for such motions."""
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
 
 from haptid._internal.arrays import Array, expect, read_only
 from haptid.device.device import Cut
+from haptid.device.loops.chain import Chain, solve
+
+# Poses of the active joints, and starts of the passive ones at each, from which solutions are sought.
+REFERENCES = 8
+STARTS = 64
+# A singular value of the cuts' Jacobian by the passive joints below this, relative to the largest, is zero.
+RANK_TOLERANCE = 1e-7
+# Two solutions whose constants and rates differ by less than this are one.
+SAME = 1e-4
 
 
 @dataclass(frozen=True, eq=False)
 class Followed:
-    """Where all joints are, and how they follow the active ones there.
+    """Positions of all joints, and the Jacobian of these by the active ones.
 
     Attributes:
         q: positions of all joints, (joints, samples), rad or m.
@@ -33,7 +43,7 @@ class Followed:
         return _times(self.G, qdda) + _times(self.Gd, qda)
 
     def by(self, B: Array) -> Followed:
-        """The same by coordinates c = B qa, (active, active)."""
+        """The same with rates by coordinates c = B qa, B being (active, active)."""
         to_joints = np.linalg.inv(B)
         return Followed(self.q, self.G @ to_joints, self.Gd @ to_joints)
 
@@ -44,13 +54,13 @@ def _times(G: Array, x: Array) -> Array:
 
 @dataclass(frozen=True, eq=False)
 class Closure:
-    """How all joints follow the active ones where no rate varies: q_tree = G qa + offset.
+    """Loop closure with constant rates: q_tree = G qa + offset.
 
     Attributes:
         G: (joints, active).
         offset: (joints,), rad or m.
-        error: greatest closure error over random poses, m; 0 where there is no cut to test.
-        relations: readable, such as "q3 = pi/2 - q2 + q7"; one for each passive joint.
+        error: greatest closure error over random poses, m; 0 without cuts.
+        relations: as text, such as "q3 = pi/2 - q2 + q7", one for each passive joint.
         cuts: the joints that were cut.
     """
 
@@ -67,7 +77,7 @@ class Closure:
 
     @property
     def constant(self) -> Array:
-        """Rates that do not vary, (joints, active)."""
+        """Constant rates, (joints, active)."""
         return self.G
 
     @property
@@ -89,5 +99,136 @@ class Closure:
         return np.ones(qa.shape[1], dtype=bool)
 
     def draw(self, rng: np.random.Generator, count: int) -> Array:
-        """Random poses of the active joints, (active, count): the whole circle, whatever their limits."""
+        """Random poses of the active joints over a full turn, ignoring limits, (active, count)."""
         return rng.uniform(-np.pi, np.pi, (self.G.shape[1], count))
+
+
+@dataclass(frozen=True, eq=False)
+class LinearMotion:
+    """A linear motion, q_tree = G qa + offset, and a pose of the active joints at which it closes.
+
+    Attributes:
+        G, offset: (joints, active) and (joints,), rad or m.
+        at: (active,), rad or m.
+    """
+
+    G: Array
+    offset: Array
+    at: Array
+
+
+@dataclass(frozen=True, eq=False)
+class LinearSearch:
+    """Result of the search for linear motions.
+
+    Attributes:
+        closed: tangents of the motions that close at some pose.
+        linear: distinct motions that close at all poses.
+        free: number of directions of the passive joints that the cuts do not determine.
+        best: least gap reached, m.
+        starts: number of starts.
+    """
+
+    closed: tuple[LinearMotion, ...]
+    linear: tuple[LinearMotion, ...]
+    free: int
+    best: float
+    starts: int
+
+
+def find_linear_motions(
+    chain: Chain, G: Array, offset: Array, unknown: list[int], guess: Mapping[int, float], at: Array, closed: float
+) -> LinearSearch:
+    """Every linear motion of the unknown joints that closes the cuts at all poses.
+
+    A linear motion is its own tangent: each solution found at some pose is extended along its tangent, and
+    kept if that closes at all poses.
+
+    Args:
+        chain: the tree and its cuts.
+        G, offset: motion of the joints already determined; rows of the unknown ones are ignored.
+        unknown: indices of the joints to determine.
+        guess: positions near which to start.
+        at: a pose of the active joints to start from in addition to random ones, (active,).
+        closed: largest gap, in mechanism sizes.
+    """
+    qa = np.repeat(np.vstack([chain.random_poses(REFERENCES, seed=0), at]), STARTS, axis=0)
+    q = qa @ G.T + offset
+    q[:, unknown] = chain.random_starts(unknown, len(q), seed=0)
+    q[::STARTS, unknown] = [guess.get(j, 0.0) for j in unknown]
+    q = solve(chain, q, unknown)
+    gaps = np.abs(chain.residual(q)[0]).max(axis=1)
+    found = gaps < closed * chain.size
+    tangents, free = _tangents(chain, q[found], qa[found], G, offset, unknown)
+    linear = [_polished(chain, motion, unknown) for motion in ([] if free else _lasting(chain, tangents))]
+    linear = [motion for motion in linear if chain.gap(motion.G, motion.offset, 64) < closed * chain.size]
+    best = float(gaps.min())
+    return LinearSearch(tuple(tangents), tuple(_distinct(chain, linear, unknown)), free, best, len(q))
+
+
+def rates(chain: Chain, q: Array, G: Array, unknown: list[int]) -> tuple[Array, Array]:
+    """Rates of the unknown joints, (n, unknown, active), and singular values of their Jacobian, (n, unknown)."""
+    J = chain.residual(q)[1]
+    A = J[:, :, unknown]
+    others = G.copy()
+    others[unknown] = 0.0
+    singular = np.linalg.svd(A, compute_uv=False)
+    return np.asarray(-np.linalg.pinv(A, rcond=RANK_TOLERANCE) @ (J @ others)), np.asarray(singular)
+
+
+def _tangents(
+    chain: Chain, q: Array, qa: Array, G: Array, offset: Array, unknown: list[int]
+) -> tuple[list[LinearMotion], int]:
+    """Distinct tangents at solutions, and how many directions of the unknown joints no solution determines."""
+    if not len(q):
+        return [], 0
+    slopes, singular = rates(chain, q, G, unknown)
+    free = (singular < RANK_TOLERANCE * chain.size).sum(axis=1) + max(0, len(unknown) - singular.shape[1])
+    motions = []
+    for k in np.flatnonzero(free == free.min()):
+        whole, constant = G.copy(), offset.copy()
+        whole[unknown] = slopes[k]
+        constant[unknown] = q[k, unknown] - slopes[k] @ qa[k]
+        motions.append(LinearMotion(whole, constant, qa[k]))
+    return _distinct(chain, motions, unknown), int(free.min())
+
+
+def _lasting(chain: Chain, motions: list[LinearMotion]) -> list[LinearMotion]:
+    """The motions that nearly close at some random poses."""
+    if not motions:
+        return []
+    qa = chain.random_poses(4, seed=4)
+    q = np.array([qa @ motion.G.T + motion.offset for motion in motions])
+    gaps = np.abs(chain.residual(q.reshape(-1, q.shape[-1]))[0]).reshape(len(motions), -1).max(axis=1)
+    return [motion for motion, gap in zip(motions, gaps, strict=True) if gap < 1e-3 * chain.size]
+
+
+def _polished(chain: Chain, motion: LinearMotion, unknown: list[int]) -> LinearMotion:
+    """The linear motion refitted to solutions at many poses, if it nearly closes there."""
+    qa = chain.random_poses(64, seed=3)
+    start = qa @ motion.G.T + motion.offset
+    if np.abs(chain.residual(start)[0]).max() > 1e-3 * chain.size:
+        return motion
+    q = solve(chain, start, unknown, steps=8)
+    fit = np.linalg.lstsq(np.column_stack([qa, np.ones(len(qa))]), q[:, unknown], rcond=None)[0]
+    G, offset = motion.G.copy(), motion.offset.copy()
+    G[unknown], offset[unknown] = fit[:-1].T, fit[-1]
+    return LinearMotion(G, offset, motion.at)
+
+
+def _distinct(chain: Chain, motions: list[LinearMotion], unknown: list[int]) -> list[LinearMotion]:
+    """Without duplicates; constants of revolute joints are compared modulo a turn."""
+    if not motions:
+        return []
+    turning = np.array([not chain.joints[j].prismatic for j in unknown])
+    offsets = np.array([motion.offset[unknown] for motion in motions])
+    G = np.array([motion.G for motion in motions])
+    left, kept = np.arange(len(motions)), []
+    while len(left):
+        first = left[0]
+        apart = offsets[left] - offsets[first]
+        apart[:, turning] = np.angle(np.exp(1j * apart[:, turning]))
+        differs = np.maximum(np.abs(apart).max(axis=1), np.abs(G[left] - G[first]).max(axis=(1, 2))) >= SAME
+        kept.append(motions[first])
+        left = left[differs]
+    return kept

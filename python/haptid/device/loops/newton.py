@@ -1,10 +1,10 @@
-"""Loops whose rates vary with the pose: their cuts are closed by Newton's method, on the side of the start pose."""
+"""Loop closure with pose-dependent rates: cuts closed by Newton's method, in the assembly mode of the start pose."""
 
 from __future__ import annotations
 
 import importlib
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
 from functools import lru_cache
 from typing import Any
 
@@ -12,42 +12,52 @@ import numpy as np
 
 from haptid._internal.arrays import Array, expect, read_only
 from haptid.device.device import Cut
-from haptid.device.loops.assembly import STEPS, Chain, compiled, solve
+from haptid.device.loops.chain import STEPS, Chain, compiled, solve
 from haptid.device.loops.linear import Followed
-from haptid.errors import LoopFarError, LoopUnreachableError, SingularLoopError
+from haptid.device.toml.errors_at import Place
+from haptid.errors import LoopClosureError, SingularityError
 
 # A loop is closed where its gap stays below this share of the mechanism's size.
 CLOSED = 1e-12
-# Least singular value of the cuts' Jacobian by the passive joints, its columns of unit length, above which they are
-# settled.
+# Least singular value of the cuts' Jacobian by the passive joints, its columns scaled to unit length, at which the
+# passive joints count as determined.
 SINGULAR = 1e-3
-# The core follows loops so far from the start pose, rad or mechanism sizes.
+# The core's continuation goes no further from the start pose, rad or mechanism sizes.
 FARTHEST = 1e4
-# Random poses stay this far from singular ones, so that rounding does not grow.
+# Least openness of random poses, so that rounding errors do not grow.
 ROOMY = 0.1
-# Draws of random poses, each from a smaller range about the start.
+# Draws of random poses, each from half the range about the start of the one before.
 DRAWS = 8
+# Starts of the passive joints at the start pose, in addition to the guess.
+STARTS = 256
+# Two assembly modes are one if no joint differs by more, rad (or mechanism sizes).
+SAME = 1e-3
+# Poses at which rates are tested for being zero, and the largest rate that counts as zero.
+POSES, EFFECT = 24, 1e-9
+
+# Guessed positions of passive joints, and the active joints' start pose, (active,).
+Start = tuple[Mapping[int, float], Array]
 
 
 @dataclass(frozen=True, eq=False)
 class NewtonClosure:
-    """How all joints follow the active ones where some rates vary: cuts are closed by Newton's method at every pose.
+    """Loop closure with pose-dependent rates: cuts are closed by Newton's method at every pose.
 
-    Of the ways in which the cuts close, the one is kept that leads from the start pose there without a singular pose.
+    The assembly mode is that of the start pose, followed by continuation; it cannot change without a singular pose.
     With r(q) = 0 the gaps of the cuts, A and B their Jacobians by passive and by active joints, G = -A^+ B, and its
-    rate of change is -A^+ (dJ/dt) [1; G]: both are exact (implicit differentiation). Rows that a loop does not need,
-    such as those across the plane of a planar one, drop out of the pseudo-inverse.
+    rate of change is -A^+ (dJ/dt) [1; G]: both are exact (implicit differentiation). Redundant rows,
+    such as those across the plane of a planar loop, drop out of the pseudo-inverse.
 
     Attributes:
         chain: the tree and its cuts.
-        constant: rates of the joints that do not need the cuts, (joints, active); rows of the others are zero.
-        offset: of the same, (joints,), rad or m.
-        unknown: indices of the joints that the cuts settle.
+        constant: constant rates, of joints that do not depend on the cuts, (joints, active); other rows are zero.
+        offset: of the same joints, (joints,), rad or m.
+        unknown: indices of the joints that the cuts determine.
         at: active joints at the start pose, (active,).
         start: all joints there, (joints,).
         varying: which rates vary with the pose, (joints, active).
         error: greatest closure error over random poses, m.
-        relations: one line for each passive joint.
+        relations: as text, one for each passive joint.
     """
 
     chain: Chain
@@ -78,12 +88,11 @@ class NewtonClosure:
         """Of all joints, (joints, samples), from the active ones', (active, samples), rad or m.
 
         Raises:
-            LoopUnreachableError: the loops do not close at a pose.
-            LoopFarError: a pose is too far away to be one of a motion.
-            SingularLoopError: they close, but there, or on the way there, passive joints are not settled.
+            LoopClosureError: the loops do not close at a pose, or it is too far from the start pose.
+            SingularityError: they close, but there, or on the path there, passive joints are not determined.
         """
         qa = rows(qa)
-        q, stop = branch(self).positions(qa)
+        q, stop = compiled_closure(self).positions(qa)
         self._expect_reached(qa, stop)
         return np.asarray(q.T)
 
@@ -95,20 +104,20 @@ class NewtonClosure:
             qda: the same, per second; at rest where None.
 
         Raises:
-            LoopUnreachableError, SingularLoopError: as for `positions`.
+            LoopClosureError, SingularityError: as for `positions`.
         """
         qa, qda = rows(qa), np.zeros((qa.shape[1], len(self.at))) if qda is None else rows(qda)
-        q, G, Gd, stop = branch(self).follow(qa, qda)
+        q, G, Gd, stop = compiled_closure(self).follow(qa, qda)
         self._expect_reached(qa, stop)
         return Followed(q.T, G, Gd)
 
     def closes(self, qa: Array) -> np.ndarray:
-        """Whether the loops close at each pose, and the way there from the start pose is clear, (samples,)."""
-        reached: np.ndarray = branch(self).reach(rows(qa))[1]
+        """Whether the loops close at each pose, reached from the start pose without a singularity, (samples,)."""
+        reached: np.ndarray = compiled_closure(self).reach(rows(qa))[1]
         return reached
 
     def openness(self, q: Array) -> Array:
-        """How far poses are from singular ones, (samples,): 0 where passive joints are not settled, 1 at best.
+        """Distance from singular poses, (samples,): 0 where passive joints are not determined, 1 at best.
 
         Args:
             q: positions of all joints, (samples, joints).
@@ -116,36 +125,51 @@ class NewtonClosure:
         return openness(self.chain.residual(q)[1][:, :, list(self.unknown)])
 
     def draw(self, rng: np.random.Generator, count: int) -> Array:
-        """Random poses of the active joints that close, well away from singular ones, (active, count)."""
+        """Random poses of the active joints at which the loops close, away from singular ones, (active, count)."""
         low, high = self.chain.active_ranges(self.at)
         kept = np.zeros((0, len(self.at)))
         for k in range(DRAWS):
             near = 0.5**k
             qa = rng.uniform(self.at + near * (low - self.at), self.at + near * (high - self.at), (2 * count, len(low)))
-            q, closed = branch(self).reach(qa)
+            q, closed = compiled_closure(self).reach(qa)
             kept = np.concatenate([kept, qa[closed][self.openness(q[closed]) > ROOMY]])
             if len(kept) >= count:
                 break
         return np.ascontiguousarray(kept[np.arange(count) % len(kept)].T)
 
     def _expect_reached(self, qa: Array, stop: tuple[int, Array] | None) -> None:
-        """Raise what keeps the loops from closing at a sample (samples, active), the last closed pose being given."""
+        """Raise why the loops do not close at the sample where continuation stopped, given the last closed pose."""
         if stop is None:
             return
         sample, q = stop
         pose = self.chain.active_text(qa[sample])
         if (np.abs(qa[sample] - self.at) > FARTHEST * self.chain.units[list(self.chain.active)]).any():
-            raise LoopFarError(sample, pose, FARTHEST)
+            raise LoopClosureError(
+                f"at sample {sample} the active joints are further from the start pose than loops are followed: {pose} "
+                f"(limit {FARTHEST:.0e} rad, or as many times the mechanism's size).",
+                where=sample,
+                limit=FARTHEST,
+                advice="The positions are probably in another unit: give its name, counts or degrees, and the gain.",
+            )
         there = qa[sample] @ self.constant.T + self.offset
         there[list(self.unknown)] = q[list(self.unknown)]
         gap = least_gap(self.chain, there, self.unknown)
         if gap > 1e-6 * self.chain.size:
-            raise LoopUnreachableError(sample, pose, gap, CLOSED * self.chain.size)
-        raise SingularLoopError(f"up to sample {sample}", pose, float(self.openness(q[None])[0]), SINGULAR)
+            limit = CLOSED * self.chain.size
+            raise LoopClosureError(
+                f"at sample {sample} the loops do not close: with {pose} the cut frames are still {gap:.3g} m apart "
+                f"(limit {limit:.1e} m).",
+                where=sample,
+                found=gap,
+                limit=limit,
+                advice="Keep the motion within the mechanism's reach; if the device did move there, check the lengths, "
+                "and the zeros and signs of the positions.",
+            )
+        raise _singular(f"up to sample {sample}", pose, float(self.openness(q[None])[0]), sample)
 
 
 def least_gap(chain: Chain, q: Array, unknown: Sequence[int]) -> float:
-    """Least gap met on the way to closed cuts, m: where they cannot close the steps do not settle."""
+    """Least gap over the Gauss-Newton steps, m: where the cuts cannot close, the steps do not converge."""
     poses, gaps = q[None], []
     for _ in range(STEPS):
         gaps.append(float(np.abs(chain.residual(poses)[0]).max()))
@@ -154,15 +178,15 @@ def least_gap(chain: Chain, q: Array, unknown: Sequence[int]) -> float:
 
 
 @lru_cache(maxsize=32)
-def branch(closure: NewtonClosure) -> Any:
-    """The core's part of a closure."""
+def compiled_closure(closure: NewtonClosure) -> Any:
+    """The closure as an object of the core."""
     core, chain = importlib.import_module("haptid._core"), closure.chain
     motion = closure.constant, closure.offset, closure.start, closure.varying
     return core.Branch(compiled(chain), chain.active, closure.unknown, *motion, CLOSED, SINGULAR)
 
 
 def rows(x: Array) -> Array:
-    """Active joints' (active, samples) as the core takes them, (samples, active)."""
+    """Active joints' (active, samples) in the core's layout, (samples, active)."""
     return np.ascontiguousarray(np.asarray(x, dtype=float).T)
 
 
@@ -170,3 +194,123 @@ def openness(A: Array) -> Array:
     """Least singular value of Jacobians whose columns are scaled to unit length, (samples,)."""
     lengths = np.linalg.norm(A, axis=1, keepdims=True)
     return np.asarray(np.linalg.svd(A / np.maximum(lengths, 1e-300), compute_uv=False)[:, -1])
+
+
+def newton_closure(
+    chain: Chain, G: Array, offset: Array, unknown: list[int], known: Mapping[int, str], start: Start, place: Place
+) -> NewtonClosure:
+    """The closure of loops whose rates vary, in the assembly mode nearest to the guess at the start pose.
+
+    Args:
+        chain: the tree and its cuts.
+        G, offset: motion of the joints already determined; rows of the unknown ones are ignored.
+        unknown: indices of the joints that the cuts determine.
+        known: relations of the passive joints already determined, as text.
+        start: guessed positions of passive joints at the start pose, and that pose.
+        place: of the loops in the file.
+
+    Raises:
+        LoopClosureError: the loops do not close at the start pose, or in several assembly modes that the guess does
+            not distinguish.
+        SingularityError: the start pose is singular.
+    """
+    guess, at = start
+    constant, constants = G.copy(), offset.copy()
+    constant[unknown], constants[unknown] = 0.0, 0.0
+    modes = _assembly_modes(chain, constant @ at + constants, unknown, guess, at, place)
+    q = _nearest_mode(chain, modes, unknown, guess, at, place)
+    open_by = float(openness(chain.residual(q[None])[1][:, :, unknown])[0])
+    if open_by < SINGULAR:
+        raise _singular(f"{place}: at the start pose", chain.active_text(at), open_by, place.key)
+    varying = np.zeros(G.shape, dtype=bool)
+    varying[unknown] = True
+    followers = ", ".join(f"q{chain.joints[k].name}" for k in chain.active)
+    relations = {**known, **{j: f"q{chain.joints[j].name} by closing, from {followers}" for j in unknown}}
+    texts = tuple(relations[j] for j in sorted(relations))
+    made = NewtonClosure(chain, constant, constants, tuple(unknown), at, q, varying, 0.0, texts)
+    return _measured(made)
+
+
+def _measured(made: NewtonClosure) -> NewtonClosure:
+    """With the closure error, and rates that are zero everywhere not marked as varying."""
+    rng = np.random.default_rng(0)
+    followed = made.follow(made.draw(rng, POSES))
+    gap = float(np.abs(made.chain.residual(followed.q.T)[0]).max())
+    varying = made.varying & (np.abs(followed.G).max(axis=0) > EFFECT * made.chain.units.min())
+    return replace(made, varying=varying, error=gap)
+
+
+def _assembly_modes(
+    chain: Chain, q: Array, unknown: list[int], guess: Mapping[int, float], at: Array, place: Place
+) -> list[Array]:
+    """All closed poses found, revolute joints within half a turn of the guess, or of zero."""
+    starts = np.repeat(q[None], STARTS + 1, axis=0)
+    starts[:, unknown] = chain.random_starts(unknown, STARTS + 1, seed=0)
+    starts[0, unknown] = [guess.get(j, 0.0) for j in unknown]
+    starts = solve(chain, starts, unknown)
+    gaps = np.abs(chain.residual(starts)[0]).max(axis=1)
+    if not (gaps < CLOSED * chain.size).any():
+        how = f"at the start pose ({chain.active_text(at)}), from {STARTS + 1} starts,"
+        raise open_loops(place, float(gaps.min()), CLOSED * chain.size, how)
+    found: list[Array] = []
+    for pose in starts[gaps < CLOSED * chain.size]:
+        for j in unknown:
+            if not chain.joints[j].prismatic:
+                centre = guess.get(j, 0.0)
+                pose[j] = centre + np.remainder(pose[j] - centre + np.pi, 2 * np.pi) - np.pi
+        if not any(_distance(chain, pose, other, unknown) < SAME for other in found):
+            found.append(pose)
+    return found
+
+
+def _distance(chain: Chain, one: Array, other: Array, joints: list[int]) -> float:
+    """Greatest difference of some joints modulo a turn, rad (or mechanism sizes)."""
+    apart = (one - other) / chain.units
+    turning = [not joint.prismatic for joint in chain.joints]
+    apart[turning] = np.angle(np.exp(1j * apart[turning]))
+    return float(np.abs(apart[joints]).max(initial=0.0))
+
+
+def _nearest_mode(
+    chain: Chain, modes: list[Array], unknown: list[int], guess: Mapping[int, float], at: Array, place: Place
+) -> Array:
+    """The assembly mode nearest to the guess."""
+    wanted = np.zeros(len(chain.joints))
+    guessed = [j for j in guess if j in unknown]
+    wanted[guessed] = [guess[j] for j in guessed]
+    away = np.array([_distance(chain, pose, wanted, guessed) for pose in modes])
+    nearest = [mode for mode, distance in zip(modes, away, strict=True) if distance < away.min() + SAME]
+    if len(nearest) > 1:
+        texts = [", ".join(f"{chain.joints[j].name} = {mode[j]:.4g}" for j in unknown) for mode in nearest]
+        raise LoopClosureError(
+            f"{place}: at {chain.active_text(at)} the loops close in {len(texts)} assembly modes, and no guess chooses "
+            f"one: {' or '.join(texts[:8])}.",
+            where=place.key,
+            found=len(texts),
+            limit=1,
+            advice="Add the right one to a loop, as guess = { ... }; rough values will do. If it is meant to be a "
+            "parallelogram, make its opposite sides equal.",
+        )
+    return nearest[0]
+
+
+def open_loops(place: Place, gap: float, limit: float, how: str) -> LoopClosureError:
+    """The error for loops of a device file that do not close."""
+    return LoopClosureError(
+        f"{place}: the loop does not close: {how} its cut frames are still {gap:.3g} m apart (limit {limit:.1e} m).",
+        where=place.key,
+        found=gap,
+        limit=limit,
+        advice="Check the lengths and frames of the cut, and that the active joints can move independently.",
+    )
+
+
+def _singular(where: str, pose: str, found: float, key: int | str) -> SingularityError:
+    return SingularityError(
+        f"{where} the loops come to a singular pose: with {pose} the least singular value of the passive Jacobian is "
+        f"{found:.2g} (limit {SINGULAR:.1g}), so the active joints do not determine the passive ones.",
+        where=key,
+        found=found,
+        limit=SINGULAR,
+        advice="Keep the motion on one side of such poses, by joint limits in the device file.",
+    )

@@ -1,1 +1,1 @@
-"""Terms beyond link inertia: friction, springs, rotors and custom columns, each one column of the regressor."""
+"""Terms of the model in addition to link inertia: friction, springs, custom columns."""

@@ -1,15 +1,19 @@
-"""read_device: a device file to a Device, every name resolved and every number checked."""
+"""read_device: a device file as a Device, with every name resolved and every number checked."""
 
 from __future__ import annotations
 
+import tomllib
 from collections.abc import Mapping, Sequence
+from importlib.resources import files
 from pathlib import Path
+from typing import Any
 
 import numpy as np
+from pydantic import ValidationError
 
 from haptid._internal.arrays import Array
-from haptid.device.combinations import read_combinations
-from haptid.device.device import Device, Handle, Joint, Prior
+from haptid._internal.toml_tables import Syntax
+from haptid.device.device import Device, Handle, Joint
 from haptid.device.expressions import RESERVED
 from haptid.device.geometry import Reader, frame_on
 from haptid.device.loops.cut_joint import cut_joints
@@ -20,23 +24,19 @@ from haptid.device.parameters import (
     StandardParameters,
     Symmetry,
     raw_names,
+    read_combinations,
     standard_parameters,
 )
-from haptid.device.priors import Body, body_prior, tensor
+from haptid.device.priors import read_priors, unused_priors
 from haptid.device.terms.build import Targets, read_terms
 from haptid.device.terms.term import TermColumn
-from haptid.device.toml.place import Place
-from haptid.device.toml.schema import AnyDevice, AnyJoint, PriorBodyTable, PriorTable, SymmetryTable
-from haptid.device.toml.tables import read_tables
+from haptid.device.toml.errors_at import Place, first_error
+from haptid.device.toml.schema import CONVENTIONS, AnyDevice, AnyJoint, SymmetryTable
 from haptid.device.toml.transmission import read_drives
-from haptid.errors import (
-    CycleError,
-    DeviceValueError,
-    DuplicateNameError,
-    MissingParentError,
-    UnknownDeviceNameError,
-)
+from haptid.errors import DeviceFileError, suggestion
 
+# A device file is some kilobytes; a file beyond this is something else.
+LARGEST_FILE = 1_000_000
 # Name of the fixed link.
 BASE = "base"
 
@@ -48,16 +48,88 @@ def read_device(path: str | Path) -> Device:
         path: of the file; a name without suffix that is no file is a shipped device, such as "staubli_tx40".
 
     Raises:
-        DeviceError: in one of its kinds, naming file, key, what was found and what to write instead.
+        DeviceFileError: file, key, what was found and what to write instead.
+        LoopClosureError: loops do not close at the start pose.
     """
     return device_of(*read_tables(path))
 
 
-def keeping(device: Device, names: Sequence[str]) -> Device:
-    """The same device, with these parameters preferred as base parameters in place of those of its file.
+def shipped_devices() -> tuple[str, ...]:
+    """Names of the devices that come with haptid."""
+    folder = files("haptid.device") / "library"
+    return tuple(sorted(entry.name.removesuffix(".toml") for entry in folder.iterdir() if entry.name.endswith(".toml")))
+
+
+def read_tables(path: str | Path) -> tuple[AnyDevice, str]:
+    """The checked tables of a device file, or of a shipped device by name; and the name of the file in errors."""
+    file, content = _content(path)
+    return checked(_parsed(file, content), file)
+
+
+def checked(data: dict[str, Any], file: str) -> tuple[AnyDevice, str]:
+    """The checked tables of the data of a device file, and the name of the file in errors.
 
     Raises:
-        UnknownDeviceNameError: no free standard parameter of that name.
+        DeviceFileError: a key is missing, unknown or has a wrong value.
+    """
+    convention = data.get("convention", "modified-dh")
+    if not isinstance(convention, str) or convention not in CONVENTIONS:
+        names = ", ".join(repr(name) for name in CONVENTIONS)
+        raise Place(file, "convention").error(f"found {convention!r}", f"Write one of {names}.")
+    try:
+        return CONVENTIONS[convention].model_validate(data), file
+    except ValidationError as error:
+        raise first_error(error, file, data, CONVENTIONS[convention]) from None
+
+
+def _content(path: str | Path) -> tuple[str, bytes]:
+    if "\0" in str(path):
+        raise _file_error(repr(str(path)), "has a zero byte in it", "Give the path of a device's TOML file.")
+    source: Any = Path(path)
+    if isinstance(path, str) and not source.exists() and not source.suffix and "/" not in path:
+        if path not in shipped_devices():
+            found = "there is no such file, nor a shipped device of that name"
+            raise _file_error(path, found, suggestion(path, shipped_devices()))
+        source = files("haptid.device") / "library" / f"{path}.toml"
+    try:
+        with source.open("rb") as stream:
+            content: bytes = stream.read(LARGEST_FILE + 1)
+    except OSError as error:
+        reason = error.strerror or type(error).__name__
+        raise _file_error(path, f"cannot be opened ({reason})", "Give the path of a device's TOML file.") from None
+    if len(content) > LARGEST_FILE:
+        found = f"has more than {LARGEST_FILE} bytes"
+        raise _file_error(path, found, "A device file is some kilobytes: is this a log?")
+    return str(path), content
+
+
+def _parsed(file: str, content: bytes) -> dict[str, Any]:
+    try:
+        text = content.decode("utf-8")
+    except UnicodeDecodeError as error:
+        found = f"byte {error.start} is not UTF-8 text"
+        raise _file_error(file, found, "Save the file as UTF-8 in your editor.") from None
+    try:
+        return tomllib.loads(text)
+    except (tomllib.TOMLDecodeError, RecursionError) as error:
+        at = Syntax.of(error, text)
+        raise DeviceFileError(
+            f"{file}, line {at.line}, column {at.column}: not TOML: {at.found}, in `{at.text}`.",
+            where=(at.line, at.column),
+            found=at.text,
+            advice="Correct this line; texts and expressions need double quotes.",
+        ) from None
+
+
+def _file_error(path: str | Path, found: str, advice: str) -> DeviceFileError:
+    return Place(str(path)).error(found, advice)
+
+
+def keeping(device: Device, names: Sequence[str]) -> Device:
+    """The same device with these parameters preferred as independent columns, replacing those of its file.
+
+    Raises:
+        DeviceFileError: no free standard parameter of that name.
     """
     table = device.tables.base_parameters.model_copy(update={"keep": list(names)})
     tables = device.tables.model_copy(update={"base_parameters": table})
@@ -65,7 +137,7 @@ def keeping(device: Device, names: Sequence[str]) -> Device:
 
 
 def device_of(tables: AnyDevice, file: str) -> Device:
-    """The device of checked tables; errors call its file by the name given.
+    """The device of checked tables; `file` is its name in errors.
 
     Raises:
         DeviceError: see `read_device`.
@@ -84,7 +156,7 @@ def device_of(tables: AnyDevice, file: str) -> Device:
     terms = read_terms(tables.terms, targets, reader, place.at("terms"))
     symmetry = _symmetry(tables.symmetry, joints, terms, place)
     parameters = standard_parameters([j.name for j in joints], [j.body for j in joints], terms, symmetry)
-    prior = _prior(tables, joints, parameters.raw, reader, place)
+    prior = read_priors(tables, joints, parameters.raw, reader, place)
     return Device(
         name=tables.name,
         description=tables.description,
@@ -108,7 +180,7 @@ def device_of(tables: AnyDevice, file: str) -> Device:
         notes=(
             *parameters.leaving,
             *notes,
-            *_contradictions(prior, parameters.index),
+            *unused_priors(prior, parameters.index),
         ),
         tables=tables,
         cut_joints=cuts,
@@ -116,7 +188,7 @@ def device_of(tables: AnyDevice, file: str) -> Device:
 
 
 def _lengths(tables: AnyDevice, place: Place) -> dict[str, float]:
-    """Named lengths, each of which may use those above it."""
+    """Named lengths; each may use those above it."""
     taken = dict.fromkeys(RESERVED, "arithmetic")
     taken |= {
         prefix + j.name: f"the motion of joint {j.name}" for j in tables.joints for prefix in ("q", "q_", "v_", "a_")
@@ -125,7 +197,7 @@ def _lengths(tables: AnyDevice, place: Place) -> dict[str, float]:
     for name, value in tables.lengths.items():
         here = place.at("lengths", name)
         if name in taken:
-            raise DuplicateNameError(str(here), "name", name, taken[name])
+            raise here.taken("name", name, taken[name])
         made[name] = Reader(made).number(value, here)
     return made
 
@@ -166,14 +238,19 @@ def _parents(tables: Sequence[AnyJoint], place: Place) -> list[int]:
     for k, name in enumerate(names):
         if name in names[:k] or name == BASE:
             first = "the base" if name == BASE else str(place.at(names.index(name)))
-            raise DuplicateNameError(str(place.at(k, "name")), "joint", name, first)
+            raise place.at(k, "name").taken("joint", name, first)
     named = [table.parent or (names[k - 1] if k else BASE) for k, table in enumerate(tables)]
     _refuse_cycles(names, named, place)
     made: list[int] = []
     for k, parent in enumerate(named):
         if parent != BASE and parent not in names[:k]:
-            where = str(place.at(k, "parent"))
-            raise MissingParentError(where, names[k], parent, [BASE, *names[:k]], later=parent in names)
+            known = (BASE, *names[:k])
+            if parent in names:
+                found = f'its parent "{parent}" is declared further down'
+                advice = f'Move it above joint "{names[k]}".'
+            else:
+                found, advice = f'no joint declared above it is named "{parent}"', suggestion(parent, known)
+            raise place.at(k, "parent").error(f'joint "{names[k]}" has no parent yet: {found}', advice)
         made.append(-1 if parent == BASE else names.index(parent))
     return made
 
@@ -185,7 +262,11 @@ def _refuse_cycles(names: list[str], parents: list[str], place: Place) -> None:
         while (parent := above.get(trail[-1])) is not None:
             if parent in trail:
                 ring = trail[trail.index(parent) :]
-                raise CycleError(str(place.at(names.index(ring[-1]), "parent")), [*ring, parent])
+                raise place.at(names.index(ring[-1]), "parent").error(
+                    f"these joints are each other's ancestors: {' -> '.join([*ring, parent])}",
+                    "Make the base or a joint outside the ring the parent of one of them, and close the ring with "
+                    "[[loops]] and a cut joint.",
+                )
             trail.append(parent)
 
 
@@ -194,19 +275,12 @@ def _position_limits(values: Sequence[float | str] | None, reader: Reader, place
         return None
     low, high = (reader.number(value, place.at(k)) for k, value in enumerate(values))
     if low >= high:
-        raise DeviceValueError(
-            str(place), f"found [{low:g}, {high:g}]", "Write the lower limit first, below the upper."
-        )
+        raise place.error(f"found [{low:g}, {high:g}]", "Write the lower limit first, below the upper.")
     return low, high
 
 
 def _limit(value: float | str | None, reader: Reader, place: Place) -> float | None:
-    if value is None:
-        return None
-    made = reader.number(value, place)
-    if made <= 0:
-        raise DeviceValueError(str(place), f"found {made:g}", "Write a number above zero.")
-    return made
+    return None if value is None else reader.positive(value, place)
 
 
 def _symmetry(
@@ -218,7 +292,7 @@ def _symmetry(
     for k, name in enumerate(raw):
         if name in raw[:k]:
             first = f"{raw.index(name) + 1}. of the standard parameters"
-            raise DuplicateNameError(str(place.at("terms")), "parameter", name, f"the {first}; set prefix or name")
+            raise place.at("terms").taken("parameter", name, f"the {first}; set prefix or name")
     return tuple(_rule(table, names, raw, units, place.at("symmetry", k)) for k, table in enumerate(tables))
 
 
@@ -230,20 +304,18 @@ def _rule(
     named += [(name, place.at("equal", k, i)) for k, group in enumerate(equal) for i, name in enumerate(group)]
     for name, at in named:
         if name not in raw:
-            raise UnknownDeviceNameError(str(at), "parameter", name, raw)
+            raise at.unknown("parameter", name, raw)
     for k, group in enumerate(equal):
         kinds = {_unit(name, raw, units) for name in group}
         if len(kinds) > 1:
-            raise DeviceValueError(
-                str(place.at("equal", k)),
-                f"{' and '.join(group)} have units {', '.join(sorted(kinds))}",
-                "Equate like with like.",
+            raise place.at("equal", k).error(
+                f"{' and '.join(group)} have units {', '.join(sorted(kinds))}", "Equate like with like."
             )
     linked = [(name, place.at("identical", k)) for k, name in enumerate(table.identical)]
     linked += [(table.about.link, place.at("about", "link"))] if table.about else []
     for name, at in linked:
         if name not in links:
-            raise UnknownDeviceNameError(str(at), "link", name, links)
+            raise at.unknown("link", name, links)
     if table.about:
         across = [axis for axis in "XYZ" if axis != table.about.axis.upper()]
         zero += [kind + table.about.link for kind in ("XY", "XZ", "YZ", *(f"M{axis}" for axis in across))]
@@ -251,7 +323,7 @@ def _rule(
     if len(table.identical) > 1:
         equal += [tuple(kind + link for link in table.identical) for kind in INERTIAL]
     if not zero and not equal:
-        raise DeviceValueError(str(place), "this symmetry says nothing", "Add zero, equal, about or identical.")
+        raise place.error("this symmetry says nothing", "Add zero, equal, about or identical.")
     return Symmetry(table.reason, tuple(zero), tuple(equal))
 
 
@@ -264,76 +336,21 @@ def _handle(tables: AnyDevice, joints: Sequence[Joint], base: Array, reader: Rea
         return None
     names = [joint.name for joint in joints]
     if tables.handle.link not in names:
-        raise UnknownDeviceNameError(str(place.at("link")), "link", tables.handle.link, names)
+        raise place.at("link").unknown("link", tables.handle.link, names)
     frame = frame_on(joints, names.index(tables.handle.link), reader.placement(tables.handle, place), base)
     return Handle(frame.link, frame.rotation, frame.translation)
 
 
-def _prior(
-    tables: AnyDevice, joints: Sequence[Joint], raw: tuple[str, ...], reader: Reader, place: Place
-) -> dict[str, Prior]:
-    made: dict[str, Prior] = {}
-    links = [joint.name for joint in joints]
-    for k, body in enumerate(tables.prior_bodies):
-        here = place.at("prior_bodies", k)
-        if body.link not in links:
-            raise UnknownDeviceNameError(str(here.at("link")), "link", body.link, links)
-        if f"M{body.link}" in made:
-            raise DuplicateNameError(str(here.at("link")), "prior body of link", body.link, "an earlier one")
-        percent = None if body.sd_percent is None else reader.number(body.sd_percent, here.at("sd_percent"))
-        made |= body_prior(_body(body, reader, here), joints[links.index(body.link)], percent)
-    for name, value in tables.prior.items():
-        here = place.at("prior", name)
-        if name not in raw:
-            raise UnknownDeviceNameError(str(here), "parameter", name, raw)
-        made[name] = _named_prior(value, reader, here)
-    return made
-
-
-def _named_prior(value: PriorTable | float | str, reader: Reader, place: Place) -> Prior:
-    if not isinstance(value, PriorTable):
-        return Prior(reader.number(value, place))
-    std = None if value.std is None else reader.number(value.std, place.at("sd"))
-    if std is not None and std <= 0:
-        raise DeviceValueError(str(place.at("sd")), f"found {std:g}", "Write a standard deviation above zero, or none.")
-    return Prior(reader.number(value.value, place.at("value")), std)
-
-
-def _body(table: PriorBodyTable, reader: Reader, place: Place) -> Body:
-    """A CAD body, refused where no body can have such a mass or inertia."""
-    mass = reader.number(table.mass, place.at("mass"))
-    if mass < 0:
-        raise DeviceValueError(str(place.at("mass")), f"found {mass:g} kg", "Write zero or a number above it.")
-    inertia = None
-    if table.inertia is not None:
-        inertia = tensor(np.array([reader.number(v, place.at("inertia", k)) for k, v in enumerate(table.inertia)]))
-        least = float(np.linalg.eigvalsh(inertia)[0])
-        if least < -1e-9 * float(np.trace(np.abs(inertia))):
-            found = f"the least principal moment is {least:.3g} kg m^2"
-            raise DeviceValueError(
-                str(place.at("inertia")),
-                found,
-                "Write XX YY ZZ XY XZ YZ of the tensor about the centre of mass.",
-            )
-    return Body(mass, np.array(reader.triple(table.com, place.at("com"))), inertia)
-
-
 def _keep(tables: AnyDevice, parameters: StandardParameters, place: Place) -> tuple[str, ...]:
-    """Names of the free parameters to keep; one that stands for several may be called by any of them."""
+    """Names of the free parameters to keep; one that represents several may be named by any of them."""
     for k, name in enumerate(tables.base_parameters.keep):
         if name not in parameters.index:
-            raise UnknownDeviceNameError(str(place.at("keep", k)), "free parameter", name, parameters.index)
+            raise place.at("keep", k).unknown("free parameter", name, parameters.index)
     return tuple(parameters.names[parameters.index[name]] for name in tables.base_parameters.keep)
 
 
 def _tolerance(tables: AnyDevice, reader: Reader, place: Place) -> float:
     made = reader.number(tables.base_parameters.tolerance, place)
     if not 0 < made < 1:
-        raise DeviceValueError(str(place), f"found {made:g}", "Write a number between 0 and 1, such as 1e-9.")
+        raise place.error(f"found {made:g}", "Write a number between 0 and 1, such as 1e-9.")
     return made
-
-
-def _contradictions(prior: Mapping[str, Prior], index: Mapping[str, int]) -> list[str]:
-    """Priors of parameters that symmetry or massless links say are zero."""
-    lost = [name for name, known in prior.items() if name not in index and known.value]
-    return [f"prior of {', '.join(lost)} is not used: these parameters are zero in this device"] if lost else []

@@ -1,4 +1,4 @@
-"""The tables of a device file, as pydantic models: keys and kinds of values, not yet what they mean."""
+"""The tables of a device file as pydantic models: keys and types of values, before names are resolved."""
 
 from __future__ import annotations
 
@@ -44,13 +44,13 @@ Text = Annotated[str, Field(min_length=1, max_length=2000)]
 
 
 class Table(BaseModel):
-    """A table whose keys are all known."""
+    """A table that allows no other keys."""
 
     model_config = ConfigDict(strict=True, extra="forbid", frozen=True, populate_by_name=True)
 
 
 class Limits(Table):
-    """What a joint can do."""
+    """Limits of a joint."""
 
     position: Annotated[list[Quantity], Field(min_length=2, max_length=2)] | None = None
     velocity: Quantity | None = None
@@ -58,7 +58,7 @@ class Limits(Table):
 
 
 class JointTable(Table):
-    """What joints of every convention have."""
+    """Keys of joints of every convention."""
 
     name: Name
     parent: Name | None = None
@@ -89,7 +89,7 @@ class StandardDHJoint(JointTable):
 
 
 class PlacementJoint(JointTable):
-    """A placement as in URDF, and an axis."""
+    """A placement as in URDF, and the axis."""
 
     xyz: Triple = [0.0, 0.0, 0.0]
     rpy: Triple = [0.0, 0.0, 0.0]
@@ -110,7 +110,7 @@ class FrameTable(Table):
 
 
 class CutTable(Table):
-    """The joint at which a loop is cut; terms may act on it where it has a name."""
+    """The joint at which a loop is cut; terms may act on it if it has a name."""
 
     name: Name | None = None
     type: Literal["revolute", "prismatic"] = "revolute"
@@ -121,7 +121,7 @@ class CutTable(Table):
 
 
 class LoopTable(Table):
-    """Passive joints, by relations, by a cut joint, or both."""
+    """A loop: passive joints by relations, by a cut joint, or both."""
 
     relations: list[Text] = []
     passive: list[Name] = []
@@ -131,7 +131,7 @@ class LoopTable(Table):
 
 
 class TransmissionTable(Table):
-    """How motors and joints go together."""
+    """Whether torque rows are of motors or of joints."""
 
     torque_rows: Literal["motor", "joint"] = "motor"
 
@@ -147,7 +147,7 @@ class MotorTable(Table):
 
 
 class SearchedTable(Table):
-    """A constant of a term that is not known: where the search for it starts, and between what it stays."""
+    """A constant of a term that is estimated: start value and bounds."""
 
     start: Quantity
     low: Quantity | None = None
@@ -158,14 +158,14 @@ def _is_searched(value: Any) -> str:
     return "searched" if isinstance(value, dict | SearchedTable) else "given"
 
 
-# A constant that is given, or one that is searched.
+# A constant that is given, or one that is estimated.
 Constant = Annotated[
     Annotated[Quantity, Tag("given")] | Annotated[SearchedTable, Tag("searched")], Discriminator(_is_searched)
 ]
 
 
 class TermTable(Table):
-    """What every kind of term has."""
+    """Keys of every kind of term."""
 
     joints: Names | Literal["all", "active", "motorised"] | None = None
     motors: Names | Literal["all"] | None = None
@@ -179,21 +179,21 @@ class PlainTerm(TermTable):
 
 
 class CoulombTerm(TermTable):
-    """Dry friction; width smooths its sign, rad/s or m/s."""
+    """Coulomb friction; width smooths the sign, rad/s or m/s."""
 
     kind: Literal["coulomb", "coulomb-by-direction"]
     width: Constant = 0.0
 
 
 class LoadTerm(TermTable):
-    """Dry friction in proportion to the load that is carried: sgn(v) |torque of the bodies|."""
+    """Load-dependent Coulomb friction: sgn(v) |torque of the bodies|."""
 
     kind: Literal["load"]
     width: Quantity = 0.0
 
 
 class StribeckTerm(TermTable):
-    """Friction that fades with speed: sgn(v) exp(-(|v| / velocity)^exponent)."""
+    """Stribeck friction: sgn(v) exp(-(|v| / velocity)^exponent)."""
 
     kind: Literal["stribeck"]
     velocity: Constant
@@ -202,14 +202,14 @@ class StribeckTerm(TermTable):
 
 
 class SpringTerm(TermTable):
-    """Stiffness about a rest position."""
+    """Spring with a rest position."""
 
     kind: Literal["spring"]
     rest: Quantity = 0.0
 
 
 class CounterbalanceTerm(TermTable):
-    """A strut between link and parent."""
+    """Counterbalance: a strut between link and parent."""
 
     kind: Literal["counterbalance"]
     crank: Quantity
@@ -221,7 +221,7 @@ class CounterbalanceTerm(TermTable):
 
 
 class ColumnTerm(TermTable):
-    """A user's own column."""
+    """Custom column, given as an expression."""
 
     kind: Literal["column"]
     name: Name
@@ -244,7 +244,7 @@ class AboutTable(Table):
 
 
 class SymmetryTable(Table):
-    """What is known of parameters beforehand, and why."""
+    """Parameters known to be zero or equal, and why."""
 
     reason: Text
     zero: list[Name] = []
@@ -261,44 +261,44 @@ class BaseTable(Table):
 
 
 class HandleTable(BaseTable):
-    """Where the hand holds the device."""
+    """The frame at which the hand holds the device."""
 
     link: Name
 
 
 class PriorTable(Table):
-    """A value with its deviation."""
+    """Prior value with its standard deviation."""
 
     value: Quantity
     std: Quantity | None = None
 
 
 class PriorBodyTable(Table):
-    """A body as CAD gives it: inertia XX YY ZZ XY XZ YZ about its centre of mass."""
+    """Prior body, as from CAD: inertia XX YY ZZ XY XZ YZ about its centre of mass."""
 
     link: Name
     mass: Quantity
     com: Triple
     inertia: Annotated[list[Quantity], Field(min_length=6, max_length=6)] | None = None
-    sd_percent: Quantity | None = None
+    std_percent: Quantity | None = None
 
 
 class TargetTable(Table):
-    """A combination of standard parameters with its unit."""
+    """A target: linear combination of standard parameters, with its unit."""
 
     expression: Text
     unit: Text | None = None
 
 
 class BaseParametersTable(Table):
-    """How base parameters are chosen."""
+    """Choice of base parameters."""
 
     keep: list[Name] = []
     tolerance: Quantity = 1e-9
 
 
 class DeviceTable(Table):
-    """What device files of every convention have."""
+    """Keys of device files of every convention."""
 
     version: Literal[1] = Field(default=1, alias="schema")
     name: Text
@@ -320,7 +320,7 @@ class DeviceTable(Table):
 
 
 class ModifiedDHDevice(DeviceTable):
-    """A device described after Khalil and Kleinfinger."""
+    """A device described by modified Denavit-Hartenberg parameters (Khalil and Kleinfinger)."""
 
     convention: Literal["modified-dh"] = "modified-dh"
     joints: Annotated[list[ModifiedDHJoint], Field(min_length=1, max_length=200)]

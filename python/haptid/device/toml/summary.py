@@ -1,11 +1,12 @@
-"""A device in plain words: tree, loops, motors, terms, and what is known beforehand."""
+"""Summary of a device as text: tree, loops, motors, terms and symmetries."""
 
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 
 from haptid.device.device import Device, Joint, Motor
-from haptid.device.terms.term import Counterbalance, TermColumn
+from haptid.device.terms.spring import Counterbalance
+from haptid.device.terms.term import TermColumn
 
 
 def summary_lines(device: Device) -> tuple[str, ...]:
@@ -62,7 +63,7 @@ def _motor_row(device: Device, drive: Motor) -> tuple[str, ...]:
 
 
 def _terms(terms: Iterable[TermColumn]) -> list[str]:
-    """One line for each stretch of terms of the same kind and settings."""
+    """One line for each run of terms of the same kind and settings."""
     lines: list[str] = []
     last: tuple[object, ...] = ()
     for term in terms:

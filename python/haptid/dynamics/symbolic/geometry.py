@@ -14,7 +14,7 @@ import numpy as np
 
 from haptid._internal.arrays import Array
 from haptid.device.expressions import number, sum_of_names
-from haptid.device.toml.place import Place
+from haptid.device.toml.errors_at import Place
 from haptid.device.toml.schema import (
     AnyDevice,
     AnyJoint,

@@ -22,7 +22,7 @@ import numpy as np
 from haptid._internal.arrays import Array, freeze
 from haptid.device import NewtonClosure
 from haptid.device.expressions import Column
-from haptid.device.toml.tables import read_tables
+from haptid.device.toml.reader import read_tables
 from haptid.dynamics.base_parameters import preference, random_regressor
 from haptid.dynamics.model import DynamicModel
 from haptid.dynamics.symbolic import formulas

@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from haptid._internal.arrays import Array
-from haptid.device.terms.term import DRY, TermColumn
+from haptid.device.terms.friction import DRY
+from haptid.device.terms.term import TermColumn
 from haptid.dynamics.inverse import raw_parameters
 from haptid.dynamics.model import DynamicModel
 from haptid.end_effector.characterisation.jacobian import Grasp

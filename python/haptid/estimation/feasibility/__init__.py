@@ -1,1 +1,1 @@
-"""Physical consistency: the cone of standard parameters that rigid bodies can have."""
+"""Physical consistency: the cone of standard parameters of rigid bodies, and projections on it."""

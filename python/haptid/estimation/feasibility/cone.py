@@ -1,4 +1,4 @@
-"""What real bodies ask of the standard parameters: a cone for every link and every term, in scaled parameters."""
+"""The cone of physically consistent standard parameters: semidefinite pseudo-inertias, non-negative terms."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from haptid.device.priors import TENSOR
 from haptid.dynamics.model import DynamicModel
 from haptid.estimation.feasibility.scaling import Scale
 
-# What a term's parameter is called, for the kinds that no passive thing can have below zero.
+# Kinds of terms whose parameter is never negative because they are passive, and its name.
 NEVER_NEGATIVE = {
     "rotor": "rotor inertia",
     "viscous": "viscous friction",
@@ -23,14 +23,14 @@ NEVER_NEGATIVE = {
     "coulomb+": "forward Coulomb friction",
     "coulomb-": "backward Coulomb friction",
 }
-# Entries of a link that are positive in every body.
+# Parameters of a link that are positive for every body.
 POSITIVE = ("XX", "YY", "ZZ", "M")
 # Upper triangle, column by column: the order of a semidefinite cone's entries.
 UPPER = tuple((i, k) for k in range(4) for i in range(k + 1))
 
 
 def pseudo_inertia(chi: Array) -> Array:
-    """The pseudo-inertia of a link, (4, 4): positive semidefinite for a body, and only for a body.
+    """The pseudo-inertia of a link, (4, 4): positive semidefinite if and only if a rigid body has these parameters.
 
     Source: Wensing, Kim and Slotine (2018), IEEE Robotics and Automation Letters 3(1).
 
@@ -46,11 +46,11 @@ def pseudo_inertia(chi: Array) -> Array:
 
 
 def entries(matrix: Array) -> Array:
-    """Upper triangle of a symmetric (4, 4) matrix as a vector that keeps inner products, (10,)."""
+    """Upper triangle of a symmetric (4, 4) matrix as a vector with the same inner products, (10,)."""
     return np.array([matrix[i, k] * (1.0 if i == k else np.sqrt(2)) for i, k in UPPER])
 
 
-# The same as a linear map of the ten parameters, (10, 10).
+# The pseudo-inertia as a linear map of the ten parameters, (10, 10).
 PSEUDO = freeze(np.column_stack([entries(pseudo_inertia(unit)) for unit in np.eye(10)]))
 
 
@@ -60,7 +60,7 @@ class Block:
 
     Attributes:
         label: "link 3", or "viscous friction of motor 1".
-        is_link: whether the cone is that of positive semidefinite matrices, or of numbers that are not negative.
+        is_link: whether the cone is that of positive semidefinite matrices, or of non-negative numbers.
         G: the scaled pseudo-inertia's entries, (10, n), or one number, (1, n), from x.
     """
 
@@ -70,18 +70,18 @@ class Block:
 
     @property
     def inside(self) -> Array:
-        """What is added to go straight into the cone: the identity matrix, or one, (rows,)."""
+        """The central direction of the cone: the identity matrix, or one, (rows,)."""
         return entries(np.eye(4)) if self.is_link else np.ones(1)
 
     @property
     def unfold(self) -> Array:
-        """From the cone's entries to the matrix, (rows, size, size)."""
+        """Basis that maps the cone's entries to the matrix, (rows, size, size)."""
         if not self.is_link:
             return np.ones((1, 1, 1))
-        made = np.zeros((len(UPPER), 4, 4))
+        basis = np.zeros((len(UPPER), 4, 4))
         for row, (i, k) in enumerate(UPPER):
-            made[row, i, k] = made[row, k, i] = 1.0 if i == k else np.sqrt(0.5)
-        return made
+            basis[row, i, k] = basis[row, k, i] = 1.0 if i == k else np.sqrt(0.5)
+        return basis
 
     def matrix(self, x: Array) -> Array:
         """The scaled pseudo-inertia, or the scaled term, at x, (4, 4) or (1, 1)."""
@@ -92,21 +92,21 @@ class Block:
         return np.asarray(np.tensordot((self.G @ directions).T, self.unfold, 1))
 
     def margin(self, x: Array) -> float:
-        """The least eigenvalue at x: negative where no body, or no passive term, is."""
+        """The least eigenvalue at x: negative where no body, or no passive term, has these parameters."""
         return float(np.linalg.eigvalsh(self.matrix(x))[0])
 
-    def home(self, centre: Array, ball: Array) -> Array:
-        """The centre, where it is inside, else the ball."""
+    def reference(self, centre: Array, ball: Array) -> Array:
+        """The centre where it is inside, else the ball."""
         return centre if self.margin(centre) > 1e-3 * self.margin(ball) else ball
 
 
 @dataclass(frozen=True, eq=False)
 class Part:
-    """Standard parameters that share base parameters or conditions, apart from all others.
+    """A group of standard parameters that shares no base parameter and no condition with the others.
 
     Attributes:
         columns: indices of its standard parameters, (k,).
-        null: directions of them that no base parameter sees, orthonormal, (n, null).
+        null: directions of them without effect on the base parameters, orthonormal, (n, null).
         blocks: its conditions.
     """
 
@@ -115,7 +115,7 @@ class Part:
     blocks: tuple[Block, ...]
 
     def margin(self, x: Array) -> float:
-        """The least eigenvalue of its conditions; infinite where there is none."""
+        """The least eigenvalue of its conditions; infinite without any."""
         return min((block.margin(x) for block in self.blocks), default=float("inf"))
 
 
@@ -128,7 +128,7 @@ class Cone:
         A: base parameters from x, (p, n), SI.
         ball: a homogeneous ball for every link, (n,).
         centre: the prior where one is known, else the ball, (n,).
-        parts: the conditions, those that do not touch one another apart.
+        parts: the conditions, in independent groups.
     """
 
     scale: Array
@@ -144,12 +144,12 @@ class Cone:
 
     @property
     def null(self) -> Array:
-        """Directions of x that no base parameter sees, orthonormal, (n, null)."""
+        """Directions of x without effect on the base parameters, orthonormal, (n, null)."""
         return np.column_stack([part.null for part in self.parts])
 
     @cached_property
     def inverse(self) -> Array:
-        """From base parameters to the least x that has them, (n, p)."""
+        """Minimum-norm map from base parameters to x, (n, p)."""
         rows = np.linalg.norm(self.A, axis=1)
         return np.asarray(np.linalg.pinv(self.A / rows[:, None]) / rows)
 
@@ -161,13 +161,13 @@ class Cone:
         """The least eigenvalue of all conditions."""
         return min((part.margin(x) for part in self.parts), default=np.inf)
 
-    def mended(self, x: Array) -> Array:
-        """x with as much of a ball as brings it back from a rounding error outside of the cone."""
+    def moved_inside(self, x: Array) -> Array:
+        """x plus a multiple of the ball that removes a rounding error outside of the cone."""
         return x + max(0.0, -self.margin(x)) / self.margin(self.ball) * self.ball
 
 
 def cone(model: DynamicModel, beta: Array) -> Cone:
-    """The conditions of a device, scaled for base parameters of about this size.
+    """The cone of a device, scaled for base parameters of about this size.
 
     Args:
         model: the dynamic model.
@@ -183,49 +183,48 @@ def cone(model: DynamicModel, beta: Array) -> Cone:
 
 
 def link_blocks(model: DynamicModel, size: Scale) -> list[Block]:
-    """The pseudo-inertia of every link that has inertia, in its own mass and length."""
-    made = []
+    """The pseudo-inertia of every link with inertia, in its own mass and length."""
+    blocks = []
     for j, joint in enumerate(model.device.joints):
         raw = model.device.parameters.S[10 * j : 10 * j + 10] * size.chi
         root = np.array([size.length[j]] * 3 + [1.0]) * np.sqrt(size.mass[j])
         G = PSEUDO @ raw / np.array([root[i] * root[k] for i, k in UPPER])[:, None]
         if joint.body and G.any():
-            made.append(Block(f"link {joint.name}", True, G))
-    return made
+            blocks.append(Block(f"link {joint.name}", True, G))
+    return blocks
 
 
 def term_blocks(model: DynamicModel, size: Scale) -> list[Block]:
-    """Terms that are never negative: each by itself, and Stribeck friction together with what it adds to.
+    """Non-negative terms: each by itself, and Stribeck friction plus the Coulomb friction that it is added to.
 
-    sgn(v) (FC + FS exp(..)) resists at every speed where FC >= 0 and FC + FS >= 0.
+    sgn(v) (FC + FS exp(..)) is dissipative at every speed if FC >= 0 and FC + FS >= 0.
     """
     rows = model.device.parameters.S[10 * len(model.device.joints) :]
     dry: dict[str, list[Array]] = {}
-    made = []
+    blocks = []
     for term, row in zip(model.terms, rows, strict=True):
         if term.nature in NEVER_NEGATIVE and row.any():
-            made.append(Block(f"{NEVER_NEGATIVE[term.nature]} of {term.on}", False, unit_row(row * size.chi)))
+            blocks.append(Block(f"{NEVER_NEGATIVE[term.nature]} of {term.on}", False, unit_row(row * size.chi)))
         if term.kind.startswith("coulomb"):
             dry.setdefault(term.on, []).append(row)
     for term, row in zip(model.terms, rows, strict=True):
         if term.kind == "stribeck" and row.any():
             for other in dry.get(term.on, [np.zeros_like(row)]):
-                made.append(Block(f"friction at rest of {term.on}", False, unit_row((row + other) * size.chi)))
-    return made
+                blocks.append(Block(f"friction at rest of {term.on}", False, unit_row((row + other) * size.chi)))
+    return blocks
 
 
 def unit_row(row: Array) -> Array:
-    """A row with entries of size one, (1, n)."""
+    """A row scaled to a largest entry of one, (1, n)."""
     return np.asarray(row[None] / np.abs(row).max())
 
 
 def parts(A: Array, blocks: tuple[Block, ...]) -> tuple[Part, ...]:
-    """Split parameters and conditions into groups that share nothing."""
+    """Split parameters and conditions into independent groups."""
     n = A.shape[1]
-    touched = np.vstack([A != 0, *((block.G != 0).any(axis=0)[None] for block in blocks)])
-    links = touched.T.astype(int) @ touched.astype(int)
-    _, label = connected_components(links, directed=False)
-    made = []
+    used = np.vstack([A != 0, *((block.G != 0).any(axis=0)[None] for block in blocks)])
+    _, label = connected_components(used.T.astype(int) @ used.astype(int), directed=False)
+    groups = []
     for group in range(label.max(initial=-1) + 1):
         columns = np.flatnonzero(label == group)
         rows = A[(A[:, columns] != 0).any(axis=1)][:, columns]
@@ -234,13 +233,13 @@ def parts(A: Array, blocks: tuple[Block, ...]) -> tuple[Part, ...]:
         )
         null = np.zeros((n, inner.shape[1]))
         null[columns] = inner
-        mine = tuple(block for block in blocks if block.G[:, columns].any())
-        made.append(Part(columns, null, mine))
-    return tuple(made)
+        own = tuple(block for block in blocks if block.G[:, columns].any())
+        groups.append(Part(columns, null, own))
+    return tuple(groups)
 
 
 def never_negative(model: DynamicModel) -> np.ndarray:
-    """Base parameters that are sums of quantities which are never negative, (p,), bool."""
+    """Whether each base parameter is a sum of quantities that are never negative, (p,), bool."""
     raw = [kind in POSITIVE for _ in model.device.joints for kind in INERTIAL]
     raw += [term.nature in NEVER_NEGATIVE for term in model.terms]
     S = model.device.parameters.S

@@ -1,18 +1,19 @@
-"""Small cone programmes: quadratic objective, conditions that are numbers or semidefinite matrices, by Clarabel."""
+"""Small convex cone programmes: quadratic objective, linear and semidefinite constraints, solved by Clarabel."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import clarabel
 import numpy as np
 from scipy import sparse
 
 from haptid._internal.arrays import Array
-from haptid.errors import UnsolvedError
+from haptid.errors import ConvergenceError
 
-# Tolerances of the solver on numbers near one; where rounding lets it come no further, what is still an answer.
+# Tolerances of the solver on numbers near one, and those of an answer accepted where rounding stops it short of them.
 TIGHT = 1e-11
 ENOUGH = 1e-7
 SOLVED = ("Solved", "AlmostSolved")
@@ -20,17 +21,30 @@ SOLVED = ("Solved", "AlmostSolved")
 
 @dataclass(frozen=True, eq=False)
 class Condition:
-    """F v + f in a cone.
+    """A constraint: F v + f in a cone.
 
     Attributes:
         F, f: (rows, variables) and (rows,).
-        matrix: whether the rows are the entries of a matrix that is to be positive semidefinite, or numbers that are
-            not to be negative.
+        matrix: whether the rows are the entries of a positive semidefinite matrix, or non-negative numbers.
     """
 
     F: Array
     f: Array
     matrix: bool = False
+
+
+def cones_of(conditions: Sequence[Condition]) -> list[Any]:
+    """The cone of each condition, as the solver names it."""
+    return [clarabel.PSDTriangleConeT(4) if c.matrix else clarabel.NonnegativeConeT(len(c.f)) for c in conditions]
+
+
+def unsolved(status: str, iterations: int) -> ConvergenceError:
+    """The error for a solver that stopped with a status other than solved."""
+    return ConvergenceError(
+        f"the search for feasible parameters stopped after {iterations} iterations without a solution ({status}).",
+        found=status,
+        advice="Check that no parameter is off by orders of magnitude, such as by a unit; or estimate with WLS.",
+    )
 
 
 def minimise(P: Array, q: Array, conditions: Sequence[Condition]) -> tuple[Array, tuple[Array, ...]]:
@@ -44,23 +58,23 @@ def minimise(P: Array, q: Array, conditions: Sequence[Condition]) -> tuple[Array
         conditions: at least one.
 
     Raises:
-        UnsolvedError: the solver stopped before it had an answer.
+        ConvergenceError: the solver stopped without a solution.
     """
-    cones = [clarabel.PSDTriangleConeT(4) if c.matrix else clarabel.NonnegativeConeT(len(c.f)) for c in conditions]
+    cones = cones_of(conditions)
     A = sparse.csc_matrix(np.concatenate([-c.F for c in conditions]))
     b = np.concatenate([c.f for c in conditions])
-    # On the border of what is possible the solver may get stuck in one scaling of the rows, and not in the other.
+    # On the boundary of the feasible set the solver may stall in one scaling of the rows, and not in the other.
     for equilibrate in (True, False):
         solver = clarabel.DefaultSolver(sparse.csc_matrix(np.triu(P)), q, A, b, cones, settings(equilibrate))
         answer = solver.solve()
         if str(answer.status) in SOLVED:
             ends = np.cumsum([len(c.f) for c in conditions])[:-1]
             return np.array(answer.x), tuple(np.split(np.array(answer.z), ends))
-    raise UnsolvedError(str(answer.status), answer.iterations)
+    raise unsolved(str(answer.status), answer.iterations)
 
 
 def settings(equilibrate: bool) -> clarabel.DefaultSettings:
-    """Silent, on one thread, tight where it can be; with rows and columns scaled to one size or as they are."""
+    """Solver settings: silent, one thread, tight tolerances; with or without scaling of rows and columns."""
     made = clarabel.DefaultSettings()
     made.verbose = False
     made.max_threads = 1

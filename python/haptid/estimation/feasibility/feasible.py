@@ -1,4 +1,4 @@
-"""Whether bodies and passive terms can have some base parameters, and the nearest ones that they can have."""
+"""Physical consistency of base parameters: feasibility, interior points, projection on the feasible set."""
 
 from __future__ import annotations
 
@@ -7,42 +7,55 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import ArrayLike
+from scipy import linalg
 
 from haptid._internal.arrays import Array, expect, read_only
 from haptid.dynamics.model import DynamicModel
-from haptid.errors import MetricError, NoBodyError, ParameterValueError
+from haptid.errors import IdentifiabilityError, PhysicalConsistencyError, SettingError
 from haptid.estimation.feasibility.cone import Block, Cone, Part, cone, parts, pseudo_inertia
-from haptid.estimation.feasibility.nearest import BORDER, interior, nearest
+from haptid.estimation.feasibility.conic_program import Condition, minimise
+from haptid.estimation.least_squares import weakest
 from haptid.observation.r_factor import triangle
 
 # A margin this little below zero is rounding.
 ROUNDING = 1e-7
-# A block has its share in a contradiction when its multiplier has this much of all.
+# A block is part of a contradiction when its multiplier has at least this share of the sum.
 SHARE = 1e-2
-# A condition holds nothing where its multiplier is this little beside the largest.
+# A condition is inactive when its multiplier is below this share of the largest.
 NEGLIGIBLE = 1e-4
-# A direction of the scaled parameters that weighs less than this share of the largest one has no metric.
+# Least ratio of singular values of a metric with unit columns.
 WEIGHED = 1e-10
+# Largest margin, in each link's own mass and length: that of a ball.
+ROOMY = 1.0
+# Margins up to this are on the boundary, where there is no choice of standard parameters.
+BORDER = 1e-6
+# Weight of the penalty on directions without torque, relative to a margin of one and to a torque residual of one.
+MARGIN_PENALTY = 1e-8
+FIT_PENALTY = 1e-10
+PASSES = 2
+# Newton steps to the analytic centre, and the decrement at which it is reached.
+MOST_STEPS = 200
+CENTRED = 1e-9
 
 
 @dataclass(frozen=True, eq=False)
 class FeasibleParameters:
-    """Base parameters, and the standard parameters of real bodies behind them.
+    """Physical consistency of base parameters, with standard parameters of rigid bodies that have them.
 
-    A body's parameters are those of some distribution of mass, which is so where its pseudo-inertia is positive
-    semidefinite (Wensing, Kim and Slotine 2018, IEEE RA-L 3(1); Sousa and Cortesao 2014, IJRR 33(6)). Rotor inertia,
-    viscous and Coulomb friction are not negative; where there is Stribeck friction, nor is its sum with Coulomb's.
-    Springs, offsets, counterbalances and columns of the user's own are free. Where torque does not tell a link's mass,
-    any mass will do, up to some thousands of times what its moments suggest: nobody builds the bodies beyond.
+    A body's parameters are those of some distribution of mass, which is so if and only if its pseudo-inertia is
+    positive semidefinite (Wensing, Kim and Slotine 2018, IEEE RA-L 3(1); Sousa and Cortesao 2014, IJRR 33(6)). Rotor
+    inertia, viscous and Coulomb friction are non-negative, and so is the sum of Stribeck and Coulomb friction. Springs,
+    offsets, counterbalances and user-defined columns are unconstrained. The mass of a link that torque does not
+    determine is limited to some thousands of times what its moments suggest.
 
     Attributes:
         model: the dynamic model.
         beta: base parameters, (p,), SI.
-        chi: standard parameters with these base parameters, (n,), SI: of all that are inside, those of least log-det
-            divergence from the prior, or from a homogeneous ball for a link without one. Torque tells only their base
-            parameters. Where not `ok` they are no bodies'.
+        chi: standard parameters with these base parameters, (n,), SI: the feasible ones of least log-det divergence
+            from the prior, or from a homogeneous ball for a link without one. Torque determines only their base
+            parameters. Where not `ok` no bodies have them.
         margin: the largest t with every pseudo-inertia >= t and every term >= t, each in its own size; negative where
-            no bodies have these base parameters. At most 1, a ball's.
+            the base parameters are infeasible. At most 1, that of a ball.
         failing: a sentence for every contradiction, none where `ok`.
     """
 
@@ -58,7 +71,7 @@ class FeasibleParameters:
 
     @property
     def ok(self) -> bool:
-        """Whether real bodies and passive terms can have these base parameters."""
+        """Whether rigid bodies and passive terms can have these base parameters."""
         return not self.failing
 
     @property
@@ -68,23 +81,23 @@ class FeasibleParameters:
         return np.array([pseudo_inertia(raw[10 * j : 10 * j + 10]) for j in range(len(self.model.device.joints))])
 
     def summary(self) -> str:
-        """The verdict as text."""
+        """The result as text."""
         if self.ok:
-            return f"Real bodies can have these parameters: margin {self.margin:.2g} (0 on the border, 1 for balls)."
-        return "\n".join([f"No real bodies have these parameters: margin {self.margin:.2g}.", *self.failing])
+            return f"Physically consistent: margin {self.margin:.2g} (0 on the boundary, 1 for balls)."
+        return "\n".join([f"Not physically consistent: margin {self.margin:.2g}.", *self.failing])
 
 
 def possible(model: DynamicModel, beta: Array) -> FeasibleParameters:
-    """Whether real bodies and passive terms can have these base parameters, identified or published.
+    """Whether rigid bodies and passive terms can have these base parameters, identified or published.
 
     Args:
         model: the dynamic model.
         beta: its base parameters, in its order, (p,), SI.
 
     Raises:
-        ParameterValueError: one is not a finite number.
-        NoBodyError: the symmetries declared for the device leave no body.
-        UnsolvedError: the solver stopped before it had an answer.
+        SettingError: one is not a finite number.
+        PhysicalConsistencyError: the symmetries declared for the device leave no feasible body.
+        ConvergenceError: the solver stopped without a solution.
     """
     beta = checked(model, beta)
     conditions = roomy(model, beta)
@@ -92,12 +105,12 @@ def possible(model: DynamicModel, beta: Array) -> FeasibleParameters:
 
 
 def inside(
-    model: DynamicModel, conditions: Cone, beta: Array, x: Array, settled: Sequence[Part] = ()
+    model: DynamicModel, conditions: Cone, beta: Array, x: Array, fixed: Sequence[Part] = ()
 ) -> FeasibleParameters:
-    """The most interior standard parameters behind base parameters, from any scaled ones x, (n,), that have them."""
-    found = interior(conditions, x, settled)
+    """The most interior standard parameters with given base parameters, from any scaled x, (n,), that has them."""
+    found = interior(conditions, x, fixed)
     failing = tuple(
-        sentence(part, shares)
+        _contradiction(part, shares)
         for part, margin, shares in zip(conditions.parts, found.margins, found.multipliers, strict=True)
         if margin < -ROUNDING
     )
@@ -105,84 +118,221 @@ def inside(
 
 
 def project_to_feasible(model: DynamicModel, beta: Array, R: Array) -> FeasibleParameters:
-    """The nearest base parameters that real bodies can have: |R (b - beta)| least.
+    """Projection of base parameters on the physically consistent set: |R (b - beta)| is least.
 
-    With the triangle of an observation, `observation.stack(weights)[:-1, :-1]`, nearest is: torque changes least.
+    With the R factor of an observation, `observation.stack(weights)[:-1, :-1]`, it changes the torque least.
 
     Args:
         model: the dynamic model.
         beta: its base parameters, (p,), SI.
-        R: of the metric, (p, p): a triangle, or any other root of its square.
+        R: of the metric, (p, p): an R factor, or any other root of its square.
 
     Raises:
-        ParameterValueError: a parameter is not a finite number.
-        MetricError: a direction of the parameters has no weight.
-        NoBodyError: the symmetries declared for the device leave no body.
-        UnsolvedError: the solver stopped before it had an answer.
+        SettingError: a parameter is not a finite number.
+        IdentifiabilityError: the metric is singular.
+        PhysicalConsistencyError: the symmetries declared for the device leave no feasible body.
+        ConvergenceError: the solver stopped without a solution.
     """
     beta = checked(model, beta)
     check_metric(model, R)
     found = possible(model, beta)
-    return found if found.ok else hold(model, beta, triangle(R))[0]
+    return found if found.ok else nearest_feasible(model, beta, triangle(R))[0]
 
 
-def hold(model: DynamicModel, beta: Array, R: Array) -> tuple[FeasibleParameters, tuple[Block, ...]]:
-    """The nearest that is possible to what is not, and the conditions that hold it."""
+def nearest_feasible(model: DynamicModel, beta: Array, R: Array) -> tuple[FeasibleParameters, tuple[Block, ...]]:
+    """The feasible base parameters nearest to infeasible ones, and the active conditions."""
     conditions = roomy(model, beta)
-    x, strength = nearest(conditions, R, beta)
-    least = NEGLIGIBLE * strength.max(initial=0.0)
-    held = tuple(block for block, z in zip(conditions.blocks, strength, strict=True) if z > least)
-    for block in held:
+    x, multipliers = nearest(conditions, R, beta)
+    least = NEGLIGIBLE * multipliers.max(initial=0.0)
+    active = tuple(block for block, z in zip(conditions.blocks, multipliers, strict=True) if z > least)
+    for block in active:
         if not block.is_link and np.count_nonzero(block.G) == 1:
-            x[np.flatnonzero(block.G[0])] = 0.0  # not 1e-13 of its size
-    settled = [part for part in conditions.parts if any(block in held for block in part.blocks)]
-    return inside(model, conditions, conditions.A @ x, x, settled), held
+            x[np.flatnonzero(block.G[0])] = 0.0  # exactly, not 1e-13 of its size
+    fixed = [part for part in conditions.parts if any(block in active for block in part.blocks)]
+    return inside(model, conditions, conditions.A @ x, x, fixed), active
 
 
 def checked(model: DynamicModel, beta: ArrayLike) -> Array:
-    """Base parameters of the device as floats, after a look at their shape and at each."""
+    """Base parameters of the device as floats, (p,).
+
+    Raises:
+        ShapeError: there are too many or too few.
+        SettingError: one is not a finite number.
+    """
     beta = np.asarray(beta, dtype=float)
     expect("beta", beta.shape, (len(model.base),))
     for name, value in zip(model.base.names, beta, strict=True):
         if not np.isfinite(value):
-            raise ParameterValueError(name, float(value))
+            raise SettingError(
+                f"base parameter {name} is {value}, not a finite number.", where=name, found=float(value)
+            )
     return beta
 
 
 def check_metric(model: DynamicModel, R: Array) -> None:
-    """Raise MetricError, naming the parameter it says least about, where R is as good as singular."""
+    """Raise IdentifiabilityError, naming the parameter of least weight, where R is numerically singular."""
     p = len(model.base)
     expect("R", np.shape(R), (p, p))
-    sizes = np.linalg.norm(R, axis=0)
-    if not sizes.all():
-        raise MetricError(model.base.names[int(np.argmin(sizes))], 0.0, WEIGHED)
-    _, singular, directions = np.linalg.svd(R / sizes)
-    ratio = float(singular[-1] / singular[0])
+    k, ratio = weakest(R)
     if ratio < WEIGHED:
-        raise MetricError(model.base.names[int(np.argmax(np.abs(directions[-1])))], ratio, WEIGHED)
+        name = model.base.names[k]
+        raise IdentifiabilityError(
+            f"the metric has no weight on base parameter {name}: {ratio:.1e} of the largest (limit {WEIGHED:.1e}).",
+            where=name,
+            found=ratio,
+            limit=WEIGHED,
+            advice="Use the R factor of an observation that excites all parameters.",
+        )
 
 
 def roomy(model: DynamicModel, beta: Array) -> Cone:
-    """The conditions, scaled for base parameters of about this size.
+    """The cone of a device, scaled for base parameters of about this size, with a point well inside as its ball.
 
     Raises:
-        NoBodyError: no standard parameters at all are well inside: the symmetries leave no body.
+        PhysicalConsistencyError: the cone has no interior: the symmetries leave no feasible body.
     """
-    made = cone(model, beta)
-    if made.margin(made.ball) > BORDER:
-        return made
-    nothing = np.zeros((0, len(made.scale)))
-    free = replace(made, A=nothing, parts=parts(nothing, made.blocks))
-    found = interior(free, made.ball)
-    for part, margin in zip(free.parts, found.margins, strict=True):
+    found = cone(model, beta)
+    if found.margin(found.ball) > BORDER:
+        return found
+    nothing = np.zeros((0, len(found.scale)))
+    free = replace(found, A=nothing, parts=parts(nothing, found.blocks))
+    centre = interior(free, found.ball)
+    for part, margin in zip(free.parts, centre.margins, strict=True):
         if margin < BORDER:
-            raise NoBodyError([block.label for block in part.blocks], float(margin), BORDER)
-    return replace(made, ball=found.x)
+            labels = ", ".join(block.label for block in part.blocks)
+            raise PhysicalConsistencyError(
+                f"with the symmetries in the device file no body of positive volume is possible for {labels}: the "
+                f"least eigenvalue is at most {margin:.1e} (limit {BORDER:.1e}).",
+                where=labels,
+                found=float(margin),
+                limit=BORDER,
+                advice="Take a zero out of [[symmetry]], such as the moment of inertia of a rod about its own axis.",
+            )
+    return replace(found, ball=centre.x)
 
 
-def sentence(part: Part, shares: Array) -> str:
-    """What contradicts what in a part."""
+def _contradiction(part: Part, shares: Array) -> str:
+    """A sentence on the conditions of a part that contradict each other."""
     labels = [block.label for block, share in zip(part.blocks, shares, strict=True) if share > SHARE]
     if len(labels) == 1:
         return f"{labels[0]}: " + ("no body has this inertia" if labels[0].startswith("link") else "negative")
     return f"{', '.join(labels)}: no bodies have these together"
+
+
+@dataclass(frozen=True, eq=False)
+class Interior:
+    """The most interior standard parameters with given base parameters.
+
+    Attributes:
+        x: scaled standard parameters, (n,).
+        margins: the largest least eigenvalue of every part, (parts,); infinite where a part has no condition.
+        multipliers: of each block of the cone, by part; each part's sum is at most one.
+    """
+
+    x: Array
+    margins: Array
+    multipliers: tuple[Array, ...]
+
+
+def interior(cone: Cone, x: Array, fixed: Sequence[Part] = ()) -> Interior:
+    """The most interior scaled standard parameters with the base parameters of x, part by part.
+
+    The margin of a part is the largest t with every pseudo-inertia >= t and every term >= t, all scaled. Inside the
+    cone the x of least divergence from the centre is taken, which is unique.
+
+    Args:
+        cone: the conditions.
+        x: any scaled standard parameters with those base parameters, (n,).
+        fixed: parts of which x stays as it is.
+    """
+    x, margins, multipliers = np.array(x), [], []
+    for part in cone.parts:
+        step, margin, shares = no_step(part, x) if part in fixed else largest_margin(cone, part, x)
+        if margin > BORDER and part.null.size and part not in fixed:
+            step = step + analytic_centre(cone, part, x + step)
+        x += step
+        margins.append(margin)
+        multipliers.append(shares)
+    return Interior(x, np.array(margins), tuple(multipliers))
+
+
+def no_step(part: Part, x: Array) -> tuple[Array, float, Array]:
+    """A zero step, the margin of a part at x, and 1 for each block that has no more than it."""
+    margin = part.margin(x)
+    return np.zeros_like(x), margin, np.array([float(block.margin(x) == margin) for block in part.blocks])
+
+
+def largest_margin(cone: Cone, part: Part, x: Array) -> tuple[Array, float, Array]:
+    """The step of a part that maximises its margin, that margin, and the multiplier of each block."""
+    k = part.null.shape[1]
+    if not (part.blocks and k):
+        return no_step(part, x)
+    conditions = [
+        Condition(np.column_stack([block.G @ part.null, -block.inside]), block.G @ x, block.is_link)
+        for block in part.blocks
+    ]
+    conditions.append(Condition(-np.eye(1, k + 1, k), np.array([ROOMY])))
+    P = np.diag(np.append(np.full(k, MARGIN_PENALTY), 0.0))
+    q = np.append(MARGIN_PENALTY * part.null.T @ (x - cone.centre), -1.0)
+    v, z = minimise(P, q, conditions)
+    step = part.null @ v[:-1]
+    shares = np.array([block.inside @ zb for block, zb in zip(part.blocks, z, strict=False)])
+    margin = part.margin(x + step)
+    # On the boundary itself the solver may end a rounding error below where it began.
+    return (step, min(margin, ROOMY), shares) if margin > part.margin(x) else no_step(part, x)
+
+
+def analytic_centre(cone: Cone, part: Part, x: Array) -> Array:
+    """From an x inside, the step of a part to the least divergence from the centre, sum of <C^-1, P> - log det P.
+
+    P is every pseudo-inertia and term, C the centre's (the ball's, where the centre is infeasible). Newton's method
+    with the damping of self-concordant functions never leaves the cone.
+
+    Sources: Lee, Wensing and Park (2020), IEEE Transactions on Robotics 36(2), for the divergence; Nesterov and
+    Nemirovskii (1994), Interior-Point Polynomial Algorithms, for the damping.
+    """
+    references = [np.linalg.inv(block.matrix(block.reference(cone.centre, cone.ball))) for block in part.blocks]
+    y = np.zeros(part.null.shape[1])
+    for _ in range(MOST_STEPS):
+        gradient, hessian = np.zeros(len(y)), np.zeros((len(y), len(y)))
+        for block, reference in zip(part.blocks, references, strict=True):
+            inverse = np.linalg.inv(block.matrix(x + part.null @ y))
+            directions = block.matrices(part.null)
+            scaled = inverse @ directions
+            gradient += np.einsum("ij,kji->k", reference - inverse, directions)
+            hessian += np.einsum("aij,bji->ab", scaled, scaled)
+        step = -np.linalg.lstsq(hessian, gradient, rcond=None)[0]
+        decrement = float(np.linalg.norm(step @ gradient)) ** 0.5
+        y += step / (1.0 + decrement)
+        if decrement < CENTRED:
+            break
+    return np.asarray(part.null @ y)
+
+
+def nearest(cone: Cone, R: Array, beta: Array) -> tuple[Array, Array]:
+    """The x in the cone whose base parameters b are nearest to beta, |R (b - beta)| least, and the multipliers.
+
+    Directions of x without effect on base parameters have a penalty `FIT_PENALTY` on their distance from the centre,
+    which makes x unique. A second pass penalises the distance from the first solution, so that b does not depend on the
+    penalty, and is scaled by the first distance, so that small distances have full relative precision. Where the
+    infimum is approached only by ever heavier bodies, the penalty limits them.
+
+    Args:
+        cone: the conditions.
+        R: R factor of the metric, (p, p).
+        beta: base parameters, (p,), SI.
+
+    Returns:
+        x, (n,), and the multiplier of each of the cone's blocks, (blocks,).
+    """
+    x, p = cone.start(beta), len(beta)
+    size = float(np.linalg.norm(R @ beta)) or 1.0
+    towards = cone.null.T @ (cone.centre - x)
+    for _ in range(PASSES):
+        # v = (r, y): x + to_x r + null y has base parameters beta + R^-1 r size. R'R would halve the digits.
+        move = np.column_stack([cone.inverse @ linalg.solve_triangular(R, np.eye(p)) * size, cone.null])
+        conditions = [Condition(b.G @ move, b.G @ x, b.is_link) for b in cone.blocks]
+        weights = np.append(np.ones(p), np.full(len(towards), FIT_PENALTY))
+        v, z = minimise(np.diag(weights), np.append(np.zeros(p), -FIT_PENALTY * towards), conditions)
+        size, towards = size * (float(np.linalg.norm(v[:p])) or 1.0), v[p:]
+    return cone.moved_inside(x + move @ v), np.array([b.inside @ zb for b, zb in zip(cone.blocks, z, strict=True)])

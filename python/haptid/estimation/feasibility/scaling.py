@@ -1,4 +1,4 @@
-"""How large the parameters of a device are: haptic inertias of 1e-7 kg m^2 and arms' of 10 in numbers near one."""
+"""Characteristic sizes of parameters, which scale inertias from 1e-7 kg m^2 to 10 kg m^2 to numbers near one."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ class Scale:
     Attributes:
         mass, length: of every link, (joints,), kg and m.
         chi: of every standard parameter, (n,), SI.
-        ball: raw parameters of a ball for every link, and of terms of the size of their kind, (r,), SI.
+        ball: raw parameters of a homogeneous ball for every link, and of terms of the size of their kind, (r,), SI.
     """
 
     mass: Array
@@ -32,39 +32,39 @@ class Scale:
 
     @staticmethod
     def of(model: DynamicModel, beta: Array) -> Scale:
-        """Lengths from the geometry; masses and terms from what base parameters of this size can hold.
+        """Lengths from the geometry; masses and terms from the largest values that base parameters of this size allow.
 
-        The sizes only set the units in which margins are told and numbers are computed, not what is possible.
+        The sizes only set the units of margins and of the computation, not the feasible set.
         """
         length = lengths(model)
         S, room = model.device.parameters.S, largest(model.base.regrouping, beta)
         free = np.argmax(S, axis=1)
         raw = np.where(S.any(axis=1), room[free], np.nan)
         links = raw[: 10 * len(length)].reshape(-1, 10) / length[:, None] ** POWER
-        mass = filled(np.array([large(row) for row in links]))
+        mass = filled(np.array([upper_quantile(row) for row in links]))
         sizes = np.concatenate([(mass[:, None] * length[:, None] ** POWER).ravel(), term_sizes(model, raw)])
         ball = sizes * np.concatenate([np.tile(BALL, len(length)), np.ones(len(model.terms))])
         return Scale(mass, length, sizes[np.argmax(S, axis=0)], ball)
 
 
 def largest(regrouping: Array, beta: Array) -> Array:
-    """What each standard parameter would be if it alone made up a base parameter, the least of them, (n,).
+    """Each standard parameter as if it alone made up a base parameter, the least over the base parameters, (n,).
 
-    NaN where no base parameter that is not zero holds it.
+    NaN where it is in no base parameter other than zero.
     """
     used = (regrouping != 0) & (beta != 0)[:, None]
     alone = np.where(used, np.abs(beta)[:, None] / np.where(used, np.abs(regrouping), 1.0), np.inf).min(axis=0)
     return np.where(np.isfinite(alone), alone, np.nan)
 
 
-def large(values: Array) -> float:
-    """A large one of those that are neither unknown nor zero, though not an outlier; zero where there is none."""
+def upper_quantile(values: Array) -> float:
+    """The 80 % quantile of the values that are neither NaN nor zero, which outliers do not move; zero without any."""
     known = values[values > 0]
     return float(np.quantile(known, 0.8)) if len(known) else 0.0
 
 
 def filled(values: Array) -> Array:
-    """Sizes with the median of the others where there is none, one where there are no others."""
+    """Sizes, with the median of the others in place of zeros; one where all are zero."""
     return np.where(values > 0, values, np.median(known) if len(known := values[values > 0]) else 1.0)
 
 
@@ -77,7 +77,7 @@ def term_sizes(model: DynamicModel, raw: Array) -> Array:
 
 
 def lengths(model: DynamicModel) -> Array:
-    """How far every link reaches: to its children's joints, the loops' cuts, the handle, (joints,), m."""
+    """Length of every link: to its children's joints, the cut joints, the handle, (joints,), m."""
     reach = np.zeros(len(model.device.joints))
     ends = [(joint.parent, joint.translation) for joint in model.device.joints]
     ends += [(f.link, f.translation) for cut in model.device.closure.cuts for f in (cut.frame, cut.twin)]

@@ -1,4 +1,4 @@
-"""Profile likelihood: how far a parameter of a held estimate can go before the rows speak against it."""
+"""Profile-likelihood intervals of constrained estimates: each end is one cone programme."""
 
 from __future__ import annotations
 
@@ -11,35 +11,34 @@ import numpy as np
 from scipy import sparse
 
 from haptid._internal.arrays import Array
-from haptid.errors import MethodSettingError, PulledProfileError, UnsolvedError
-from haptid.estimation.feasibility.conic_program import ENOUGH, SOLVED, TIGHT, Condition, settings
+from haptid.errors import SettingError
+from haptid.estimation.feasibility.conic_program import ENOUGH, SOLVED, TIGHT, Condition, cones_of, settings, unsolved
 from haptid.estimation.feasibility.feasible import roomy
-from haptid.estimation.fit import Fit
 from haptid.estimation.intervals.cluster_robust import ClusterRobust
-from haptid.estimation.intervals.spread import Intervals, Spread
-from haptid.estimation.methods.bounded import BoundedSolution, conditions
-from haptid.estimation.methods.consistent import Constrained
+from haptid.estimation.intervals.covariance import Intervals, Spread
+from haptid.estimation.method import Fit, setting_error
+from haptid.estimation.methods.constrained import BoundedSolution, Constrained, bound_conditions
 
-# Weight of the pull along directions that no torque shows, in units in which the end that is looked for is one.
-PULL = 1e-6
-# Where the solver comes no further, it is asked again with tolerances so many times as wide.
-WIDER = (1.0, 1e2, 1e4)
+# Weight of a quadratic penalty on directions without torque, which makes the solution unique.
+PENALTY = 1e-6
+# Where the solver stops short of its tolerances, it is run again with these multiples of them.
+RELAXED = (1.0, 1e2, 1e4)
 
 
 @dataclass(frozen=True)
 class Profile:
-    """Ends of each interval: the least and largest value at which the best fit within the limits is not too bad.
+    """Ends of each interval: least and largest value at which the best constrained fit passes a likelihood-ratio test.
 
-    Too bad is a rise of |R (b - beta)|^2 over that of the estimate by more than t^2 times how much larger the honest
-    variance of that parameter is than the textbook's: where no limit is near, the interval is the honest one. Where
-    limits hold other parameters it is narrower than the free one, for these limits are information. Limits are those of
-    `Bounds`, or what bodies and passive terms can have, of `PhysicallyConsistent`: each end is one cone programme, and is asked
-    only where the end of the free interval is not seen to be possible as it is.
+    The test allows |R (b - beta)|^2 to rise above that of the estimate by t^2 times the ratio of the cluster-robust to
+    the classical variance of that parameter: away from all constraints the interval is the cluster-robust one. Where
+    constraints on other parameters are active it is narrower than the unconstrained one, because they are information.
+    Constraints are those of `Bounds` or `PhysicallyConsistent`; a cone programme is solved only where the end of the
+    unconstrained interval is not found to be feasible as it is.
 
     Sources: Murphy and van der Vaart (2000), JASA 95; Kent (1982), Biometrika 69, for the factor.
 
     Attributes:
-        free: intervals of the fit that is held to nothing.
+        free: covariance estimator of the unconstrained fit.
     """
 
     free: Intervals = field(default_factory=ClusterRobust)
@@ -49,64 +48,67 @@ class Profile:
         return f"profile likelihood within the limits; scale by {self.free.name}"
 
     def spread(self, fit: Fit, combinations: Array | None = None) -> Spread:
-        """Of the free fit."""
+        """Of the unconstrained fit."""
         return self.free.spread(fit, combinations)
 
     def limits(self, fit: Fit, held: object, half: Array) -> Array:
-        """Ends of the 95 % intervals, (p, 2).
+        """Ends of the intervals of the base parameters, (p, 2), at the level of `half`.
 
         Args:
-            fit: the free fit.
-            held: the estimate within its limits.
-            half: half-widths of the free intervals, (p,).
+            fit: the unconstrained fit.
+            held: the constrained estimate.
+            half: half-widths of the unconstrained intervals, (p,).
 
         Raises:
-            MethodSettingError: the estimate is not one of `Bounds()` or `PhysicallyConsistent()`.
-            PulledProfileError: it was pulled towards a prior.
-            UnsolvedError: the solver stopped before it had an answer.
+            SettingError: the estimate is not one of `Bounds()` or `PhysicallyConsistent()`, or is regularised.
+            ConvergenceError: the solver stopped without a solution.
         """
         known = np.flatnonzero(np.isfinite(half))
-        ends = np.array(ranged(held).interval(half))
+        ends = np.array(expect_constrained(held).interval(half))
         ends[known] = self.ends(fit, held, np.eye(len(half))[known], half[known])
         return ends
 
     def ends(self, fit: Fit, held: object, combinations: Array, half: Array) -> Array:
-        """Ends of the 95 % intervals of combinations of base parameters, (q, 2).
+        """Ends of the intervals of combinations of base parameters, (q, 2), at the level of `half`.
 
         Args:
-            fit: the free fit.
-            held: the estimate within its limits.
+            fit: the unconstrained fit.
+            held: the constrained estimate.
             combinations: (q, p).
-            half: half-widths of their free intervals, (q,).
+            half: half-widths of their unconstrained intervals, (q,).
 
         Raises:
-            MethodSettingError, PulledProfileError, UnsolvedError: as `limits`.
+            SettingError, ConvergenceError: as `limits`.
         """
-        kept = ranged(held)
-        room = within(fit, kept) if isinstance(kept, BoundedSolution) else possible(fit, kept)
-        least = float(np.sum((fit.solution.R @ inner(fit, room.beta - room.free)) ** 2))
-        made = np.empty((len(half), 2))
+        constrained = expect_constrained(held)
+        feasible = (
+            between_bounds(fit, constrained)
+            if isinstance(constrained, BoundedSolution)
+            else consistent(fit, constrained)
+        )
+        least = float(np.sum((fit.solution.R @ inner(fit, feasible.beta - feasible.free)) ** 2))
+        ends = np.empty((len(half), 2))
         for row, (wanted, wide) in enumerate(zip(combinations, half.tolist(), strict=True)):
             across = wanted @ fit.solution.root
             size = float(np.linalg.norm(across))
             reach = float(np.sqrt(least + (wide / size) ** 2))
             for side, sign in enumerate((-1.0, 1.0)):
                 straight = fit.solution.root @ across * (sign * reach / size)
-                step = straight if room.holds(straight) else furthest(room, reach, sign * wanted)
-                made[row, side] = wanted @ (room.free + step)
-        value = combinations @ room.beta
-        return np.column_stack([np.minimum(made[:, 0], value), np.maximum(made[:, 1], value)])
+                step = straight if feasible.holds(straight) else furthest(feasible, reach, sign * wanted)
+                ends[row, side] = wanted @ (feasible.free + step)
+        value = combinations @ feasible.beta
+        return np.column_stack([np.minimum(ends[:, 0], value), np.maximum(ends[:, 1], value)])
 
 
 @dataclass(frozen=True, eq=False)
-class Room:
-    """Where base parameters may be: free + change h, with every condition on (h, y) met for some y.
+class FeasibleSet:
+    """Feasible base parameters: free + change h, with every condition on (h, y) satisfied for some y.
 
     Attributes:
-        free, beta: the free fit, and the estimate, (p,), SI.
+        free, beta: the unconstrained fit and the estimate, (p,), SI.
         change: (p, k); h is the change of the weighted torque.
         conditions: on (h, y), (k + extra,).
-        holds: whether a change of base parameters, (p,), is seen at once to be possible.
+        holds: a quick sufficient check that a change of base parameters, (p,), is feasible.
     """
 
     free: Array
@@ -116,71 +118,78 @@ class Room:
     holds: Callable[[Array], bool]
 
 
-def ranged(held: object) -> BoundedSolution | Constrained:
-    """An estimate that is held; of others there is no profile.
+def expect_constrained(held: object) -> BoundedSolution | Constrained:
+    """The constrained estimate; other estimates have no profile.
 
     Raises:
-        MethodSettingError: it is none.
-        PulledProfileError: it is not the best fit of what it is held to.
+        SettingError: the estimate is unconstrained, or is not the best fit within its constraints.
     """
     if isinstance(held, Constrained) and held.pulled:
-        raise PulledProfileError
+        raise SettingError(
+            "Profile: the estimate is regularised towards prior bodies, so it is not the best fit of which a profile "
+            "could be made.",
+            where="intervals",
+            advice="Use ClusterRobust(), or estimate with PhysicallyConsistent().",
+        )
     if isinstance(held, BoundedSolution | Constrained):
         return held
-    wanted = "an estimate by Bounded(...) or Consistent(...)"
-    raise MethodSettingError("Profile", "method", type(held).__name__, wanted)
+    wanted = "an estimate by Bounds(...) or PhysicallyConsistent(...)"
+    raise setting_error("Profile", "method", type(held).__name__, wanted)
 
 
 def inner(fit: Fit, change: Array) -> Array:
-    """A change of base parameters, (p,), in the directions that nothing fixes, (k,)."""
+    """A change of base parameters, (p,), in the unconstrained directions, (k,)."""
     return np.asarray(np.linalg.lstsq(fit.solution.root @ fit.solution.R, change, rcond=None)[0])
 
 
-def within(fit: Fit, held: BoundedSolution) -> Room:
-    """Between limits."""
+def between_bounds(fit: Fit, held: BoundedSolution) -> FeasibleSet:
+    """The set between bounds."""
     size = np.linalg.norm(fit.solution.root, axis=1)
-    own = conditions(held.free, size, held.low, held.high)
-    made = tuple(Condition(c.F @ (fit.solution.root / size[:, None]), c.f) for c in own)
+    own = bound_conditions(held.free, size, held.low, held.high)
+    conditions = tuple(Condition(c.F @ (fit.solution.root / size[:, None]), c.f) for c in own)
 
     def holds(step: Array) -> bool:
         return bool(((held.low <= held.free + step) & (held.free + step <= held.high)).all())
 
-    return Room(held.free, held.beta, fit.solution.root, made, holds)
+    return FeasibleSet(held.free, held.beta, fit.solution.root, conditions, holds)
 
 
-def possible(fit: Fit, held: Constrained) -> Room:
-    """What bodies and passive terms can have; y moves what no base parameter shows."""
+def consistent(fit: Fit, held: Constrained) -> FeasibleSet:
+    """The physically consistent set; y moves standard parameters without effect on the base parameters."""
     cone = roomy(held.possible.model, held.beta)
     x = held.possible.chi / cone.scale + cone.inverse @ (held.free - held.beta)
     move = np.column_stack([cone.inverse @ fit.solution.root, cone.null])
-    made = tuple(Condition(block.G @ move, block.G @ x, block.is_link) for block in cone.blocks)
+    conditions = tuple(Condition(block.G @ move, block.G @ x, block.is_link) for block in cone.blocks)
 
     def holds(step: Array) -> bool:
         return cone.margin(x + cone.inverse @ step) >= 0
 
-    return Room(held.free, held.beta, fit.solution.root, made, holds)
+    return FeasibleSet(held.free, held.beta, fit.solution.root, conditions, holds)
 
 
-def furthest(room: Room, reach: float, wanted: Array) -> Array:
-    """The change of base parameters that goes furthest along `wanted`, no more than `reach` from the free fit, (p,).
+def furthest(feasible: FeasibleSet, reach: float, wanted: Array) -> Array:
+    """The feasible change of base parameters, (p,), that goes furthest along `wanted`, with |h| at most `reach`.
 
-    Solved for h / reach, a vector no longer than one; y is held near zero by a pull too weak to be felt.
+    Solved for h / reach, a vector of length at most one; y is kept near zero by a negligible penalty.
+
+    Raises:
+        ConvergenceError: the solver stopped without a solution.
     """
-    k, size = room.change.shape[1], room.conditions[0].F.shape[1]
+    k, size = feasible.change.shape[1], feasible.conditions[0].F.shape[1]
     scale = np.append(np.full(k, reach), np.ones(size - k))
-    own = [(c.F * scale, c.f) for c in room.conditions]
-    cones = [clarabel.PSDTriangleConeT(4) if c.matrix else clarabel.NonnegativeConeT(len(c.f)) for c in room.conditions]
+    own = [(c.F * scale, c.f) for c in feasible.conditions]
     A = np.concatenate([*(-F for F, _ in own), np.zeros((1, size)), -np.eye(k, size)])
     b = np.concatenate([*(f for _, f in own), [1.0], np.zeros(k)])
-    across = wanted @ room.change
+    across = wanted @ feasible.change
     q = np.append(-across / np.linalg.norm(across), np.zeros(size - k))
-    P = sparse.diags(np.append(np.zeros(k), np.full(size - k, PULL)), format="csc")
-    problem = (P, q, sparse.csc_matrix(A), b, [*cones, clarabel.SecondOrderConeT(k + 1)])
-    for wider, equilibrate in product(WIDER, (True, False)):
+    P = sparse.diags(np.append(np.zeros(k), np.full(size - k, PENALTY)), format="csc")
+    cones = [*cones_of(feasible.conditions), clarabel.SecondOrderConeT(k + 1)]
+    problem = (P, q, sparse.csc_matrix(A), b, cones)
+    for relaxed, equilibrate in product(RELAXED, (True, False)):
         how = settings(equilibrate)
-        how.tol_gap_abs = how.tol_gap_rel = how.tol_feas = TIGHT * wider
-        how.reduced_tol_gap_abs = how.reduced_tol_gap_rel = how.reduced_tol_feas = ENOUGH * max(1.0, wider / 100)
+        how.tol_gap_abs = how.tol_gap_rel = how.tol_feas = TIGHT * relaxed
+        how.reduced_tol_gap_abs = how.reduced_tol_gap_rel = how.reduced_tol_feas = ENOUGH * max(1.0, relaxed / 100)
         answer = clarabel.DefaultSolver(*problem, how).solve()
         if str(answer.status) in SOLVED:
-            return np.asarray(room.change @ np.array(answer.x)[:k] * reach)
-    raise UnsolvedError(str(answer.status), answer.iterations)
+            return np.asarray(feasible.change @ np.array(answer.x)[:k] * reach)
+    raise unsolved(str(answer.status), answer.iterations)

@@ -1,140 +1,205 @@
-"""Generalised least squares: rows of a residual that remembers, made white before they are fitted."""
+"""Generalised least squares: correlation across motors (SUR) and in time (GLS, autoregressive residuals)."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import ClassVar
 
 import numpy as np
 from scipy import stats
 
-from haptid._internal.arrays import Array, whole
-from haptid.errors import MethodSettingError, NoTorqueError
-from haptid.estimation.fit import Moments, moments
-from haptid.estimation.intervals.autoregression import Autoregression, burg, unbroken
+from haptid._internal.arrays import Array
+from haptid.estimation.intervals.model_based import Autoregression, burg, residual_runs, runs_of
 from haptid.estimation.least_squares import solve
-from haptid.estimation.method import UnitRows
+from haptid.estimation.method import Fit, Moments, UnitVarianceRows, expect_whole
 from haptid.estimation.methods.wls import WLS
 from haptid.observation.observation import Observation
 from haptid.observation.rows import Chunk, Rows
 
-# A fit of whitened rows that predicts unseen blocks worse by what chance does so rarely is not to be trusted.
-CHANCE = 0.01
+# Significance level of the test whether whitened rows predict unseen blocks worse than weighted ones.
+SIGNIFICANCE = 0.01
+# Largest correlation of two motors' residuals, so that their covariance stays well-conditioned.
+MAX_CORRELATION = 0.999
 
 
 @dataclass(frozen=True)
-class GLS(UnitRows):
+class SUR(UnitVarianceRows):
+    """Seemingly unrelated regressions: rows of one instant weighted by the inverse of their residuals' covariance.
+
+    The rows of an instant are multiplied by the inverse Cholesky factor of that covariance, so they are white across
+    motors, and what holds for `WLS` holds for them.
+
+    Source: Zellner (1962), JASA 57, eqs 2.5 to 2.9.
+
+    Attributes:
+        passes: how often the covariance is estimated from the residuals of the last fit.
+    """
+
+    name: ClassVar[str] = "SUR"
+    passes: int = 2
+
+    def __post_init__(self) -> None:
+        expect_whole("SUR", "passes", self.passes, 1)
+
+    def rows(self, observation: Observation) -> Observation:
+        """Decorrelated across motors.
+
+        Raises:
+            IdentifiabilityError: a motor's torque is zero throughout.
+        """
+        rows = Rows(observation)
+        beta = solve(observation, WLS().weights(observation)).beta
+        before = [observation.motors[: k + 1] for k in range(len(observation.motors))]
+        columns = [np.unique(np.concatenate([motor.columns for motor in some])) for some in before]
+        for _ in range(self.passes):
+            seen = rows.folded(Decorrelation(covariance(rows, beta)), columns)
+            beta = solve(seen, self.weights(seen)).beta
+        return seen
+
+
+@dataclass(frozen=True, eq=False)
+class Decorrelation:
+    """Row transformation: the rows of each instant times the inverse Cholesky factor of (motors, motors)."""
+
+    covariance: Array
+
+    def __call__(self, chunk: Chunk) -> Chunk:
+        W, y = np.zeros_like(chunk.W), np.zeros_like(chunk.y)
+        patterns, which = np.unique(chunk.used, axis=1, return_inverse=True)
+        for number, pattern in enumerate(patterns.T):
+            motors, at = np.flatnonzero(pattern), np.flatnonzero(which.ravel() == number)
+            if not len(motors):
+                continue
+            mix = np.linalg.inv(np.linalg.cholesky(self.covariance[np.ix_(motors, motors)]))
+            here = np.ix_(motors, at)
+            W[here], y[here] = np.einsum("ij,jrp->irp", mix, chunk.W[here]), mix @ chunk.y[here]
+        return chunk.with_rows(W, y)
+
+
+def covariance(rows: Rows, beta: Array) -> Array:
+    """Covariance of all motors' residuals at one instant, (motors, motors), from the instants used of both motors."""
+    motors = rows.observation.motors
+    products, pairs = np.zeros((len(motors),) * 2), np.zeros((len(motors),) * 2)
+    for chunk in rows:
+        e = chunk.residual(beta)
+        products += e @ e.T
+        pairs += chunk.used.astype(float) @ chunk.used.T
+    # Standard deviations are those of WLS; correlations come from pairs. A motor that fits exactly has none.
+    se = np.array([1.0 / WLS().weight(motor, beta) for motor in motors])
+    raw = np.sqrt(np.diag(products) / np.diag(pairs))
+    scale = np.outer(raw, raw) * np.maximum(pairs, 1.0)
+    correlation = np.divide(products, scale, out=np.zeros_like(products), where=scale > 0)
+    np.fill_diagonal(correlation, 1.0)
+    return np.asarray(np.outer(se, se) * nearest_correlation(correlation))
+
+
+def nearest_correlation(C: Array) -> Array:
+    """A positive definite correlation matrix near C, which is indefinite where pairs come from different instants."""
+    values, vectors = np.linalg.eigh(C)
+    positive = (vectors * np.maximum(values, 1.0 - MAX_CORRELATION)) @ vectors.T
+    sizes = np.sqrt(np.diag(positive))
+    return np.asarray(positive / np.outer(sizes, sizes))
+
+
+@dataclass(frozen=True)
+class GLS(UnitVarianceRows):
     """Generalised least squares with an autoregressive model of each motor's residual.
 
-    Torque and columns pass the filter that makes the residual white, with the first rows of every stretch kept
-    (Prais-Winsten); the model is made anew from the residual of each fit. The order is found by BIC. What is left has
-    unit variance, so `Classical()` intervals are the method's own.
+    Torque and columns pass the filter that whitens the residual, with the first rows of every chunk kept
+    (Prais-Winsten); the model is estimated again from the residual of each fit, its order by BIC. The whitened
+    residual has unit variance, so `Classical()` intervals are the method's own.
 
-    A misfit of the model remembers too, and whitening would fit it where the motion hardly is: at the highest
-    frequencies. So the fit has to predict the torque of blocks that it has not seen as well as `WLS()` does: where it
-    is worse by more than chance, rows are weighted as there, and not whitened.
+    An error of the model is serially correlated too, and whitening would then fit it at the highest frequencies, where
+    the motion has least power. So the fit has to predict the torque of unseen blocks as well as `WLS()` does: where it
+    is significantly worse, rows are weighted by motor and not whitened.
 
     Sources: Cochrane and Orcutt (1949), JASA 44; Prais and Winsten (1954), Cowles Commission paper 383.
 
     Attributes:
-        passes: times the models are made from the last fit's residuals.
-        most_order: of the models.
+        passes: how often the models are estimated from the residuals of the last fit.
+        most_order: largest order of the models.
     """
 
+    name: ClassVar[str] = "GLS"
     passes: int = 3
     most_order: int = 20
 
     def __post_init__(self) -> None:
-        for name, least in (("passes", 1), ("most_order", 0)):
-            value = getattr(self, name)
-            if not (whole(value) and value >= least):
-                raise MethodSettingError("GLS", name, value, f"a whole number, {least} or more")
-
-    @property
-    def name(self) -> str:
-        return "GLS"
+        expect_whole("GLS", "passes", self.passes, 1)
+        expect_whole("GLS", "most_order", self.most_order, 0)
 
     def rows(self, observation: Observation) -> Observation:
-        """Whitened.
+        """Whitened in time.
 
         Raises:
-            NoTorqueError: nothing was measured of a motor.
+            IdentifiabilityError: a motor's torque is zero throughout.
         """
         rows = Rows(observation)
         beta = solve(observation, WLS().weights(observation)).beta
-        flat = rows.folded(Whitening(models(rows, beta, 0)))
+        flat = rows.folded(Whitening(residual_models(rows, beta, 0)))
         for _ in range(self.passes):
-            seen = rows.folded(Whitening(models(rows, beta, self.most_order)))
+            seen = rows.folded(Whitening(residual_models(rows, beta, self.most_order)))
             beta = solve(seen, self.weights(seen)).beta
-        return flat if worse(observation, seen, flat) else seen
+        return flat if predicts_worse(observation, seen, flat) else seen
 
 
-def worse(observation: Observation, seen: Observation, flat: Observation) -> bool:
+def predicts_worse(observation: Observation, seen: Observation, flat: Observation) -> bool:
     """Whether a fit of whitened rows predicts the observation's blocks worse than one of weighted rows.
 
-    Each block is predicted from all others; a paired t-test over the blocks of time, one-sided, at `CHANCE`.
+    Each block is predicted from all others; a paired one-sided t-test over the blocks of time, at `SIGNIFICANCE`.
     """
     weights = WLS().weights(observation)
     more = prediction_errors(observation, weights, seen) - prediction_errors(observation, weights, flat)
     if len(more) < 2 or not more.any():
         return False
-    return bool(stats.ttest_1samp(more, 0.0, alternative="greater").pvalue < CHANCE)
+    return bool(stats.ttest_1samp(more, 0.0, alternative="greater").pvalue < SIGNIFICANCE)
 
 
 def prediction_errors(observation: Observation, weights: Array, seen: Observation) -> Array:
-    """Squares of what fits to all other blocks of some rows leave of each block's weighted torque, (blocks,).
+    """Leave-one-block-out cross-validation: squared weighted prediction error of each block, (blocks,).
 
     Args:
         observation: whose torque is predicted.
         weights: of each motor's rows in the errors, (motors,).
-        seen: the same blocks as the fit sees them, in units of the residual.
+        seen: the same blocks as the fit sees them, scaled to unit variance.
     """
     ones = np.ones(len(weights))
     solution = solve(seen, ones)
-    made, sums = moments(seen, ones, solution), np.zeros(len(observation.blocks))
-    G, s = np.zeros((len(sums), *made.G.shape[1:])), np.zeros((len(sums), made.s.shape[1]))
-    np.add.at(G, made.block, made.G)
-    np.add.at(s, made.block, made.s)
-    beta = solution.beta - Moments(G, s, np.arange(len(sums))).moved @ solution.root.T
+    found, sums = Fit(seen, ones, solution, True).moments, np.zeros(len(observation.blocks))
+    G, s = np.zeros((len(sums), *found.G.shape[1:])), np.zeros((len(sums), found.s.shape[1]))
+    np.add.at(G, found.block, found.G)
+    np.add.at(s, found.block, found.s)
+    beta = solution.beta - Moments(G, s, np.arange(len(sums))).leave_out_shifts @ solution.root.T
     for motor, weight in zip(observation.motors, weights, strict=True):
         T = motor.triangles * weight
-        left = T[:, :, -1] - np.einsum("bij,bj->bi", T[:, :, :-1], beta[:, motor.columns])
-        sums += (left**2).sum(axis=1)
+        errors = T[:, :, -1] - np.einsum("bij,bj->bi", T[:, :, :-1], beta[:, motor.columns])
+        sums += (errors**2).sum(axis=1)
     return sums
 
 
 @dataclass(frozen=True, eq=False)
 class Whitening:
-    """Rows through the filter of each motor's model, stretch by unbroken stretch."""
+    """Row transformation: rows filtered by each motor's autoregressive model, one unbroken run at a time."""
 
     models: Sequence[Autoregression]
 
-    def __call__(self, stretch: Chunk) -> Chunk:
-        W, y = np.zeros_like(stretch.W), np.zeros_like(stretch.y)
+    def __call__(self, chunk: Chunk) -> Chunk:
+        W, y = np.zeros_like(chunk.W), np.zeros_like(chunk.y)
         for k, autoregression in enumerate(self.models):
-            reached = np.flatnonzero(stretch.W[k].any(axis=0))
-            for run in unbroken(stretch.used[k]):
-                W[k, run, reached] = autoregression.whitened(stretch.W[k, run][:, reached]).T
-                y[k, run] = autoregression.whitened(stretch.y[k, run])
-        return stretch.with_rows(W, y)
+            reached = np.flatnonzero(chunk.W[k].any(axis=0))
+            for run in runs_of(chunk.used[k]):
+                W[k, run, reached] = autoregression.whitened(chunk.W[k, run][:, reached]).T
+                y[k, run] = autoregression.whitened(chunk.y[k, run])
+        return chunk.with_rows(W, y)
 
 
-def models(rows: Rows, beta: Array, most_order: int) -> list[Autoregression]:
-    """Of every motor's residual; powers are of the residual less what the fit took from it.
-
-    Raises:
-        NoTorqueError: nothing was measured of a motor.
-    """
-    parts: list[list[Array]] = [[] for _ in rows.observation.motors]
-    for stretch in rows:
-        for own, e, used in zip(parts, stretch.residual(beta), stretch.used, strict=True):
-            own.extend(e[run] for run in unbroken(used))
-    made = []
-    for motor, own in zip(rows.observation.motors, parts, strict=True):
-        if motor.norm == 0:
-            raise NoTorqueError(motor.name)
+def residual_models(rows: Rows, beta: Array, most_order: int) -> list[Autoregression]:
+    """Autoregressive model of every motor's residual; powers are corrected for the degrees of freedom of the fit."""
+    models = []
+    for motor, own in zip(rows.observation.motors, residual_runs(rows, beta), strict=True):
         found, n = burg(own, most_order), int(motor.rows.sum())
         floor = (np.finfo(float).eps * motor.norm) ** 2 / n
         taken = n / max(1, n - len(motor.columns))
-        made.append(replace(found, powers=np.maximum(found.powers * taken, floor)))
-    return made
+        models.append(replace(found, powers=np.maximum(found.powers * taken, floor)))
+    return models

@@ -1,9 +1,9 @@
-"""What Kalman filters for joint state and parameters share, in square-root form.
+"""Kalman filters for joint state and parameters, extended (`EKF`) and unscented (`UKF`), in square-root form.
 
-The state is (c, cd, beta): positions, velocities and base parameters. The measured torque drives it, the torque's noise
-shakes it, positions are measured. A filter tells beta and a covariance that is true only as far as its noise is. So
-what every block of time adds to the information on beta is kept as rows of that block, R beta = z: their least squares
-are the filter's estimate, and the spread over them is as honest as that of any other method.
+The state is (c, cd, beta): positions, velocities and base parameters. The measured torque is the input, its noise the
+process noise; positions are measured. The filter's own covariance of beta depends on the assumed noise. So the
+information on beta that each block of time adds is stored as rows R beta = z of that block: their least squares are
+the filter's estimate, and cluster-robust covariances apply to them as to any other method.
 
 Sources: Gautier and Poignet (2001), Control Engineering Practice 9(12), the extended filter for robots; Kaminski,
 Bryson and Schmidt (1971), IEEE Trans. Automatic Control 16(6), square-root arrays.
@@ -16,17 +16,17 @@ from collections.abc import Iterator
 from dataclasses import dataclass, field
 
 import numpy as np
+from scipy import linalg
 
 from haptid._internal.arrays import Array, positive
 from haptid.dynamics.forward import ParametricForwardDynamics
 from haptid.dynamics.inverse import inverse_dynamics
 from haptid.dynamics.model import DynamicModel
-from haptid.errors import MethodSettingError, SimulationLostError
+from haptid.errors import SimulationError
 from haptid.estimation.estimate import Estimate, estimate
-from haptid.estimation.method import Method
-from haptid.estimation.methods.didim import base_columns
-from haptid.estimation.methods.linearised import by_block
-from haptid.estimation.methods.open_loop import held_torque, position_noise, recorded_positions
+from haptid.estimation.method import Method, UnitVarianceRows, expect_positive, setting_error
+from haptid.estimation.methods.open_loop import position_noise, recorded_positions, sampled_torque
+from haptid.estimation.methods.simulation_based import base_columns, by_block
 from haptid.estimation.methods.wls import WLS
 from haptid.motion.channels import coordinate_torque, coordinates
 from haptid.motion.treatment import Motion
@@ -36,13 +36,13 @@ from haptid.simulation.closed_loop import FASTEST
 
 Figures = tuple[float, ...]
 
-# A step within which dry friction may turn over is cut into so many: else it turns over half a step late.
-PARTS = 8
+# Substeps of a sampling period in which dry friction may reverse: in one step it would reverse half a step late.
+SUBSTEPS = 8
 
 
 @dataclass(frozen=True, eq=False)
-class Belief:
-    """What the filter knows: x = (c, cd, beta) and a root of its covariance.
+class FilterState:
+    """Mean and square root of the covariance of x = (c, cd, beta).
 
     Attributes:
         x: (2n + p,).
@@ -58,25 +58,25 @@ class Belief:
         inverse = np.asarray(np.linalg.pinv(root @ root.T, rcond=1e-15, hermitian=True), dtype=np.float64)
         return inverse, inverse @ self.x[-p:]
 
-    def measured(self, c: Array, noise: Array) -> Belief:
-        """After positions (n,), each with its deviation, by the array form."""
+    def updated(self, c: Array, noise: Array) -> FilterState:
+        """After measured positions (n,), each with its standard deviation, by the array form."""
         n, size = len(c), len(self.x)
         before = np.zeros((n + size, n + size))
         before[:n, :n], before[:n, n:], before[n:, n:] = np.diag(noise), self.S[:n], self.S
         after = lower(before)
         gain = np.linalg.solve(after[:n, :n].T, after[n:, :n].T).T
-        return Belief(self.x + gain @ (c - self.x[:n]), after[n:, n:])
+        return FilterState(self.x + gain @ (c - self.x[:n]), after[n:, n:])
 
 
 @dataclass(frozen=True, eq=False)
-class Track:
-    """What a filter is given of one motion.
+class FilterInput:
+    """Input of a filter along one motion.
 
     Attributes:
         motion: which.
         c, tau: recorded positions, and torque from each sample to the next, each (n, samples).
         treated: positions and velocities, each (n, samples).
-        noise: deviations of positions and of torques, each (n,).
+        noise: standard deviations of positions and of torques, each (n,).
     """
 
     motion: Motion
@@ -87,17 +87,17 @@ class Track:
 
 
 @dataclass(frozen=True)
-class Filtering(ABC):
+class Filtering(UnitVarianceRows, ABC):
     """A Kalman filter for joint state and parameters.
 
     Attributes:
-        position_noise: deviations of the recorded positions, rad or m, one for each torque row; empty takes what the
-            treatment took from them.
-        torque_noise: deviations of the torque from one sample to the next, N m or N; empty takes what the first
-            estimate leaves of it.
-        start: the method that gives the first parameters.
-        widen: deviations of these to begin with, in their own.
-        friction: dry friction turns over within this share of a joint's root mean square speed: what it lacks near
+        position_noise: standard deviations of the recorded positions, rad or m, one for each torque row; empty takes
+            what the treatment removed from them.
+        torque_noise: standard deviations of the torque from one sample to the next, N m or N; empty takes the residual
+            of the initial estimate.
+        start: the method that gives the initial parameters.
+        widen: initial standard deviations of these, in standard errors.
+        friction: dry friction is smoothed within this share of a joint's root mean square speed: what it lacks near
             standstill biases dry and viscous friction.
     """
 
@@ -109,32 +109,21 @@ class Filtering(ABC):
 
     def __post_init__(self) -> None:
         for name in ("widen", "friction"):
-            if not positive(getattr(self, name)):
-                raise MethodSettingError(self.name, name, getattr(self, name), "a finite number above zero")
+            expect_positive(self.name, name, getattr(self, name))
         for name in ("position_noise", "torque_noise"):
             if not all(positive(value) for value in getattr(self, name)):
                 wanted = "finite deviations above zero, one for each torque row"
-                raise MethodSettingError(self.name, name, getattr(self, name), wanted)
+                raise setting_error(self.name, name, getattr(self, name), wanted)
 
     @property
     def name(self) -> str:
         return type(self).__name__
 
-    @property
-    def unit_residual(self) -> bool:
-        """The filter's rows are in units of their deviation."""
-        return True
-
-    def weights(self, observation: Observation) -> Array:
-        """One for all, (motors,)."""
-        return np.ones(len(observation.motors))
-
     def rows(self, observation: Observation) -> Observation:
-        """What every block of time adds to the information on the parameters, as rows of that block.
+        """The information on the parameters that every block of time adds, as rows of that block.
 
         Raises:
-            SimulationLostError: the filter runs away.
-            MasslessError: a mass matrix cannot be inverted.
+            SimulationError: the filter diverges, or a mass matrix cannot be inverted.
         """
         model, first = observation.model, estimate(observation, self.start)
         smoothed = smooth(model, observation.motions, self.friction)
@@ -143,25 +132,27 @@ class Filtering(ABC):
         triangles, counts = np.zeros((size, p + 1, p + 1)), np.zeros(size, dtype=int)
         beta, root = first.beta, np.diag(self.widen * first.se)
         for motion in observation.motions:
-            track = self._track(first, motion)
-            for blocks in runs(observation, motion):
-                belief = begin(track, blocks[0][1], beta, root)
+            given = self._input(first, motion)
+            for blocks in consecutive_blocks(observation, motion):
+                state = initial_state(given, blocks[0][1], beta, root)
                 for block, start, stop in blocks:
-                    before = belief.information(p)
+                    before = state.information(p)
                     for k in range(start, stop):
-                        belief = self.ahead(forward, belief, track, k)
-                        check(model, motion, k, belief)
-                        belief = belief.measured(track.c[:, k + 1], track.noise[0])
-                    triangles[block] = gained(before, belief.information(p))
-                    counts[block] = (stop - start) * len(track.c)
-                beta, root = belief.x[-p:], lower(belief.S[-p:])
+                        state = self.predicted(forward, state, given, k)
+                        _check_speeds(model, motion, k, state)
+                        state = state.updated(given.c[:, k + 1], given.noise[0])
+                    triangles[block] = information_rows(before, state.information(p))
+                    counts[block] = (stop - start) * len(given.c)
+                beta, root = state.x[-p:], lower(state.S[-p:])
         return by_block(observation, self.name, triangles, counts)
 
     @abstractmethod
-    def ahead(self, forward: ParametricForwardDynamics, belief: Belief, track: Track, k: int) -> Belief:
-        """From sample k to the next, without measurement; every filter has its own."""
+    def predicted(
+        self, forward: ParametricForwardDynamics, state: FilterState, given: FilterInput, k: int
+    ) -> FilterState:
+        """The state at the sample after k, without its measurement."""
 
-    def _track(self, first: Estimate, motion: Motion) -> Track:
+    def _input(self, first: Estimate, motion: Motion) -> FilterInput:
         model, (low, high) = first.model, motion.usable
         raw, treated = recorded_positions(model, motion), measured_state(model, motion)
         positions = np.asarray(self.position_noise or position_noise(raw, treated[0], motion), dtype=float)
@@ -172,8 +163,8 @@ class Filtering(ABC):
             torques = left.std(axis=1)
         for name, figures in (("position_noise", positions), ("torque_noise", torques)):
             if figures.shape != (len(raw),):
-                raise MethodSettingError(self.name, name, figures.tolist(), f"{len(raw)} figures, one for each row")
-        return Track(motion, raw, held_torque(model, motion), treated, (positions, torques))
+                raise setting_error(self.name, name, figures.tolist(), f"{len(raw)} figures, one for each row")
+        return FilterInput(motion, raw, sampled_torque(model, motion), treated, (positions, torques))
 
 
 def lower(root: Array) -> Array:
@@ -181,26 +172,33 @@ def lower(root: Array) -> Array:
     return np.ascontiguousarray(np.asarray(np.linalg.qr(root.T, mode="r"), dtype=np.float64).T)
 
 
-def begin(track: Track, k: int, beta: Array, root: Array) -> Belief:
-    """At sample k, from the treated state; a difference of two positions is worth so much of its velocity."""
-    n, size = len(track.c), 2 * len(track.c) + len(beta)
+def initial_state(given: FilterInput, k: int, beta: Array, root: Array) -> FilterState:
+    """The treated state at sample k, its velocity as uncertain as a difference of two positions."""
+    n, size = len(given.c), 2 * len(given.c) + len(beta)
     S = np.zeros((size, size))
-    S[: 2 * n, : 2 * n] = np.diag(np.concatenate([track.noise[0], track.noise[0] / track.motion.dt]))
+    S[: 2 * n, : 2 * n] = np.diag(np.concatenate([given.noise[0], given.noise[0] / given.motion.dt]))
     S[2 * n :, 2 * n :] = root
-    return Belief(np.concatenate([track.treated[0][:, k], track.treated[1][:, k], beta]), S)
+    return FilterState(np.concatenate([given.treated[0][:, k], given.treated[1][:, k], beta]), S)
 
 
-def check(model: DynamicModel, motion: Motion, k: int, belief: Belief) -> None:
-    """Raise SimulationLostError where the filter has run away."""
+def _check_speeds(model: DynamicModel, motion: Motion, k: int, state: FilterState) -> None:
+    """Raise SimulationError where the filter has diverged."""
     n = len(model.device.row_names)
-    speeds = np.abs(belief.x[n : 2 * n])
+    speeds = np.abs(state.x[n : 2 * n])
     if not speeds.max() < FASTEST:
         row = int(np.argmax(np.nan_to_num(speeds, nan=np.inf)))
-        raise SimulationLostError(motion.t0 + k * motion.dt, model.device.row_labels[row], float(speeds[row]), FASTEST)
+        t, label, speed = motion.t0 + k * motion.dt, model.device.row_labels[row], float(speeds[row])
+        raise SimulationError(
+            f"the filter diverges: at {t:.3f} s the speed of {label} is {speed:.3g} rad/s or m/s (limit {FASTEST:g}).",
+            where=t,
+            found=speed,
+            limit=FASTEST,
+            advice="Start from parameters that are physically consistent, such as those of PhysicallyConsistent().",
+        )
 
 
-def gained(before: tuple[Array, Array], after: tuple[Array, Array]) -> Array:
-    """Rows R beta = z that take one state of information to another, (p + 1, p + 1); z in the last column."""
+def information_rows(before: tuple[Array, Array], after: tuple[Array, Array]) -> Array:
+    """Rows R beta = z whose information is the gain from `before` to `after`, (p + 1, p + 1); z in the last column."""
     more, sum_ = after[0] - before[0], after[1] - before[1]
     scale = np.sqrt(np.maximum(np.diag(after[0]), np.finfo(float).tiny))
     values, vectors = np.linalg.eigh(more / np.outer(scale, scale))
@@ -211,12 +209,11 @@ def gained(before: tuple[Array, Array], after: tuple[Array, Array]) -> Array:
     return np.pad(np.column_stack([R, z]), ((0, 1), (0, 0)))
 
 
-def runs(observation: Observation, motion: Motion) -> Iterator[list[tuple[int, int, int]]]:
-    """Blocks of one motion that follow one another: index in the observation, first sample, and one past the last."""
-    name = motion.log.sha256 if motion.log else f"motion {id(motion):x}"
+def consecutive_blocks(observation: Observation, motion: Motion) -> Iterator[list[tuple[int, int, int]]]:
+    """Runs of consecutive blocks of one motion: index in the observation, first sample, and one past the last."""
     run: list[tuple[int, int, int]] = []
     for k, block in enumerate(observation.blocks):
-        if block.log != name:
+        if block.log != motion.name:
             continue
         start, stop = (
             int(np.clip(round((t - motion.t0) / motion.dt), 0, len(motion) - 1)) for t in (block.start, block.stop)
@@ -227,3 +224,91 @@ def runs(observation: Observation, motion: Motion) -> Iterator[list[tuple[int, i
         run.append((k, start, stop))
     if run:
         yield run
+
+
+@dataclass(frozen=True)
+class EKF(Filtering):
+    """Extended Kalman filter: the model linearised about the present estimate.
+
+    A step is exact for the linear model with constant torque (exponential Rosenbrock-Euler), so that stiff friction
+    needs no smaller ones. Source: Hochbruck and Ostermann (2010), Acta Numerica 19, eq. 2.38.
+    """
+
+    def predicted(
+        self, forward: ParametricForwardDynamics, state: FilterState, given: FilterInput, k: int
+    ) -> FilterState:
+        """The state at the sample after k, without its measurement."""
+        n, x, dt = len(given.c), state.x.copy(), given.motion.dt
+        linear = forward.linearised(x[:n], x[n : 2 * n], given.tau[:, k], x[2 * n :])
+        substeps = SUBSTEPS if forward.turning(x[:n], x[n : 2 * n], linear[0], dt) else 1
+        by_start, by_beta, process = np.eye(2 * n), np.zeros((2 * n, len(x) - 2 * n)), np.zeros((2 * n, n))
+        for substep in range(substeps):
+            if substep > 0:
+                linear = forward.linearised(x[:n], x[n : 2 * n], given.tau[:, k], x[2 * n :])
+            cdd, by_state, slope, inverse = linear
+            F, integral = exponential(by_state, dt / substeps)
+            x[: 2 * n] += integral @ np.concatenate([x[n : 2 * n], cdd])
+            by_start, by_beta = F @ by_start, F @ by_beta + integral[:, n:] @ slope
+            process = F @ process + integral[:, n:] @ (inverse * given.noise[1])
+        root = np.zeros((len(x), len(x) + n))
+        root[: 2 * n, :-n] = by_start @ state.S[: 2 * n] + by_beta @ state.S[2 * n :]
+        root[: 2 * n, -n:], root[2 * n :, :-n] = process, state.S[2 * n :]
+        return FilterState(x, lower(root))
+
+
+def exponential(by_state: Array, dt: float) -> tuple[Array, Array]:
+    """exp(A dt), and its integral over the step, each (2n, 2n), of A = [0 1; by_state]."""
+    size = by_state.shape[1]
+    wide = np.zeros((2 * size, 2 * size))
+    wide[: size // 2, size // 2 : size] = np.eye(size // 2)
+    wide[size // 2 : size, :size] = by_state
+    wide[:size, size:] = np.eye(size)
+    found = linalg.expm(wide * dt)
+    return found[:size, :size], found[:size, size:]
+
+
+@dataclass(frozen=True)
+class UKF(Filtering):
+    """Unscented Kalman filter: 2 (2n + p) points around the present estimate pass through the model, no derivatives.
+
+    Points at plus and minus sqrt(2n + p) standard deviations, with equal weights (the cubature rule), so that the
+    square root of the covariance is a QR of the points. Sources: Julier and Uhlmann (2004), Proc. IEEE 92(3);
+    Arasaratnam and Haykin (2009), IEEE Trans. Automatic Control 54(6), section VI.
+
+    Attributes:
+        parts: Runge-Kutta steps in each sampling period; more where dry friction reverses.
+    """
+
+    parts: int = 1
+
+    def predicted(
+        self, forward: ParametricForwardDynamics, state: FilterState, given: FilterInput, k: int
+    ) -> FilterState:
+        """The state at the sample after k, without its measurement."""
+        n, size, tau = len(given.c), len(state.x), given.tau[:, k]
+        points = state.x[:, None] + np.sqrt(size) * np.column_stack([state.S, -state.S])
+        dt, mean = given.motion.dt, state.x
+        cdd, *_, inverse = forward.linearised(mean[:n], mean[n : 2 * n], tau, mean[2 * n :])
+        steps = self.parts * (SUBSTEPS if forward.turning(mean[:n], mean[n : 2 * n], cdd, dt) else 1)
+        for _ in range(steps):
+            points[: 2 * n] = _runge_kutta(forward, points[:n], points[n : 2 * n], tau, points[2 * n :].T, dt / steps)
+        x = points.mean(axis=1)
+        process = np.zeros((size, n))
+        push = inverse * given.noise[1]
+        process[:n], process[n : 2 * n] = 0.5 * dt**2 * push, dt * push
+        spread = (points - x[:, None]) / np.sqrt(2 * size)
+        return FilterState(x, lower(np.column_stack([spread, process])))
+
+
+def _runge_kutta(forward: ParametricForwardDynamics, c: Array, cd: Array, tau: Array, beta: Array, h: float) -> Array:
+    """One step of the classical Runge-Kutta method of order four, (2n, points), with constant torque."""
+    held = np.repeat(tau[:, None], c.shape[1], axis=1)
+    a1 = forward.acceleration(c, cd, held, beta)
+    v2 = cd + 0.5 * h * a1
+    a2 = forward.acceleration(c + 0.5 * h * cd, v2, held, beta)
+    v3 = cd + 0.5 * h * a2
+    a3 = forward.acceleration(c + 0.5 * h * v2, v3, held, beta)
+    v4 = cd + h * a3
+    a4 = forward.acceleration(c + h * v3, v4, held, beta)
+    sums = cd + 2 * v2 + 2 * v3 + v4, a1 + 2 * a2 + 2 * a3 + a4
+    return np.concatenate([c + h / 6 * sums[0], cd + h / 6 * sums[1]])

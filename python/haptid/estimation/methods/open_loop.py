@@ -1,4 +1,4 @@
-"""Output error in the open loop: the model under the measured torque, over stretches too short to drift."""
+"""Open-loop output error by multiple shooting: simulation under the measured torque, over short stretches."""
 
 from __future__ import annotations
 
@@ -9,56 +9,54 @@ import numpy as np
 from haptid._internal.arrays import Array
 from haptid.dynamics.forward import ForwardDynamics, sets_of
 from haptid.dynamics.model import DynamicModel
-from haptid.estimation.methods.didim import base_columns
-from haptid.estimation.methods.linearised import by_block
-from haptid.estimation.methods.simulating import Simulating
+from haptid.estimation.methods.simulation_based import SimulationBased, base_columns, by_block
 from haptid.motion.channels import coordinate_torque, position_map
 from haptid.motion.treatment import Motion
 from haptid.observation.observation import Observation
 from haptid.observation.r_factor import triangle
 from haptid.simulation import Stretches, measured_state, open_loop, sensitivity
 
-# Noise of positions is taken to be at least this share of their own deviation.
+# Least standard deviation of position noise, relative to that of the positions.
 LEAST_NOISE = 1e-7
 
 
 @dataclass(frozen=True)
-class OutputErrorMethod(Simulating):
+class OutputErrorMethod(SimulationBased):
     """Open-loop output error by multiple shooting: no controller is needed.
 
-    Every stretch begins at a state of its own, near the treated one, which is fitted with the parameters and
-    eliminated stretch by stretch. Positions as they were recorded are compared, in units of what the treatment took
-    from them. Noise of the torque grows over a stretch into something that is not white: it costs precision, and
-    longer stretches cost more; shorter ones see less of the parameters.
+    The initial state of every stretch is near the treated one, estimated with the parameters and eliminated stretch by
+    stretch. Positions as recorded are compared, in units of what the treatment removed from them. Torque noise
+    integrates over a stretch to errors that are not white, which costs precision: more in longer stretches, while
+    shorter ones contain less information on the parameters.
 
     Sources: Bock (1983), multiple shooting; Jategaonkar (2015), Flight Vehicle System Identification, section 4.5.
 
     Attributes:
-        stretch: s.
-        most: passes at most; reversals make them go to and fro.
+        stretch: length of each, s.
+        most: largest number of passes; reversals of motion make the passes oscillate.
     """
 
     stretch: float = 0.1
     most: int = field(default=20, kw_only=True)
 
-    def restate(self, observation: Observation, smoothed: DynamicModel, beta: Array) -> Observation:
+    def linearised_rows(self, observation: Observation, smoothed: DynamicModel, beta: Array) -> Observation:
         """Rows of position, each coordinate's in units of its noise."""
         p, size = len(observation.base), len(observation.blocks)
         triangles, counts = np.zeros((size, p + 1, p + 1)), np.zeros(size, dtype=int)
         for motion in observation.motions:
             stretches = Stretches.of(len(motion), max(2, round(self.stretch / motion.dt)), 0)
-            J, error = shot(observation.model, smoothed, motion, beta, stretches)
-            for k, block in enumerate(homes(observation, motion, stretches)):
+            J, error = multiple_shooting(observation.model, smoothed, motion, beta, stretches)
+            for k, block in enumerate(stretch_blocks(observation, motion, stretches)):
                 if block is not None:
                     rows = np.column_stack([J[..., k].reshape(-1, J.shape[2]), error[..., k].ravel()])
-                    first = J.shape[2] - p  # states at the beginning, eliminated
+                    first = J.shape[2] - p  # initial states, eliminated
                     left = triangle(np.column_stack([rows[:, p:-1], rows[:, :p], rows[:, -1] + rows[:, :p] @ beta]))
                     triangles[block] = triangle(np.concatenate([triangles[block], left[first:, first:]]))
                     counts[block] += len(rows) - first
         return by_block(observation, self.name, triangles, counts)
 
 
-def shot(
+def multiple_shooting(
     model: DynamicModel, smoothed: DynamicModel, motion: Motion, beta: Array, stretches: Stretches
 ) -> tuple[Array, Array]:
     """Of every stretch, derivatives of positions (steps, n, p + 2n, stretches), and errors (steps, n, stretches).
@@ -68,7 +66,7 @@ def shot(
     forward = ForwardDynamics(smoothed, sets_of(model, beta))
     treated, cd = measured_state(model, motion)
     start = (treated[:, stretches.sample[0]], cd[:, stretches.sample[0]])
-    steps = open_loop(forward, motion, held_torque(model, motion), start, stretches)
+    steps = open_loop(forward, motion, sampled_torque(model, motion), start, stretches)
     made = sensitivity(forward, None, motion, steps, base_columns(model))
     raw = recorded_positions(model, motion)
     scale = 1.0 / position_noise(raw, treated, motion)
@@ -77,9 +75,9 @@ def shot(
     return made.c * scale[None, :, None, None] * own[:, None, None], error
 
 
-def held_torque(model: DynamicModel, motion: Motion) -> Array:
-    """Torque of the rows that acts from each sample to the next, (n, samples), N m or N."""
-    if motion.log is not None:  # a command is held
+def sampled_torque(model: DynamicModel, motion: Motion) -> Array:
+    """Torque of the rows, constant from each sample to the next, (n, samples), N m or N."""
+    if motion.log is not None:  # a command is held from sample to sample
         return coordinate_torque(model.device, replace(motion, tau=motion.log.torque), 0, len(motion))
     tau = coordinate_torque(model.device, motion, 0, len(motion))
     return 0.5 * (tau + np.column_stack([tau[:, 1:], tau[:, -1]]))
@@ -92,15 +90,14 @@ def recorded_positions(model: DynamicModel, motion: Motion) -> Array:
 
 
 def position_noise(raw: Array, treated: Array, motion: Motion) -> Array:
-    """Deviation of what the treatment took from the positions, (n,), rad or m."""
+    """Standard deviation of what the treatment removed from the positions, (n,), rad or m."""
     low, high = motion.usable
     taken = (raw - treated)[:, low:high].std(axis=1)
     return np.asarray(np.maximum(taken, LEAST_NOISE * np.maximum(raw.std(axis=1), 1e-3)))
 
 
-def homes(observation: Observation, motion: Motion, stretches: Stretches) -> list[int | None]:
-    """The block in which each stretch lies, None where there is none."""
-    name = motion.log.sha256 if motion.log else f"motion {id(motion):x}"
-    own = [(k, block) for k, block in enumerate(observation.blocks) if block.log == name]
+def stretch_blocks(observation: Observation, motion: Motion, stretches: Stretches) -> list[int | None]:
+    """Index of the block that each stretch lies in, None where there is none."""
+    own = [(k, block) for k, block in enumerate(observation.blocks) if block.log == motion.name]
     middle = motion.t0 + motion.dt * stretches.sample[len(stretches.sample) // 2]
     return [next((k for k, block in own if block.start <= t < block.stop), None) for t in middle]

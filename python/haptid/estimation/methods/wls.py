@@ -1,44 +1,73 @@
-"""Weighted least squares: every motor's rows in units of that motor's own residual."""
+"""Least squares with weights: ordinary (OLS), weighted by motor (WLS), and with a variance function."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import ClassVar
 
 import numpy as np
 
 from haptid._internal.arrays import Array
-from haptid.errors import MethodSettingError, NoTorqueError
+from haptid.errors import IdentifiabilityError
 from haptid.estimation.least_squares import solve
+from haptid.estimation.method import UnitVarianceRows, expect_whole
 from haptid.observation.observation import MotorRows, Observation
+from haptid.observation.rows import Chunk, Rows
+
+# Fisher scoring steps for the variance function in each pass; the next pass continues from there.
+SCORING_STEPS = 20
+# Largest change of the logarithm of a variance in one step.
+LARGEST_STEP = 2.0
+# Range of log variances around that of the motor, so that a few rows that fit exactly do not take all the weight.
+LOG_RANGE = 6.0
+
+
+def no_torque(motor: str) -> IdentifiabilityError:
+    """The error for a motor whose treated torque is zero throughout."""
+    return IdentifiabilityError(
+        f"the treated torque of motor {motor} is zero in every row, so its rows cannot be weighted by their residual.",
+        where=motor,
+        found=0.0,
+        advice="Map the channel that holds its torque, or estimate with OLS.",
+    )
+
+
+@dataclass(frozen=True)
+class OLS:
+    """Ordinary least squares, all motors' rows weighted alike.
+
+    Source: Janot et al. (2007), ISIE, eqs 13 to 17.
+    """
+
+    name: ClassVar[str] = "OLS"
+
+    unit_residual: ClassVar[bool] = False
+
+    def weights(self, observation: Observation) -> Array:
+        """One for every motor, (motors,)."""
+        return np.ones(len(observation.motors))
 
 
 @dataclass(frozen=True)
 class WLS:
-    """Weighted least squares, each motor weighted by its own residual.
+    """Weighted least squares: each motor's rows are divided by the standard deviation of that motor's residual.
 
     Source: Gautier and Poignet (2001), Control Engineering Practice 9(12).
 
     Attributes:
-        passes: times the weights are made from the last fit's residuals.
+        passes: how often the weights are computed from the residuals of the last fit.
     """
 
+    name: ClassVar[str] = "WLS"
     passes: int = 2
 
     def __post_init__(self) -> None:
-        if not (type(self.passes) is int and self.passes >= 1):
-            raise MethodSettingError("WLS", "passes", self.passes, "a whole number, 1 or more")
+        expect_whole("WLS", "passes", self.passes, 1)
 
-    @property
-    def name(self) -> str:
-        return "WLS"
-
-    @property
-    def unit_residual(self) -> bool:
-        """Whether the weighted residual has unit variance, or its variance is still to be estimated."""
-        return True
+    unit_residual: ClassVar[bool] = True
 
     def weights(self, observation: Observation) -> Array:
-        """One over the deviation of each motor's residual, (motors,), 1/(N m) or 1/N."""
+        """One over the standard deviation of each motor's residual, (motors,), 1/(N m) or 1/N."""
         weights = np.ones(len(observation.motors))
         for _ in range(self.passes):
             beta = solve(observation, weights).beta
@@ -46,9 +75,132 @@ class WLS:
         return weights
 
     def weight(self, motor: MotorRows, beta: Array) -> float:
-        """One over the deviation of one motor's residual; a motor that fits exactly is held to rounding."""
+        """One over the standard deviation of one motor's residual, limited by rounding where the fit is exact.
+
+        Raises:
+            IdentifiabilityError: the motor's torque is zero throughout.
+        """
         if motor.norm == 0:
-            raise NoTorqueError(motor.name)
+            raise no_torque(motor.name)
         dof = max(1, int(motor.rows.sum()) - len(motor.columns))
         floor = np.finfo(float).eps * motor.norm / np.sqrt(dof)
         return float(1.0 / max(motor.residual(beta) / np.sqrt(dof), floor))
+
+
+@dataclass(frozen=True)
+class Heteroscedastic(UnitVarianceRows):
+    """Maximum likelihood with a variance that depends on speed and load, motor by motor.
+
+    log sigma^2 = a0 + a1 |v| / v_rms + a2 |load| / load_rms, where the load is the model's torque. Parameters and
+    variances are estimated in turn, the variances by Fisher scoring; every row is then divided by its own standard
+    deviation.
+
+    Source: Harvey (1976), Econometrica 44(3), eqs 3 and 12.
+
+    Attributes:
+        passes: how often the variances are estimated from the residuals of the last fit.
+    """
+
+    name: ClassVar[str] = "heteroscedastic ML"
+    passes: int = 5
+
+    def __post_init__(self) -> None:
+        expect_whole("Heteroscedastic", "passes", self.passes, 1)
+
+    def rows(self, observation: Observation) -> Observation:
+        """Each row divided by its own standard deviation.
+
+        Raises:
+            IdentifiabilityError: a motor's torque is zero throughout.
+        """
+        rows = Rows(observation)
+        beta = solve(observation, WLS().weights(observation)).beta
+        model: VarianceFunction | None = None
+        for _ in range(self.passes):
+            model = variance_function(rows, beta, model)
+            seen = rows.folded(model)
+            beta = solve(seen, self.weights(seen)).beta
+        return seen
+
+
+@dataclass(frozen=True, eq=False)
+class VarianceFunction:
+    """Row transformation: each row divided by its own standard deviation.
+
+    Attributes:
+        a: of log sigma^2 on one, speed and load, both divided by their root mean squares, (motors, 3).
+        speed, load: the root mean squares, (motors,).
+        beta: of the model that gives the load, (p,).
+    """
+
+    a: Array
+    speed: Array
+    load: Array
+    beta: Array
+
+    def __call__(self, chunk: Chunk) -> Chunk:
+        return chunk.scaled(np.where(chunk.used, np.exp(-0.5 * self.log_variances(chunk)), 0.0))
+
+    def log_variances(self, chunk: Chunk) -> Array:
+        """log sigma^2 of all rows, (motors, rows)."""
+        Z = variance_regressors(chunk, self.speed, self.load, self.beta)
+        logs = np.einsum("mrk,mk->mr", Z, self.a)
+        middle = self.a @ np.array([1.0, 1.0, 1.0])
+        return np.asarray(np.clip(logs, middle[:, None] - LOG_RANGE, middle[:, None] + LOG_RANGE))
+
+
+def variance_regressors(chunk: Chunk, speed: Array, load: Array, beta: Array) -> Array:
+    """One, speed and load, divided by their root mean squares, (motors, rows, 3)."""
+    torque = np.abs(chunk.W @ beta) / load[:, None]
+    return np.stack([np.ones_like(torque), np.abs(chunk.velocity) / speed[:, None], torque], axis=2)
+
+
+def variance_function(rows: Rows, beta: Array, before: VarianceFunction | None) -> VarianceFunction:
+    """The maximum-likelihood variance function for the residuals of given parameters."""
+    motors = rows.observation.motors
+    speed, load = rms_speed_and_load(rows, beta)
+    a = np.zeros((len(motors), 3)) if before is None else np.array(before.a)
+    if before is None:
+        a[:, 0] = [-2.0 * np.log(WLS().weight(motor, beta)) for motor in motors]
+    parts: list[list[tuple[Array, Array]]] = [[] for _ in motors]
+    for chunk in rows:
+        Z, e = variance_regressors(chunk, speed, load, beta), chunk.residual(beta)
+        for k, used in enumerate(chunk.used):
+            parts[k].append((Z[k, used], e[k, used]))
+    for k, own in enumerate(parts):
+        Z, e = (np.concatenate(each) for each in zip(*own, strict=True))
+        squares = e**2 * len(e) / max(1, len(e) - len(motors[k].columns))
+        rounding = (np.finfo(float).eps * motors[k].norm) ** 2 / int(motors[k].rows.sum())
+        a[k] = fisher_scoring(Z, squares, a[k], rounding)
+    return VarianceFunction(a, speed, load, beta)
+
+
+def rms_speed_and_load(rows: Rows, beta: Array) -> tuple[Array, Array]:
+    """Root mean square speed and model torque of every motor's used rows, each (motors,); one where zero."""
+    sums = np.zeros((2, len(rows.observation.motors)))
+    for chunk in rows:
+        sums[0] += (np.where(chunk.used, chunk.velocity, 0.0) ** 2).sum(axis=1)
+        sums[1] += ((chunk.W @ beta) ** 2).sum(axis=1)
+    counts = np.array([motor.rows.sum() for motor in rows.observation.motors])
+    speed, load = np.sqrt(sums / counts)
+    return np.where(speed > 0, speed, 1.0), np.where(load > 0, load, 1.0)
+
+
+def fisher_scoring(Z: Array, squares: Array, a: Array, least: float) -> Array:
+    """Fisher scoring of log sigma^2 = Z a: a + (Z'Z)^-1 Z'(e^2 / sigma^2 - 1), (k,).
+
+    Args:
+        Z: (rows, k).
+        squares: of residuals, (rows,).
+        a: start, (k,).
+        least: smaller squares are taken as rounding and raised to this.
+    """
+    squares = np.maximum(squares, least)
+    for _ in range(SCORING_STEPS):
+        excess = np.minimum(squares / np.exp(np.clip(Z @ a, -700, 700)), 1e6) - 1.0
+        step = np.linalg.lstsq(Z, excess, rcond=None)[0]
+        step *= min(1.0, LARGEST_STEP / max(float(np.abs(Z @ step).max()), 1e-300))
+        a = a + step
+        if np.abs(step).max() < 1e-8:
+            break
+    return a

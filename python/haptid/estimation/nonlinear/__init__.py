@@ -1,6 +1,6 @@
-"""Constants of friction that the torque is not linear in, found by variable projection."""
+"""Models nonlinear in some constants: variable projection, and friction that depends on the load."""
 
-from haptid.estimation.nonlinear.copies import EveryOther
-from haptid.estimation.nonlinear.projected import Constant, VariableProjection, variable_projection
+from haptid.estimation.nonlinear.candidate_columns import EveryOther
+from haptid.estimation.nonlinear.variable_projection import Constant, VariableProjection, variable_projection
 
 __all__ = ["Constant", "EveryOther", "VariableProjection", "variable_projection"]

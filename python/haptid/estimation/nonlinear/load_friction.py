@@ -1,69 +1,120 @@
-"""Dry friction in proportion to the load: its column depends on the parameters, so both are found in turn."""
+"""Friction proportional to load, and models with searched constants, linearised for estimation.
+
+The column of friction by load depends on the parameters to be estimated, so both are found by fixed-point iteration.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from functools import reduce
-from operator import add
+from collections.abc import Callable, Sequence
+from dataclasses import replace
 
 import numpy as np
 
-from haptid.device.terms.term import LoadDependentFriction
+from haptid.device.terms.friction import LoadDependentFriction
 from haptid.dynamics.model import DynamicModel
-from haptid.errors import UnsettledError
-from haptid.estimation import WLS, FixedAtZero, Method, estimate
-from haptid.estimation.method import only_weighs
+from haptid.estimation.estimate import estimate
+from haptid.estimation.intervals.covariance import Intervals
+from haptid.estimation.method import Method, not_converged, only_weighs
+from haptid.estimation.methods.constrained import FixedAtZero
 from haptid.estimation.methods.kalman import Filtering
-from haptid.estimation.nonlinear.copies import Sought, observed
-from haptid.observation.observation import Observation
+from haptid.estimation.methods.wls import WLS
+from haptid.estimation.nonlinear.candidate_columns import RowSource, observed
+from haptid.estimation.nonlinear.variable_projection import VariableProjection, variable_projection
 
-# Passes at most, and how far the last may move a parameter, in its deviations.
-MOST, SETTLED = 20, 0.01
-# Of the largest parameter: rows without noise leave deviations of rounding, which no pass comes to rest within.
+# Largest number of passes, and convergence: largest move of a parameter, in standard errors.
+MOST_PASSES, CONVERGED = 20, 0.01
+# Least standard error in that criterion, relative to the largest parameter, for rows without noise.
 ROUNDING = 1e-9
 
+Progress = Callable[[str, float], None]
 
-def fit_load_friction(model: DynamicModel, motions: Sequence[Sought], method: Method | None = None) -> DynamicModel:
-    """The device with the load of its own bodies in its friction by load: a fixed point of fits in turn.
 
-    The first fit is without that friction; every next one has its columns from the bodies of the one before. A pass
-    takes off all of what is wrong but a share of about the friction's coefficient. Intervals of a fit with these
-    columns take the load as exact: it is known far better than the coefficient.
+def unsettled(model: DynamicModel) -> bool:
+    """Whether columns of the model depend on what is estimated: searched constants, or friction by load."""
+    return bool(model.device.searched) or model.has_loads
+
+
+def settled(
+    model: DynamicModel,
+    motions: Sequence[RowSource],
+    method: Method | None = None,
+    intervals: Intervals | None = None,
+    tell: Progress | None = None,
+) -> tuple[DynamicModel, VariableProjection | None]:
+    """The model with its searched constants and loads estimated, linear in all other parameters.
+
+    Loads are estimated first with the initial constants, so that the search starts with approximate loads, and again
+    with the constants found.
+
+    Args:
+        model: as its file has it.
+        motions: treated, or every other block of one.
+        method: of estimation, `WLS()` where None.
+        intervals: of the constants, `ClusterRobust()` where None.
+        tell: called with the present step and the share of it done.
+
+    Raises:
+        HaptidError: as `fit_load_friction` and `variable_projection`.
+    """
+    tell = tell or (lambda _what, _share: None)
+    model = _loaded(model, motions, method, tell)
+    if not model.device.searched:
+        return model, None
+    tell("searching constants", 0.0)
+    projection = variable_projection(
+        model, motions, method, intervals, lambda share: tell("searching constants", share)
+    )
+    model = _loaded(projection.model, motions, method, tell)
+    return model, replace(projection, model=model)
+
+
+def _loaded(model: DynamicModel, motions: Sequence[RowSource], method: Method | None, tell: Progress) -> DynamicModel:
+    """With its loads estimated, where it has friction by load."""
+    if not model.has_loads:
+        return model
+    tell("estimating loads", 0.0)
+    model = fit_load_friction(model, motions, method)
+    tell("estimating loads", 1.0)
+    return model
+
+
+def fit_load_friction(model: DynamicModel, motions: Sequence[RowSource], method: Method | None = None) -> DynamicModel:
+    """The model with the load of its own bodies in its friction by load, by fixed-point iteration of fits.
+
+    The first fit is without that friction; every next one has its columns from the bodies of the one before. The
+    error decreases in each pass by a factor of about the friction coefficient. Intervals of a fit with these columns
+    take the load as exact, because it is known far better than the coefficient.
 
     Source: Hamon, Gautier and Garrec (2010), Proc. IEEE/RSJ IROS, 6187-6193.
 
     Args:
         model: with terms of the kind "load".
         motions: treated, with accelerations; or every other block of one.
-        method: of estimation. What it holds, knows or leaves out counts in the last fit alone: here it only weighs
-            rows, and where it does not, `WLS()` does.
+        method: of estimation. Only its weighting is used here, `WLS()` where it has none of its own; its constraints
+            and priors apply in the final fit.
 
     Raises:
-        AccelerationColumnError: a motion has no accelerations.
-        UnsettledError: the passes do not come to rest.
+        MissingAccelerationError: a motion has no accelerations.
+        ConvergenceError: no convergence.
         HaptidError: as `observe` and `estimate`.
     """
     weighting = _weighting(method)
     names = {term.name for term in model.terms if isinstance(term.shape, LoadDependentFriction)}
     own = tuple(name for name in model.base.names if name in names)
-    beta = estimate(_rows(model, motions), FixedAtZero(own, weighting)).beta
-    for _ in range(MOST):
+    beta = estimate(observed(model, motions), FixedAtZero(own, weighting)).beta
+    for _ in range(MOST_PASSES):
         here = model.loaded(beta)
-        found = estimate(_rows(here, motions), weighting)
+        found = estimate(observed(here, motions), weighting)
         moved = np.abs(found.beta - beta) / np.maximum(found.se, ROUNDING * np.abs(found.beta).max())
-        if moved.max() <= SETTLED:
+        if moved.max() <= CONVERGED:
             return here
         beta = found.beta
     worst = int(np.argmax(moved))
-    raise UnsettledError("friction by load", MOST, model.base.names[worst], float(moved[worst]), SETTLED)
-
-
-def _rows(model: DynamicModel, motions: Sequence[Sought]) -> Observation:
-    """Of all motions."""
-    return reduce(add, [observed(model, motion) for motion in motions])
+    name = model.base.names[worst]
+    raise not_converged("friction by load", MOST_PASSES, name, float(moved[worst]), CONVERGED)
 
 
 def _weighting(method: Method | None) -> Method:
-    """The method, or what it is around, if that weighs rows and nothing else; a filter simulates besides."""
+    """The method, or the one it wraps, if that weights rows and nothing else, which a Kalman filter does not."""
     inner: Method | None = getattr(method, "weighting", method)
     return inner if inner and only_weighs(inner) and not isinstance(inner, Filtering) else WLS()

@@ -30,13 +30,13 @@ class Prototype:
     """A function of the code, as its header declares it.
 
     Attributes:
-        constants_struct: whether its first argument is the model.
+        takes_model: whether its first argument is the model.
         inputs: sizes of the input arrays, by name.
         outputs: sizes of the output arrays, by name.
         checks: whether it returns a status.
     """
 
-    constants_struct: bool
+    takes_model: bool
     inputs: Mapping[str, int]
     outputs: Mapping[str, int]
     checks: bool
@@ -52,6 +52,7 @@ class Compiled:
         functions: by name, without the prefix.
         real: ctypes type of its numbers.
         library: the loaded shared library.
+        constants: the model's struct of precomputed values.
     """
 
     name: str
@@ -59,7 +60,7 @@ class Compiled:
     functions: Mapping[str, Prototype]
     real: Any
     library: ctypes.CDLL
-    constants_struct: Any = field(repr=False)
+    constants: Any = field(repr=False)
 
     @staticmethod
     def of(folder: str | Path) -> Compiled:
@@ -75,15 +76,13 @@ class Compiled:
         header = _header(Path(folder))
         text, name = header.read_text(encoding="utf-8"), header.stem
         real = ctypes.c_float if f"typedef float {name}_real" in text else ctypes.c_double
-        constants, coordinates, parameters = (
+        size, coordinates, parameters = (
             _number(text, pattern)
             for pattern in (rf"{name}_real k\[(\d+)\]", r"_COORDINATES (\d+)", r"_PARAMETERS (\d+)")
         )
-        library, constants_struct = _built(header), (real * constants)()
-        getattr(library, f"{name}_init")(
-            constants_struct, (ctypes.c_double * parameters).in_dll(library, f"{name}_beta")
-        )
-        return Compiled(name, coordinates, prototypes(text, name), real, library, constants_struct)
+        library, constants = _built(header), (real * size)()
+        getattr(library, f"{name}_init")(constants, (ctypes.c_double * parameters).in_dll(library, f"{name}_beta"))
+        return Compiled(name, coordinates, prototypes(text, name), real, library, constants)
 
     def __call__(self, function: str, *inputs: Array) -> dict[str, Array]:
         """Call a function; returns its outputs by name, zeros where it returns a failure.
@@ -96,7 +95,7 @@ class Compiled:
         given = [self.array(x) for x in inputs]
         made = {name: (self.real * size)() for name, size in found.outputs.items()}
         self.library[f"{self.name}_{function}"](
-            *([self.constants_struct] if found.constants_struct else []), *given, *made.values()
+            *([self.constants] if found.takes_model else []), *given, *made.values()
         )
         return {name: np.array(values, dtype=float) for name, values in made.items()}
 
@@ -107,7 +106,7 @@ class Compiled:
     def friction_compensation(self, qd: Array, share: float) -> Array:
         """Friction compensation torque, (coordinates,), N m or N."""
         tau = (self.real * self.coordinates)()
-        self.library[f"{self.name}_friction_compensation"](self.constants_struct, self.array(qd), self.real(share), tau)
+        self.library[f"{self.name}_friction_compensation"](self.constants, self.array(qd), self.real(share), tau)
         return np.array(tau, dtype=float)
 
     def differentiator(self, cutoff_hz: float, dt: float) -> Callable[[Array], Array]:
@@ -128,7 +127,7 @@ class Compiled:
         def update(q: Array, qd: Array, tau: Array) -> Array:
             torque = (self.real * self.coordinates)()
             given = [self.array(x) for x in (q, qd, tau)]
-            self.library[f"{self.name}_observer_update"](self.constants_struct, ctypes.byref(state), *given, torque)
+            self.library[f"{self.name}_observer_update"](self.constants, ctypes.byref(state), *given, torque)
             return np.array(torque, dtype=float)
 
         return update
@@ -155,12 +154,12 @@ def prototypes(header: str, name: str) -> dict[str, Prototype]:
     for kind, function, arguments in re.findall(rf"^(void|int) {name}_(\w+)\(([^)]*)\);", header, re.MULTILINE):
         parts = [" ".join(part.split()) for part in arguments.split(",")]
         arrays = [re.fullmatch(rf"(const )?{name}_real (\w+)\[(\d+)\]", part) for part in parts]
-        constants_struct = parts[0] == f"const {name}_model *model"
+        takes_model = parts[0] == f"const {name}_model *model"
         sized = [a for a in arrays if a]
-        if len(sized) + constants_struct == len(parts):
+        if len(sized) + takes_model == len(parts):
             inputs = {a[2]: int(a[3]) for a in sized if a[1]}
             outputs = {a[2]: int(a[3]) for a in sized if not a[1]}
-            found[function] = Prototype(constants_struct, inputs, outputs, kind == "int")
+            found[function] = Prototype(takes_model, inputs, outputs, kind == "int")
     return found
 
 

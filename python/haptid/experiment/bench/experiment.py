@@ -221,6 +221,9 @@ def experiment_schema() -> dict[str, Any]:
 
 KINDS: Mapping[str, type] = {"multisine": Multisine, "fourier": Fourier, "sweep": Sweep, "grid": Grid}
 
+# Advice of errors about experiment files.
+SCHEMA_ADVICE = "`haptid schema experiment` prints every key."
+
 
 @dataclass(frozen=True, eq=False)
 class Experiment:
@@ -270,7 +273,7 @@ def read_experiment(path: str | Path) -> Experiment:
         ExperimentFileError: the file cannot be read, or a key is missing, unknown or invalid.
     """
     path = Path(path)
-    table = read_checked(path, ExperimentTable, ExperimentFileError, "an experiment")
+    table = read_checked(path, ExperimentTable, ExperimentFileError, "an experiment", SCHEMA_ADVICE)
     _check(path, table)
     return Experiment(table.name, table.seed, _kind(table), table)
 

@@ -17,7 +17,8 @@ from haptid._internal.arrays import Array, expect, freeze, read_only
 from haptid.dynamics.model import DynamicModel
 from haptid.experiment.bench.trajectories import Trajectory
 from haptid.motion.treatment import Motion, Treatment
-from haptid.observation.observation import Observation, Plan, assemble
+from haptid.observation.observation import Observation, assemble
+from haptid.observation.plan import Plan
 from haptid.observation.r_factor import condition, scaled_condition
 
 

@@ -12,7 +12,7 @@ from scipy import optimize
 from haptid._internal.arrays import Array
 from haptid.dynamics.model import DynamicModel
 from haptid.errors import SettingError, TrajectoryError
-from haptid.estimation.methods.zeroed import indices
+from haptid.estimation.methods.constrained import indices
 from haptid.experiment.bench.trajectories import Figures, Kind, Trajectory, plan, spread
 from haptid.experiment.excitation.criteria import Criterion, Quality, ScaledCondition, observed, quality
 from haptid.experiment.excitation.families import Family

@@ -8,7 +8,9 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from haptid.device.expressions import Column
-from haptid.device.terms.term import DRY, Counterbalance, LoadDependentFriction, TermColumn
+from haptid.device.terms.friction import DRY, LoadDependentFriction
+from haptid.device.terms.spring import Counterbalance
+from haptid.device.terms.term import TermColumn
 from haptid.dynamics.model import DynamicModel
 from haptid.errors import ExportError
 from haptid.export.expressions.graph import Expr, Graph

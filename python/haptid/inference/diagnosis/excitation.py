@@ -85,7 +85,7 @@ def _table(made: Estimate) -> tuple[Dependencies, tuple[str, ...]]:
 
 def excitation(made: Estimate) -> Finding:
     """Which parameters are not significantly different from zero, and what motion would excite them."""
-    carried, half = torque_shares(made), np.diff(made.interval95, axis=1)[:, 0] / 2
+    carried, half = torque_shares(made), np.diff(made.conf_int(), axis=1)[:, 0] / 2
     poor = [int(k) for k in np.argsort(carried) if k in made.kept and not half[k] < abs(made.beta[k])]
     table, names = _table(made)
     weakest = table.directions[-1]

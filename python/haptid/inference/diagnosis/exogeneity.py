@@ -22,7 +22,7 @@ from haptid.dynamics.inverse import rigid
 from haptid.dynamics.model import DynamicModel
 from haptid.errors import MissingAccelerationError, SettingError, SimulationError
 from haptid.estimation import IV, Estimate, Method
-from haptid.estimation.methods.simulating import ClosedLoop, treated_as
+from haptid.estimation.methods.simulation_based import ClosedLoop, treated_as
 from haptid.inference.diagnosis.added_variable import AugmentedRows, CandidateColumns
 from haptid.inference.diagnosis.context import ResidualContext, torque_of
 from haptid.inference.diagnosis.finding import SIGNIFICANCE, Finding

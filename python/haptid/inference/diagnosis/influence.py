@@ -10,8 +10,8 @@ from scipy import stats
 from haptid._internal.arrays import Array, read_only
 from haptid.errors import EstimationError
 from haptid.estimation import WLS, Estimate, Restricted, estimate
-from haptid.estimation.fit import ALONE
 from haptid.estimation.least_squares import solve
+from haptid.estimation.method import ALONE
 from haptid.inference.comparison import compare
 from haptid.inference.diagnosis.finding import SIGNIFICANCE, Finding, listed
 

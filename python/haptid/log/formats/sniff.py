@@ -11,7 +11,7 @@ from typing import Any, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from haptid.errors import LogChannelError, LogError, LogFileError, listed
+from haptid.errors import LogChannelError, LogError, LogFileError
 from haptid.log.log import Channels, Signal
 
 Column: TypeAlias = NDArray[Any]
@@ -140,6 +140,17 @@ def repeated_name(path: Path, name: str) -> LogFileError:
     return LogFileError(f"{path}: two columns are named {name!r}.", where=name, advice="Rename one of them.")
 
 
+def channel_list(names: Sequence[str], most: int = 24) -> str:
+    """The first names of a list as text, columns of one matrix as `name[1..n]`, and how many more there are."""
+    counts: dict[str, int] = {}
+    for name in names:
+        array, bracket, _ = name.rpartition("[")
+        counts[array if bracket else name] = counts.get(array, 0) + 1 if bracket else 0
+    groups = [f"{name}[1..{n}]" if n else name for name, n in counts.items()]
+    shown = ", ".join(groups[:most])
+    return f"{shown} and {len(groups) - most} more" if len(groups) > most else shown or "none"
+
+
 def numeric(dtype: np.dtype[Any]) -> bool:
     """Whether arrays of this type are numbers, and so can be channels."""
     return dtype.kind in "iuf"
@@ -261,5 +272,5 @@ def _not_guessed(path: Path, what: str, names: Sequence[str]) -> LogChannelError
         where=path,
         found=tuple(names),
         advice="Without `channels`, haptid takes t or time, q1..qn (or pos1, position1) and tau1..taun (or torque1, "
-        f"u1). Name the channels with haptid.Channels. Channels of this file: {listed(names)}.",
+        f"u1). Name the channels with haptid.Channels. Channels of this file: {channel_list(names)}.",
     )

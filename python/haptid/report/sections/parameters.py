@@ -96,8 +96,8 @@ def _searched(projection: VariableProjection | None) -> list[dict[str, Any]]:
         {
             "name": c.name,
             "value": f"{c.value:.4g}",
-            "low": f"{c.interval[0]:.3g}",
-            "high": f"{c.interval[1]:.3g}",
+            "low": f"{c.conf_int()[0]:.3g}",
+            "high": f"{c.conf_int()[1]:.3g}",
             "unit": c.unit,
             "weak": not c.bounded,
         }
@@ -117,8 +117,8 @@ def _row(p: Parameter, formula: str, essential: bool | None) -> dict[str, Any]:
         "name": p.name,
         "symbol": parameter(p.name),
         "value": p.value,
-        "low": _finite(p.interval[0]),
-        "high": _finite(p.interval[1]),
+        "low": _finite(p.conf_int()[0]),
+        "high": _finite(p.conf_int()[1]),
         "sd": _finite(p.se),
         "free": p.free,
         "relative": _finite(relative),
@@ -132,8 +132,8 @@ def _row(p: Parameter, formula: str, essential: bool | None) -> dict[str, Any]:
         "weak": bool(relative > 50),
         "shown": {
             "value": f"{p.value:.4g}" if p.constrained_outside_ci else with_digits(p.value, p.se),
-            "low": with_digits(p.interval[0], p.se),
-            "high": with_digits(p.interval[1], p.se),
+            "low": with_digits(p.conf_int()[0], p.se),
+            "high": with_digits(p.conf_int()[1], p.se),
             "relative": "" if p.constrained_outside_ci else short_percent(p.se, p.value),
             "prior": "" if p.prior is None else with_digits(p.prior[0], p.se),
         },

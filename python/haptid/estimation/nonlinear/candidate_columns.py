@@ -1,4 +1,4 @@
-"""Columns of a term at other values of its searched constants, observed beside the term itself."""
+"""Regressor columns of friction terms at candidate values of their nonlinear constants, next to the model's own."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ from haptid.observation.r_factor import triangle
 
 @dataclass(frozen=True, eq=False)
 class EveryOther:
-    """Every other time block of a motion.
+    """Every other time block of a motion, a fold of a cross-validation.
 
     Attributes:
         motion: whose blocks.
@@ -33,13 +33,13 @@ class EveryOther:
     parity: int
 
 
-# What constants are searched in.
-Sought = Motion | EveryOther
+# Where rows come from: a motion, or every other block of one.
+RowSource = Motion | EveryOther
 
 
 @dataclass(frozen=True)
-class Copy:
-    """A term's column at another value of one of its searched constants.
+class Candidate:
+    """A term's column at another value of one of its nonlinear constants.
 
     Attributes:
         constant: index among the device's searched constants.
@@ -51,43 +51,43 @@ class Copy:
 
 
 @dataclass(frozen=True, eq=False)
-class Copied:
-    """Rows of a device with copies of some terms: its own columns first, then the copies'.
+class CandidateRows:
+    """Rows of a model with candidate columns: its own columns first, then the candidates.
 
     Attributes:
         model: the dynamic model itself.
-        copies: what was added.
-        observation: rows of the device with the copies.
+        candidates: what was added.
+        observation: rows of the model with the candidates.
         term: base parameter of each searched constant's own term, (constants,).
     """
 
     model: DynamicModel
-    copies: tuple[Copy, ...]
+    candidates: tuple[Candidate, ...]
     observation: Observation
     term: tuple[int, ...]
 
     @property
     def own(self) -> int:
-        """How many columns are the device's own."""
+        """Number of the model's own columns."""
         return len(self.model.base)
 
-    def left(self, weights: Array, instead: Mapping[int, int] | None = None, beside: Array | None = None) -> Left:
-        """What columns leave of the torque: the device's own, some terms replaced by copies of them.
+    def fit(self, weights: Array, instead: Mapping[int, int] | None = None, extra: Array | None = None) -> CandidateFit:
+        """Least squares on the model's own columns, some of them replaced by candidates.
 
         Args:
             weights: of each motor's rows, (motors,).
-            instead: copy that stands for each constant's term.
-            beside: combinations of all columns that are fitted too, (p of the observation, k).
+            instead: candidate that replaces each constant's term.
+            extra: combinations of all columns that are fitted too, (p of the observation, k).
         """
         stack: Array = self.observation.stack(weights)
-        replaced = {self.term[constant]: self.own + copy for constant, copy in (instead or {}).items()}
+        replaced = {self.term[constant]: self.own + number for constant, number in (instead or {}).items()}
         kept = [replaced.get(column, column) for column in range(self.own)]
-        columns = stack[:, kept] if beside is None else np.hstack([stack[:, kept], stack[:, :-1] @ beside])
+        columns = stack[:, kept] if extra is None else np.hstack([stack[:, kept], stack[:, :-1] @ extra])
         beta = np.asarray(np.linalg.lstsq(columns, stack[:, -1], rcond=None)[0], dtype=np.float64)
-        return Left(beta, stack[:, -1] - columns @ beta)
+        return CandidateFit(beta, stack[:, -1] - columns @ beta)
 
-    def taken_out(self, weights: Array, columns: Array) -> tuple[Array, Array]:
-        """Combinations (p, k) of all columns, and the torque, without what the device's own columns tell of them."""
+    def projected(self, weights: Array, columns: Array) -> tuple[Array, Array]:
+        """Combinations (p, k) of all columns, and the torque, projected off the model's own columns."""
         stack = self.observation.stack(weights)
         p = self.own
         R = triangle(np.column_stack([stack[:, :p], stack[:, :-1] @ columns, stack[:, -1]]))
@@ -95,12 +95,12 @@ class Copied:
 
 
 @dataclass(frozen=True, eq=False)
-class Left:
-    """A fit of some columns.
+class CandidateFit:
+    """A least-squares fit of some columns.
 
     Attributes:
         beta: their parameters.
-        residual: of the weighted triangle, (rows,).
+        residual: of the weighted R factor, (rows,).
     """
 
     beta: Array
@@ -108,45 +108,53 @@ class Left:
 
     @property
     def square(self) -> float:
-        """Of the weighted residual."""
+        """Sum of squares of the weighted residual."""
         return float(self.residual @ self.residual)
 
 
-def copied(model: DynamicModel, motions: Sequence[Sought], copies: Sequence[Copy]) -> Copied:
-    """Observe motions with copies of terms; every term with a searched constant is a base parameter of its own.
+def candidate_rows(model: DynamicModel, sources: Sequence[RowSource], candidates: Sequence[Candidate]) -> CandidateRows:
+    """Observe motions with candidate columns; every term with a searched constant is a base parameter of its own.
 
     Raises:
         HaptidError: as `observe`.
     """
-    wide = _Wide(model, [_copy(model, copy, f":{number}") for number, copy in enumerate(copies)])
+    wide = _WidenedModel(model, [_column(model, copy, f":{number}") for number, copy in enumerate(candidates)])
     names = [model.device.parameters.names[k] for k in model.base.independent_columns]
-    return Copied(
+    return CandidateRows(
         model=model,
-        copies=tuple(copies),
-        observation=reduce(add, [observed(wide, motion) for motion in motions]),
+        candidates=tuple(candidates),
+        observation=observed(wide, sources),
         term=tuple(names.index(model.terms[k].name) for k, _ in model.device.searched),
     )
 
 
-def observed(model: DynamicModel, sought: Sought) -> Observation:
-    """The rows of a motion, or of every other block of one."""
-    if isinstance(sought, EveryOther):
-        return observe(model, sought.motion).alternate()[sought.parity]
-    return observe(model, sought)
+def observed(model: DynamicModel, sources: Sequence[RowSource]) -> Observation:
+    """The rows of several motions, or of every other block of them.
+
+    Raises:
+        HaptidError: as `observe`.
+    """
+    return reduce(add, [_observed(model, source) for source in sources])
 
 
-def _copy(model: DynamicModel, copy: Copy, suffix: str) -> TermColumn:
-    k, constant = model.device.searched[copy.constant]
-    changed = model.terms[k].with_constant(constant.name, copy.value)
+def _observed(model: DynamicModel, source: RowSource) -> Observation:
+    if isinstance(source, EveryOther):
+        return observe(model, source.motion).alternate()[source.parity]
+    return observe(model, source)
+
+
+def _column(model: DynamicModel, candidate: Candidate, suffix: str) -> TermColumn:
+    k, constant = model.device.searched[candidate.constant]
+    changed = model.terms[k].with_constant(constant.name, candidate.value)
     return replace(changed, name=f"{changed.name}{suffix}", searched=())
 
 
 @dataclass(frozen=True, eq=False, init=False)
-class _Wide(DynamicModel):
-    """A device with more terms, every one of which is a base parameter, whatever the others are.
+class _WidenedModel(DynamicModel):
+    """A model with additional terms, each of which is a base parameter of its own.
 
     Attributes:
-        narrow: the device without them.
+        narrow: the model without them.
     """
 
     narrow: DynamicModel
@@ -160,7 +168,7 @@ class _Wide(DynamicModel):
 
     @cached_property
     def base(self) -> BaseParameters:
-        """Those of the device without, then the terms added."""
+        """Those of the model without, then the added terms."""
         own, old = self.narrow.base, len(self.narrow.device.parameters)
         more = range(old, len(self.device.parameters))
         return replace(

@@ -1,0 +1,77 @@
+"""Custom terms: a column given as an expression, and the constants of terms, given or estimated."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+from typing import TYPE_CHECKING, Any
+
+from haptid.device.expressions import RESERVED, column
+from haptid.device.terms.term import Searched, TermColumn
+from haptid.device.toml.schema import ColumnTerm, SearchedTable
+
+if TYPE_CHECKING:
+    from haptid.device.geometry import Reader
+    from haptid.device.terms.build import Target, Targets
+    from haptid.device.toml.errors_at import Place
+
+# Unit of a velocity, for a turning and for a sliding coordinate.
+SPEED = ("rad/s", "m/s")
+# Bounds of a searched constant where the file gives none: its start divided and multiplied by this.
+RANGE = 100.0
+
+
+def custom_column(table: ColumnTerm, target: Target, targets: Targets, reader: Reader, place: Place) -> TermColumn:
+    """The term of a user's own expression.
+
+    Raises:
+        DeviceFileError: several targets, a constant whose name is taken, or an expression that is wrong.
+    """
+    targets.expect_one(table, place)
+    for name in table.constants:
+        if name in reader.lengths or name in RESERVED:
+            known = "a named length" if name in reader.lengths else "arithmetic"
+            raise place.at("constants", name).taken("constant", name, known)
+    joints = [joint.name for joint in targets.joints]
+    named = {**reader.lengths, **dict.fromkeys(table.constants, 0.0)}
+    shape = column(table.expression, joints, named, place.at("expression"))
+    made = target.external(table.name, table.unit, shape)
+    return with_constants(made, table.constants, reader, place.at("constants"))
+
+
+def with_constants(term: TermColumn, given: Mapping[str, Any], reader: Reader, place: Place) -> TermColumn:
+    """The term with its constants; those given as a range are nonlinear parameters to estimate."""
+    searched = []
+    for name, value in given.items():
+        here = place.at(name)
+        if isinstance(value, SearchedTable):
+            start, made = _searched(term, name, value, reader, here)
+            searched.append(made)
+        else:
+            start = reader.number(value, here)
+        if term.kind != "external":
+            start = reader.positive(start, here) if name != "width" else reader.not_negative(start, here)
+        term = term.with_constant(name, start)
+    return replace(term, searched=tuple(searched))
+
+
+def _searched(
+    term: TermColumn, name: str, table: SearchedTable, reader: Reader, place: Place
+) -> tuple[float, Searched]:
+    """Start value and bounds of a constant that is estimated."""
+    start = reader.number(table.start, place.at("start"))
+    ends = []
+    for key, factor in (("low", 1 / RANGE), ("high", RANGE)):
+        given = getattr(table, key)
+        if given is None and start <= 0:
+            found = f"start is {start:g}, from which no range follows"
+            raise place.at(key).error(found, f"Write {key} = ... next to start.")
+        ends.append(start * factor if given is None else reader.number(given, place.at(key)))
+    low, high = ends
+    if not low <= start <= high or low == high:
+        found = f"start is {start:g}, low {low:g}, high {high:g}"
+        raise place.error(found, "Let low be below high, and start between them.")
+    if term.kind != "external" and low <= 0:
+        raise place.at("low").error(f"found {low:g}", "Write a number above zero.")
+    unit = {"velocity": SPEED, "width": SPEED}.get(name, ("", ""))[term.unit == "N"] if term.kind != "external" else ""
+    return start, Searched(name, unit, low, high)
