@@ -20,9 +20,9 @@ import numpy as np
 
 import haptid
 from haptid.demos import read_demo
-from haptid.demos.branches.fits import Identified, identified
-from haptid.demos.branches.plan import Branches
-from haptid.demos.recordings import Recorded, Take, read_recorded, record
+from haptid.demos.cea_branches.plan import CeaDemo
+from haptid.demos.cea_branches.results import Identified, identified
+from haptid.demos.recordings import BenchRecording, Take, read_recording, record
 
 NAME, SEEDS = "medical", range(1, 21)
 # Between the seeds of one log and the next, so that no two have the same noise.
@@ -57,26 +57,26 @@ class Found:
     condition_published: float
 
 
-def plan() -> Branches:
+def plan() -> CeaDemo:
     """The demo's."""
     demo = read_demo(NAME)
-    assert isinstance(demo, Branches)
+    assert isinstance(demo, CeaDemo)
     return demo
 
 
 def study(key: str, seed: int) -> Found:
     """One branch and seed."""
-    demo, model = plan(), haptid.DynamicModel(haptid.read_device(plan().model))
+    demo, model = plan(), haptid.DynamicModel(haptid.read_device(plan().device))
     branch = demo.branch(key)
     first = seed + 2 * APART * (1 + demo.branches.index(branch))
     with tempfile.TemporaryDirectory() as folder:
 
-        def made(experiment: str, drawn: int) -> Recorded:
-            path, out = demo.folder / experiment, Path(folder) / f"{experiment}.parquet"
-            record(Take(demo.model, path, out, seed=drawn))
-            return read_recorded(model, path, out)
+        def made(experiment: str, drawn: int) -> BenchRecording:
+            path, out = demo.write_experiment(experiment, Path(folder)), Path(folder) / f"{experiment}.parquet"
+            record(Take(demo.device, path, out, seed=drawn))
+            return read_recording(model, path, out)
 
-        logs = made(branch.experiment, first), made(branch.unseen, first + APART)
+        logs = made(branch.key, first), made(branch.unseen, first + APART)
         return found_of(identified(branch, demo.tables[key], demo.stretch, *logs))
 
 

@@ -24,10 +24,10 @@ import numpy as np
 
 import haptid
 from haptid.demos import read_demo
-from haptid.demos.mountings.fits import Accuracy, Fit, accuracy, fitted
-from haptid.demos.mountings.hand import feel
-from haptid.demos.mountings.plan import Mountings
-from haptid.demos.recordings import Recorded, Take, read_recorded, record
+from haptid.demos.phantom_configurations.fits import Accuracy, Fit, accuracy, fitted
+from haptid.demos.phantom_configurations.hand import hand_forces
+from haptid.demos.phantom_configurations.plan import PhantomDemo
+from haptid.demos.recordings import BenchRecording, Take, read_recording, record
 from haptid.end_effector.definiteness import definiteness
 from haptid.estimation import PhysicallyConsistent, possible
 
@@ -66,19 +66,19 @@ class Found:
 def study(key: str, seed: int) -> Found:
     """One mounting and seed."""
     demo, model = read_demo(NAME), haptid.DynamicModel(haptid.read_device(read_demo(NAME).device))
-    drawn = seed + APART * (1 + demo.mountings.index(demo.mounting(key)))
+    drawn = seed + APART * (1 + list(demo.mountings).index(key))
     with tempfile.TemporaryDirectory() as folder:
 
-        def made(experiment: str, exact: bool = False, quiet: bool = False) -> Recorded:
-            path, out = demo.folder / experiment, Path(folder) / f"{experiment}-{exact}-{quiet}.parquet"
+        def made(experiment: str, exact: bool = False, quiet: bool = False) -> BenchRecording:
+            path = demo.write_experiment(experiment, Path(folder))
+            out = Path(folder) / f"{experiment}-{exact}-{quiet}.parquet"
             record(Take(demo.device, path, out, exact, drawn, STEP, quiet))
-            return read_recorded(model, path, out)
+            return read_recording(model, path, out)
 
-        own = demo.mounting(key).experiment
-        logs = {"exact velocity": made(own, exact=True), "encoders": made(own)}
+        logs = {"exact velocity": made(key, exact=True), "encoders": made(key)}
         if seed <= QUIET:
-            logs["exact velocity, no noise"] = made(own, exact=True, quiet=True)
-            logs["encoders, no noise"] = made(own, quiet=True)
+            logs["exact velocity, no noise"] = made(key, exact=True, quiet=True)
+            logs["encoders, no noise"] = made(key, quiet=True)
         fits = {sort: (by_exact_velocity if "exact" in sort else encoders)(demo, log) for sort, log in logs.items()}
         near = {sort: accuracy(fit.targets, logs[sort], demo.stretch.unseen) for sort, fit in fits.items()}
         free, held = fits["encoders"], encoders(demo, logs["encoders"], PhysicallyConsistent())
@@ -90,7 +90,7 @@ def study(key: str, seed: int) -> Found:
             possible=possible(model, held.estimate.beta).ok,
             least=definiteness(held.estimate, reachable).smallest,
             above=held.validation.relative - free.validation.relative,
-            hand=feel(demo.hand, free, made(demo.hand.experiment)).errors if key == demo.hand.mounting else {},
+            hand=hand_forces(demo.hand, free, made(demo.hand.experiment)).errors if key == demo.hand.mounting else {},
         )
 
 
@@ -99,28 +99,31 @@ def errors_of(near: Accuracy) -> dict[str, float]:
     return {"torque": float(near.torque.max()), **{what: near.worst(kind) for what, kind in KINDS.items()}}
 
 
-def by_exact_velocity(demo: Mountings, recorded: Recorded) -> Fit:
+def by_exact_velocity(demo: PhantomDemo, recorded: BenchRecording) -> Fit:
     """The paper's way."""
     paper, halves = demo.published.treatment(recorded.dt), demo.stretch
-    motions = (recorded.exact(half, paper) for half in (halves.fit, halves.unseen))
-    return fitted("exact velocity", recorded.model, *motions)
+    motions = [recorded.exact(half, paper) for half in (halves.fit, halves.unseen)]
+    return fitted("exact velocity", recorded.model, motions)
 
 
-def encoders(demo: Mountings, recorded: Recorded, method: haptid.Method | None = None) -> Fit:
+def encoders(demo: PhantomDemo, recorded: BenchRecording, method: haptid.Method | None = None) -> Fit:
     """As proposed from the first half."""
     halves = demo.stretch
     treatment = haptid.propose(recorded.model, recorded.log(halves.fit)).treatment
-    motions = (recorded.motion(half, treatment) for half in (halves.fit, halves.unseen))
-    return fitted("encoders", recorded.model, *motions, method)
+    motions = [recorded.motion(half, treatment) for half in (halves.fit, halves.unseen)]
+    return fitted("encoders", recorded.model, motions, method)
 
 
 def run() -> dict[str, float]:
     """Shares, and the worst of all seeds."""
     demo = read_demo(NAME)
-    jobs = [(mounting.key, seed) for mounting in demo.mountings for seed in SEEDS]
+    jobs = [(key, seed) for key in demo.mountings for seed in SEEDS]
     with ProcessPoolExecutor(os.cpu_count()) as pool:
         made = list(pool.map(study, *zip(*jobs, strict=True)))
-    by = {m.title: [f for (key, _), f in zip(jobs, made, strict=True) if key == m.key] for m in demo.mountings}
+    by = {
+        title: [f for (own, _), f in zip(jobs, made, strict=True) if own == key]
+        for key, title in demo.mountings.items()
+    }
     return figures_of(by)
 
 

@@ -1,4 +1,4 @@
-"""The demonstration with branches: its plan, a small run of one branch, and what is said of it."""
+"""The demonstration with branches: its plan, a small run of one branch, and its results."""
 
 import json
 
@@ -7,9 +7,9 @@ import pytest
 
 import haptid
 from haptid.demos import kind_of, read_demo
-from haptid.demos.branches.compensated import bound, smooth
-from haptid.demos.recordings import Take, record
-from haptid.demos.report import write_report
+from haptid.demos.cea_branches.compensation import bound, without_friction
+from haptid.demos.recordings import record
+from haptid.demos.run import write_results
 from haptid.end_effector.characterisation import GivenParameters
 from haptid.estimation import possible
 from haptid.experiment.bench import read_experiment
@@ -27,10 +27,10 @@ def model(demo):
     return haptid.DynamicModel(haptid.read_device(demo.device))
 
 
-def test_every_file_of_the_plan_is_there_and_its_names_fit(demo, model):
+def test_every_file_of_the_plan_is_there_and_its_names_fit(demo, model, tmp_path):
     for branch in demo.branches:
-        for name in (branch.experiment, branch.unseen, branch.friction):
-            assert read_experiment(demo.folder / name).setup(model).model is model
+        for name in (branch.key, branch.unseen, branch.friction):
+            assert read_experiment(demo.write_experiment(name, tmp_path)).setup(model).model is model
         assert set(demo.tables[branch.key].rows) < set(model.base.names)
         assert branch.table == TABLES[branch.key]
     keys = {branch.key for branch in demo.branches}
@@ -41,10 +41,11 @@ def test_every_file_of_the_plan_is_there_and_its_names_fit(demo, model):
 
 
 @pytest.mark.parametrize("branch", TABLES)
-def test_what_is_true_is_what_is_published_and_zero_for_the_rest(demo, model, branch):
+def test_what_is_true_is_what_is_published_and_zero_for_the_rest(demo, model, branch, tmp_path):
     """And bodies can have it; the three experiments of a branch differ by the motion alone."""
     plan, table = demo.branch(branch), demo.tables[branch]
-    setups = [read_experiment(demo.folder / name) for name in (plan.experiment, plan.unseen, plan.friction)]
+    names = (plan.key, plan.unseen, plan.friction)
+    setups = [read_experiment(demo.write_experiment(name, tmp_path)) for name in names]
     beta = model.base.of(setups[0].setup(model).chi)
     wanted = [table.figures.get((name, "identified"), 0.0) for name in model.base.names]
     np.testing.assert_allclose(beta, wanted, atol=2e-9)
@@ -77,34 +78,32 @@ def found(demo, tmp_path_factory):
     )
     folder, kind, told = tmp_path_factory.mktemp("branches"), kind_of(demo), []
     for take in kind.takes(small, folder):
-        record(shorter(take, folder))
+        record(shorter(take))
     found = kind.find(small, folder, lambda what, share: told.append((what, share)))
-    kind.write_tables(found, folder)
-    kind.draw(found, folder, lambda what, share: told.append((what, share)))
-    write_report(kind.values(found), kind.chapters(found), folder)
-    assert {what for what, _ in told} == {"identifying", "compensating", "drawing"}
+    write_results(small, found, folder)
+    assert {what for what, _ in told} == {"identifying", "compensating"}
     return folder, found
 
 
-def shorter(take, folder):
+def shorter(take):
     """The same take with a motion of few seconds."""
     text = take.experiment.read_text(encoding="utf-8")
     text = text.replace("seconds = 59.3", "seconds = 16.0").replace("seconds = 30.0", "seconds = 10.0")
     text = text.replace("[0.2, 0.3, 0.45, 0.7, 1.0, 1.4]", "[0.8, 1.2]")
-    path = folder / take.experiment.name
-    path.write_text(text, encoding="utf-8")
-    return Take(take.device, path, take.out, seed=take.seed)
+    take.experiment.write_text(text, encoding="utf-8")
+    return take
 
 
 def test_everything_is_written(found):
     folder, results = found
-    names = ["friction.png", "fig06.png", "fig07.png", "compensation.png", "report.md", "result.json"]
+    names = ["paper.html", "result.json"]
     names += [f"{name}.{kind}" for name in ("table1", "friction", "sweeps", "posture") for kind in ("txt", "csv")]
     for name in names:
         assert (folder / name).stat().st_size > 0, name
-    report = (folder / "report.md").read_text(encoding="utf-8")
-    for claim in results.demo.claims:
-        assert claim.check in report
+    page = (folder / "paper.html").read_text(encoding="utf-8")
+    charts = ("friction-upper-0", "torque-0-0", "sweep-arm-upper", "compensation")
+    for wanted in (*(claim.check for claim in results.demo.claims), *(f'id="{chart}"' for chart in charts)):
+        assert wanted in page
     values = json.loads((folder / "result.json").read_text(encoding="utf-8"))
     assert set(values["branches"]) == {"upper"}
     assert values["branches"]["upper"]["essential"] == list(results.found["upper"].reduction.essential)
@@ -150,8 +149,8 @@ def test_the_bound_is_that_of_one_motion_where_stiffness_and_damping_are_of_one_
     assert bound(asked, identified, pose, 5e-3) == pytest.approx(wanted)
 
 
-def test_without_friction_the_bodies_are_the_same(demo, model):
-    setup = read_experiment(demo.folder / demo.branches[0].experiment).setup(model)
-    before, after = model.base.of(setup.chi), model.base.of(smooth(setup).chi)
+def test_without_friction_the_bodies_are_the_same(demo, model, tmp_path):
+    setup = read_experiment(demo.write_experiment(demo.branches[0].key, tmp_path)).setup(model)
+    before, after = model.base.of(setup.chi), model.base.of(without_friction(setup).chi)
     rubs = np.array([name.startswith(("FC", "FV")) for name in model.base.names])
     np.testing.assert_allclose(after, np.where(rubs, 0.0, before), atol=1e-15)

@@ -1,15 +1,14 @@
 """The report of a demonstration's mounting is that of a study which found the same."""
 
-from haptid.demos.mountings.fits import fitted
-from haptid.demos.mountings.page import identification
+from haptid.demos.phantom_configurations.fits import fitted
+from haptid.demos.phantom_configurations.tables import identification
 from haptid.report import make_report
 from reported import found
 
 
 def test_a_mounting_has_a_report_like_a_study_s():
     study = found()
-    first, second = (run.motion for run in study.runs)
-    fit = fitted("encoders", study.device, first, second)
+    fit = fitted("encoders", study.model, [run.motion for run in study.runs])
     made = identification("A mounting", "normal.parquet", fit, study.proposal)
     assert made.meets_criteria is None
     assert [run.entry.role for run in made.runs] == ["identify", "validate"]

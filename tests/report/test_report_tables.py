@@ -92,7 +92,7 @@ def test_a_comparison_opens_with_its_verdict(tab, folder):
     assert tab.troubles == []
     first = tab.ask("document.querySelector('#comparison h2').nextElementSibling.textContent")
     assert first == section.said[0]
-    assert first.startswith("tuesday beside monday: 0 of 14 parameters differ (95 % confidence")
+    assert first.startswith("tuesday compared with monday: 0 of 14 parameters differ (95 % joint confidence")
     assert tab.ask("document.querySelector('#changes svg *') !== null")
     tab.picture(folder / "comparison.png", "body")
 

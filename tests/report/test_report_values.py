@@ -14,7 +14,7 @@ from hypothesis.extra.numpy import arrays
 
 import haptid
 from haptid import errors
-from haptid.errors import OutputError, ReportDataError
+from haptid.errors import OutputFolderError, ResultFileError
 from haptid.report import Hand, Source, make_report, read_report, sparklines, write_comparison
 from haptid.report.chart import envelope, extremes, packed, shaded
 from haptid.report.citations import bibtex, entries
@@ -198,20 +198,20 @@ def test_a_report_is_kept_and_made_again(tmp_path):
     ("spoil", "word"),
     [
         (lambda path: path.unlink(), "no such file"),
-        (lambda path: path.write_bytes(b"not gzip"), "no data of a report"),
-        (lambda path: path.write_bytes(path.read_bytes()[:1000]), "no data of a report"),
+        (lambda path: path.write_bytes(b"not gzip"), "not the data of a report"),
+        (lambda path: path.write_bytes(path.read_bytes()[:1000]), "not the data of a report"),
     ],
 )
 def test_data_that_cannot_be_read_is_refused(tmp_path, spoil, word):
     made().write(tmp_path)
     spoil(tmp_path / DATA)
-    with pytest.raises(ReportDataError, match=word):
+    with pytest.raises(ResultFileError, match=word):
         read_report(tmp_path)
-    assert issubclass(ReportDataError, errors.HaptidError)
+    assert issubclass(ResultFileError, errors.HaptidError)
 
 
 def test_a_page_that_cannot_be_written_is_an_error(tmp_path):
-    with pytest.raises(OutputError):
+    with pytest.raises(OutputFolderError):
         made().write_page(tmp_path / "no" / "such" / "folder.html")
 
 
@@ -238,7 +238,7 @@ def test_results_are_compared_as_their_estimates_are(tmp_path):
     np.testing.assert_allclose(ours.conf_int(), theirs.conf_int(), rtol=1e-6)
     section = write_comparison(folders, tmp_path / "page.html")
     assert [r["name"] for r in section.results] == ["monday", "tuesday"]
-    assert "tuesday beside monday" in (tmp_path / "page.html").read_text(encoding="utf-8")
+    assert "tuesday compared with monday" in (tmp_path / "page.html").read_text(encoding="utf-8")
 
 
 def test_the_force_of_a_hand_is_shown_beside_the_sensor():
@@ -247,7 +247,7 @@ def test_the_force_of_a_hand_is_shown_beside_the_sensor():
     section = HandSection.of(Source(found(), hands=(Hand.of("pushed", force, sensor),)))
     assert section is not None
     assert len(section.charts) == 3
-    assert "they differ by 0 N" in section.charts[0].caption
+    assert "RMS difference 0 N" in section.charts[0].caption
     assert HandSection.of(source()) is None
     whole = make_report(found(), hands=(Hand.of("pushed", force),))
     assert "hand" in whole.sections

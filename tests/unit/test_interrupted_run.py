@@ -125,14 +125,14 @@ def test_ctrl_c_and_the_same_command_again(study: Path, wanted: np.ndarray, tmp_
     assert re.search(r"\d+% \d:\d\d:\d\d (\d:\d\d:\d\d|-:--:--)", text)  # how much, since when, how long yet
     there = parts(out)
     assert there >= MANY
-    assert f"interrupted: {there} parts are in" in " ".join(text.split())
+    assert f"interrupted: {there} parts are stored in" in " ".join(text.split())
     assert "Traceback" not in text
     assert not out.exists()
 
     again = start(study, out)
     printed, said = again.communicate(timeout=PATIENCE)
     assert again.returncode == 0, said
-    assert f"Going on from an interrupted run: {there} parts are there" in " ".join(said.split())
+    assert f"Resuming an interrupted run: {there} parts" in " ".join(said.split())
     made = int(printed.split()[-1])
     assert made > 0
     assert there + made == sum(1 for _ in segments(study))

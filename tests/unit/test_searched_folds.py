@@ -80,10 +80,10 @@ def test_the_command_shows_them(model, tmp_path):
     pq.write_table(pa.table(columns), tmp_path / "log.parquet")
     ran = CliRunner().invoke(app, ["identify", str(tmp_path / "study.toml"), "--out", str(tmp_path / "out")])
     assert ran.exit_code == 0, ran.output
-    assert "Searched constants" in ran.output
+    assert "Nonlinear constants" in ran.output
     (entry,) = json.loads((tmp_path / "out" / "result.json").read_text())["estimate"]["nonlinear_constants"]
     assert entry["name"] == "FS2.velocity"
     assert entry["conf_int"][0] < 0.3 < entry["conf_int"][1]
     page = (tmp_path / "out" / "report.html").read_text()
-    assert "Searched constants" in page
+    assert "Nonlinear constants" in page
     assert "FS2.velocity" in page

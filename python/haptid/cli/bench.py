@@ -10,24 +10,24 @@ import typer
 from haptid.cli.common import app, errors_shown, out, progress_bars
 
 HELP = """\
-Simulate a device under its controller, and write the log that the controller would write.
+Simulate a device in closed loop on the virtual bench, and write the log of its controller.
 
-The EXPERIMENT (a TOML file) holds the motion, the controller, encoders and amplifiers, and the true parameters where
-the device file has none. The motion is checked against the limits of joints, loops and motors before anything moves.
+The EXPERIMENT (a TOML file) defines the motion, the controller, encoders and amplifiers, and the true parameters where
+the device file has none. The motion is checked against the limits of joints, loops and motors before the simulation.
 Needs MuJoCo: pip install mujoco. Channels of the log:
 
   t                in s
 
-  q1..             positions by the encoders, rad or m
+  q1..             positions measured by the encoders, rad or m
 
-  command1..       what was sent to the motors, in their own unit
+  command1..       motor commands, in their own unit
 
-  velocity1..      as the controller computes it; target1.. as planned
+  velocity1..      velocities computed by the controller; target1..: planned positions
 
 With --truth, the true parameters go to LOG.truth.json, exact states and torques to LOG.truth.parquet. The same seed
 gives the same file.
 
-Exit status: 0 when done, 2 when something is wrong; the message says what to do.
+Exit status: 0 on success, 2 on an error; the message says what to do.
 
 Example: haptid bench phantom_premium_15 examples/phantom/experiment.toml --out sweep.parquet --truth
 """
@@ -40,16 +40,16 @@ def bench(
     ],
     experiment: Annotated[Path, typer.Argument(help="the experiment file (TOML)", show_default=False)],
     out_log: Annotated[Path, typer.Option("--out", help="the log to write, a .parquet file", show_default=False)],
-    truth: Annotated[bool, typer.Option("--truth", help="write true parameters and exact states too")] = False,
-    seed: Annotated[int | None, typer.Option(min=0, help="in place of the experiment's")] = None,
-    picture: Annotated[bool, typer.Option("--picture", help="draw the moving device, LOG.png")] = False,
+    truth: Annotated[bool, typer.Option("--truth", help="also write true parameters and exact states")] = False,
+    seed: Annotated[int | None, typer.Option(min=0, help="seed in place of the experiment's")] = None,
+    picture: Annotated[bool, typer.Option("--picture", help="draw the moving device into LOG.png")] = False,
     count: Annotated[
-        int, typer.Option(min=1, help="so many logs, LOG-1, LOG-2, .. with one seed after the other, several at a time")
+        int, typer.Option(min=1, help="number of logs, LOG-1, LOG-2, .., with consecutive seeds, in parallel")
     ] = 1,
     many: Annotated[
-        int | None, typer.Option("--workers", min=1, help="processes for many logs; default: one a processor")
+        int | None, typer.Option("--workers", min=1, help="processes for several logs (default: one per processor)")
     ] = None,
-    scheduler: Annotated[str | None, typer.Option(help="a Dask scheduler whose workers make many logs")] = None,
+    scheduler: Annotated[str | None, typer.Option(help="Dask scheduler whose workers simulate the logs")] = None,
     quiet: Annotated[bool, typer.Option("--quiet", "-q", help="no progress, no summary")] = False,
 ) -> None:
     from haptid._internal.workers import DaskExecutor, ProcessExecutor

@@ -10,19 +10,20 @@ import typer
 from haptid.cli.common import app, errors_shown, out, progress_bars, teller
 
 HELP = """\
-Say what a hand feels of an identified device: mass, friction, weight and forces at the handle, each with its interval.
+Characterise the end-effector of an identified device: apparent (effective) mass, friction, weight and forces at the
+handle, with confidence intervals.
 
-RESULT is the output folder of `haptid identify`. Poses are one or more of --at, or one --sweep, or a --grid over the
-joints' ranges; without any, a grid. Writes into OUT:
+RESULT is the output folder of `haptid identify`. Poses: one or more --at, one --sweep, or a --grid over the joints'
+ranges (default: a grid). Writes into OUT:
 
   figures.csv   a row for each pose: joints, handle, condition number, figures with 95 % intervals
 
-  masses.png    the masses along the sweep, or the largest one over two joints of the grid
+  masses.png    apparent masses along the sweep, or the largest one over two joints of the grid
 
-Poses at which the handle's Jacobian is nearly singular have no figures; the summary says how many they are and where.
+Poses at which the handle's Jacobian is nearly singular are left out; the summary counts them.
 Positions are in rad or m, in the order of the active joints; see `haptid model`.
 
-Exit status: 0 when done, 2 when something is wrong; the message says what to do.
+Exit status: 0 on success, 2 on an error; the message says what to do.
 
 Example: haptid characterise haptid-result --sweep 0,-0.2,0.3 0,0.8,0.3 --along 0,0,1
 """
@@ -33,20 +34,21 @@ def characterise(
     result: Annotated[Path, typer.Argument(help="output folder of `haptid identify`", show_default=False)],
     at: Annotated[list[str] | None, typer.Option("--at", help="a pose: 0,0.2,0.3")] = None,
     sweep: Annotated[
-        tuple[str, str] | None, typer.Option("--sweep", help="two poses, and a straight line between them")
+        tuple[str, str] | None, typer.Option("--sweep", help="two poses, joined by a straight line")
     ] = None,
-    grid: Annotated[int | None, typer.Option("--grid", min=1, help="so many poses over the joints' ranges")] = None,
+    grid: Annotated[int | None, typer.Option("--grid", min=1, help="number of poses over the joints' ranges")] = None,
     limit: Annotated[
         list[str] | None, typer.Option("--limit", help="range of a joint for the grid: NAME=LOW:HIGH")
     ] = None,
     along: Annotated[str | None, typer.Option("--along", help="direction of motion in the base frame: x,y,z")] = None,
     speed: Annotated[
-        float | None, typer.Option("--speed", help="of the handle, m/s: largest force of speed and weight")
+        float | None, typer.Option("--speed", help="of the handle, m/s: largest velocity-dependent force")
     ] = None,
-    stiffness: Annotated[str | None, typer.Option("--stiffness", help="of the joints: one for all, or each")] = None,
-    torque: Annotated[list[str] | None, typer.Option("--torque", help="greatest, of a motor: NAME=VALUE")] = None,
+    stiffness: Annotated[str | None, typer.Option("--stiffness", help="of the joints: one, or one each")] = None,
+    torque: Annotated[list[str] | None, typer.Option("--torque", help="limit of a motor: NAME=VALUE")] = None,
     worst: Annotated[
-        float | None, typer.Option("--worst", help="condition number beyond which a pose is left out (default: 30)")
+        float | None,
+        typer.Option("--worst", help="largest condition number of a pose (default: 30)"),
     ] = None,
     out_folder: Annotated[Path, typer.Option("--out", help="folder for the figures")] = Path("haptid-handle"),
     quiet: Annotated[bool, typer.Option("--quiet", "-q", help="no progress, no summary")] = False,

@@ -1,4 +1,4 @@
-"""What every command needs: the application, two consoles, errors in one line, progress bars."""
+"""Shared by all commands: the application, consoles, one-line errors, progress bars."""
 
 from __future__ import annotations
 
@@ -17,25 +17,25 @@ if TYPE_CHECKING:
     from rich.progress import Progress, TaskID
 
 EXIT_CRITERIA, EXIT_ERROR, EXIT_DEFECT = 1, 2, 3
-# As shells have it for a program that was interrupted.
+# Shell convention for an interrupted program.
 EXIT_INTERRUPTED = 130
 
 app = typer.Typer(
-    help="Dynamic models of haptic devices and robots, identified from their own motion logs.",
+    help="Identify dynamic models of haptic devices and robots from their motion logs.",
     no_args_is_help=True,
     add_completion=False,
     pretty_exceptions_enable=False,
     context_settings={"help_option_names": ["-h", "--help"]},
 )
-# Where the output is no terminal, lines are as long as the tables need, not cut at 80.
+# Where the output is not a terminal, lines are as wide as the tables, not 80 characters.
 WIDE = None if sys.stdout.isatty() else 140
-# What is printed comes from users' files: no markup is read in it.
+# Printed text comes from users' files: no markup is interpreted.
 out, err = Console(width=WIDE, markup=False), Console(stderr=True, markup=False)
 
 
 @contextmanager
 def errors_shown() -> Iterator[None]:
-    """haptid's own errors as one line, and the exit status for them."""
+    """Print haptid's own errors as one line and exit with their status."""
     try:
         yield
     except HaptidError as error:
@@ -44,13 +44,13 @@ def errors_shown() -> Iterator[None]:
 
 
 def complain(sentence: str) -> None:
-    """One line on standard error."""
+    """Print one line on standard error."""
     err.print(Text.assemble(("error: ", "bold red"), sentence), soft_wrap=True)
 
 
 def progress_bars(quiet: bool) -> Progress:
-    """Bars on standard error; imported here, as most commands show none."""
-    from rich import progress
+    """Progress bars on standard error."""
+    from rich import progress  # slow to import, and most commands show no bars
 
     columns = (progress.TextColumn("{task.description}"), progress.BarColumn(), progress.TaskProgressColumn())
     times = (progress.TimeElapsedColumn(), progress.TimeRemainingColumn())
@@ -58,7 +58,7 @@ def progress_bars(quiet: bool) -> Progress:
 
 
 def teller(progress: Progress) -> Callable[[str, float], None]:
-    """A bar for each thing that is being done; what follows a colon says how it goes, and changes."""
+    """A progress callback with one bar for each step; text after a colon is a changing detail."""
     tasks: dict[str, TaskID] = {}
 
     def tell(what: str, share: float) -> None:

@@ -16,15 +16,15 @@ if TYPE_CHECKING:
     from haptid.inference.drift import Drift
 
 HELP = """\
-Compare results: which parameters differ, how sure that is, and how fast they drift.
+Compare results: parameters that differ significantly, and their drift.
 
-Each RESULT is an output folder of haptid identify; the logs are not needed, and no two results may have rows in common.
-The table says for each parameter up to which confidence it differs, taken together with all others. With --times it
-also says how much each parameter changes in a day, by weighted least squares.
+Each RESULT is an output folder of haptid identify; the logs are not needed. The results must not share rows.
+The table gives for each parameter the confidence level of a difference, corrected for multiple testing (Holm). With
+--times, also the drift of each parameter per day, by weighted least squares.
 
 haptid report RESULT RESULT ... writes a page with plots of the same results.
 
-Exit status: 0 when done, 2 when something is wrong; the message says what to do.
+Exit status: 0 on success, 2 on an error; the message says what to do.
 
 Example: haptid compare monday tuesday friday --times 2026-03-02,2026-03-03,2026-03-06
 """
@@ -35,11 +35,11 @@ SECONDS_IN_DAY = 86400.0
 def compare(
     results: Annotated[list[Path], typer.Argument(help="output folders of haptid identify", show_default=False)],
     times: Annotated[
-        str | None, typer.Option("--times", help="dates (ISO 8601), or numbers, of the results, with commas between")
+        str | None, typer.Option("--times", help="comma-separated dates (ISO 8601) or numbers, one for each result")
     ] = None,
-    unit: Annotated[str, typer.Option("--unit", help="what one of these numbers is: day, hour, kelvin, ..")] = "day",
-    confidence: Annotated[float, typer.Option("--confidence", help="for all parameters together")] = 0.95,
-    as_json: Annotated[bool, typer.Option("--json", help="print JSON in place of tables")] = False,
+    unit: Annotated[str, typer.Option("--unit", help="unit of these numbers: day, hour, kelvin, ..")] = "day",
+    confidence: Annotated[float, typer.Option("--confidence", help="joint confidence level for all parameters")] = 0.95,
+    as_json: Annotated[bool, typer.Option("--json", help="print JSON instead of tables")] = False,
 ) -> None:
     from haptid.inference.comparison import compare as compared
     from haptid.inference.drift import drift
@@ -59,12 +59,12 @@ def compare(
 
 
 def _time(text: str) -> float:
-    """A number, or a date as days since 1970; a date without a zone is taken as UTC.
+    """A number, or a date as days since 1970; a date without a time zone is taken as UTC.
 
     Raises:
         OptionError: it is neither.
     """
-    from haptid.errors import OptionError
+    from haptid.cli.options import wrong_option
 
     try:
         return float(text)
@@ -74,12 +74,12 @@ def _time(text: str) -> float:
         date = datetime.fromisoformat(text.strip())
     except ValueError:
         wanted = "numbers such as 0,7,14 or dates such as 2026-03-02,2026-03-09T14:00"
-        raise OptionError("--times", text, wanted) from None
+        raise wrong_option("--times", text, wanted) from None
     return (date if date.tzinfo else date.replace(tzinfo=UTC)).timestamp() / SECONDS_IN_DAY
 
 
 def values(series: Series, lines: Drift | None) -> dict[str, Any]:
-    """Both as plain values."""
+    """Both as JSON values."""
     made: dict[str, Any] = {
         "results": list(series.labels),
         "confidence": series.confidence,

@@ -10,24 +10,22 @@ import typer
 from haptid.cli.common import app, errors_shown, out, progress_bars, teller
 
 HELP = """\
-Reproduce a published identification on the virtual bench, and do it better. Without a NAME, list the demos.
+Reproduce a published identification on the virtual bench. Without a NAME, list the demos.
 
-Records every log on the virtual bench (in parallel), identifies, and compares all of it with what was published and
-with what is true there. A few minutes on two cores. Needs MuJoCo: pip install mujoco. Writes into OUT:
+Simulates every log (in parallel), identifies, and compares the results with the published values and with the true
+parameters. A few minutes on two cores. Needs MuJoCo: pip install mujoco. Writes into OUT:
 
-  report.md        everything in sentences, with tables and figures
+  paper.html       tables and figures of the paper with haptid's own numbers, in one file
 
-  report.html      of a device in several mountings: one of them, with the force of the hand; see haptid identify
+  report.html      phantom: the identification report of one mounting, with the hand force; see haptid identify
 
-  table*           the published tables with haptid's own columns, as text and CSV
+  *.txt, *.csv     the published tables with haptid's own columns
 
-  fig*.png         the published figures, with haptid's own numbers
+  result.json      every number
 
-  result.json      every figure
+  logs/            the experiments, the logs, and their ground truth
 
-  logs/            the experiments, the logs, and what is true beside them
-
-Exit status: 0 when done, 2 when something is wrong; the message says what to do.
+Exit status: 0 on success, 2 on an error; the message says what to do.
 
 Example: haptid demo phantom --out phantom-demo
 """
@@ -41,6 +39,7 @@ def demo(
 ) -> None:
     from haptid._internal.atomic_folder import check_writable, publishing
     from haptid.demos import demo_names, kind_of, read_demo, run_demo
+    from haptid.demos.run import PAGE
 
     if name is None:
         for known in demo_names():
@@ -53,4 +52,4 @@ def demo(
             found = run_demo(plan, folder, teller(progress))
     if not quiet:
         out.print(kind_of(plan).summary(found))
-        out.print(f"Report in {out_folder / 'report.md'}")
+        out.print(f"Page in {out_folder / PAGE}")

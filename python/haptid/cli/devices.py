@@ -7,7 +7,7 @@ from haptid.cli.common import app, out
 
 @app.command()
 def devices() -> None:
-    """List the devices that come with haptid."""
+    """List the shipped devices."""
     from haptid.device import read_device, shipped_devices
 
     names = shipped_devices()

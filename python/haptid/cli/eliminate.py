@@ -15,20 +15,19 @@ if TYPE_CHECKING:
     from haptid.study.identify import Identification
 
 HELP = """\
-Identify a device, then leave out, one by one, the parameters that the logs do not miss.
+Identify a device, then eliminate base parameters backwards, one at a time, stopped by a robust F-test.
 
-At each step the parameter of the largest relative deviation is the candidate, and an F-test says whether the logs
-object to leaving it out. The search ends where the test objects, or where the largest relative deviation is at most 10
-times the smallest, or --at-most so many per cent. Where the study has a log with the role "validate", both models are
-compared on it. Writes into OUT:
+The candidate of each step is the parameter with the largest relative standard error. The elimination stops where the
+F-test rejects it, or where the largest relative standard error is at most 10 times the smallest, or --at-most per
+cent. If the study has a log with the role "validate", both models are compared on it. Writes into OUT:
 
-  essential.json    every step, the parameters kept with intervals, how far they moved, errors of both models
+  essential.json    every step, the essential parameters with intervals, their changes, errors of both models
 
-  result.json       the reduced model of all motors, as of haptid identify: for haptid export and others
+  result.json       the reduced model of all motors, as of haptid identify, for haptid export and others
 
   parameters.csv, correlation.csv   its tables
 
-Exit status: 0 when done, 2 when something is wrong; the message says what to do.
+Exit status: 0 on success, 2 on an error; the message says what to do.
 
 Example: haptid essential examples/phantom/study.toml --data logs --at-most 20
 """
@@ -37,12 +36,12 @@ Example: haptid essential examples/phantom/study.toml --data logs --at-most 20
 @app.command(help=HELP)
 def essential(
     study: Annotated[Path, typer.Argument(help="the study file (TOML)", show_default=False)],
-    data: Annotated[Path | None, typer.Option(help="where the study's relative log paths start")] = None,
+    data: Annotated[Path | None, typer.Option(help="folder of the study's relative log paths")] = None,
     at_most: Annotated[
-        float | None, typer.Option("--at-most", min=0.0, help="largest relative deviation that is left, per cent")
+        float | None, typer.Option("--at-most", min=0.0, help="largest relative standard error that remains, per cent")
     ] = None,
-    level: Annotated[float, typer.Option(min=0.0, max=1.0, help="probability below which the F-test objects")] = 0.05,
-    by_motor: Annotated[bool, typer.Option("--by-motor", help="with the rows of one motor at a time, too")] = False,
+    level: Annotated[float, typer.Option(min=0.0, max=1.0, help="significance level of the F-test")] = 0.05,
+    by_motor: Annotated[bool, typer.Option("--by-motor", help="also on the rows of each motor alone")] = False,
     out_folder: Annotated[Path, typer.Option("--out", help="folder for the results")] = Path("haptid-essential"),
     quiet: Annotated[bool, typer.Option("--quiet", "-q", help="no progress, no tables")] = False,
 ) -> None:
@@ -62,19 +61,19 @@ def essential(
         with progress_bars(quiet) as progress, publishing(out_folder) as folder:
             tell = teller(progress)
             found = identify(plan, data, tell)
-            tell("leaving out", 0.0)
+            tell("eliminating", 0.0)
             unseen = _unseen(found)
             reductions = {"all motors": reduce(found.estimate, how, unseen)}
             if by_motor:
                 labels = [motor.label for motor in found.estimate.observation.motors]
                 reductions |= dict(zip(labels, eliminate_by_motor(found.estimate, how, unseen), strict=True))
-            tell("leaving out", 1.0)
+            tell("eliminating", 1.0)
             tell("diagnosing", 0.0)
             smaller = with_reduced(found, reductions["all motors"].reduced)
             worst = max(smaller.unseen, key=lambda validation: validation.relative, default=None)
             Result.of(smaller, diagnose(smaller.estimate, worst, plan.controller).verdict).save(folder)
             tell("diagnosing", 1.0)
-            values = {name: reduction_values(one) for name, one in reductions.items()}
+            values = {name: elimination_values(one) for name, one in reductions.items()}
             text = json.dumps(values, indent=1, allow_nan=False)
             (folder / "essential.json").write_text(text + "\n", encoding="utf-8")
     if not quiet:
@@ -93,8 +92,8 @@ def _unseen(found: Identification) -> Any:
     return reduce(add, rows) if rows else None
 
 
-def reduction_values(found: Elimination) -> dict[str, Any]:
-    """A reduction as plain values."""
+def elimination_values(found: Elimination) -> dict[str, Any]:
+    """An elimination as JSON values."""
     from haptid.results.result import finite
 
     errors = {"fit": found.seen, "unseen": found.unseen}

@@ -15,20 +15,19 @@ if TYPE_CHECKING:
     from haptid.experiment.excitation import Excitation, Family, Limits
 
 HELP = """\
-Search a motion that tells a device's base parameters well, within its limits.
+Optimise an exciting motion: base parameters well conditioned, within the limits of the device.
 
-Limits are those of the DEVICE file, unless --centre with --stroke, or --speed, replace them;
---acceleration limits it too. The motion is a Fourier
-series, or triangles with sines on them (--triangles). Writes:
+Limits are those of the DEVICE file, unless replaced by --centre with --stroke, or --speed; --acceleration adds one.
+The motion is a Fourier series, or triangles with superimposed sines (--triangles). Writes:
 
-  OUT           an experiment file, which `haptid bench` takes
+  OUT           an experiment file for `haptid bench`
 
   OUT with .csv in place of .toml: samples for a real controller: t, then position, velocity and acceleration of joints
 
-With --like, the experiment is otherwise like another one: its controller, instruments and true parameters. Prints the
-condition number of the observation matrix, raw and with columns of unit length, before and after.
+With --like, controller, instruments and true parameters are those of another experiment. Prints the
+condition number of the observation matrix, raw and with columns of unit length, before and after the search.
 
-Exit status: 0 when done, 2 when something is wrong; the message says what to do.
+Exit status: 0 on success, 2 on an error; the message says what to do.
 
 Example: haptid excite phantom_premium_15 --like examples/phantom/experiment.toml --speed 3 --out excite.toml
 """
@@ -40,31 +39,31 @@ def excite(
         str, typer.Argument(help="a device file (TOML) or the name of a shipped device", show_default=False)
     ],
     out_file: Annotated[Path, typer.Option("--out", help="the experiment to write, a .toml file", show_default=False)],
-    like: Annotated[Path | None, typer.Option(help="an experiment that it is otherwise like")] = None,
+    like: Annotated[Path | None, typer.Option(help="an experiment with the controller to use")] = None,
     centre: Annotated[str | None, typer.Option(help="of the motion, rad or m: 0,0.2,0.3")] = None,
-    stroke: Annotated[str | None, typer.Option(help="to either side of the centre: one for all, or each")] = None,
-    speed: Annotated[str | None, typer.Option(help="greatest, rad/s or m/s: one for all, or each")] = None,
-    acceleration: Annotated[str | None, typer.Option(help="greatest, rad/s^2 or m/s^2: one for all, or each")] = None,
-    triangles: Annotated[bool, typer.Option("--triangles", help="triangles with sines on them")] = False,
+    stroke: Annotated[str | None, typer.Option(help="to either side of the centre: one, or one each")] = None,
+    speed: Annotated[str | None, typer.Option(help="largest, rad/s or m/s: one, or one each")] = None,
+    acceleration: Annotated[str | None, typer.Option(help="largest, rad/s^2 or m/s^2: one, or one each")] = None,
+    triangles: Annotated[bool, typer.Option("--triangles", help="triangles with superimposed sines")] = False,
     seconds: Annotated[float | None, typer.Option(min=1.0, help="duration of the motion")] = None,
     keep: Annotated[
-        list[str] | None, typer.Option("--parameter", help="a base parameter that counts (default: all)")
+        list[str] | None, typer.Option("--parameter", help="a base parameter to excite (default: all)")
     ] = None,
-    tries: Annotated[int, typer.Option(min=1, help="motions tried")] = 3000,
+    tries: Annotated[int, typer.Option(min=1, help="largest number of motions evaluated")] = 3000,
     seed: Annotated[int, typer.Option(min=0, help="of the search")] = 0,
     rate_hz: Annotated[float, typer.Option(min=1.0, help="of the samples in the CSV")] = 1000.0,
     quiet: Annotated[bool, typer.Option("--quiet", "-q", help="no progress, no summary")] = False,
 ) -> None:
+    from haptid.cli.options import wrong_option
     from haptid.device import read_device
     from haptid.dynamics.model import DynamicModel
-    from haptid.errors import OptionError
     from haptid.experiment.bench import read_experiment
     from haptid.experiment.excitation import Search, design, write_experiment
     from haptid.experiment.excitation.writing import plain_experiment, write_samples
 
     with errors_shown():
         if out_file.suffix != ".toml":
-            raise OptionError("--out", str(out_file), "a file whose name ends in .toml")
+            raise wrong_option("--out", str(out_file), "a file whose name ends in .toml")
         model = DynamicModel(read_device(device))
         other = None if like is None else read_experiment(like)
         beta = None if other is None else model.base.of(other.setup(model).chi)
@@ -88,21 +87,20 @@ def excite(
 
 
 def _so_far(cost: float) -> str:
-    """What the search has, beside its bar."""
+    """State of the search, for its progress bar."""
     return f"condition {math.exp(cost):.4g}" if math.isfinite(cost) else "no motion within the limits yet"
 
 
 def _limits(
     device: Device, centre: str | None, stroke: str | None, speed: str | None, acceleration: str | None
 ) -> Limits:
-    """What the options say in place of the device file."""
-    from haptid.cli.figures import numbers, spread
-    from haptid.errors import OptionError
+    """Limits given by options, in place of the device file's."""
+    from haptid.cli.options import numbers, spread, wrong_option
     from haptid.experiment.excitation import Limits
 
     names, count = ", ".join(device.joint_names[j] for j in device.active), len(device.active)
     if (centre is None) != (stroke is None):
-        raise OptionError("--centre without --stroke" if stroke is None else "--stroke", "alone", "both of them")
+        raise wrong_option("--centre without --stroke" if stroke is None else "--stroke", "alone", "both of them")
     position = None
     if centre is not None and stroke is not None:
         middle = numbers("--centre", centre, f"positions of joints {names}", count)
@@ -123,13 +121,13 @@ def _family(triangles: bool, seconds: float | None) -> Family:
 
 
 def _show(found: Excitation, path: Path) -> None:
-    """Conditions before and after, and where the files are."""
+    """Print condition numbers before and after, and the paths of the files."""
     out.print(
-        f"{found.model.device.name}: {len(found.after.names)} parameters, {found.tried} motions tried", style="bold"
+        f"{found.model.device.name}: {len(found.after.names)} parameters, {found.tried} motions evaluated", style="bold"
     )
     for when, one in (("first motion within the limits", found.before), ("motion found", found.after)):
         out.print(f"  {when}: condition {one.raw:.4g} raw, {one.scaled:.4g} with unit columns", highlight=False)
     weak = [name for name, se in found.predicted.items() if se > 50]
     if weak and len(weak) < len(found.after.names):
-        out.print(f"  hardly told, by the values known beforehand: {', '.join(weak)}", highlight=False)
+        out.print(f"  poorly identifiable at the prior values: {', '.join(weak)}", highlight=False)
     out.print(f"Experiment in {path}, samples in {path.with_suffix('.csv')}")

@@ -10,7 +10,7 @@ import typer
 from haptid.cli.common import app, errors_shown, out
 
 HELP = """\
-Write an identified model for other programs.
+Export an identified model for other programs.
 
 RESULT is the output folder of haptid identify or haptid essential. Formats:
 
@@ -24,12 +24,12 @@ RESULT is the output folder of haptid identify or haptid essential. Formats:
 
   latex             tables for a paper
 
-Each format gets a folder of its own, OUT/c and so on. A model that misses its study's criterion is refused. Of
-one that its diagnosis calls not fit for a use, all files warn, and so does the summary.
+Each format is written into its own folder, OUT/c and so on. A model that does not meet its study's criterion is
+refused. If the diagnosis finds a model unfit for a use, all files and the summary contain a warning.
 
---name and --reversal-speed are for code: c, c-single, rust and matlab.
+--name and --reversal-speed apply to code: c, c-single, rust and matlab.
 
-Exit status: 0 when done, 2 when something is wrong; the message says what to do.
+Exit status: 0 on success, 2 on an error; the message says what to do.
 
 Example: haptid export first-result --to c --to mjcf --out first-model
 """
@@ -41,13 +41,14 @@ def export(
         Path, typer.Argument(help="output folder of haptid identify or haptid essential", show_default=False)
     ],
     to: Annotated[list[str], typer.Option("--to", help="a format; several are allowed", show_default=False)],
-    folder: Annotated[Path, typer.Option("--out", help="where the formats' folders go", show_default=False)],
-    anyway: Annotated[bool, typer.Option("--anyway", help="write a model that failed, and say so in it")] = False,
+    folder: Annotated[Path, typer.Option("--out", help="parent of the formats' folders", show_default=False)],
+    anyway: Annotated[bool, typer.Option("--anyway", help="export a failed model, with a warning")] = False,
     name: Annotated[
-        str | None, typer.Option("--name", help="how all names in code begin (default: after the device)")
+        str | None, typer.Option("--name", help="prefix of all names in code (default: from the device)")
     ] = None,
     reversal_speed: Annotated[
-        float, typer.Option("--reversal-speed", help="below it code smooths the sign of a velocity, rad/s or m/s")
+        float,
+        typer.Option("--reversal-speed", help="below it code smooths the sign of a velocity, rad/s or m/s"),
     ] = 0.01,
     quiet: Annotated[bool, typer.Option("--quiet", "-q", help="no summary")] = False,
 ) -> None:

@@ -16,20 +16,20 @@ if TYPE_CHECKING:
     from haptid.motion.treatment import Motion
 
 HELP = """\
-Tell from a test at constant velocities which friction model each joint asks for.
+Select a friction model for each joint from a constant-velocity test.
 
-In the test each joint in turn goes to and fro at several constant speeds (kind = "sweep" on `haptid bench`). WHAT is a
-study, whose first log with the role "identify" is the test; or a device with the log's path after it, whose channels
-then are t, q1.., tau1.. (N m at the joints). Coulomb, Coulomb and viscous, viscous by direction, and Stribeck friction
+In the test each joint in turn moves to and fro at several constant speeds (kind = "sweep" on `haptid bench`). WHAT is
+a study, whose first log with the role "identify" is the test; or a device followed by the path of a log with the
+channels t, q1.., tau1.. (N m at the joints). Coulomb, Coulomb and viscous, viscous by direction, and Stribeck friction
 are compared by AICc; a larger model must be lower by 2. Writes into OUT:
 
   friction.csv    velocity, friction torque and its 95 % interval, one row for each constant velocity
 
-  friction.json   every model with its parameters, intervals, AICc and error, and the one to use
+  friction.json   every model with its parameters, intervals, AICc and error, and the selected one
 
-  friction.png    the curves, drawn
+  friction.png    plot of the curves
 
-Exit status: 0 when done, 2 when something is wrong; the message says what to do.
+Exit status: 0 on success, 2 on an error; the message says what to do.
 
 Example: haptid friction friction-study.toml --out friction
 """
@@ -39,11 +39,11 @@ Example: haptid friction friction-study.toml --out friction
 def friction(
     what: Annotated[str, typer.Argument(help="a study (TOML), or a device", show_default=False)],
     log: Annotated[Path | None, typer.Argument(help="the log, after a device", show_default=False)] = None,
-    data: Annotated[Path | None, typer.Option(help="where the study's relative log paths start")] = None,
+    data: Annotated[Path | None, typer.Option(help="folder of the study's relative log paths")] = None,
     tolerance: Annotated[
-        float | None, typer.Option(min=0.001, max=0.5, help="share by which a constant velocity may vary")
+        float | None, typer.Option(min=0.001, max=0.5, help="largest relative variation of a constant velocity")
     ] = None,
-    slowest: Annotated[float | None, typer.Option(help="least speed that counts, rad/s or m/s")] = None,
+    slowest: Annotated[float | None, typer.Option(help="least speed that is used, rad/s or m/s")] = None,
     out_folder: Annotated[Path, typer.Option("--out", help="folder for the results")] = Path("haptid-friction"),
     quiet: Annotated[bool, typer.Option("--quiet", "-q", help="no progress, no summary")] = False,
 ) -> None:
@@ -76,7 +76,7 @@ def friction(
 def _test(
     what: str, log: Path | None, data: Path | None, tell: Callable[[str, float], None]
 ) -> tuple[DynamicModel, Motion]:
-    """The device and the motion of the test, as a study says or as they are given."""
+    """Device and motion of the test, from a study or as given."""
     from haptid.device import read_device
     from haptid.dynamics.model import DynamicModel
     from haptid.log import read_log

@@ -1,4 +1,4 @@
-"""What `haptid characterise` asks, draws and shows."""
+"""Poses, figures and output of `haptid characterise`."""
 
 from __future__ import annotations
 
@@ -8,10 +8,9 @@ from pathlib import Path
 
 import numpy as np
 from rich.console import Console
-from rich.table import Table
 
 from haptid._internal.arrays import Array
-from haptid.cli.figures import named, numbers, ranges, spread
+from haptid.cli.options import named, numbers, ranges, spread, wrong_option
 from haptid.device import Device
 from haptid.dynamics.model import DynamicModel
 from haptid.dynamics.workspace import Workspace, workspace
@@ -20,7 +19,7 @@ from haptid.end_effector.characterisation.characterise import POSES
 from haptid.end_effector.characterisation.plots import Sweep, plot_map, plot_sweeps
 from haptid.end_effector.characterisation.summary import notes
 from haptid.end_effector.characterisation.table import Asked, Column
-from haptid.errors import OptionError
+from haptid.report.tables import table
 
 # Poses of a sweep, and of each side of a map.
 SWEEP, SIDE = 201, 120
@@ -28,12 +27,12 @@ SWEEP, SIDE = 201, 120
 
 @dataclass(frozen=True, eq=False)
 class Poses:
-    """Poses that were asked for.
+    """Selected poses.
 
     Attributes:
         qa: of the active joints, (active, poses), rad or m.
         path: from 0 to 1 along a sweep, (poses,), None of other poses.
-        where: that a grid covers, None of other poses.
+        where: workspace of a grid, None of other poses.
     """
 
     qa: Array
@@ -44,14 +43,14 @@ class Poses:
 def chosen(
     model: DynamicModel, at: Sequence[str], sweep: tuple[str, str] | None, grid: int | None, limit: Sequence[str]
 ) -> Poses:
-    """The poses that the options ask for.
+    """The poses that the options select.
 
     Raises:
-        OptionError: options that do not go together, or numbers that do not fit the device.
-        HaptidError: a workspace that cannot be.
+        OptionError: options that exclude each other, or numbers that do not fit the device.
+        HaptidError: an impossible workspace.
     """
     if sum((bool(at), sweep is not None, grid is not None)) > 1:
-        raise OptionError("the choice of poses", "several of --at, --sweep and --grid", "one of them")
+        raise wrong_option("--at, --sweep, --grid", "given together", "one of them")
     names = ", ".join(model.device.joint_names[j] for j in model.device.active)
     what, count = f"positions of joints {names}", len(model.device.active)
     if at:
@@ -66,7 +65,7 @@ def chosen(
 def asked(
     device: Device, along: str | None, speed: float | None, stiffness: str | None, torque: Sequence[str]
 ) -> Asked:
-    """What figures need beside the model.
+    """Inputs of the figures in addition to the model.
 
     Raises:
         OptionError: numbers that do not fit the device.
@@ -76,7 +75,7 @@ def asked(
     motors = [drive.name for drive in device.motors]
     for name in limits:
         if name not in motors:
-            raise OptionError("--torque", name, f"NAME=VALUE of a motor: {', '.join(motors)}")
+            raise wrong_option("--torque", name, f"NAME=VALUE of a motor: {', '.join(motors)}")
     return Asked(
         along=numbers("--along", along, "x, y, z", 3) if along is not None else None,
         speed=speed,
@@ -86,7 +85,7 @@ def asked(
 
 
 def draw(poses: Poses, found: Characterisation, path: Path, tell: Callable[[str, float], None]) -> None:
-    """Masses along a sweep, or the largest over two joints of a grid; of single poses there is nothing to draw."""
+    """Plot the masses along a sweep, or the largest one over two joints of a grid; nothing for single poses."""
     if poses.path is None and (poses.where is None or len(poses.where.limits) < 2):
         return
     tell("drawing", 0.0)
@@ -101,7 +100,7 @@ def draw(poses: Poses, found: Characterisation, path: Path, tell: Callable[[str,
 
 
 def _draw_map(where: Workspace, found: Characterisation, path: Path) -> None:
-    """Over the last two active joints, the others in the middle of their ranges; poses outside are not drawn."""
+    """Plot the largest mass over the last two active joints, the others at the middle of their ranges."""
     (low, high), (lowest, highest) = where.limits[-2:].tolist()
     first, second = np.linspace(low, high, SIDE), np.linspace(lowest, highest, SIDE)
     qa = np.repeat(where.limits.mean(axis=1)[:, None], SIDE * SIDE, axis=1)
@@ -117,21 +116,18 @@ def _draw_map(where: Workspace, found: Characterisation, path: Path) -> None:
 
 
 def show(console: Console, found: Characterisation, made: Sequence[Column]) -> None:
-    """A table of the figures: of one pose with intervals, of several their median and range; what is not known."""
+    """Print the figures: of one pose with intervals, of several poses median and range; and the notes."""
     grasp = found.grasp
     console.print(
         f"{found.model.device.name} at the handle: {int(grasp.usable.sum())} of {len(grasp)} poses", style="bold"
     )
     single = len(grasp) == 1
-    table = Table(box=None, pad_edge=False)
-    table.add_column("")
-    for heading in ("value", "95 % interval") if single else ("median", "lowest", "highest", "widest 95 % half"):
-        table.add_column(heading, justify="right", no_wrap=True)
-    table.add_column("unit")
-    for column in made:
-        unit = "" if column.figure.unit == "1" else column.figure.unit
-        table.add_row(column.name, *(_single(column) if single else _several(column)), unit)
-    console.print(table)
+    heads = ("value", "95 % interval") if single else ("median", "lowest", "highest", "max 95 % half-width")
+    rows = [
+        ([c.name, *(_single(c) if single else _several(c)), "" if c.figure.unit == "1" else c.figure.unit], False)
+        for c in made
+    ]
+    console.print(table("", ("", *heads, "unit"), rows, left=("unit",)))
     for note in notes(found):
         console.print(f"- {note}", soft_wrap=True)
 
@@ -139,7 +135,7 @@ def show(console: Console, found: Characterisation, made: Sequence[Column]) -> N
 def _single(column: Column) -> list[str]:
     value, interval = float(column.figure.values[0]), column.figure.conf_int()
     if not np.isfinite(value):
-        return ["not known", ""]
+        return ["unknown", ""]
     return [f"{value:.4g}", "" if interval is None else f"{interval[0, 0]:.4g} .. {interval[0, 1]:.4g}"]
 
 
@@ -147,6 +143,6 @@ def _several(column: Column) -> list[str]:
     value, interval = column.figure.values, column.figure.conf_int()
     known = np.isfinite(value)
     if not known.any():
-        return ["not known", "", "", ""]
+        return ["unknown", "", "", ""]
     shown = [f"{x:.4g}" for x in (np.median(value[known]), value[known].min(), value[known].max())]
     return [*shown, "" if interval is None else f"{np.ptp(interval[known], axis=1).max() / 2:.2g}"]

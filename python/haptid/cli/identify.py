@@ -12,27 +12,26 @@ import typer
 from haptid.cli.common import EXIT_CRITERIA, app, errors_shown, out, progress_bars, teller
 
 HELP = """\
-Identify a device from the logs a study names, and validate the model.
+Identify a device from the logs of a study, and validate the model.
 
-The STUDY (a TOML file) names the device, the logs and what each is for, the channels in them with their units, the
-treatment, and the estimator. Writes into OUT:
+The STUDY (a TOML file) defines the device, the logs and their roles, their channels and units, the treatment, and the
+estimator. Writes into OUT:
 
-  result.json      every figure: parameters with 95 % intervals, groupings, errors, conditions, notes
+  result.json      all results: parameters with 95 % intervals, regroupings, errors, condition numbers, notes
 
-  report.html      everything in one file: verdict, parameters, plots, the device in 3D, where it all came from
+  report.html      self-contained report: verdict, parameters, plots, the device in 3D, provenance
 
   parameters.csv   the table of parameters
 
-  correlation.csv  how their errors go together
+  correlation.csv  correlation of their errors
 
-  torque-*.png     measured against predicted torque, one picture for each log
+  torque-*.png     measured and predicted torque, one plot for each log
 
-Long logs are read piece by piece, and what has been made of them is kept in .OUT.partial beside OUT until all is done:
-an interrupted run goes on from there, if study, logs and device are the same.
+Long logs are read in chunks. Intermediate results are stored in .OUT.partial next to OUT until the run is complete: an
+interrupted run resumes from there, if study, logs and device are unchanged.
 
-Exit status: 0 when done (and the study's criteria, if it has any, are met), 1 when its criteria are not met, 2 when
-something is wrong with the study, the device or a log; the message says what to do. 3 is a defect of haptid, 130 an
-interruption by Ctrl-C.
+Exit status: 0 on success (and the study's criteria, if any, are met), 1 if the criteria are not met, 2 on an error in
+the study, the device or a log; the message says what to do. 3 is a defect of haptid, 130 an interruption by Ctrl-C.
 
 Example: haptid identify examples/emps/study.toml --data ../shared/data/emps --out emps-result
 """
@@ -43,7 +42,7 @@ def identify(
     study: Annotated[Path, typer.Argument(help="the study file (TOML)", show_default=False)],
     data: Annotated[
         Path | None,
-        typer.Option(help="where the study's relative log paths start (default: the study's folder)"),
+        typer.Option(help="folder of the study's relative log paths (default: the study's folder)"),
     ] = None,
     out_folder: Annotated[Path, typer.Option("--out", help="folder for the results")] = Path("haptid-result"),
     quiet: Annotated[bool, typer.Option("--quiet", "-q", help="no progress, no tables")] = False,
@@ -52,7 +51,7 @@ def identify(
     scheduler: Annotated[
         str | None, typer.Option(help="address of a Dask scheduler whose workers reduce the logs, tcp://host:8786")
     ] = None,
-    fresh: Annotated[bool, typer.Option("--fresh", help="do not go on from an interrupted run")] = False,
+    fresh: Annotated[bool, typer.Option("--fresh", help="do not resume an interrupted run")] = False,
 ) -> None:
     from haptid._internal.atomic_folder import check_writable, publishing
     from haptid.cli.work import interruptible, resumed, workers
@@ -102,6 +101,6 @@ def identify(
 
 
 def _typed(study: Path, data: Path | None, out_folder: Path) -> str:
-    """The command as a person would type it."""
+    """The command line, for the report."""
     given = ["--data", str(data)] if data else []
     return shlex.join(["haptid", "identify", str(study), *given, "--out", str(out_folder)])

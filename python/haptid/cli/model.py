@@ -20,13 +20,11 @@ def model(
     device: Annotated[
         str, typer.Argument(help="a device file (TOML) or the name of a shipped device", show_default=False)
     ],
-    keep: Annotated[
-        list[str] | None, typer.Option("--keep", help="a parameter to keep as a base parameter, before all others")
-    ] = None,
+    keep: Annotated[list[str] | None, typer.Option("--keep", help="a parameter to prefer as a base parameter")] = None,
     latex: Annotated[bool, typer.Option("--latex", help="only the regroupings, as LaTeX")] = False,
     as_json: Annotated[bool, typer.Option("--json", help="the same as JSON")] = False,
 ) -> None:
-    """Print a device's tree, loops, motors, base parameters and how the others regroup into them."""
+    """Print a device's tree, loops, motors, base parameters and regroupings."""
     from haptid.device import read_device
     from haptid.device.toml.reader import keeping
     from haptid.dynamics.model import DynamicModel
@@ -34,7 +32,7 @@ def model(
 
     with errors_shown():
         read = DynamicModel(keeping(read_device(device), keep) if keep else read_device(device))
-        for sentence in _in_vain(read) if keep else ():
+        for sentence in _not_kept(read) if keep else ():
             err.print(sentence, soft_wrap=True)
         if latex:
             sys.stdout.write("".join(f"{line}\n" for line in read.regroupings.latex))
@@ -44,12 +42,12 @@ def model(
             tables.show_model(out, read)
 
 
-def _in_vain(model: DynamicModel) -> Iterator[str]:
-    """Parameters that were to be kept and are not, with the reason."""
+def _not_kept(model: DynamicModel) -> Iterator[str]:
+    """Preferred parameters that cannot be base parameters, with the reason."""
     base = model.base
     kept = {base.standard[k] for k in base.independent_columns}
     for name in model.device.keep:
         if name in base.no_effect:
-            yield f"{name} cannot be kept: no motion shows it, it has no effect on the torque."
+            yield f"{name} cannot be a base parameter: it has no effect on the torque."
         elif name not in kept:
-            yield f"{name} cannot be kept: it follows from other parameters that are kept before it."
+            yield f"{name} cannot be a base parameter: it depends linearly on preferred parameters before it."

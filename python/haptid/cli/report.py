@@ -12,13 +12,12 @@ from haptid.cli.common import app, errors_shown, out
 HELP = """\
 Write the report of a result as one HTML file, or compare several results.
 
-RESULT is the output folder of haptid identify, which has written report.html already; this writes it again, from the
-folder alone: the logs are not needed. With several RESULTs the page compares each with the first: what changed beyond
-what the intervals allow.
+RESULT is an output folder of haptid identify. Its report.html is written again from the folder alone; the logs are not
+needed. With several RESULTs the page compares each with the first and marks the significant differences.
 
 The file works offline, on a screen, a phone and paper.
 
-Exit status: 0 when done, 2 when something is wrong; the message says what to do.
+Exit status: 0 on success, 2 on an error; the message says what to do.
 
 Example: haptid report before after --out comparison.html
 """

@@ -1,4 +1,4 @@
-"""Who does the work of a command, and where an interrupted one goes on."""
+"""Executors of a command, and resuming of an interrupted run."""
 
 from __future__ import annotations
 
@@ -14,30 +14,30 @@ from haptid.observation.cache import RFactorCache
 
 
 def workers(count: int, scheduler: str | None) -> Executor:
-    """A cluster where there is one, processes where there are to be several."""
+    """The executor: a Dask cluster, several processes, or serial."""
     if scheduler is not None:
         return DaskExecutor(scheduler)
     return SerialExecutor() if count == 1 else ProcessExecutor(count)
 
 
 def resumed(out: Path, fresh: bool, quiet: bool) -> RFactorCache:
-    """What an interrupted run has left beside its folder, which is said; nothing where all is to be done anew."""
+    """Stored intermediate results of an interrupted run; none where the run is to start again."""
     target = out.resolve()
     kept = RFactorCache(target.with_name(f".{target.name}.partial"))
     if fresh:
         kept.forget()
     elif not quiet and (parts := kept.count()):
-        err.print(f"Going on from an interrupted run: {parts} parts are there, in {kept.folder}. --fresh starts anew.")
+        err.print(f"Resuming an interrupted run: {parts} parts in {kept.folder}. --fresh starts again.")
     return kept
 
 
 @contextmanager
 def interruptible(kept: RFactorCache) -> Iterator[None]:
-    """An interruption as one line that says what is left of the work, and the exit status for it."""
+    """Report an interruption in one line and exit with its status."""
     try:
         yield
     except KeyboardInterrupt:
         parts = kept.count()
-        there = f"{parts} parts are in {kept.folder}, and the same command goes on from there"
-        complain(f"interrupted: {there if parts else 'nothing is left of it'}.")
+        there = f"{parts} parts are stored in {kept.folder}; the same command resumes from there"
+        complain(f"interrupted: {there if parts else 'nothing is stored'}.")
         raise typer.Exit(EXIT_INTERRUPTED) from None

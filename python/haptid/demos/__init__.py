@@ -1,7 +1,6 @@
-"""Demonstrations: a published identification, reproduced on the virtual bench, and what can be done better."""
+"""Demonstrations: two published identifications reproduced on the virtual bench, compared with the printed tables."""
 
-from haptid.demos.known import demo_names, kind_of, read_demo
 from haptid.demos.plan import Demo
-from haptid.demos.run import run_demo
+from haptid.demos.run import demo_names, kind_of, read_demo, run_demo
 
 __all__ = ["Demo", "demo_names", "kind_of", "read_demo", "run_demo"]

@@ -1,23 +1,35 @@
-"""What every demonstration is made of: a folder with a plan, experiments, published tables, and what does not hold."""
+"""Data of a demonstration: a published identification, its experiments, its tables and its claims that do not hold."""
 
 from __future__ import annotations
 
+import csv
+import json
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
+import numpy as np
 from pydantic import BaseModel, ConfigDict, Field
 
-HERE = Path(__file__).parent
-PLAN, CLAIMS = "demo.toml", "claims.toml"
+from haptid._internal.arrays import Array
+from haptid.demos.recordings import Take
+from haptid.report.document import DocumentSection
+from haptid.uncertainty.quantities import aligned
+
+DATA = Path(__file__).parent
+# Called with the current step and the completed share of it.
+Tell = Callable[[str, float], None]
 
 
 class Part(BaseModel):
-    """A table of a plan: every key is known."""
+    """A table of a plan; unknown keys are refused."""
 
     model_config = ConfigDict(extra="forbid", frozen=True)
 
 
 class Claim(Part):
-    """Something printed that does not hold, and the check that shows it."""
+    """A printed statement that does not hold, and the test that shows it."""
 
     name: str
     where: str
@@ -26,8 +38,17 @@ class Claim(Part):
     check: str
 
 
+class ExperimentParts(Part):
+    """An experiment for the virtual bench, put together from TOML files of the demonstration's folder."""
+
+    name: str
+    seed: int
+    gravity: tuple[float, float, float] | None = None
+    parts: tuple[str, ...]
+
+
 class Demo(Part):
-    """A demonstration; paths are those of files in its folder."""
+    """A demonstration; its files are in the folder of its name."""
 
     schema_: int = Field(1, alias="schema", ge=1, le=1)
     name: str
@@ -36,8 +57,86 @@ class Demo(Part):
     source: str
     device: str
     claims: tuple[Claim, ...]
+    experiments: dict[str, ExperimentParts]
 
     @property
     def folder(self) -> Path:
-        """Where its files are."""
-        return HERE / self.name
+        """Folder of its files."""
+        return DATA / self.name
+
+    def write_experiment(self, key: str, folder: Path) -> Path:
+        """Write an experiment file, KEY.toml, into a folder; returns its path."""
+        made, path = self.experiments[key], folder / f"{key}.toml"
+        head = [f'schema = 1\nname = "{made.name}"\nseed = {made.seed}\n']
+        head += [] if made.gravity is None else [f"gravity = {list(made.gravity)}\n"]
+        parts = [(self.folder / f"{part}.toml").read_text(encoding="utf-8") for part in made.parts]
+        path.write_text("\n".join(["".join(head), *parts]), encoding="utf-8")
+        return path
+
+    def take(self, key: str, logs: Path, ending: str = "", exact: bool = False) -> Take:
+        """One of the experiments, written into the folder of the logs, as a log to be recorded."""
+        return Take(self.device, self.write_experiment(key, logs), logs / f"{key}{ending}.parquet", exact)
+
+
+@dataclass(frozen=True)
+class Kind:
+    """How the demonstrations of one form of plan are run; each kind has its own type of results.
+
+    Attributes:
+        plan: the form of the plan.
+        takes: the logs to be recorded into a folder.
+        find: all results from the logs in that folder.
+        write_files: writes the tables, and what else belongs to the results, into a folder.
+        values: all numbers, as JSON.
+        sections: of the page.
+        summary: published and found figures side by side, as text.
+    """
+
+    plan: type[Demo]
+    takes: Callable[[Any, Path], list[Take]]
+    find: Callable[[Any, Path, Tell], Any]
+    write_files: Callable[[Any, Path], None]
+    values: Callable[[Any], dict[str, Any]]
+    sections: Callable[[Any], list[DocumentSection]]
+    summary: Callable[[Any], str]
+
+
+@dataclass(frozen=True)
+class Table:
+    """A published table: numbers by row and column; a missing one is absent from `figures`."""
+
+    rows: tuple[str, ...]
+    columns: tuple[str, ...]
+    figures: Mapping[tuple[str, str], float]
+
+    def column(self, name: str) -> Array:
+        """One column, NaN where a number is missing, (rows,)."""
+        return np.array([self.figures.get((row, name), np.nan) for row in self.rows])
+
+
+def read_table(path: Path) -> Table:
+    """A table from CSV: row names in the first column; `meaning` and `unit` are no numbers."""
+    with path.open(newline="", encoding="utf-8") as file:
+        lines = list(csv.DictReader(file))
+    first, *others = [head for head in lines[0] if head not in ("meaning", "unit")]
+    figures = {(line[first], head): float(line[head]) for line in lines for head in others if line[head]}
+    return Table(tuple(line[first] for line in lines), tuple(others), figures)
+
+
+def write_csv(path: Path, rows: Iterable[Sequence[Any]]) -> None:
+    """Rows as CSV."""
+    with path.open("w", newline="", encoding="utf-8") as file:
+        csv.writer(file, lineterminator="\n").writerows(rows)
+
+
+def write_text(path: Path, blocks: Iterable[tuple[str, Sequence[Sequence[str]]]]) -> None:
+    """Tables of text one below the other, each with its title."""
+    lines: list[str] = []
+    for title, cells in blocks:
+        lines += [*([title, ""] if title else []), *aligned(cells), ""]
+    path.write_text("\n".join(lines), encoding="utf-8")
+
+
+def write_json(path: Path, values: Mapping[str, Any]) -> None:
+    """Values as JSON."""
+    path.write_text(json.dumps(values, indent=1, allow_nan=False) + "\n", encoding="utf-8")

@@ -1,4 +1,4 @@
-"""Logs of the mountings on the bench: as encoders see them and with exact sensors, and what is true of each."""
+"""Logs of the virtual bench with their ground truth: exact states, true base parameters and the hand's true force."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from haptid._internal.workers import ProcessExecutor
 from haptid.device import read_device
 from haptid.dynamics.inverse import inverse_dynamics
 from haptid.dynamics.model import DynamicModel
-from haptid.errors import MountingError
+from haptid.errors import IdentifiabilityError
 from haptid.experiment.bench.experiment import read_experiment
 from haptid.experiment.bench.run import perform, truth_paths, write_log, write_truth
 from haptid.experiment.bench.setup import Encoders
@@ -24,9 +24,9 @@ from haptid.log import Channels, Log, Signal, read_log
 from haptid.motion.streaming import lost
 from haptid.motion.treatment import Motion, Treatment, treat
 
-# What of a mounting's torque the device's own base parameters may leave, as a share: rounding.
-LEFT = 1e-9
-# States at which torques are compared to find base parameters, per parameter.
+# Largest relative torque residual of a mounting expressed in the device's own base parameters: rounding.
+LARGEST_RESIDUAL = 1e-9
+# States per parameter at which the torques are compared.
 STATES = 20
 
 
@@ -35,13 +35,13 @@ class Take:
     """A log to be recorded.
 
     Attributes:
-        model: name of a shipped device.
-        experiment: path of an experiment file.
+        device: name of a shipped device.
+        experiment: path of the experiment file.
         out: path of the log.
-        exact: whether sensors are exact, in place of the experiment's encoders.
-        seed: in place of the experiment's; None for that.
-        step: of the simulator, in place of the experiment's, s; None for that.
-        quiet: whether amplifiers have no noise.
+        exact: exact sensors in place of the experiment's encoders.
+        seed: in place of the experiment's; None keeps that one.
+        step: of the simulator, in place of the experiment's, s; None keeps that one.
+        quiet: amplifiers without noise.
     """
 
     device: str
@@ -54,7 +54,7 @@ class Take:
 
 
 def record(take: Take) -> Path:
-    """Simulate, and write the log with the truth beside it; returns its path."""
+    """Simulate, and write the log and its ground truth; returns the path of the log."""
     experiment, model = read_experiment(take.experiment), DynamicModel(read_device(take.device))
     setup = experiment.setup(model)
     if take.exact:
@@ -71,23 +71,23 @@ def record(take: Take) -> Path:
 
 
 def record_all(takes: Sequence[Take], processes: int | None = None) -> Iterator[Path]:
-    """Record many, several at a time; the path of each as it is done."""
+    """Record logs in parallel; yields the path of each as it is done."""
     for _, path in ProcessExecutor(processes).map(record, takes):
         yield path
 
 
 @dataclass(frozen=True, eq=False)
-class Recorded:
-    """A log of the bench and what is true of it.
+class BenchRecording:
+    """A log of the virtual bench with its ground truth.
 
     Attributes:
-        model: as in its file: how it was mounted is not told.
+        model: with the gravity of its file, however the device was mounted.
         path: of the log.
-        beta: true base parameters of the device as in its file, (p,), SI.
+        beta: true base parameters of `model`, (p,), SI.
         t: of all samples, (n,), s.
         q, qd, qdd: exact, of the active joints, each (active, n), SI.
         hand: exact force of the hand in the base frame, (n, 3), N.
-        sensor: the same as a force sensor gives it, in the handle's frame, (n, 3), N; NaN without one.
+        sensor: force measured by the force sensor in the handle's frame, (n, 3), N; NaN without a sensor.
     """
 
     model: DynamicModel
@@ -113,21 +113,21 @@ class Recorded:
         return float(self.t[1] - self.t[0])
 
     def log(self, stretch: tuple[float, float]) -> Log:
-        """What the controller has of a stretch of the log, s: positions and commands."""
-        unit = self.model.device.motors[0].unit
+        """Positions and commands between two times, s: the channels that an identification uses."""
+        device = self.model.device
         channels = Channels(
-            Signal(tuple(f"q{k + 1}" for k in range(len(self.model.device.active))), "rad"),
-            Signal(tuple(f"command{k + 1}" for k in range(len(self.model.device.motors))), unit, side="motor"),
+            Signal(tuple(f"q{k + 1}" for k in range(len(device.active))), "rad"),
+            Signal(tuple(f"command{k + 1}" for k in range(len(device.motors))), device.motors[0].unit, side="motor"),
             time="t",
         )
         return read_log(self.path, channels, stretch=stretch)
 
     def motion(self, stretch: tuple[float, float], treatment: Treatment) -> Motion:
-        """A stretch of the log, treated."""
+        """The log between two times, s, treated."""
         return treat(self.log(stretch), treatment)
 
     def exact(self, stretch: tuple[float, float], treatment: Treatment) -> Motion:
-        """The same with exact positions, velocities and accelerations in place of what sensors give."""
+        """The same with exact positions, velocities and accelerations in place of the sensors'."""
         motion = self.motion(stretch, treatment)
         at = self.index(motion.t)
         edge = lost(treatment.torque_delay_s / motion.dt)
@@ -140,20 +140,20 @@ class Recorded:
         return np.asarray(np.rint((t - self.t[0]) / self.dt).astype(int))
 
     def during(self, stretch: tuple[float, float]) -> np.ndarray:
-        """Whether each sample is inside a stretch, (n,)."""
+        """Whether each sample is between two times, s, (n,)."""
         return np.asarray((self.t >= stretch[0]) & (self.t <= stretch[1]))
 
 
-def read_recorded(model: DynamicModel, experiment: Path, path: Path) -> Recorded:
-    """A log that `record` wrote, and its truth.
+def read_recording(model: DynamicModel, experiment: Path, path: Path) -> BenchRecording:
+    """A log that `record` wrote, with its ground truth.
 
     Args:
-        model: as in its file.
-        experiment: what was recorded.
+        model: with the gravity of its file.
+        experiment: path of the experiment file.
         path: of the log.
 
     Raises:
-        MountingError: the mounting's torques are none that the device's own base parameters can make.
+        IdentifiabilityError: the torques of the mounting cannot be expressed in the device's own base parameters.
     """
     parameters, states = truth_paths(path)
     mounted = read_experiment(experiment).setup(model).model
@@ -161,7 +161,10 @@ def read_recorded(model: DynamicModel, experiment: Path, path: Path) -> Recorded
     truth, table = np.array([named[name] for name in mounted.base.names]), parquet.read_table(states)
     names = [model.device.joint_names[j] for j in model.device.active]
     q, qd, qdd = (_columns(table, [f"{kind}_{name}" for name in names]) for kind in ("q", "qd", "qdd"))
-    return Recorded(
+    forces = [f"force_{axis}" for axis in "xyz"]
+    measured = set(forces) <= set(parquet.read_schema(path).names)
+    unmeasured = np.full((len(table), 3), np.nan)
+    return BenchRecording(
         model=model,
         path=path,
         beta=as_in_file(model, mounted, truth),
@@ -170,12 +173,12 @@ def read_recorded(model: DynamicModel, experiment: Path, path: Path) -> Recorded
         qd=qd,
         qdd=qdd,
         hand=_columns(table, [f"hand_{axis}" for axis in "xyz"]).T,
-        sensor=_sensor(path, len(table)),
+        sensor=_columns(parquet.read_table(path, columns=forces), forces).T if measured else unmeasured,
     )
 
 
 def as_in_file(model: DynamicModel, mounted: DynamicModel, beta: Array) -> Array:
-    """Base parameters with which a device as in its file has the torques of a mounted one, (p,), SI.
+    """Base parameters of a device with the gravity of its file that give the torques of a mounted one, (p,), SI.
 
     Args:
         model: with the gravity of its file.
@@ -183,25 +186,24 @@ def as_in_file(model: DynamicModel, mounted: DynamicModel, beta: Array) -> Array
         beta: base parameters of the mounted one, (p,), SI.
 
     Raises:
-        MountingError: there are none.
+        IdentifiabilityError: there are none.
     """
     p, rng = len(model.base), np.random.default_rng(0)
     q, qd, qdd = rng.uniform(-1, 1, (3, len(model.device.active), STATES * p))
     wanted = inverse_dynamics(mounted, beta, q, qd, qdd).ravel()
     columns = np.array([inverse_dynamics(model, unit, q, qd, qdd).ravel() for unit in np.eye(p)]).T
     found, *_ = np.linalg.lstsq(columns, wanted, rcond=None)
-    left = float(np.linalg.norm(columns @ found - wanted) / np.linalg.norm(wanted))
-    if left > LEFT:
-        raise MountingError(model.device.name, left, LEFT)
+    residual = float(np.linalg.norm(columns @ found - wanted) / np.linalg.norm(wanted))
+    if residual > LARGEST_RESIDUAL:
+        raise IdentifiabilityError(
+            f"the torques of {model.device.name} as mounted cannot be expressed in the base parameters of its device "
+            f"file: relative residual {residual:.1e}, limit {LARGEST_RESIDUAL:.1e}.",
+            where=model.device.name,
+            found=residual,
+            limit=LARGEST_RESIDUAL,
+            advice="Identify it with the gravity of its mounting.",
+        )
     return np.asarray(found)
-
-
-def _sensor(path: Path, samples: int) -> Array:
-    """The force sensor's channels of a log, NaN where it has none, (samples, 3), N."""
-    names = [f"force_{axis}" for axis in "xyz"]
-    if names[0] not in parquet.read_schema(path).names:
-        return np.full((samples, 3), np.nan)
-    return _columns(parquet.read_table(path, columns=names), names).T
 
 
 def _columns(table: Any, names: list[str]) -> Array:

@@ -1,53 +1,99 @@
-"""Walking a demonstration: record its logs, find everything in them, and write it down."""
+"""Running a demonstration: record its logs, identify, and write tables, numbers and a page."""
 
 from __future__ import annotations
 
-import shutil
-from collections.abc import Sequence
+import csv
+import tomllib
 from pathlib import Path
 from typing import Any
 
-from haptid.demos.kind import Tell
-from haptid.demos.known import kind_of
-from haptid.demos.plan import Demo
-from haptid.demos.recordings import Take, record_all
-from haptid.demos.report import write_report
+from haptid.demos.cea_branches import CEA_BRANCHES
+from haptid.demos.phantom_configurations import PHANTOM_CONFIGURATIONS
+from haptid.demos.plan import DATA, Demo, Kind, Tell, write_json
+from haptid.demos.recordings import record_all
+from haptid.errors import UnknownNameError, suggestion
 from haptid.experiment.bench.simulation import load_mujoco
+from haptid.report.document import DocumentSection, TextTable
+from haptid.report.page import page, write_text
+
+KINDS: dict[str, Kind] = {"phantom_configurations": PHANTOM_CONFIGURATIONS, "cea_branches": CEA_BRANCHES}
+PLAN, CLAIMS, PAGE = "demo.toml", "claims.csv", "paper.html"
+
+
+def kind_of(demo: Demo) -> Kind:
+    """How a demonstration is run."""
+    return KINDS[demo.kind]
+
+
+def demo_names() -> tuple[str, ...]:
+    """Names of all demonstrations."""
+    return tuple(sorted(path.parent.name for path in DATA.glob(f"*/{PLAN}")))
+
+
+def read_demo(name: str) -> Demo:
+    """A demonstration by its name.
+
+    Raises:
+        UnknownNameError: there is none of that name.
+    """
+    if name not in demo_names():
+        known = demo_names()
+        advice = suggestion(name, known)
+        raise UnknownNameError(f"there is no demo {name!r}.", where="demo", found=name, limit=known, advice=advice)
+    plan = tomllib.loads((DATA / name / PLAN).read_text(encoding="utf-8"))
+    with (DATA / name / CLAIMS).open(newline="", encoding="utf-8") as file:
+        claims = list(csv.DictReader(file))
+    return KINDS[plan["kind"]].plan.model_validate({**plan, "claims": claims, "name": name})
 
 
 def run_demo(demo: Demo, folder: Path, tell: Tell, processes: int | None = None) -> Any:
-    """Record into `folder`/logs, find everything, and write tables, figures and the report into `folder`.
+    """Record into `folder`/logs, identify, and write tables, result.json and the page into `folder`.
 
     Args:
-        demo: what to do.
+        demo: the demonstration.
         folder: an empty folder.
-        tell: called with what is being done and the share of it done.
-        processes: simulations at a time; None for as many as there are processors.
+        tell: called with the current step and the completed share of it.
+        processes: simulations in parallel; None for one per processor.
 
     Returns:
-        What was found, in the form of the demonstration's kind.
+        The results, of the type of the demonstration's kind.
 
     Raises:
-        MujocoMissingError: there is no simulator.
-        OutputError: nothing can be written there.
+        MissingDependencyError: MuJoCo is not installed.
+        OutputFolderError: the folder cannot be written.
     """
     load_mujoco()
     kind, logs = kind_of(demo), folder / "logs"
     logs.mkdir()
-    record_logs(kind.takes(demo, logs), logs, tell, processes)
+    takes = kind.takes(demo, logs)
+    tell("simulating", 0.0)
+    for done, _ in enumerate(record_all(takes, processes), 1):
+        tell("simulating", done / len(takes))
     found = kind.find(demo, logs, tell)
-    kind.draw(found, folder, tell)
     tell("writing", 0.0)
-    kind.write_tables(found, folder)
-    write_report(kind.values(found), kind.chapters(found), folder)
+    write_results(demo, found, folder)
     tell("writing", 1.0)
     return found
 
 
-def record_logs(takes: Sequence[Take], logs: Path, tell: Tell, processes: int | None = None) -> None:
-    """Every log of a demonstration, with the experiments that made them."""
-    tell("simulating", 0.0)
-    for done, _ in enumerate(record_all(takes, processes), 1):
-        tell("simulating", done / len(takes))
-    for name in dict.fromkeys(take.experiment for take in takes):
-        shutil.copy(name, logs)
+def write_results(demo: Demo, found: Any, folder: Path) -> None:
+    """Tables, result.json and the page.
+
+    Raises:
+        OutputFolderError: the folder cannot be written.
+    """
+    kind = kind_of(demo)
+    kind.write_files(found, folder)
+    claims = [claim.model_dump() for claim in demo.claims]
+    head = {"schema": 1, "demo": demo.name, "title": demo.title, "source": demo.source, "claims": claims}
+    write_json(folder / "result.json", {**head, **kind.values(found)})
+    sections = [*kind.sections(found), claims_section(demo)]
+    write_text(folder / PAGE, page(demo.title, f"Source: {demo.source}.", sections))
+
+
+def claims_section(demo: Demo) -> DocumentSection:
+    """Printed statements that do not hold."""
+    cells = [["", "where", "printed", "found", "check"]]
+    cells += [[c.name, c.where, c.printed, c.found, c.check] for c in demo.claims]
+    about = "Each check is a test of that name in haptid's own test suite."
+    return DocumentSection("claims", "Printed claims that do not hold", (about,), (TextTable("", cells),))

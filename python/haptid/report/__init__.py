@@ -1,4 +1,4 @@
-"""The report: one HTML file with everything there is to say of an identification, or of several side by side."""
+"""Reports: one self-contained HTML page of an identification or of several compared, terminal tables, plots."""
 
 from haptid.report.compared import write_comparison
 from haptid.report.report import Report, make_report, read_report, report_of

@@ -1,4 +1,4 @@
-"""What a chart is made of: words for those who read it, words for those who cannot see it, and plain values to draw."""
+"""Charts of a page: title, caption, alternative text, and plain values that the page's script draws."""
 
 from __future__ import annotations
 
@@ -12,9 +12,9 @@ from numpy.typing import ArrayLike
 
 from haptid._internal.arrays import Array
 
-# Colours that colour-blind readers tell apart (Okabe and Ito 2008), by the name that charts use.
+# Colour-blind safe palette (Okabe and Ito 2008), by the names that charts use.
 COLOURS = ("black", "blue", "vermillion", "green", "purple", "orange", "sky", "yellow")
-# Measured, predicted and residual have the same colours everywhere.
+# Colours of measured, predicted and residual in every chart.
 MEASURED, PREDICTED, RESIDUAL = "black", "blue", "vermillion"
 
 Style = Literal["line", "envelope", "points", "band", "stack", "interval"]
@@ -26,10 +26,10 @@ class Chart:
 
     Attributes:
         key: unique on the page, of letters, digits and hyphens.
-        title: above it.
-        alt: what a reader who cannot see it would be told it shows.
+        title: above the chart.
+        alt: alternative text for screen readers.
         caption: its numbers, in sentences.
-        drawing: plain values that the page's own script draws; "kind" says how.
+        drawing: plain values for the page's script; "kind" selects how they are drawn.
     """
 
     key: str
@@ -40,25 +40,25 @@ class Chart:
 
 
 def packed(values: ArrayLike) -> dict[str, Any]:
-    """Numbers as the page reads them: float32, little-endian, base64; NaN where there is none."""
+    """Numbers in the page's format: float32, little-endian, base64; NaN where a value is missing."""
     flat = np.ascontiguousarray(values, dtype="<f4").ravel()
     return {"f32": base64.b64encode(flat.tobytes()).decode("ascii"), "count": len(flat)}
 
 
 def even(start: float, step: float, count: int) -> dict[str, Any]:
-    """Evenly spaced numbers as the page reads them."""
+    """Evenly spaced numbers in the page's format."""
     return {"start": float(start), "step": float(step), "count": int(count)}
 
 
 def axis(label: str, unit: str = "", **settings: Any) -> dict[str, Any]:
-    """An axis: what it shows, in which unit, and settings such as log, low, high, zero."""
+    """An axis: label, unit, and settings such as log, low, high, zero."""
     return {"label": label, "unit": unit, **settings}
 
 
 def plot(
     x: Mapping[str, Any], y: Mapping[str, Any], series: Sequence[Mapping[str, Any]], **more: Any
 ) -> dict[str, Any]:
-    """A drawing of curves over two axes; `group` links horizontal axes, `height` is in pixels."""
+    """A plot of curves; `group` links horizontal axes, `height` is in pixels."""
     return {"kind": "plot", "x": dict(x), "y": dict(y), "series": [dict(s) for s in series], **more}
 
 
@@ -68,13 +68,13 @@ def series(name: str, style: Style, colour: str, **values: Any) -> dict[str, Any
 
 
 def envelope(name: str, colour: str, t0: float, step: float, y: Array, bins: int) -> dict[str, Any]:
-    """A curve over evenly spaced times: every row, or the least and greatest of each bin where there are more.
+    """A curve over evenly spaced times: every row, or the minimum and maximum of each bin where there are more rows.
 
     Args:
         name, colour: of the curve.
         t0, step: of the rows, s.
-        y: (rows,), NaN where there is none.
-        bins: kept at most.
+        y: (rows,), NaN where a value is missing.
+        bins: largest number of bins.
     """
     each = -(-len(y) // bins)
     if each <= 2:
@@ -85,18 +85,18 @@ def envelope(name: str, colour: str, t0: float, step: float, y: Array, bins: int
 
 
 def extremes(y: Array, each: int) -> tuple[Array, Array]:
-    """Least and greatest of every `each` values, the last bin of what is left; NaN counts for nothing, (bins,) each."""
+    """Minimum and maximum of every `each` values, the last bin shorter; NaN is ignored, (bins,) each."""
     starts = np.arange(0, len(y), each)
     return np.fmin.reduceat(y, starts), np.fmax.reduceat(y, starts)
 
 
 def shaded(t0: float, step: float, out: np.ndarray, bins: int) -> list[list[float]]:
-    """Stretches of time in which rows do not count, [[from, to], ...], s; those too short to be seen are left out.
+    """Time ranges of excluded rows, [[from, to], ...], s; those too short to be visible are left out.
 
     Args:
         t0, step: of the rows, s.
-        out: whether each row does not count, (rows,).
-        bins: that the chart shows; a bin is out where most of its rows are.
+        out: whether each row is excluded, (rows,).
+        bins: of the chart; a bin is shaded where most of its rows are excluded.
     """
     each = max(1, -(-len(out) // bins))
     starts = np.arange(0, len(out), each)
@@ -106,5 +106,5 @@ def shaded(t0: float, step: float, out: np.ndarray, bins: int) -> list[list[floa
 
 
 def figure(value: float, digits: int = 3) -> str:
-    """A number for a sentence."""
-    return f"{value:.{digits}g}" if np.isfinite(value) else "not known"
+    """A number as text."""
+    return f"{value:.{digits}g}" if np.isfinite(value) else "unknown"

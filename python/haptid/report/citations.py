@@ -1,4 +1,4 @@
-"""The papers whose methods a result stands on, as BibTeX."""
+"""Papers to cite for the methods of a result, as BibTeX."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from haptid.results.result import weighting
 
 
 def bibtex(source: Source) -> str:
-    """Entries of the methods that were used, in the order of the corridor."""
+    """Entries of the methods that were used, in the order of the pipeline."""
     known = entries()
     return "\n\n".join(known[key] for key in dict.fromkeys(_used(source)))
 
@@ -24,7 +24,7 @@ def entries() -> dict[str, str]:
 
 
 def _used(source: Source) -> Iterator[str]:
-    """Keys of what was used."""
+    """Keys of the methods that were used."""
     made, model = source.estimate, source.estimate.model
     if model.device.convention == "modified-dh":
         yield "khalil1986"
@@ -37,7 +37,7 @@ def _used(source: Source) -> Iterator[str]:
     if isinstance(made.method, PhysicallyConsistent):
         yield from ("sousa2014", "wensing2018")
     yield "belsley1980"
-    if any(source.dissections):
+    if any(source.decompositions):
         yield "tahmasebi2005"
     if model.device.handle is not None:
         yield "janot2007"

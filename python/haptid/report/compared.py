@@ -1,4 +1,4 @@
-"""Several results on one page."""
+"""Comparison page of several results."""
 
 from __future__ import annotations
 
@@ -19,9 +19,9 @@ def write_comparison(folders: Sequence[str | Path], path: str | Path) -> Compari
         path: of the page.
 
     Raises:
-        ResultFileError, ResultDeviceError: a folder has no result that can be read.
-        DifferentParametersError: a result has no parameter in common with the first.
-        OutputError: the page cannot be written there.
+        ResultFileError: a folder has no result that can be read.
+        ModelMismatchError: a result has no parameter in common with the first.
+        OutputFolderError: the page cannot be written there.
     """
     found = [Result.load(folder) for folder in folders]
     made = ComparisonSection.between(found, names_of([Path(folder) for folder in folders]))
@@ -32,7 +32,7 @@ def write_comparison(folders: Sequence[str | Path], path: str | Path) -> Compari
 
 
 def names_of(folders: Sequence[Path]) -> list[str]:
-    """Short names of folders, longer where two would be alike."""
+    """Short names of folders, longer where two would be equal."""
     resolved = [folder.resolve() for folder in folders]
     for parts in range(1, max(len(path.parts) for path in resolved) + 1):
         names = ["/".join(path.parts[-parts:]) for path in resolved]

@@ -1,4 +1,4 @@
-"""Groupings as MathML: exact where the lengths are symbols, else with numbers. Browsers typeset it by themselves."""
+"""Regroupings of base parameters as MathML: symbolic where the lengths are symbols, else numeric."""
 
 from __future__ import annotations
 
@@ -12,13 +12,13 @@ from haptid.dynamics.base_parameters import BaseParameters
 from haptid.dynamics.symbolic import Regroupings
 from haptid.dynamics.symbolic.formulas import NAME, Style, formula
 
-# An element stands in a text as its number between these two, so that texts can be put together like plain ones.
+# An element is represented in a text by its number between these two, so that texts can be concatenated.
 OPEN, CLOSE = "\ue000", "\ue001"
 TOKEN = re.compile(rf"{OPEN}(\d+){CLOSE}|(\d+(?:\.\d+)?(?:e[-+]?\d+)?)|([-+()])")
 
 
 def groupings(base: BaseParameters, exact: Regroupings | None) -> tuple[str, ...]:
-    """MathML for every base parameter: what regroups into it, an element for each term, so that lines can break.
+    """MathML of the regrouping of every base parameter, one element for each term, so that lines can break.
 
     Args:
         base: the parameters.
@@ -55,7 +55,7 @@ def _numeric(coefficients: np.ndarray, names: Sequence[str], first: int) -> str:
 
 
 class _Typesetter:
-    """Elements made so far; a text refers to them by number."""
+    """Elements made so far, by the numbers in the placeholders."""
 
     def __init__(self) -> None:
         self.made: list[str] = []
@@ -66,7 +66,7 @@ class _Typesetter:
         )
 
     def kept(self, element: str) -> str:
-        """A short text that stands for an element."""
+        """A placeholder for an element."""
         self.made.append(element)
         return f"{OPEN}{len(self.made) - 1}{CLOSE}"
 
@@ -75,7 +75,7 @@ class _Typesetter:
         return f"<mrow>{''.join(self.element(*token) for token in TOKEN.findall(text))}</mrow>"
 
     def terms(self, text: str) -> str:
-        """A text as an element for each of its terms, those in brackets too."""
+        """A text as one element for each term, bracketed ones too."""
         parts = [""]
         for token in TOKEN.findall(text):
             if token[2] in ("+", "-") and parts[-1]:
@@ -94,7 +94,7 @@ class _Typesetter:
 
 
 def _between(sign: str) -> str:
-    """A sign that begins an element, with the room around it that it has between two terms."""
+    """A sign at the start of an element, spaced as between two terms."""
     return f'<mo form="infix">{"&#x2212;" if sign == "-" else "+"}</mo>'
 
 

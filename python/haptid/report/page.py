@@ -1,4 +1,4 @@
-"""The page: a template for each section, one style sheet and one script, all in one file."""
+"""HTML pages: a template for each section, one style sheet and one script, all in one file."""
 
 from __future__ import annotations
 
@@ -12,17 +12,17 @@ from typing import Any
 from jinja2 import Environment, PackageLoader, StrictUndefined
 from markupsafe import Markup
 
-from haptid.errors import OutputError
+from haptid.errors import OutputFolderError
 from haptid.report.chart import Chart
-from haptid.report.section import Shown
+from haptid.report.section import PageSection
 from haptid.results.result import finite
 
-# The script's parts, in the order in which they need each other.
+# The script's parts, in the order of their dependencies.
 SCRIPTS = ("numbers.js", "svg.js", "plot.js", "heat.js", "bars.js", "mechanism.js", "scene.js", "tables.js", "page.js")
 STYLES = ("page.css",)
 
 
-def page(title: str, about: str, sections: Sequence[Shown]) -> str:
+def page(title: str, about: str, sections: Sequence[PageSection]) -> str:
     """A whole HTML document.
 
     Args:
@@ -31,7 +31,7 @@ def page(title: str, about: str, sections: Sequence[Shown]) -> str:
     """
     charts = {chart.key: chart for section in sections for chart in section.charts}
     shown = [
-        {"key": s.key, "title": s.title, "html": Markup(_environment().get_template(f"{s.key}.html").render(s=s))}
+        {"key": s.key, "title": s.title, "html": Markup(_environment().get_template(f"{s.template}.html").render(s=s))}
         for s in sections
     ]
     return (
@@ -52,12 +52,18 @@ def write_text(path: Path, text: str) -> None:
     """Write a file.
 
     Raises:
-        OutputError: it cannot be written there.
+        OutputFolderError: it cannot be written there.
     """
     try:
         path.write_text(text, encoding="utf-8")
     except OSError as error:
-        raise OutputError(path, error.strerror or str(error)) from error
+        reason = error.strerror or str(error)
+        raise OutputFolderError(
+            f"cannot write {path}: {reason}.",
+            where=str(path),
+            found=reason,
+            advice="Choose another path.",
+        ) from error
 
 
 @cache
@@ -71,19 +77,20 @@ def _environment() -> Environment:
     )
     made.globals["show"] = _show
     made.filters["number"] = _number
+    made.tests["figure"] = lambda cell: cell.lstrip("-")[:1].isdigit()
     made.filters["embedded"] = _embedded
     made.filters["unit"] = lambda unit: unit.replace("^2", "\u00b2").replace("^3", "\u00b3")
     return made
 
 
 def _show(chart: Chart) -> Markup:
-    """A chart's figure, which the page's script draws into."""
+    """The element of a chart, into which the page's script draws."""
     template = _environment().get_template("chart.html")
     return Markup(template.render(chart=chart, kind=chart.drawing["kind"]))
 
 
 def _number(value: float | None, digits: int = 4) -> str:
-    """A figure to some digits; nothing for None."""
+    """A number to some digits; empty for None."""
     return "" if value is None else f"{value:.{digits}g}"
 
 
@@ -92,6 +99,6 @@ def _text(name: str) -> str:
 
 
 def _embedded(value: Any) -> Markup:
-    """JSON that may stand inside a script element."""
+    """JSON that is safe inside a script element."""
     text = json.dumps(finite(value), allow_nan=False, ensure_ascii=True, separators=(",", ":"))
     return Markup(text.replace("<", "\\u003c"))

@@ -1,4 +1,4 @@
-"""Measured against predicted torque, drawn."""
+"""Plots of measured and predicted torque as PNG."""
 
 from __future__ import annotations
 
@@ -16,22 +16,22 @@ from matplotlib.figure import Figure
 from haptid._internal.arrays import Array
 from haptid.validation.prediction import Prediction
 
-# Colours that colour-blind readers tell apart (Okabe and Ito 2008).
+# Colour-blind safe palette (Okabe and Ito 2008).
 MEASURED, PREDICTED, RESIDUAL = "#000000", "#0072B2", "#D55E00"
-# Rows that do not count are shaded.
+# Shade of excluded rows.
 DROPPED = "0.85"
-# Of PNG: a tenth larger than the usual, in a third of the time.
+# PNG compression level: a tenth larger than the default, in a third of the time.
 FAST = 1
-# More stretches than this cannot be told apart: below it every row is drawn, above it the extremes of each stretch.
+# Horizontal resolution: below it every row is drawn, above it the minimum and maximum of each bin.
 PIXELS = 2000
 
 
 def plot_torque(parts: Iterable[Prediction], rows: int, title: str, path: Path) -> None:
-    """One panel for each motor: measured and predicted torque, and the residual, against time.
+    """Measured and predicted torque, and the residual, against time, one panel for each motor.
 
     Args:
-        parts: stretches of one prediction, in order.
-        rows: of all of them together, which decides how finely each is drawn.
+        parts: chunks of one prediction, in order.
+        rows: of all chunks together, which sets the resolution of each.
         title, path: of the picture.
     """
     drawn = [outline(part, rows) for part in parts]
@@ -40,14 +40,14 @@ def plot_torque(parts: Iterable[Prediction], rows: int, title: str, path: Path) 
     figure = Figure(figsize=(10, height))
     FigureCanvasAgg(figure)
     figure.suptitle(title, parse_math=False, y=1 - 0.12 / height, va="top")
-    # Margins as they are: to look for them a layout would draw everything twice.
+    # Fixed margins: an automatic layout would draw everything twice.
     edges = {"left": 0.12, "right": 0.985, "bottom": 0.5 / height, "top": 1 - 0.65 / height}
     panels = np.atleast_1d(figure.subplots(len(motors), 1, sharex=True, gridspec_kw={"hspace": 0.1, **edges}))
     for k, panel in enumerate(panels):
         draw_motor(panel, drawn, k)
         panel.set_ylabel(f"{motors[k]}\n{units[k]}", parse_math=False)
     panels[-1].set_xlabel("time, s")
-    # Above the panel, where it hides nothing.
+    # Above the panel, where it covers nothing.
     panels[0].legend(loc="lower right", bbox_to_anchor=(1, 1), ncols=4, fontsize="small", frameon=False)
     with warnings.catch_warnings():
         warnings.filterwarnings("ignore", "Glyph .* missing")  # a name in letters that the font lacks
@@ -56,7 +56,7 @@ def plot_torque(parts: Iterable[Prediction], rows: int, title: str, path: Path) 
 
 @dataclass(frozen=True, eq=False)
 class Outline:
-    """What can be seen of a stretch: for each motor and curve, times and values; and where rows do not count."""
+    """A chunk thinned for drawing: times and values of each motor and curve, and excluded rows."""
 
     motors: tuple[str, ...]
     units: tuple[str, ...]
@@ -65,7 +65,7 @@ class Outline:
 
 
 def outline(part: Prediction, rows: int) -> Outline:
-    """A stretch of a prediction of so many rows, thinned to what can be seen."""
+    """A chunk of a prediction of `rows` rows in all, thinned to the resolution of the plot."""
     bins = max(1, round(PIXELS * len(part.t) / max(rows, 1))) if rows > 2 * PIXELS else len(part.t)
     curves = [
         tuple(thinned(part.t, y, bins) for y in (measured, predicted, measured - predicted))
@@ -77,7 +77,7 @@ def outline(part: Prediction, rows: int) -> Outline:
 
 
 def draw_motor(panel: Axes, drawn: list[Outline], k: int) -> None:
-    """Measured, predicted, residual of one motor; stretches that do not count are shaded."""
+    """Measured, predicted and residual torque of one motor; excluded rows are shaded."""
     styles = ((MEASURED, "measured", 2.2), (PREDICTED, "predicted", 0.9), (RESIDUAL, "residual", 0.7))
     for curve, (colour, name, width) in enumerate(styles):
         t, y = (np.concatenate([part.curves[k][curve][axis] for part in drawn]) for axis in (0, 1))
@@ -85,14 +85,14 @@ def draw_motor(panel: Axes, drawn: list[Outline], k: int) -> None:
     t, dropped = (np.concatenate([part.dropped[k][axis] for part in drawn]) for axis in (0, 1))
     if dropped.any():
         low, high = panel.get_ylim()
-        panel.fill_between(t, low, high, where=dropped, color=DROPPED, linewidth=0, zorder=0, label="left out")
+        panel.fill_between(t, low, high, where=dropped, color=DROPPED, linewidth=0, zorder=0, label="excluded")
         panel.set_ylim(low, high)
     panel.margins(x=0)
     panel.grid(alpha=0.3)
 
 
 def thinned(t: Array, y: Array, bins: int) -> tuple[Array, Array]:
-    """The least and greatest of each bin, in order of time, where there are more points than that."""
+    """Minimum and maximum of each bin, in order of time, where there are more than two points per bin."""
     if len(y) <= 2 * bins:
         return t, y
     edges = np.linspace(0, len(y), bins + 1).astype(int)

@@ -1,4 +1,4 @@
-"""A report as one value: made from an identification, kept in a folder of results, written as a page."""
+"""The report of an identification: made, stored in a result folder, read again, written as an HTML page."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from pathlib import Path
 from types import MappingProxyType
 
 from haptid._core import __version__
-from haptid.errors import ReportDataError
+from haptid.errors import ResultFileError
 from haptid.report.page import page, write_text
 from haptid.report.section import Section
 from haptid.report.sections import SECTIONS
@@ -20,21 +20,21 @@ from haptid.results.result import finite
 from haptid.study.identify import Identification
 
 SCHEMA = 2
-# Of the file that keeps a report in a folder of results, and of the page.
+# Files of a report in a result folder: its data and its page.
 DATA, PAGE = "report-data.json.gz", "report.html"
-# Data of a report is some megabytes; a file that unpacks to more is something else.
+# Report data are some megabytes; a file that unpacks to more is refused.
 LARGEST = 1 << 28
 
 
 @dataclass(frozen=True, eq=False)
 class Report:
-    """All that a page shows.
+    """Content of a report page.
 
     Attributes:
         name: of the study.
-        model: its name.
+        model: name of the device.
         made: when, as a date and time in UTC.
-        haptid: version that made it.
+        haptid: version of haptid.
         sections: by key, in the order of the page.
     """
 
@@ -48,19 +48,19 @@ class Report:
         object.__setattr__(self, "sections", MappingProxyType(dict(self.sections)))
 
     def html(self) -> str:
-        """The page, whole in itself."""
+        """The self-contained page."""
         return page(self.name, f"{self.model}, {self.made}, haptid {self.haptid}", tuple(self.sections.values()))
 
     def write_page(self, path: Path) -> None:
         """Write the page.
 
         Raises:
-            OutputError: it cannot be written there.
+            OutputFolderError: it cannot be written there.
         """
         write_text(path, self.html())
 
     def write(self, folder: Path) -> None:
-        """Write the page, and the data that it can be made from again, into a folder."""
+        """Write the page and its data into a folder."""
         self.write_page(folder / PAGE)
         plain = {key: section.plain() for key, section in self.sections.items()}
         head = {"schema": SCHEMA, "haptid": self.haptid, "name": self.name, "device": self.model, "made": self.made}
@@ -71,19 +71,19 @@ class Report:
 def make_report(
     identification: Identification, *, command: str = "", hands: Sequence[Hand] = (), made: datetime | None = None
 ) -> Report:
-    """Everything there is to say of an identification.
+    """The report of an identification.
 
     Args:
-        identification: a study walked to its end.
-        command: that made it, as a person would type it.
-        hands: forces of the hand that were estimated.
+        identification: result of `haptid.identify`.
+        command: the command line that made it.
+        hands: estimated hand forces.
         made: when; now where None.
     """
     return report_of(Source(identification, command, tuple(hands)), made)
 
 
 def report_of(source: Source, made: datetime | None = None) -> Report:
-    """The same of what was asked of an identification already."""
+    """The report of a source, which may have results computed already."""
     found = [kind.of(source) for kind in SECTIONS]
     moment = (made or datetime.now(UTC)).astimezone(UTC)
     return Report(
@@ -95,25 +95,31 @@ def report_of(source: Source, made: datetime | None = None) -> Report:
     )
 
 
+def _unreadable(path: Path, reason: str) -> ResultFileError:
+    """The error for a result folder whose report data cannot be read."""
+    advice = "Give the output folder of `haptid identify`, or run it again with this version of haptid."
+    return ResultFileError(f"{path}: {reason}.", where=str(path), found=reason, advice=advice)
+
+
 def read_report(folder: str | Path) -> Report:
-    """The report that a folder of results keeps.
+    """The report in a result folder.
 
     Raises:
-        ReportDataError: the folder has none, or one of another version.
+        ResultFileError: the folder has none, or one of another version.
     """
     path = Path(folder) / DATA
     try:
         with gzip.open(path) as file:
             text = file.read(LARGEST + 1)
         if len(text) > LARGEST:
-            raise ReportDataError(path, f"it unpacks to more than {LARGEST >> 20} MiB")
+            raise _unreadable(path, f"it unpacks to more than {LARGEST >> 20} MiB")
         data = json.loads(text)
         if data["schema"] != SCHEMA:
-            raise ReportDataError(path, f"its schema is {data['schema']}, and {SCHEMA} is read")
+            raise _unreadable(path, f"its schema is {data['schema']}, and {SCHEMA} is read")
         kinds = {kind.key: kind for kind in SECTIONS}
         sections = {key: kinds[key].revived(values) for key, values in data["sections"].items()}
         return Report(data["name"], data["device"], data["made"], data["haptid"], sections)
     except FileNotFoundError as error:
-        raise ReportDataError(path, "there is no such file") from error
+        raise _unreadable(path, "there is no such file") from error
     except (OSError, EOFError, ValueError, KeyError, TypeError) as error:  # not gzip, not JSON, not these sections
-        raise ReportDataError(path, f"it is no data of a report: {error}") from error
+        raise _unreadable(path, f"these are not the data of a report: {error}") from error

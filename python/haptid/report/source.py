@@ -1,4 +1,4 @@
-"""The one value that all sections of a report are made from: an identification, and what can be asked of it."""
+"""Source of a report: an identification with its diagnosis, tracks of torque and torque decompositions."""
 
 from __future__ import annotations
 
@@ -20,23 +20,23 @@ from haptid.observation.rows import chunks, gathered
 from haptid.study.identify import Identification, Run
 from haptid.validation.validation import Validation
 
-# A log with more rows is not taken apart: its parts would not fit in memory beside the rest.
-LARGEST_DISSECTION = 2_000_000
-# Points of the way along a log, about.
+# A log with more rows is not decomposed: memory.
+LARGEST_DECOMPOSITION = 2_000_000
+# Approximate number of points of the path along a log.
 TRAIL = 400
 
 
 @dataclass(frozen=True, eq=False)
 class Track:
-    """Treated rows of one log: torque measured and predicted, and what moved meanwhile.
+    """Treated rows of one log: measured and predicted torque, positions and velocities.
 
     Attributes:
         name: of the log.
-        seen: whether the fit saw these rows.
+        seen: whether the fit used these rows.
         t0, step: of the rows, s.
         labels, units: of the motors, (motors,).
         measured, predicted: torque, (motors, rows), N m or N.
-        used: whether a row counts, (motors, rows).
+        used: whether a row is used, (motors, rows).
         position, velocity: of the motors' coordinates, (motors, rows), SI.
         coordinate_units: of the positions, (motors,).
         trail: positions of all coordinates along the log, thinned, (active, few), SI.
@@ -63,13 +63,13 @@ class Track:
             expect(name, getattr(self, name).shape, (len(self.labels), self.used.shape[1]))
 
     @property
-    def telling(self) -> list[int]:
-        """Motors with rows that count: one whose joint was locked has none."""
+    def motors_used(self) -> list[int]:
+        """Indices of the motors with used rows; a motor whose joint was locked has none."""
         return np.flatnonzero(self.used.any(axis=1)).tolist()
 
     @cached_property
     def residual(self) -> Array:
-        """Measured less predicted, NaN where a row does not count, (motors, rows)."""
+        """Measured minus predicted, NaN where a row is not used, (motors, rows)."""
         return np.where(self.used, self.measured - self.predicted, np.nan)
 
     @property
@@ -78,7 +78,7 @@ class Track:
 
     @property
     def kind(self) -> str:
-        """Which rows these are, in words."""
+        """Kind of the rows, as text."""
         return "rows of the fit" if self.seen else "unseen rows"
 
     @property
@@ -88,15 +88,15 @@ class Track:
 
 @dataclass(frozen=True, eq=False)
 class Hand:
-    """The force of a hand on the device in the base frame, estimated, and measured where a sensor was there.
+    """Force of a hand on the device in the base frame: estimated, and measured where there was a sensor.
 
     Attributes:
         name: of the log.
         t: evenly spaced, (rows,), s.
-        force: as estimated, (rows, 3), N; NaN where it is not known.
+        force: estimated, (rows, 3), N; NaN where it is unknown.
         interval95: of it, (rows, 3, 2), N; None where it was not computed.
         measured: at the same times, (rows, 3), N; None where there was no sensor.
-        notes: sentences a user should read.
+        notes: sentences for the user.
     """
 
     name: str
@@ -116,18 +116,18 @@ class Hand:
 
     @staticmethod
     def of(name: str, found: HandleForce, measured: Array | None = None) -> Hand:
-        """What `estimate_force` found along a log, beside a sensor's force in the base frame, (rows, 3), N."""
+        """From the result of `estimate_force`, and a sensor's force in the base frame, (rows, 3), N."""
         return Hand(name, found.t, found.force, found.conf_int(), measured, found.notes)
 
 
 @dataclass(frozen=True, eq=False)
 class Source:
-    """What a report is made from.
+    """Input of a report.
 
     Attributes:
-        identification: a study walked to its end.
-        command: that made it, as a person would type it; empty where there was none.
-        hands: forces at the handle, if any were estimated.
+        identification: result of `haptid.identify`.
+        command: the command line that made it; empty where there was none.
+        hands: estimated forces at the handle.
     """
 
     identification: Identification
@@ -140,33 +140,33 @@ class Source:
 
     @cached_property
     def validation(self) -> Validation | None:
-        """The unseen prediction that is worst; None without any."""
+        """The worst validation on unseen rows; None without any."""
         return max(self.identification.unseen, key=lambda found: found.relative, default=None)
 
     @cached_property
     def diagnosis(self) -> Diagnosis:
-        """Everything that can be asked of the estimate."""
+        """Diagnosis of the estimate."""
         return diagnose(self.estimate, self.validation, self.identification.study.controller)
 
     @cached_property
     def tracks(self) -> tuple[Track, ...]:
-        """Log by log."""
+        """One per log."""
         return tuple(track(self.estimate, run) for run in self.identification.runs)
 
     @cached_property
-    def dissections(self) -> tuple[TorqueDecomposition | None, ...]:
-        """Log by log; None where a log is too long, or its rows have no accelerations."""
+    def decompositions(self) -> tuple[TorqueDecomposition | None, ...]:
+        """One per log; None where a log is too long, or its rows have no accelerations."""
         return tuple(
-            self._dissected(run, at.rows) for run, at in zip(self.identification.runs, self.tracks, strict=True)
+            self._decomposed(run, at.rows) for run, at in zip(self.identification.runs, self.tracks, strict=True)
         )
 
     @cached_property
     def model(self) -> GivenParameters:
-        """The estimate's parameters without their covariance: maps are made of them."""
+        """The estimated parameters without their covariance, for the maps."""
         return GivenParameters(self.estimate.model, self.estimate.beta)
 
-    def _dissected(self, run: Run, rows: int) -> TorqueDecomposition | None:
-        if rows > LARGEST_DISSECTION:
+    def _decomposed(self, run: Run, rows: int) -> TorqueDecomposition | None:
+        if rows > LARGEST_DECOMPOSITION:
             return None
         try:
             return decompose_torque(self.estimate, run.motion)

@@ -1,8 +1,8 @@
-"""Values as tables that a person reads in a terminal."""
+"""Tables for a terminal: parameters, nonlinear constants, torque errors, and the model of a device."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from typing import Any
 
 from rich.console import Console
@@ -19,9 +19,29 @@ from haptid.inference.targets import targets
 from haptid.study.identify import Identification, Run
 from haptid.validation.validation import Validation
 
+Row = Sequence[str | Text]
+
+
+def table(title: str, headings: Sequence[str], rows: Iterable[tuple[Row, bool]], left: Sequence[str] = ()) -> Table:
+    """A table without lines.
+
+    Args:
+        title: above it.
+        headings: of the columns.
+        rows: cells of each row, and whether the row is printed in grey.
+        left: headings of the columns that are flush left, after the first one; the others are flush right.
+    """
+    made = Table(title=title or None, title_justify="left", box=None, pad_edge=False)
+    for k, heading in enumerate(headings):
+        flush = k == 0 or heading in left
+        made.add_column(heading, justify="left" if flush else "right", overflow="fold", no_wrap=not flush)
+    for cells, grey in rows:
+        made.add_row(*cells, style="dim" if grey else None)
+    return made
+
 
 def show_identification(console: Console, found: Identification) -> None:
-    """Parameters, errors, notes."""
+    """Print parameters, errors and notes of an identification."""
     observation = found.estimate.observation
     raw, scaled = observation.condition
     console.print(f"\n{found.study.name}: {found.model.device.name}", style="bold")
@@ -37,7 +57,7 @@ def show_identification(console: Console, found: Identification) -> None:
     if found.projection:
         console.print(searched_table(found.projection))
     console.print(
-        "Rows in grey: the deviation is over half the value. Groupings: result.json, or `haptid model`.",
+        "Grey rows: the standard error exceeds half the value. Regroupings: result.json, or `haptid model`.",
         style="dim",
     )
     console.print(error_table(found.runs, found.model.device.torque_rows))
@@ -48,28 +68,22 @@ def show_identification(console: Console, found: Identification) -> None:
 
 
 def searched_table(projection: VariableProjection) -> Table:
-    """Constants that the torque is not linear in."""
-    table = Table(title="Searched constants", title_justify="left", box=None, pad_edge=False)
-    for heading in ("", "value", "95 % interval", "unit"):
-        table.add_column(heading, justify="left" if heading in ("", "unit") else "right", no_wrap=True)
-    for c in projection.constants:
-        ends = " .. ".join(f"{end:.3g}" for end in c.conf_int())
-        table.add_row(c.name, f"{c.value:.4g}", ends, c.unit, style=None if c.bounded else "dim")
-    return table
+    """Nonlinear constants with their 95 % intervals; grey where the log does not bound them."""
+    rows = [
+        ([c.name, f"{c.value:.4g}", " .. ".join(f"{end:.3g}" for end in c.conf_int()), c.unit], not c.bounded)
+        for c in projection.constants
+    ]
+    return table("Nonlinear constants", ("", "value", "95 % interval", "unit"), rows, left=("unit",))
 
 
 def parameter_table(title: str, parameters: Sequence[Parameter]) -> Table:
-    """Parameters with their honest intervals; the textbook deviation beside them."""
-    table = Table(title=title, title_justify="left", box=None, pad_edge=False)
-    for heading in ("", "value", "95 % interval", "sd %", "textbook %", "prior", "unit"):
-        table.add_column(heading, justify="left" if heading in ("", "unit") else "right", no_wrap=True)
-    for p in parameters:
-        table.add_row(*parameter_cells(p), style="dim" if p.relative_se > 50 else None)
-    return table
+    """Parameters with their 95 % intervals, relative standard errors and classical ones."""
+    headings = ("", "value", "95 % interval", "std err %", "classical %", "prior", "unit")
+    return table(title, headings, [(parameter_cells(p), p.relative_se > 50) for p in parameters], left=("unit",))
 
 
 def parameter_cells(p: Parameter) -> list[str]:
-    """One row of the table, as many digits as the deviation allows; no deviation of a value that is strained."""
+    """One row of the table, to two digits of the standard error; none for a value constrained outside its interval."""
     low, high = (with_digits(end, p.se) for end in p.conf_int())
     return [
         p.name,
@@ -83,13 +97,13 @@ def parameter_cells(p: Parameter) -> list[str]:
 
 
 def short_percent(part: float, whole: float) -> str:
-    """Two digits of a percentage, as far as anyone cares."""
+    """A percentage to two digits; above 100 only its order of magnitude."""
     percent = 100 * part / abs(whole) if whole else float("inf")
     return f"{percent:#.2g}".rstrip(".") if percent < 99.5 else ("> 100" if percent < 1000 else "> 1000")
 
 
 def with_digits(value: float, se: float) -> str:
-    """A figure to two digits of its deviation."""
+    """A value to two digits of its standard error."""
     if not (se > 0 and abs(value) < 1e6 and se > 1e-9):
         return f"{value:.6g}"
     decimals = 1
@@ -101,32 +115,25 @@ def with_digits(value: float, se: float) -> str:
 def error_table(runs: tuple[Run, ...], row: str) -> Table:
     """Relative error by log and motor."""
     motors = [m.name for m in runs[0].observation.motors]
-    table = Table(title="\nRelative error of the torque, %", title_justify="left", box=None, pad_edge=False)
-    table.add_column("log")
-    table.add_column("rows")
-    table.add_column("all", justify="right")
-    for motor in motors if len(motors) > 1 else ():
-        table.add_column(f"{row} {motor}", justify="right")
-    for run in runs:
-        for validation in (run.direct, *run.unseen):
-            if validation is not None:
-                table.add_row(run.entry.path, *error_cells(validation, len(motors)))
-    return table
+    each = [f"{row} {motor}" for motor in motors] if len(motors) > 1 else []
+    validations = [(run.entry.path, v) for run in runs for v in (run.direct, *run.unseen) if v is not None]
+    rows = [([path, *error_cells(validation, len(motors))], False) for path, validation in validations]
+    return table("\nRelative error of the torque, %", ("log", "rows", "all", *each), rows, left=("rows",))
 
 
 def error_cells(validation: Validation, motors: int) -> list[str | Text]:
-    """Which rows, all motors, each motor."""
+    """Kind of the rows, error of all motors and of each."""
     kind = Text("of the fit") if validation.seen else Text("unseen", style="bold")
     each = [f"{m.relative:.2f}" for m in validation.motors] if motors > 1 else []
     return [kind, f"{validation.relative:.2f}", *each]
 
 
 def verdict(found: Identification) -> str:
-    """One sentence: what the model is good for, judged on unseen rows."""
+    """Largest error on unseen rows and the study's criterion, in a sentence."""
     if not found.unseen:
         return "No unseen rows: this fit is not validated. Give the study a log with role 'validate', or a [holdout]."
     worst = max(v.relative for v in found.unseen)
-    text = f"On rows that its fit had not seen the model misses {worst:.2f} % of the torque at worst."
+    text = f"Largest relative error on unseen rows: {worst:.2f} % of the torque."
     if found.meets_criteria is None:
         return text
     limit = found.study.largest_error
@@ -134,29 +141,20 @@ def verdict(found: Identification) -> str:
 
 
 def show_model(console: Console, model: DynamicModel) -> None:
-    """Tree, loops, motors, terms, base parameters and regroupings."""
+    """Print tree, loops, motors, terms, base parameters and regroupings of a device."""
     for line in summary_lines(model.device):
         console.print(line, highlight=False, markup=False)
     base, exact = model.base, exact_regroupings(model)
-    table = Table(
-        title=f"\n{len(base)} base parameters of {len(base.standard)}",
-        title_justify="left",
-        box=None,
-        pad_edge=False,
-    )
-    table.add_column("parameter")
-    table.add_column("unit")
-    table.add_column("regroups", overflow="fold")
     found = base.groupings if isinstance(exact, str) else exact.formulas
-    for name, unit, grouping in zip(base.names, base.units, found, strict=True):
-        table.add_row(name, unit, grouping)
-    console.print(table)
+    rows = [(cells, False) for cells in zip(base.names, base.units, found, strict=True)]
+    headings = ("parameter", "unit", "regroups")
+    console.print(table(f"\n{len(base)} base parameters of {len(base.standard)}", headings, rows, left=headings))
     if isinstance(exact, str):
-        console.print(f"\nGroupings hold at these lengths only: {exact}", highlight=False, soft_wrap=True)
+        console.print(f"\nRegroupings are valid for these lengths only: {exact}", highlight=False, soft_wrap=True)
     elif exact.symbols:
         console.print(f"\nWith {', '.join(f'{s.name} = {s.value:.6g}' for s in exact.symbols)}", highlight=False)
     if base.no_effect:
-        console.print(f"\nWithout effect: {' '.join(base.no_effect)}")
+        console.print(f"\nWithout effect on the torque: {' '.join(base.no_effect)}")
     console.print(
         f"\nRank: least independent column kept {base.gap[0]:.1e}, most independent dropped {base.gap[1]:.1e} "
         f"(relative, limit {base.tolerance:.0e})" + ("" if base.is_clear else "  - NOT CLEAR: check the geometry"),
@@ -165,7 +163,7 @@ def show_model(console: Console, model: DynamicModel) -> None:
 
 
 def exact_regroupings(model: DynamicModel) -> Regroupings | str:
-    """Regroupings with the lengths as symbols, or the sentence that says why there are none."""
+    """Symbolic regroupings, or the reason why there are none."""
     try:
         return model.regroupings
     except RegroupingError as error:
@@ -173,7 +171,7 @@ def exact_regroupings(model: DynamicModel) -> Regroupings | str:
 
 
 def model_values(model: DynamicModel) -> dict[str, Any]:
-    """What `haptid model --json` prints."""
+    """Values that `haptid model --json` prints."""
     base, exact = model.base, exact_regroupings(model)
     rows = [
         {"name": name, "unit": unit, "grouping": dict(zip(base.standard, row.tolist(), strict=True))}

@@ -1,4 +1,4 @@
-"""The short version for a terminal: how the residual goes along each log, in one line a motor."""
+"""Sparklines of the residual for a terminal: one line for each log and motor."""
 
 from __future__ import annotations
 
@@ -15,20 +15,20 @@ WIDTH = 40
 
 
 def sparklines(source: Source) -> tuple[str, ...]:
-    """RMS of the residual over time, a line for each log and motor with rows, those of a log of one length."""
+    """RMS of the residual over time, a line for each log and motor with used rows."""
     return tuple(line for track in source.tracks for line in _lines(track))
 
 
 def _lines(track: Track) -> Iterator[str]:
     width = max(len(label) for label in track.labels)
     yield f"Residual along {track.name} ({track.kind}), {track.seconds:.3g} s"
-    for k in track.telling:
+    for k in track.motors_used:
         levels = rms_of_bins(track.residual[k], WIDTH)
         yield f"  {track.labels[k]:{width}s} {sparkline(levels)} up to {np.nanmax(levels):.2g} {track.units[k]}"
 
 
 def rms_of_bins(y: Array, bins: int) -> Array:
-    """Root mean square of each of at most so many bins, NaN where none of its values is known, (bins,)."""
+    """Root mean square in each of at most `bins` bins, NaN where all of its values are missing, (bins,)."""
     starts = np.unique(np.linspace(0, len(y), bins, endpoint=False).astype(int))
     known = np.isfinite(y)
     power = np.add.reduceat(np.where(known, y, 0.0) ** 2, starts)
@@ -37,7 +37,7 @@ def rms_of_bins(y: Array, bins: int) -> Array:
 
 
 def sparkline(levels: Array) -> str:
-    """Levels as bars from zero to the largest; a space where one is not known."""
+    """Levels as bars from zero to the largest; a space where one is missing."""
     top = float(np.nanmax(levels, initial=0.0)) or 1.0
     heights = np.ceil(len(BARS) * np.nan_to_num(levels) / top).astype(int)
     return "".join(BARS[max(h, 1) - 1] if np.isfinite(v) else " " for h, v in zip(heights, levels, strict=True))

@@ -1,4 +1,4 @@
-"""The sections of a report, in the order of the page: one class and one template each."""
+"""Sections of a report, in the order of the page: one class and one template each."""
 
 from haptid.report.section import Section
 from haptid.report.sections.dissection import DissectionSection

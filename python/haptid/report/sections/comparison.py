@@ -1,4 +1,4 @@
-"""Several results side by side: errors, parameters, and what changed beyond what intervals allow."""
+"""Comparison of several results: errors, parameters, and significant differences."""
 
 from __future__ import annotations
 
@@ -15,25 +15,25 @@ from haptid.report.chart import COLOURS, Chart, figure, packed
 from haptid.report.section import Shown
 from haptid.results.result import Result
 
-# For all parameters of one pair of results together.
+# Joint confidence level for all parameters of one pair of results.
 CONFIDENCE = 0.95
-# A change is drawn up to this size, per cent of the first value.
+# Largest change that is drawn, per cent of the first value.
 WIDEST = 100.0
 
 
 @dataclass(frozen=True)
 class ComparisonSection(Shown):
-    """The comparison.
+    """Each later result compared with the first.
 
     Attributes:
-        said: for each later result how many parameters differ from the first's, and the errors, in a sentence.
+        said: a sentence for each later result: how many parameters differ from the first's, and the errors.
         results: for each its name, study, device, method, logs, errors and whether its criterion is met.
         motors: labels of the errors.
         pairs: for each later result against the first what differs, in sentences, and a table by parameter.
     """
 
     key: ClassVar[str] = "comparison"
-    title: ClassVar[str] = "What changed"
+    title: ClassVar[str] = "Comparison"
     said: list[str]
     results: list[dict[str, Any]]
     motors: list[str]
@@ -41,10 +41,10 @@ class ComparisonSection(Shown):
 
     @classmethod
     def between(cls, found: Sequence[Result], names: Sequence[str]) -> ComparisonSection:
-        """Of two results or more, each later one against the first.
+        """Of two or more results.
 
         Raises:
-            DifferentParametersError: a result has no parameter in common with the first.
+            ModelMismatchError: a result has no parameter in common with the first.
         """
         made = [compare(found[0], other, confidence=CONFIDENCE, independent=False) for other in found[1:]]
         pairs = [_pair(names[0], name, c) for name, c in zip(names[1:], made, strict=True)]
@@ -77,13 +77,13 @@ def _pair(first: str, second: str, made: Comparison) -> dict[str, Any]:
 
 
 def _said(first: Mapping[str, Any], other: Mapping[str, Any], made: Comparison) -> str:
-    """The verdict on a pair."""
+    """Summary of a pair, in a sentence."""
     what = f"{listed(made.differs)}; " if made.differs else ""
     kinds = ["unseen rows" if r["unseen"] else "the rows of the fit" for r in (first, other)]
     before, after = f"{first['relative']:.2f} % on {kinds[0]}", f"{other['relative']:.2f} % on {kinds[1]}"
     return (
-        f"{other['name']} beside {first['name']}: {len(made.differs)} of {len(made.names)} parameters differ ({what}"
-        f"{100 * made.confidence:g} % confidence for all together). The error goes from {before} to {after}."
+        f"{other['name']} compared with {first['name']}: {len(made.differs)} of {len(made.names)} parameters differ "
+        f"({what}{100 * made.confidence:g} % joint confidence). The error changes from {before} to {after}."
     )
 
 
@@ -115,8 +115,8 @@ def _chart(names: Sequence[str], made: Sequence[Comparison]) -> Chart:
         f"{name}: {len(c.differs)} of {len(c.names)} parameters differ" for name, c in zip(names[1:], made, strict=True)
     )
     drawing = {"kind": "intervals", "rows": rows, "sets": sets, "unit": f"% of {names[0]}", "widest": WIDEST}
-    caption = f"{text}. Bars are 95 % intervals of each change, cut at {figure(WIDEST)} %; filled marks differ."
-    alt = f"Change of every parameter beside {names[0]}, with its interval."
+    caption = f"{text}. Bars: 95 % interval of each change, clipped at {figure(WIDEST)} %; filled marks: significant."
+    alt = f"Change of every parameter from {names[0]}, with its interval."
     return Chart("changes", "Changes", alt, caption, drawing)
 
 

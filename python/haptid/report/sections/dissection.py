@@ -1,4 +1,4 @@
-"""What the torque is made of: inertia, velocity torques, gravity, friction and the other terms."""
+"""Torque decomposition: inertia, Coriolis and centrifugal torques, gravity, friction and the other terms."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from haptid.report.chart import COLOURS, Chart, axis, even, packed, plot, series
 from haptid.report.section import Section
 from haptid.report.source import Source, Track
 
-# Instants of a stacked chart.
+# Points in time of a stacked chart.
 INSTANTS = 500
 
 
@@ -26,14 +26,14 @@ class DissectionSection(Section):
     """
 
     key: ClassVar[str] = "dissection"
-    title: ClassVar[str] = "What the torque is made of"
+    title: ClassVar[str] = "Torque decomposition"
     logs: list[dict[str, Any]]
 
     @classmethod
     def of(cls, source: Source) -> DissectionSection | None:
         charts: list[Chart] = []
         logs = []
-        for k, (track, found) in enumerate(zip(source.tracks, source.dissections, strict=True)):
+        for k, (track, found) in enumerate(zip(source.tracks, source.decompositions, strict=True)):
             if found is None:
                 continue
             own = [shares(found, k), *(stacked(track, found, k, motor) for motor in range(len(found.motors)))]
@@ -44,7 +44,7 @@ class DissectionSection(Section):
 
 
 def shares(found: TorqueDecomposition, k: int) -> Chart:
-    """RMS of each part as a share of all parts' RMS, motor by motor."""
+    """RMS of each part as a share of the sum of all parts' RMS, by motor."""
     whole = found.rms.sum(axis=0)
     there = present(found)
     parts = found.rms / np.where(whole > 0, whole, 1.0)
@@ -53,7 +53,7 @@ def shares(found: TorqueDecomposition, k: int) -> Chart:
         f"{motor}: {part} {100 * float(parts[found.parts.index(part), m]):.0f} %"
         for m, (motor, part) in enumerate(zip(found.motors, largest, strict=True))
     )
-    caption = f"RMS of each part over the sum of all parts' RMS. The largest part of {first}."
+    caption = f"RMS of each part over the sum of all parts' RMS. Largest part: {first}."
     drawing = {
         "kind": "bars",
         "rows": list(found.motors),
@@ -85,16 +85,16 @@ def stacked(track: Track, found: TorqueDecomposition, k: int, motor: int) -> Cha
 
 
 def averaged(y: Array, each: int) -> Array:
-    """Means of every `each` values, the last of what is left, (bins,)."""
+    """Means of every `each` values, the last bin shorter, (bins,)."""
     starts = np.arange(0, len(y), each)
     return np.asarray(np.add.reduceat(y, starts) / np.diff(np.append(starts, len(y))))
 
 
 def present(found: TorqueDecomposition) -> list[int]:
-    """Parts that are not zero all along on every motor."""
+    """Parts that are not zero throughout on every motor."""
     return [int(j) for j in np.flatnonzero(found.rms.any(axis=1))]
 
 
 def _colour(part: int) -> str:
-    """Not black, which is the whole."""
+    """Colour of a part; black is the whole torque."""
     return COLOURS[1:][part % (len(COLOURS) - 1)]

@@ -1,8 +1,7 @@
-"""Where each parameter's information came from: which motor, which log, which second.
+"""Information on each parameter by motor, log and time.
 
-The information on parameter k is what its column holds beside all others', 1 / (H^-1)_kk with H the sum of all weighted
-W'W. With u = H^-1 e_k / (H^-1)_kk it is u' H u, a sum over motors and blocks of rows (Frisch and Waugh 1933,
-Econometrica 1(4)).
+The information on parameter k given all others is 1 / (H^-1)_kk, with H the sum of all weighted W'W. With
+u = H^-1 e_k / (H^-1)_kk it is u' H u, a sum over motors and blocks of rows (Frisch and Waugh 1933, Econometrica 1(4)).
 """
 
 from __future__ import annotations
@@ -19,20 +18,20 @@ from haptid.report.chart import COLOURS, Chart, packed
 from haptid.report.section import Section
 from haptid.report.source import Source
 
-# Columns of the map over time; more blocks are put together.
+# Columns of the map over time; more blocks are merged.
 COLUMNS = 120
 
 
 @dataclass(frozen=True)
 class ExcitationSection(Section):
-    """Information.
+    """Distribution of the information.
 
     Attributes:
-        weakest: for the parameters told worst, relative to their own deviation, name, deviation and advice.
+        weakest: of the parameters with the largest relative standard errors: name, relative standard error, advice.
     """
 
     key: ClassVar[str] = "excitation"
-    title: ClassVar[str] = "Where the information came from"
+    title: ClassVar[str] = "Excitation"
     weakest: list[dict[str, str]]
 
     @classmethod
@@ -55,7 +54,7 @@ class ExcitationSection(Section):
 
 
 def information(made: Estimate) -> tuple[Array, Array]:
-    """Shares of each kept parameter's information by motor, (kept, motors), and by block, (kept, blocks)."""
+    """Shares of each free parameter's information by motor, (kept, motors), and by block, (kept, blocks)."""
     kept = list(made.kept)
     R = made.observation.stack(made.weights)[:-1, kept]
     inverse = np.linalg.inv(R.T @ R)
@@ -77,7 +76,7 @@ def _log_of(made: Estimate, blocks: list[Any]) -> np.ndarray:
 
 
 def _bars(what: str, names: list[str], sources: list[str], shares: Array) -> Chart:
-    """A bar for each parameter, stacked by source."""
+    """One bar for each parameter, stacked by source."""
     one = int(np.argmax(shares.max(axis=1)))
     only = [name for name, row in zip(names, shares, strict=True) if row.max() > 0.99]
     caption = (
@@ -97,7 +96,7 @@ def _bars(what: str, names: list[str], sources: list[str], shares: Array) -> Cha
 
 
 def _map(made: Estimate, names: list[str], shares: Array, log: str, k: int, at: np.ndarray) -> Chart:
-    """Information over the time of one log, beside an even spread."""
+    """Information over the time of one log, relative to an even distribution."""
     blocks = [made.observation.blocks[int(b)] for b in at]
     each = -(-len(blocks) // COLUMNS)
     starts = np.arange(0, len(blocks), each)
@@ -107,7 +106,8 @@ def _map(made: Estimate, names: list[str], shares: Array, log: str, k: int, at: 
     row, column = np.unravel_index(int(np.argmax(density)), density.shape)
     high = float(density.max())
     caption = (
-        f"1 is an even spread over the log. {names[int(row)]} is told most unevenly: {high:.1f} times as much between "
+        f"1: evenly distributed over the log. Information on {names[int(row)]} is the most unevenly distributed: "
+        f"{high:.1f} times the average between "
         f"{blocks[int(starts[column])].start:.1f} and {_end(blocks, starts, int(column)):.1f} s."
     )
     drawing = {
@@ -131,7 +131,7 @@ def _end(blocks: list[Any], starts: np.ndarray, column: int) -> float:
 
 
 def _weakest(made: Estimate) -> list[dict[str, str]]:
-    """The five parameters of the largest relative deviation, and the motion that would tell them better."""
+    """The five parameters with the largest relative standard errors, and motions that would excite them better."""
     relative = [(made.parameters[k].relative_se, k) for k in made.kept]
     ranked = sorted((pair for pair in relative if not np.isnan(pair[0])), reverse=True)[:5]
     return [

@@ -1,4 +1,4 @@
-"""Friction of each joint: the model's curve, and the torque behind it."""
+"""Friction of each joint: the model's curve and the measured friction torque."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from haptid.report.section import Section
 from haptid.report.sections.residual import CLOUD, binned
 from haptid.report.source import Source, Track
 
-# Velocities at which the model's curve is drawn.
+# Points of the model's curve.
 POINTS = 201
 
 
@@ -33,7 +33,7 @@ class FrictionSection(Section):
 
     @classmethod
     def of(cls, source: Source) -> FrictionSection | None:
-        pairs = [(t, d) for t, d in zip(source.tracks, source.dissections, strict=True) if d is not None]
+        pairs = [(t, d) for t, d in zip(source.tracks, source.decompositions, strict=True) if d is not None]
         model = source.estimate.model
         felt = any(term.resists for term in model.terms)
         if not pairs or not felt:
@@ -44,7 +44,7 @@ class FrictionSection(Section):
 
 
 def _steady(source: Source) -> Iterator[JointFriction]:
-    """Points of stretches at a constant velocity, where the logs have such."""
+    """Friction at constant velocities, where the logs contain such motion."""
     for run in source.identification.runs:
         try:
             yield from friction_curve(source.estimate.model, run.motion, ModelSubtraction(source.estimate)).joints
@@ -55,7 +55,7 @@ def _steady(source: Source) -> Iterator[JointFriction]:
 def _chart(
     source: Source, pairs: list[tuple[Track, TorqueDecomposition]], motor: int, steady: list[JointFriction]
 ) -> Chart:
-    """One motor: what is measured less what is not friction, and the model."""
+    """One motor: measured torque minus all modelled parts but friction, and the friction model."""
     first = pairs[0][0]
     label, unit, speed_unit = first.labels[motor], first.units[motor], f"{first.coordinate_units[motor]}/s"
     velocity = np.concatenate([track.velocity[motor][track.used[motor]] for track, _ in pairs])
@@ -74,10 +74,10 @@ def _chart(
     top = float(torque[-1])
     caption = (
         f"The model's friction is {figure(top)} {unit} at {figure(float(speed[-1]))} {speed_unit} and "
-        f"{figure(float(torque[0]))} {unit} at the opposite velocity. Behind it: measured torque less all that is not "
-        f"friction, {len(some)} of {len(data)} rows"
+        f"{figure(float(torque[0]))} {unit} at the opposite velocity. Points: measured torque minus all modelled "
+        f"parts but friction, {len(some)} of {len(data)} rows"
         + (
-            f", and {sum(len(p.velocity) for p in points)} stretches at a constant velocity with 95 % intervals."
+            f", and {sum(len(p.velocity) for p in points)} time ranges at constant velocity with 95 % intervals."
             if points
             else "."
         )
@@ -88,7 +88,7 @@ def _chart(
 
 
 def _points(found: list[JointFriction]) -> dict[str, object]:
-    """Stretches at a constant velocity with their intervals."""
+    """Friction at constant velocities with 95 % intervals."""
     x, y = (np.concatenate([getattr(joint, name) for joint in found]) for name in ("velocity", "torque"))
     ends = np.concatenate([joint.conf_int() for joint in found])
     return series(
@@ -103,10 +103,11 @@ def _points(found: list[JointFriction]) -> dict[str, object]:
 
 
 def model_curve(source: Source, motor: int, fastest: float) -> tuple[Array, Array]:
-    """Velocity of one motor's coordinate, the others at rest, and its friction, (n,) each, halfway of the first log."""
+    """Velocity of one motor's coordinate, the others at rest, and its friction at mid-log, (n,) each."""
     model, made = source.estimate.model, source.estimate
     row = int(np.flatnonzero(model.device.measured)[motor])
-    speed = np.linspace(-fastest, fastest, POINTS - 1)  # an even number: zero, where friction jumps, is none of them
+    # An even number of points excludes zero, where friction is discontinuous.
+    speed = np.linspace(-fastest, fastest, POINTS - 1)
     trail = source.tracks[0].trail
     c = np.repeat(trail[:, trail.shape[1] // 2, None], len(speed), axis=1)
     cd = np.zeros_like(c)
@@ -117,7 +118,7 @@ def model_curve(source: Source, motor: int, fastest: float) -> tuple[Array, Arra
 
 
 def friction_only(model: DynamicModel, chi: Array) -> Array:
-    """Only the parameters of friction, (r,)."""
+    """The friction parameters, all others zero, (r,)."""
     links = 10 * len(model.device.joints)
     kept = [False] * links + [term.resists for term in model.terms]
     return np.where(kept, chi, 0.0)

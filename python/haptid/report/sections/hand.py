@@ -1,4 +1,4 @@
-"""The force of the hand, estimated from the motors, beside what a sensor measured where there was one."""
+"""Hand force: estimated from the motors, and measured where there was a sensor."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from haptid.report.chart import MEASURED, PREDICTED, Chart, axis, envelope, even
 from haptid.report.section import Section
 from haptid.report.source import Hand, Source
 
-# Bins kept of a curve, and of the band around it.
+# Bins of a curve, and of the band around it.
 BINS, BAND = 2000, 500
 
 
@@ -24,7 +24,7 @@ class HandSection(Section):
     """
 
     key: ClassVar[str] = "hand"
-    title: ClassVar[str] = "Force of the hand"
+    title: ClassVar[str] = "Hand force"
     logs: list[dict[str, Any]]
 
     @classmethod
@@ -51,11 +51,11 @@ def _chart(hand: Hand, k: int, component: int) -> Chart:
         low, high = (hand.interval95[::each, component, end] for end in (0, 1))
         times = even(float(t[0]), each * step, len(low))
         curves.insert(0, series("95 % interval", "band", "sky", x=times, low=packed(low), high=packed(high)))
-        caption += f" Half of the 95 % interval: RMS {figure(_rms(0.5 * (high - low)))} N."
+        caption += f" Half-width of the 95 % interval: RMS {figure(_rms(0.5 * (high - low)))} N."
     if hand.measured is not None:
         measured = hand.measured[:, component]
         curves.insert(-1, envelope("measured", MEASURED, float(t[0]), step, measured, BINS) | {"width": 2.2})
-        caption += f" Measured: RMS {figure(_rms(measured))} N; they differ by {figure(_rms(y - measured))} N."
+        caption += f" Measured: RMS {figure(_rms(measured))} N; RMS difference {figure(_rms(y - measured))} N."
     alt = f"Force of the hand along {letter} against time, {hand.name}."
     drawing = plot(axis("time", "s"), axis(f"force {letter}", "N"), curves, group=f"hand-{k}", height=170, zoom=True)
     return Chart(f"hand-{k}-{letter}", f"Force along {letter}", alt, caption, drawing)

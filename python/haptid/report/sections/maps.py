@@ -1,4 +1,4 @@
-"""What the hand feels over the workspace: slices of it, with their extremes."""
+"""Apparent mass, isotropy, viscous friction and weight at the handle, as slices of the workspace."""
 
 from __future__ import annotations
 
@@ -18,9 +18,9 @@ from haptid.report.source import Source
 
 # Cells of a slice along each joint, and slices through the third joint.
 CELLS, SLICES = 25, 5
-# Poses along each joint by itself, from which is seen which joints matter.
+# Poses along each joint alone, to rank the joints.
 ALONG = 15
-# A figure that spans more than this factor has its colours on a logarithm.
+# Above this ratio of maximum to minimum the colour scale is logarithmic.
 WIDE = 20.0
 
 Pick = Callable[[Characterisation], Array]
@@ -37,11 +37,11 @@ class MapsSection(Section):
     """Maps.
 
     Attributes:
-        about: sentences on what is shown and what is not known.
+        about: sentences on what is shown and what is unknown.
     """
 
     key: ClassVar[str] = "maps"
-    title: ClassVar[str] = "What the hand feels"
+    title: ClassVar[str] = "End-effector maps"
     about: list[str]
 
     @classmethod
@@ -66,8 +66,8 @@ class Slices:
         x, y: their positions, (CELLS,).
         third: name of the third joint, empty where there is none.
         names: of the slices.
-        known: characterisations of each slice's poses that close.
-        closes: which of a slice's poses those are, y changing slowest, (CELLS^2,) each.
+        known: characterisation of each slice, at poses where the loops close.
+        closes: which poses of a slice those are, y changing slowest, (CELLS^2,) each.
         about: a sentence.
     """
 
@@ -86,7 +86,7 @@ class Slices:
             expect(name, getattr(self, name).shape, (CELLS,))
 
     def values(self, pick: Pick) -> list[Array]:
-        """A figure on each slice, NaN where it is not known, (CELLS^2,) each.
+        """A figure on each slice, NaN where it is unknown, (CELLS^2,) each.
 
         Raises:
             RedundancyError: the figure is not determined at the handle.
@@ -124,13 +124,13 @@ def slices_of(identified: GivenParameters, sliders: Sequence[dict[str, Any]]) ->
         names=tuple(f"joint {third['name']} = {depth:.3g} {third['unit']}" if third else "all" for depth in depths[0]),
         known=tuple(known),
         closes=tuple(closes),
-        about=f"{usable} of {poses} poses count: at the others loops do not close, or the handle's Jacobian is too "
-        f"near a singular one." + (f" The other joints stay at {', '.join(rest)}." if rest else ""),
+        about=f"{usable} of {poses} poses are shown: at the others loops do not close, or the handle's Jacobian is "
+        f"nearly singular." + (f" The other joints stay at {', '.join(rest)}." if rest else ""),
     )
 
 
 def ranked(identified: GivenParameters, sliders: Sequence[dict[str, Any]]) -> list[int]:
-    """Joints by how much the largest mass changes along each by itself, most first."""
+    """Joints by the change of the largest apparent mass along each alone, largest change first."""
     start = np.array([s["start"] for s in sliders])
     changes = []
     for k, slider in enumerate(sliders):
@@ -153,7 +153,7 @@ def _grid(sliders: Sequence[dict[str, Any]], order: Sequence[int], axes: list[Ar
 
 
 def _charts(model: str, slices: Slices) -> Iterator[Chart]:
-    """A map for each figure that can be had of this device."""
+    """A map for each figure that is defined for this device."""
     for key, title, unit, pick in FIGURES:
         try:
             layers = slices.values(pick)
@@ -169,7 +169,7 @@ def _map(model: str, key: str, title: str, unit: str, slices: Slices, layers: li
     middle = float(np.nanmedian(every))
     caption = (
         f"From {figure(low)} {unit} ({_place(slices, int(np.nanargmin(every)))}) to {figure(high)} {unit} "
-        f"({_place(slices, int(np.nanargmax(every)))}), {figure(middle)} {unit} at the median. Grey: not known."
+        f"({_place(slices, int(np.nanargmax(every)))}), {figure(middle)} {unit} at the median. Grey: unknown."
     ).replace("  ", " ")
     drawing = {
         "kind": "heat",
@@ -194,7 +194,7 @@ def _map(model: str, key: str, title: str, unit: str, slices: Slices, layers: li
 
 
 def _marks(values: Array) -> list[dict[str, Any]]:
-    """The least and the greatest of a slice."""
+    """Minimum and maximum of a slice."""
     if not np.isfinite(values).any():
         return []
     picks = (("least", int(np.nanargmin(values))), ("greatest", int(np.nanargmax(values))))
@@ -202,7 +202,7 @@ def _marks(values: Array) -> list[dict[str, Any]]:
 
 
 def _place(slices: Slices, k: int) -> str:
-    """A cell of all slices in words."""
+    """Position of a cell, as text."""
     cell, name = k % CELLS**2, slices.names[k // CELLS**2]
     x, y = (label.split(", ")[0] for label in slices.labels)
     place = f"{x} = {slices.x[cell % CELLS]:.2f}, {y} = {slices.y[cell // CELLS]:.2f}"

@@ -1,4 +1,4 @@
-"""The device drawn from its file, to be moved by its joints, with the mass that a hand feels."""
+"""Three-dimensional drawing of the mechanism, moved by its joints, with the apparent mass at the handle."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from haptid.report.chart import Chart, packed
 from haptid.report.section import Section
 from haptid.report.source import Source
 
-# Where a joint has no limits its slider adds this share of the motion at both ends.
+# A slider of a joint without limits extends the motion by this share at both ends.
 MARGIN = 0.2
 
 
@@ -29,12 +29,12 @@ class MechanismSection(Section):
     Attributes:
         joints: for each active joint its name, unit and slider: low, high, start.
         relations: of the other joints, such as "q3 = pi/2 - q2 + q7", where they are constant.
-        source_of_geometry: where the device file has it from.
-        felt: whether there is a handle whose mass can be shown.
+        source_of_geometry: as the device file states it.
+        felt: whether the apparent mass of a handle is shown.
     """
 
     key: ClassVar[str] = "mechanism"
-    title: ClassVar[str] = "The device"
+    title: ClassVar[str] = "Mechanism"
     joints: list[dict[str, Any]]
     relations: list[str]
     source_of_geometry: str
@@ -46,12 +46,12 @@ class MechanismSection(Section):
 
     @classmethod
     def drawn(cls, model: DynamicModel, beta: Array, qa: Array) -> MechanismSection:
-        """Of any device.
+        """The section of any device.
 
         Args:
             model: the dynamic model.
             beta: its base parameters, (p,), SI.
-            qa: a motion of its active joints, (active, samples), rad or m: where sliders begin and end.
+            qa: a motion of its active joints, (active, samples), rad or m, for the ranges of the sliders.
         """
         sliders = sliders_of(model, qa)
         return cls(
@@ -69,7 +69,7 @@ def poses_of(source: Source) -> Array:
 
 
 def sliders_of(model: DynamicModel, qa: Array) -> list[dict[str, Any]]:
-    """A slider for each active joint, from its positions along a motion, (active, samples)."""
+    """One slider for each active joint, from its positions along a motion, (active, samples)."""
     return [_slider(model, k, q) for k, q in enumerate(qa)]
 
 
@@ -87,12 +87,12 @@ def _slider(model: DynamicModel, k: int, q: Array) -> dict[str, Any]:
         "start": float(q[len(q) // 2]),
         "limits": "at the limits of the device file"
         if joint.position_limits
-        else "a little beyond the motion of the log",
+        else "slightly beyond the motion of the log",
     }
 
 
 def scene(model: DynamicModel, beta: Array, qa: Array, sliders: list[dict[str, Any]]) -> Chart:
-    """Everything that the page needs to move the device and to weigh its handle."""
+    """Data for the page's script: kinematics, and the inertia for the apparent mass at the handle."""
     drawing = {
         "kind": "scene",
         "joints": [
@@ -118,12 +118,11 @@ def scene(model: DynamicModel, beta: Array, qa: Array, sliders: list[dict[str, A
         "height": 420,
     }
     moving = ", ".join(slider["name"] for slider in sliders)
-    loops = len(model.device.closure.cuts)
+    joints, loops = len(model.device.joints), len(model.device.closure.cuts)
     caption = (
-        f"{len(model.device.joints)} {'joint' if len(model.device.joints) == 1 else 'joints'}, {len(model.device.active)} of them "
-        f"independent ({moving}), {loops or 'no'} "
-        f"closed {'loop' if loops == 1 else 'loops'}. Drag to turn, use the buttons to zoom, move the joints by "
-        f"their sliders."
+        f"{joints} {'joint' if joints == 1 else 'joints'}, {len(model.device.active)} of them independent ({moving}), "
+        f"{loops or 'no'} closed {'loop' if loops == 1 else 'loops'}. Drag to rotate, zoom with the buttons, move the "
+        f"joints with the sliders."
     )
     alt = f"Three-dimensional drawing of {model.device.name}: links as bars, joints as discs, the handle as a ring."
     return Chart("scene", model.device.name, alt, caption, drawing)
@@ -134,7 +133,7 @@ def _frame(frame: Frame) -> dict[str, Any]:
 
 
 def _closure(closure: Closure | NewtonClosure) -> dict[str, Any]:
-    """How the page follows the active joints: by constant rates, or by Newton's method from a closed pose."""
+    """Loop closure for the page's script: constant rates, or Newton's method from a closed pose."""
     base = {"G": closure.constant.ravel().tolist(), "offset": closure.offset.tolist()}
     if not isinstance(closure, NewtonClosure):
         return {"way": "linear", **base}
@@ -143,14 +142,14 @@ def _closure(closure: Closure | NewtonClosure) -> dict[str, Any]:
 
 
 def _trail(model: DynamicModel, qa: Array) -> dict[str, Any] | None:
-    """The way of the handle along the first log, in the base frame."""
+    """Path of the handle along the first log, in the base frame."""
     if model.device.handle is None:
         return None
     return packed(handle_motion(model, qa).position)
 
 
 def _mass(model: DynamicModel, beta: Array) -> dict[str, Any] | None:
-    """Bodies and rotors that give the model's inertia, for the mass at the handle; None without a handle that moves."""
+    """Bodies and rotors with the model's inertia, for the apparent mass; None without a moving handle."""
     if model.device.handle is None or model.device.handle.link < 0:
         return None
     raw, links = rigid(model, raw_parameters(model, beta)), 10 * len(model.device.joints)

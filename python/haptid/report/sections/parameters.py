@@ -1,4 +1,4 @@
-"""Parameters with intervals, priors and groupings, and how their deviations go together."""
+"""Parameters with confidence intervals, priors and regroupings, and the correlation of their errors."""
 
 from __future__ import annotations
 
@@ -19,9 +19,9 @@ from haptid.report.section import Section
 from haptid.report.source import Source
 from haptid.report.tables import short_percent, with_digits
 
-# With more parameters the search for those that can be left out takes longer than a reader waits.
+# With more parameters backward elimination takes too long for a report.
 MOST_SEARCHED = 60
-# Correlations above this are named.
+# Correlations above this are listed.
 STRONG = 0.9
 
 
@@ -30,12 +30,12 @@ class ParametersSection(Section):
     """Parameters.
 
     Attributes:
-        rows: of the table, one for each base parameter: what is shown, what is sorted by and what is downloaded.
-        targets: the same for what the device file asks for.
+        rows: of the table, one for each base parameter: shown texts, sort keys and downloaded values.
+        targets: the same for the targets of the device file.
         searched: constants that the torque is not linear in: name, value, ends of the interval, unit, all as text, and
             whether the log bounds them.
-        symbols: what the formulas stand on, "L1 = 0.215".
-        about: sentences on intervals, groupings and what can be left out.
+        symbols: values of the symbols in the formulas, "L1 = 0.215".
+        about: sentences on intervals, regroupings and elimination.
     """
 
     key: ClassVar[str] = "parameters"
@@ -65,33 +65,33 @@ class ParametersSection(Section):
             targets=[_row(p, "", None) for p in targets(made).parameters] if made.model.device.targets else [],
             searched=_searched(source.identification.projection),
             symbols=[f"{s.name} = {s.value:.6g}" for s in found.symbols] if found else [],
-            about=[why, *([exact] if isinstance(exact, str) else []), *_untold(made)],
+            about=[why, *([exact] if isinstance(exact, str) else []), *_without_effect(made)],
         )
 
 
 def _exact(made: Estimate) -> Regroupings | str:
-    """Groupings with lengths as symbols, or the sentence that says why there are none."""
+    """Symbolic regroupings, or the reason why there are none."""
     try:
         return made.model.regroupings
     except RegroupingError as error:
-        return f"Groupings are in numbers: {error}"
+        return f"Regroupings are numeric: {error}"
 
 
 def _left_out(made: Estimate) -> tuple[tuple[int, ...] | None, str]:
-    """Indices of the parameters that the torque does not need, and the rule; None where it was not asked."""
+    """Indices of the parameters that can be eliminated, and the rule; None where it was not computed."""
     if made.zero:
-        return made.zero, "Parameters that are not essential were left out of this fit: they are zero."
+        return made.zero, "Parameters that are not essential were eliminated from this fit: they are zero."
     if made.held or len(made.beta) > MOST_SEARCHED:
-        return None, "Which parameters are essential was not asked: `haptid.essential` can tell."
+        return None, "Essential parameters were not computed; use `haptid.essential`."
     try:
         found = search(made)
     except HaptidError as error:
-        return None, f"Which parameters are essential is not known: {error}"
-    return found.reduced.zero, f"Not essential: what could be left out. {found.reason}"
+        return None, f"Essential parameters are unknown: {error}"
+    return found.reduced.zero, f"Parameters that are not essential can be eliminated. {found.reason}"
 
 
 def _searched(projection: VariableProjection | None) -> list[dict[str, Any]]:
-    """One row for each searched constant."""
+    """One row for each nonlinear constant."""
     return [
         {
             "name": c.name,
@@ -105,13 +105,13 @@ def _searched(projection: VariableProjection | None) -> list[dict[str, Any]]:
     ]
 
 
-def _untold(made: Estimate) -> list[str]:
+def _without_effect(made: Estimate) -> list[str]:
     hidden = made.base.no_effect
     return [f"Without effect on any motion: {', '.join(hidden)}."] if hidden else []
 
 
 def _row(p: Parameter, formula: str, essential: bool | None) -> dict[str, Any]:
-    """Numbers for sorting and downloads, texts for reading."""
+    """Numbers for sorting and downloads, and shown texts."""
     relative = p.relative_se
     return {
         "name": p.name,
@@ -145,17 +145,17 @@ def _finite(value: float) -> float | None:
 
 
 def correlation(made: Estimate) -> Chart:
-    """How far deviations of two parameters go together."""
+    """Correlation of the errors of the parameters."""
     names, R = made.base.names, made.correlation
     pairs = [(float(R[i, k]), names[i], names[k]) for i in range(len(R)) for k in range(i)]
     strong = sorted((pair for pair in pairs if abs(pair[0]) > STRONG), key=lambda pair: -abs(pair[0]))
     largest = max(pairs, key=lambda pair: abs(pair[0]), default=None)
     caption = (
-        "One parameter alone."
+        "A single parameter."
         if largest is None
         else (
-            f"The strongest correlation is {largest[0]:+.2f}, of {largest[1]} and {largest[2]}. "
-            f"{len(strong)} of {len(pairs)} pairs are above {STRONG:g} in size"
+            f"Largest correlation: {largest[0]:+.2f}, of {largest[1]} and {largest[2]}. "
+            f"{len(strong)} of {len(pairs)} pairs are above {STRONG:g} in absolute value"
             + (f": {', '.join(f'{a} and {b} ({r:+.2f})' for r, a, b in strong[:5])}." if strong else ".")
         )
     )
@@ -170,5 +170,5 @@ def correlation(made: Estimate) -> Chart:
         "square": True,
         "layers": [{"name": "correlation", "values": packed(R), "marks": []}],
     }
-    alt = f"Map of the correlations of {len(names)} parameters' deviations, from -1 to 1."
+    alt = f"Map of the correlations of the errors of {len(names)} parameters, from -1 to 1."
     return Chart("correlation", "Correlation of the parameters", alt, caption, drawing)

@@ -1,4 +1,4 @@
-"""Where everything came from: files with their hashes, versions, settings, the command, papers."""
+"""Provenance: files with their hashes, versions, settings, the command, papers to cite."""
 
 from __future__ import annotations
 
@@ -21,16 +21,16 @@ class ProvenanceSection(Section):
 
     Attributes:
         logs: for each log its path, SHA-256, role, samples, sampling period and notes.
-        versions: of programs, by name.
+        versions: of software, by name.
         settings: of treatment and estimate, by name.
         reasons: for the treatment.
         study: the study file.
-        command: that made the result.
+        command: the command line that made the result.
         bibtex: of the methods used.
     """
 
     key: ClassVar[str] = "provenance"
-    title: ClassVar[str] = "Where it came from"
+    title: ClassVar[str] = "Provenance"
     logs: list[dict[str, Any]]
     versions: dict[str, str]
     settings: dict[str, str]

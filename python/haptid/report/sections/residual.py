@@ -1,4 +1,4 @@
-"""What the model leaves: against position and velocity, and by frequency."""
+"""Residuals against position and velocity, and their spectrum."""
 
 from __future__ import annotations
 
@@ -13,11 +13,11 @@ from haptid.report.chart import MEASURED, RESIDUAL, Chart, axis, figure, packed,
 from haptid.report.section import Section
 from haptid.report.source import Source, Track
 
-# Points of a cloud, and bins whose means are joined to a line over it.
+# Points of a scatter plot, and bins for the mean.
 CLOUD, BINS = 1200, 40
-# Rows of the stretches whose spectra are averaged, and frequencies kept.
+# Segment length of Welch's method, and frequencies that are drawn.
 STRETCH, FREQUENCIES = 1024, 300
-# Bins with fewer rows have no mean.
+# Least number of rows of a bin.
 FEWEST = 5
 
 
@@ -30,7 +30,7 @@ class ResidualSection(Section):
     """
 
     key: ClassVar[str] = "residual"
-    title: ClassVar[str] = "What the model leaves"
+    title: ClassVar[str] = "Residuals"
     logs: list[dict[str, Any]]
 
     @classmethod
@@ -38,7 +38,7 @@ class ResidualSection(Section):
         charts: list[Chart] = []
         logs = []
         for k, track in enumerate(source.tracks):
-            own = [chart for motor in track.telling for chart in _charts(track, k, motor)]
+            own = [chart for motor in track.motors_used for chart in _charts(track, k, motor)]
             at = list(range(len(charts), len(charts) + len(own)))
             logs.append({"name": track.name, "seen": track.seen, "kind": track.kind, "charts": at})
             charts += own
@@ -55,7 +55,7 @@ def _charts(track: Track, k: int, motor: int) -> tuple[Chart, Chart, Chart]:
 
 
 def against(track: Track, k: int, motor: int, what: str, x: Array, unit: str) -> Chart:
-    """A cloud of the residual over a signal, and the mean of each of its bins."""
+    """The residual against a signal, and its mean in each bin."""
     label, known = track.labels[motor], track.used[motor]
     x, y = x[known], track.residual[motor][known]
     centres, means = binned(x, y)
@@ -67,9 +67,9 @@ def against(track: Track, k: int, motor: int, what: str, x: Array, unit: str) ->
     rms = float(np.sqrt(np.mean(y**2)))
     largest = int(np.nanargmax(np.abs(means)))
     caption = (
-        f"Mean over a bin is at most {figure(float(abs(means[largest])))} {track.units[motor]}, at "
+        f"Largest mean of a bin: {figure(float(abs(means[largest])))} {track.units[motor]}, at "
         f"{figure(float(centres[largest]))} {unit}; the residual's RMS is {figure(rms)}. "
-        f"{len(some)} of {len(x)} rows are drawn, evenly spaced; means are of all."
+        f"{len(some)} of {len(x)} rows are drawn, evenly spaced; means are over all rows."
     )
     alt = f"Residual of {label} against its {what}, {track.name}, with the mean of {BINS} bins."
     drawing = plot(axis(what, unit), axis("residual", track.units[motor], zero=True), curves, height=200)
@@ -77,7 +77,7 @@ def against(track: Track, k: int, motor: int, what: str, x: Array, unit: str) ->
 
 
 def binned(x: Array, y: Array, bins: int = BINS) -> tuple[Array, Array]:
-    """Centres of equal bins of x, and the mean of y in each, NaN where rows are few, (bins,) each."""
+    """Centres of equal bins of x, and the mean of y in each, NaN where there are few rows, (bins,) each."""
     low, high = float(x.min()), float(x.max())
     width = (high - low) / bins or 1.0
     place = np.clip(((x - low) / width).astype(int), 0, bins - 1)
@@ -88,7 +88,7 @@ def binned(x: Array, y: Array, bins: int = BINS) -> tuple[Array, Array]:
 
 
 def spectrum(track: Track, k: int, motor: int) -> Chart:
-    """Amplitude densities of torque and residual; rows that do not count are zero in both."""
+    """Amplitude spectral densities of torque and residual; unused rows are zero in both."""
     label, unit = track.labels[motor], track.units[motor]
     known = track.used[motor]
     f, left = density(np.where(known, track.residual[motor], 0.0), track.step)
@@ -99,10 +99,10 @@ def spectrum(track: Track, k: int, motor: int) -> Chart:
     ]
     peak = int(np.argmax(left))
     caption = (
-        f"The residual is strongest at {figure(float(f[peak]))} Hz, {figure(float(left[peak]))} {unit}/\u221aHz; the "
-        f"torque has {figure(float(torque[peak]))} there. Rows that do not count are taken as zero."
+        f"Maximum of the residual: {figure(float(left[peak]))} {unit}/\u221aHz at {figure(float(f[peak]))} Hz; the "
+        f"torque has {figure(float(torque[peak]))} there. Unused rows are set to zero."
     )
-    alt = f"Amplitude density of torque and residual of {label} against frequency, {track.name}."
+    alt = f"Amplitude spectral density of torque and residual of {label} against frequency, {track.name}."
     low = float(f[0])
     drawing = plot(
         axis("frequency", "Hz", log=True, low=low), axis("density", f"{unit}/\u221aHz", log=True), curves, height=200
@@ -111,7 +111,7 @@ def spectrum(track: Track, k: int, motor: int) -> Chart:
 
 
 def density(y: Array, step: float) -> tuple[Array, Array]:
-    """Frequencies, Hz, evenly spaced on a logarithm where there are many, and the amplitude density at each."""
+    """Frequencies, Hz, logarithmically spaced where there are many, and the amplitude spectral density at each."""
     f, power = signal.welch(y, 1 / step, nperseg=min(STRETCH, len(y)), detrend="constant")
     picks = np.unique(np.geomspace(1, len(f) - 1, FREQUENCIES).astype(int)) if len(f) > 1 else np.array([0])
     return np.asarray(f[picks]), np.sqrt(np.maximum(power[picks], np.finfo(np.float32).tiny))

@@ -1,4 +1,4 @@
-"""Measured against predicted torque, log by log and motor by motor, and the errors in one table."""
+"""Measured and predicted torque by log and motor, and a table of the errors."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from haptid.report.section import Section
 from haptid.report.source import Source, Track
 from haptid.validation.validation import MotorError, Validation
 
-# Bins kept of all curves together, and of one at most and at least: a file stays well below 15 MB.
+# Bins of all curves together, and the limits for one curve: a file stays well below 15 MB.
 ALL_BINS, MOST_BINS, LEAST_BINS = 60_000, 6000, 400
 
 
@@ -21,7 +21,7 @@ class TorqueSection(Section):
     """Torque along time.
 
     Attributes:
-        logs: for each log its name, which rows it has, a sentence on what is drawn, and the indices of its charts.
+        logs: for each log its name, kind of rows, a sentence on the resolution, and the indices of its charts.
     """
 
     key: ClassVar[str] = "torque"
@@ -35,7 +35,7 @@ class TorqueSection(Section):
         charts: list[Chart] = []
         logs = []
         for k, track in enumerate(source.tracks):
-            own = [chart for motor in track.telling for chart in _charts(track, k, motor, bins)]
+            own = [chart for motor in track.motors_used for chart in _charts(track, k, motor, bins)]
             logs.append(
                 {
                     "name": track.name,
@@ -50,18 +50,18 @@ class TorqueSection(Section):
 
 
 def _drawn(track: Track, bins: int) -> str:
-    """How finely the curves are kept."""
+    """Resolution of the curves, in a sentence."""
     each = -(-track.rows // bins)
     if each <= 2:
-        return f"All {track.rows} treated rows are in this file."
+        return f"All {track.rows} treated rows are drawn."
     return (
-        f"Of {track.rows} treated rows this file keeps the least and the greatest of every {each} "
-        f"({each * track.step:.3g} s): nothing is finer than that, and no peak is lost."
+        f"Of {track.rows} treated rows the minimum and maximum of every {each} ({each * track.step:.3g} s) are drawn: "
+        f"no peak is lost."
     )
 
 
 def _charts(track: Track, k: int, motor: int, bins: int) -> tuple[Chart, Chart]:
-    """Torque of one motor, and its residual below; their time axes are linked over the whole log."""
+    """Torque of one motor and its residual; the time axes of a log are linked."""
     label, unit = track.labels[motor], track.units[motor]
     measured, predicted, residual = track.measured[motor], track.predicted[motor], track.residual[motor]
     shade = shaded(track.t0, track.step, ~track.used[motor], bins)
@@ -74,9 +74,9 @@ def _charts(track: Track, k: int, motor: int, bins: int) -> tuple[Chart, Chart]:
     rms, size = (float(np.sqrt(np.nanmean(y**2))) for y in (residual, measured))
     used = 100 * float(track.used[motor].mean())
     caption = (
-        f"Measured torque has an RMS of {figure(size)} {unit}; the residual one of {figure(rms)} {unit}, at most "
-        f"{figure(float(np.nanmax(np.abs(residual))))} {unit}. {used:.0f} % of {track.rows} rows count"
-        + ("; grey: rows that do not." if shade else ".")
+        f"RMS of the measured torque {figure(size)} {unit}, of the residual {figure(rms)} {unit}; largest residual "
+        f"{figure(float(np.nanmax(np.abs(residual))))} {unit}. {used:.0f} % of {track.rows} rows are used"
+        + ("; grey: unused rows." if shade else ".")
     )
     alt = f"Torque of {label} against time, measured and predicted, {track.kind} of {track.name}."
     return (
@@ -90,7 +90,7 @@ def _charts(track: Track, k: int, motor: int, bins: int) -> tuple[Chart, Chart]:
         Chart(
             f"residual-{k}-{motor}",
             f"{label}: residual",
-            f"Measured less predicted torque of {label} against time, {track.name}.",
+            f"Measured minus predicted torque of {label} against time, {track.name}.",
             f"RMS {figure(rms)} {unit}, {100 * rms / size if size else 0:.2f} % of the torque's.",
             plot(time, axis("residual", unit), left, group=group, height=120, shade=shade, zoom=True),
         ),
@@ -103,7 +103,7 @@ class ErrorsSection(Section):
 
     Attributes:
         motors: labels.
-        rows: for each validation the log, which rows, the error over all motors and of each, per cent.
+        rows: for each validation the log, the kind of rows, the error over all motors and of each, per cent.
         rmse: for each of the same rows the RMSE of each motor with its unit.
     """
 

@@ -1,4 +1,4 @@
-"""Is the model good enough, for what, and what to do next."""
+"""Verdict: fitness of the model for each use, findings of the diagnosis, and next steps."""
 
 from __future__ import annotations
 
@@ -19,18 +19,18 @@ WORDS = {"ok": "good", "doubt": "with care", "bad": "not fit"}
 
 @dataclass(frozen=True)
 class VerdictSection(Section):
-    """The verdict.
+    """Verdict of the diagnosis.
 
     Attributes:
-        criterion: whether the study's own criterion is met, as a sentence; empty where it has none.
-        met: the same as a value.
-        uses: for each use its name, status and word.
+        criterion: whether the study's criterion is met, as a sentence.
+        met: the same as a value; None without a criterion.
+        uses: for each use its name, status and wording.
         sentences: of the verdict, one for each use.
-        next: what to do next, in sentences; none where nothing is in doubt.
-        looks: for each of `sentences`, then of `next`, the names of the findings behind it.
-        findings: for each look its name, status and sentence, the worst first.
-        left_out: sentences for looks that these rows do not allow.
-        notes: sentences that go with the estimate.
+        next: recommended next steps, in sentences.
+        looks: for each of `sentences`, then of `next`, the names of the findings it is based on.
+        findings: for each check its name, status and sentence, the worst first.
+        left_out: sentences on checks that are not possible with these rows.
+        notes: notes of the estimate.
     """
 
     key: ClassVar[str] = "verdict"
@@ -64,11 +64,11 @@ class VerdictSection(Section):
 
 
 def _criterion(source: Source) -> str:
-    """What the study asked for, and whether it got it."""
+    """The study's criterion and whether it is met, in a sentence."""
     found, worst = source.identification, source.validation
     if worst is None:
         return "No unseen rows: this fit is not validated. Give the study a log with role 'validate', or a [holdout]."
-    text = f"On rows that its fit had not seen the model misses {worst.relative:.2f} % of the torque at worst."
+    text = f"Largest relative error on unseen rows: {worst.relative:.2f} % of the torque."
     if found.meets_criteria is None:
         return text
     return f"{text} The study allows {found.study.largest_error:g} %: {'met' if found.meets_criteria else 'not met'}."

@@ -1,4 +1,4 @@
-// Stacked horizontal bars, and changes with their intervals: a row for each name.
+// Stacked horizontal bars, and changes with confidence intervals: one row for each name.
 
 class Bars {
   constructor(holder, drawing) {

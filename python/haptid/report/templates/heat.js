@@ -67,7 +67,7 @@ class Heat {
     return canvas.toDataURL();
   }
 
-  // Where a row stands on the page, from the top.
+  // Vertical position of a row.
   line(row) {
     return this.drawing.upwards ? this.drawing.rows.length - 1 - row : row;
   }

@@ -1,4 +1,4 @@
-// The device as numbers: where its links are, how loops close, and what mass a hand feels at the handle.
+// Kinematics and inertia of the mechanism: link poses, loop closure, apparent (effective) mass at the handle.
 
 const dot = (a, b) => a.reduce((sum, v, k) => sum + v * b[k], 0);
 const add = (a, b, f = 1) => a.map((v, k) => v + f * b[k]);
@@ -7,7 +7,7 @@ const turn = (R, v) => [0, 3, 6].map((i) => R[i] * v[0] + R[i + 1] * v[1] + R[i 
 const times = (A, B) => A.map((_, k) => A[k - (k % 3)] * B[k % 3] + A[k - (k % 3) + 1] * B[(k % 3) + 3] + A[k - (k % 3) + 2] * B[(k % 3) + 6]);
 const column = (R, k) => [R[k], R[3 + k], R[6 + k]];
 
-// x with A x = b for each of several b, by elimination with pivots; A and the b's are lists of rows.
+// Solves A x = b for several right-hand sides by Gaussian elimination with pivoting; A and b are lists of rows.
 function solved(A, B) {
   const n = A.length, W = A.map((row, k) => [...row, ...B[k]]);
   for (let i = 0; i < n; i++) {
@@ -21,7 +21,7 @@ function solved(A, B) {
   return W.map((row, k) => row.slice(n).map((v) => v / row[k]));
 }
 
-// Eigenvalues and unit vectors of a symmetric 3 x 3 matrix, by Jacobi's turns.
+// Eigenvalues and unit vectors of a symmetric 3 x 3 matrix, by Jacobi rotations.
 function eigen(M) {
   const A = M.map((row) => [...row]), V = [[1, 0, 0], [0, 1, 0], [0, 0, 1]];
   for (let sweep = 0; sweep < 30; sweep++)
@@ -48,7 +48,7 @@ class Mechanism {
     return this.joints.map((_, j) => this.closure.offset[j] + dot(this.closure.G.slice(n * j, n * (j + 1)), qa));
   }
 
-  // Move the active joints; false, and nothing moves, where the loops do not close there.
+  // Moves the active joints; false, without motion, where the loops cannot be closed.
   move(qa) {
     const q = this.closure.way === "linear" ? this.linear(qa) : this.walked(this.q, this.qa, qa);
     if (q === null) return false;
@@ -56,7 +56,7 @@ class Mechanism {
     return true;
   }
 
-  // From a closed pose to another by short steps, the cuts closed by Newton's method at each.
+  // Continuation from one closed pose to another; the cut joints are closed by Newton's method at each step.
   walked(q, from, to) {
     const steps = Math.max(1, Math.ceil(Math.max(...to.map((v, k) => Math.abs(v - from[k]))) / 0.05));
     for (let s = 1; s <= steps && q; s++) q = this.closed(q, from.map((v, k) => v + ((to[k] - v) * s) / steps));
@@ -81,7 +81,7 @@ class Mechanism {
     return joints.map((j) => this.gaps(q.map((v, k) => v + (k === j ? 1e-7 : 0))).map((v, k) => (v - r[k]) / 1e-7));
   }
 
-  // What is left open at each cut, as the library has it.
+  // Closure residual of each cut joint, as in the library.
   gaps(q) {
     const links = this.links(q), size = this.closure.size;
     return this.cuts.flatMap(({ slides, frame, twin }) => {
@@ -124,7 +124,7 @@ class Mechanism {
     return G;
   }
 
-  // Velocity of a point of a link and the link's turning, for unit rates of each coordinate that torque rows belong to.
+  // Linear and angular velocity of a point of a link, for unit rates of each coordinate with a torque row.
   twists(links, link, point, G) {
     return G[0].map((_, k) => {
       let [v, w] = [[0, 0, 0], [0, 0, 0]];
@@ -147,7 +147,7 @@ class Mechanism {
     return this.rates().map((row) => inverse[0].map((_, k) => row.reduce((sum, v, i) => sum + v * inverse[i][k], 0)));
   }
 
-  // M of the coordinates: bodies by their kinetic energy, and rotors.
+  // Mass matrix of the coordinates: bodies, by their kinetic energy, and rotors.
   massMatrix(links, G) {
     const n = this.qa.length, M = this.qa.map(() => this.qa.map(() => 0));
     links.forEach(({ R, p }, i) => {
@@ -171,13 +171,13 @@ class Mechanism {
     return Math.sqrt(sizes[0] / sizes[Math.min(J.length, 3) - 1]);
   }
 
-  // Principal masses at the handle, (J A^-1 J')^-1, largest first, or in words why there are none.
+  // Principal apparent masses at the handle, (J A^-1 J')^-1, largest first, or the reason why there are none.
   felt() {
     const links = this.links(), G = this.coordinateRates(), inner = this.mass.moving;
     const at = this.placed(links, this.handle).p, J = this.twists(links, this.handle.link, at, G);
     const worst = this.mass.worst;
     if (!(this.condition(inner.map((a) => J[a])) <= worst)) return { why: `The condition number of the handle's Jacobian is above ${worst} at this pose: no mass is shown.` };
-    const indefinite = { why: "The mass matrix is not positive definite at this pose: no mass is felt." };
+    const indefinite = { why: "The mass matrix is not positive definite at this pose: no mass is shown." };
     const M = this.massMatrix(links, G), A = inner.map((a) => inner.map((b) => M[a][b]));
     const rates = solved(A, inner.map((a) => J[a].v));
     if (!rates) return indefinite;

@@ -1,4 +1,4 @@
-// Numbers as the page carries them, and as axes and sentences show them.
+// Decoding of the numbers of the page, ticks of axes and formatting.
 
 function numbers(packed) {
   if (packed.f32 === undefined) return Float64Array.from({ length: packed.count }, (_, k) => packed.start + k * packed.step);
@@ -14,7 +14,7 @@ function shown(value, digits = 4) {
   return text.replace(/-/g, "−");
 }
 
-// Round numbers from low to high, about so many.
+// About `count` round numbers from low to high.
 function ticks(low, high, about) {
   const rough = (high - low) / Math.max(about, 1);
   if (!(rough > 0)) return [low];
@@ -31,7 +31,7 @@ function multiples(low, high, step) {
   return made;
 }
 
-// Powers of ten; where there are few, twice and five times them too.
+// Powers of ten; also their double and fivefold where there are few.
 function logTicks(low, high) {
   const decades = Math.log10(high / low);
   const factors = decades > 3 ? [1] : decades > 1.2 ? [1, 3] : [1, 2, 5];

@@ -1,4 +1,4 @@
-// Every chart of the page is drawn into its figure, again when the width changes, a folded part opens, or on paper.
+// Draws every chart, and again when the width changes, a folded part opens, or for print.
 
 const KINDS = { plot: Plot, heat: Heat, bars: Bars, intervals: Intervals, scene: Scene };
 
@@ -35,7 +35,7 @@ function start() {
   follow();
 }
 
-// On paper all parts are unfolded and every chart has the width of a sheet, whatever the window; afterwards all is as before.
+// For print all parts are unfolded and every chart has the width of a sheet; the state is restored afterwards.
 function onPaper(redraw) {
   const folded = [];
   window.addEventListener("beforeprint", () => {
@@ -51,7 +51,7 @@ function onPaper(redraw) {
   });
 }
 
-// A link to something in a folded part unfolds it.
+// A link into a folded part unfolds it.
 function unfolding() {
   document.querySelectorAll('main a[href^="#"]').forEach((link) => link.addEventListener("click", () => {
     const part = document.querySelector(link.hash)?.closest("details");
@@ -59,7 +59,7 @@ function unfolding() {
   }));
 }
 
-// The list of sections shows where the reader is.
+// The list of sections marks the current one.
 function follow() {
   const links = new Map([...document.querySelectorAll("nav a")].map((a) => [a.hash.slice(1), a]));
   const watcher = new IntersectionObserver((entries) => {

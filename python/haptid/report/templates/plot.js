@@ -1,4 +1,4 @@
-// Curves, clouds, bands and stacks over two axes. Horizontal axes of one group are linked.
+// Lines, scatter, bands and stacked areas over two axes. Horizontal axes of one group are linked.
 
 const groups = new Map();
 
@@ -50,7 +50,7 @@ class Plot {
     this.show(middle - (factor * (b - a)) / 2, middle + (factor * (b - a)) / 2);
   }
 
-  // Within what there is, not narrower than a ten-thousandth of it; all plots of the group follow.
+  // Clamped to the full range, at least a ten-thousandth of it wide; all plots of the group follow.
   show(a, b) {
     const [low, high] = this.full;
     const width = Math.min(Math.max(b - a, 1e-4 * (high - low)), high - low);
@@ -78,7 +78,7 @@ class Plot {
     this.listen(root);
   }
 
-  // Vertical range of what is in view.
+  // Vertical range of the visible part.
   heights() {
     const { low, high, log, zero } = this.drawing.y;
     let [a, b] = [Infinity, -Infinity];
@@ -146,7 +146,7 @@ function decoded(s) {
   return made;
 }
 
-// Positive parts upwards, negative parts downwards.
+// Stacks positive parts upwards and negative parts downwards.
 function stackUp(parts) {
   if (!parts.length) return;
   const up = new Float64Array(parts[0].x.length), down = new Float64Array(parts[0].x.length);
@@ -204,7 +204,7 @@ function axes(root, box, x, y, drawing) {
   svg("text", { x: 12, y: middle, "text-anchor": "middle", class: "label", transform: `rotate(-90 12 ${middle})` }, group, labelled(drawing.y));
 }
 
-// Least and greatest of each pixel where there are more points than pixels; lines break where a value is missing.
+// Minimum and maximum of each pixel where there are more points than pixels; lines break where a value is missing.
 function linePath(s, x, y, box) {
   const first = Math.max(0, nearest(s.x, x.low) - 1), last = Math.min(s.x.length - 1, nearest(s.x, x.high) + 1);
   const dense = last - first > 3 * (box.right - box.left);

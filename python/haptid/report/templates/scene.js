@@ -1,4 +1,4 @@
-// The device in three dimensions: turned by dragging, moved by sliders, with the mass that a hand feels.
+// The mechanism in three dimensions: rotated by dragging, moved by sliders, with the apparent mass at the handle.
 
 class Scene {
   constructor(holder, drawing) {
@@ -15,7 +15,7 @@ class Scene {
     this.listen();
   }
 
-  // Middle and size of everything that is drawn at the start.
+  // Centre and size of the initial drawing.
   frame() {
     const points = [...this.parts().flatMap((part) => part.points), ...this.way()];
     const all = [0, 1, 2].map((k) => points.map((p) => p[k]));
@@ -23,12 +23,12 @@ class Scene {
     this.size = Math.max(...all.map((v, k) => Math.max(...v) - this.middle[k]), 1e-3) * 1.25;
   }
 
-  // Where the handle was in the first log.
+  // Path of the handle in the first log.
   way() {
     return Array.from({ length: (this.trail?.length ?? 0) / 3 }, (_, k) => [...this.trail.slice(3 * k, 3 * k + 3)]);
   }
 
-  // Metres for a kilogram, so that the largest mass at the start is a fifth of the picture.
+  // Scale in metres per kilogram: the largest initial mass is a fifth of the drawing.
   massUnit() {
     const felt = this.device.mass && this.device.felt();
     return felt?.masses ? (0.22 * this.size) / felt.masses[0].mass : 0;
@@ -51,7 +51,7 @@ class Scene {
       s.parentElement.querySelector("output").textContent = shown(this.device.qa[k], 3);
     });
     this.draw();
-    if (!closes) this.words.textContent = "The loops do not close there.";
+    if (!closes) this.words.textContent = "The loops do not close at this position.";
   }
 
   listen() {
@@ -68,7 +68,7 @@ class Scene {
     });
   }
 
-  // What is drawn, as polygons and lines of points in space.
+  // Polygons and polylines of the drawing.
   parts() {
     const { joints, cuts, handle } = this.device, links = this.device.links(), made = [];
     const origin = (link) => (link < 0 ? [0, 0, 0] : links[link].p);
@@ -184,7 +184,7 @@ class Scene {
       c.stroke();
     }
     const text = felt.map(({ mass, vector }) => `${shown(mass, 3)} kg along (${vector.map((v) => shown(Math.round(100 * v) / 100, 2)).join(", ")})`);
-    this.words.textContent = `Mass felt at the handle: ${text.join("; ")}.`;
+    this.words.textContent = `Apparent mass at the handle: ${text.join("; ")}.`;
   }
 
   triad(c) {

@@ -1,4 +1,4 @@
-// SVG elements, colours that colour-blind readers tell apart (Okabe and Ito 2008), legends and readouts.
+// SVG elements, colour-blind safe palette (Okabe and Ito 2008), legends and readouts.
 
 const COLOURS = {
   black: "#000000", blue: "#0072B2", vermillion: "#D55E00", green: "#009E73",
@@ -21,7 +21,7 @@ function html(name, attributes = {}, parent = null, text = "") {
   return made;
 }
 
-// What a chart is drawn into: as wide as the figure, role and words from the template.
+// Drawing area of a chart, as wide as its figure; role and label are in the template.
 function canvasOf(holder, height) {
   const width = Math.max(240, holder.clientWidth || 640);
   const root = svg("svg", { viewBox: `0 0 ${width} ${height}`, width, height, class: "drawing", "aria-hidden": "true" });

@@ -1,4 +1,4 @@
-// Tables that sort when a heading is pressed, can be copied and saved, and say when they are wider than the page.
+// Tables: sorting by heading, copying, saving, and a hint where a table is wider than the page.
 
 function sortable(table) {
   const headings = [...table.tHead.rows[0].cells];
@@ -17,7 +17,7 @@ function sortable(table) {
   });
 }
 
-// By number where both have one, empty last; else by text.
+// Numeric order where both have a number, empty cells last; otherwise by text.
 function ordered(a, b) {
   const [x, y] = [a, b].map((cell) => cell.dataset.value ?? cell.textContent.trim());
   const [p, q] = [x, y].map((text) => (text === "" ? Infinity : Number(text)));
@@ -61,7 +61,7 @@ function copied(press, text) {
   else selected(text, done);
 }
 
-// Where the clipboard is closed to scripts of a local file.
+// Fallback where scripts of a local file cannot use the clipboard.
 function selected(text, done) {
   const box = html("textarea", { class: "hidden" }, document.body);
   box.value = text;
@@ -74,7 +74,7 @@ function texts(table) {
   return [...table.rows].map((row) => [...row.cells].map((cell) => (cell.dataset.copy ?? cell.textContent).trim()));
 }
 
-// Buttons below a table; one whose rows the page carries is saved from them, with all digits.
+// Buttons below a table; a table with embedded rows is saved from these, with all digits.
 function actions(table) {
   const bar = html("p", { class: "actions" });
   const copy = html("button", { type: "button", "data-copy-table": table.id }, bar, "copy the table");
@@ -92,7 +92,7 @@ function actions(table) {
 
 function hinted(table) {
   const holder = table.closest(".wide");
-  const hint = html("p", { class: "hint", hidden: "" }, null, "The table goes on to the right: scroll it sideways →");
+  const hint = html("p", { class: "hint", hidden: "" }, null, "The table continues to the right: scroll sideways →");
   holder.before(hint);
   holder.after(actions(table));
   new ResizeObserver(() => {

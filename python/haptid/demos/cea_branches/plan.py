@@ -1,0 +1,142 @@
+"""Plan of a demonstration with branches of one device."""
+
+from __future__ import annotations
+
+from functools import cached_property
+from typing import Literal
+
+import numpy as np
+from pydantic import Field
+
+from haptid._internal.arrays import Array
+from haptid.demos.plan import Demo, Part, Table, read_table
+from haptid.dynamics.model import DynamicModel
+from haptid.end_effector.characterisation import sweep
+
+Pair = tuple[float, float]
+
+
+class Branch(Part):
+    """One branch: KEY is its experiment that identifies, KEY_unseen and KEY_friction are the other two."""
+
+    key: str
+    title: str
+    table: str = Field(description="file of the published table")
+
+    @property
+    def unseen(self) -> str:
+        """Experiment with another motion, for the cross-validation."""
+        return f"{self.key}_unseen"
+
+    @property
+    def friction(self) -> str:
+        """Experiment of the friction test: each joint in turn at constant velocities."""
+        return f"{self.key}_friction"
+
+
+class Stretch(Part):
+    """Used times of the logs, s, and treatment."""
+
+    identify: Pair
+    unseen: Pair
+    decimation: int
+    friction_edge: float = Field(description="left out at both ends of the friction test, s")
+    friction_cutoff_hz: float
+
+
+class Drawn(Part):
+    """A published figure of torques, on the log that identifies or on the unseen one."""
+
+    title: str
+    branch: str
+    motor: str
+    unseen: bool
+    seconds: float
+
+
+class Sweep(Part):
+    """A published sweep of one joint with the others fixed, and the ranges of masses read from its axes."""
+
+    key: str
+    title: str
+    label: str
+    joint: str
+    degrees: Pair
+    turned: float = Field(0.0, description="position of the joint minus the plotted angle, degrees")
+    pose: dict[str, float] = Field(description="of the other active joints, degrees")
+    poses: int
+    published: tuple[Pair, Pair, Pair] = Field(description="ranges of the masses, largest first, kg")
+
+    @property
+    def plotted(self) -> Array:
+        """Angles of the axis, (poses,), degrees."""
+        return np.linspace(*self.degrees, self.poses)
+
+    def along(self, model: DynamicModel) -> Array:
+        """Poses, (active, poses), rad."""
+        names = [model.device.joint_names[j] for j in model.device.active]
+        start = [np.radians(self.pose.get(name, 0.0)) for name in names]
+        return sweep(start, names.index(self.joint), np.radians(self.plotted + self.turned))
+
+
+class Statement(Part):
+    """A printed number on a sweep's largest mass."""
+
+    sweep: str
+    what: Literal["greatest", "least", "variation"]
+    published: float = Field(description="kg")
+
+
+class Posture(Part):
+    """A pose at which the end-effector is characterised."""
+
+    degrees: dict[str, float]
+    speeds: tuple[float, ...] = Field(description="of the handle, for the neglected velocity forces, m/s")
+    stiffness: dict[str, float] = Field(description="of the motors' joints, assumed, N m/rad")
+    limits: dict[str, float] = Field(description="torque of the motors, assumed, N m")
+
+    def at(self, model: DynamicModel) -> Array:
+        """(active, 1), rad."""
+        names = [model.device.joint_names[j] for j in model.device.active]
+        return np.radians([[self.degrees[name]] for name in names])
+
+
+class Compensating(Part):
+    """Inertia compensation on the bench: a hand shakes the handle along its largest mass; friction is off."""
+
+    branch: str
+    sweep: str
+    degrees: tuple[float, ...] = Field(description="of the sweep's joint")
+    share: float
+    shaken_hz: float
+    newtons: float
+    seconds: float
+    settled: float = Field(description="left out at the beginning, s")
+    hand_stiffness: float = Field(description="of a hand that holds the handle, assumed, N/m")
+    hand_damping: float = Field(description="of the same, N s/m")
+
+
+class CeaDemo(Demo):
+    """Branches of one device."""
+
+    kind: Literal["cea_branches"]
+    stretch: Stretch
+    branches: tuple[Branch, ...]
+    drawn: tuple[Drawn, ...]
+    sweeps: tuple[Sweep, ...]
+    statements: tuple[Statement, ...]
+    posture: Posture
+    compensation: Compensating
+
+    @cached_property
+    def tables(self) -> dict[str, Table]:
+        """Published parameters by branch: columns "cad", "identified" and "relative"."""
+        return {branch.key: read_table(self.folder / branch.table) for branch in self.branches}
+
+    def branch(self, key: str) -> Branch:
+        """One of the branches."""
+        return next(branch for branch in self.branches if branch.key == key)
+
+    def sweep(self, key: str) -> Sweep:
+        """One of the sweeps."""
+        return next(sweep for sweep in self.sweeps if sweep.key == key)

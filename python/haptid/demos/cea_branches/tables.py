@@ -1,0 +1,186 @@
+"""Tables 1 and 2 of the paper next to ours, friction test, sweeps and posture, and all numbers as JSON."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from haptid._internal.arrays import Array
+from haptid.demos.cea_branches.results import Handle, Identified, Results, coulomb_of
+from haptid.demos.plan import write_csv
+from haptid.uncertainty.quantities import Field, aligned
+from haptid.validation.validation import Validation
+
+AXES = "xyz"
+Cells = list[list[str]]
+
+
+def parameters(found: Identified) -> Cells:
+    """The published table with the essential parameters found here."""
+    cells = [["", "unit", "CAD", "published", "±, %", "found", "±, %", "95 % interval", "true"]]
+    for name in found.table.rows:
+        p = found.reduced[name]
+        known = [f"{found.table.figures[name, column]:g}" for column in found.table.columns]
+        low, high = p.conf_int()
+        ours = ["left out", "", ""]
+        if name in found.reduction.essential:
+            ours = [f"{p.value:.5f}", f"{p.relative_se:.2f}", f"{low:.5f} .. {high:.5f}"]
+        cells.append([name, p.unit, *known, *ours, f"{found.true(name):.5f}"])
+    return cells
+
+
+def friction(found: Results) -> Cells:
+    """Coulomb friction from the friction test, by branch and motor."""
+    cells = [["branch", "motor", "published, test", "found, test", "95 % interval", "true"]]
+    for key, test in found.friction.items():
+        one = found.found[key]
+        for joint in test.choice.joints:
+            name = coulomb_of(found.model, joint.label)
+            value, (low, high) = test.coulomb(joint.label)
+            row = [f"{one.table.figures[name, 'cad']:g}", f"{value:.4f}", f"{low:.4f} .. {high:.4f}"]
+            cells.append([one.branch.title, joint.label, *row, f"{one.true(name):.4f}"])
+    return cells
+
+
+def sweeps(found: Results) -> Cells:
+    """Ranges of the masses along the sweeps: published, and ours by branch with the widest interval."""
+    titles = [one.branch.title for one in found.found.values()]
+    cells = [["sweep", "mass", "published, kg", *(f"{title}, kg" for title in titles)]]
+    for sweep in found.demo.sweeps:
+        for k, (low, high) in enumerate(sweep.published):
+            row = [sweep.title if k == 0 else "", ["largest", "middle", "smallest"][k], f"{low:g} .. {high:g}"]
+            for handle in found.handles.values():
+                mass = handle.sweeps[sweep.key].mass
+                assert mass.se is not None
+                row.append(f"{ranged(mass.values[:, k])}, ± {2 * mass.se[:, k].max():.1g}")
+            cells.append(row)
+    return cells
+
+
+def ranged(values: Array) -> str:
+    """Smallest and largest value, kg."""
+    return f"{values.min():.3f} .. {values.max():.3f}"
+
+
+def posture(found: Results) -> Cells:
+    """Characterisation at the posture, by branch."""
+    columns = [dict(at_posture(found, handle)) for handle in found.handles.values()]
+    cells = [["figure", "unit", *(one.branch.title for one in found.found.values())]]
+    return cells + [[what, unit, *(column[what, unit] for column in columns)] for what, unit in columns[0]]
+
+
+def at_posture(found: Results, handle: Handle) -> Iterator[tuple[tuple[str, str], str]]:
+    """Name and unit of each figure, and its value with a 95 % interval where it has one."""
+    c, plan = handle.essential, found.demo.posture
+    for k in range(3):
+        yield (f"apparent mass {k + 1}", "kg"), shown(c.apparent_mass, k)
+    for k in range(3):
+        yield (f"viscous friction {k + 1}, all parameters", "N s/m"), shown(handle.full.viscous_friction, k)
+    for axis, d in zip(AXES, np.eye(3), strict=True):
+        yield (f"Coulomb friction along {axis}", "N"), shown(c.coulomb_friction(d), AXES.index(axis))
+    for axis in AXES:
+        yield (f"Coulomb friction along {axis}, as printed", "N"), shown(c.coulomb_by_axis, AXES.index(axis))
+    for axis, d in zip(AXES, np.eye(3), strict=True):
+        for way, sign in (("+", 1), ("-", -1)):
+            yield (f"back-drive force along {way}{axis}", "N"), shown(c.backdrive_force(sign * d))
+    for speed in plan.speeds:
+        yield (f"force neglected at {speed:g} m/s", "N"), shown(c.neglected_force(speed))
+    values, _ = c.stiffness([plan.stiffness[drive.name] for drive in found.model.device.motors])
+    for k in range(3):
+        yield (f"stiffness {k + 1}", "N/m"), f"{values[0, k]:.0f}"
+    yield ("peak force in the worst direction", "N"), shown(c.greatest_force(plan.limits)[0])
+
+
+def shown(figure: Field, k: int | None = None) -> str:
+    """The figure of the only pose, and its interval."""
+    pick = 0 if k is None else (0, k)
+    value, band = float(figure.values[pick]), figure.conf_int()
+    if band is None or not np.isfinite(band[pick]).all() or np.ptp(band[pick]) == 0:
+        return f"{value:.4f}"
+    low, high = band[pick]
+    return f"{value:.4f} ({low:.4f} .. {high:.4f})"
+
+
+def summary(found: Results) -> str:
+    """Published parameters and ours, as text."""
+    lines = []
+    for one in found.found.values():
+        lines += [
+            f"{one.branch.title} branch",
+            *aligned(parameters(one)),
+            "",
+            f"W: {one.every.rows} x {len(one.full.beta)}, condition {one.every.condition[0]:.3g} raw and "
+            f"{one.every.condition[1]:.3g} scaled; of the {len(one.table.rows)} published columns "
+            f"{one.condition_of_published[0]:.3g} and {one.condition_of_published[1]:.3g}.",
+            f"{len(one.full.kept)} parameters, {len(one.reduction.essential)} essential; relative error "
+            f"{one.direct.relative:.2f} % on the rows of the fit, {one.cross.relative:.2f} % on unseen motion.",
+            "",
+        ]
+    return "\n".join(lines)
+
+
+def write_files(found: Results, folder: Path) -> None:
+    """One table of parameters for each branch, friction test, sweeps and posture, each as text and CSV."""
+    tables = {Path(one.branch.table).stem: parameters(one) for one in found.found.values()}
+    tables |= {"friction": friction(found), "sweeps": sweeps(found), "posture": posture(found)}
+    for name, cells in tables.items():
+        (folder / f"{name}.txt").write_text("\n".join(aligned(cells)) + "\n", encoding="utf-8")
+        write_csv(folder / f"{name}.csv", cells)
+
+
+def values(found: Results) -> dict[str, Any]:
+    """All numbers, as JSON."""
+    made = found.compensated
+    return {
+        "branches": {key: _branch(found, key) for key in found.found},
+        "compensation": {
+            "degrees": made.degrees.tolist(),
+            "mass": made.estimated.tolist(),
+            "mass_before": made.before.tolist(),
+            "mass_after": made.after.tolist(),
+            "mass_promised": made.promised.tolist(),
+            "target": made.target,
+            "mass_even": made.even.tolist(),
+            "stable_share": made.bound,
+            "lag": made.lag,
+        },
+    }
+
+
+def _branch(found: Results, key: str) -> dict[str, Any]:
+    one, handle = found.found[key], found.handles[key]
+    return {
+        "friction_test": {
+            joint.label: {"model": joint.chosen.friction_model, "enough": joint.enough, "values": joint.chosen.values}
+            for joint in found.friction[key].choice.joints
+        },
+        "reasons": one.proposal.reasons,
+        "rows": {"all": one.every.rows, "used": one.full.observation.rows},
+        "condition": {
+            "all rows": one.every.condition,
+            "all rows, published columns": one.condition_of_published,
+            "rows of the fit": one.full.observation.condition,
+        },
+        "relative_error_percent": {"direct": _errors(one.direct), "cross": _errors(one.cross)},
+        "parameters": {name: _parameter(one, name) for name in one.full.base.names},
+        "essential": one.reduction.essential,
+        "essential_by_motor": {made.full.observation.motors[0].name: made.essential for made in one.by_motor},
+        "sweeps": {name: {"mass": felt.mass.values.tolist()} for name, felt in handle.sweeps.items()},
+        "posture": {f"{what}, {unit}": text for (what, unit), text in at_posture(found, handle)},
+    }
+
+
+def _parameter(one: Identified, name: str) -> dict[str, Any]:
+    full, reduced = one.full[name], one.reduced[name]
+    made: dict[str, Any] = {"unit": full.unit, "true": one.true(name)}
+    made["full"] = {"value": full.value, "sd": full.se, "interval95": full.conf_int()}
+    if name in one.reduction.essential:
+        made["essential"] = {"value": reduced.value, "sd": reduced.se, "interval95": reduced.conf_int()}
+    return made
+
+
+def _errors(validation: Validation) -> dict[str, float]:
+    return {"all": validation.relative, **{motor.label: motor.relative for motor in validation.motors}}

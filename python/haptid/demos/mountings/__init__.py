@@ -1,1 +1,0 @@
-"""One device in several mountings: fits, judgements, the hand's force, comparisons."""

@@ -1,0 +1,204 @@
+"""Identifications of one mounting: by the paper's method, from encoders, and constrained to physical consistency."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+
+from haptid._internal.arrays import Array
+from haptid.demos.phantom_configurations.plan import PhantomDemo
+from haptid.demos.recordings import BenchRecording
+from haptid.device.parameters import Symmetry, standard_parameters
+from haptid.dynamics.inverse import inverse_dynamics
+from haptid.dynamics.model import DynamicModel
+from haptid.estimation import WLS, Estimate, Method, PhysicallyConsistent, estimate
+from haptid.inference.targets import Targets, target_map, targets
+from haptid.motion.treatment import Motion
+from haptid.observation.observation import observe
+from haptid.treatment_choice.propose import Proposal, propose
+from haptid.validation.validation import Validation, validate
+
+# A slower joint may stick, rad/s or m/s: its dry friction is then anything up to the Coulomb friction.
+STICKS = 0.02
+# Least share of a motor's torque for a parameter to count.
+CARRIES = 0.02
+
+
+@dataclass(frozen=True, eq=False)
+class Fit:
+    """One identification, validated on the other half of the log.
+
+    Attributes:
+        title: for tables.
+        estimate: from the first half.
+        validation: on the second half, rows clear of reversals.
+        everywhere: on the second half, all rows.
+        unseen: the second half, treated.
+    """
+
+    title: str
+    estimate: Estimate
+    validation: Validation
+    everywhere: Validation
+    unseen: Motion
+
+    @cached_property
+    def targets(self) -> Targets:
+        """In SI."""
+        return targets(self.estimate)
+
+    @cached_property
+    def command(self) -> Targets:
+        """In units of command."""
+        return self.targets.in_command()
+
+    @property
+    def relative(self) -> tuple[float, ...]:
+        """Relative errors of the motors on rows clear of reversals, per cent."""
+        return tuple(motor.relative for motor in self.validation.motors)
+
+    @property
+    def relative_everywhere(self) -> tuple[float, ...]:
+        """The same on all rows."""
+        return tuple(motor.relative for motor in self.everywhere.motors)
+
+
+@dataclass(frozen=True, eq=False)
+class Fits:
+    """All identifications of one mounting.
+
+    Attributes:
+        mounting: its key.
+        encoders: the log as the encoders measure it.
+        exact: the log with exact sensors.
+        proposal: treatment proposed for the log with encoders.
+        by: fits by key: "frictionless" and "exact" with exact velocities, "encoders" with the proposed treatment,
+            "held" the same constrained to physical consistency, "late 5 ms" and so on with the paper's velocity.
+    """
+
+    mounting: str
+    exact: BenchRecording
+    encoders: BenchRecording
+    proposal: Proposal
+    by: Mapping[str, Fit]
+
+    def __getitem__(self, key: str) -> Fit:
+        return self.by[key]
+
+    @property
+    def model(self) -> DynamicModel:
+        """With the gravity of its file."""
+        return self.encoders.model
+
+
+def fit_all(demo: PhantomDemo, mounting: str, exact: BenchRecording, encoders: BenchRecording) -> Fits:
+    """Every identification of one mounting."""
+    model, halves = encoders.model, (demo.stretch.fit, demo.stretch.unseen)
+    proposal = propose(model, encoders.log(halves[0]))
+    paper = demo.published.treatment(exact.dt)
+    known = [exact.exact(half, paper) for half in halves]
+    read = [encoders.motion(half, proposal.treatment) for half in halves]
+    made = {
+        "frictionless": fitted("8 parameters, exact velocity", without_terms(model), known),
+        "exact": fitted("exact velocity, causal filter", model, known),
+        "encoders": fitted("encoders, proposed treatment", model, read),
+        "held": fitted("the same, held to what is possible", model, read, PhysicallyConsistent()),
+    }
+    for lag in demo.published.lags:
+        late = demo.published.treatment(encoders.dt, lag)
+        both = [encoders.motion(half, late) for half in halves]
+        made[f"late {1e3 * lag:g} ms"] = fitted(f"encoders, velocity {1e3 * lag:g} ms late", model, both)
+    return Fits(mounting, exact, encoders, proposal, made)
+
+
+def fitted(title: str, model: DynamicModel, halves: Sequence[Motion], method: Method | None = None) -> Fit:
+    """A fit to the first motion, validated on the second."""
+    first, second = halves
+    found = estimate(observe(model, first), method or WLS())
+    everywhere = replace(second, treatment=replace(second.treatment, reversal_speed=0.0))
+    return Fit(title, found, validate(found, second), validate(found, everywhere), second)
+
+
+@dataclass(frozen=True, eq=False)
+class Accuracy:
+    """Errors of an estimate against the true parameters.
+
+    Attributes:
+        names: of the targets, (k,).
+        errors: in per cent of the true values, (k,).
+        inside: whether the true value is inside the 95 % interval, (k,).
+        carried: largest share of a motor's torque due to each target, (k,).
+        kinds: of each target, "viscous", "Coulomb" or "body", (k,).
+        torque: relative error of the torque of each motor where no joint sticks, (motors,), per cent.
+    """
+
+    names: tuple[str, ...]
+    errors: Array
+    inside: np.ndarray
+    carried: Array
+    kinds: np.ndarray
+    torque: Array
+
+    def worst(self, kind: str) -> float:
+        """Largest error of the targets of a kind, per cent; of bodies, those that carry a share of the torque."""
+        counted = (self.kinds == kind) & ((kind != "body") | (self.carried >= CARRIES))
+        return float(np.abs(self.errors[counted]).max(initial=0.0))
+
+
+def accuracy(found: Targets, recording: BenchRecording, stretch: tuple[float, float]) -> Accuracy:
+    """Targets of an estimate against the truth; torques are compared between two times of the recording, s."""
+    model = recording.model
+    C, moving = target_map(model), (np.abs(recording.qd) > STICKS).all(axis=0) & recording.during(stretch)
+    states = tuple(x[:, moving] for x in (recording.q, recording.qd, recording.qdd))
+    truth, whole = C @ recording.beta, inverse_dynamics(model, recording.beta, *states)
+    missed = inverse_dynamics(model, found.estimate.beta, *states) - whole
+    sizes = np.linalg.norm(whole, axis=1)
+    parts = np.linalg.solve(C, np.diag(truth)).T
+    shares = [np.linalg.norm(inverse_dynamics(model, part, *states), axis=1) / sizes for part in parts]
+    low, high = found.conf_int().T
+    return Accuracy(
+        names=found.names,
+        errors=100 * (found.value - truth) / np.abs(truth),
+        inside=(low <= truth) & (truth <= high),
+        carried=np.max(shares, axis=1),
+        kinds=np.array([_kind(model, row) for row in C]),
+        torque=100 * np.linalg.norm(missed, axis=1) / sizes,
+    )
+
+
+def _kind(model: DynamicModel, row: Array) -> str:
+    """Kind of a target: friction of one sort, or bodies."""
+    kinds = {model.device.parameters.kinds[model.base.independent_columns[k]][:2] for k in np.flatnonzero(row)}
+    return {"FV": "viscous", "FC": "Coulomb"}.get(kinds.pop(), "body") if len(kinds) == 1 else "body"
+
+
+def without_terms(model: DynamicModel) -> DynamicModel:
+    """The same links, loops and motors, without friction or any other term.
+
+    Targets that need a term are left out, the others keep their factors.
+    """
+    device = model.device
+    inertial = device.parameters.raw[: 10 * len(device.joints)]
+    rules = tuple(_restricted(rule, inertial) for rule in device.symmetry)
+    links = standard_parameters([j.name for j in device.joints], [j.body for j in device.joints], (), rules)
+    where = [device.parameters.index[name] for name in links.names]
+    terms = np.setdiff1d(np.arange(len(device.parameters.names)), where)
+    bare = replace(
+        device,
+        terms=(),
+        parameters=links,
+        symmetry=rules,
+        prior={name: value for name, value in device.prior.items() if name in links.raw},
+        keep=tuple(name for name in device.keep if name in links.raw),
+        targets=tuple(replace(t, row=t.row[where]) for t in device.targets if not t.row[terms].any()),
+    )
+    return DynamicModel(bare)
+
+
+def _restricted(rule: Symmetry, names: tuple[str, ...]) -> Symmetry:
+    """A symmetry restricted to these raw parameters."""
+    equal = (tuple(n for n in group if n in names) for group in rule.equal)
+    return replace(rule, zero=tuple(n for n in rule.zero if n in names), equal=tuple(g for g in equal if len(g) > 1))
