@@ -75,7 +75,9 @@ def timed() -> dict[str, float]:
         check(identified, poses_of(centre, 2000))
         qa = poses_of(centre, POSES)
         at = core_arguments(identified, qa)
-        made[f"{label}: Jacobian and mass matrix"] = best_of(lambda at=at: _core.end_effector_dynamics(*at, rows=[0, 1, 2]))
+        made[f"{label}: Jacobian and mass matrix"] = best_of(
+            lambda at=at: _core.end_effector_dynamics(*at, rows=[0, 1, 2])
+        )
         made[f"{label}: masses with deviations"] = best_of(lambda m=identified, qa=qa: apparent_mass(m, qa))
     return made
 

@@ -21,7 +21,7 @@ import pytest
 import haptid
 from haptid import errors
 from haptid._internal.workers import DaskExecutor, ProcessExecutor
-from haptid.cli.figures import ranges
+from haptid.cli.options import ranges
 from haptid.device.toml.errors_at import Place
 from haptid.dynamics.forward import ForwardDynamics, sets_of
 from haptid.dynamics.workspace import Box

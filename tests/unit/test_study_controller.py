@@ -93,7 +93,7 @@ def test_every_key_reaches_the_controller(folder):
 
 def test_every_method_has_a_name(folder):
     for name in ("IV", "DIDIM", "CLIE", "CLOE", "output error", "EKF", "UKF"):
-        kind = getattr(estimation, {"output error": "OutputError"}.get(name, name))
+        kind = getattr(estimation, {"output error": "OutputErrorMethod"}.get(name, name))
         assert isinstance(haptid.read_study(written(folder, CONTROLLER + method(name))).method, kind)
 
 

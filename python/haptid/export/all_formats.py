@@ -70,7 +70,7 @@ def export(
     Raises:
         UnknownNameError: an unknown format.
         ExportError: the model cannot be written in one of the formats; see the exporters.
-        OutputError: the folder cannot be written.
+        OutputFolderError: the folder cannot be written.
     """
     for name in formats:
         if name not in FORMATS:

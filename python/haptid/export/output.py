@@ -82,7 +82,7 @@ def write(folder: str | Path, texts: Mapping[str, str], verdict: str) -> Export:
     """Write texts by file name, atomically: existing files are replaced only if all are written.
 
     Raises:
-        OutputError: the folder cannot be written.
+        OutputFolderError: the folder cannot be written.
     """
     folder = Path(folder)
     with publishing(folder) as scratch:

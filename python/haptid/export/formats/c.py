@@ -54,7 +54,7 @@ def export_c(
         UnvalidatedModelError: the model does not meet its validation criterion.
         ExportError: a term that code cannot compute, or loops that are not linear.
         ShapeError: the number of base parameters is not that of the device.
-        OutputError: the folder cannot be written.
+        OutputFolderError: the folder cannot be written.
     """
     code = code or CCode()
     source = provenance(identified, validation, largest_error, anyway)

@@ -40,7 +40,7 @@ def export_json(
 
     Raises:
         UnvalidatedModelError: the model does not meet its validation criterion.
-        OutputError: the folder cannot be written.
+        OutputFolderError: the folder cannot be written.
     """
     source = provenance(identified, validation, largest_error, anyway)
     text = json.dumps(finite(model_values(source)), indent=1, ensure_ascii=False, allow_nan=False)

@@ -48,7 +48,7 @@ def export_latex(
 
     Raises:
         UnvalidatedModelError: the model does not meet its validation criterion.
-        OutputError: the folder cannot be written.
+        OutputFolderError: the folder cannot be written.
     """
     source = provenance(identified, validation, largest_error, anyway)
     name = default_name(source.model.device.name)

@@ -34,7 +34,7 @@ def export_mjcf(
         UnvalidatedModelError: the model does not meet its validation criterion.
         PhysicalConsistencyError: the base parameters are not physically consistent.
         ExportError: a term or loop without counterpart in MuJoCo.
-        OutputError: the folder cannot be written.
+        OutputFolderError: the folder cannot be written.
     """
     source = provenance(identified, validation, largest_error, anyway)
     model = source.model

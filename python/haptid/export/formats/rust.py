@@ -72,7 +72,7 @@ def export_rust(
     Raises:
         UnvalidatedModelError: the model does not meet its validation criterion.
         ExportError: a term that code cannot compute, or loops that are not linear.
-        OutputError: the folder cannot be written.
+        OutputFolderError: the folder cannot be written.
     """
     source = provenance(identified, validation, largest_error, anyway)
     code = code or CCode()

@@ -49,7 +49,7 @@ def export_urdf(
         UnvalidatedModelError: the model does not meet its validation criterion.
         PhysicalConsistencyError: the base parameters are not physically consistent.
         ExportError: a term without counterpart in rigid-body simulators.
-        OutputError: the folder cannot be written.
+        OutputFolderError: the folder cannot be written.
     """
     source = provenance(identified, validation, largest_error, anyway)
     model = source.model
